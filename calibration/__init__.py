@@ -1,0 +1,1 @@
+"""Readings to SI quantities with uncertainty."""

@@ -1,0 +1,1 @@
+"""One module per instrument: bytes to Dataset, and back."""

@@ -1,0 +1,169 @@
+"""Everything that labpipe refuses, and the exit code that the command line returns for it.
+
+::
+
+    LabpipeError (1)
+    ├── UsageError (2)            the command was called wrongly
+    ├── SourceError (3)           a file cannot be read as what it claims to be
+    ├── ConfigError (3)           session.toml holds one or more mistakes, all listed
+    ├── CalibrationError (3)      a calibration record is missing, expired, or for another view
+    ├── InputError (3)            a value handed to a function lies outside its domain
+    ├── StageError (1)            one step of one experiment failed; the others go on
+    ├── StoreError (4)            a stored result is damaged
+    └── StorageError (5)          no space, or no permission, to write a result
+
+Every message says where, what was found, what was expected, and what to do.
+"""
+
+from collections.abc import Sequence
+from os import PathLike
+
+
+class LabpipeError(Exception):
+    """Root of all errors that labpipe raises on purpose."""
+
+    exit_code = 1
+
+
+class UsageError(LabpipeError):
+    """The command line was called with options that do not fit together."""
+
+    exit_code = 2
+
+
+class SourceError(LabpipeError):
+    """A file cannot be read as what it claims to be.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    message : str
+        What was found and what was expected.
+    line, column : int, optional
+        Position in a text file, both counted from 1.
+    offset : int, optional
+        Position in a binary file in bytes, counted from 0.
+    hint : str, optional
+        What the user can do about it.
+    """
+
+    exit_code = 3
+
+    def __init__(
+        self,
+        path: str | PathLike[str],
+        message: str,
+        *,
+        line: int | None = None,
+        column: int | None = None,
+        offset: int | None = None,
+        hint: str | None = None,
+    ) -> None:
+        self.path = str(path)
+        self.message = message
+        self.line = line
+        self.column = column
+        self.offset = offset
+        self.hint = hint
+        super().__init__(self.__str__())
+
+    def __str__(self) -> str:
+        """Format as ``file:line:column: message`` with the hint on a line of its own."""
+        where = self.path
+        if self.line is not None:
+            where += f":{self.line}"
+            if self.column is not None:
+                where += f":{self.column}"
+        if self.offset is not None:
+            where += f" at byte {self.offset}"
+        text = f"{where}: {self.message}"
+        return f"{text}\n  {self.hint}" if self.hint else text
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Rebuild from the fields, so that the error survives a process boundary."""
+        return _rebuild_source_error, (
+            self.path,
+            self.message,
+            self.line,
+            self.column,
+            self.offset,
+            self.hint,
+        )
+
+
+def _rebuild_source_error(
+    path: str,
+    message: str,
+    line: int | None,
+    column: int | None,
+    offset: int | None,
+    hint: str | None,
+) -> SourceError:
+    return SourceError(path, message, line=line, column=column, offset=offset, hint=hint)
+
+
+class ConfigError(LabpipeError):
+    """One or more mistakes in ``session.toml`` (or a calibration record), all listed at once.
+
+    Parameters
+    ----------
+    problems : sequence of str
+        One line each, already formatted as ``file:line: key: what is wrong``.
+    """
+
+    exit_code = 3
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(self.problems))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Rebuild from the list of problems."""
+        return ConfigError, (self.problems,)
+
+
+class CalibrationError(LabpipeError):
+    """A calibration record is missing, expired, for another view, or out of its range."""
+
+    exit_code = 3
+
+
+class InputError(LabpipeError, ValueError):
+    """A value handed to a function lies outside the domain where its answer is right."""
+
+    exit_code = 3
+
+
+class StageError(LabpipeError):
+    """One step of one experiment failed.
+
+    Parameters
+    ----------
+    experiment, stage : str
+        Where it failed.
+    message : str
+        What was found, what was expected, what to do.
+    """
+
+    def __init__(self, experiment: str, stage: str, message: str) -> None:
+        self.experiment = experiment
+        self.stage = stage
+        self.message = message
+        super().__init__(f"{experiment}: {stage}: {message}")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Rebuild from the fields."""
+        return StageError, (self.experiment, self.stage, self.message)
+
+
+class StoreError(LabpipeError):
+    """A stored result is damaged or does not belong to its key."""
+
+    exit_code = 4
+
+
+class StorageError(LabpipeError):
+    """A result could not be written: no space or no permission."""
+
+    exit_code = 5

@@ -1,0 +1,134 @@
+"""What a film is: the contract that every camera reader fulfils and every imaging function takes."""
+
+from collections.abc import Iterator
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@runtime_checkable
+class FrameSource(Protocol):
+    """A lazy sequence of grey images; nothing is decoded before it is asked for.
+
+    ``source[i]`` is a (row, column) array with the first row at the top, in the camera's own
+    integer type, linear in light.
+    """
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Time of every frame in s, the trigger being 0; shape (frame,)."""
+
+    @property
+    def exposure(self) -> NDArray[np.float64] | None:
+        """Exposure time of every frame in s, shape (frame,), or None when unknown."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of frames, rows, columns."""
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """False for frames that the file damaged; shape (frame,)."""
+
+    @property
+    def levels(self) -> tuple[float, float]:
+        """Black and white level in the units of the pixels."""
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+
+    def __getitem__(self, index: int) -> NDArray[np.integer]:
+        """Return one frame; negative indices count from the end, IndexError beyond."""
+
+    def __iter__(self) -> Iterator[NDArray[np.integer]]:
+        """Go through the frames in order."""
+
+    def roi(self, rows: slice, columns: slice) -> "FrameSource":
+        """Return a view of a rectangle; rows outside are not read."""
+
+
+class ArrayFrames:
+    """A (frame, row, column) array in memory as a :class:`FrameSource`.
+
+    Parameters
+    ----------
+    images : array (frame, row, column)
+        Grey levels of any integer or floating type.
+    time : array (frame,), optional [s]
+        Defaults to the frame index.
+    exposure : array (frame,) or float, optional [s]
+        Exposure time.
+    levels : (float, float), optional
+        Black and white level; default the range of the integer type, or 0 and 1.
+    """
+
+    def __init__(
+        self,
+        images: NDArray[np.generic],
+        time: NDArray[np.float64] | None = None,
+        exposure: NDArray[np.float64] | float | None = None,
+        levels: tuple[float, float] | None = None,
+    ) -> None:
+        if images.ndim != 3:
+            message = f"images must be (frame, row, column), found {images.ndim} dimensions"
+            raise ValueError(message)
+        self._images = images
+        count = images.shape[0]
+        self._time = np.arange(count, dtype=float) if time is None else np.asarray(time, float)
+        self._exposure = (
+            None if exposure is None else np.broadcast_to(np.asarray(exposure, float), (count,))
+        )
+        if levels is None:
+            is_integer = np.issubdtype(images.dtype, np.integer)
+            levels = (0.0, float(np.iinfo(images.dtype).max)) if is_integer else (0.0, 1.0)
+        self._levels = levels
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Time of every frame in s."""
+        return self._time
+
+    @property
+    def exposure(self) -> NDArray[np.float64] | None:
+        """Exposure time of every frame in s, or None."""
+        return self._exposure
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of frames, rows, columns."""
+        frames, rows, columns = self._images.shape
+        return frames, rows, columns
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """All true: an array in memory is complete."""
+        return np.ones(len(self), dtype=bool)
+
+    @property
+    def levels(self) -> tuple[float, float]:
+        """Black and white level."""
+        return self._levels
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return int(self._images.shape[0])
+
+    def __getitem__(self, index: int) -> NDArray[np.integer]:
+        """Return one frame."""
+        return self._images[index]  # type: ignore[return-value]
+
+    def __iter__(self) -> Iterator[NDArray[np.integer]]:
+        """Go through the frames in order."""
+        return (self[i] for i in range(len(self)))
+
+    def roi(self, rows: slice, columns: slice) -> "ArrayFrames":
+        """Return a view of a rectangle."""
+        return ArrayFrames(self._images[:, rows, columns], self._time, self._exposure, self._levels)
+
+
+def as_frames(frames: "FrameSource | NDArray[np.generic]") -> FrameSource:
+    """Accept a :class:`FrameSource` or a (frame, row, column) array."""
+    if isinstance(frames, np.ndarray):
+        return ArrayFrames(frames)
+    return frames

@@ -1,0 +1,1 @@
+"""Films: digital image correlation and the contact radius from interference fringes."""

@@ -1,0 +1,1 @@
+"""Linear viscoelastic materials: Prony series, interconversion, master curves, library."""

@@ -1,0 +1,1 @@
+"""Signals in time: derivative, events, oscillation, alignment, repeats, metrics."""

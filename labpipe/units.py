@@ -1,0 +1,126 @@
+"""The closed table of units: every spelling an instrument writes, and its factor to SI.
+
+Inside labpipe every number is SI; units live at the edges. A spelling that is not in the
+table is refused, never guessed. Temperatures are kept in °C as the field does (``degC``);
+everything else is a pure factor.
+"""
+
+import re
+from typing import NamedTuple
+
+from labpipe.errors import InputError
+
+
+class Unit(NamedTuple):
+    """One unit: its factor to SI and the SI unit it becomes."""
+
+    factor: float
+    si: str
+
+
+_TABLE: dict[str, tuple[float, str]] = {
+    "1": (1.0, "1"), "%": (1e-2, "1"), "counts": (1.0, "1"), "px": (1.0, "px"), "cycles": (1.0, "1"),
+    "s": (1.0, "s"), "ms": (1e-3, "s"), "us": (1e-6, "s"), "ns": (1e-9, "s"), "min": (60.0, "s"), "h": (3600.0, "s"),
+    "Hz": (1.0, "Hz"), "kHz": (1e3, "Hz"), "1/s": (1.0, "1/s"), "rad/s": (1.0, "rad/s"), "fps": (1.0, "Hz"),
+    "m": (1.0, "m"), "cm": (1e-2, "m"), "mm": (1e-3, "m"), "um": (1e-6, "m"), "nm": (1e-9, "m"),
+    "m2": (1.0, "m2"), "mm2": (1e-6, "m2"),
+    "m/px": (1.0, "m/px"), "mm/px": (1e-3, "m/px"), "um/px": (1e-6, "m/px"),
+    "m/s": (1.0, "m/s"), "cm/s": (1e-2, "m/s"), "mm/s": (1e-3, "m/s"), "um/s": (1e-6, "m/s"),
+    "m/s2": (1.0, "m/s2"), "km/s2": (1e3, "m/s2"),
+    "kg": (1.0, "kg"), "g": (1e-3, "kg"), "mg": (1e-6, "kg"), "kg/m3": (1.0, "kg/m3"), "g/cm3": (1e3, "kg/m3"),
+    "N": (1.0, "N"), "mN": (1e-3, "N"), "uN": (1e-6, "N"), "kN": (1e3, "N"), "gf": (9.80665e-3, "N"), "kgf": (9.80665, "N"),
+    "N/m": (1.0, "N/m"), "N/mm": (1e3, "N/m"), "N/min": (1 / 60, "N/s"), "gf/min": (9.80665e-3 / 60, "N/s"),
+    "N m": (1.0, "N m"), "N mm": (1e-3, "N m"), "mN m": (1e-3, "N m"), "uN m": (1e-6, "N m"), "nN m": (1e-9, "N m"),
+    "Pa": (1.0, "Pa"), "kPa": (1e3, "Pa"), "MPa": (1e6, "Pa"), "GPa": (1e9, "Pa"), "1/Pa": (1.0, "1/Pa"), "1/MPa": (1e-6, "1/Pa"),
+    "Pa s": (1.0, "Pa s"), "mPa s": (1e-3, "Pa s"), "J": (1.0, "J"), "mJ": (1e-3, "J"), "J/m": (1.0, "J/m"),
+    "rad": (1.0, "rad"), "deg": (0.017453292519943295, "rad"), "mrad": (1e-3, "rad"), "deg/s": (0.017453292519943295, "rad/s"),
+    "degC": (1.0, "degC"), "V": (1.0, "V"), "mV": (1e-3, "V"), "m/V": (1.0, "m/V"), "mm/V": (1e-3, "m/V"),
+}  # fmt: skip
+
+_ALIASES: dict[str, str] = {
+    "": "1", "-": "1", "°C": "degC", "℃": "degC", "C": "degC", "°": "deg", "sec": "s", "min-1": "1/min", "μm": "um",
+    "um/pixel": "um/px", "mm/pixel": "mm/px", "m/pixel": "m/px", "pixel": "px", "pixels": "px", "micron": "um",
+    "m/s^2": "m/s2", "m/s²": "m/s2", "km/s^2": "km/s2", "km/s²": "km/s2", "m²": "m2", "mm²": "mm2", "m^2": "m2", "mm^2": "mm2",
+    "g/cm³": "g/cm3", "g/cm^3": "g/cm3", "kg/m³": "kg/m3", "kg/m^3": "kg/m3",
+    "N-mm": "N mm", "N·mm": "N mm", "N.mm": "N mm", "Nmm": "N mm", "N·m": "N m", "Nm": "N m", "N-m": "N m",
+    "mN·m": "mN m", "mNm": "mN m", "uN·m": "uN m", "uNm": "uN m", "nN·m": "nN m", "nNm": "nN m",
+    "Pa·s": "Pa s", "Pas": "Pa s", "mPa·s": "mPa s", "mPas": "mPa s", "s-1": "1/s", "1/Mpa": "1/MPa",
+}  # fmt: skip
+
+
+def unit(text: str) -> Unit:
+    """Look a spelling up.
+
+    Parameters
+    ----------
+    text : str
+        As written in a file, with or without brackets: ``"[µN·m]"``, ``"gf"``, ``"mm"``.
+
+    Returns
+    -------
+    Unit
+        Factor to SI and the SI unit's name.
+
+    Raises
+    ------
+    InputError
+        The spelling is not in the table.
+
+    Examples
+    --------
+    >>> unit("gf")
+    Unit(factor=0.00980665, si='N')
+    >>> unit("[µm]").si
+    'm'
+    """
+    name = text.strip().strip("[]()").strip()
+    # The micro sign, Greek mu and the mojibake of cp932 read as cp1252 are all one prefix.
+    name = name.replace("ƒÊ", "u").replace("\u00b5", "u").replace("\u03bc", "u")
+    name = name.replace("\u22c5", "·").replace("\u2219", "·")
+    name = _ALIASES.get(name, name)
+    try:
+        return Unit(*_TABLE[name])
+    except KeyError:
+        known = ", ".join(sorted(_TABLE))
+        message = f'unknown unit "{text}"; known units: {known}'
+        raise InputError(message) from None
+
+
+_QUANTITY = re.compile(
+    r"^\s*(?P<value>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
+    r"(?:\s*(?:±|\+/-|\+-)\s*(?P<u>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?))?"
+    r"\s*(?P<unit>\S.*?)?\s*$"
+)
+
+
+class Quantity(NamedTuple):
+    """A value with its standard uncertainty, both in SI."""
+
+    value: float
+    u: float
+    si: str
+
+
+def quantity(text: str) -> Quantity:
+    """Parse ``"1.5 mm"`` or ``"12.0 ± 0.2 deg"`` into SI.
+
+    The number after ``±`` is the standard uncertainty (one sigma); without it, it is zero.
+
+    Raises
+    ------
+    InputError
+        The text is not a number with a known unit.
+
+    Examples
+    --------
+    >>> quantity("1.5 mm")
+    Quantity(value=0.0015, u=0.0, si='m')
+    """
+    match = _QUANTITY.match(text)
+    if match is None:
+        message = (
+            f'expected a number with a unit such as "1.5 mm" or "12.0 ± 0.2 deg", found "{text}"'
+        )
+        raise InputError(message)
+    factor, si = unit(match["unit"] or "1")
+    return Quantity(float(match["value"]) * factor, float(match["u"] or 0.0) * factor, si)
