@@ -1,4 +1,4 @@
-"""What a film is: the contract that every camera reader fulfils and every imaging function takes."""
+"""What a film is: the contract between camera readers and imaging functions."""
 
 from collections.abc import Iterator
 from typing import Protocol, runtime_checkable
@@ -80,8 +80,8 @@ class ArrayFrames:
             None if exposure is None else np.broadcast_to(np.asarray(exposure, float), (count,))
         )
         if levels is None:
-            is_integer = np.issubdtype(images.dtype, np.integer)
-            levels = (0.0, float(np.iinfo(images.dtype).max)) if is_integer else (0.0, 1.0)
+            is_integer = images.dtype.kind in "iu"
+            levels = (0.0, float(np.iinfo(str(images.dtype)).max)) if is_integer else (0.0, 1.0)
         self._levels = levels
 
     @property
@@ -116,7 +116,7 @@ class ArrayFrames:
 
     def __getitem__(self, index: int) -> NDArray[np.integer]:
         """Return one frame."""
-        return self._images[index]  # type: ignore[return-value]
+        return self._images[index]
 
     def __iter__(self) -> Iterator[NDArray[np.integer]]:
         """Go through the frames in order."""

@@ -1,1 +1,1 @@
-"""The experiments, the session, the thesis figures, the virtual rig, the benchmark, the command line."""
+"""The experiments, the session, the thesis figures, the virtual rig, the command line."""
