@@ -1,0 +1,131 @@
+"""The one-way rule: who may import whom, read from the source, not from what happens to load."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("labpipe", "instruments", "calibration", "pipelines")
+
+ALLOWED = {
+    "labpipe": {"labpipe"},
+    "instruments": {"labpipe", "instruments"},
+    "calibration": {"labpipe", "calibration"},
+    "pipelines": set(PACKAGES),
+}
+
+# Inside labpipe: a part may import itself, the ground, and what stands below it.
+GROUND = {"errors", "units", "schema", "frames", "files", "text", "binary", "uncertainty"}
+BELOW = {
+    "signals": set(),
+    "materials": {"signals"},
+    "contact": {"signals", "materials"},
+    "imaging": {"signals", "materials", "contact"},
+    "workflow": set(),
+    "report": set(),
+}
+
+
+def imported_modules(path: Path) -> set[str]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def sources(package: str) -> list[Path]:
+    return sorted((ROOT / package).rglob("*.py"))
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_packages_import_only_downwards(package: str) -> None:
+    wrong = [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for path in sources(package)
+        for name in imported_modules(path)
+        if name.split(".")[0] in PACKAGES and name.split(".")[0] not in ALLOWED[package]
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("part", sorted(BELOW))
+def test_parts_of_labpipe_import_only_the_ground_and_what_is_below(part: str) -> None:
+    allowed = BELOW[part] | {part} | GROUND
+    wrong = [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for path in sorted((ROOT / "labpipe" / part).rglob("*.py"))
+        for name in imported_modules(path)
+        if name.startswith("labpipe.") and name.split(".")[1] not in allowed | {"__version__"}
+    ]
+    assert wrong == []
+
+
+def test_ground_imports_no_part_above_it() -> None:
+    wrong = [
+        f"{path.name} imports {name}"
+        for path in sorted((ROOT / "labpipe").glob("*.py"))
+        if path.stem in GROUND
+        for name in imported_modules(path)
+        if name.startswith("labpipe.") and name.split(".")[1] not in GROUND | {"__version__"}
+    ]
+    assert wrong == []
+
+
+def test_root_holds_nothing_beyond_the_agreed_layout() -> None:
+    agreed = {*PACKAGES, "tests", "sample_data", "pyproject.toml", "README.md", "LICENSE"}
+    found = {p.name for p in ROOT.iterdir() if not p.name.startswith(".")}
+    assert found - agreed - {"build", "dist"} == set()
+
+
+def test_only_the_file_module_writes_files() -> None:
+    """One function writes files; anything else could leave half a file behind."""
+    forbidden = ("to_netcdf", "savefig", "write_text", "write_bytes", "imwrite")
+    wrong = []
+    for package in PACKAGES:
+        for path in sources(package):
+            if path.relative_to(ROOT).as_posix() == "labpipe/files.py":
+                continue
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if not isinstance(node, ast.Call):
+                    continue
+                if isinstance(node.func, ast.Attribute) and node.func.attr in forbidden:
+                    owner = node.func.value
+                    name = owner.id if isinstance(owner, ast.Name) else ""
+                    if node.func.attr == "savefig" and writes_to_memory(node):
+                        continue
+                    if name != "files":
+                        wrong.append(f"{path.relative_to(ROOT)}:{node.lineno} {node.func.attr}")
+                if isinstance(node.func, ast.Name) and node.func.id == "open":
+                    modes = [a.value for a in node.args[1:2] if isinstance(a, ast.Constant)]
+                    if any(set(str(m)) & set("wax+") for m in modes):
+                        wrong.append(f"{path.relative_to(ROOT)}:{node.lineno} open")
+    assert wrong == []
+
+
+def writes_to_memory(call: ast.Call) -> bool:
+    return bool(call.args) and isinstance(call.args[0], ast.Name) and call.args[0].id == "buffer"
+
+
+def test_nothing_loads_code_or_pickles_from_data() -> None:
+    names = {"pickle", "yaml", "dill", "shelve", "marshal"}
+    wrong = [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for package in PACKAGES
+        for path in sources(package)
+        for name in imported_modules(path)
+        if name.split(".")[0] in names
+    ]
+    for package in PACKAGES:
+        for path in sources(package):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                    if node.func.id in {"eval", "exec"}:
+                        wrong.append(f"{path.relative_to(ROOT)}:{node.lineno} {node.func.id}")
+                if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
+                    wrong.append(f"{path.relative_to(ROOT)} allow_pickle")
+    assert wrong == []
