@@ -8,3 +8,6 @@ calibration or an experiment; those are the packages ``instruments``, ``calibrat
 """
 
 __version__ = "0.1.0"
+
+# All four packages carry this mark; a foreign package of the same name does not (see `doctor`).
+BUILD = f"labpipe {__version__}"

@@ -1,0 +1,156 @@
+"""The command line ``labpipe``: which commands there are, and what an error becomes.
+
+Nothing numerical is imported here; each command imports what it needs when it runs, so that
+``--help``, ``plan`` and completion answer at once.
+"""
+
+import importlib
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import click
+
+import labpipe
+from labpipe.errors import ConfigError, LabpipeError, SourceError, StorageError
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """Where a command lives and what it says of itself in the list of commands."""
+
+    target: str
+    summary: str
+
+
+COMMANDS: dict[str, Command] = {
+    "demo": Command("pipelines.commands.sample:demo", "Write a synthetic session, process it, and say where the report is."),
+    "init": Command("pipelines.commands.session:init", "Scan a folder and write a commented session.toml."),
+    "inspect": Command("pipelines.commands.inspect:inspect", "Say what a file is, what it holds, and what is wrong with it."),
+    "plan": Command("pipelines.commands.session:plan", "Say what `process` would run, and why."),
+    "process": Command("pipelines.commands.session:process", "Process a session folder into results and reports."),
+    "sample": Command("pipelines.commands.sample:sample", "Write a synthetic session from the virtual rig, truth beside it."),
+    "doctor": Command("pipelines.commands.system:doctor", "Check versions, name clashes, write permission and a session's store."),
+    "completion": Command("pipelines.commands.system:completion", "Print the completion script for bash, zsh or fish."),
+}  # fmt: skip
+
+
+class LazyGroup(click.Group):
+    """A group that imports a command only when it is called, not when it is listed."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the commands in the order of the table."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import and return one command."""
+        entry = COMMANDS.get(cmd_name)
+        if entry is None:
+            return None
+        module, name = entry.target.split(":")
+        command: click.Command = getattr(importlib.import_module(module), name)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Suggest the nearest command for a misspelt one."""
+        if args and args[0] not in COMMANDS and not args[0].startswith("-"):
+            import difflib
+
+            near = difflib.get_close_matches(args[0], COMMANDS, n=1)
+            hint = f' Did you mean "{near[0]}"?' if near else " See `labpipe --help`."
+            raise click.UsageError(f'There is no command "{args[0]}".{hint}', ctx)
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of commands from the table, without importing any."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, entry.summary) for name, entry in COMMANDS.items()])
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(labpipe.__version__, prog_name="labpipe")
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+def cli(debug: bool) -> None:
+    """From raw contact-mechanics files to calibrated results, the simulation, and a report.
+
+    \b
+    Example:
+      labpipe demo                 # a synthetic session, processed
+      labpipe init  my-session     # write my-session/session.toml
+      labpipe plan  my-session
+      labpipe process my-session   # then open my-session/labpipe/reports/
+    """  # noqa: D301
+
+
+def as_document(error: LabpipeError) -> dict[str, Any]:
+    """Return an error as the JSON document that ``--json`` prints."""
+    document: dict[str, Any] = {"type": type(error).__name__, "message": str(error)}
+    if isinstance(error, SourceError):
+        document |= {"path": error.path, "line": error.line, "column": error.column}
+    if isinstance(error, ConfigError):
+        document["problems"] = list(error.problems)
+    return {"error": document, "exit_code": error.exit_code}
+
+
+def printable(text: str) -> str:
+    """Strip control characters, which a file's text could use to repaint the terminal."""
+    return "".join(c for c in text if c in "\n\t" or (c.isprintable() and c != "\x7f"))
+
+
+def report_error(error: LabpipeError, wants_json: bool) -> int:
+    """Print one error where it belongs and return its exit code."""
+    if wants_json:
+        click.echo(json.dumps(as_document(error), indent=2))
+    else:
+        click.echo(f"error: {printable(str(error))}", err=True)
+    return error.exit_code
+
+
+def foreign_package() -> str | None:
+    """Name the first of our packages that another distribution has replaced, if any."""
+    for name in ("instruments", "calibration", "pipelines"):
+        module = importlib.import_module(name)
+        if getattr(module, "BUILD", None) != labpipe.BUILD:
+            where = getattr(module, "__file__", None) or "an unknown place"
+            return (
+                f"the module `{name}` at {where} is not labpipe's: another distribution has "
+                "installed a package of the same name; use a separate environment for labpipe"
+            )
+    return None
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and leave with its exit code."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    debug, wants_json = "--debug" in arguments, "--json" in arguments
+    if (clash := foreign_package()) is not None:
+        click.echo(f"error: {clash}", err=True)
+        sys.exit(3)
+    try:
+        code = cli.main(args=arguments, standalone_mode=False) or 0
+    except click.UsageError as error:
+        error.show()
+        code = 2
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("interrupted; results that were complete are kept", err=True)
+        code = 130
+    except LabpipeError as error:
+        if debug:
+            raise
+        code = report_error(error, wants_json)
+    except BrokenPipeError:
+        code = 0
+    except OSError as error:
+        if debug:
+            raise
+        message = f"{error.filename or 'the file system'}: {error.strerror or error}"
+        code = report_error(StorageError(f"{message}; check permission and free space"), wants_json)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+if __name__ == "__main__":
+    main()

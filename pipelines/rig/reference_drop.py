@@ -1,0 +1,314 @@
+"""The virtual rig's own drop: a dense reference that shares no code with the bundled simulator.
+
+The simulator works with creep compliance, implicit adaptive steps and ballistic flights over a
+rigid floor. This reference works with the relaxation modulus (Maxwell branches), explicit
+velocity Verlet at a fixed small step, several hundred springs, and a floor that may move: a
+damped oscillator under the sphere. Where both agree, they agree for a reason.
+
+Each spring of the one-dimensional foundation under the profile x²/R carries a surface
+displacement u and one internal strain h_j per Maxwell branch::
+
+    q = E_relaxed u + Σ E_j h_j,      h_j' = u' − h_j / ρ_j
+
+In contact u follows the profile; free springs have q = 0. Over a step u is linear, so the
+update of h_j is exact and no branch, however fast, limits the step.
+
+References
+----------
+Popov & Heß, Method of Dimensionality Reduction in Contact Mechanics and Friction (2015),
+doi:10.1007/978-3-642-53876-6.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+
+Array = NDArray[np.float64]
+
+GRAVITY = 9.81  # m/s², as in the thesis
+CONTACT_STEP = 2e-6  # s; (ω Δt)²/24 is 1e-6 for a contact of 1 ms
+SPRINGS = 500
+FLIGHT_GROWTH = 1.15  # ratio of successive recovery steps in flight; recovery is smooth in log t
+
+
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """The plate under the sphere as a damped oscillator; an infinite mass is a rigid floor."""
+
+    mass: float = np.inf
+    frequency: float = 400.0
+    damping_ratio: float = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """The reference motion: ``height`` of the sphere over first touch, and what happened when.
+
+    ``time`` starts at release. ``touch`` and ``liftoff`` are the times at which contact begins
+    and ends; a last touch without lift-off is permanent contact.
+    """
+
+    time: Array
+    height: Array
+    velocity: Array
+    force: Array
+    contact_radius: Array
+    floor: Array
+    touch: Array
+    liftoff: Array
+    incoming_speed: Array
+    outgoing_speed: Array
+
+    def at(self, time: Array) -> Array:
+        """Height at any time by cubic Hermite interpolation; the start height before release."""
+        index = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.time) - 2)
+        step = self.time[index + 1] - self.time[index]
+        s = np.clip((time - self.time[index]) / step, 0.0, 1.0)
+        z0, z1 = self.height[index], self.height[index + 1]
+        m0, m1 = self.velocity[index] * step, self.velocity[index + 1] * step
+        cubic: Array = (
+            (1 + 2 * s) * (1 - s) ** 2 * z0
+            + s * (1 - s) ** 2 * m0
+            + s**2 * (3 - 2 * s) * z1
+            + s**2 * (s - 1) * m1
+        )
+        return cubic
+
+
+@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+def _contact(
+    approach, speed, floor, floor_speed, u, h, gap, weight, E_relaxed, E, rho, mass, gravity,
+    floor_mass, floor_omega, floor_zeta, step, n_max, record,
+):  # fmt: skip
+    """Integrate one contact; returns the number of steps and whether the sphere left."""
+    n_springs, n_terms = h.shape
+    decay, phi = np.exp(-step / rho), np.empty(n_terms)
+    for j in range(n_terms):
+        x = step / rho[j]
+        phi[j] = -np.expm1(-x) / x
+    stiffness = E_relaxed
+    for j in range(n_terms):
+        stiffness += E[j] * phi[j]
+    reach = 0
+    for i in range(n_springs):
+        if u[i] > 0.0 or h[i, 0] != 0.0:
+            reach = i + 1
+    force, floor_force_acceleration = 0.0, 0.0
+    acceleration = -gravity  # of the approach's opposite: upward positive motion of the sphere
+    height = -approach + floor
+    for n in range(n_max):
+        height += speed * step + 0.5 * acceleration * step * step
+        floor += floor_speed * step + 0.5 * floor_force_acceleration * step * step
+        approach = floor - height
+        force, edge, in_contact = 0.0, 0.0, False
+        for i in range(n_springs):
+            pull = 0.0
+            for j in range(n_terms):
+                pull += E[j] * decay[j] * h[i, j]
+            base = E_relaxed * u[i] + pull
+            free = u[i] - base / stiffness
+            target = approach - gap[i]
+            if i >= reach and target <= 0.0:
+                break
+            new = max(free, target)
+            q = base + stiffness * (new - u[i])
+            rise = new - u[i]
+            for j in range(n_terms):
+                h[i, j] = decay[j] * h[i, j] + phi[j] * rise
+            u[i] = new
+            if target > free:
+                force += weight[i] * q
+                edge, in_contact = gap[i], True
+            reach = max(reach, i + 1)
+        new_acceleration = force / mass - gravity
+        speed += 0.5 * (acceleration + new_acceleration) * step
+        acceleration = new_acceleration
+        if floor_mass < np.inf:
+            new_floor = (
+                -force / floor_mass
+                - floor_omega * floor_omega * floor
+                - 2
+                * floor_zeta
+                * floor_omega
+                * (floor_speed + 0.5 * floor_force_acceleration * step)
+            )
+            floor_speed += 0.5 * (floor_force_acceleration + new_floor) * step
+            floor_force_acceleration = new_floor
+        record[n, 0], record[n, 1], record[n, 2] = height, speed, force
+        record[n, 3], record[n, 4], record[n, 5] = edge, floor, floor_speed
+        if not in_contact and n > 2:
+            return n + 1, True
+    return n_max, False
+
+
+def _recover(u: Array, h: Array, duration: float, E_relaxed: float, E: Array, rho: Array) -> None:
+    """Let unloaded springs creep back for ``duration``, in steps that grow geometrically."""
+    elapsed, step = 0.0, CONTACT_STEP
+    while elapsed < duration:
+        step = min(step, duration - elapsed)
+        decay = np.exp(-step / rho)
+        phi = -np.expm1(-step / rho) / (step / rho)
+        pull = h @ (E * decay)
+        rise = -(E_relaxed * u + pull) / (E_relaxed + E @ phi)
+        h *= decay
+        h += np.outer(rise, phi)
+        u += rise
+        elapsed += step
+        step *= FLIGHT_GROWTH
+
+
+def _floor_free(time: Array, x0: float, v0: float, floor: Floor) -> tuple[Array, Array]:
+    """Free motion of the damped floor from position ``x0`` and velocity ``v0``."""
+    omega = 2 * np.pi * floor.frequency
+    damped = omega * np.sqrt(1 - floor.damping_ratio**2)
+    decay = np.exp(-floor.damping_ratio * omega * time)
+    b = (v0 + floor.damping_ratio * omega * x0) / damped
+    x = decay * (x0 * np.cos(damped * time) + b * np.sin(damped * time))
+    v = -floor.damping_ratio * omega * x + decay * damped * (
+        b * np.cos(damped * time) - x0 * np.sin(damped * time)
+    )
+    return x, v
+
+
+def reference_drop(
+    E_relaxed: float,
+    E: Array,
+    rho: Array,
+    nu: float,
+    *,
+    radius: float,
+    mass: float,
+    height: float,
+    duration: float,
+    floor: Floor | None = None,
+) -> Trajectory:
+    """Drop a viscoelastic sphere and record everything at the solver's own steps.
+
+    Parameters
+    ----------
+    E_relaxed : float [Pa]
+        Long-time modulus.
+    E, rho : array (term,) [Pa], [s]
+        Maxwell branches.
+    nu : float
+        Poisson's ratio.
+    radius, mass, height, duration : float [m], [kg], [m], [s]
+        Sphere, moving mass, fall from rest to first touch, time simulated after release.
+    floor : Floor, optional
+        A moving floor; rigid by default.
+
+    Raises
+    ------
+    InputError
+        A quantity that must be positive is not.
+    """
+    if min(E_relaxed, radius, mass, height, duration) <= 0:
+        message = "modulus, radius, mass, height and duration must be positive"
+        raise InputError(message)
+    floor = Floor() if floor is None else floor
+    glassy = (E_relaxed + float(np.sum(E))) / (1 - nu**2)
+    scale = 1 / (1 - nu**2)
+    speed = np.sqrt(2 * GRAVITY * height)
+    softest = E_relaxed / (1 - nu**2)
+    # Hertz with the relaxed modulus bounds the contact radius from above.
+    bound = np.sqrt(
+        radius * (15 * mass * speed**2 / (16 * softest * np.sqrt(radius))) ** 0.4 * 1.05
+        + radius * (0.75 * mass * GRAVITY / (softest * np.sqrt(radius))) ** (2 / 3) * 0.5
+    )
+    width = bound / SPRINGS
+    position = (np.arange(SPRINGS) + 0.5) * width
+    gap, weight = position**2 / radius, np.full(SPRINGS, 2 * width)
+    u, h = np.zeros(SPRINGS), np.zeros((SPRINGS, len(E)))
+    branches = np.asarray(E, float) * scale
+    rho = np.asarray(rho, float)
+    if glassy <= 0:
+        message = "the instantaneous modulus must be positive"
+        raise InputError(message)
+
+    now, z, v, x, w = 0.0, height, 0.0, 0.0, 0.0
+    pieces: list[Array] = [np.array([[0.0, z, 0.0, 0.0, 0.0, 0.0]])]
+    touch, liftoff, incoming, outgoing = [], [], [], []
+    while now < duration:
+        flight = _flight_time(z, v, x, w, u, h, softest, branches, rho, floor)
+        flight = min(flight, duration - now)
+        grid = np.linspace(0.0, flight, max(3, int(flight / 2e-4)))[1:]
+        floor_x, floor_w = _floor_free(grid, x, w, floor) if np.isfinite(floor.mass) else (
+            np.zeros_like(grid), np.zeros_like(grid))  # fmt: skip
+        zero = np.zeros_like(grid)
+        pieces.append(
+            np.column_stack(
+                [
+                    now + grid,
+                    z + v * grid - 0.5 * GRAVITY * grid**2,
+                    v - GRAVITY * grid,
+                    zero,
+                    zero,
+                    floor_x,
+                ]
+            )  # fmt: skip
+        )
+        _recover(u, h, flight, softest, branches, rho)
+        now += flight
+        z, v, x, w = pieces[-1][-1, 1], pieces[-1][-1, 2], floor_x[-1], floor_w[-1]
+        if now >= duration:
+            break
+        touch.append(now)
+        incoming.append(w - v)
+        n_max = int(np.ceil((duration - now) / CONTACT_STEP))
+        record = np.empty((n_max, 6))
+        n, left = _contact(
+            x - z, v, x, w, u, h, gap, weight, softest, branches, rho, mass, GRAVITY,
+            floor.mass, 2 * np.pi * floor.frequency, floor.damping_ratio, CONTACT_STEP, n_max,
+            record,
+        )  # fmt: skip
+        record = record[:n]
+        times = now + CONTACT_STEP * np.arange(1, n + 1)
+        edge = np.sqrt(record[:, 3] * radius) + np.where(record[:, 3] > 0, width / 2, 0.0)
+        pieces.append(
+            np.column_stack([times, record[:, 0], record[:, 1], record[:, 2], edge, record[:, 4]])
+        )
+        now = float(times[-1])
+        z, v, x, w = record[-1, 0], record[-1, 1], record[-1, 4], record[-1, 5]
+        if left:
+            liftoff.append(now)
+            outgoing.append(v - w)
+    table = np.concatenate(pieces)
+    return Trajectory(
+        time=table[:, 0], height=table[:, 1], velocity=table[:, 2], force=table[:, 3],
+        contact_radius=table[:, 4], floor=table[:, 5], touch=np.array(touch),
+        liftoff=np.array(liftoff), incoming_speed=np.array(incoming),
+        outgoing_speed=np.array(outgoing),
+    )  # fmt: skip
+
+
+def _flight_time(
+    z: float, v: float, x: float, w: float, u: Array, h: Array,
+    E_relaxed: float, E: Array, rho: Array, floor: Floor,
+) -> float:  # fmt: skip
+    """Time until the falling sphere meets the recovering dent at its centre."""
+    apex = max(v, 0.0) / GRAVITY
+    level = 0.0
+    for _ in range(6):  # the dent recovers slowly against the flight: this converges at once
+        span = apex + np.sqrt(
+            max(2 * (z + v * apex - 0.5 * GRAVITY * apex**2 + level), 0) / GRAVITY
+        )
+        centre_u, centre_h = u[:1].copy(), h[:1].copy()
+        _recover(centre_u, centre_h, span, E_relaxed, E, rho)
+        level = float(centre_u[0])
+    if not np.isfinite(floor.mass):
+        return float(span)
+    grid = np.linspace(0.0, span * 1.02 + 1e-4, 20001)[1:]
+    floor_x, _ = _floor_free(grid, x, w, floor)
+    clearance = z + v * grid - 0.5 * GRAVITY * grid**2 - floor_x + level
+    below = np.flatnonzero((clearance <= 0) & (grid > 0.05 * span))
+    if not len(below):
+        return float(span)
+    k = int(below[0])
+    if k == 0:
+        return float(grid[0])
+    share = clearance[k - 1] / (clearance[k - 1] - clearance[k])
+    return float(grid[k - 1] + share * (grid[k] - grid[k - 1]))
