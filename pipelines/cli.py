@@ -25,16 +25,17 @@ class Command:
     summary: str
 
 
+_HOME = "pipelines.commands"
 COMMANDS: dict[str, Command] = {
-    "demo": Command("pipelines.commands.sample:demo", "Write a synthetic session, process it, and say where the report is."),
-    "init": Command("pipelines.commands.session:init", "Scan a folder and write a commented session.toml."),
-    "inspect": Command("pipelines.commands.inspect:inspect", "Say what a file is, what it holds, and what is wrong with it."),
-    "plan": Command("pipelines.commands.session:plan", "Say what `process` would run, and why."),
-    "process": Command("pipelines.commands.session:process", "Process a session folder into results and reports."),
-    "sample": Command("pipelines.commands.sample:sample", "Write a synthetic session from the virtual rig, truth beside it."),
-    "doctor": Command("pipelines.commands.system:doctor", "Check versions, name clashes, write permission and a session's store."),
-    "completion": Command("pipelines.commands.system:completion", "Print the completion script for bash, zsh or fish."),
-}  # fmt: skip
+    "demo": Command(f"{_HOME}.sample:demo", "Write a synthetic session and process it."),
+    "init": Command(f"{_HOME}.session:init", "Scan a folder and write a commented session.toml."),
+    "inspect": Command(f"{_HOME}.inspect:inspect", "Say what a file is and what is wrong with it."),
+    "plan": Command(f"{_HOME}.session:plan", "Say what `process` would run, and why."),
+    "process": Command(f"{_HOME}.session:process", "Process a session into results and reports."),
+    "sample": Command(f"{_HOME}.sample:sample", "Write a synthetic session with its truth."),
+    "doctor": Command(f"{_HOME}.system:doctor", "Check the installation and a session's store."),
+    "completion": Command(f"{_HOME}.system:completion", "Print the script for bash, zsh or fish."),
+}
 
 
 class LazyGroup(click.Group):

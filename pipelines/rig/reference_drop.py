@@ -79,11 +79,28 @@ class Trajectory:
         return cubic
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _contact(
-    approach, speed, floor, floor_speed, u, h, gap, weight, E_relaxed, E, rho, mass, gravity,
-    floor_mass, floor_omega, floor_zeta, step, n_max, record,
-):  # fmt: skip
+    approach: float,
+    speed: float,
+    floor: float,
+    floor_speed: float,
+    u: Array,
+    h: Array,
+    gap: Array,
+    weight: Array,
+    E_relaxed: float,
+    E: Array,
+    rho: Array,
+    mass: float,
+    gravity: float,
+    floor_mass: float,
+    floor_omega: float,
+    floor_zeta: float,
+    step: float,
+    n_max: int,
+    record: Array,
+) -> tuple[int, bool]:
     """Integrate one contact; returns the number of steps and whether the sphere left."""
     n_springs, n_terms = h.shape
     decay, phi = np.exp(-step / rho), np.empty(n_terms)
@@ -249,7 +266,7 @@ def reference_drop(
                     zero,
                     floor_x,
                 ]
-            )  # fmt: skip
+            )
         )
         _recover(u, h, flight, softest, branches, rho)
         now += flight

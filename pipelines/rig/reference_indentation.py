@@ -22,8 +22,18 @@ SPRINGS = 1500
 WIDEST = 0.3  # of the period: the reference refuses wider contacts than it resolves
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def _march(time, depth, gap, weight, E_relaxed, E, rho, force, edge):  # type: ignore[no-untyped-def]
+@numba.njit(cache=True)
+def _march(
+    time: Array,
+    depth: Array,
+    gap: Array,
+    weight: Array,
+    E_relaxed: float,
+    E: Array,
+    rho: Array,
+    force: Array,
+    edge: NDArray[np.int64],
+) -> None:
     """Step every spring through the displacement history; fills ``force`` and ``edge``."""
     n_springs, n_terms = gap.size, E.size
     u, h = np.zeros(n_springs), np.zeros((n_springs, n_terms))
