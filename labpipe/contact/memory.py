@@ -1,0 +1,282 @@
+r"""The exact exponential memory of a linear viscoelastic spring, shared by indentation and impact.
+
+Both contact problems collapse to independent springs that obey ``w = J * dq`` with the creep
+compliance ``J(t) = J(0) + sum C_k (1 - exp(-t/tau_k))``: a spring in series with Kelvin elements,
+
+.. math:: w = J(0)\,q + \sum_k w_k, \qquad \tau_k \dot w_k + w_k = C_k\,q .
+
+With the load ``q`` linear inside a step, the update of every ``w_k`` is exact for any step length.
+Elements much faster than the step answer as plain compliance, elements much slower as dashpots, so
+the step is stable at any length, and its cost does not grow with the history.
+
+A memory is an array (term, spring); several steps of one history may have any lengths, zero
+included. The usual loop is::
+
+    creep = Creep.of(material)
+    memory = creep.rest(n_springs)
+    weights = step_weights(creep, dt)
+    past = history(weights, memory, load)            # what the springs would show at load 0
+    new_load = (displacement - past) / weights.compliance
+    memory = advance(weights, memory, load, new_load)
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+
+Array = NDArray[np.float64]
+
+# Below this dt/tau the difference of exponentials loses digits and its series is exact.
+_SERIES_BELOW = 0.05
+# 1 - (1 - exp(-x))/x = x/2! - x^2/3! + x^3/4! - ... ; seven terms leave 1e-15 at 0.05.
+_SERIES = (1 / 2, -1 / 6, 1 / 24, -1 / 120, 1 / 720, -1 / 5040, 1 / 40320)
+
+
+class CreepMaterial(Protocol):
+    """What the contact code needs to know of a material."""
+
+    @property
+    def E_unrelaxed(self) -> float:
+        """Instantaneous modulus in Pa."""
+
+    @property
+    def nu(self) -> float:
+        """Poisson's ratio."""
+
+    def creep_terms(self) -> tuple[Array, Array]:
+        """Return the compliances C in 1/Pa and the retardation times tau in s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Creep:
+    """Contact creep compliance ``J*(t) = instantaneous + sum C (1 - exp(-t/tau))`` in 1/Pa.
+
+    It already holds the factor ``1 - nu**2`` of the half-space. No terms is an elastic solid.
+    """
+
+    instantaneous: float
+    C: Array
+    tau: Array
+
+    @classmethod
+    def of(cls, material: CreepMaterial) -> "Creep":
+        """Take the compliance of a half-space of the material.
+
+        Parameters
+        ----------
+        material : labpipe.materials.Prony
+            Anything with ``E_unrelaxed``, ``nu`` and ``creep_terms()``.
+
+        Raises
+        ------
+        InputError
+            A number is not finite, a modulus, compliance or time is not positive, or Poisson's
+            ratio lies outside 0 to 0.5.
+        """
+        C, tau = material.creep_terms()
+        nu = float(material.nu)
+        modulus = float(material.E_unrelaxed)
+        if not 0.0 <= nu <= 0.5:
+            message = f"Poisson's ratio is {nu}, expected 0 to 0.5"
+            raise InputError(message)
+        if not (np.isfinite(modulus) and modulus > 0.0):
+            message = f"the instantaneous modulus is {modulus} Pa, expected a positive number"
+            raise InputError(message)
+        return cls.from_terms(1.0 / modulus, C, tau, nu)
+
+    @classmethod
+    def from_terms(cls, instantaneous: float, C: Array, tau: Array, nu: float = 0.0) -> "Creep":
+        """Build from a uniaxial ``J(0)`` [1/Pa], ``C`` (term,) [1/Pa] and ``tau`` (term,) [s]."""
+        C = np.atleast_1d(np.asarray(C, dtype=float)).ravel()
+        tau = np.atleast_1d(np.asarray(tau, dtype=float)).ravel()
+        if C.size != tau.size:
+            message = f"{C.size} compliances but {tau.size} retardation times"
+            raise InputError(message)
+        sound = np.all(np.isfinite(C)) and np.all(np.isfinite(tau))
+        if not (sound and np.all(C >= 0.0) and np.all(tau > 0.0) and instantaneous > 0.0):
+            message = (
+                "creep terms must be finite, with compliances at least 0 and times above 0; "
+                f"found J(0) = {instantaneous}, C = {C.tolist()}, tau = {tau.tolist()}"
+            )
+            raise InputError(message)
+        factor = 1.0 - nu**2
+        used = C > 0.0
+        return cls(float(instantaneous) * factor, C[used] * factor, tau[used])
+
+    @property
+    def n_terms(self) -> int:
+        """Number of Kelvin elements."""
+        return int(self.C.size)
+
+    @property
+    def relaxed(self) -> float:
+        """Long-time compliance ``J*(infinity)`` in 1/Pa."""
+        return float(self.instantaneous + self.C.sum())
+
+    def compliance(self, time: Array | float) -> Array:
+        """Return ``J*(time)`` in 1/Pa; the same shape as ``time`` [s]."""
+        t = np.asarray(time, dtype=float)[..., None]
+        return self.instantaneous - np.sum(self.C * np.expm1(-t / self.tau), axis=-1)
+
+    def rest(self, n_springs: int) -> Array:
+        """Return the memory (term, spring) of springs that never carried a load."""
+        return np.zeros((self.n_terms, n_springs))
+
+
+@dataclass(frozen=True, slots=True)
+class StepWeights:
+    """Everything that one step of length ``dt`` needs; depends on ``dt`` and the material alone.
+
+    ``w_k <- decay_k w_k + old_k q_old + new_k q_new`` and
+    ``displacement = history + compliance * q_new``.
+    """
+
+    dt: float
+    decay: Array
+    old: Array
+    new: Array
+    compliance: float
+    old_total: float
+
+
+def step_weights(creep: Creep, dt: float, *, hold: bool = False) -> StepWeights:
+    """Weights of one step.
+
+    Parameters
+    ----------
+    creep : Creep
+        The contact compliance.
+    dt : float [s]
+        Length of the step, at least 0; a step of length 0 is an instantaneous (elastic) jump.
+    hold : bool
+        False: the load is linear inside the step. True: it jumps to its new value at the start of
+        the step and stays; use it for the first few steps after a jump of the displacement, where
+        a linear load would overshoot (contact.md, pitfall 1).
+
+    Raises
+    ------
+    InputError
+        ``dt`` is negative or not a number.
+
+    Examples
+    --------
+    >>> creep = Creep.from_terms(1.0, [2.0], [0.5])
+    >>> round(step_weights(creep, 1e6).compliance, 5), step_weights(creep, 0.0).compliance
+    (3.0, 1.0)
+    """
+    if not dt >= 0.0:
+        message = f"a step of {dt} s; the time of a history must not run backwards or be NaN"
+        raise InputError(message)
+    x = dt / creep.tau
+    decay = np.exp(-x)
+    loss = -np.expm1(-x)
+    if hold:
+        new = creep.C * loss
+        old = np.zeros_like(new)
+    else:
+        share = _late_share(x, loss)
+        new = creep.C * share
+        old = creep.C * (loss - share)
+    compliance = creep.instantaneous + float(new.sum())
+    return StepWeights(float(dt), decay, old, new, compliance, float(old.sum()))
+
+
+def _late_share(x: Array, loss: Array) -> Array:
+    """Return ``1 - (1 - exp(-x))/x`` without cancellation; ``loss`` is ``1 - exp(-x)``."""
+    small = np.minimum(x, _SERIES_BELOW)
+    series = np.zeros_like(x)
+    for coefficient in reversed(_SERIES):
+        series = series * small + coefficient
+    with np.errstate(divide="ignore", invalid="ignore"):
+        direct = 1.0 - loss / x
+    return np.where(x < _SERIES_BELOW, series * small, direct)
+
+
+def history(weights: StepWeights, memory: Array, load: Array) -> Array:
+    """Displacement (spring,) that the springs would show at the end of the step at zero load.
+
+    Parameters
+    ----------
+    weights : StepWeights
+        Of this step.
+    memory : array (term, spring)
+        Displacements of the Kelvin elements at the start of the step.
+    load : array (spring,)
+        Load at the start of the step.
+    """
+    return weights.decay @ memory + weights.old_total * load
+
+
+def advance(weights: StepWeights, memory: Array, load: Array, new_load: Array) -> Array:
+    """Memory (term, spring) at the end of the step; the input is not changed."""
+    result = weights.decay[:, None] * memory
+    result += weights.old[:, None] * load
+    result += weights.new[:, None] * new_load
+    return result
+
+
+def decay(creep: Creep, memory: Array, dt: float) -> Array:
+    """Memory after a time ``dt`` [s] without load: a free flight or a hold is one step."""
+    return np.exp(-dt / creep.tau)[:, None] * memory
+
+
+def stored_energy(creep: Creep, memory: Array, load: Array) -> Array:
+    """Energy (spring,) held elastically: ``(J(0) q^2 + sum w_k^2 / C_k) / 2``.
+
+    Its unit is that of load times displacement; multiply by the springs' weights and sum.
+    """
+    return 0.5 * (creep.instantaneous * load**2 + (1.0 / creep.C) @ memory**2)
+
+
+@dataclass(frozen=True, slots=True)
+class Condensed:
+    """A compliance with fewer terms, and how many were folded into one and frozen."""
+
+    creep: Creep
+    n_folded: int
+    n_frozen: int
+
+
+def condense(creep: Creep, shortest: float, longest: float, tolerance: float) -> Condensed:
+    """Fold terms far below a time scale into one, and drop those far above it.
+
+    Fast terms become a single term with the same sum of ``C`` and the same sum of ``C tau``: what
+    is left out is of second order in ``tau/shortest``. Slow terms, which have no time to creep, are
+    dropped.
+
+    Parameters
+    ----------
+    creep : Creep
+        All terms.
+    shortest : float [s]
+        Duration of the fastest event of interest (one contact, one cycle).
+    longest : float [s]
+        Duration of everything.
+    tolerance : float
+        Relative error of the compliance that each of the two shortcuts may cost, at most.
+
+    Returns
+    -------
+    Condensed
+        The shorter compliance and the counts; the instantaneous compliance is unchanged.
+    """
+    order = np.argsort(creep.tau)
+    C, tau = creep.C[order], creep.tau[order]
+    omega = np.pi / shortest
+    fast = np.cumsum(C * np.minimum(omega * tau, 1e150) ** 2) < tolerance * creep.instantaneous
+    slow = np.cumsum((C * np.minimum(longest / tau, 1e150))[::-1])[::-1]
+    frozen = (slow < tolerance * creep.instantaneous) & ~fast
+    kept = ~fast & ~frozen
+    n_fast = int(fast.sum())
+    if n_fast:
+        total = C[fast].sum()
+        mean_time = float(C[fast] @ tau[fast] / total)
+        C = np.concatenate([[total], C[kept]])
+        tau = np.concatenate([[mean_time], tau[kept]])
+    else:
+        C, tau = C[kept], tau[kept]
+    return Condensed(Creep(creep.instantaneous, C, tau), max(n_fast - 1, 0), int(frozen.sum()))
