@@ -1,0 +1,490 @@
+"""Text files of instruments: which codec, how large, complete or cut, and tables of numbers.
+
+A text file is looked at twice. :func:`survey` goes through it once in pieces: it settles the codec
+(byte order mark, then strict UTF-8, then the codecs that the format declares), refuses NUL bytes,
+files and lines beyond :class:`Limits`, and notes whether the last line is complete. Then
+:meth:`TextFile.lines` streams the decoded lines, so that a file of 150 MB is never whole in memory.
+
+Numbers are parsed by numpy and the result is verified (rows, columns, finite); on any doubt the
+lines are read again one cell at a time, only to name the file, the line and the column.
+"""
+
+import codecs
+import os
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from labpipe.errors import InputError, SourceError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+_PIECE = 1 << 20  # bytes decoded at a time: large enough for speed, small against any memory
+
+# UTF-32 before UTF-16, because its little-endian mark begins with the UTF-16 one.
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+
+_NUMBER = re.compile(r"\s*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?\s*")
+_LINE_END = re.compile(r"\r\n?|\n")
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What is refused before it is read.
+
+    Parameters
+    ----------
+    max_bytes : int
+        Largest file. The default, 1 GiB, is seven times the largest Mach-1 mapping set known.
+    max_line : int
+        Longest line in characters. The default, 1 MiB, is a thousand times the longest known.
+    """
+
+    max_bytes: int = 1 << 30
+    max_line: int = 1 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class TextFile:
+    """A text file whose codec is settled and whose size is known.
+
+    Attributes
+    ----------
+    path : Path
+    encoding : str
+        The codec that decodes every byte of it.
+    size : int
+        Bytes.
+    n_lines : int
+        Lines, the last one counted even when it is not ended.
+    is_ended : bool
+        False when the last line has no line end: the file may be cut inside a number.
+    """
+
+    path: Path
+    encoding: str
+    size: int
+    n_lines: int
+    is_ended: bool
+
+    def lines(self) -> Iterator[str]:
+        """Stream the lines without their ends; CRLF, LF and CR are all line ends.
+
+        Raises
+        ------
+        SourceError
+            The file has changed since it was surveyed.
+        """
+        count, size = 0, -1
+        try:
+            with self.path.open(encoding=self.encoding, errors="strict", newline=None) as stream:
+                for line in stream:
+                    count += 1
+                    yield line.removesuffix("\n")
+                size = os.fstat(stream.fileno()).st_size
+        except UnicodeError:
+            count = -1  # it could be decoded a moment ago
+        if size != self.size or count != self.n_lines:
+            raise SourceError(
+                self.path,
+                f"the file changed while it was read (it had {self.size} bytes)",
+                hint="It may still be being written: wait until the instrument has finished.",
+            )
+
+
+def survey(
+    path: str | os.PathLike[str],
+    declared: Sequence[str] = ("cp1252",),
+    limits: Limits | None = None,
+) -> TextFile:
+    """Settle the codec of a text file and whether it is complete, without keeping its text.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    declared : sequence of str
+        Codecs to try, in this order, when there is no byte order mark and it is not UTF-8.
+    limits : Limits, optional
+        What to refuse.
+
+    Returns
+    -------
+    TextFile
+
+    Raises
+    ------
+    SourceError
+        The file is missing, empty, too large, holds a NUL or a line beyond the limit, or none of
+        the codecs decodes it.
+    """
+    limits = limits or Limits()
+    path = Path(path)
+    size = _checked_size(path, limits)
+    head = _first_bytes(path)
+    marked = next((codec for mark, codec in _MARKS if head.startswith(mark)), None)
+    candidates = (marked,) if marked else ("utf-8", *declared)
+    failures = []
+    for encoding in candidates:
+        try:
+            n_lines, is_ended = _scan(path, encoding, limits)
+        except UnicodeError as error:
+            failures.append(f"{encoding} ({error})")
+            continue
+        return TextFile(path, encoding, size, n_lines, is_ended)
+    raise SourceError(
+        path,
+        f"no codec decodes the file; tried {'; '.join(failures)}",
+        hint='Give the codec it was written with, for example encoding="cp932".',
+    )
+
+
+def _checked_size(path: Path, limits: Limits) -> int:
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise SourceError(path, f"cannot be opened: {error.strerror}") from None
+    if not path.is_file():
+        raise SourceError(path, "is not a regular file")
+    if status.st_size == 0:
+        raise SourceError(path, "the file is empty", hint="Copy it from the instrument again.")
+    if status.st_size > limits.max_bytes:
+        raise SourceError(
+            path,
+            f"the file has {status.st_size} bytes, at most {limits.max_bytes} are read",
+            hint="If it really is a recording, raise Limits(max_bytes=…).",
+        )
+    return status.st_size
+
+
+def _first_bytes(path: Path) -> bytes:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(4)
+    except OSError as error:
+        raise SourceError(path, f"cannot be opened: {error.strerror}") from None
+
+
+def _scan(path: Path, encoding: str, limits: Limits) -> tuple[int, bool]:
+    """Count lines and find what is refused; UnicodeError when the codec does not fit."""
+    decoder = codecs.getincrementaldecoder(encoding)(errors="strict")
+    n_ends = 0
+    open_length = 0  # characters after the last line end so far
+    last = ""
+    with path.open("rb") as stream:
+        while True:
+            piece = stream.read(_PIECE)
+            text = decoder.decode(piece, final=not piece)
+            if not piece and not text:
+                break
+            _refuse_nul(path, text, n_ends, open_length)
+            if last == "\r" and text.startswith("\n"):
+                n_ends -= 1  # one line end that the piece boundary cut in two
+            n_ends, open_length = _count(path, text, n_ends, open_length, limits)
+            last = text[-1:] or last
+    is_ended = last in ("\n", "\r")
+    return n_ends + (not is_ended), is_ended
+
+
+def _count(path: Path, text: str, n_ends: int, open_length: int, limits: Limits) -> tuple[int, int]:
+    start = 0
+    if "\r" in text.replace("\r\n", ""):
+        ends: Iterable[tuple[int, int]] = (m.span() for m in _LINE_END.finditer(text))
+    else:
+        ends = _newlines(text)
+    for first, after in ends:
+        if open_length + first - start > limits.max_line:
+            break
+        n_ends, open_length, start = n_ends + 1, 0, after
+    else:
+        open_length += len(text) - start
+        if open_length <= limits.max_line:
+            return n_ends, open_length
+    raise SourceError(
+        path,
+        f"the line is longer than {limits.max_line} characters",
+        line=n_ends + 1,
+        hint="This is not a table of readings; if it is, raise Limits(max_line=…).",
+    )
+
+
+def _newlines(text: str) -> Iterator[tuple[int, int]]:
+    position = text.find("\n")
+    while position >= 0:
+        yield position, position + 1
+        position = text.find("\n", position + 1)
+
+
+def _refuse_nul(path: Path, text: str, n_ends: int, open_length: int) -> None:
+    position = text.find("\0")
+    if position < 0:
+        return
+    before = _LINE_END.split(text[:position])
+    raise SourceError(
+        path,
+        "a NUL character where text was expected: the file is damaged or binary",
+        line=n_ends + len(before),
+        column=len(before[-1]) + 1 + (open_length if len(before) == 1 else 0),
+        hint="Copy it from the instrument again.",
+    )
+
+
+def parse_rows(
+    lines: Sequence[str],
+    n_columns: int,
+    delimiter: str,
+    *,
+    path: str | os.PathLike[str],
+    first_line: int,
+) -> "NDArray[np.float64]":
+    """Parse lines of plain numbers; every row must have every column, every number be finite.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        The rows, without line ends, with a dot as decimal sign.
+    n_columns : int
+        Cells expected in every row.
+    delimiter : str
+        One character.
+    path, first_line
+        Named in the error: the file, and the line number of ``lines[0]``.
+
+    Returns
+    -------
+    array (row, column)
+
+    Raises
+    ------
+    SourceError
+        With file, line and column of the first cell that is not a number, or the first row that
+        has another number of cells.
+
+    Examples
+    --------
+    >>> parse_rows(["0.00,1.5", "0.01,1.6"], 2, ",", path="a.txt", first_line=1).tolist()
+    [[0.0, 1.5], [0.01, 1.6]]
+    """
+    import numpy as np
+
+    if not lines:
+        return np.empty((0, n_columns))
+    try:
+        rows = np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2, dtype=np.float64)
+    except ValueError:
+        rows = np.empty((0, 0))
+    # loadtxt skips empty lines and takes "nan" and "inf": neither may pass unseen.
+    if rows.shape == (len(lines), n_columns) and bool(np.isfinite(rows).all()):
+        return rows
+    slow = [
+        parse_row(line, n_columns, delimiter, path=path, line_number=number)
+        for number, line in enumerate(lines, first_line)
+    ]
+    return np.array(slow, dtype=np.float64).reshape(len(lines), n_columns)
+
+
+def parse_row(
+    line: str,
+    n_columns: int,
+    delimiter: str,
+    *,
+    path: str | os.PathLike[str],
+    line_number: int,
+) -> list[float]:
+    """Parse one row and name the line and the column of what is wrong with it.
+
+    Raises
+    ------
+    SourceError
+        As :func:`parse_rows`.
+    """
+    cells = line.split(delimiter)
+    check_width(line, cells, n_columns, delimiter, path=path, line_number=line_number)
+    values = []
+    column = 1
+    for cell in cells:
+        if not is_number(cell):
+            raise not_a_number(cell, path=path, line_number=line_number, column=column)
+        values.append(float(cell))
+        column += len(cell) + 1
+    return values
+
+
+def check_width(
+    line: str,
+    cells: Sequence[str],
+    n_columns: int,
+    delimiter: str,
+    *,
+    path: str | os.PathLike[str],
+    line_number: int,
+) -> None:
+    """Refuse a row with missing or additional cells."""
+    if len(cells) == n_columns:
+        return
+    extra = len(delimiter.join(cells[:n_columns])) + 1
+    column = min(extra, len(line) + 1)
+    raise SourceError(
+        path,
+        f"found {len(cells)} cells, expected {n_columns}: {shorten(line)}",
+        line=line_number,
+        column=column,
+        hint="A cell is missing or was added; compare the row with its neighbours.",
+    )
+
+
+def is_number(cell: str) -> bool:
+    """Tell whether a cell is a finite decimal number with a dot (not ``nan``, not ``1_000``).
+
+    Examples
+    --------
+    >>> is_number("+00.1234"), is_number("1,5"), is_number("nan")
+    (True, False, False)
+    """
+    return _NUMBER.fullmatch(cell) is not None and abs(float(cell)) != float("inf")
+
+
+def not_a_number(
+    cell: str, *, path: str | os.PathLike[str], line_number: int, column: int
+) -> SourceError:
+    """Make the error for a cell that should be a number."""
+    hint = "Correct the cell, or export the file again."
+    if "," in cell and is_number(cell.replace(",", ".", 1)):
+        hint = 'If the comma is the decimal sign, give decimal=","; it is not guessed here.'
+    return SourceError(
+        path,
+        f"found {shorten(cell)}, expected a number",
+        line=line_number,
+        column=column,
+        hint=hint,
+    )
+
+
+def shorten(text: str, length: int = 60) -> str:
+    """Quote a piece of a file for a message: control characters escaped, long text cut.
+
+    Examples
+    --------
+    >>> shorten("1.2e" + "0" * 99, length=8)
+    "'1.2e000…'"
+    """
+    return repr(text if len(text) <= length else text[: length - 1] + "…")
+
+
+class Separators(NamedTuple):
+    """The decimal sign of a file, and its thousands sign ("" when it has none)."""
+
+    decimal: str
+    thousands: str
+
+
+_GROUPED = {
+    ",": re.compile(r"[+-]?[1-9][0-9]{0,2}(?:,[0-9]{3})+(?:\.[0-9]*)?"),
+    ".": re.compile(r"[+-]?[1-9][0-9]{0,2}(?:\.[0-9]{3})+(?:,[0-9]*)?"),
+}
+
+
+def separators(cells: Iterable[str]) -> Separators:
+    """Decide from cells which sign is the decimal one, or refuse to guess.
+
+    ``0,010`` and ``1,5`` can only have a decimal comma, ``1,234,567`` only thousands, ``1.234,5``
+    shows both; but ``1,234`` alone may be either, and a file that shows nothing else is refused.
+
+    Parameters
+    ----------
+    cells : iterable of str
+        Cells of one file, already split at the delimiter; those that are no numbers are ignored.
+
+    Returns
+    -------
+    Separators
+
+    Raises
+    ------
+    InputError
+        The evidence is ambiguous or contradicts itself.
+
+    Examples
+    --------
+    >>> separators(["+00,1234", "-00,0120"])
+    Separators(decimal=',', thousands='')
+    >>> separators(["1.234,50", "2,00"])
+    Separators(decimal=',', thousands='.')
+    """
+    proved: set[Separators] = set()
+    ambiguous: str | None = None
+    for cell in map(str.strip, cells):
+        verdict = _evidence(cell)
+        if verdict is None:
+            continue
+        if verdict:
+            proved.add(verdict[0])
+        else:
+            ambiguous = ambiguous or cell
+    return _weigh(proved, ambiguous)
+
+
+def _evidence(cell: str) -> tuple[Separators, ...] | None:
+    """Return what a cell proves; () when it may be read in two ways; None when it says nothing."""
+    has_comma, has_dot = "," in cell, "." in cell
+    if (
+        not (has_comma or has_dot)
+        or not cell.strip("+-").replace(",", "").replace(".", "").isdigit()
+    ):
+        return None
+    sign, other = (",", ".") if has_comma else (".", ",")
+    if has_comma and has_dot:
+        decimal = max(sign, other, key=cell.rfind)
+        thousands = "," if decimal == "." else "."
+        is_regular = _GROUPED[thousands].fullmatch(cell) is not None
+        return (Separators(decimal, thousands),) if is_regular else None
+    grouped = _GROUPED[sign].fullmatch(cell) is not None
+    if cell.count(sign) > 1:
+        return (Separators(other, sign),) if grouped else None
+    # One dot is the decimal sign unless something else in the file proves otherwise.
+    if grouped:
+        return ()
+    return (Separators(sign, ""),)
+
+
+def _weigh(proved: set[Separators], ambiguous: str | None) -> Separators:
+    decimals = {each.decimal for each in proved}
+    if len(decimals) > 1:
+        message = (
+            "both the dot and the comma are used as decimal sign; "
+            'say which one is meant with decimal="." or decimal=","'
+        )
+        raise InputError(message)
+    if proved:
+        thousands = max(each.thousands for each in proved)
+        return Separators(decimals.pop(), thousands)
+    if ambiguous is not None and "," in ambiguous:
+        message = (
+            f'"{ambiguous}" may hold a decimal comma or a thousands comma, and nothing else in '
+            'the file decides it; say which with decimal="." or decimal=","'
+        )
+        raise InputError(message)
+    return Separators(".", "")
+
+
+def to_dots(text: str, signs: Separators) -> str:
+    """Rewrite numbers with a dot as decimal sign and without thousands signs.
+
+    Examples
+    --------
+    >>> to_dots("1.234,50", Separators(",", "."))
+    '1234.50'
+    """
+    if signs.thousands:
+        text = text.replace(signs.thousands, "")
+    return text.replace(signs.decimal, ".") if signs.decimal != "." else text
