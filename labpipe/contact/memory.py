@@ -7,9 +7,10 @@ compliance ``J(t) = J(0) + sum C_k (1 - exp(-t/tau_k))``: a spring in series wit
 
 With the load ``q`` linear inside a step, the update of every ``w_k`` is exact for any step length.
 Elements much faster than the step answer as plain compliance, elements much slower as dashpots, so
-the step is stable at any length, and its cost does not grow with the history.
+the step is stable at any length, and its cost does not grow with the history. A liquid has one
+more element, a bare dashpot that flows by ``fluidity * q``; it is the last row of the memory.
 
-A memory is an array (term, spring); several steps of one history may have any lengths, zero
+A memory is an array (element, spring); several steps of one history may have any lengths, zero
 included. The usual loop is::
 
     creep = Creep.of(material)
@@ -20,11 +21,11 @@ included. The usual loop is::
     memory = advance(weights, memory, load, new_load)
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from labpipe.errors import InputError
 
@@ -47,20 +48,40 @@ class CreepMaterial(Protocol):
     def nu(self) -> float:
         """Poisson's ratio."""
 
+    @property
+    def fluidity(self) -> float:
+        """Inverse of the zero-rate viscosity in 1/(Pa s); 0 for a solid."""
+
     def creep_terms(self) -> tuple[Array, Array]:
         """Return the compliances C in 1/Pa and the retardation times tau in s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Creep:
-    """Contact creep compliance ``J*(t) = instantaneous + sum C (1 - exp(-t/tau))`` in 1/Pa.
+    """Contact creep compliance in 1/Pa.
 
-    It already holds the factor ``1 - nu**2`` of the half-space. No terms is an elastic solid.
+    ``J*(t) = instantaneous + sum C (1 - exp(-t/tau)) + fluidity t``, which already holds the
+    factor ``1 - nu**2`` of the half-space. No terms and no fluidity is an elastic solid.
+
+    Attributes
+    ----------
+    instantaneous : float [1/Pa]
+    C : array (term,) [1/Pa]
+    tau : array (term,) [s]
+    fluidity : float [1/(Pa s)]
+    rate : array (element,) [1/s]
+        ``1/tau`` of every row of the memory, 0 for the dashpot of a liquid.
     """
 
     instantaneous: float
     C: Array
     tau: Array
+    fluidity: float = 0.0
+    rate: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        dashpot = [0.0] if self.fluidity > 0.0 else []
+        object.__setattr__(self, "rate", np.concatenate([1.0 / self.tau, dashpot]))
 
     @classmethod
     def of(cls, material: CreepMaterial) -> "Creep":
@@ -69,43 +90,62 @@ class Creep:
         Parameters
         ----------
         material : labpipe.materials.Prony
-            Anything with ``E_unrelaxed``, ``nu`` and ``creep_terms()``.
+            Anything with ``E_unrelaxed``, ``nu``, ``fluidity`` and ``creep_terms()``.
 
         Raises
         ------
         InputError
-            A number is not finite, a modulus, compliance or time is not positive, or Poisson's
-            ratio lies outside 0 to 0.5.
+            A number is not finite, the material has no instantaneous compliance (a dashpot in
+            parallel), a compliance or time is not positive, or Poisson's ratio lies outside
+            (-1, 0.5].
         """
         C, tau = material.creep_terms()
         nu = float(material.nu)
         modulus = float(material.E_unrelaxed)
-        if not 0.0 <= nu <= 0.5:
-            message = f"Poisson's ratio is {nu}, expected 0 to 0.5"
-            raise InputError(message)
         if not (np.isfinite(modulus) and modulus > 0.0):
-            message = f"the instantaneous modulus is {modulus} Pa, expected a positive number"
+            message = (
+                f"the instantaneous modulus is {modulus} Pa, expected a finite positive number: "
+                "contact needs a material with an instantaneous compliance"
+            )
             raise InputError(message)
-        return cls.from_terms(1.0 / modulus, C, tau, nu)
+        return cls.from_terms(1.0 / modulus, C, tau, nu, float(material.fluidity))
 
     @classmethod
-    def from_terms(cls, instantaneous: float, C: Array, tau: Array, nu: float = 0.0) -> "Creep":
-        """Build from a uniaxial ``J(0)`` [1/Pa], ``C`` (term,) [1/Pa] and ``tau`` (term,) [s]."""
+    def from_terms(
+        cls,
+        instantaneous: float,
+        C: ArrayLike,
+        tau: ArrayLike,
+        nu: float = 0.0,
+        fluidity: float = 0.0,
+    ) -> "Creep":
+        """Build from uniaxial terms; ``J(0)``, ``C`` in 1/Pa, ``tau`` in s, fluidity in 1/(Pa s).
+
+        Raises
+        ------
+        InputError
+            As :meth:`of`.
+        """
+        if not -1.0 < nu <= 0.5:
+            message = f"Poisson's ratio is {nu}, expected above -1 and at most 0.5"
+            raise InputError(message)
         C = np.atleast_1d(np.asarray(C, dtype=float)).ravel()
         tau = np.atleast_1d(np.asarray(tau, dtype=float)).ravel()
         if C.size != tau.size:
             message = f"{C.size} compliances but {tau.size} retardation times"
             raise InputError(message)
-        sound = np.all(np.isfinite(C)) and np.all(np.isfinite(tau))
-        if not (sound and np.all(C >= 0.0) and np.all(tau > 0.0) and instantaneous > 0.0):
+        is_finite = np.all(np.isfinite([instantaneous, fluidity, *C, *tau]))
+        is_admissible = instantaneous > 0.0 and fluidity >= 0.0 and np.all(C >= 0.0)
+        if not (is_finite and is_admissible and np.all(tau > 0.0)):
             message = (
                 "creep terms must be finite, with compliances at least 0 and times above 0; "
-                f"found J(0) = {instantaneous}, C = {C.tolist()}, tau = {tau.tolist()}"
+                f"found J(0) = {instantaneous}, C = {C.tolist()}, tau = {tau.tolist()}, "
+                f"fluidity = {fluidity}"
             )
             raise InputError(message)
         factor = 1.0 - nu**2
         used = C > 0.0
-        return cls(float(instantaneous) * factor, C[used] * factor, tau[used])
+        return cls(instantaneous * factor, C[used] * factor, tau[used], fluidity * factor)
 
     @property
     def n_terms(self) -> int:
@@ -114,17 +154,25 @@ class Creep:
 
     @property
     def relaxed(self) -> float:
-        """Long-time compliance ``J*(infinity)`` in 1/Pa."""
+        """Long-time compliance ``J*(infinity)`` in 1/Pa; infinite for a liquid."""
+        if self.fluidity > 0.0:
+            return float("inf")
         return float(self.instantaneous + self.C.sum())
+
+    @property
+    def inverse(self) -> Array:
+        """``1/C`` of every row of the memory (element,) in Pa; a dashpot stores nothing: 0."""
+        return np.concatenate([1.0 / self.C, np.zeros(self.rate.size - self.C.size)])
 
     def compliance(self, time: Array | float) -> Array:
         """Return ``J*(time)`` in 1/Pa; the same shape as ``time`` [s]."""
         t = np.asarray(time, dtype=float)[..., None]
-        return self.instantaneous - np.sum(self.C * np.expm1(-t / self.tau), axis=-1)
+        terms = np.sum(self.C * np.expm1(-t / self.tau), axis=-1)
+        return self.instantaneous - terms + self.fluidity * np.asarray(time, dtype=float)
 
     def rest(self, n_springs: int) -> Array:
-        """Return the memory (term, spring) of springs that never carried a load."""
-        return np.zeros((self.n_terms, n_springs))
+        """Return the memory (element, spring) of springs that never carried a load."""
+        return np.zeros((self.rate.size, n_springs))
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,17 +220,15 @@ def step_weights(creep: Creep, dt: float, *, hold: bool = False) -> StepWeights:
         message = f"a step of {dt} s; the time of a history must not run backwards or be NaN"
         raise InputError(message)
     x = dt / creep.tau
-    decay = np.exp(-x)
     loss = -np.expm1(-x)
-    if hold:
-        new = creep.C * loss
-        old = np.zeros_like(new)
-    else:
-        share = _late_share(x, loss)
-        new = creep.C * share
-        old = creep.C * (loss - share)
+    share = loss if hold else _late_share(x, loss)
+    new, old = creep.C * share, creep.C * (loss - share)
+    if creep.fluidity > 0.0:
+        flow = creep.fluidity * dt
+        late = flow if hold else 0.5 * flow
+        new, old = np.append(new, late), np.append(old, flow - late)
     compliance = creep.instantaneous + float(new.sum())
-    return StepWeights(float(dt), decay, old, new, compliance, float(old.sum()))
+    return StepWeights(float(dt), np.exp(-dt * creep.rate), old, new, compliance, float(old.sum()))
 
 
 def _late_share(x: Array, loss: Array) -> Array:
@@ -203,7 +249,7 @@ def history(weights: StepWeights, memory: Array, load: Array) -> Array:
     ----------
     weights : StepWeights
         Of this step.
-    memory : array (term, spring)
+    memory : array (element, spring)
         Displacements of the Kelvin elements at the start of the step.
     load : array (spring,)
         Load at the start of the step.
@@ -212,7 +258,7 @@ def history(weights: StepWeights, memory: Array, load: Array) -> Array:
 
 
 def advance(weights: StepWeights, memory: Array, load: Array, new_load: Array) -> Array:
-    """Memory (term, spring) at the end of the step; the input is not changed."""
+    """Memory (element, spring) at the end of the step; the input is not changed."""
     result = weights.decay[:, None] * memory
     result += weights.old[:, None] * load
     result += weights.new[:, None] * new_load
@@ -221,7 +267,7 @@ def advance(weights: StepWeights, memory: Array, load: Array, new_load: Array) -
 
 def decay(creep: Creep, memory: Array, dt: float) -> Array:
     """Memory after a time ``dt`` [s] without load: a free flight or a hold is one step."""
-    return np.exp(-dt / creep.tau)[:, None] * memory
+    return np.exp(-dt * creep.rate)[:, None] * memory
 
 
 def stored_energy(creep: Creep, memory: Array, load: Array) -> Array:
@@ -229,7 +275,7 @@ def stored_energy(creep: Creep, memory: Array, load: Array) -> Array:
 
     Its unit is that of load times displacement; multiply by the springs' weights and sum.
     """
-    return 0.5 * (creep.instantaneous * load**2 + (1.0 / creep.C) @ memory**2)
+    return 0.5 * (creep.instantaneous * load**2 + creep.inverse @ memory**2)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ from labpipe.contact.memory import (
     stored_energy,
 )
 from labpipe.errors import InputError
+from labpipe.materials import Prony
 
 PMMA15 = Creep.from_terms(
     1 / 6e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=0.35
@@ -89,6 +90,30 @@ def test_weights_match_high_precision_values(x):
         expected = 1.0 - (1.0 - np.exp(-x)) / x
     assert weights.new[0] == pytest.approx(expected, rel=4e-15)
     assert weights.old[0] + weights.new[0] == pytest.approx(-np.expm1(-x), rel=1e-15)
+
+
+def test_a_liquid_flows_under_load_and_keeps_its_dent():
+    liquid = Creep.from_terms(1.0, [], [], fluidity=0.5)
+    times = np.array([0.0, 1.0, 1.5, 4.0])
+    found = displacement_under(liquid, times, times)
+    np.testing.assert_allclose(found, times + 0.25 * times**2, rtol=1e-14)
+    np.testing.assert_allclose(liquid.compliance(times), 1.0 + 0.5 * times)
+    assert decay(liquid, np.array([[3.0]]), 1e9)[0, 0] == 3.0
+    assert stored_energy(liquid, np.array([[3.0]]), np.zeros(1)) == 0.0
+    assert liquid.relaxed == np.inf
+
+
+def test_the_compliance_is_that_of_the_material_with_the_contact_factor():
+    material = Prony(2e9, [1e9, 3e9], [1e-4, 2.0], nu=0.35)
+    t = np.array([0.0, 1e-5, 1e-2, 3.0, 1e3])
+    np.testing.assert_allclose(Creep.of(material).compliance(t), material.creep(t, "contact"))
+    liquid = Prony(0.0, [1e9], [1.0], nu=0.3)
+    np.testing.assert_allclose(Creep.of(liquid).compliance(t), liquid.creep(t, "contact"))
+
+
+def test_a_material_without_instantaneous_compliance_is_refused():
+    with pytest.raises(InputError, match="instantaneous"):
+        Creep.of(Prony(1e9, [], [], viscosity=1e6))
 
 
 def test_free_decay_is_one_step():
