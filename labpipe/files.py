@@ -1,0 +1,446 @@
+"""The only place that creates files, and the checks on names and contents that go with it.
+
+A file is written under a temporary name in its own folder, read back and compared, flushed to the
+disk and only then renamed; so a kill or a full disk leaves the old file or the new one, never a
+part of one. A lock is held by the operating system and ends with its process.
+
+Nothing numerical is imported here; the netCDF side lives in :mod:`labpipe.netcdf` and is loaded
+when a Dataset is written or read.
+"""
+
+import contextlib
+import errno
+import hashlib
+import json
+import os
+import secrets
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from labpipe.errors import SourceError, StorageError
+from labpipe.names import safe_join
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+__all__ = [
+    "PART_SUFFIX",
+    "HashIndex",
+    "append_line",
+    "canonical",
+    "digest",
+    "files_below",
+    "free_bytes",
+    "lock",
+    "read_dataset",
+    "require_space",
+    "safe_join",
+    "seal",
+    "unseal",
+    "write_bytes",
+    "write_dataset",
+    "write_text",
+]
+
+PART_SUFFIX = ".part"
+"""Ending of a file that is still being written; such a file is never read."""
+
+_BLOCK = 1 << 20
+
+
+def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
+    """Write a file so that it exists complete or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+        Where to; missing folders are made.
+    data : bytes
+        The whole content.
+
+    Raises
+    ------
+    StorageError
+        There is no space, or no permission; the message holds the bytes needed. An older file of
+        that name is left as it was.
+    """
+
+    def fill(part: Path) -> None:
+        with part.open("xb") as stream:
+            stream.write(data)
+
+    def verify(part: Path) -> None:
+        if digest(part) != hashlib.sha256(data).hexdigest():
+            message = f"{path}: what was written cannot be read back; the disk is failing or full"
+            raise StorageError(message)
+
+    _replace(Path(path), len(data), fill, verify)
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write text as UTF-8 with the line ends it has; see :func:`write_bytes`."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_dataset(path: str | os.PathLike[str], dataset: "xr.Dataset") -> None:
+    """Write a Dataset as netCDF-4 with checksums, verified value by value before it exists.
+
+    The bytes depend on the Dataset alone. Attributes that netCDF cannot hold (None, bool, dict,
+    lists of anything but numbers) become JSON text, and :func:`read_dataset` returns that text.
+
+    Parameters
+    ----------
+    path : path-like
+        Where to; missing folders are made.
+    dataset : Dataset
+        Variables of numbers, booleans or text. Times are numbers in s.
+
+    Raises
+    ------
+    InputError
+        The Dataset holds something that netCDF cannot give back unchanged.
+    StorageError
+        There is no space, or no permission; the message holds the bytes needed.
+    """
+    from labpipe import netcdf
+
+    prepared = netcdf.prepare(dataset)
+    _replace(
+        Path(path),
+        netcdf.size(prepared),
+        lambda part: netcdf.write(part, prepared),
+        lambda part: netcdf.verify(part, prepared),
+    )
+
+
+def read_dataset(path: str | os.PathLike[str]) -> "xr.Dataset":
+    """Read a netCDF file whole, and refuse one that is damaged.
+
+    The sizes that the file declares are compared with its real size before anything is allocated.
+
+    Raises
+    ------
+    SourceError
+        There is no such file.
+    StoreError
+        The file is damaged: truncated, a checksum that does not fit, sizes that cannot be true.
+    """
+    from labpipe import netcdf
+
+    source = Path(path)
+    if not source.is_file():
+        raise SourceError(source, "there is no such file")
+    return netcdf.read(source)
+
+
+def append_line(path: str | os.PathLike[str], text: str) -> None:
+    """Append one line to a log.
+
+    A last line that a killed process left without its end is closed first, so that it spoils no
+    other line.
+
+    Raises
+    ------
+    StorageError
+        There is no space, or no permission.
+    """
+    target = Path(path)
+    data = text.encode("utf-8") + b"\n"
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with target.open("ab+") as stream:
+            end = stream.seek(0, os.SEEK_END)
+            if end:
+                stream.seek(end - 1)
+                data = data if stream.read(1) == b"\n" else b"\n" + data
+            stream.write(data)
+    except OSError as error:
+        raise _storage_error(target, len(data), error) from error
+
+
+def digest(path: str | os.PathLike[str]) -> str:
+    """Return the SHA-256 of a file's content in hexadecimal.
+
+    A folder's is that of the names and digests of all files in it, so a film that is stored as a
+    folder of images has one too.
+
+    Raises
+    ------
+    SourceError
+        The file cannot be read.
+    """
+    source = Path(path)
+    if source.is_dir():
+        return _folder_digest(source, digest)
+    total = hashlib.sha256()
+    try:
+        with source.open("rb") as stream:
+            while block := stream.read(_BLOCK):
+                total.update(block)
+    except OSError as error:
+        raise SourceError(source, f"cannot be read: {error.strerror}") from error
+    return total.hexdigest()
+
+
+def files_below(folder: Path) -> list[Path]:
+    """All files in a folder and its sub-folders, in the order of their names."""
+    return sorted(item for item in folder.rglob("*") if item.is_file())
+
+
+def _folder_digest(folder: Path, of_file: Callable[[Path], str]) -> str:
+    lines = (f"{of_file(f)}  {f.relative_to(folder).as_posix()}\n" for f in files_below(folder))
+    return hashlib.sha256("".join(lines).encode("utf-8", "surrogateescape")).hexdigest()
+
+
+def free_bytes(path: str | os.PathLike[str]) -> int:
+    """Bytes that can still be written at a place, which need not exist yet."""
+    place = Path(path).absolute()
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    return shutil.disk_usage(place).free
+
+
+def require_space(path: str | os.PathLike[str], needed: int) -> None:
+    """Refuse to begin when a place has less than ``needed`` bytes left.
+
+    Raises
+    ------
+    StorageError
+        With the bytes needed and the bytes free.
+    """
+    free = free_bytes(path)
+    if free < needed:
+        message = f"{path}: about {needed} bytes are needed and {free} are free; make room there"
+        raise StorageError(message)
+
+
+def _replace(
+    path: Path, needed: int, fill: Callable[[Path], None], verify: Callable[[Path], None]
+) -> None:
+    """Fill a temporary file beside ``path``, verify it, make it durable, and rename it."""
+    # The temporary name is short whatever the final one is, so a 255-byte name still works.
+    part = path.parent / f".{secrets.token_hex(8)}{PART_SUFFIX}"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        fill(part)
+        verify(part)
+        _flush(part)
+        part.replace(path)
+        if os.name != "nt":  # Windows can neither open nor flush a folder
+            _flush(path.parent)
+    except (OSError, RuntimeError) as error:
+        # netCDF reports a full disk as a bare "RuntimeError: NetCDF: HDF error".
+        raise _storage_error(path, needed, error) from error
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def _flush(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _storage_error(path: Path, needed: int, error: Exception) -> StorageError:
+    """Say why a file could not be written, in terms of what the user can change."""
+    number = error.errno if isinstance(error, OSError) else None
+    if number in (errno.EACCES, errno.EPERM, errno.EROFS):
+        why = "no permission to write there; check the folder's owner and whether it is read-only"
+    elif number == errno.EFBIG:
+        why = f"{needed} bytes are needed, more than the limit on the size of a file allows"
+    elif number == errno.ENAMETOOLONG:
+        why = "the path is too long for this file system; move the session to a shorter path"
+    else:
+        free = _free_or_none(path)
+        if number in (errno.ENOSPC, errno.EDQUOT) or (free is not None and free < needed):
+            why = f"no space left: {needed} bytes are needed, {free} are free; make room there"
+        else:
+            why = f"{needed} bytes could not be written ({error}); is the disk there and not full?"
+    return StorageError(f"{path}: {why}")
+
+
+def _free_or_none(path: Path) -> int | None:
+    try:
+        return free_bytes(path)
+    except OSError:  # a share that went away has no free space to report
+        return None
+
+
+# --- locks -----------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def lock(
+    path: str | os.PathLike[str], *, shared: bool = False, wait: bool = True
+) -> Iterator[bool]:
+    """Hold a lock of the operating system on a file while the block runs.
+
+    The lock ends with its process, however that ends; the file stays and means nothing.
+
+    Parameters
+    ----------
+    path : path-like
+        The lock file; it is made when missing.
+    shared : bool
+        Whether other shared holders are let in at the same time.
+    wait : bool
+        Wait until it is free; otherwise return at once.
+
+    Yields
+    ------
+    bool
+        Whether the lock is held; always true when ``wait``.
+
+    Raises
+    ------
+    StorageError
+        The lock file cannot be made.
+    """
+    target = Path(path)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        handle = os.open(target, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise _storage_error(target, 0, error) from error
+    try:
+        yield _acquire(handle, shared, wait)
+    finally:
+        os.close(handle)
+
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def _acquire(handle: int, shared: bool, wait: bool) -> bool:
+        # Windows has no shared lock on a descriptor, and refuses to delete a file in use anyway.
+        if shared:
+            return True
+        while True:
+            try:
+                msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
+            except OSError:
+                if not wait:
+                    return False
+                time.sleep(0.05)
+            else:
+                return True
+
+else:
+    import fcntl
+
+    def _acquire(handle: int, shared: bool, wait: bool) -> bool:
+        mode = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+        try:
+            fcntl.flock(handle, mode if wait else mode | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
+
+# --- small JSON records and the index of digests -----------------------------------------------
+
+
+def canonical(value: Any) -> str:
+    """JSON text that is the same for equal values: sorted keys, no spaces, NaN refused."""
+    return json.dumps(
+        value, sort_keys=True, ensure_ascii=False, separators=(",", ":"), allow_nan=False
+    )
+
+
+def seal(value: Any) -> bytes:
+    """JSON text with its own SHA-256, so that :func:`unseal` notices any damage."""
+    body = canonical(value)
+    return f'{{"sha256":"{hashlib.sha256(body.encode()).hexdigest()}","body":{body}}}\n'.encode()
+
+
+def unseal(data: bytes) -> Any:
+    """Return what :func:`seal` was given, or None when a single bit differs."""
+    try:
+        sealed = json.loads(data)
+        body = sealed["body"]
+        return body if seal(body) == data else None
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+class _Entry(NamedTuple):
+    """What identifies the content of a file without reading it."""
+
+    size: int
+    modified: int
+    changed: int
+    inode: int
+    digest: str
+
+
+_RACE = 2_000_000_000
+"""ns: a file touched this recently may be touched again within the same tick of its time stamp."""
+
+
+class HashIndex:
+    """Digests of files, remembered as long as size, times and inode stay the same.
+
+    The inode's change time is part of it, which no program can set back; so new content under an
+    old modification time is noticed.
+
+    Parameters
+    ----------
+    path : path-like
+        Where the index is kept; a missing or damaged one is an empty one.
+    paranoid : bool
+        Read every file again, whatever the index says.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], *, paranoid: bool = False) -> None:
+        self._path = Path(path)
+        self._paranoid = paranoid
+        self._entries = self._load()
+        self._fresh: dict[str, _Entry] = {}
+
+    def digest(self, path: str | os.PathLike[str]) -> str:
+        """Return the SHA-256 of a file or folder; see :func:`digest`."""
+        source = Path(path).absolute()
+        if source.is_dir():
+            return _folder_digest(source, self.digest)
+        name = os.path.relpath(source, self._path.absolute().parent)
+        try:
+            before = source.stat()
+        except OSError as error:
+            raise SourceError(source, f"cannot be read: {error.strerror}") from error
+        known = self._fresh.get(name)
+        if known is None and not self._paranoid:
+            known = self._entries.get(name)
+        if known is not None and known[:4] == _identity(before):
+            return known.digest
+        found = digest(source)
+        if time.time_ns() - max(before.st_mtime_ns, before.st_ctime_ns) > _RACE:
+            self._fresh[name] = _Entry(*_identity(before), found)
+        return found
+
+    def save(self) -> None:
+        """Keep what was learnt; entries that another process added meanwhile are kept too."""
+        if not self._fresh:
+            return
+        # The index only saves time: where it cannot be kept, the next call reads again.
+        with contextlib.suppress(StorageError), lock(self._path.with_suffix(".lock")):
+            self._entries = self._load() | self._fresh
+            write_bytes(self._path, seal(self._entries))
+            self._fresh = {}
+
+    def _load(self) -> dict[str, _Entry]:
+        try:
+            found = unseal(self._path.read_bytes()) or {}
+        except OSError:
+            return {}
+        return {name: _Entry(*entry) for name, entry in found.items()}
+
+
+def _identity(status: os.stat_result) -> tuple[int, int, int, int]:
+    return status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino

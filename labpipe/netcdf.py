@@ -1,0 +1,205 @@
+"""Datasets as netCDF-4: what may be written, the digest of values, and the checks on reading.
+
+Every chunk carries a Fletcher-32 checksum; attributes, scalars and text, which that filter does
+not cover, are covered by a SHA-256 of all names, values and attributes in the attribute
+``labpipe_digest``. It is checked and removed on reading.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import netCDF4
+import numpy as np
+import xarray as xr
+
+from labpipe.errors import InputError, StoreError
+
+_DIGEST = "labpipe_digest"
+_SLACK = 1 << 20
+"""Bytes that may be declared beyond the file's size: small variables that were never written."""
+_LARGEST_RATIO = 1100
+"""Deflate compresses by at most 1032; a compressed file that declares more is not one."""
+
+
+def prepare(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a copy that netCDF gives back unchanged: no encoding, JSON text where needed."""
+    clean = dataset.drop_encoding()
+    variables = {}
+    for name, variable in clean.variables.items():
+        if not isinstance(name, str):
+            message = f"the name of a variable must be text, found {name!r}"
+            raise InputError(message)
+        variables[name] = xr.Variable(
+            variable.dims, _storable(name, variable.values), _attributes(variable.attrs)
+        )
+    coordinates = {name: variables.pop(str(name)) for name in clean.coords}
+    prepared = xr.Dataset(variables, coordinates, _attributes(clean.attrs))
+    prepared.attrs.pop(_DIGEST, None)
+    return prepared
+
+
+def _storable(name: str, values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    kind = values.dtype.kind
+    if kind in "OUT":
+        flat = values.ravel().tolist()
+        if not all(isinstance(item, str) for item in flat):
+            message = f'variable "{name}" holds Python objects; store numbers or text'
+            raise InputError(message)
+        return np.array([_text(item) for item in flat], dtype=str).reshape(values.shape)
+    if kind == "c":
+        message = f'variable "{name}" is complex; store its real and its imaginary part'
+        raise InputError(message)
+    if kind not in "fiub" or values.dtype.itemsize > 8 or values.dtype == np.float16:
+        message = (
+            f'variable "{name}" is of type {values.dtype}; store float32, float64, '
+            "integers, booleans or text (times as numbers in s)"
+        )
+        raise InputError(message)
+    return values.astype(values.dtype.newbyteorder("="), copy=False)
+
+
+def _attributes(attributes: Any) -> dict[str, Any]:
+    return {str(name): _attribute(str(name), value) for name, value in attributes.items()}
+
+
+def _attribute(name: str, value: Any) -> Any:
+    if isinstance(value, str):
+        return _text(str(value))
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) or (isinstance(value, int) and not isinstance(value, bool)):
+        return value
+    if isinstance(value, list | tuple) and len(value) > 1 and _is_numbers(value):
+        return np.asarray(value)
+    try:
+        return json.dumps(value, ensure_ascii=False, sort_keys=True)
+    except (TypeError, ValueError):
+        message = f'attribute "{name}" holds {type(value).__name__}, which cannot be stored'
+        raise InputError(message) from None
+
+
+def _is_numbers(values: list[Any] | tuple[Any, ...]) -> bool:
+    """Whether all are floats or all are integers; a mixture would come back changed."""
+    return len({type(item) for item in values}) == 1 and type(values[0]) in (int, float)
+
+
+def _text(text: str) -> str:
+    """Text as netCDF keeps it: NUL would end it, and half a surrogate pair has no UTF-8."""
+    return text.replace("\0", "\u2400").encode("utf-8", "replace").decode("utf-8")
+
+
+def value_digest(dataset: xr.Dataset) -> str:
+    """SHA-256 over names, dimensions, types, values and attributes, in the order of the names."""
+    total = hashlib.sha256()
+    header = {"sizes": {str(k): v for k, v in dataset.sizes.items()}, "is_coordinate": {}}
+    for name in sorted(map(str, dataset.variables)):
+        variable = dataset.variables[name]
+        values = variable.values
+        is_text = values.dtype.kind in "OUT"
+        kind = "text" if is_text else values.dtype.newbyteorder("=").str
+        header["is_coordinate"][name] = name in dataset.coords
+        total.update(_json([name, list(variable.dims), kind, list(values.shape)]))
+        total.update(_json(_plain(variable.attrs)))
+        if is_text:
+            total.update(_json(values.ravel().tolist()))
+        else:
+            total.update(np.ascontiguousarray(values).data)
+    total.update(_json(header))
+    total.update(_json(_plain(dataset.attrs)))
+    return total.hexdigest()
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value, sort_keys=True, ensure_ascii=False).encode("utf-8", "replace")
+
+
+def _plain(attributes: Any) -> dict[str, Any]:
+    return {
+        str(name): value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+        for name, value in attributes.items()
+        if name != _DIGEST
+    }
+
+
+def size(dataset: xr.Dataset) -> int:
+    """Bytes that the file will need, the overhead of the format included."""
+    return int(dataset.nbytes * 1.05) + 65536
+
+
+def write(path: Path, prepared: xr.Dataset) -> None:
+    """Write a prepared Dataset with checksums; nothing is verified here."""
+    encoding: dict[str, dict[str, Any]] = {}
+    for name, variable in prepared.variables.items():
+        entry: dict[str, Any] = {}
+        if variable.dtype.kind == "f":
+            entry["_FillValue"] = None  # NaN is stored as NaN, and integers have no gaps
+        if variable.ndim and variable.size and variable.dtype.kind != "U":
+            entry["fletcher32"] = True
+        encoding[str(name)] = entry
+    stamped = prepared.assign_attrs({_DIGEST: value_digest(prepared)})
+    stamped.to_netcdf(path, engine="netcdf4", format="NETCDF4", encoding=encoding)
+
+
+def verify(path: Path, prepared: xr.Dataset) -> None:
+    """Raise InputError when the file gives back anything but the prepared Dataset."""
+    try:
+        found = value_digest(read(path))
+    except StoreError as error:
+        message = f"what was written cannot be read back: {error}"
+        raise RuntimeError(message) from error
+    if found != value_digest(prepared):
+        message = "the Dataset holds something that netCDF does not give back unchanged"
+        raise InputError(message)
+
+
+def read(path: Path) -> xr.Dataset:
+    """Read a file whole after comparing what it declares with its size."""
+    try:
+        with netCDF4.Dataset(os.fspath(path), "r") as handle:
+            _check_sizes(path, handle)
+        dataset = _load(path)
+    except StoreError:
+        raise
+    except Exception as error:
+        # The libraries answer damage with OSError, RuntimeError, KeyError, ValueError and others.
+        message = f"{path}: damaged: {error}; delete it and run again"
+        raise StoreError(message) from error
+    expected = dataset.attrs.pop(_DIGEST, None)
+    if expected is not None and expected != value_digest(dataset):
+        message = f"{path}: damaged: its values do not fit its own digest; delete it and run again"
+        raise StoreError(message)
+    return dataset
+
+
+def _load(path: Path) -> xr.Dataset:
+    with xr.open_dataset(
+        path, engine="netcdf4", decode_times=False, mask_and_scale=False, cache=False
+    ) as opened:
+        dataset = opened.load()
+    for name, variable in dataset.variables.items():
+        if variable.dtype.kind == "O":  # older releases of xarray return text as objects
+            dataset[name] = variable.astype(str)
+    return dataset.drop_encoding()
+
+
+def _check_sizes(path: Path, handle: netCDF4.Dataset) -> None:
+    actual = path.stat().st_size
+    declared, is_compressed = 0, False
+    for variable in handle.variables.values():
+        item = 1 if variable.dtype is str else np.dtype(variable.dtype).itemsize
+        declared += int(np.prod([int(n) for n in variable.shape], dtype=object)) * item
+        filters: Mapping[str, Any] = variable.filters()
+        is_compressed |= any(bool(filters.get(f)) for f in ("zlib", "zstd", "bzip2", "szip"))
+    allowed = actual * (_LARGEST_RATIO if is_compressed else 1) + _SLACK
+    if declared > allowed:
+        message = (
+            f"{path}: damaged: it declares {declared} bytes of data but is {actual} bytes long; "
+            "delete it and run again"
+        )
+        raise StoreError(message)
