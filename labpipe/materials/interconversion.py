@@ -31,7 +31,8 @@ Array = NDArray[np.float64]
 # The rational steps converge quadratically (5 to 12 in practice); the bisection that guards them
 # halves a logarithm, so that this bound is never met by admissible terms.
 _MAX_STEPS = 200
-_TINY = np.finfo(float).tiny
+# While nothing is known below, the guard looks this much nearer to the pole.
+_INWARD = 1e-3
 _EPS = float(np.finfo(float).eps)
 
 
@@ -112,6 +113,8 @@ def creep_from_relaxation(family: Relaxation) -> Retardation:
     Retardation(unrelaxed=0.5, weight=array([0.5]), time=array([4.]), fluidity=0.0)
     """
     rate_order = slice(None, None, -1)
+    if family.time.size == 0:
+        return Retardation(*_spring_and_dashpot(family.relaxed, family.viscosity, rate=True))
     weight, time = family.weight[rate_order], family.time[rate_order]
     # Ratios of rates are ratios of times upside down, so no rate is ever rounded.
     relative = time[None, :] / time[:, None]
@@ -122,7 +125,7 @@ def creep_from_relaxation(family: Relaxation) -> Retardation:
     return Retardation(
         unrelaxed=0.0 if family.viscosity > 0 else 1.0 / stiffness,
         weight=root.weight[rate_order],
-        time=root.inverse[rate_order],
+        time=(time[root.origin] / root.place)[rate_order],
         fluidity=0.0 if family.relaxed > 0 else 1.0 / flow,
     )
 
@@ -148,6 +151,8 @@ def relaxation_from_creep(family: Retardation) -> Relaxation:
     Relaxation(relaxed=1.0, weight=array([1.]), time=array([2.]), viscosity=0.0)
     """
     time = family.time
+    if time.size == 0:
+        return Relaxation(*_spring_and_dashpot(family.unrelaxed, family.fluidity, rate=False))
     relative = time[:, None] / time[None, :]
     offset_ratio = (time[:, None] - time[None, :]) / time[None, :]
     root = _zeros(family.unrelaxed, family.fluidity, family.weight, time, relative, offset_ratio)
@@ -156,17 +161,17 @@ def relaxation_from_creep(family: Retardation) -> Relaxation:
     return Relaxation(
         relaxed=0.0 if family.fluidity > 0 else 1.0 / softness,
         weight=root.weight,
-        time=root.value,
+        time=time[root.origin] * root.place,
         viscosity=0.0 if family.unrelaxed > 0 else 1.0 / spread,
     )
 
 
 @dataclass(frozen=True, slots=True)
 class _Roots:
-    """Zeros of the secular equation, their inverses, and the weights of the converted terms."""
+    """Zeros of the secular equation as ``place`` × the pole ``origin``, and converted weights."""
 
-    value: Array
-    inverse: Array
+    origin: NDArray[np.intp]
+    place: Array
     weight: Array
 
 
@@ -174,9 +179,11 @@ class _Roots:
 class _Gaps:
     """One row per root: where it lies, in units of its nearest pole.
 
-    The root is ``scale (base + sign distance)``; pole j lies at ``scale (base + pole[row, j])``.
+    The root is ``scale (base + sign distance)``; pole j lies at ``scale (base + pole[row, j])``;
+    ``scale`` is the pole number ``origin``.
     """
 
+    origin: NDArray[np.intp]
     scale: Array
     base: Array
     sign: Array
@@ -197,26 +204,30 @@ def _zeros(
 
     ``relative[j, o]`` is p_j/p_o and ``offset_ratio[j, o]`` is p_j/p_o − 1, each rounded once.
     """
-    if poles.size == 0:
-        return _root_without_poles(constant, slope)
     gaps = _gaps(constant, slope, weight, poles, relative, offset_ratio)
     distance = _solve(constant, slope, weight, gaps)
     place = gaps.base + gaps.sign * distance
-    x = gaps.scale * place
     # Distances from the poles straight from the offsets: this is where the digits are saved.
     away = (gaps.sign * distance)[:, None] - gaps.pole
     pole_place = gaps.base[:, None] + gaps.pole
-    total = np.sum(weight * place[:, None] * pole_place / away**2, axis=1) + slope * x
-    return _Roots(x, 1.0 / gaps.scale / place, 1.0 / total)
+    total = np.sum(weight * place[:, None] * pole_place / away**2, axis=1)
+    return _Roots(gaps.origin, place, 1.0 / (total + slope * poles[gaps.origin] * place))
 
 
-def _root_without_poles(constant: float, slope: float) -> _Roots:
-    """Solve the equation of a spring and a dashpot alone: at most one root."""
-    if slope <= 0 or constant <= 0:
-        nothing = np.empty(0)
-        return _Roots(nothing, nothing, nothing)
-    x = np.array([constant / slope])
-    return _Roots(x, 1.0 / x, np.array([1.0 / constant]))
+def _spring_and_dashpot(
+    constant: float, slope: float, *, rate: bool
+) -> tuple[float, Array, Array, float]:
+    """Convert a family without terms: a spring, a dashpot, or both side by side."""
+    if constant > 0 and slope > 0:
+        time = slope / constant if rate else constant / slope
+        return 0.0, np.array([1.0 / constant]), np.array([time]), 0.0
+    nothing = np.empty(0)
+    return (
+        (1.0 / constant if constant > 0 else 0.0),
+        nothing,
+        nothing,
+        (1.0 / slope if slope > 0 else 0.0),
+    )
 
 
 def _gaps(
@@ -246,8 +257,10 @@ def _gaps(
     middle += constant - slope * scale * place
     is_right = middle > 0
     index = np.arange(n)
+    origin = np.where(is_right, upper_pole, left_origin)
     gaps = _Gaps(
-        scale=np.where(is_right, poles[upper_pole], scale),
+        origin=origin,
+        scale=poles[origin],
         base=np.where(is_right, 1.0, base),
         sign=np.where(is_right, -1.0, 1.0),
         pole=np.where(is_right[:, None], offset_ratio[:, upper_pole].T, pole),
@@ -266,6 +279,7 @@ def _with_last_gap(
     last = poles[-1]
     reach = max(1.0, 2.0 * (constant + 2.0 * float(np.sum(weight))) / (slope * last))
     return _Gaps(
+        origin=np.append(gaps.origin, poles.size - 1),
         scale=np.append(gaps.scale, last),
         base=np.append(gaps.base, 1.0),
         sign=np.append(gaps.sign, 1.0),
@@ -287,7 +301,7 @@ def _solve(constant: float, slope: float, weight: Array, gaps: _Gaps) -> Array:
         low = np.where(outward, distance, low)
         high = np.where(outward, high, distance)
         inside = (step > low) & (step < high)
-        middle = np.sqrt(np.maximum(low, _TINY)) * np.sqrt(high)
+        middle = np.where(low > 0, np.sqrt(low) * np.sqrt(high), _INWARD * high)
         proposal = np.where(inside, step, middle)
         settled = (np.abs(step - distance) <= 2 * _EPS * distance) | (value == 0)
         settled |= high - low <= 2 * _EPS * high
@@ -298,64 +312,62 @@ def _solve(constant: float, slope: float, weight: Array, gaps: _Gaps) -> Array:
 
 
 def _first_guess(constant: float, slope: float, weight: Array, gaps: _Gaps) -> Array:
-    """Balance the pole at the origin against everything else taken at the middle of the gap."""
-    middle = gaps.upper
-    _, step = _rational_step(constant, slope, weight, gaps, middle)
-    inside = np.isfinite(step) & (step > 0) & (step < gaps.upper)
-    return np.where(inside, step, 0.5 * middle)
+    """Balance the pole at the origin against everything else, taken at the origin.
+
+    Exact in the limit of a weak pole, however weak, where a step from afar would cancel.
+    """
+    rows = np.arange(gaps.scale.size)
+    at_zero = gaps.base == 0
+    line = slope * gaps.scale
+    others = gaps.pole.copy()
+    others[rows[~at_zero], gaps.origin[~at_zero]] = np.inf
+    # From a pole: w/distance against the rest. From zero: the constant against the rest's slope.
+    rest = np.abs(constant - np.sum(weight * gaps.base[:, None] / others, axis=1) - line)
+    rise = np.sum(weight / others, axis=1) + line
+    top = np.where(at_zero, constant, weight[gaps.origin])
+    bottom = np.where(at_zero, rise, rest)
+    guess = top / np.where(bottom > 0, bottom, 1.0)
+    return np.where((guess > 0) & (guess < gaps.upper), guess, 0.5 * gaps.upper)
 
 
 def _rational_step(
     constant: float, slope: float, weight: Array, gaps: _Gaps, distance: Array
 ) -> tuple[Array, Array]:
-    """Evaluate the function and the root of its two-pole model that matches value and slope.
+    """Evaluate the function, and the root of its two-pole model that matches value and slope.
 
-    The poles below are lumped into r + s/(x − pole), those above likewise; the model's root
-    solves a quadratic for the distance from the origin.
+    The poles below are lumped into r + s/(x − pole), those above likewise. The model's root
+    solves a quadratic, written for the *correction*: its coefficients then do not cancel.
     """
     offset = gaps.sign * distance
     place = gaps.base + offset
     away = offset[:, None] - gaps.pole
     term = weight * place[:, None] / away
-    derivative = weight * (gaps.base[:, None] + gaps.pole) / away**2
-    linear = slope * gaps.scale * place
-    below = np.sum(np.where(gaps.left, term, 0.0), axis=1) + constant
-    above = np.sum(np.where(gaps.left, 0.0, term), axis=1) - linear
-    below_fall = np.sum(np.where(gaps.left, derivative, 0.0), axis=1)
-    above_fall = np.sum(np.where(gaps.left, 0.0, derivative), axis=1) + slope * gaps.scale
-    lower_end, upper_end = _ends(gaps)
-    to_lower, to_upper = offset - lower_end, upper_end - offset
-    has_upper = np.isfinite(upper_end)
-    to_upper = np.where(has_upper, to_upper, 0.0)
-    s_low, s_up = below_fall * to_lower**2, above_fall * to_upper**2
-    rest = (below - below_fall * to_lower) + (above + above_fall * to_upper)
-    gap = np.where(has_upper, upper_end - lower_end, 0.0)
-    from_left = gaps.sign > 0
-    a = rest.copy()
-    b = np.where(from_left, s_low + s_up - rest * gap, -(s_low + s_up + rest * gap))
-    c = np.where(from_left, -s_low * gap, s_up * gap)
-    # Beyond the last pole the part above is the straight line itself.
+    fall = weight * (gaps.base[:, None] + gaps.pole) / away**2
     line = slope * gaps.scale
-    constant_part = (below - below_fall * to_lower) - line * (gaps.base + lower_end)
-    a = np.where(has_upper, a, line)
-    b = np.where(has_upper, b, -constant_part)
-    c = np.where(has_upper, c, -s_low)
-    return below + above, _positive_root(a, b, c, np.where(has_upper, gap, np.inf))
-
-
-def _ends(gaps: _Gaps) -> tuple[Array, Array]:
-    """Return the nearest poles below and above each root, as offsets from its origin."""
-    lower = np.max(np.where(gaps.left, gaps.pole, -np.inf), axis=1)
+    value = constant + np.sum(term, axis=1) - line * place
+    fall_below = np.sum(np.where(gaps.left, fall, 0.0), axis=1)
+    fall_above = np.sum(np.where(gaps.left, 0.0, fall), axis=1) + line
+    # Distances to the poles that enclose the gap; the first gap begins at zero.
+    to_lower = offset - np.max(np.where(gaps.left, gaps.pole, -gaps.base[:, None]), axis=1)
     upper = np.min(np.where(gaps.left, np.inf, gaps.pole), axis=1)
-    return np.where(np.isfinite(lower), lower, -gaps.base), upper
+    has_upper = np.isfinite(upper)
+    to_upper = np.where(has_upper, upper - offset, 1.0)
+    below, above = fall_below * to_lower, fall_above * to_upper
+    a = np.where(has_upper, below - above - value, -line)
+    b = np.where(
+        has_upper,
+        value * (to_upper - to_lower) - below * to_upper - above * to_lower,
+        value - below - line * to_lower,
+    )
+    reach = np.where(has_upper, to_upper, np.inf)
+    correction = _root_between(a, b, value * to_lower * to_upper, -to_lower, reach)
+    return value, distance + gaps.sign * correction
 
 
-def _positive_root(a: Array, b: Array, c: Array, upper: Array) -> Array:
-    """Return the root of a e² + b e + c in (0, upper), NaN when rounding leaves none."""
+def _root_between(a: Array, b: Array, c: Array, lower: Array, upper: Array) -> Array:
+    """Return the smaller root of a x² + b x + c inside (lower, upper), NaN if there is none."""
     with np.errstate(all="ignore"):
-        root = np.sqrt(np.maximum(b * b - 4 * a * c, 0.0))
-        q = -0.5 * (b + np.copysign(root, b))
-        first, second = q / a, c / q
-    good = (first > 0) & (first < upper)
-    other = (second > 0) & (second < upper)
-    return np.where(other, second, np.where(good, first, np.nan))
+        q = -0.5 * (b + np.copysign(np.sqrt(np.maximum(b * b - 4 * a * c, 0.0)), b))
+        small, large = c / q, q / a
+    found = np.where((large > lower) & (large < upper), large, np.nan)
+    return np.where((small > lower) & (small < upper), small, found)

@@ -65,12 +65,12 @@ class Prony:
 
     Examples
     --------
-    >>> solid = Prony(2e9, [2e9], [0.5e-3], nu=0.35)
+    >>> solid = Prony(2e9, [2e9], [0.5], nu=0.35)
     >>> solid.E_unrelaxed
     4000000000.0
     >>> C, tau = solid.creep_terms()
     >>> float(tau[0])
-    0.001
+    1.0
 
     Notes
     -----
@@ -363,7 +363,9 @@ def _sum_over_terms(
     """Return Σ weight · shape(argument/scale), one array of the argument's shape."""
     if weight.size == 0:
         return np.zeros(argument.shape)
-    return np.asarray(shape(argument[..., None] / scale) @ weight)
+    # A ratio beyond the range of the numbers has reached the limit of every shape.
+    with np.errstate(over="ignore"):
+        return np.asarray(shape(argument[..., None] / scale) @ weight)
 
 
 def _complex(real: Array, imaginary: Array) -> NDArray[np.complex128]:

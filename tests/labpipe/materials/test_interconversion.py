@@ -1,0 +1,189 @@
+"""The conversion between relaxation and retardation terms, against 80-digit arithmetic."""
+
+from decimal import Decimal, localcontext
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labpipe.materials.interconversion import (
+    Relaxation,
+    Retardation,
+    creep_from_relaxation,
+    merged,
+    relaxation_from_creep,
+)
+
+DIGITS = 80
+
+
+def exact_partner(constant, weight, poles):
+    """Roots x of constant + Σ w x/(x − p) = 0 and weights 1/Σ w x p/(x − p)², in 80 digits.
+
+    Plain bisection of the logarithm of the distance to the nearer pole, then Newton.
+    """
+    constant = Decimal(constant)
+    roots, weights = [], []
+
+    def value(x):
+        return constant + sum(w * x / (x - p) for w, p in zip(weight, poles, strict=True))
+
+    def slope(x):
+        return -sum(w * p / (x - p) ** 2 for w, p in zip(weight, poles, strict=True))
+
+    for k in range(len(poles)):
+        low = poles[k - 1] if k else Decimal(0)
+        half = (poles[k] - low) / 2
+        sign = -1 if value(low + half) > 0 else 1
+        origin = poles[k] if sign < 0 else low
+        shallow, deep = Decimal(0), Decimal(-70)
+        for _ in range(12):
+            middle = (shallow + deep) / 2
+            is_above = value(origin + sign * half * Decimal(10) ** middle) > 0
+            if is_above == (sign > 0):
+                deep = middle
+            else:
+                shallow = middle
+        distance = half * Decimal(10) ** ((shallow + deep) / 2)
+        for _ in range(12):
+            x = origin + sign * distance
+            g = distance * value(x)
+            distance -= g / (value(x) + sign * distance * slope(x))
+        x = origin + sign * distance
+        roots.append(x)
+        weights.append(
+            1 / sum(w * x * p / (x - p) ** 2 for w, p in zip(weight, poles, strict=True))
+        )
+    return roots, weights
+
+
+def worst(found, exact):
+    """Largest relative error against decimals."""
+    return max(abs(float((Decimal(float(f)) - e) / e)) for f, e in zip(found, exact, strict=True))
+
+
+def decimals(values):
+    return [Decimal(float(v)) for v in values]
+
+
+def error_of_creep(solid):
+    with localcontext() as context:
+        context.prec = DIGITS
+        rates = [1 / t for t in decimals(solid.time[::-1])]
+        roots, weights = exact_partner(solid.relaxed, decimals(solid.weight[::-1]), rates)
+        found = creep_from_relaxation(solid)
+        times = [1 / x for x in roots[::-1]]
+        return worst(found.time, times), worst(found.weight, weights[::-1])
+
+
+def error_of_relaxation(solid):
+    with localcontext() as context:
+        context.prec = DIGITS
+        roots, weights = exact_partner(
+            solid.unrelaxed, decimals(solid.weight), decimals(solid.time)
+        )
+        found = relaxation_from_creep(solid)
+        return worst(found.time, roots), worst(found.weight, weights)
+
+
+def broad(terms, decades):
+    time = np.logspace(-10, -10 + decades, terms)
+    return time, 1e8 * np.exp(-0.5 * ((np.log10(time) + 3) / 4) ** 2)
+
+
+def weak_third(terms, decades):
+    time, weight = broad(terms, decades)
+    weight[::3] *= 1e-10
+    return time, weight
+
+
+def six_decades(terms, decades):
+    time, _ = broad(terms, decades)
+    return time, 10 ** np.random.default_rng(7).uniform(3, 9, terms)
+
+
+@pytest.mark.parametrize("terms", [broad, weak_third, six_decades])
+def test_every_time_and_weight_agrees_with_eighty_digits_both_ways(terms):
+    time, weight = terms(43, 14)
+    solid = Relaxation(1e6, weight, time)
+    assert max(error_of_creep(solid)) < 1e-14
+    assert max(error_of_relaxation(creep_from_relaxation(solid))) < 1e-14
+
+
+def test_nearly_equal_times_keep_their_digits():
+    time = np.array([1.0, 1.0 + 1e-9, 1.0 + 2e-6, 3.0])
+    solid = Relaxation(1.0, np.array([3.0, 1e-8, 2.0, 5.0]), time)
+    assert max(error_of_creep(solid)) < 1e-14
+    soft = Retardation(1e-3, np.array([3.0, 1e-8, 2.0, 5.0]), time)
+    assert max(error_of_relaxation(soft)) < 1e-14
+
+
+@pytest.mark.parametrize(("terms", "decades"), [(30, 14), (60, 14), (100, 20)])
+def test_round_trip_returns_the_terms(terms, decades):
+    time, weight = broad(terms, decades)
+    back = relaxation_from_creep(creep_from_relaxation(Relaxation(1e6, weight, time)))
+    np.testing.assert_allclose(back.weight, weight, rtol=1e-14)
+    np.testing.assert_allclose(back.time, time, rtol=3e-15)
+    assert back.relaxed == pytest.approx(1e6, rel=1e-14)
+    assert back.viscosity == 0
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(-12, 12), st.floats(-20, 3)),
+        min_size=1,
+        max_size=12,
+        unique_by=lambda x: x[0],
+    ),
+    st.floats(-6, 3),
+)
+@settings(max_examples=60, deadline=None)
+def test_families_interlace_and_return(terms, relaxed):
+    exponents, strengths = (np.array(column) for column in zip(*terms, strict=True))
+    weight, time = merged(10.0**strengths, 10.0**exponents)
+    solid = Relaxation(10.0**relaxed, weight, time)
+    creep = creep_from_relaxation(solid)
+    assert (creep.weight > 0).all()
+    assert (creep.time >= time).all()
+    assert (creep.time[:-1] <= time[1:]).all()
+    stiffness = creep.unrelaxed + creep.weight.sum()
+    assert stiffness * solid.relaxed == pytest.approx(1, rel=1e-12)
+
+
+def test_liquid_has_a_flow_and_one_term_fewer():
+    liquid = Relaxation(0.0, np.array([1.0, 2.0]), np.array([1.0, 10.0]))
+    creep = creep_from_relaxation(liquid)
+    assert creep.fluidity == pytest.approx(1 / 21)
+    assert creep.time.size == 1
+    back = relaxation_from_creep(creep)
+    np.testing.assert_allclose(back.weight, liquid.weight, rtol=1e-14)
+    np.testing.assert_allclose(back.time, liquid.time, rtol=1e-14)
+    assert back.relaxed == 0
+
+
+def test_no_instantaneous_compliance_gives_a_dashpot_and_one_term_fewer():
+    soft = Retardation(0.0, np.array([1.0, 2.0]), np.array([1.0, 5.0]))
+    family = relaxation_from_creep(soft)
+    assert family.viscosity == pytest.approx(1 / 1.4)
+    assert family.time.size == 1
+    back = creep_from_relaxation(family)
+    np.testing.assert_allclose(back.weight, soft.weight, rtol=1e-14)
+    np.testing.assert_allclose(back.time, soft.time, rtol=1e-14)
+    assert back.unrelaxed == 0
+
+
+def test_spring_and_dashpot_alone_are_one_retardation_term():
+    creep = creep_from_relaxation(Relaxation(2.0, np.empty(0), np.empty(0), viscosity=6.0))
+    assert (creep.unrelaxed, creep.weight[0], creep.time[0]) == (0.0, 0.5, 3.0)
+
+
+def test_elastic_solid_has_no_terms():
+    creep = creep_from_relaxation(Relaxation(4.0, np.empty(0), np.empty(0)))
+    assert (creep.unrelaxed, creep.weight.size, creep.fluidity) == (0.25, 0, 0.0)
+
+
+def test_nearly_liquid_solid_keeps_its_slow_term():
+    creep = creep_from_relaxation(Relaxation(1e-200, np.array([1.0]), np.array([2.0])))
+    assert creep.time[-1] == pytest.approx(2e200)
+    assert creep.weight[-1] == pytest.approx(1e200)

@@ -1,0 +1,160 @@
+"""The Prony solid: closed forms, identities of linear viscoelasticity, refusals."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from labpipe.errors import InputError
+from labpipe.materials import Prony
+
+OMEGA = np.logspace(-6, 14, 81)
+
+
+@pytest.fixture
+def acrylic_like():
+    """PMMA15 of the contact reference: 15 equal creep terms over 12 decades, 2 to 6 GPa."""
+    strength = (1 / 2e9 - 1 / 6e9) / 15
+    return Prony.from_creep(2e9, np.full(15, strength), np.logspace(-10, 2, 15), nu=0.35)
+
+
+def test_terms_given_as_creep_come_back_as_given(acrylic_like):
+    C, tau = acrylic_like.creep_terms()
+    np.testing.assert_array_equal(tau, np.logspace(-10, 2, 15))
+    np.testing.assert_array_equal(C, np.full(15, (1 / 2e9 - 1 / 6e9) / 15))
+
+
+def test_unrelaxed_modulus_is_the_same_from_both_families(acrylic_like):
+    assert acrylic_like.E_unrelaxed == pytest.approx(6e9, rel=1e-15)
+    total = acrylic_like.E_relaxed + acrylic_like.E.sum()
+    assert total == pytest.approx(acrylic_like.E_unrelaxed, rel=1e-15)
+
+
+def test_standard_linear_solid_of_the_contact_reference():
+    solid = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
+    assert solid.rho[0] == pytest.approx(0.5e-3, rel=1e-15)
+    assert solid.E[0] == pytest.approx(2e9, rel=1e-15)
+
+
+def test_wide_ratio_puts_the_shortest_relaxation_time_far_below_the_retardation_time():
+    strength = (1 / 1e6 - 1 / 1e9) / 15
+    solid = Prony.from_creep(1e6, np.full(15, strength), np.logspace(-10, 2, 15))
+    assert solid.rho[0] == pytest.approx(1.2e-12, rel=0.3)
+    assert solid.E_relaxed + solid.E.sum() == pytest.approx(1e9, rel=1e-12)
+
+
+def test_modulus_times_compliance_is_one(acrylic_like):
+    liquid = Prony(0.0, [1e6, 3e5, 1e2], [1e-6, 1e-2, 10.0])
+    voigt = Prony.from_creep(3.0, [1 / 9, 2 / 9], [1.0, 5.0])
+    for solid in (acrylic_like, liquid, voigt, acrylic_like.shifted(1e5)):
+        product = solid.complex_modulus(OMEGA) * solid.complex_compliance(OMEGA)
+        assert np.abs(product - 1).max() < 2e-15
+
+
+def test_convolution_of_creep_and_relaxation_is_the_time():
+    solid = Prony(1.0, [2.0, 5.0], [0.3, 4.0])
+    for t in (0.1, 1.0, 20.0):
+        area, _ = quad(lambda s, t=t: float(solid.creep(t - s) * solid.relaxation(s)), 0, t)
+        assert area == pytest.approx(t, rel=1e-10)
+
+
+def test_limits_of_time_and_frequency(acrylic_like):
+    assert acrylic_like.relaxation(0.0) == pytest.approx(6e9, rel=1e-14)
+    assert acrylic_like.relaxation(1e300) == 2e9
+    assert acrylic_like.creep(0.0) == pytest.approx(1 / 6e9, rel=1e-14)
+    assert acrylic_like.complex_modulus(0.0) == 2e9
+    assert acrylic_like.complex_modulus(1e300).real == pytest.approx(6e9)
+    assert acrylic_like.creep(1e300) == pytest.approx(0.5e-9, rel=1e-14)
+
+
+def test_liquid_flows():
+    liquid = Prony(0.0, [1e6], [2.0])
+    assert liquid.is_liquid
+    assert liquid.fluidity == 5e-7
+    np.testing.assert_allclose(liquid.creep([0.0, 4.0]), [1e-6, 3e-6])
+    assert liquid.complex_compliance(0.0) == complex(1e-6, -np.inf)
+
+
+def test_zero_instantaneous_compliance_is_a_dashpot():
+    voigt = Prony.from_creep(3.0, [1 / 3], [2.0])
+    assert voigt.E_unrelaxed == np.inf
+    assert voigt.viscosity == pytest.approx(6.0)
+    np.testing.assert_array_equal(voigt.relaxation([0.0, 1.0]), [np.inf, 3.0])
+    assert voigt.creep(2.0) == pytest.approx((1 - np.exp(-1)) / 3)
+
+
+def test_no_terms_is_an_elastic_solid():
+    steel = Prony(210e9, [], [], nu=0.3)
+    assert steel.relaxation(3.0) == steel.E_unrelaxed == 210e9
+    assert steel.complex_modulus(1.0) == 210e9
+    assert steel.creep(0.0) == 1 / 210e9
+    assert steel.creep_terms()[0].size == 0
+
+
+def test_zero_weights_are_dropped_and_equal_times_added():
+    solid = Prony(1.0, [1.0, 0.0, 2.0, 3.0], [5.0, 7.0, 1.0, 5.0])
+    np.testing.assert_array_equal(solid.E, [2.0, 4.0])
+    np.testing.assert_array_equal(solid.rho, [1.0, 5.0])
+
+
+def test_shift_moves_times_and_the_frequency_axis(acrylic_like):
+    cold = acrylic_like.shifted(1e3, b_T=1.1)
+    expected = 1.1 * acrylic_like.complex_modulus(1e3 * OMEGA)
+    np.testing.assert_allclose(cold.complex_modulus(OMEGA), expected, rtol=1e-14)
+    np.testing.assert_allclose(cold.creep_terms()[1], 1e3 * np.logspace(-10, 2, 15), rtol=1e-15)
+    assert cold.creep(1.0) == pytest.approx(acrylic_like.creep(1e-3) / 1.1, rel=1e-14)
+
+
+def test_shear_and_contact_moduli():
+    solid = Prony.from_shear(1e6, [2e6], [1.0], nu=0.4)
+    assert solid.E_relaxed == pytest.approx(2.8e6)
+    assert solid.relaxation(0.0, "shear") == pytest.approx(3e6)
+    assert Prony.from_contact(10.14e6, [], [], nu=0.5).E_relaxed == pytest.approx(7.605e6)
+    assert solid.complex_modulus(0.0, "contact") == pytest.approx(2.8e6 / 0.84)
+    assert solid.creep(0.0, "shear") == pytest.approx(1 / 3e6)
+
+
+def test_copies_are_identical_and_read_only(acrylic_like):
+    for solid in (acrylic_like, Prony(1.0, [2.0], [3.0]), acrylic_like.shifted(2.0)):
+        copy = pickle.loads(pickle.dumps(solid))  # noqa: S301
+        assert copy == solid
+        assert hash(copy) == hash(solid)
+        for array in (copy.E, copy.rho, *copy.creep_terms()):
+            with pytest.raises(ValueError, match="read-only"):
+                array[0] = 1.0
+    assert acrylic_like != acrylic_like.scaled(2.0)
+
+
+def test_attributes_cannot_be_set(acrylic_like):
+    with pytest.raises(AttributeError):
+        acrylic_like.nu = 0.1
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (lambda: Prony(-1.0, [], []), "E_relaxed = -1.0"),
+        (lambda: Prony(np.nan, [], []), "E_relaxed = nan"),
+        (lambda: Prony(0.0, [], []), "no stiffness"),
+        (lambda: Prony(1.0, [1.0], []), "equal length"),
+        (lambda: Prony(1.0, [[1.0]], [[1.0]]), "equal length"),
+        (lambda: Prony(1.0, [1.0, -2.0], [1.0, 2.0]), r"E\[1\] = -2.0: a negative weight"),
+        (lambda: Prony(1.0, [np.inf], [1.0]), r"E\[0\] = inf"),
+        (lambda: Prony(1.0, [1.0], [0.0]), r"rho\[0\] = 0.0 s"),
+        (lambda: Prony(1.0, [1.0], [np.nan]), r"rho\[0\] = nan s"),
+        (lambda: Prony(1.0, [], [], nu=0.51), "Poisson"),
+        (lambda: Prony(1.0, [], [], nu=np.nan), "Poisson"),
+        (lambda: Prony.from_creep(0.0, [1.0], [1.0]), "positive long-time modulus"),
+        (lambda: Prony.from_creep(1.0, [2.0], [1.0]), "exceeds"),
+        (lambda: Prony.from_creep(1.0, [-0.1], [1.0]), r"C\[0\] = -0.1"),
+        (lambda: Prony(1.0, [], []).shifted(0.0), "a_T = 0.0"),
+        (lambda: Prony(1.0, [], []).scaled(-1.0), "positive number"),
+        (lambda: Prony(1.0, [], []).relaxation(-1.0), "t ≥ 0"),
+        (lambda: Prony(1.0, [], []).complex_modulus([1.0, -1.0]), "frequencies ≥ 0"),
+        (lambda: Prony(1.0, [], []).relaxation(1.0, "torsion"), "unknown"),
+    ],
+)
+def test_inadmissible_materials_are_refused(build, message):
+    with pytest.raises(InputError, match=message):
+        build()
