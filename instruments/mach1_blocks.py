@@ -26,7 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.errors import InputError, SourceError
-from labpipe.text import TextFile, is_number, not_a_number, parse_rows, shorten
+from labpipe.text import (
+    Separators,
+    TextFile,
+    not_a_number,
+    parse_rows,
+    plain_number,
+    shorten,
+)
 from labpipe.units import Unit, unit
 
 TITLE = "<Mach-1 File>"
@@ -259,7 +266,8 @@ def _read_info(cursor: _Cursor, options: Options) -> tuple[str, ...]:
 def _check_info(cursor: _Cursor, line: str, options: Options) -> None:
     """Refuse a header number that is none: it would be passed over later without a word."""
     key, text = _pair(line) or ("", "")
-    if key in _INFO_NUMBERS and not is_number(text.replace(options.decimal, ".", 1)):
+    number = plain_number(text, Separators(options.decimal, ""))
+    if key in _INFO_NUMBERS and number is None:
         column = line.find("\t") + 2
         raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
 
@@ -315,8 +323,8 @@ def _parameter(cursor: _Cursor, key: str, text: str, options: Options) -> Parame
     if not separator:
         name, unit_text = key, "1"
     is_declared = name in DECLARED
-    number = text if options.decimal == "." else text.replace(options.decimal, ".", 1)
-    if is_declared and text not in _NOT_SET and not is_number(number):
+    value = plain_number(text, Separators(options.decimal, ""))
+    if is_declared and text not in _NOT_SET and value is None:
         column = (cursor.line or "").find("\t") + 2
         raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
     try:
@@ -325,7 +333,6 @@ def _parameter(cursor: _Cursor, key: str, text: str, options: Options) -> Parame
         if is_declared:
             raise cursor.error(_first_clause(error), column=len(name) + 3) from None
         known = None
-    value = float(number) if is_number(number) else None
     return Parameter(key, text, value, known if value is not None else None)
 
 
@@ -417,11 +424,16 @@ def _read_batch(cursor: _Cursor, n_columns: int, options: Options) -> NDArray[np
         if len(lines) == _BATCH:
             cursor.advance()
             break
-    if options.decimal != ".":
-        lines = [line.replace(options.decimal, ".") for line in lines]
     if lines[0].endswith("\t"):  # a spreadsheet pads short rows with empty cells
         lines = [line.rstrip("\t") for line in lines]
-    return parse_rows(lines, n_columns, "\t", path=cursor.source.path, first_line=first)
+    return parse_rows(
+        lines,
+        n_columns,
+        "\t",
+        path=cursor.source.path,
+        first_line=first,
+        signs=Separators(options.decimal, ""),
+    )
 
 
 def _check_time(

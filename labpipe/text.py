@@ -10,6 +10,7 @@ lines are read again one cell at a time, only to name the file, the line and the
 """
 
 import codecs
+import contextlib
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -239,6 +240,17 @@ def _refuse_nul(path: Path, text: str, n_ends: int, open_length: int) -> None:
     )
 
 
+class Separators(NamedTuple):
+    """The decimal sign of a file, and its thousands sign ("" when it has none)."""
+
+    decimal: str
+    thousands: str
+
+
+#: What instruments write unless a spreadsheet of another country has been at the file.
+DOT = Separators(".", "")
+
+
 def parse_rows(
     lines: Sequence[str],
     n_columns: int,
@@ -246,19 +258,22 @@ def parse_rows(
     *,
     path: str | os.PathLike[str],
     first_line: int,
+    signs: Separators = DOT,
 ) -> "NDArray[np.float64]":
     """Parse lines of plain numbers; every row must have every column, every number be finite.
 
     Parameters
     ----------
     lines : sequence of str
-        The rows, without line ends, with a dot as decimal sign.
+        The rows, without line ends.
     n_columns : int
         Cells expected in every row.
     delimiter : str
         One character.
     path, first_line
         Named in the error: the file, and the line number of ``lines[0]``.
+    signs : Separators
+        Decimal and thousands sign.
 
     Returns
     -------
@@ -279,18 +294,28 @@ def parse_rows(
 
     if not lines:
         return np.empty((0, n_columns))
-    try:
-        rows = np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2, dtype=np.float64)
-    except ValueError:
-        rows = np.empty((0, 0))
+    rows = np.empty((0, 0))
+    dotted = _dotted(lines, signs)
+    if dotted is not None:
+        with contextlib.suppress(ValueError):
+            rows = np.loadtxt(dotted, delimiter=delimiter, comments=None, ndmin=2)
     # loadtxt skips empty lines and takes "nan" and "inf": neither may pass unseen.
     if rows.shape == (len(lines), n_columns) and bool(np.isfinite(rows).all()):
         return rows
     slow = [
-        parse_row(line, n_columns, delimiter, path=path, line_number=number)
+        parse_row(line, n_columns, delimiter, path=path, line_number=number, signs=signs)
         for number, line in enumerate(lines, first_line)
     ]
     return np.array(slow, dtype=np.float64).reshape(len(lines), n_columns)
+
+
+def _dotted(lines: Sequence[str], signs: Separators) -> Sequence[str] | None:
+    """Rewrite decimal commas as dots; None when only a look at every cell can tell."""
+    if signs == DOT:
+        return lines
+    if signs.thousands or signs.decimal == "." or any("." in line for line in lines):
+        return None
+    return [line.replace(signs.decimal, ".") for line in lines]
 
 
 def parse_row(
@@ -300,6 +325,7 @@ def parse_row(
     *,
     path: str | os.PathLike[str],
     line_number: int,
+    signs: Separators = DOT,
 ) -> list[float]:
     """Parse one row and name the line and the column of what is wrong with it.
 
@@ -313,9 +339,10 @@ def parse_row(
     values = []
     column = 1
     for cell in cells:
-        if not is_number(cell):
+        number = plain_number(cell, signs)
+        if number is None:
             raise not_a_number(cell, path=path, line_number=line_number, column=column)
-        values.append(float(cell))
+        values.append(number)
         column += len(cell) + 1
     return values
 
@@ -379,13 +406,6 @@ def shorten(text: str, length: int = 60) -> str:
     "'1.2e000…'"
     """
     return repr(text if len(text) <= length else text[: length - 1] + "…")
-
-
-class Separators(NamedTuple):
-    """The decimal sign of a file, and its thousands sign ("" when it has none)."""
-
-    decimal: str
-    thousands: str
 
 
 _GROUPED = {
@@ -477,14 +497,21 @@ def _weigh(proved: set[Separators], ambiguous: str | None) -> Separators:
     return Separators(".", "")
 
 
-def to_dots(text: str, signs: Separators) -> str:
-    """Rewrite numbers with a dot as decimal sign and without thousands signs.
+def plain_number(cell: str, signs: Separators = DOT) -> float | None:
+    """Read one cell, or return None when it is not a finite number with these signs.
 
     Examples
     --------
-    >>> to_dots("1.234,50", Separators(",", "."))
-    '1234.50'
+    >>> plain_number("1.234,50", Separators(",", "."))
+    1234.5
+    >>> plain_number("1.5", Separators(",", "")) is None
+    True
     """
-    if signs.thousands:
-        text = text.replace(signs.thousands, "")
-    return text.replace(signs.decimal, ".") if signs.decimal != "." else text
+    if signs != DOT:
+        other = "." if signs.decimal == "," else ","
+        if other in cell:
+            if signs.thousands != other or not _GROUPED[other].fullmatch(cell.strip()):
+                return None
+            cell = cell.replace(other, "")
+        cell = cell.replace(signs.decimal, ".")
+    return float(cell) if is_number(cell) else None
