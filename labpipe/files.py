@@ -17,7 +17,7 @@ import secrets
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -42,6 +42,7 @@ __all__ = [
     "seal",
     "unseal",
     "write_bytes",
+    "write_chunks",
     "write_dataset",
     "write_text",
 ]
@@ -79,6 +80,39 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
             raise StorageError(message)
 
     _replace(Path(path), len(data), fill, verify)
+
+
+def write_chunks(path: str | os.PathLike[str], size: int, chunks: Iterable[bytes]) -> None:
+    """Write a file piece by piece, for one that is too large to hold in memory.
+
+    Parameters
+    ----------
+    path : path-like
+        Where to; missing folders are made.
+    size : int [bytes]
+        How much will come, for the check of free space.
+    chunks : iterable of bytes
+        The content in order.
+
+    Raises
+    ------
+    StorageError
+        There is no space, or no permission; see :func:`write_bytes`.
+    """
+    total = hashlib.sha256()
+
+    def fill(part: Path) -> None:
+        with part.open("xb") as stream:
+            for chunk in chunks:
+                total.update(chunk)
+                stream.write(chunk)
+
+    def verify(part: Path) -> None:
+        if digest(part) != total.hexdigest():
+            message = f"{path}: what was written cannot be read back; the disk is failing or full"
+            raise StorageError(message)
+
+    _replace(Path(path), size, fill, verify)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
