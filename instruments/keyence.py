@@ -1,0 +1,564 @@
+"""Keyence laser displacement storage files, read and written.
+
+No such file is public: the layout (``layout = "assumed"`` in the result) is a
+:class:`KeyenceProfile`, and what a file does not say is asked for, never guessed. A storage file
+carries no time: time is the number of the point times the storage interval, from the first point.
+
+::
+
+    Model,LK-G5001
+    Date,2024/05/14 10:22:31
+    Sampling cycle,50us
+    Storage cycle,x1
+    Unit,mm,mm
+    No.,OUT1,OUT2
+    1,+00.1234,-00.0120
+    2,+00.1236,-FFFFFFF
+"""
+
+import json
+import os
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from datetime import datetime
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from instruments.keyence_header import (
+    Header,
+    KeyenceProfile,
+    parse_header,
+    stated_count,
+    stated_cycle,
+    stated_start,
+    stated_storage,
+    stated_units,
+)
+from instruments.keyence_markers import Layout, Status, layout
+from instruments.keyence_rows import Rows, read_rows
+from labpipe import files
+from labpipe.errors import InputError, SourceError
+from labpipe.text import Limits, TextFile, shorten, survey
+from labpipe.units import quantity, unit
+
+__all__ = ["KeyenceProfile", "Status", "encode", "make_recording", "read", "write"]
+
+INSTRUMENT = "Keyence laser displacement sensor"
+_HEADER_LINES = 400  # above the first row of readings; a header is a few dozen lines at most
+
+#: What the writer puts for each state.
+_TOKENS = {
+    Status.RANGEOVER_P: "+FFFFFFF",
+    Status.RANGEOVER_N: "-FFFFFFF",
+    Status.WAITING: "-------",
+    Status.ALARM: "alarm",
+    Status.INVALID: "Invalid",
+    Status.SUSPECT: "FFFFFFF",
+}
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    cycle: str | float | None = None,
+    units: Sequence[str] | None = None,
+    storage_factor: int | None = None,
+    rows: int | None = None,
+    encoding: str | None = None,
+    delimiter: str | None = None,
+    decimal: str | None = None,
+    profile: KeyenceProfile | None = None,
+    allow_incomplete: bool = False,
+    limits: Limits | None = None,
+) -> xr.Dataset:
+    """Read a Keyence storage file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    cycle : str or float, optional
+        Time between samples, ``"50 us"`` or a number in s; needed when the file does not say it.
+        Without any word on the storage factor it is the time between stored points.
+    units : sequence of str, optional
+        Unit of every output, in order; needed when the file does not say them.
+    storage_factor : int, optional
+        Samples per stored point; needed when the file says its cycle but not this.
+    rows : int, optional
+        Number of points that the run should have; the file is refused when it has another.
+    encoding, delimiter, decimal : str, optional
+        By default decided from the file.
+    profile : KeyenceProfile, optional
+        The same and more, for a whole laboratory; the options above go before it.
+    allow_incomplete : bool
+        Read a file that lacks rows: a cut last row is dropped, and where the counter jumps the
+        time follows the counter; both give a warning. By default such a file is refused.
+    limits : Limits, optional
+        Size limits.
+
+    Returns
+    -------
+    Dataset
+        Over ``time`` [s], 0 at the first point: ``out1``, ``out2``, … [m, or V, m/s, m/s2],
+        NaN without a reading, and ``status1``, … (:class:`Status`). Attributes:
+        ``sampling_interval`` [s] between stored points, ``sampling_cycle`` [s],
+        ``storage_factor``, ``averaging`` when stated, ``header``, ``start``, ``encoding``,
+        ``layout``, ``status_counts`` (JSON).
+
+    Raises
+    ------
+    SourceError
+        With file, line and column of what is wrong, or with the option that is needed.
+
+    Examples
+    --------
+    >>> readings = read("drop.csv", cycle="50 us", units=["mm"])  # doctest: +SKIP
+    """
+    profile = _merge(
+        profile or KeyenceProfile(),
+        cycle=cycle,
+        units=tuple(units) if units is not None else None,
+        storage_factor=storage_factor,
+        rows=rows,
+        encodings=(encoding,) if encoding else None,
+        delimiter=delimiter,
+        decimal=decimal,
+    )
+    source, header, unit_texts, stream = _open(Path(path), profile, limits or Limits())
+    readings = read_rows(
+        source.path, header, _complete_rows(source, stream, header, allow_incomplete), profile
+    )
+    _check_count(source, header, readings, profile, allow_incomplete)
+    _check_counter(source, header, readings, allow_incomplete)
+    return _assemble(source, header, unit_texts, readings, profile)
+
+
+def _merge(profile: KeyenceProfile, **options: Any) -> KeyenceProfile:
+    given = {name: value for name, value in options.items() if value is not None}
+    if given.get("decimal", ".") not in (".", ","):
+        message = f'decimal must be "." or ",", found "{given["decimal"]}"'
+        raise InputError(message)
+    if len(given.get("delimiter", ",")) != 1:
+        message = f'delimiter must be one character, found "{given["delimiter"]}"'
+        raise InputError(message)
+    factor = given.get("storage_factor", 1)
+    if not isinstance(factor, int) or factor < 1:
+        message = f"storage_factor must be a whole number from 1, found {factor!r}"
+        raise InputError(message)
+    return replace(profile, **given)
+
+
+def _open(
+    path: Path, profile: KeyenceProfile, limits: Limits
+) -> tuple[TextFile, Header, tuple[str, ...], Iterator[str]]:
+    """Settle the codec by the first one under which the header makes sense.
+
+    cp932 decodes many cp1252 files without an error; but then "µm" is not a unit.
+    """
+    failure: SourceError | None = None
+    for codec in profile.encodings:
+        try:
+            source = survey(path, declared=(codec,), limits=limits)
+            stream = source.lines()
+            head = list(islice(stream, _HEADER_LINES))
+            header = parse_header(path, head, profile)
+            texts = stated_units(path, header, profile.units)
+        except SourceError as error:
+            failure = failure or error
+        else:
+            return source, header, texts, chain(head[header.n_lines :], stream)
+    raise failure or SourceError(path, "the profile names no codec")
+
+
+def _complete_rows(
+    source: TextFile, stream: Iterator[str], header: Header, allow_incomplete: bool
+) -> Iterator[str]:
+    """Pass the rows on; leave blank lines at the end out; refuse or drop a cut last line."""
+    number = header.n_lines
+    blank = 0
+    for line in stream:
+        number += 1
+        if not line.strip():
+            blank += 1
+            continue
+        if blank:
+            raise SourceError(
+                source.path, "an empty line between two rows", line=number - blank, column=1
+            )
+        if number < source.n_lines or source.is_ended or _is_stated(source, header, line, number):
+            yield line
+            continue
+        message = f"the last line is cut, it has no line end: {shorten(line)}"
+        if not allow_incomplete:
+            raise SourceError(
+                source.path,
+                message,
+                line=number,
+                column=len(line) + 1,
+                hint="Export the file again, or drop this row with allow_incomplete=True.",
+            )
+        warnings.warn(f"{source.path}:{number}: {message}; it is dropped", stacklevel=2)
+
+
+def _is_stated(source: TextFile, header: Header, line: str, number: int) -> bool:
+    """Tell whether a last line without line end is complete: its row is the last one stated.
+
+    Its cells must also end like those above: a number that lost digits still reads as one.
+    """
+    stated = stated_count(source.path, header, "rows")
+    if stated is None or number - header.n_lines != stated or stated == 1:
+        return False
+    lines = source.lines()
+    before = next(islice(lines, number - 2, None))
+    last, above = (layout(text.split(header.delimiter)[-1].strip('" ')) for text in (line, before))
+    return last is not None and above is not None and last.decimals == above.decimals > 0
+
+
+def _check_count(
+    source: TextFile, header: Header, readings: Rows, profile: KeyenceProfile, allow: bool
+) -> None:
+    found = len(readings.values)
+    if not found:
+        raise SourceError(source.path, "there are no rows of readings", line=header.n_lines + 1)
+    stated = stated_count(source.path, header, "rows")
+    for expected, who in ((stated, "the header states"), (profile.rows, "the option rows says")):
+        if expected is None or expected == found:
+            continue
+        message = f"found {found} rows, {who} {expected}"
+        if not allow:
+            raise SourceError(
+                source.path,
+                message,
+                line=header.n_lines + found,
+                column=1,
+                hint="The recording or the copy stopped early, or rows were added; export it "
+                "again, or read what there is with allow_incomplete=True.",
+            )
+        warnings.warn(f"{source.path}: {message}", stacklevel=3)
+
+
+def _check_counter(source: TextFile, header: Header, readings: Rows, allow: bool) -> None:
+    counter = readings.counter
+    if counter is None:
+        return
+    steps = np.diff(counter)
+    wrong = np.flatnonzero(steps <= 0)
+    if not wrong.size:
+        wrong = np.flatnonzero(steps != 1)
+        if not wrong.size and counter[0] not in (0, 1):
+            wrong = np.array([-1])
+        if wrong.size and allow:
+            missing = int(counter[-1] - counter[0]) + 1 - len(counter)
+            message = f"{missing} rows are missing between, the time follows the counter"
+            warnings.warn(f"{source.path}: {message}", stacklevel=3)
+            return
+    if not wrong.size:
+        return
+    row = int(wrong[0]) + 1
+    before = int(counter[row - 1]) if row else None
+    found = f"{counter[row]} after {before}" if row else f"{counter[0]} at the beginning"
+    raise SourceError(
+        source.path,
+        f"the counter says {found}, expected {before + 1 if before is not None else 1}",
+        line=header.n_lines + 1 + row,
+        column=1,
+        hint="Rows are missing, repeated or moved: export the file again. Where rows are only "
+        "missing, allow_incomplete=True reads the rest at its right times.",
+    )
+
+
+def _assemble(
+    source: TextFile,
+    header: Header,
+    unit_texts: Sequence[str],
+    readings: Rows,
+    profile: KeyenceProfile,
+) -> xr.Dataset:
+    path = source.path
+    cycle = stated_cycle(path, header, profile.cycle)
+    factor = stated_storage(
+        path, header, profile.storage_factor, cycle, is_cycle_given=profile.cycle is not None
+    )
+    index = (
+        np.arange(len(readings.values))
+        if readings.counter is None
+        else readings.counter - readings.counter[0]
+    )
+    time = index * (cycle * factor)
+    variables: dict[str, Any] = {}
+    for column, (output, text) in enumerate(zip(header.outputs, unit_texts, strict=True)):
+        values, status = readings.values[:, column], readings.status[:, column]
+        if unit(text).si == "V":
+            is_saturated = np.abs(values * unit(text).factor) >= profile.saturation
+            values = np.where(is_saturated, np.nan, values)
+            status = np.where(is_saturated, np.int8(Status.SUSPECT), status)
+        variables |= _output_variables(output, text, values, status, readings.layouts[column])
+    attrs = _attributes(source, header, readings, cycle, factor, profile)
+    attrs["status_counts"] = json.dumps(_status_counts(variables))
+    coords = {"time": ("time", time, {"units": "s", "long_name": "time from the first point"})}
+    return xr.Dataset(variables, coords=coords, attrs=attrs)
+
+
+def _output_variables(
+    output: int,
+    unit_text: str,
+    values: NDArray[np.float64],
+    status: NDArray[np.int8],
+    written: Layout | None,
+) -> dict[str, Any]:
+    known = unit(unit_text)
+    attrs: dict[str, Any] = {
+        "units": known.si,
+        "long_name": f"OUT{output}",
+        "original_unit": unit_text,
+    }
+    if written is not None:
+        attrs["decimals"] = written.decimals
+        attrs["resolution"] = known.factor * 10.0**-written.decimals
+    flags = {
+        "units": "1",
+        "long_name": f"state of OUT{output}",
+        "flag_values": [int(state) for state in Status],
+        "flag_meanings": " ".join(state.name for state in Status),
+    }
+    return {
+        f"out{output}": ("time", values * known.factor, attrs),
+        f"status{output}": ("time", status.astype(np.int8), flags),
+    }
+
+
+def _status_counts(variables: Mapping[str, Any]) -> dict[str, dict[str, int]]:
+    counts = {}
+    for name, variable in variables.items():
+        if name.startswith("status"):
+            found = np.bincount(variable[1], minlength=len(Status))
+            counts[name] = {state.name: int(found[state]) for state in Status if found[state]}
+    return counts
+
+
+def _attributes(
+    source: TextFile,
+    header: Header,
+    readings: Rows,
+    cycle: float,
+    factor: int,
+    profile: KeyenceProfile,
+) -> dict[str, Any]:
+    averaging = stated_count(source.path, header, "averaging")
+    stated = stated_count(source.path, header, "rows")
+    named = {
+        meaning: " ".join(header.entries[meaning][1]).strip()
+        for meaning in ("model", "serial", "head")
+        if meaning in header.entries
+    }
+    work = {"bytes_read": source.size, "rows_read": len(readings.values)}
+    return {
+        "instrument": INSTRUMENT,
+        **named,
+        "source": source.path.name,
+        "layout": "assumed",
+        "start": stated_start(header),
+        "clock": "none: a counter of samples",
+        "sampling_cycle": cycle,
+        "storage_factor": factor,
+        "sampling_interval": cycle * factor,
+        **({"averaging": averaging} if averaging is not None else {}),
+        "rows_stated": int(stated is not None or profile.rows is not None),
+        "header": header.text,
+        "encoding": source.encoding,
+        "delimiter": header.delimiter,
+        "decimal": readings.signs.decimal,
+        "work": json.dumps(work),
+    }
+
+
+def make_recording(
+    outputs: Mapping[int, NDArray[np.float64]],
+    *,
+    cycle: str | float,
+    start: datetime,
+    storage_factor: int = 1,
+    unit_text: str = "mm",
+    decimals: int = 4,
+    measuring_range: float | None = None,
+    averaging: int = 1,
+    model: str = "LK-G5001",
+    serial: str = "",
+) -> xr.Dataset:
+    """Make the Dataset that :func:`read` would return for these readings.
+
+    Parameters
+    ----------
+    outputs : mapping
+        Number of the output to its readings in SI, one per stored point.
+    cycle : str or float
+        Time between samples, ``"50 us"`` or s.
+    start : datetime
+        Written as the date.
+    storage_factor, averaging : int
+        As set on the controller.
+    unit_text : str
+        Unit of the display.
+    decimals : int
+        Of the display: readings are rounded to it.
+    measuring_range : float, optional [SI]
+        Readings beyond ± this value are over range.
+    model, serial : str
+        Of the controller.
+
+    Returns
+    -------
+    Dataset
+        For :func:`write`.
+
+    Examples
+    --------
+    >>> made = make_recording({1: np.array([1e-3, 9e-3])}, cycle="50 us",
+    ...                       start=datetime(2024, 5, 14), measuring_range=5e-3)
+    >>> made.status1.values.tolist()
+    [0, 1]
+    """
+    interval = quantity(cycle).value if isinstance(cycle, str) else float(cycle)
+    known = unit(unit_text)
+    written = Layout(True, 6 - decimals, decimals)
+    variables: dict[str, Any] = {}
+    for output, readings in outputs.items():
+        displayed = np.round(np.asarray(readings, float) / known.factor, decimals)
+        status = np.zeros(displayed.shape, dtype=np.int8)
+        if measuring_range is not None:
+            limit = measuring_range / known.factor
+            status[displayed > limit] = Status.RANGEOVER_P
+            status[displayed < -limit] = Status.RANGEOVER_N
+        displayed = np.where(status == Status.VALID, displayed, np.nan)
+        variables |= _output_variables(output, unit_text, displayed, status, written)
+    n_points = len(next(iter(outputs.values())))
+    time = np.arange(n_points) * (interval * storage_factor)
+    attrs = {
+        "instrument": INSTRUMENT,
+        "model": model,
+        **({"serial": serial} if serial else {}),
+        "start": start.isoformat(),
+        "sampling_cycle": interval,
+        "storage_factor": storage_factor,
+        "sampling_interval": interval * storage_factor,
+        "averaging": averaging,
+        "layout": "assumed",
+    }
+    coords = {"time": ("time", time, {"units": "s", "long_name": "time from the first point"})}
+    return xr.Dataset(variables, coords=coords, attrs=attrs)
+
+
+def encode(
+    dataset: xr.Dataset,
+    *,
+    encoding: str = "utf-8-sig",
+    delimiter: str = ",",
+    decimal: str = ".",
+) -> bytes:
+    """Turn a Dataset of the form of :func:`read` into the bytes of a storage file.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        As from :func:`read` or :func:`make_recording`.
+    encoding, delimiter, decimal : str
+        As a controller's software, or a spreadsheet, would write.
+
+    Returns
+    -------
+    bytes
+        The assumed layout; values that do not fit the eight characters of a reading are refused.
+
+    Raises
+    ------
+    InputError
+        A value does not fit, or the delimiter is the decimal sign.
+    """
+    if delimiter == decimal:
+        message = f'"{delimiter}" cannot be both delimiter and decimal sign'
+        raise InputError(message)
+    outputs = sorted(int(str(name)[3:]) for name in dataset.data_vars if _is_output(str(name)))
+    columns = [_written(dataset, output) for output in outputs]
+    if decimal != ".":
+        columns = [[cell.replace(".", decimal) for cell in column] for column in columns]
+    numbers = map(str, range(1, dataset.sizes["time"] + 1))
+    lines = _header_lines(dataset, outputs, delimiter)
+    lines += map(delimiter.join, zip(numbers, *columns, strict=True))
+    return ("\r\n".join(lines) + "\r\n").encode(encoding)
+
+
+def _is_output(name: str) -> bool:
+    return name.startswith("out") and name[3:].isdigit()
+
+
+def _header_lines(dataset: xr.Dataset, outputs: Sequence[int], delimiter: str) -> list[str]:
+    attrs = dataset.attrs
+    cycle = f"{attrs['sampling_cycle'] * 1e6:.6g}us"
+    units = [dataset[f"out{output}"].attrs["original_unit"] for output in outputs]
+    pairs = [
+        ("Remark", "assumed layout"),
+        *((key.title(), attrs[key]) for key in ("model", "serial", "head") if attrs.get(key)),
+        *([("Date", attrs["start"].replace("T", " ").replace("-", "/"))] if attrs["start"] else []),
+        ("Sampling cycle", cycle),
+        ("Storage cycle", f"x{attrs['storage_factor']}"),
+        *([("Averaging", str(attrs["averaging"]))] if "averaging" in attrs else []),
+        ("Data count", str(dataset.sizes["time"])),
+        ("Unit", *units),
+        ("No.", *(f"OUT{output}" for output in outputs)),
+    ]
+    return [delimiter.join(pair) for pair in pairs]
+
+
+_WIDTH = 8  # characters of a reading: sign, digits, decimal sign
+
+
+def _written(dataset: xr.Dataset, output: int) -> list[str]:
+    variable = dataset[f"out{output}"]
+    values = variable.values / unit(variable.attrs["original_unit"]).factor
+    decimals = int(variable.attrs.get("decimals", 4))
+    states = dataset[f"status{output}"].values
+    cells = [f"{value:+0{_WIDTH}.{decimals}f}" for value in values.tolist()]
+    for index in np.flatnonzero(states != Status.VALID):
+        cells[index] = _TOKENS[Status(states[index])]
+    too_long = next((cell for cell in cells if len(cell) > _WIDTH), None)
+    if too_long is not None or "+0000nan" in cells:
+        message = (
+            f"OUT{output}: {too_long or 'NaN with the state VALID'} does not fit the "
+            f"{_WIDTH} characters of a reading"
+        )
+        raise InputError(message)
+    return cells
+
+
+def write(
+    path: str | os.PathLike[str],
+    dataset: xr.Dataset,
+    *,
+    encoding: str = "utf-8-sig",
+    delimiter: str = ",",
+    decimal: str = ".",
+) -> None:
+    """Write a Dataset of the form of :func:`read` as a storage file in the assumed layout.
+
+    Parameters
+    ----------
+    path : path-like
+        Where.
+    dataset, encoding, delimiter, decimal
+        See :func:`encode`.
+
+    Raises
+    ------
+    InputError
+        As :func:`encode`.
+    StorageError
+        The file cannot be written.
+    """
+    data = encode(dataset, encoding=encoding, delimiter=delimiter, decimal=decimal)
+    files.write_bytes(path, data)

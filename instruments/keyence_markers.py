@@ -1,0 +1,135 @@
+"""What Keyence sensors write when they have no reading: one table, and the layout of numbers.
+
+The names of the states are those of Keyence's own library (LKIF2): VALID, RANGEOVER_P,
+RANGEOVER_N, WAITING, ALARM, INVALID; SUSPECT is ours, for tokens whose meaning is not documented.
+A marker becomes NaN and its state, never a number.
+"""
+
+import re
+from enum import IntEnum
+from typing import NamedTuple
+
+
+class Status(IntEnum):
+    """State of one reading."""
+
+    VALID = 0
+    RANGEOVER_P = 1
+    RANGEOVER_N = 2
+    WAITING = 3
+    ALARM = 4
+    INVALID = 5
+    SUSPECT = 6
+
+
+class Marker(NamedTuple):
+    """A token, as a pattern of the whole cell, and the state that it stands for."""
+
+    pattern: str
+    status: Status
+    seen: str
+
+
+#: Every marker known, the first that fits counts. Letters are compared without case.
+MARKERS: tuple[Marker, ...] = (
+    Marker(r"\+F{7}", Status.RANGEOVER_P, "LK-G serial, LK-G5000 library"),
+    Marker(r"-F{7}", Status.RANGEOVER_N, "LK-G serial, LK-G5000 library"),
+    Marker(r"F{7}", Status.SUSPECT, "forum, not documented"),
+    Marker(r"X{8}", Status.WAITING, "LK-G serial"),
+    Marker(r"-{5,8}", Status.WAITING, "display and library: no judgement yet"),
+    Marker(r"alarm", Status.ALARM, "LK-G5000 library"),
+    Marker(r"invalid", Status.INVALID, "LK-G5000 library"),
+    Marker(r"-1048576|0xFFF00000", Status.INVALID, "LK-G5000 Ethernet: output unused"),
+    Marker(r"[+-]?E+\.E+", Status.ALARM, "IL serial: sensor error"),
+    Marker(r"\+100000000", Status.ALARM, "IL Ethernet: error"),
+    Marker(r"\+099999999", Status.RANGEOVER_P, "IL Ethernet"),
+    Marker(r"-099999999", Status.RANGEOVER_N, "IL Ethernet"),
+    Marker(r"-099999998", Status.INVALID, "IL Ethernet"),
+    Marker(r"-999999", Status.INVALID, "CL-3000 serial"),
+    Marker(r"-9999\.999|-999\.9999", Status.SUSPECT, "forum, not documented"),
+    Marker(r"#NAME\?|#VALUE!", Status.SUSPECT, "a spreadsheet took a marker for a formula"),
+)
+
+#: All nines in the five digits of the IL series; over range only where a column has this layout.
+_IL_NINES = re.compile(r"[+-](?:99\.999|999\.99|9999\.9)")
+
+#: Markers that also read as numbers; a row that holds one of them is looked at again as text.
+NUMERIC_MARKERS = (
+    -1048576.0, 100000000.0, 99999999.0, -99999999.0, -99999998.0, -999999.0, -9999.999, -999.9999,
+)  # fmt: skip
+
+# All nines of up to seven digits before and after the decimal sign.
+NINES = tuple(10.0**whole - 10.0**-part for whole in range(1, 8) for part in range(8))
+
+_NUMBER = re.compile(r"([+-]?)([0-9]+)(?:[.,]([0-9]*))?")
+
+
+class Layout(NamedTuple):
+    """How every number of a column is written: signed, digits before and after the sign."""
+
+    is_signed: bool
+    whole: int
+    decimals: int
+
+
+def layout(cell: str) -> Layout | None:
+    """Return the layout of a number, None for anything else.
+
+    Examples
+    --------
+    >>> layout("+00.1234")
+    Layout(is_signed=True, whole=2, decimals=4)
+    """
+    match = _NUMBER.fullmatch(cell.strip())
+    return Layout(bool(match[1]), len(match[2]), len(match[3] or "")) if match else None
+
+
+def is_padded(cell: str) -> bool:
+    """Tell whether a number is filled up with zeros in front, as a fixed layout is.
+
+    Examples
+    --------
+    >>> is_padded("+00.1234"), is_padded("0.1234")
+    (True, False)
+    """
+    match = _NUMBER.fullmatch(cell.strip())
+    return match is not None and len(match[2]) > 1 and match[2].startswith("0")
+
+
+def marker_status(
+    cell: str, markers: tuple[Marker, ...] = MARKERS, column: Layout | None = None
+) -> Status | None:
+    """Look a cell up in the table of markers.
+
+    Parameters
+    ----------
+    cell : str
+        As written.
+    markers : tuple of Marker
+        The table.
+    column : Layout, optional
+        The layout of the column when it is fixed: all nines are a legal number unless they are
+        the largest number that this layout can show.
+
+    Returns
+    -------
+    Status or None
+        None when the cell is no marker.
+
+    Examples
+    --------
+    >>> marker_status("-FFFFFFF").name, marker_status("+00.1234")
+    ('RANGEOVER_N', None)
+    >>> marker_status("+99.9999", column=Layout(True, 2, 4)).name
+    'RANGEOVER_P'
+    """
+    cell = cell.strip()
+    for marker in markers:
+        if re.fullmatch(marker.pattern, cell, re.IGNORECASE):
+            return marker.status
+    found = layout(cell)
+    if found is None or column is None or not found.is_signed or set(cell[1:]) - set("9.,"):
+        return None
+    if found == column and found.whole > 1:
+        return Status.RANGEOVER_P if cell.startswith("+") else Status.RANGEOVER_N
+    return Status.SUSPECT if _IL_NINES.fullmatch(cell.replace(",", ".")) else None
