@@ -1,0 +1,223 @@
+"""Phantom high-speed films (.cine): lazy, memory-mapped, times from the time stamps.
+
+Nothing but the header is read when a film is opened. An image, or a rectangle of it, is decoded
+when it is asked for; rows outside the rectangle are not touched.
+"""
+
+import os
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.phantom_header import Header, read_header
+from instruments.phantom_pixels import (
+    PACKED_GROUP,
+    decode,
+    linear_from_companded,
+    row_bytes,
+)
+from instruments.phantom_times import TimeAxis, exposure_times, time_axis
+from labpipe.binary import Window
+from labpipe.errors import InputError, SourceError
+
+__all__ = ["CineFrames", "read"]
+
+
+def read(path: str | os.PathLike[str]) -> "CineFrames":
+    """Open a .cine film.
+
+    Parameters
+    ----------
+    path : path-like
+        The film.
+
+    Returns
+    -------
+    CineFrames
+        Lazy frames; see :class:`labpipe.frames.FrameSource`.
+
+    Raises
+    ------
+    SourceError
+        The file is no .cine, is colour or JPEG, or declares sizes that it does not hold.
+    """
+    window = Window(Path(path))
+    return CineFrames(window, read_header(window))
+
+
+class CineFrames:
+    """The frames of a .cine file.
+
+    Parameters
+    ----------
+    window : Window
+        The mapped file.
+    header : Header
+        What it says of itself.
+    rows, columns : slice, optional
+        The rectangle that is decoded; the whole image by default.
+    """
+
+    def __init__(
+        self,
+        window: Window,
+        header: Header,
+        rows: slice = slice(None),
+        columns: slice = slice(None),
+    ) -> None:
+        self._window = window
+        self._header = header
+        self._rows = range(header.height)[rows]
+        self._columns = range(header.width)[columns]
+        if self._rows.step != 1 or self._columns.step != 1:
+            message = "a region of interest is a contiguous rectangle; found a step other than 1"
+            raise InputError(message)
+        if not self._rows or not self._columns:
+            message = (
+                f"the region of interest {rows}, {columns} holds no pixel of the "
+                f"{header.height} rows × {header.width} columns"
+            )
+            raise InputError(message)
+
+    @property
+    def header(self) -> Header:
+        """What the file says of itself."""
+        return self._header
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self._window.path
+
+    @cached_property
+    def time_axis(self) -> TimeAxis:
+        """Times with a flag per frame, and how many frames are missing between neighbours."""
+        return time_axis(self._header)
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Time of every frame in s, the trigger being 0; shape (frame,)."""
+        return self.time_axis.time
+
+    @cached_property
+    def exposure(self) -> NDArray[np.float64] | None:
+        """Exposure of every frame in s, NaN where the file's value is impossible; or None."""
+        return exposure_times(self._header, self.time_axis)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of frames, rows, columns."""
+        return len(self), len(self._rows), len(self._columns)
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of the decoded pixels."""
+        return np.dtype(np.uint8 if self._header.packing == "8" else np.uint16)
+
+    @cached_property
+    def levels(self) -> tuple[float, float]:
+        """Black and white level in the units of the decoded pixels."""
+        black, white = self._header.setup.black_level, self._header.setup.white_level
+        if black is None or white is None or white <= black:
+            return 0.0, float(2**self._header.bits - 1)
+        if self._header.packing == "10-packed":
+            table = linear_from_companded()
+            return float(table[min(black, 1023)]), float(table[min(white, 1023)])
+        return float(black), float(white)
+
+    @cached_property
+    def valid(self) -> NDArray[np.bool_]:
+        """False for frames that the file does not hold completely; shape (frame,)."""
+        starts = self._header.offsets
+        inside = (starts >= 0) & (starts <= self._window.size - 8)
+        sound = inside.copy()
+        for i in np.flatnonzero(inside):
+            sound[i] = self._fault(int(i)) is None
+        # two frames cannot share their bytes
+        order = np.argsort(starts, kind="stable")
+        close = np.diff(starts[order]) < self._header.image_bytes
+        sound[order[1:][close]] = False
+        sound.setflags(write=False)
+        return sound
+
+    def __len__(self) -> int:
+        """Return the number of frames that the file declares."""
+        return self._header.count
+
+    def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
+        """Decode one frame, first row on top.
+
+        Raises
+        ------
+        IndexError
+            There is no such frame.
+        SourceError
+            The file does not hold this frame completely.
+        """
+        if not -len(self) <= index < len(self):
+            message = f"frame {index} of {len(self)}"
+            raise IndexError(message)
+        index = int(index) % len(self)
+        fault = self._fault(index)
+        if fault is not None:
+            raise SourceError(
+                self.path,
+                f"frame {index}: {fault}",
+                offset=int(self._header.offsets[index]),
+                hint="Use the frames marked in `.valid`; copy the film again to get the others.",
+            )
+        return self._decode(self._pixels_at(index))
+
+    def __iter__(self) -> Iterator[NDArray[np.integer[Any]]]:
+        """Go through the frames in order."""
+        return (self[i] for i in range(len(self)))
+
+    def roi(self, rows: slice, columns: slice) -> "CineFrames":
+        """Return a view of a rectangle of this view; rows outside are not read."""
+        inner_rows, inner_columns = self._rows[rows], self._columns[columns]
+        return CineFrames(
+            self._window,
+            self._header,
+            slice(inner_rows.start, inner_rows.stop, inner_rows.step),
+            slice(inner_columns.start, inner_columns.stop, inner_columns.step),
+        )
+
+    def _fault(self, index: int) -> str | None:
+        """Say what is wrong with a frame's place in the file, or None."""
+        start, size = int(self._header.offsets[index]), self._window.size
+        if not 0 <= start <= size - 8:
+            return f"its offset {start} lies outside the file of {size} bytes"
+        annotation = self._window.integer("I", start, "AnnotationSize")
+        if not 8 <= annotation <= size - start:
+            return f"its annotation claims {annotation} bytes"
+        stored = self._window.integer("I", start + annotation - 4, "ImageSize")
+        if stored != self._header.image_bytes:
+            return f"its stored size is {stored} bytes, expected {self._header.image_bytes}"
+        if start + annotation + stored > size:
+            return f"it ends {start + annotation + stored - size} bytes after the file does"
+        return None
+
+    def _pixels_at(self, index: int) -> int:
+        start = int(self._header.offsets[index])
+        return start + self._window.integer("I", start, "AnnotationSize")
+
+    def _decode(self, start: int) -> NDArray[np.integer[Any]]:
+        header = self._header
+        stride = row_bytes(header.packing, header.width)
+        first, last = self._rows.start, self._rows.stop
+        if not header.top_down:
+            first, last = header.height - last, header.height - first
+        group, stored = PACKED_GROUP.get(header.packing, (1, stride // header.width))
+        left = self._columns.start // group
+        right = -(-self._columns.stop // group)
+        block = self._window.bytes[start + first * stride : start + last * stride]
+        rows = block.reshape(-1, stride)[:, left * stored : right * stored]
+        if not header.top_down:
+            rows = rows[::-1]
+        inset = self._columns.start - left * group
+        pixels = decode(rows, header.packing)[:, inset : inset + len(self._columns)]
+        return np.ascontiguousarray(pixels)

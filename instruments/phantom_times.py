@@ -1,0 +1,154 @@
+"""The time axis of a .cine film, from its time stamps and never from its frame rate.
+
+The frame rate of the header ignores decimation and the camera's own rounding. Stamps are 64-bit
+counts of 2⁻³² s; they are subtracted as integers, because seconds since 1970 as floats are only
+good to 0.24 µs. Cameras also write stamps that cannot be true (a corrupt last one, a clock that
+was never set); those are replaced from the median interval and flagged, never used silently.
+"""
+
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.phantom_header import Header
+
+_UNIT = 2.0**-32  # s, the unit of stamps and exposures
+_TOLERANCE = 2e-6  # s; some cameras round their stamps to 1 µs
+_SHARE = 0.05  # of the median interval, the tolerance for slow films
+_CLOCK_LIMIT = 30 * 86400.0  # s; a recording further from its trigger has an unset clock
+
+
+class TimeFlag(IntFlag):
+    """What is known against the time of a frame."""
+
+    OK = 0
+    RECONSTRUCTED = 1
+    """The stamp was impossible; the time continues the median interval."""
+    CLOCK_UNSET = 2
+    """Stamps and trigger come from different clocks; time 0 is the frame numbered 0."""
+    NO_STAMPS = 4
+    """The file has no stamps; times come from frame numbers and the frame rate."""
+    AFTER_GAP = 8
+    """Frames are missing before this one."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimeAxis:
+    """Times of the frames with what is known against them.
+
+    Attributes
+    ----------
+    time : array (frame,) [s]
+        Time since the trigger.
+    flag : array (frame,)
+        Sum of :class:`TimeFlag` values.
+    missing_before : array (frame,)
+        How many frames were dropped before each frame.
+    interval : float [s]
+        Median time between frames.
+    """
+
+    time: NDArray[np.float64]
+    flag: NDArray[np.int64]
+    missing_before: NDArray[np.int64]
+    interval: float
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user has to know, in words."""
+        found = []
+        flags = int(np.bitwise_or.reduce(self.flag)) if self.flag.size else 0
+        if flags & TimeFlag.RECONSTRUCTED:
+            where = np.flatnonzero(self.flag & TimeFlag.RECONSTRUCTED)
+            found.append(
+                f"{where.size} time stamp(s) are impossible (first at frame {where[0]}); "
+                "their times continue the median interval"
+            )
+        if flags & TimeFlag.CLOCK_UNSET:
+            found.append("the camera's clock was not set: time 0 is the frame numbered 0")
+        if flags & TimeFlag.NO_STAMPS:
+            found.append("the film has no time stamps: times follow the stated frame rate")
+        if self.missing_before.any():
+            found.append(f"{int(self.missing_before.sum())} frame(s) were dropped by the camera")
+        return tuple(found)
+
+
+def time_axis(header: Header) -> TimeAxis:
+    """Return the times of all frames, each stamp checked against its neighbours."""
+    number = header.first_image + np.arange(header.count, dtype=np.int64)
+    if header.stamps is None:
+        return _from_frame_rate(header, number)
+    # modular subtraction of unsigned counts, read as signed: exact for any pair of stamps
+    ticks = (header.stamps - np.uint64(header.trigger & (2**64 - 1))).view(np.int64)
+    interval = _median_interval(ticks) * _UNIT
+    flag = np.zeros(header.count, dtype=np.int64)
+    if interval <= 0:
+        return _from_frame_rate(header, number)
+    bad = _impossible(ticks, interval)
+    flag[bad] |= TimeFlag.RECONSTRUCTED
+    time = ticks * _UNIT
+    good = np.flatnonzero(~bad)
+    if abs(time[good[0]]) > _CLOCK_LIMIT:
+        # keep the spacing of the stamps, give up their origin
+        anchor = good[0]
+        time = (ticks - ticks[anchor]) * _UNIT + number[anchor] * interval
+        flag |= TimeFlag.CLOCK_UNSET
+    nearest = good[np.clip(np.searchsorted(good, np.arange(header.count)) - 1, 0, None)]
+    steps = np.arange(header.count) - nearest
+    time = np.where(bad, time[nearest] + steps * interval, time)
+    missing = _missing(time, interval)
+    flag[missing > 0] |= TimeFlag.AFTER_GAP
+    return TimeAxis(time, flag, missing, interval)
+
+
+def _from_frame_rate(header: Header, number: NDArray[np.int64]) -> TimeAxis:
+    rate = header.setup.frame_rate or 1
+    interval = (header.setup.decimation or 1.0) / rate
+    flag = np.full(header.count, TimeFlag.NO_STAMPS, dtype=np.int64)
+    return TimeAxis(number * interval, flag, np.zeros(header.count, np.int64), interval)
+
+
+def _median_interval(ticks: NDArray[np.int64]) -> float:
+    """Return the median step between neighbours, or 0 for a single frame."""
+    return float(np.median(np.diff(ticks))) if ticks.size > 1 else 0.0
+
+
+def _impossible(ticks: NDArray[np.int64], interval: float) -> NDArray[np.bool_]:
+    """Mark stamps that do not lie after their last good neighbour and before a later one."""
+    tolerance = max(_TOLERANCE, _SHARE * interval)
+    expected = np.arange(ticks.size) * interval
+    drift = ticks * _UNIT - expected
+    # dropped frames only ever add time; a stamp far off the line of its neighbours is corrupt
+    centre = np.median(drift)
+    reach = max(1.0, ticks.size * interval * 10)
+    bad = np.abs(drift - centre) > reach
+    last: float | None = None
+    for i in np.flatnonzero(~bad):
+        now = ticks[i] * _UNIT
+        if last is not None and now <= last - tolerance:
+            bad[i] = True
+        else:
+            last = now
+    return bad
+
+
+def _missing(time: NDArray[np.float64], interval: float) -> NDArray[np.int64]:
+    missing = np.zeros(time.size, dtype=np.int64)
+    step = np.diff(time)
+    tolerance = max(_TOLERANCE, _SHARE * interval)
+    late = step > interval + tolerance
+    missing[1:][late] = np.maximum(np.rint(step[late] / interval).astype(np.int64) - 1, 0)
+    return missing
+
+
+def exposure_times(header: Header, axis: TimeAxis) -> NDArray[np.float64] | None:
+    """Return the exposure of every frame in s; NaN where it is longer than a frame lasts."""
+    if header.exposures is None:
+        shutter = header.setup.shutter
+        return None if shutter is None else np.full(header.count, shutter)
+    exposure = header.exposures * _UNIT
+    if header.count > 1:
+        exposure = np.where(exposure > axis.interval * (1 + _SHARE), np.nan, exposure)
+    return exposure

@@ -1,0 +1,88 @@
+"""Bounded reading of binary files: every field is checked against the file before it is touched."""
+
+import struct
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import SourceError
+
+
+class Window:
+    """A memory-mapped file from which nothing beyond its end can be read.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it is mapped, not loaded.
+
+    Raises
+    ------
+    SourceError
+        The file is missing, unreadable or empty.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self.bytes: NDArray[np.uint8] = np.memmap(path, dtype=np.uint8, mode="r")
+        except ValueError:
+            raise SourceError(
+                path, "the file is empty", hint="Copy it again from the instrument."
+            ) from None
+        except OSError as error:
+            raise SourceError(path, f"cannot be opened: {error.strerror}") from None
+
+    @property
+    def size(self) -> int:
+        """Length of the file in bytes."""
+        return int(self.bytes.size)
+
+    def field(self, layout: str, offset: int, what: str) -> int | float:
+        """Read one little-endian number.
+
+        Parameters
+        ----------
+        layout : str
+            A :mod:`struct` letter, such as ``I``.
+        offset : int
+            Position in bytes.
+        what : str
+            Name of the field, for the message when it lies outside the file.
+        """
+        (value,) = struct.unpack("<" + layout, self.take(offset, struct.calcsize(layout), what))
+        number: int | float = value
+        return number
+
+    def integer(self, layout: str, offset: int, what: str) -> int:
+        """Read one little-endian integer; see :meth:`field`."""
+        return int(self.field(layout, offset, what))
+
+    def take(self, offset: int, length: int, what: str) -> bytes:
+        """Read ``length`` bytes or say which field the file does not hold."""
+        self.require(offset, length, what)
+        return bytes(self.bytes[offset : offset + length])
+
+    def array(self, kind: str, offset: int, count: int, what: str) -> NDArray[np.generic]:
+        """Map ``count`` little-endian numbers of a numpy type without copying them."""
+        length = np.dtype(kind).itemsize * count
+        self.require(offset, length, what)
+        return self.bytes[offset : offset + length].view(kind)
+
+    def require(self, offset: int, length: int, what: str) -> None:
+        """Refuse a field that the file does not hold.
+
+        Raises
+        ------
+        SourceError
+            The field begins or ends outside the file.
+        """
+        if offset < 0 or length < 0 or offset + length > self.size:
+            raise SourceError(
+                self.path,
+                f"{what} would need bytes {offset} to {offset + length}, "
+                f"but the file holds {self.size}",
+                offset=max(0, min(offset, self.size)),
+                hint="The file is truncated or damaged; copy it again from the camera.",
+            )

@@ -1,0 +1,385 @@
+"""Films of a Phantom camera: pixels, times, and every way in which such a file can be damaged."""
+
+import struct
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from instruments.phantom import read
+from instruments.phantom_pixels import (
+    companded_from_linear,
+    linear_from_companded,
+    pack10,
+    pack12,
+    unpack10,
+    unpack12,
+)
+from instruments.phantom_times import TimeFlag
+from instruments.phantom_writer import Recording, write
+from labpipe.errors import InputError, LabpipeError, SourceError
+from labpipe.frames import FrameSource
+
+SAMPLES = Path(__file__).parents[2] / "../shared/samples/cine"
+FORMATS = [(8, False), (10, False), (12, False), (14, False), (16, False), (10, True), (12, True)]
+
+
+def film(path: Path, bits: int = 12, packed: bool = False, count: int = 6) -> np.ndarray:
+    generator = np.random.default_rng(bits)
+    top = 2 ** (12 if (bits, packed) == (10, True) else bits)
+    images = generator.integers(0, top, (count, 12, 32)).astype(np.uint8 if bits == 8 else "u2")
+    if (bits, packed) == (10, True):  # only levels that the companded scale can hold
+        images = linear_from_companded()[companded_from_linear()[images]]
+    recording = Recording(10_000, 5e-6, bits=bits, packed=packed, first_image=-2)
+    write(path, images, images.shape, (np.arange(count) - 2) * 1e-4, recording)
+    return images
+
+
+@pytest.mark.parametrize(("bits", "packed"), FORMATS)
+def test_every_pixel_format_comes_back_unchanged(tmp_path: Path, bits: int, packed: bool) -> None:
+    images = film(tmp_path / "f.cine", bits, packed)
+    frames = read(tmp_path / "f.cine")
+    assert isinstance(frames, FrameSource)
+    assert frames.shape == images.shape
+    assert all(np.array_equal(frame, image) for frame, image in zip(frames, images, strict=True))
+    assert np.array_equal(frames[-1], images[-1])
+    np.testing.assert_allclose(frames.time, (np.arange(6) - 2) * 1e-4, atol=1e-9)
+    np.testing.assert_allclose(frames.exposure, 5e-6, rtol=1e-4)
+    assert frames.valid.all()
+    assert frames.time_axis.warnings == ()
+
+
+@pytest.mark.parametrize(("bits", "packed"), FORMATS)
+def test_a_region_of_interest_equals_the_cut_frame(tmp_path: Path, bits: int, packed: bool) -> None:
+    images = film(tmp_path / "f.cine", bits, packed)
+    view = read(tmp_path / "f.cine").roi(slice(2, 9), slice(3, 22))
+    assert view.shape == (6, 7, 19)
+    assert np.array_equal(view[4], images[4, 2:9, 3:22])
+    assert np.array_equal(view.roi(slice(1, 4), slice(5, None))[4], images[4, 3:6, 8:22])
+
+
+def test_a_region_outside_the_image_is_refused(tmp_path: Path) -> None:
+    film(tmp_path / "f.cine")
+    with pytest.raises(InputError, match="holds no pixel"):
+        read(tmp_path / "f.cine").roi(slice(20, 30), slice(None))
+    with pytest.raises(InputError, match="step other than 1"):
+        read(tmp_path / "f.cine").roi(slice(0, 8, 2), slice(None))
+
+
+def test_an_index_beyond_the_end_is_an_index_error(tmp_path: Path) -> None:
+    film(tmp_path / "f.cine")
+    with pytest.raises(IndexError):
+        read(tmp_path / "f.cine")[6]
+
+
+def test_packing_keeps_every_value() -> None:
+    values = np.arange(1024, dtype=np.uint16).reshape(4, 256)
+    assert np.array_equal(unpack10(pack10(values)), values)
+    values = np.arange(4096, dtype=np.uint16).reshape(4, 1024)
+    assert np.array_equal(unpack12(pack12(values)), values)
+
+
+def test_the_linear_scale_meets_its_anchors() -> None:
+    table = linear_from_companded()
+    assert table[64] == 64
+    assert table[1014] == 4064
+    assert np.all(np.diff(table.astype(int)) >= 0)
+    # Rec. 709: a signal of one half is light of 0.2597
+    middle = 64 + round((1014 - 64) / 2)
+    assert table[middle] == pytest.approx(64 + 0.2597 * 4000, abs=3)
+
+
+def patched(path: Path, offset: int, layout: str, *values: float) -> Path:
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<" + layout, data, offset, *values)
+    path.write_bytes(bytes(data))
+    return path
+
+
+STAMPS_AT = 84 + 10412 + 8
+
+
+def test_a_corrupt_last_stamp_is_replaced_and_flagged(tmp_path: Path) -> None:
+    film(tmp_path / "f.cine")
+    frames = read(patched(tmp_path / "f.cine", STAMPS_AT + 8 * 5 + 4, "I", 4_000_000_000))
+    np.testing.assert_allclose(frames.time, (np.arange(6) - 2) * 1e-4, atol=1e-8)
+    assert list(frames.time_axis.flag) == [0, 0, 0, 0, 0, TimeFlag.RECONSTRUCTED]
+    assert "impossible" in frames.time_axis.warnings[0]
+
+
+def test_an_unset_clock_falls_back_to_frame_numbers_with_a_flag(tmp_path: Path) -> None:
+    film(tmp_path / "f.cine")
+    frames = read(patched(tmp_path / "f.cine", 40, "I", 1_400_000_000))
+    np.testing.assert_allclose(frames.time, (np.arange(6) - 2) * 1e-4, atol=1e-8)
+    assert all(frames.time_axis.flag & TimeFlag.CLOCK_UNSET)
+
+
+def test_dropped_frames_are_counted_where_they_are_missing(tmp_path: Path) -> None:
+    images = np.zeros((6, 4, 16), np.uint8)
+    time = np.array([0, 1, 2, 5, 6, 7]) * 1e-4
+    write(tmp_path / "f.cine", images, images.shape, time, Recording(10_000, 1e-6, bits=8))
+    axis = read(tmp_path / "f.cine").time_axis
+    assert list(axis.missing_before) == [0, 0, 0, 2, 0, 0]
+    np.testing.assert_allclose(axis.time, time, atol=1e-9)
+    assert "2 frame(s) were dropped" in axis.warnings[0]
+
+
+def test_stamps_rounded_to_a_microsecond_are_no_dropped_frames(tmp_path: Path) -> None:
+    count = 40
+    images = np.zeros((count, 4, 16), np.uint8)
+    time = np.round(np.arange(count) / 35087 * 1e6) * 1e-6
+    write(tmp_path / "f.cine", images, images.shape, time, Recording(35087, 1e-6, bits=8))
+    axis = read(tmp_path / "f.cine").time_axis
+    assert not axis.missing_before.any()
+    assert axis.warnings == ()
+
+
+def test_decimation_shows_in_the_times_not_in_the_frame_rate(tmp_path: Path) -> None:
+    images = np.zeros((5, 4, 16), np.uint8)
+    write(
+        tmp_path / "f.cine", images, images.shape, np.arange(5) * 1.111e-4,
+        Recording(90_000, 1e-6, bits=8),
+    )  # fmt: skip
+    frames = read(patched(tmp_path / "f.cine", 84 + 10388, "f", 10.0))
+    np.testing.assert_allclose(np.diff(frames.time), 1.111e-4, rtol=1e-5)
+
+
+def test_an_impossible_exposure_is_nan_not_a_number_to_compute_with(tmp_path: Path) -> None:
+    film(tmp_path / "f.cine")
+    at = STAMPS_AT + 8 * 6 + 8
+    exposure = read(patched(tmp_path / "f.cine", at + 4 * 5, "I", 281_474_976)).exposure
+    assert exposure is not None
+    assert np.isnan(exposure[5])
+    assert np.isfinite(exposure[:5]).all()
+
+
+@pytest.mark.parametrize(
+    ("offset", "layout", "value", "words"),
+    [
+        (0, "H", 0, "not a Phantom"),
+        (4, "H", 1, "JPEG"),
+        (4, "H", 2, "colour"),
+        (44 + 14, "H", 24, "colour"),
+        (84 + 808, "I", 3, "colour filter"),
+        (44 + 14, "H", 12, "no known pixel format"),
+        (20, "I", 0, "holds no image"),
+        (20, "I", 2**31, "table of 2147483648 image offsets"),
+        (44 + 4, "i", -5, "image size"),
+        (44 + 20, "I", 77, "biSizeImage"),
+        (6, "H", 9, "Version is 9"),
+        (84 + 140, "H", 0, 'mark "ST"'),
+    ],
+)
+def test_a_refusal_names_what_was_found(
+    tmp_path: Path, offset: int, layout: str, value: int, words: str
+) -> None:
+    film(tmp_path / "f.cine")
+    with pytest.raises(SourceError, match=words) as caught:
+        read(patched(tmp_path / "f.cine", offset, layout, value))
+    assert "f.cine" in str(caught.value)
+    assert caught.value.hint
+
+
+HEADER_FIELDS = {
+    "Type": (0, "H"), "Headersize": (2, "H"), "Compression": (4, "H"), "Version": (6, "H"),
+    "FirstMovieImage": (8, "i"), "TotalImageCount": (12, "I"), "FirstImageNo": (16, "i"),
+    "ImageCount": (20, "I"), "OffImageHeader": (24, "I"), "OffSetup": (28, "I"),
+    "OffImageOffsets": (32, "I"), "TriggerFraction": (36, "I"), "TriggerSeconds": (40, "I"),
+    "biSize": (44, "I"), "biWidth": (48, "i"), "biHeight": (52, "i"), "biPlanes": (56, "H"),
+    "biBitCount": (58, "H"), "biCompression": (60, "I"), "biSizeImage": (64, "I"),
+    "biClrUsed": (76, "I"), "biClrImportant": (80, "I"), "FrameRate16": (84, "H"),
+    "Mark": (84 + 140, "H"), "Length": (84 + 142, "H"), "Serial": (84 + 743, "I"),
+    "FrameRate": (84 + 768, "I"), "Shutter": (84 + 772, "I"), "Software": (84 + 800, "I"),
+    "TimeZone": (84 + 804, "i"), "CFA": (84 + 808, "I"), "RealBPP": (84 + 896, "I"),
+    "ShutterNs": (84 + 1568, "I"), "BlackLevel": (84 + 5732, "i"), "WhiteLevel": (84 + 5736, "i"),
+    "RecBPP": (84 + 10112, "I"), "Decimation": (84 + 10388, "I"), "ImWidth": (84 + 737, "H"),
+    "TimesSize": (10496, "I"), "TimesType": (10500, "H"), "TimesMore": (10502, "H"),
+    "FirstStamp": (10504, "I"), "FirstSeconds": (10508, "I"), "ExposuresSize": (10552, "I"),
+    "FirstOffset": (10584, "q"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("field", sorted(HEADER_FIELDS))
+@pytest.mark.parametrize("kind", ["zero", "one", "largest", "negative", "off by one"])
+def test_any_header_field_may_lie_without_harm(tmp_path: Path, field: str, kind: str) -> None:
+    """225 mutations: either an error that names the file, or frames of the declared size."""
+    images = film(tmp_path / "f.cine")
+    offset, layout = HEADER_FIELDS[field]
+    bits = struct.calcsize(layout) * 8
+    signed = layout in "iq"
+    old = struct.unpack_from("<" + layout, (tmp_path / "f.cine").read_bytes(), offset)[0]
+    top = 2 ** (bits - 1) - 1 if signed else 2**bits - 1
+    value = {"zero": 0, "one": 1, "largest": top, "off by one": min(old + 1, top)}.get(
+        kind, -1 if signed else top - 1
+    )
+    path = patched(tmp_path / "f.cine", offset, layout, value)
+    tracemalloc.start()
+    try:
+        frames = read(path)
+        good = np.flatnonzero(frames.valid)
+        for i in good:
+            assert frames[int(i)].shape == frames.shape[1:]
+        assert frames.time.shape == (len(frames),)
+        assert np.isfinite(frames.time).all()
+        if frames.shape == images.shape and frames.dtype == images.dtype and good.size == 6:
+            assert frames[3].shape == images[3].shape
+    except SourceError as error:
+        assert "f.cine" in str(error)  # noqa: PT017 - either outcome is right, none is silent
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 64e6
+
+
+FRAME = 8 + 12 * 32 * 2
+FIRST = 84 + 10412 + 8 + 48 + 8 + 24 + 48
+
+
+@pytest.mark.parametrize("frame", range(6))
+@pytest.mark.parametrize(
+    ("what", "offset", "layout", "value"),
+    [
+        ("annotation zero", 0, "I", 0),
+        ("annotation huge", 0, "I", 2**32 - 1),
+        ("annotation beyond end", 0, "I", 100_000),
+        ("size zero", 4, "I", 0),
+        ("size short", 4, "I", 12 * 32 * 2 - 1),
+        ("size huge", 4, "I", 2**32 - 1),
+    ],
+)
+def test_one_damaged_frame_is_flagged_and_the_others_are_used(
+    tmp_path: Path, frame: int, what: str, offset: int, layout: str, value: int
+) -> None:
+    images = film(tmp_path / "f.cine")
+    frames = read(patched(tmp_path / "f.cine", FIRST + frame * FRAME + offset, layout, value))
+    expected = np.arange(6) != frame
+    assert np.array_equal(frames.valid, expected), what
+    with pytest.raises(SourceError, match=f"frame {frame}"):
+        frames[frame]
+    for i in np.flatnonzero(expected):
+        assert np.array_equal(frames[int(i)], images[i])
+
+
+@pytest.mark.parametrize("frame", range(6))
+@pytest.mark.parametrize("value", [-1, 0, 2**40, 2**63 - 1])
+def test_an_offset_out_of_range_damages_one_frame_only(
+    tmp_path: Path, frame: int, value: int
+) -> None:
+    images = film(tmp_path / "f.cine")
+    table = FIRST - 48
+    frames = read(patched(tmp_path / "f.cine", table + 8 * frame, "q", value))
+    assert not frames.valid[frame]
+    good = (frame + 3) % 6
+    assert np.array_equal(frames[good], images[good])
+
+
+def test_two_frames_that_share_their_bytes_are_not_both_valid(tmp_path: Path) -> None:
+    film(tmp_path / "f.cine")
+    frames = read(patched(tmp_path / "f.cine", FIRST - 48 + 8, "q", FIRST))
+    assert frames.valid.sum() == 5
+
+
+def test_a_truncated_film_keeps_its_complete_frames_at_every_cut(tmp_path: Path) -> None:
+    images = film(tmp_path / "f.cine")
+    data = (tmp_path / "f.cine").read_bytes()
+    for cut in range(FIRST, len(data), 97):
+        (tmp_path / "g.cine").write_bytes(data[:cut])
+        frames = read(tmp_path / "g.cine")
+        complete = (cut - FIRST) // FRAME
+        assert frames.valid.sum() == complete
+        if complete:
+            assert np.array_equal(frames[complete - 1], images[complete - 1])
+
+
+def test_a_file_cut_inside_its_header_names_the_missing_field(tmp_path: Path) -> None:
+    film(tmp_path / "f.cine")
+    data = (tmp_path / "f.cine").read_bytes()
+    for cut in [0, 1, 2, 7, 43, 44, 60, 84, 200, 6000, 10495, 10500, FIRST - 1]:
+        (tmp_path / "g.cine").write_bytes(data[:cut])
+        with pytest.raises(SourceError, match=r"g\.cine"):
+            read(tmp_path / "g.cine")
+
+
+@pytest.mark.slow
+def test_two_thousand_random_bit_flips_are_never_worse_than_an_error(tmp_path: Path) -> None:
+    film(tmp_path / "f.cine")
+    data = (tmp_path / "f.cine").read_bytes()
+    generator = np.random.default_rng(1)
+    for _ in range(2000):
+        damaged = bytearray(data)
+        at = int(generator.integers(0, FIRST)) if generator.random() < 0.8 else 0
+        at = at or int(generator.integers(0, len(data)))
+        damaged[at] ^= 1 << int(generator.integers(8))
+        (tmp_path / "g.cine").write_bytes(bytes(damaged))
+        try:
+            frames = read(tmp_path / "g.cine")
+            for i in np.flatnonzero(frames.valid):
+                frames[int(i)]
+            assert np.isfinite(frames.time).all()
+        except LabpipeError as error:
+            assert "g.cine" in str(error)  # noqa: PT017
+
+
+def test_the_writer_refuses_what_the_format_cannot_hold(tmp_path: Path) -> None:
+    images = np.zeros((2, 4, 10), np.uint16)
+    with pytest.raises(InputError, match="multiple of 4"):
+        write(
+            tmp_path / "f",
+            images,
+            images.shape,
+            np.zeros(2),
+            Recording(1, 0.5, bits=10, packed=True),
+        )
+    with pytest.raises(InputError, match="no format"):
+        write(tmp_path / "f", images, images.shape, np.zeros(2), Recording(1, 0.5, bits=11))
+    with pytest.raises(InputError, match="2 were announced"):
+        write(tmp_path / "f", images[:1], images.shape, np.zeros(2), Recording(1, 0.5))
+    with pytest.raises(InputError, match="exposure"):
+        write(tmp_path / "f", images, images.shape, np.zeros(2), Recording(1, 1.5))
+    assert not list(tmp_path.iterdir())
+
+
+needs_samples = pytest.mark.skipif(
+    not SAMPLES.is_dir(), reason="the public sample films are not beside the checkout"
+)
+
+# shape, first and last time in s, sum of the middle frame's pixels; the unpacked sums are those
+# that the independent reader pims 0.7 returns for the same frames
+REAL = {
+    "decimated_781.cine": ((15, 256, 256), -0.60167271, -0.60011771),
+    "mono_10bit_packed_235_frames.cine": ((235, 32, 256), 0.010071, 2.350071),
+    "packed_12bpp.cine": ((6, 128, 256), 0.60614204, 0.65614204),
+    "phantom_v12_raw_16bpp.cine": ((6, 128, 256), 0.97189255, 1.02189255),
+    "phantom_v1610_raw.cine": ((6, 128, 256), -0.84470110, -0.79470110),
+    "phantom_v9_raw_16bpp.cine": ((6, 128, 256), 4.247823, 4.264489),
+}
+
+
+@needs_samples
+@pytest.mark.parametrize("name", sorted(REAL))
+def test_real_films_read(name: str) -> None:
+    shape, first, last = REAL[name]
+    frames = read(SAMPLES / name)
+    assert frames.shape == shape
+    assert frames.valid.all()
+    assert frames.time[0] == pytest.approx(first, abs=1e-7)
+    assert frames.time[-1] == pytest.approx(last, abs=1e-5)
+    black, white = frames.levels
+    assert black <= np.median(frames[0]) <= white
+
+
+@needs_samples
+@pytest.mark.parametrize("name", sorted(REAL))
+def test_real_films_agree_with_pims(name: str) -> None:
+    """Pims is an independent reader; it does not expand the companded ten-bit values."""
+    pims = pytest.importorskip("pims", reason="the peer reader pims is not installed")
+    peer = pims.Cine(str(SAMPLES / name))
+    frames = read(SAMPLES / name)
+    for i in (0, len(frames) // 2, len(frames) - 1):
+        theirs = np.asarray(peer[i])
+        if frames.header.packing == "10-packed":
+            theirs = linear_from_companded()[theirs]
+        assert np.array_equal(frames[i], theirs)
+    ours = frames.time[: len(frames) - 1]
+    theirs = [float(peer.get_time_to_trigger(i)) for i in range(len(ours))]
+    np.testing.assert_allclose(ours, theirs, atol=1e-6)
