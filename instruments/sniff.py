@@ -32,3 +32,9 @@ def is_keyence(head: bytes, path: Path) -> bool:
     # A film or any other binary file may hold these letters by chance, but no text holds a NUL.
     text = _text(head)
     return "\0" not in text and _KEYENCE.search(text) is not None
+
+
+def is_phantom(head: bytes, path: Path) -> bool:
+    """Tell a Phantom .cine by its magic "CI" and the length of its first header."""
+    del path
+    return head[:4] == b"CI\x2c\x00"
