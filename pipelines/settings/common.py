@@ -1,34 +1,84 @@
 """Settings that several kinds of experiment share, each with its unit and its reason."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
-from labpipe.workflow.config import Length, Mass
+
+from labpipe.workflow.config import (
+    POSITIVE,
+    Dimensionless,
+    File,
+    Frequency,
+    Length,
+    Mass,
+    Range,
+    Temperature,
+    Time,
+)
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table of session.toml; an unknown key is a mistake, not a wish."""
 
 
-class Sphere(Table):
-    """The falling body.
+class MaterialChoice(Table):
+    """Where the material comes from: exactly one of three.
 
-    ``mass`` is all that moves: sphere and holder. ``material`` is a name of the library
-    (``acrylic``), a TOML file of the session, or ``experiment:NAME`` for a DMA experiment.
+    ``material`` is a name of the library (``acrylic``), ``material_file`` a TOML file of the
+    session, ``material_from`` the name of a DMA experiment of this session. ``temperature``
+    shifts the material by its law; without it, it is taken at its reference temperature.
     """
 
-    radius: Length
-    mass: Mass
-    material: str
+    material: str | None = None
+    material_file: File | None = None
+    material_from: str | None = None
+    temperature: Temperature | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse no source and more than one."""
+        given = [s for s in (self.material, self.material_file, self.material_from) if s]
+        if len(given) != 1:
+            message = (
+                "give exactly one of material (a name of the library), material_file "
+                f"and material_from (a DMA experiment); found {len(given)}"
+            )
+            raise ValueError(message)
 
 
-class Model(Table):
+class Sphere(MaterialChoice):
+    """The falling body; ``mass`` is all that moves, sphere and holder."""
+
+    radius: Annotated[Length, POSITIVE]
+    mass: Annotated[Mass, POSITIVE]
+
+
+class Keyence(Table):
+    """What a laser export may leave unsaid; nothing here is guessed.
+
+    ``cycle`` is the time between stored points; ``units`` has one entry per output.
+    """
+
+    cycle: Annotated[Time, POSITIVE] | None = None
+    units: list[str] | None = None
+    encoding: str | None = None
+    decimal: Literal[".", ","] | None = None
+
+
+class Plate(Table):
+    """The plate under the sphere as a damped oscillator, when it is to be part of the model."""
+
+    mass: Annotated[Mass, POSITIVE]
+    frequency: Annotated[Frequency, POSITIVE]
+    damping_ratio: Annotated[Dimensionless, Range(at_least=0.0, below=1.0)]
+
+
+class DropModel(Table):
     """How the drop is simulated.
 
     ``profile`` is the gap's shape: the parabola of the thesis or the exact sphere (7e-4 in force
     at a contact radius of 0.8 mm). ``rtol`` bounds the error of restitution and peak force.
     """
 
-    solver: str = "mdr"
-    profile: str = "parabola"
-    rtol: Annotated[float, msgspec.Meta(gt=0, le=1e-2)] = 1e-4
+    solver: Literal["mdr", "rings"] = "mdr"
+    profile: Literal["parabola", "sphere"] = "parabola"
+    rtol: Annotated[float, Range(above=0.0, at_most=1e-2)] = 1e-4

@@ -1,0 +1,51 @@
+"""A laser displacement sensor that looks at the holder under an angle.
+
+It samples a known motion, projects it on its line of sight, adds what real sensors add (noise,
+an unknown zero, a late or early trigger) and rounds to its display step.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipelines.rig.reference_drop import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class LaserSensor:
+    """What a sensor does to a motion; lengths in m, angle in rad, times in s."""
+
+    inclination: float
+    cycle: float = 50e-6
+    noise: float = 1.0e-6
+    step: float = 0.1e-6
+    zero: float = 2.5e-3
+
+
+def record_drop(
+    trajectory: Trajectory,
+    sensor: LaserSensor,
+    *,
+    duration: float,
+    release: float,
+    generator: np.random.Generator,
+) -> Array:
+    """Return the readings of one drop in m, ``release`` s after the record begins.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        The true motion, time 0 at release.
+    duration, release : float [s]
+        Length of the record, and when in it the sphere is let go (any fraction of a cycle).
+    generator : numpy Generator
+        Source of the noise; the caller seeds it.
+    """
+    time = np.arange(round(duration / sensor.cycle)) * sensor.cycle
+    along = trajectory.at(time - release) * np.cos(sensor.inclination) + sensor.zero
+    noisy = along + generator.normal(0.0, sensor.noise, time.size)
+    rounded: Array = np.round(noisy / sensor.step) * sensor.step
+    return rounded

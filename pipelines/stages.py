@@ -1,0 +1,113 @@
+"""The whole graph on one screen: which steps each kind of experiment takes, and what each needs.
+
+A stage names its function as text, so that planning imports no numerical library. ``version`` is
+raised when a stage's answer changes; ``parameters`` are the settings on which the answer depends.
+"""
+
+from dataclasses import dataclass
+
+import msgspec
+
+from labpipe.workflow.graph import Stage
+from pipelines.settings.ball_drop import BallDrop
+from pipelines.settings.harmonic import Harmonic
+
+BALL_DROP = (
+    Stage(
+        "readings", "pipelines.experiments.ball_drop:readings", 1,
+        ("file:laser",), ("keyence",), per="recording", over="laser",
+        summary="read the laser export",
+    ),
+    Stage(
+        "displacement", "pipelines.experiments.ball_drop:displacement", 1,
+        ("readings", "file:calibration"), ("sensor", "analysis.inclination_from_height", "height"),
+        per="recording", over="laser", schema="displacement",
+        summary="correct the inclination, with uncertainty",
+    ),
+    Stage(
+        "bounces", "pipelines.experiments.ball_drop:bounces", 1,
+        ("displacement",), (), per="recording", over="laser", schema="bounces",
+        summary="find release, contacts, bounces and rest",
+    ),
+    Stage(
+        "velocity", "pipelines.experiments.ball_drop:velocity", 1,
+        ("displacement", "bounces"), ("analysis.velocity", "analysis.window"),
+        per="recording", over="laser", schema="velocity",
+        summary="differentiate, not blunting the impacts",
+    ),
+    Stage(
+        "repeats", "pipelines.experiments.ball_drop:repeats", 1,
+        ("displacement", "velocity", "bounces"), (), schema="repeats",
+        summary="align at first contact: mean, band, outliers",
+    ),
+    Stage(
+        "model", "pipelines.experiments.ball_drop:model", 1,
+        ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve"),
+        ("height", "sphere", "model", "plate"), schema="drop",
+        summary="simulate the drop",
+    ),
+    Stage(
+        "comparison", "pipelines.experiments.ball_drop:comparison", 1,
+        ("repeats", "model"), (),
+        summary="measurement against model",
+    ),
+    Stage(
+        "report", "pipelines.experiments.ball_drop_page:page", 1,
+        ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
+        ("*",), output="page", context=True,
+        summary="write the page",
+    ),
+)  # fmt: skip
+
+HARMONIC = (
+    Stage(
+        "readings", "pipelines.experiments.harmonic:readings", 1, ("file:mach1",),
+        summary="read the Mach-1 file",
+    ),
+    Stage(
+        "loads", "pipelines.experiments.harmonic:loads", 1, ("readings",), ("load_cell",),
+        summary="compression-positive force, tared, with uncertainty",
+    ),
+    Stage(
+        "oscillations", "pipelines.experiments.harmonic:oscillations", 1,
+        ("loads",), ("cycles", "load_cell.correct_filter_lag"), schema="oscillations",
+        summary="fit frequency, amplitude, phase; work and stiffness per cycle",
+    ),
+    Stage(
+        "loops", "pipelines.experiments.harmonic:loops", 1, ("loads", "oscillations"), ("cycles",),
+        summary="mean hysteresis loop per frequency",
+    ),
+    Stage(
+        "model", "pipelines.experiments.harmonic:model", 1,
+        ("loads", "oscillations", "file:substrate.material_file",
+         "other:substrate.material_from/master_curve"),
+        ("punch", "substrate", "contact", "model", "cycles"),
+        summary="simulate with the measured displacement",
+    ),
+    Stage(
+        "comparison", "pipelines.experiments.harmonic:comparison", 1,
+        ("oscillations", "loops", "model"), (),
+        summary="measurement against model",
+    ),
+    Stage(
+        "report", "pipelines.experiments.harmonic_page:page", 1,
+        ("readings", "loads", "oscillations", "loops", "model", "comparison"), ("*",),
+        output="page", context=True,
+        summary="write the page",
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One kind of experiment: what its table in session.toml holds, and its stages."""
+
+    settings: type[msgspec.Struct]
+    stages: tuple[Stage, ...]
+    summary: str
+
+
+KINDS: dict[str, Kind] = {
+    "ball_drop": Kind(BallDrop, BALL_DROP, "drops of a sphere, seen by the laser"),
+    "harmonic": Kind(Harmonic, HARMONIC, "harmonic indentation by a periodic punch"),
+}
