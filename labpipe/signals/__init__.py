@@ -1,1 +1,5 @@
 """Signals in time: derivative, events, oscillation, alignment, repeats, metrics."""
+
+from labpipe.signals.derivative import velocity
+
+__all__ = ["velocity"]

@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+from scipy.signal import butter, lfilter
+
+from labpipe.signals.noise import estimate_noise, is_spike, quantisation_step
+
+
+@pytest.fixture
+def white():
+    return np.random.default_rng(0).standard_normal(25_000)
+
+
+@pytest.mark.parametrize("n_averaged", [2, 4, 8])
+def test_moving_average_is_seen_through(white, n_averaged):
+    noise = np.convolve(white, np.full(n_averaged, 1 / n_averaged), "valid")
+    found = estimate_noise(noise)
+    assert found.sigma == pytest.approx(1.0, rel=0.2)
+    assert found.block >= n_averaged // 2
+
+
+def test_low_pass_is_seen_through(white):
+    b, a = butter(2, 0.5)
+    assert estimate_noise(lfilter(b, a, white)).sigma == pytest.approx(1.0, rel=0.15)
+
+
+def test_motion_is_not_noise(white):
+    wave = 100 * np.sin(2 * np.pi * 0.03 * np.arange(25_000))
+    found = estimate_noise(wave + white)
+    assert found.block == 1
+    assert found.sigma == pytest.approx(1.0, rel=0.03)
+
+
+def test_uneven_times(white):
+    time = np.sort(np.random.default_rng(1).random(25_000))
+    found = estimate_noise(np.sin(20 * time) + 1e-3 * white, time)
+    assert found.sigma == pytest.approx(1e-3, rel=0.05)
+
+
+@pytest.mark.parametrize("step", [1e-8, 1e-7, 1e-3])
+def test_step_is_found_about_any_offset(white, step):
+    values = np.round(white[:2000] * 3) * step + 0.37 * step
+    assert quantisation_step(values) == pytest.approx(step, rel=1e-6)
+
+
+def test_continuous_values_have_no_step(white):
+    assert quantisation_step(white) == 0.0
+    assert quantisation_step(np.arange(50.0)) == 0.0
+    assert quantisation_step(np.zeros(50)) == 0.0
+
+
+def test_kinks_and_steps_are_no_spikes():
+    time = np.arange(100.0)
+    assert not is_spike(time, np.abs(time - 50.0), 1e-3).any()
+    assert not is_spike(time, (time > 50).astype(float), 1e-3).any()
+    assert not is_spike(time, np.sin(0.8 * time), 1e-6).any()
+
+
+def test_only_the_spike_is_marked(white):
+    values = white[:100].copy()
+    values[40] += 50.0
+    assert np.flatnonzero(is_spike(np.arange(100.0), values, 1.0)).tolist() == [40]
