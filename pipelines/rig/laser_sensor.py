@@ -44,8 +44,8 @@ def record_drop(
     generator : numpy Generator
         Source of the noise; the caller seeds it.
     """
-    time = np.arange(round(duration / sensor.cycle)) * sensor.cycle
-    along = trajectory.at(time - release) * np.cos(sensor.inclination) + sensor.zero
+    time = np.arange(round(duration / sensor.cycle), dtype=np.float64) * sensor.cycle
+    along = trajectory.at(np.asarray(time - release)) * np.cos(sensor.inclination) + sensor.zero
     noisy = along + generator.normal(0.0, sensor.noise, time.size)
     rounded: Array = np.round(noisy / sensor.step) * sensor.step
     return rounded

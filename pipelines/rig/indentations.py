@@ -1,0 +1,201 @@
+"""Indentations of rubber by a periodic punch as the virtual rig records them, with their truth.
+
+One file holds the whole history of one specimen: the approach, the ramp and the hold, and then
+one Sinusoid block per frequency. The true force of the whole history comes from
+:mod:`pipelines.rig.reference_indentation`; nothing is computed block by block.
+"""
+
+import json
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments import mach1
+from instruments.mach1_blocks import Block
+from instruments.mach1_dataset import assemble
+from instruments.mach1_synthetic import LoadCell, make_block
+from labpipe import files
+from labpipe.materials import Prony
+from pipelines.rig.mach1_tester import (
+    OVERSAMPLING,
+    RATE,
+    Tester,
+    approach,
+    oscillation,
+    ramp,
+    record,
+)
+from pipelines.rig.reference_indentation import reference_indentation
+
+Array = NDArray[np.float64]
+
+CELL = LoadCell("250N SN:0000000 (synthetic)", "Multiple-axis", 1.0, 0.0, steps={"Fz, N": 0.0125})
+_AIR = 0.05e-3  # m above the surface where the approach begins
+_APPROACH_SPEED = 0.05e-3  # m/s
+_TOUCH = 2e-6  # m of indentation at which the approach stops
+_DENSE_AFTER_MOVE = 1.0  # s after a motion during which every fine point is computed
+_THINNING = 50  # of the fine points of a long rest, one in so many is computed
+_SETTLE = 2.0  # s between blocks, the stage at rest
+
+
+@dataclass(frozen=True, slots=True)
+class Specimen:
+    """The punch and what it is pressed into; lengths in m.
+
+    ``depth`` is the length of one tip; ``surface`` the stage position of first touch.
+    """
+
+    material: Prony
+    tip_radius: float = 2e-3
+    period: float = 8e-3
+    depth: float = 6e-3
+    tips: int = 3
+    surface: float = 12.3456e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Harmonic:
+    """The protocol: mean indentation, hold, then one oscillation per frequency."""
+
+    mean: float = 0.1e-3
+    amplitude: float = 0.01e-3
+    hold: float = 600.0
+    frequencies: tuple[float, ...] = (0.1, 0.2, 0.5, 1.0, 2.0)
+    cycles: int = 12
+    rest: float = 0.4
+
+
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """One block before it is written: its function, fine history and parameters."""
+
+    function: str
+    time: Array
+    displacement: Array
+    parameters: dict[str, str]
+    frequency: float = 0.0
+
+
+def _parts(protocol: Harmonic, tester: Tester) -> list[_Part]:
+    touch_time, touch = approach(-_AIR, _TOUCH, _APPROACH_SPEED)
+    ramp_time, ramped = ramp(tester, _TOUCH, protocol.mean, protocol.hold)
+    parts = [
+        _Part("Find Contact", touch_time, touch, {
+            "Stage Axis": "Position (z)", "Load Cell Axis": "Fz", "Direction": "Positive",
+            "Contact Criteria, N": "0.0500", "Stage Velocity, mm/s": "0.0500",
+            "Stage Limit, mm": "5.0000", "Stage Repositioning": "None", "Offset, mm": "0.0000",
+        }),
+        _Part("Stress Relaxation", ramp_time, ramped, {
+            "Stage Axis": "Position (z)", "Load Cell Axis": "Fz",
+            "Amplitude, mm": f"{(protocol.mean - _TOUCH) * 1e3:.4f}", "Velocity, mm/s": "1.0000",
+            "Number of Ramp": "1", "Stop based on": "Fixed Relaxation Time",
+            "Fixed Relaxation Time, s": f"{protocol.hold:.0f}",
+        }),
+    ]  # fmt: skip
+    for frequency in protocol.frequencies:
+        time, displacement, real = oscillation(
+            tester, protocol.mean, protocol.amplitude, frequency, protocol.cycles, protocol.rest
+        )
+        parts.append(
+            _Part("Sinusoid", time, displacement, {
+                "Stage Axis": "Position (z)", "Amplitude, mm": f"{protocol.amplitude * 1e3:.4f}",
+                "Frequency, Hz": f"{frequency:.5f}", "Number of Cycles": str(protocol.cycles),
+            }, real)
+        )  # fmt: skip
+    return parts
+
+
+def write_harmonic(
+    folder: Path, name: str, specimen: Specimen, protocol: Harmonic, tester: Tester,
+    seed: int, start: datetime,
+) -> None:  # fmt: skip
+    """Write one Mach-1 file and the truth beside it."""
+    generator = np.random.default_rng(seed)
+    parts = _parts(protocol, tester)
+    begins = np.cumsum([0.0] + [p.time[-1] + _SETTLE for p in parts[:-1]])
+    ends = np.cumsum([p.time.size for p in parts])
+    force = _force(specimen, parts, begins)
+    pieces = np.split(force, ends[:-1])
+    blocks = [
+        _block(specimen, part, record(tester, piece, generator), start + timedelta(seconds=b))
+        for part, piece, b in zip(parts, pieces, begins.tolist(), strict=True)
+    ]
+    mach1.write(folder / f"mach1/{name}.txt", assemble(blocks))
+    document: dict[str, Any] = {
+        "synthetic": True,
+        "surface": specimen.surface,
+        "mean": protocol.mean,
+        "peak_force": float(pieces[1].max()),
+        "plateau_force": float(pieces[1][-1]),
+        "force_offset": tester.force_offset,
+        "oscillations": [
+            _truth_of(part, piece, protocol)
+            for part, piece in zip(parts, pieces, strict=True)
+            if part.frequency
+        ],
+    }
+    files.write_text(folder / f"truth/{name}.json", json.dumps(document, indent=1) + "\n")
+
+
+def _force(specimen: Specimen, parts: list[_Part], begins: Array) -> Array:
+    """Return the true force over all blocks, at every fine point."""
+    time = np.concatenate([b + p.time for b, p in zip(begins, parts, strict=True)])
+    displacement = np.concatenate([p.displacement for p in parts])
+    kept = _where_it_matters(time, displacement)
+    material = specimen.material
+    force, _ = reference_indentation(
+        material.E_relaxed, np.asarray(material.E), np.asarray(material.rho), float(material.nu),
+        tip_radius=specimen.tip_radius, period=specimen.period,
+        depth=specimen.depth * specimen.tips, time=time[kept], displacement=displacement[kept],
+    )  # fmt: skip
+    return np.interp(time, time[kept], force)
+
+
+def _block(specimen: Specimen, part: _Part, written: Array, start: datetime) -> Block:
+    """Make one block of the file; a six-axis cell counts compression negative."""
+    columns = {
+        "Time, s": np.arange(written.size) / RATE,
+        "Position (z), mm": specimen.surface + part.displacement[::OVERSAMPLING],
+        "Fz, N": -written,
+    }
+    dividers = (written.size,) if part.function == "Stress Relaxation" else ()
+    return make_block(
+        part.function, start, columns, part.parameters, load_cell=CELL, dividers=dividers
+    )
+
+
+def _where_it_matters(time: Array, displacement: Array) -> NDArray[np.int64]:
+    """Thin the fine grid out where the stage rests: force is smooth in log time there."""
+    moves = np.flatnonzero(np.diff(displacement) != 0)
+    since = np.full(time.size, np.inf)
+    last = np.searchsorted(moves, np.arange(time.size), side="right") - 1
+    since[last >= 0] = time[last >= 0] - time[moves[last[last >= 0]] + 1]
+    keep = (since < _DENSE_AFTER_MOVE) | (np.arange(time.size) % _THINNING == 0)
+    # the last fine point before a motion begins must stay, or the ramp would start early
+    keep[moves] = True
+    keep[[0, -1]] = True
+    return np.flatnonzero(keep)
+
+
+def _truth_of(part: _Part, force: Array, protocol: Harmonic) -> dict[str, float]:
+    """Return amplitude, work and complex stiffness of the second half of an oscillation."""
+    period = 1 / part.frequency
+    cycles = protocol.cycles // 2
+    end = protocol.rest + protocol.cycles * period
+    grid = np.linspace(end - cycles * period, end, cycles * 4000 + 1)
+    x = np.interp(grid, part.time, part.displacement)
+    f = np.interp(grid, part.time, force)
+    phase = np.exp(-2j * np.pi * part.frequency * (grid - end))[:-1]
+    stiffness = np.sum(f[:-1] * phase) / np.sum(x[:-1] * phase)
+    return {
+        "frequency": part.frequency,
+        "amplitude": float(2 * abs(np.mean(x[:-1] * phase))),
+        "force_amplitude": float(2 * abs(np.mean(f[:-1] * phase))),
+        "storage_stiffness": float(stiffness.real),
+        "loss_stiffness": float(stiffness.imag),
+        "work_per_cycle": float(np.trapezoid(f, x) / cycles),
+    }
