@@ -1,1 +1,75 @@
-"""Self-contained HTML pages: document, charts, tables."""
+"""Self-contained HTML pages: documents made of texts, tables, charts and pictures.
+
+The kit knows no physics, no instrument and no experiment; it is given arrays and texts. A page
+holds everything it needs, asks for nothing over a network, and is complete without scripts.
+Numerical libraries are imported only when something is drawn.
+"""
+
+from labpipe.report.blocks import (
+    Bars,
+    Block,
+    Details,
+    Gallery,
+    KeyValues,
+    Notice,
+    Paragraph,
+    Picture,
+)
+from labpipe.report.charts import Band, LineChart, ScatterChart, Series
+from labpipe.report.document import MAX_PAGE_BYTES, Document, Section, index_page
+from labpipe.report.index import IndexRow, IndexTable
+from labpipe.report.style import figure_style, line_arguments, save_figure
+from labpipe.report.tables import (
+    Column,
+    Table,
+    display_unit,
+    number,
+    plus_minus,
+    value_with_uncertainty,
+)
+
+__all__ = [
+    "MAX_PAGE_BYTES",
+    "Band",
+    "Bars",
+    "Block",
+    "Column",
+    "Details",
+    "Document",
+    "Gallery",
+    "IndexRow",
+    "IndexTable",
+    "KeyValues",
+    "LineChart",
+    "Notice",
+    "Paragraph",
+    "Picture",
+    "ScatterChart",
+    "Section",
+    "Series",
+    "Table",
+    "display_unit",
+    "figure_style",
+    "index_page",
+    "line_arguments",
+    "number",
+    "plus_minus",
+    "save_figure",
+    "thumbnail",
+    "value_with_uncertainty",
+]
+
+
+def thumbnail(chart: LineChart | ScatterChart, width_px: int = 240) -> bytes:
+    """Draw a chart without axes as a small PNG file, for an index page.
+
+    Parameters
+    ----------
+    chart : LineChart or ScatterChart
+        What to draw.
+    width_px : int
+        Width of the picture; its height is half of it.
+    """
+    from labpipe.report import pictures
+
+    return pictures.thumbnail(chart, width_px)

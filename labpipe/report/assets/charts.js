@@ -1,0 +1,584 @@
+"use strict";
+/* Interactive charts. uPlot supplies axes, scales, cursor and selection; the curves are drawn here,
+   because every series has its own x, a loop runs back, and markers must differ in shape.
+   All texts reach the page as textContent or on a canvas, never as markup. */
+(() => {
+  const PAN_SHARE = 0.1, KEY_ZOOM = 1.4, WHEEL_ZOOM = 1.0015, CURSOR_STEP_PX = 6;
+  const SMALLEST_WINDOW = 1e-9, Y_MARGIN = 0.05, MARKER_PX = 3.2, ALONG_LINE_PX = 90, CROWDED_PX = 5;
+  const SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  const charts = [];
+
+  // ---- data -------------------------------------------------------------------------------
+  const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+
+  const positions = (axis) => {
+    if (axis.values !== undefined) return new Float64Array(bytes(axis.values));
+    if (axis.count !== undefined) return Float64Array.from({ length: axis.count }, (_, i) => axis.start + axis.step * i);
+    return Float64Array.from(new Int32Array(bytes(axis.index)), (i) => axis.start + axis.step * i);
+  };
+
+  const curve = (packed) => {
+    if (packed === undefined) return null;
+    const raw = packed.wide === undefined ? new Float32Array(bytes(packed.data)) : new Float64Array(bytes(packed.wide));
+    return Float64Array.from(raw, (v) => v + packed.offset);
+  };
+
+  const decode = (description) => {
+    const axes = description.axes.map(positions);
+    return description.series.map((s) => ({
+      ...s, x: axes[s.axis], y: curve(s.y), u: curve(s.u), low: curve(s.low), high: curve(s.high), shown: true,
+    }));
+  };
+
+  /** First index whose value is not below the wanted one. */
+  const lowerBound = (x, wanted) => {
+    let a = 0, b = x.length;
+    while (a < b) { const m = (a + b) >> 1; if (x[m] < wanted) a = m + 1; else b = m; }
+    return a;
+  };
+
+  // ---- numbers ----------------------------------------------------------------------------
+  const raised = (n) => (n < 0 ? "⁻" : "") + String(Math.abs(n)).replace(/\d/g, (d) => SUPERSCRIPTS[d]);
+  const minus = (text) => text.replace("-", "−");
+
+  const fixed = (value, decimals) => {
+    const text = value.toFixed(Math.min(Math.max(decimals, 0), 12));
+    return Number(text) === 0 ? text.replace("-", "") : minus(text);
+  };
+
+  /** Decimals that write a step such as 0.025 in full. */
+  const decimalsOf = (step) => {
+    let decimals = Math.max(-Math.floor(Math.log10(step) + 1e-9), 0);
+    while (decimals < 15 && Math.abs(step * 10 ** decimals - Math.round(step * 10 ** decimals)) > 1e-6) decimals += 1;
+    return decimals;
+  };
+
+  const tickText = (value, step) => {
+    if (Math.abs(value) < step * 1e-6) return "0";
+    const size = Math.floor(Math.log10(Math.abs(value)) + 1e-9);
+    if (step < 1e-6 || Math.abs(value) >= 1e6) return `${fixed(value / 10 ** size, decimalsOf(step / 10 ** size))}·10${raised(size)}`;
+    return fixed(value, decimalsOf(step));
+  };
+
+  const powerText = (value) => {
+    const size = Math.floor(Math.log10(value) + 1e-9), digit = Math.round(value / 10 ** size);
+    if (size >= -3 && size <= 3) return String(Number((digit * 10 ** size).toPrecision(3)));
+    return digit === 1 ? `10${raised(size)}` : `${digit}·10${raised(size)}`;
+  };
+
+  /** A hovered value with as many digits as the window resolves. */
+  const readout = (value, width) => {
+    if (value === null || Number.isNaN(value)) return "–";
+    if (value === 0) return "0";
+    const size = Math.floor(Math.log10(Math.abs(value)));
+    const step = Math.floor(Math.log10(width || Math.abs(value))) - 3;
+    if (size >= 6 || size < -4) return `${fixed(value / 10 ** size, Math.min(Math.max(size - step, 0), 7))}·10${raised(size)}`;
+    return fixed(value, Math.max(-step, 0));
+  };
+
+  const logTicks = (low, high) => {
+    const ticks = [];
+    for (let power = Math.floor(Math.log10(low)); power <= Math.ceil(Math.log10(high)); power += 1) {
+      for (let digit = 1; digit < 10; digit += 1) {
+        const value = digit * 10 ** power;
+        if (value >= low * (1 - 1e-9) && value <= high * (1 + 1e-9)) ticks.push(value);
+      }
+    }
+    return ticks;
+  };
+
+  const logLabels = (ticks) => {
+    const decades = Math.log10(ticks[ticks.length - 1] / ticks[0]);
+    return ticks.map((value) => {
+      const size = Math.floor(Math.log10(value) + 1e-9), digit = Math.round(value / 10 ** size);
+      const every = decades > 9 ? 2 : 1;
+      const named = decades < 1 ? [1, 2, 3, 5, 7].includes(digit) : decades < 2 ? [1, 2, 5].includes(digit) : digit === 1 && size % every === 0;
+      return named ? powerText(value) : "";
+    });
+  };
+
+  // ---- ranges -----------------------------------------------------------------------------
+  const forward = (scale) => (scale === "log" ? Math.log10 : (v) => v);
+  const backward = (scale) => (scale === "log" ? (v) => 10 ** v : (v) => v);
+
+  const widened = (low, high, scale, margin) => {
+    if (!(low <= high)) return scale === "log" ? [1, 10] : [0, 1];
+    const f = forward(scale), g = backward(scale);
+    const a = f(low), b = f(high);
+    const extra = a === b ? (scale === "log" ? 0.2 : Math.abs(a) * 0.05 || 1) : (b - a) * margin;
+    return [g(a - extra), g(b + extra)];
+  };
+
+  /** Visible range of y inside a window of x. */
+  const heights = (chart, [from, to]) => {
+    let low = Infinity, high = -Infinity;
+    const isLog = chart.description.yScale === "log";
+    const take = (v) => { if (v < low && !(isLog && v <= 0)) low = v; if (v > high) high = v; };
+    for (const s of chart.series) {
+      if (!s.shown) continue;
+      const [first, last] = chart.isPlane ? [0, s.x.length] : [Math.max(lowerBound(s.x, from) - 1, 0), Math.min(lowerBound(s.x, to) + 1, s.x.length)];
+      for (let i = first; i < last; i += 1) {
+        if (s.low !== null) { take(s.low[i]); take(s.high[i]); continue; }
+        // A neighbour outside the window bounds a line, but not a cloud of points.
+        if (s.style === "points" && (s.x[i] < from || s.x[i] > to)) continue;
+        take(s.y[i]);
+        if (s.u !== null && s.u[i] === s.u[i]) { take(s.y[i] - s.u[i]); take(s.y[i] + s.u[i]); }
+      }
+    }
+    return widened(low, high, chart.description.yScale, Y_MARGIN);
+  };
+
+  // ---- drawing ----------------------------------------------------------------------------
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const inkOf = (s) => (dark.matches ? s.dark : s.light);
+
+  /** Functions from values to canvas pixels, without a call into uPlot per point. */
+  const projection = (u, description) => {
+    const along = (key, scale, start, length, turned) => {
+      const f = forward(scale), { min, max } = u.scales[key];
+      const a = f(min), k = length / (f(max) - a);
+      return turned ? (v) => start + length - (f(v) - a) * k : (v) => start + (f(v) - a) * k;
+    };
+    const { left, top, width, height } = u.bbox;
+    return { px: along("x", description.xScale, left, width, false), py: along("y", description.yScale, top, height, true) };
+  };
+
+  const visible = (chart, s, u) => {
+    if (chart.isPlane) return [0, s.x.length];
+    return [Math.max(lowerBound(s.x, u.scales.x.min) - 1, 0), Math.min(lowerBound(s.x, u.scales.x.max) + 2, s.x.length)];
+  };
+
+  /** Where several samples fall into one column of pixels, their extremes stand for them. */
+  const traceSorted = (path, s, y, [first, last], { px, py }) => {
+    let column = NaN, low = 0, high = 0, end = 0, isDrawing = false;
+    const flush = () => { if (column === column && low !== high) { path.lineTo(column, low); path.lineTo(column, high); path.lineTo(column, end); } };
+    for (let i = first; i < last; i += 1) {
+      const v = py(y[i]);
+      if (v !== v) { flush(); column = NaN; isDrawing = false; continue; }
+      const at = px(s.x[i]);
+      const rounded = Math.round(at);
+      if (isDrawing && rounded === column && last - first > 4000) {
+        if (v < low) low = v;
+        if (v > high) high = v;
+        end = v;
+        continue;
+      }
+      flush();
+      if (!isDrawing) path.moveTo(at, v);
+      else { if (s.style === "step") path.lineTo(at, end); path.lineTo(at, v); }
+      isDrawing = true; column = rounded; low = high = end = v;
+    }
+    flush();
+  };
+
+  const traceLoop = (path, s, { px, py }) => {
+    let isDrawing = false;
+    for (let i = 0; i < s.x.length; i += 1) {
+      const v = py(s.y[i]);
+      if (v !== v) { isDrawing = false; continue; }
+      if (isDrawing) path.lineTo(px(s.x[i]), v); else path.moveTo(px(s.x[i]), v);
+      isDrawing = true;
+    }
+  };
+
+  const drawBand = (ctx, s, range, { px, py }) => {
+    ctx.globalAlpha = dark.matches ? 0.3 : 0.2;
+    ctx.fillStyle = inkOf(s);
+    let start = range[0];
+    const fill = (stop) => {
+      if (stop - start < 1) return;
+      ctx.beginPath();
+      for (let i = start; i < stop; i += 1) ctx.lineTo(px(s.x[i]), py(s.high[i]));
+      for (let i = stop - 1; i >= start; i -= 1) ctx.lineTo(px(s.x[i]), py(s.low[i]));
+      ctx.fill();
+    };
+    for (let i = range[0]; i <= range[1]; i += 1) {
+      if (i < range[1] && s.low[i] === s.low[i] && s.high[i] === s.high[i]) continue;
+      fill(i);
+      start = i + 1;
+    }
+    ctx.globalAlpha = 1;
+  };
+
+  const outline = (path, marker, x, y, r) => {
+    if (marker === "circle") { path.moveTo(x + r, y); path.arc(x, y, r, 0, 2 * Math.PI); return; }
+    const corners = {
+      square: [[-0.9, -0.9], [0.9, -0.9], [0.9, 0.9], [-0.9, 0.9]],
+      triangle: [[0, -1.15], [1.1, 0.85], [-1.1, 0.85]],
+      diamond: [[0, -1.25], [1.25, 0], [0, 1.25], [-1.25, 0]],
+    }[marker];
+    corners.forEach(([dx, dy], i) => (i ? path.lineTo(x + dx * r, y + dy * r) : path.moveTo(x + dx * r, y + dy * r)));
+    path.closePath();
+  };
+
+  const drawMarkers = (ctx, s, points, density) => {
+    const path = new Path2D();
+    for (const [x, y] of points) outline(path, s.marker, x, y, MARKER_PX * density);
+    ctx.fillStyle = s.filled ? inkOf(s) : colour("--page");
+    ctx.strokeStyle = inkOf(s);
+    ctx.lineWidth = 1.2 * density;
+    ctx.setLineDash([]);
+    ctx.fill(path);
+    ctx.stroke(path);
+  };
+
+  const drawErrors = (ctx, s, [first, last], { px, py }, density) => {
+    const path = new Path2D(), cap = 3 * density;
+    for (let i = first; i < last; i += 1) {
+      const x = px(s.x[i]);
+      let low = py(s.y[i] - s.u[i]);
+      const high = py(s.y[i] + s.u[i]);
+      if (high !== high) continue;
+      // On a logarithmic axis a bar that reaches zero runs out of the frame.
+      if (!Number.isFinite(low)) low = ctx.canvas.height * 2;
+      path.moveTo(x, low); path.lineTo(x, high);
+      path.moveTo(x - cap, low); path.lineTo(x + cap, low);
+      path.moveTo(x - cap, high); path.lineTo(x + cap, high);
+    }
+    ctx.strokeStyle = inkOf(s); ctx.lineWidth = density; ctx.setLineDash([]);
+    ctx.stroke(path);
+  };
+
+  /** Points of a curve that stand about `gap` pixels apart. */
+  const spaced = (s, range, { px, py }, gap, offset) => {
+    const points = [];
+    let next = -Infinity;
+    for (let i = range[0]; i < range[1]; i += 1) {
+      const x = px(s.x[i]), y = py(s.y[i]);
+      if (next === -Infinity) next = x + offset;
+      if (x >= next && y === y) { points.push([x, y]); next = x + gap; }
+    }
+    return points;
+  };
+
+  const drawSeries = (chart, u, s, place, project, density) => {
+    const ctx = u.ctx, range = visible(chart, s, u);
+    if (s.style === "band") { drawBand(ctx, s, range, project); return; }
+    if (s.u !== null) drawErrors(ctx, s, range, project, density);
+    if (s.style === "points") {
+      const points = [];
+      for (let i = range[0]; i < range[1]; i += 1) points.push([project.px(s.x[i]), project.py(s.y[i])]);
+      drawMarkers(ctx, s, points.filter(([, y]) => y === y), density);
+      return;
+    }
+    const path = new Path2D();
+    if (chart.isPlane) traceLoop(path, s, project); else traceSorted(path, s, s.y, range, project);
+    ctx.strokeStyle = inkOf(s);
+    ctx.lineWidth = s.width * 1.25 * density;
+    ctx.lineJoin = "round";
+    ctx.setLineDash(s.dash.map((d) => d * density));
+    ctx.stroke(path);
+    // Several curves of one role differ in colour only; markers along them survive a grey print.
+    if (s.isMarked && !chart.isPlane) drawMarkers(ctx, s, spaced(s, range, project, ALONG_LINE_PX * density, 20 * place * density), density * 0.9);
+  };
+
+  const drawPositions = (chart, u, project, density) => {
+    const { ctx, bbox } = u, inside = chart.description.lines.filter(([, x]) => x >= u.scales.x.min && x <= u.scales.x.max);
+    ctx.strokeStyle = colour("--axis"); ctx.globalAlpha = 0.7; ctx.lineWidth = density; ctx.setLineDash([density, 3 * density]);
+    ctx.fillStyle = colour("--muted"); ctx.font = `${11 * density}px ${getComputedStyle(document.body).fontFamily}`; ctx.textBaseline = "top"; ctx.textAlign = "left";
+    let free = -Infinity, last = -Infinity;
+    for (const [name, x] of inside) {
+      const at = project.px(x), width = ctx.measureText(name).width;
+      // A crowd of lines would be a grey block; it comes apart when it is zoomed into.
+      if (at - last < CROWDED_PX * density) continue;
+      last = at;
+      ctx.beginPath(); ctx.moveTo(at, bbox.top); ctx.lineTo(at, bbox.top + bbox.height); ctx.stroke();
+      if (at > free && at + width + 6 * density < bbox.left + bbox.width) { ctx.fillText(name, at + 4 * density, bbox.top + 3 * density); free = at + width + 10 * density; }
+    }
+    ctx.globalAlpha = 1;
+  };
+
+  const draw = (chart, u) => {
+    const { ctx, bbox } = u, density = window.devicePixelRatio || 1;
+    const project = projection(u, chart.description);
+    ctx.save();
+    ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
+    const zero = project.py(0);
+    if (chart.hasResidual && Number.isFinite(zero)) {
+      ctx.strokeStyle = colour("--axis"); ctx.lineWidth = density; ctx.setLineDash([]);
+      ctx.beginPath(); ctx.moveTo(bbox.left, zero); ctx.lineTo(bbox.left + bbox.width, zero); ctx.stroke();
+    }
+    drawPositions(chart, u, project, density);
+    const isPoint = (s) => s.style === "points";
+    chart.series.forEach((s, place) => { if (s.shown && !isPoint(s)) drawSeries(chart, u, s, place, project, density); });
+    chart.series.forEach((s, place) => { if (s.shown && isPoint(s)) drawSeries(chart, u, s, place, project, density); });
+    ctx.restore();
+  };
+
+  // ---- windows ----------------------------------------------------------------------------
+  const companions = (chart) => (chart.description.group === "" ? [chart] : charts.filter((c) => c.description.group === chart.description.group));
+
+  const groupRange = (chart) => {
+    const ranges = companions(chart).map((c) => c.description.range);
+    return [Math.min(...ranges.map((r) => r[0])), Math.max(...ranges.map((r) => r[1]))];
+  };
+
+  const apply = (chart) => {
+    const u = chart.plot;
+    for (const button of chart.buttons) button.setAttribute("aria-pressed", String(isCurrent(chart, Number(button.dataset.view))));
+    if (u === null) return;
+    const [y0, y1] = chart.yWindow ?? heights(chart, chart.window);
+    u.batch(() => {
+      u.setScale("x", { min: chart.window[0], max: chart.window[1] });
+      u.setScale("y", { min: y0, max: y1 });
+    });
+    chart.figure.dataset.window = chart.window.join(" ");
+  };
+
+  const isCurrent = (chart, view) => {
+    const [a, b] = view < 0 ? groupRange(chart) : chart.description.views[view];
+    const near = (b - a) * 1e-6;
+    return chart.yWindow === null && Math.abs(chart.window[0] - a) <= near && Math.abs(chart.window[1] - b) <= near;
+  };
+
+  const setWindow = (chart, from, to) => {
+    const scale = chart.description.xScale, f = forward(scale), g = backward(scale);
+    const [low, high] = groupRange(chart).map(f), whole = high - low;
+    let [a, b] = [f(from), f(to)];
+    const width = Math.min(Math.max(b - a, whole * SMALLEST_WINDOW), whole);
+    if (!(width > 0)) return;
+    a = Math.min(Math.max(a, low), high - width);
+    for (const other of companions(chart)) { other.window = [g(a), g(a + width)]; apply(other); }
+  };
+
+  /** Zoom about a point given as a fraction of the window. */
+  const zoom = (chart, factor, share, yShare) => {
+    const scaled = ([from, to], scale, at) => {
+      const f = forward(scale), g = backward(scale), a = f(from), b = f(to), centre = a + (b - a) * at;
+      return [g(centre - (centre - a) / factor), g(centre + (b - centre) / factor)];
+    };
+    const next = scaled(chart.window, chart.description.xScale, share);
+    if (chart.isPlane) chart.yWindow = scaled(chart.yWindow ?? heights(chart, chart.window), chart.description.yScale, yShare);
+    setWindow(chart, ...next);
+  };
+
+  const pan = (chart, share) => {
+    const f = forward(chart.description.xScale), g = backward(chart.description.xScale);
+    const [a, b] = chart.window.map(f), by = (b - a) * share;
+    setWindow(chart, g(a + by), g(b + by));
+  };
+
+  const reset = (chart) => {
+    for (const other of companions(chart)) other.yWindow = null;
+    setWindow(chart, ...groupRange(chart));
+  };
+
+  // ---- hovering ---------------------------------------------------------------------------
+  const nearestAlong = (s, x) => {
+    const i = lowerBound(s.x, x);
+    if (i === 0) return 0;
+    if (i === s.x.length) return i - 1;
+    return x - s.x[i - 1] <= s.x[i] - x ? i - 1 : i;
+  };
+
+  const nearestInPlane = (chart, s, left, top) => {
+    const u = chart.plot;
+    let best = -1, smallest = 30 * 30;
+    for (let i = 0; i < s.x.length; i += 1) {
+      const dx = u.valToPos(s.x[i], "x") - left, dy = u.valToPos(s.y[i], "y") - top;
+      if (dx * dx + dy * dy < smallest) { smallest = dx * dx + dy * dy; best = i; }
+    }
+    return best;
+  };
+
+  const widthOf = (u, key) => Math.abs(u.scales[key].max - u.scales[key].min);
+
+  const hoverOne = (chart, s, left, top) => {
+    const u = chart.plot;
+    const i = chart.isPlane ? nearestInPlane(chart, s, left, top) : nearestAlong(s, u.posToVal(left, "x"));
+    if (i < 0 || s.x.length === 0 || !s.shown) { s.value.textContent = ""; s.mark.style.display = "none"; return; }
+    const say = (v) => readout(v, widthOf(u, "y"));
+    if (s.low !== null) { s.value.textContent = `${say(s.low[i])} … ${say(s.high[i])}`; return; }
+    const error = s.u !== null && s.u[i] === s.u[i] ? ` ± ${say(s.u[i])}` : "";
+    s.value.textContent = (chart.isPlane ? `(${readout(s.x[i], widthOf(u, "x"))}, ${say(s.y[i])})` : say(s.y[i])) + error;
+    const x = u.valToPos(s.x[i], "x"), y = u.valToPos(s.y[i], "y");
+    const isInside = x >= 0 && x <= u.over.clientWidth && y >= 0 && y <= u.over.clientHeight;
+    s.mark.style.display = isInside ? "block" : "none";
+    s.mark.style.background = inkOf(s);
+    s.mark.style.transform = `translate(${x}px, ${y}px)`;
+  };
+
+  const hover = (chart) => {
+    const { left, top } = chart.plot.cursor;
+    const isAway = left === null || left === undefined || left < 0;
+    chart.flag.textContent = isAway || chart.isPlane ? "" : readout(chart.plot.posToVal(left, "x"), widthOf(chart.plot, "x"));
+    chart.flag.style.transform = `translateX(calc(${left}px - 50%))`;
+    for (const s of chart.series) {
+      if (isAway) { s.value.textContent = ""; s.mark.style.display = "none"; } else hoverOne(chart, s, left, top);
+    }
+  };
+
+  // ---- building ---------------------------------------------------------------------------
+  const svg = (name, attributes) => {
+    const element = document.createElementNS("http://www.w3.org/2000/svg", name);
+    for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, String(value));
+    return element;
+  };
+
+  const swatch = (s) => {
+    const box = svg("svg", { width: 30, height: 12, viewBox: "0 0 30 12", "aria-hidden": "true" });
+    const ink = inkOf(s);
+    if (s.style === "band") box.append(svg("rect", { x: 0, y: 1, width: 30, height: 10, fill: ink, opacity: dark.matches ? 0.4 : 0.25 }));
+    else if (s.style !== "points") box.append(svg("line", { x1: 0, y1: 6, x2: 30, y2: 6, stroke: ink, "stroke-width": s.width * 1.4, "stroke-dasharray": s.dash.join(" ") }));
+    if (s.style === "points" || (s.isMarked && s.style !== "band")) {
+      const shapes = { circle: "M19,6a4,4 0 1,1 -8,0a4,4 0 1,1 8,0z", square: "M11.5,2.5h7v7h-7z", triangle: "M15,1.5l4.5,8.3h-9z", diamond: "M15,1l5,5l-5,5l-5,-5z" };
+      box.append(svg("path", { d: shapes[s.marker], fill: s.filled ? ink : colour("--page"), stroke: ink, "stroke-width": 1.3 }));
+    }
+    return box;
+  };
+
+  const buildLegend = (chart) => {
+    const legend = chart.figure.querySelector(".chart-legend");
+    legend.replaceChildren();
+    for (const s of chart.series) {
+      const button = document.createElement("button"), name = document.createElement("span");
+      s.value = document.createElement("span");
+      s.value.className = s.style === "band" || chart.isPlane ? "value value-wide" : "value";
+      name.textContent = s.name;
+      button.type = "button";
+      button.setAttribute("aria-pressed", String(s.shown));
+      button.append(swatch(s), name, s.value);
+      button.addEventListener("click", () => {
+        s.shown = !s.shown;
+        button.setAttribute("aria-pressed", String(s.shown));
+        apply(chart);
+        chart.plot.redraw();
+      });
+      legend.append(button);
+    }
+  };
+
+  const buildMarks = (chart) => {
+    for (const s of chart.series) {
+      s.mark = document.createElement("div");
+      s.mark.className = "hover-mark";
+      chart.plot.over.append(s.mark);
+    }
+    chart.flag = document.createElement("div");
+    chart.flag.className = "x-flag";
+    chart.plot.over.append(chart.flag);
+  };
+
+  const axis = (chart, key) => {
+    const isX = key === "x", scale = chart.description[isX ? "xScale" : "yScale"];
+    const family = getComputedStyle(document.body).fontFamily;
+    const options = {
+      scale: key, label: isX ? chart.description.xLabel : undefined, font: `12px ${family}`, labelFont: `13px ${family}`, labelGap: 2,
+      labelSize: 22, gap: 5, space: isX ? 64 : 36, stroke: () => colour("--text"),
+      grid: { stroke: () => colour("--grid"), width: 1 }, ticks: { stroke: () => colour("--axis"), width: 1, size: 5 }, border: { show: true, stroke: () => colour("--axis"), width: 1 },
+      values: (u, ticks, place, space, step) => (scale === "log" ? logLabels(ticks) : ticks.map((v) => tickText(v, step))),
+      size: (u, values) => {
+        if (isX) return 28;
+        u.ctx.save(); u.ctx.font = `${12 * (window.devicePixelRatio || 1)}px ${family}`;
+        const widest = Math.max(...(values ?? []).map((v) => u.ctx.measureText(v ?? "").width), 0) / (window.devicePixelRatio || 1);
+        u.ctx.restore();
+        // One width for most charts, so that the frames of a group stand under each other.
+        return Math.max(Math.ceil(widest) + 14, 52);
+      },
+    };
+    if (scale === "log") { options.splits = (u, place, low, high) => logTicks(low, high); options.filter = (u, ticks) => ticks; }
+    return options;
+  };
+
+  const select = (chart, u) => {
+    const { left, top, width, height } = u.select;
+    u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+    if (width < 4 || (chart.isPlane && height < 4)) return;
+    const from = u.posToVal(left, "x"), to = u.posToVal(left + width, "x");
+    if (chart.isPlane) chart.yWindow = [u.posToVal(top + height, "y"), u.posToVal(top, "y")];
+    setWindow(chart, from, to);
+  };
+
+  const build = (chart) => {
+    const d = chart.description, host = chart.figure.querySelector(".chart-plot");
+    const [y0, y1] = heights(chart, chart.window);
+    chart.plot = new uPlot({
+      width: host.clientWidth, height: d.height, padding: [8, 14, 0, 0], legend: { show: false },
+      scales: {
+        // Without a range of our own uPlot widens logarithmic axes to whole decades.
+        x: { time: false, auto: false, distr: d.xScale === "log" ? 3 : 1, min: chart.window[0], max: chart.window[1], range: (u, min, max) => [min, max] },
+        y: { auto: false, distr: d.yScale === "log" ? 3 : 1, min: y0, max: y1, range: (u, min, max) => [min, max] },
+      },
+      axes: [axis(chart, "x"), axis(chart, "y")],
+      series: [{}, { scale: "y", paths: () => null, points: { show: false } }],
+      cursor: {
+        x: true, y: chart.isPlane, points: { show: false }, drag: { x: true, y: chart.isPlane, setScale: false, uni: null },
+        bind: { dblclick: () => () => reset(chart) },
+        ...(d.group === "" ? {} : { sync: { key: `group ${d.group}`, setSeries: false, scales: ["x", null], filters: { pub: (type) => type === "mousemove" || type === "mouseleave" } } }),
+      },
+      hooks: { draw: [(u) => draw(chart, u)], setCursor: [() => hover(chart)], setSelect: [(u) => select(chart, u)] },
+    }, [[chart.window[0], chart.window[1]], [null, null]], host);
+    buildMarks(chart);
+    apply(chart);
+  };
+
+  const onKey = (chart, event) => {
+    const u = chart.plot;
+    if (event.target !== event.currentTarget || event.ctrlKey || event.metaKey || event.altKey || u === null) return;
+    const actions = {
+      ArrowLeft: () => pan(chart, -PAN_SHARE), ArrowRight: () => pan(chart, PAN_SHARE),
+      ArrowUp: () => zoom(chart, KEY_ZOOM, 0.5, 0.5), "+": () => zoom(chart, KEY_ZOOM, 0.5, 0.5),
+      ArrowDown: () => zoom(chart, 1 / KEY_ZOOM, 0.5, 0.5), "-": () => zoom(chart, 1 / KEY_ZOOM, 0.5, 0.5),
+      Home: () => reset(chart), Escape: () => reset(chart),
+    };
+    const move = (by) => u.setCursor({ left: Math.min(Math.max((u.cursor.left >= 0 ? u.cursor.left : u.over.clientWidth / 2) + by, 0), u.over.clientWidth), top: u.over.clientHeight / 2 });
+    const action = event.shiftKey && event.key === "ArrowLeft" ? () => move(-CURSOR_STEP_PX) : event.shiftKey && event.key === "ArrowRight" ? () => move(CURSOR_STEP_PX) : actions[event.key];
+    if (action === undefined) return;
+    event.preventDefault();
+    action();
+  };
+
+  const onWheel = (chart, event) => {
+    // An unfocused chart lets the page scroll; a click or Ctrl (a pinch on a touchpad) takes over.
+    if (chart.plot === null || !(event.ctrlKey || chart.figure.contains(document.activeElement))) return;
+    event.preventDefault();
+    const box = chart.plot.over.getBoundingClientRect(), unit = event.deltaMode === 1 ? 16 : 1;
+    if (Math.abs(event.deltaX) > Math.abs(event.deltaY)) { pan(chart, (event.deltaX * unit) / box.width); return; }
+    const share = (event.clientX - box.left) / box.width, yShare = 1 - (event.clientY - box.top) / box.height;
+    zoom(chart, WHEEL_ZOOM ** (-event.deltaY * unit), Math.min(Math.max(share, 0), 1), Math.min(Math.max(yShare, 0), 1));
+  };
+
+  const prepare = (figure) => {
+    const description = JSON.parse(figure.querySelector('script[type="application/json"]').textContent);
+    const series = decode(description);
+    const chart = { figure, description, series, plot: null, flag: null, window: description.range, yWindow: null, isPlane: description.kind === "plane", hasResidual: series.some((s) => s.role === "residual"), buttons: [...figure.querySelectorAll(".view")] };
+    const live = figure.querySelector(".chart-live"), host = figure.querySelector(".chart-plot");
+    host.style.height = `${description.height}px`;
+    figure.querySelector(".chart-y-label").textContent = description.yLabel;
+    charts.push(chart);
+    buildLegend(chart);
+    for (const button of chart.buttons) {
+      button.addEventListener("click", () => {
+        const view = Number(button.dataset.view);
+        if (view < 0) { reset(chart); return; }
+        chart.yWindow = null;
+        setWindow(chart, ...description.views[view]);
+      });
+    }
+    live.addEventListener("keydown", (event) => onKey(chart, event));
+    host.addEventListener("wheel", (event) => onWheel(chart, event), { passive: false });
+    host.addEventListener("mousedown", () => live.focus({ preventScroll: true }));
+    // A chart inside something folded has no width until it is unfolded.
+    new ResizeObserver(() => {
+      if (host.clientWidth < 40) return;
+      if (chart.plot === null) build(chart);
+      else if (chart.plot.width !== host.clientWidth) chart.plot.setSize({ width: host.clientWidth, height: description.height });
+    }).observe(host);
+  };
+
+  for (const figure of document.querySelectorAll("figure.chart")) {
+    figure.classList.add("is-live");
+    try {
+      prepare(figure);
+    } catch (problem) {
+      figure.classList.remove("is-live");
+      console.error("this chart is shown as a still picture", problem);
+    }
+  }
+  // Companions are known only now.
+  for (const chart of charts) chart.window = groupRange(chart);
+  dark.addEventListener("change", () => {
+    for (const chart of charts) { buildLegend(chart); if (chart.plot !== null) chart.plot.redraw(); }
+  });
+})();

@@ -1,0 +1,215 @@
+"""What a page is made of besides tables and charts: texts, notices, pictures, galleries, bars."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+
+from labpipe.errors import InputError
+
+if TYPE_CHECKING:
+    from labpipe.report.charts import LineChart, ScatterChart
+    from labpipe.report.index import IndexTable
+    from labpipe.report.tables import Table
+
+Level = Literal["ok", "info", "warning", "error"]
+
+_SIGNATURES = ((b"\x89PNG\r\n\x1a\n", "image/png"), (b"\xff\xd8\xff", "image/jpeg"))
+_SVG_HEAD = re.compile(
+    rb"\s*(<\?xml[^>]*\?>\s*)?(<!--.*?-->\s*|<!DOCTYPE[^>]*>\s*)*<svg[\s>]", re.DOTALL
+)
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """Running text; an empty line starts a new paragraph.
+
+    Attributes
+    ----------
+    text : str
+        Plain text. It is shown as it stands; it cannot hold markup.
+    copyable : bool
+        Offer a button that copies the text (methods paragraphs).
+    """
+
+    text: str
+    copyable: bool = False
+
+
+@dataclass(frozen=True)
+class KeyValues:
+    """A list of names with values and a unit or remark.
+
+    Attributes
+    ----------
+    rows : sequence of (name, value, unit or remark)
+        Texts; see :func:`labpipe.report.value_with_uncertainty` for numbers.
+    caption : str
+        What the list describes.
+    """
+
+    rows: Sequence[tuple[str, str, str]]
+    caption: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse rows that are not three texts."""
+        wrong = [row for row in self.rows if len(row) != 3]
+        if wrong:
+            message = f"KeyValues: a row is (name, value, unit or remark), found {wrong[0]!r}"
+            raise InputError(message)
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One message that must not be overlooked.
+
+    Attributes
+    ----------
+    level : {"ok", "info", "warning", "error"}
+        How grave it is; it is written out as a word too, not only as a colour.
+    text : str
+        The message; line ends are kept.
+    """
+
+    level: Level
+    text: str
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown level."""
+        if self.level not in get_args(Level):
+            message = f'unknown level "{self.level}"; expected one of {", ".join(get_args(Level))}'
+            raise InputError(message)
+
+
+@dataclass(frozen=True)
+class Details:
+    """Something folded away until it is asked for (raw headers, provenance); printed unfolded.
+
+    Attributes
+    ----------
+    summary : str
+        The line that is always visible.
+    blocks : sequence of blocks
+        What unfolds.
+    text : str
+        Preformatted text that unfolds after the blocks, in a typewriter face.
+    is_open : bool
+        Start unfolded.
+    """
+
+    summary: str
+    blocks: Sequence["Block"] = ()
+    text: str = ""
+    is_open: bool = False
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture with its caption.
+
+    Attributes
+    ----------
+    data : bytes
+        A whole PNG, JPEG or SVG file.
+    alt : str
+        What the picture shows, for those who cannot see it.
+    caption : str
+        Text below it.
+    width_px : int, optional
+        Width at which it is shown; its own width unless told, never wider than the page.
+    """
+
+    data: bytes
+    alt: str
+    caption: str = ""
+    width_px: int | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse bytes that are no picture."""
+        mime_type(self.data)
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Frames of one film under a slider; a contact sheet in print and without scripts.
+
+    Attributes
+    ----------
+    title : str
+        What the frames show.
+    frames : sequence of Picture
+        At least one; the caption of each names its time or frame number.
+    start : int
+        Which frame is shown first.
+    caption : str
+        Text below the frames.
+    """
+
+    title: str
+    frames: Sequence[Picture]
+    start: int = 0
+    caption: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse an empty gallery and a start outside it."""
+        if not 0 <= self.start < len(self.frames):
+            message = (
+                f'gallery "{self.title}": start frame {self.start} of {len(self.frames)} frames; '
+                "expected at least one frame and a start among them"
+            )
+            raise InputError(message)
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Shares as horizontal bars (an uncertainty budget).
+
+    Attributes
+    ----------
+    title : str
+        What is shared out.
+    rows : sequence of (name, share, text)
+        Share between 0 and 1; the text stands at the bar's end (empty: the share in per cent).
+    caption : str
+        Text below.
+    """
+
+    title: str
+    rows: Sequence[tuple[str, float, str]]
+    caption: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse shares outside 0 to 1."""
+        for name, share, _ in self.rows:
+            if not 0.0 <= share <= 1.0 + 1e-9:
+                message = (
+                    f'bars "{self.title}": the share of "{name}" is {share}; expected a number '
+                    "from 0 to 1"
+                )
+                raise InputError(message)
+
+
+Block: TypeAlias = (
+    "Paragraph | KeyValues | Notice | Details | Picture | Gallery | Bars | Table | IndexTable"
+    " | LineChart | ScatterChart"
+)
+
+
+def mime_type(data: bytes) -> str:
+    """Tell what kind of picture the bytes are.
+
+    Raises
+    ------
+    InputError
+        They are neither PNG nor JPEG nor SVG.
+    """
+    for signature, name in _SIGNATURES:
+        if data.startswith(signature):
+            return name
+    if _SVG_HEAD.match(data[:4096]):
+        return "image/svg+xml"
+    message = (
+        f"a picture must be a PNG, JPEG or SVG file, found {len(data)} bytes that start with "
+        f"{data[:8]!r}"
+    )
+    raise InputError(message)

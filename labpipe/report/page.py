@@ -1,0 +1,123 @@
+"""From strings and data to HTML: templates, embedded assets, and the content-security policy.
+
+Every text of a page passes through jinja2's escaping and through :func:`clean`; data for scripts
+travel as JSON that cannot end its element. The policy names the digests of the three scripts that
+may run, so that nothing else can, even if a text were to slip through.
+"""
+
+import base64
+import hashlib
+import unicodedata
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+
+_SCRIPTS = ("uplot.min.js", "page.js", "charts.js")
+_STYLES = ("uplot.min.css", "page.css")
+# Marks that reorder the text around them could make a name read as another one.
+_REORDERING = frozenset("\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069\u200e\u200f\u061c")
+_REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
+
+
+def clean(text: str) -> str:
+    """Replace control characters, half characters and reordering marks.
+
+    Examples
+    --------
+    >>> clean("a" + chr(0) + "b") == "a" + chr(0xFFFD) + "b"
+    True
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(_REPLACEMENT if _is_unwanted(c) else c for c in text.replace("\r\n", "\n"))
+
+
+def _is_unwanted(character: str) -> bool:
+    if character in "\n\t":
+        return False
+    return character in _REORDERING or unicodedata.category(character) in {"Cc", "Cs"}
+
+
+def clean_all(data: Any) -> Any:
+    """Apply :func:`clean` to every text in nested lists and dicts."""
+    if isinstance(data, str):
+        return clean(data)
+    if isinstance(data, Mapping):
+        return {clean(str(key)): clean_all(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [clean_all(value) for value in data]
+    return data
+
+
+def data_address(data: bytes, mime: str) -> str:
+    """Return a picture as an address that holds the picture itself."""
+    return f"data:{mime};base64,{base64.b64encode(data).decode('ascii')}"
+
+
+def fill(macro: str, **values: Any) -> str:
+    """Fill one of the macros of ``templates/blocks.html``; every text in `values` is escaped."""
+    module = _environment().get_template("blocks.html").module
+    return str(getattr(module, macro)(**values))
+
+
+def assemble(title: str, body: str, *, badge: str = "") -> str:
+    """Wrap the body into a whole page with its styles, scripts and policy.
+
+    Parameters
+    ----------
+    title, badge : str
+        Plain texts.
+    body : str
+        HTML made by the kit's own templates.
+    """
+    from markupsafe import Markup
+
+    scripts = [_asset(name) for name in _SCRIPTS]
+    digests = [base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts]
+    policy = (
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src "
+        + " ".join(f"'sha256-{digest}'" for digest in digests)
+        + "; base-uri 'none'; form-action 'none'"
+    )
+    return (
+        _environment()
+        .get_template("page.html")
+        .render(
+            title=title,
+            badge=badge,
+            body=Markup(body),  # noqa: S704 - made by the kit's escaping templates
+            policy=policy,
+            # The kit's own files; a test holds them free of closing tags.
+            styles=[Markup(_asset(name)) for name in _STYLES],  # noqa: S704
+            scripts=[Markup(script) for script in scripts],  # noqa: S704
+        )
+    )
+
+
+@cache
+def _asset(name: str) -> str:
+    asset = resources.files("labpipe.report").joinpath("assets", name)
+    return asset.read_text(encoding="utf-8").replace("\r\n", "\n")
+
+
+@cache
+def _environment() -> "Environment":
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    return Environment(
+        loader=PackageLoader("labpipe.report", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=_finalize,
+    )
+
+
+def _finalize(value: Any) -> Any:
+    # Markup is a text that is already escaped and cleaned.
+    return clean(value) if type(value) is str else value

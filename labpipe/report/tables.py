@@ -1,0 +1,366 @@
+"""Numbers as a reader wants them, and tables of them.
+
+Values arrive in SI and leave with the prefix that fits their size: 0.0015 with the unit "m" is
+shown as 1.5 mm. A value with a standard uncertainty is rounded as the GUM (JCGM 100:2008, 7.2.6)
+recommends: two significant digits of the uncertainty, and the value to the same place.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from statistics import median
+
+from labpipe.errors import InputError
+
+NOT_AVAILABLE = "–"
+MINUS = "\N{MINUS SIGN}"
+
+# SI unit -> the forms a reader expects, as (factor to SI, text), largest first.
+_FORMS: dict[str, tuple[tuple[float, str], ...]] = {
+    "1": ((1.0, ""),),
+    "m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm")),
+    "m2": ((1.0, "m²"), (1e-6, "mm²"), (1e-12, "µm²")),
+    "s": ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns")),
+    "Hz": ((1e9, "GHz"), (1e6, "MHz"), (1e3, "kHz"), (1.0, "Hz"), (1e-3, "mHz")),
+    "m/s": ((1.0, "m/s"), (1e-3, "mm/s"), (1e-6, "µm/s")),
+    "m/s2": ((1e3, "km/s²"), (1.0, "m/s²"), (1e-3, "mm/s²")),
+    "m/px": ((1e-3, "mm/px"), (1e-6, "µm/px"), (1e-9, "nm/px")),
+    "kg": ((1.0, "kg"), (1e-3, "g"), (1e-6, "mg")),
+    "kg/m3": ((1.0, "kg/m³"),),
+    "N": ((1e3, "kN"), (1.0, "N"), (1e-3, "mN"), (1e-6, "µN")),
+    "N/m": ((1e6, "MN/m"), (1e3, "kN/m"), (1.0, "N/m"), (1e-3, "mN/m")),
+    "N/s": ((1.0, "N/s"), (1e-3, "mN/s")),
+    "N m": ((1.0, "N·m"), (1e-3, "mN·m"), (1e-6, "µN·m"), (1e-9, "nN·m")),
+    "Pa": ((1e9, "GPa"), (1e6, "MPa"), (1e3, "kPa"), (1.0, "Pa"), (1e-3, "mPa")),
+    "1/Pa": ((1.0, "1/Pa"), (1e-3, "1/kPa"), (1e-6, "1/MPa"), (1e-9, "1/GPa")),
+    "Pa s": ((1e9, "GPa·s"), (1e6, "MPa·s"), (1e3, "kPa·s"), (1.0, "Pa·s"), (1e-3, "mPa·s")),
+    "J": ((1.0, "J"), (1e-3, "mJ"), (1e-6, "µJ"), (1e-9, "nJ")),
+    "J/m": ((1.0, "J/m"), (1e-3, "mJ/m"), (1e-6, "µJ/m")),
+    "rad": ((1.0, "rad"), (1e-3, "mrad"), (1e-6, "µrad")),
+    "rad/s": ((1.0, "rad/s"),),
+    "1/s": ((1.0, "1/s"),),
+    "V": ((1.0, "V"), (1e-3, "mV"), (1e-6, "µV")),
+    "m/V": ((1.0, "m/V"), (1e-3, "mm/V"), (1e-6, "µm/V")),
+    "degC": ((1.0, "°C"),),
+    "deg": ((1.0, "°"),),
+    "px": ((1.0, "px"),),
+}
+
+# Plain decimals are read at a glance inside this range, powers of ten outside it.
+_PLAIN_FROM, _PLAIN_BELOW = 1e-4, 1e6
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@dataclass(frozen=True, slots=True)
+class DisplayUnit:
+    """A unit as it is shown: ``shown = SI value / factor``."""
+
+    factor: float
+    text: str
+
+
+def display_unit(values: Iterable[float], unit: str) -> DisplayUnit:
+    """Choose the prefix in which the values are read most easily.
+
+    Parameters
+    ----------
+    values : iterable of float
+        Numbers in SI; the median of their magnitudes decides. NaN, infinities and zeros are
+        left out.
+    unit : str
+        SI unit text as in a Dataset's ``units``. Any other text is shown as it stands.
+
+    Examples
+    --------
+    >>> display_unit([0.0015, 0.007], "m")
+    DisplayUnit(factor=0.001, text='mm')
+    >>> display_unit([3.1e9], "Pa").text
+    'GPa'
+    """
+    forms = _FORMS.get(unit)
+    if forms is None:
+        return DisplayUnit(1.0, unit)
+    sizes = [abs(float(v)) for v in values if math.isfinite(v) and v != 0]
+    if not sizes:
+        return DisplayUnit(*next((f for f in forms if f[0] == 1.0), forms[0]))
+    typical = median(sizes)
+    # 0.99999... of a unit is that unit with rounding, not 1000 of the next smaller one.
+    fitting = (form for form in forms if typical >= form[0] * (1 - 1e-9))
+    return DisplayUnit(*next(fitting, forms[-1]))
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Write a number with the given count of significant digits.
+
+    Examples
+    --------
+    >>> number(0.00001234, 3)
+    '1.23 × 10⁻⁵'
+    >>> number(-12.5, 3)
+    '−12.5'
+    """
+    if not math.isfinite(value):
+        return _not_finite(value)
+    if value == 0:
+        return "0"
+    exponent = _exponent(value, digits)
+    if _PLAIN_FROM <= abs(value) < _PLAIN_BELOW:
+        return _fixed(value, digits - 1 - exponent)
+    return f"{_fixed(value / 10.0**exponent, digits - 1)} × {power_of_ten(exponent)}"
+
+
+def power_of_ten(exponent: int) -> str:
+    """Write a power of ten.
+
+    Examples
+    --------
+    >>> power_of_ten(-5)
+    '10⁻⁵'
+    """
+    return "10" + str(exponent).translate(_SUPERSCRIPT)
+
+
+def value_with_uncertainty(value: float, u: float, unit: str = "1") -> str:
+    """Write a value with its standard uncertainty, both rounded to what the latter supports.
+
+    Parameters
+    ----------
+    value, u : float
+        Value and standard uncertainty in SI. ``u = 0`` means exact (no ``±`` is written); a
+        NaN `u` is said to be unknown.
+    unit : str
+        SI unit text; a prefix is chosen for the reader. Other texts are shown as they stand.
+
+    Raises
+    ------
+    InputError
+        The uncertainty is negative.
+
+    Examples
+    --------
+    >>> value_with_uncertainty(0.72918, 0.01234)
+    '0.729 ± 0.012'
+    >>> value_with_uncertainty(1.50234e-3, 12e-6, "m")
+    '(1.502 ± 0.012) mm'
+    """
+    shown = display_unit([value if value else u], unit)
+    suffix = f" {shown.text}" if shown.text else ""
+    if shown.text == "°":
+        suffix = shown.text
+    if not math.isfinite(value):
+        return _not_finite(value)
+    if math.isnan(u):
+        return f"{number(value / shown.factor)}{suffix} (uncertainty unknown)"
+    if u == 0:
+        return f"{number(value / shown.factor, 6)}{suffix}"
+    text = plus_minus(value / shown.factor, u / shown.factor)
+    return f"({text}){suffix}" if suffix else text
+
+
+def plus_minus(value: float, u: float) -> str:
+    """Write ``value ± u`` rounded to two significant digits of `u`, without a unit.
+
+    Raises
+    ------
+    InputError
+        The uncertainty is negative.
+
+    Examples
+    --------
+    >>> plus_minus(56789.0, 1234.0)
+    '56800 ± 1200'
+    >>> plus_minus(3.2e-7, 4.4e-9)
+    '(3.200 ± 0.044) × 10⁻⁷'
+    """
+    if u < 0:
+        message = f"a standard uncertainty cannot be negative, found {u}; pass its magnitude"
+        raise InputError(message)
+    if not (math.isfinite(value) and math.isfinite(u)):
+        return f"{number(value)} ± {_not_finite(u)}" if math.isfinite(value) else _not_finite(value)
+    if u == 0:
+        return number(value, 6)
+    largest = max(abs(value), u)
+    place = _exponent(u, 2) - 1
+    if _PLAIN_FROM <= largest < _PLAIN_BELOW and place > -9:
+        return f"{_fixed(value, -place)} ± {_fixed(u, -place)}"
+    power = _exponent(largest, 2)
+    factor = 10.0**power
+    value_text, u_text = _fixed(value / factor, power - place), _fixed(u / factor, power - place)
+    return f"({value_text} ± {u_text}) × {power_of_ten(power)}"
+
+
+def _exponent(value: float, digits: int) -> int:
+    """Return the decimal exponent after rounding, so that 0.0999 with two digits counts as 0.1."""
+    return int(f"{abs(value):.{max(digits - 1, 0)}e}".partition("e")[2])
+
+
+def _fixed(value: float, decimals: int) -> str:
+    text = f"{round(value, decimals):.{max(decimals, 0)}f}"
+    is_zero = not any(character in "123456789" for character in text)
+    return text.lstrip("-") if is_zero else text.replace("-", MINUS)
+
+
+def _not_finite(value: float) -> str:
+    if math.isnan(value):
+        return NOT_AVAILABLE
+    return "∞" if value > 0 else f"{MINUS}∞"
+
+
+Cell = float | int | str | bool | None
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a table.
+
+    Attributes
+    ----------
+    title : str
+        Heading.
+    unit : str
+        SI unit of the numbers below; the heading shows the prefix that was chosen. A text that
+        is no SI unit (``"mm"``, ``"%"``) is shown as it stands and nothing is rescaled.
+    digits : int
+        Significant digits of numbers without an uncertainty.
+    decimals : int, optional
+        Digits after the point instead of significant digits.
+    u : int, optional
+        Index of the column that holds the standard uncertainties of this one. That column is
+        then not shown by itself.
+    """
+
+    title: str
+    unit: str = ""
+    digits: int = 4
+    decimals: int | None = None
+    u: int | None = None
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table; numbers are in SI, ``None`` and NaN are shown as a dash.
+
+    Raises
+    ------
+    InputError
+        A row is longer or shorter than the columns, or a column names an uncertainty column
+        that does not exist.
+
+    Examples
+    --------
+    >>> table = Table((Column("restitution", u=1), Column("u")), ((0.72918, 0.01234),))
+    >>> table_view(table).rows[0][0].text
+    '0.729 ± 0.012'
+    """
+
+    columns: tuple[Column, ...]
+    rows: Sequence[Sequence[Cell]]
+    caption: str = ""
+    sortable: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse rows and references that do not fit the columns."""
+        for index, row in enumerate(self.rows):
+            if len(row) != len(self.columns):
+                message = (
+                    f'table "{self.caption}": row {index} has {len(row)} cells, expected '
+                    f"{len(self.columns)} (one for each column)"
+                )
+                raise InputError(message)
+        for column in self.columns:
+            if column.u is not None and not 0 <= column.u < len(self.columns):
+                message = (
+                    f'table "{self.caption}": column "{column.title}" takes its uncertainty from '
+                    f"column {column.u}; expected 0 to {len(self.columns) - 1}"
+                )
+                raise InputError(message)
+
+
+@dataclass(frozen=True, slots=True)
+class CellView:
+    """A cell ready for the page: its text, the key it is sorted by, whether it is a number."""
+
+    text: str
+    key: str
+    is_number: bool
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingView:
+    """A heading ready for the page."""
+
+    title: str
+    unit: str
+    is_number: bool
+
+
+@dataclass(frozen=True, slots=True)
+class TableView:
+    """A table ready for the page."""
+
+    caption: str
+    sortable: bool
+    headings: tuple[HeadingView, ...]
+    rows: tuple[tuple[CellView, ...], ...]
+
+
+def table_view(table: Table) -> TableView:
+    """Turn numbers into texts: prefixes per column, uncertainties joined to their values."""
+    joined = {column.u for column in table.columns if column.u is not None}
+    shown = [index for index in range(len(table.columns)) if index not in joined]
+    units = {i: _column_unit(table, i) for i in shown}
+    cells = [[_cell(table, row, i, units[i].factor) for i in shown] for row in table.rows]
+    numeric = [any(row[place].is_number for row in cells) for place in range(len(shown))]
+    # A missing number stands where the number would stand.
+    rows = tuple(
+        tuple(
+            replace(cell, is_number=True) if is_number and cell.text == NOT_AVAILABLE else cell
+            for cell, is_number in zip(row, numeric, strict=True)
+        )
+        for row in cells
+    )
+    headings = tuple(
+        HeadingView(
+            table.columns[i].title,
+            units[i].text,
+            numeric[place],
+        )
+        for place, i in enumerate(shown)
+    )
+    return TableView(table.caption, table.sortable, headings, rows)
+
+
+def _column_unit(table: Table, index: int) -> DisplayUnit:
+    unit = table.columns[index].unit
+    cells = [row[index] for row in table.rows]
+    return display_unit([float(c) for c in cells if _is_number(c)], unit)  # type: ignore[arg-type]
+
+
+def _cell(table: Table, row: Sequence[Cell], index: int, factor: float) -> CellView:
+    cell = row[index]
+    if isinstance(cell, bool):
+        return CellView("yes" if cell else "no", str(int(cell)), False)
+    if cell is None:
+        return CellView(NOT_AVAILABLE, "", False)
+    if not _is_number(cell):
+        return CellView(str(cell), str(cell), False)
+    column = table.columns[index]
+    value = float(cell) / factor
+    text = _number_text(value, column, is_whole=isinstance(cell, int) and factor == 1.0)
+    u = row[column.u] if column.u is not None else None
+    if u is not None and _is_number(u) and math.isfinite(value):
+        text = plus_minus(value, float(u) / factor)
+    return CellView(text, "" if math.isnan(value) else repr(float(cell)), True)
+
+
+def _number_text(value: float, column: Column, *, is_whole: bool) -> str:
+    if is_whole:
+        return str(int(value)).replace("-", MINUS)
+    if column.decimals is not None and math.isfinite(value):
+        return _fixed(value, column.decimals)
+    return number(value, column.digits)
+
+
+def _is_number(cell: object) -> bool:
+    # numpy scalars are numbers too, but importing numpy to ask would slow the start.
+    return not isinstance(cell, bool | str | None) and hasattr(cell, "__float__")

@@ -1,0 +1,231 @@
+"""A headless browser over a pair of pipes, and pages to show it."""
+
+import base64
+import json
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))),
+    None,
+)
+SWITCHES = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-dev-shm-usage",
+    "--disable-extensions",
+    "--hide-scrollbars",
+    "--remote-debugging-pipe",
+)
+
+
+class Browser:
+    """Chromium spoken to through ``--remote-debugging-pipe``: JSON texts that end with NUL."""
+
+    def __init__(self, profile: Path) -> None:
+        read_here, write_there = os.pipe()
+        read_there, write_here = os.pipe()
+        # The browser reads its descriptor 3 and writes its descriptor 4.
+        command = f'exec "$0" "$@" 3<&{read_there} 4>&{write_there}'
+        self.process = subprocess.Popen(
+            ["/bin/sh", "-c", command, CHROMIUM, *SWITCHES, f"--user-data-dir={profile}"],
+            pass_fds=(read_there, write_there),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        os.close(read_there)
+        os.close(write_there)
+        self._in = os.fdopen(read_here, "rb", buffering=0)
+        self._out = os.fdopen(write_here, "wb", buffering=0)
+        self._count = 0
+        self._buffer = b""
+        self._session = ""
+        self.events: list[dict[str, Any]] = []
+        target = self.send("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.send("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.send(f"{domain}.enable")
+
+    def _receive(self) -> dict[str, Any]:
+        while b"\0" not in self._buffer:
+            chunk = self._in.read(1 << 20)
+            if not chunk:
+                message = "the browser closed its pipe"
+                raise EOFError(message)
+            self._buffer += chunk
+        text, _, self._buffer = self._buffer.partition(b"\0")
+        return json.loads(text)
+
+    def send(self, method: str, **parameters: Any) -> dict[str, Any]:
+        self._count += 1
+        message = {"id": self._count, "method": method, "params": parameters}
+        if self._session:
+            message["sessionId"] = self._session
+        data = json.dumps(message).encode() + b"\0"
+        while data:
+            data = data[self._out.write(data) :]
+        while (answer := self._receive()).get("id") != self._count:
+            self.events.append(answer)
+        if "error" in answer:
+            raise RuntimeError(f"{method}: {answer['error']}")
+        return answer["result"]
+
+    def wait_for(self, method: str) -> None:
+        while not any(event.get("method") == method for event in self.events):
+            self.events.append(self._receive())
+
+    def open(
+        self, path: Path, *, width: int = 1280, height: int = 900, scripts: bool = True
+    ) -> None:
+        self.send(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=False,
+        )
+        self.send("Emulation.setScriptExecutionDisabled", value=not scripts)
+        self.events.clear()
+        self.send("Page.navigate", url=path.as_uri())
+        self.wait_for("Page.loadEventFired")
+        if scripts:
+            self.settle()
+
+    def settle(self) -> None:
+        """Wait until observers and two frames have run."""
+        self.run(
+            "new Promise(r => requestAnimationFrame(() => requestAnimationFrame("
+            "() => setTimeout(r, 30))))"
+        )
+
+    def run(self, script: str) -> Any:
+        result = self.send(
+            "Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True
+        )
+        if "exceptionDetails" in result:
+            raise RuntimeError(json.dumps(result["exceptionDetails"]))
+        return result["result"].get("value")
+
+    def media(self, media: str = "", **features: str) -> None:
+        named = [{"name": k.replace("_", "-"), "value": v} for k, v in features.items()]
+        self.send("Emulation.setEmulatedMedia", media=media, features=named)
+
+    def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
+        self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
+
+    def click(self, x: float, y: float, count: int = 1) -> None:
+        for number in range(1, count + 1):
+            for kind in ("mousePressed", "mouseReleased"):
+                self.mouse(kind, x, y, button="left", clickCount=number)
+
+    def drag(self, start: tuple[float, float], stop: tuple[float, float]) -> None:
+        self.mouse("mouseMoved", *start)
+        self.mouse("mousePressed", *start, button="left", clickCount=1)
+        for share in (0.3, 0.7, 1.0):
+            x, y = (a + (b - a) * share for a, b in zip(start, stop, strict=True))
+            self.mouse("mouseMoved", x, y, button="left", buttons=1)
+        self.mouse("mouseReleased", *stop, button="left", clickCount=1)
+
+    def key(self, name: str) -> None:
+        codes = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Home": 36}
+        for kind in ("keyDown", "keyUp"):
+            self.send(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=name,
+                code=name,
+                windowsVirtualKeyCode=codes.get(name, 0),
+            )
+
+    def screenshot(self, path: Path, *, full: bool = True) -> None:
+        data = self.send("Page.captureScreenshot", captureBeyondViewport=full)["data"]
+        path.write_bytes(base64.b64decode(data))
+
+    def pdf(self, path: Path) -> None:
+        answer = self.send(
+            "Page.printToPDF", preferCSSPageSize=True, paperWidth=8.27, paperHeight=11.69
+        )
+        path.write_bytes(base64.b64decode(answer["data"]))
+
+    def complaints(self) -> list[str]:
+        """Return console errors, uncaught exceptions and violations of the page's policy."""
+        self.run("1")
+        found = []
+        for event in self.events:
+            parameters = event.get("params", {})
+            if event.get("method") == "Runtime.exceptionThrown":
+                found.append(json.dumps(parameters["exceptionDetails"]))
+            if event.get("method") == "Runtime.consoleAPICalled" and parameters["type"] in {
+                "error",
+                "warning",
+                "assert",
+            }:
+                found.append(json.dumps(parameters["args"]))
+            if event.get("method") == "Log.entryAdded":
+                found.append(json.dumps(parameters["entry"]))
+        return found
+
+    def requests(self) -> list[str]:
+        """Return the addresses asked for, apart from those that hold their data themselves."""
+        self.run("1")
+        addresses = [
+            event["params"]["request"]["url"]
+            for event in self.events
+            if event.get("method") == "Network.requestWillBeSent"
+        ]
+        return [address for address in addresses if not address.startswith("data:")]
+
+    def close(self) -> None:
+        try:
+            self._session = ""
+            self.send("Browser.close")
+        except (EOFError, BrokenPipeError):
+            self.process.terminate()
+        self.process.wait(timeout=20)
+        self._in.close()
+        self._out.close()
+
+
+def chart_box(browser: Browser, place: int = 0) -> tuple[float, float, float, float]:
+    """Scroll a chart into view; return left, top, width and height of its plotting area."""
+    browser.run(
+        f"document.querySelectorAll('figure.chart')[{place}]"
+        ".scrollIntoView({block: 'center', behavior: 'instant'})"
+    )
+    browser.settle()
+    return tuple(
+        browser.run(
+            f"(() => {{ const b = document.querySelectorAll('figure.chart')[{place}]"
+            ".querySelector('.u-over').getBoundingClientRect();"
+            " return [b.left, b.top, b.width, b.height]; })()"
+        )
+    )
+
+
+def window_of(browser: Browser, place: int = 0) -> list[float]:
+    """Return the window along x that a chart shows."""
+    text = browser.run(f"document.querySelectorAll('figure.chart')[{place}].dataset.window")
+    return [float(part) for part in text.split()]
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine; the page is not looked at")
+    started = Browser(tmp_path_factory.mktemp("profile"))
+    yield started
+    started.close()
+    # The profile's helper processes end a moment after the browser.
+    time.sleep(0.05)
