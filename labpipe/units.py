@@ -91,6 +91,17 @@ def unit(text: str) -> Unit:
         raise InputError(message) from None
 
 
+def spellings(si: str) -> tuple[str, ...]:
+    """List the spellings of the table that become a given SI unit.
+
+    Examples
+    --------
+    >>> spellings("rad")
+    ('rad', 'deg', 'mrad')
+    """
+    return tuple(name for name, (_, becomes) in _TABLE.items() if becomes == si)
+
+
 _QUANTITY = re.compile(
     r"^\s*(?P<value>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
     r"(?:\s*(?:±|\+/-|\+-)\s*(?P<u>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?))?"

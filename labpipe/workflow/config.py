@@ -1,0 +1,294 @@
+"""The types of configured fields, and the check of a TOML file against them.
+
+A settings structure is a frozen ``msgspec.Struct``; a dimensional field is declared by the type of
+its quantity, and the user writes ``"9.525 mm"`` or ``"12.0 ± 0.2 deg"``:
+
+>>> import msgspec
+>>> class Sphere(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+...     radius: Annotated[Length, POSITIVE]
+...     mass: Annotated[Mass, POSITIVE] | None = None
+
+All mistakes of a file are reported together, each with its line. Fields that name files are of
+type :data:`File`; such a file must exist inside the folder of the configuration.
+"""
+
+import math
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, TypeVar, Union
+
+import msgspec
+
+from labpipe.errors import InputError
+from labpipe.files import files_below, safe_join
+from labpipe.units import Quantity, quantity
+from labpipe.workflow import toml_lines
+from labpipe.workflow.document import Document, parse
+from labpipe.workflow.fields import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Acceleration,
+    Angle,
+    Area,
+    Density,
+    Dimension,
+    Dimensionless,
+    File,
+    FileMark,
+    Force,
+    Frequency,
+    Length,
+    Mass,
+    Pressure,
+    Range,
+    Scale,
+    Speed,
+    Stiffness,
+    Temperature,
+    Time,
+    describe,
+    describe_dimension,
+    found,
+    mark,
+    show,
+    split,
+    suggest,
+)
+
+__all__ = [
+    "NOT_NEGATIVE",
+    "POSITIVE",
+    "Acceleration",
+    "Angle",
+    "Area",
+    "Checker",
+    "Density",
+    "Dimension",
+    "Dimensionless",
+    "File",
+    "FileMark",
+    "Force",
+    "Frequency",
+    "Length",
+    "Mass",
+    "Pressure",
+    "Range",
+    "Scale",
+    "Speed",
+    "Stiffness",
+    "Temperature",
+    "Time",
+    "read",
+    "show",
+]
+
+S = TypeVar("S", bound=msgspec.Struct)
+
+
+def read(path: Path, kind: type[S], root: Path | None = None) -> S:
+    """Read a whole TOML file as one structure, such as a calibration record.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    kind : type
+        The structure it must fit.
+    root : Path, optional
+        Folder of the files it names; default its own.
+
+    Raises
+    ------
+    SourceError, ConfigError
+        With every mistake and its line.
+    """
+    document = parse(path)
+    value = Checker(document, root or path.parent).structure(kind, document.tree, ())
+    document.finish()
+    return typing.cast(S, value)
+
+
+_BAD = object()
+"""Stands for a value whose mistake has been reported."""
+
+
+@dataclass(slots=True)
+class Checker:
+    """Converts values to the types of their fields and reports what does not fit.
+
+    ``origins`` maps a place in a merged table to the place in the file where it was written.
+    """
+
+    document: Document
+    root: Path
+    origins: Mapping[toml_lines.Path, toml_lines.Path] = field(default_factory=dict)
+
+    def report(self, place: toml_lines.Path, message: str) -> None:
+        """Report at the place in the file that a merged value came from."""
+        nearest = place
+        while nearest and nearest not in self.origins:
+            nearest = nearest[:-1]
+        written = (*self.origins.get(nearest, nearest), *place[len(nearest) :])
+        self.document.report(written, message)
+
+    def structure(
+        self, kind: type[msgspec.Struct], value: Any, place: toml_lines.Path, partial: bool = False
+    ) -> Any:
+        """Convert a table; with ``partial``, required fields may be missing."""
+        if not isinstance(value, dict):
+            self.report(place, f"expected a table, found {found(value)}")
+            return _BAD
+        fields = {f.encode_name: f for f in msgspec.structs.fields(kind)}
+        for key in value.keys() - fields.keys():
+            self.report((*place, key), f"unknown key{suggest(key, fields)}")
+        converted = {}
+        for name, info in fields.items():
+            if name in value:
+                converted[info.name] = self.value(info.type, value[name], (*place, name), partial)
+            elif info.required and not partial:
+                self.report((*place, name), f"missing; expected {describe(info.type)}")
+                converted[info.name] = _BAD
+        if partial or any(item is _BAD for item in converted.values()):
+            return _BAD
+        try:
+            return kind(**converted)
+        except (ValueError, TypeError) as error:  # raised by the structure's own __post_init__
+            self.report(place, str(error))
+            return _BAD
+
+    def value(self, kind: Any, value: Any, place: toml_lines.Path, partial: bool = False) -> Any:
+        """Convert one value to the type of its field."""
+        bare, marks = split(kind)
+        if typing.get_origin(bare) in (Union, types.UnionType):
+            return self._union(bare, value, place, partial)
+        dimension = mark(marks, Dimension)
+        if dimension is not None:
+            return self._in_range(marks, self._quantity(dimension, value, place), place)
+        if mark(marks, FileMark) is not None:
+            return self._file(value, place)
+        if isinstance(bare, type) and issubclass(bare, msgspec.Struct):
+            return self.structure(bare, value, place, partial)
+        if typing.get_origin(bare) in (list, tuple, dict):
+            return self._collection(bare, value, place, partial)
+        return self._in_range(marks, self._plain(kind, bare, value, place), place)
+
+    def _union(self, kind: Any, value: Any, place: toml_lines.Path, partial: bool) -> Any:
+        options = [option for option in typing.get_args(kind) if option is not type(None)]
+        if len(options) == 1:
+            return self.value(options[0], value, place, partial)
+        for option in options:
+            trial = Checker(Document(self.document.path, {}, {(): 1}), self.root)
+            converted = trial.value(option, value, place, partial)
+            if not trial.document.problems:
+                return converted
+        expected = " or ".join(map(describe, options))
+        self.report(place, f"expected {expected}, found {found(value)}")
+        return _BAD
+
+    def _collection(self, kind: Any, value: Any, place: toml_lines.Path, partial: bool) -> Any:
+        arguments = typing.get_args(kind)
+        if typing.get_origin(kind) is dict:
+            if not isinstance(value, dict):
+                self.report(place, f"expected a table, found {found(value)}")
+                return _BAD
+            pairs = {k: self.value(arguments[1], v, (*place, k), partial) for k, v in value.items()}
+            return _BAD if any(v is _BAD for v in pairs.values()) else pairs
+        if not isinstance(value, list):
+            self.report(place, f"expected {describe(kind)}, found {found(value)}")
+            return _BAD
+        is_fixed = typing.get_origin(kind) is tuple and arguments[-1] is not Ellipsis
+        if is_fixed and len(value) != len(arguments):
+            self.report(place, f"expected {len(arguments)} items, found {len(value)}")
+            return _BAD
+        of = arguments if is_fixed else (arguments[0],) * len(value)
+        items = [
+            self.value(t, v, (*place, i), partial)
+            for i, (t, v) in enumerate(zip(of, value, strict=True))
+        ]
+        if _is_file(of[0] if of else None):
+            self._refuse_repeated(value, place)
+        if any(item is _BAD for item in items):
+            return _BAD
+        return tuple(items) if typing.get_origin(kind) is tuple else items
+
+    def _refuse_repeated(self, names: Sequence[Any], place: toml_lines.Path) -> None:
+        for position, name in enumerate(names):
+            if name in names[:position]:
+                self.report((*place, position), f'"{name}" is listed twice; remove one')
+
+    def _quantity(self, dimension: Dimension, value: Any, place: toml_lines.Path) -> Any:
+        expected = describe_dimension(dimension)
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        if is_number and dimension.si == "1":
+            return Quantity(float(value), 0.0, "1")
+        if not isinstance(value, str):
+            why = "without a unit" if is_number else ""
+            self.report(place, f"expected {expected}, found {found(value)} {why}".rstrip())
+            return _BAD
+        try:
+            parsed = quantity(value)
+        except InputError:
+            self.report(place, f'expected {expected}, found "{value}"')
+            return _BAD
+        if parsed.si != dimension.si:
+            self.report(place, f'expected {expected}, found "{value}", which is in {parsed.si}')
+            return _BAD
+        if not (math.isfinite(parsed.value) and math.isfinite(parsed.u)):
+            self.report(place, f'expected a finite number, found "{value}"')
+            return _BAD
+        return parsed
+
+    def _in_range(self, marks: tuple[Any, ...], value: Any, place: toml_lines.Path) -> Any:
+        bounds = mark(marks, Range)
+        if bounds is None or value is _BAD:
+            return value
+        number = value.value if isinstance(value, Quantity) else value
+        if bounds.holds(number):
+            return value
+        shown = show(value) if isinstance(value, Quantity) else value
+        self.report(place, f"must be {bounds}, found {shown}")
+        return _BAD
+
+    def _file(self, value: Any, place: toml_lines.Path) -> Any:
+        if not isinstance(value, str):
+            self.report(place, f"expected the name of a file, found {found(value)}")
+            return _BAD
+        try:
+            place_on_disk = safe_join(self.root, value)
+        except InputError as error:
+            self.report(place, str(error))
+            return _BAD
+        if not place_on_disk.exists():
+            self.report(
+                place,
+                f'there is no file "{value}" in the session folder'
+                + suggest(value, _names_below(self.root)),
+            )
+            return _BAD
+        return value
+
+    def _plain(self, kind: Any, bare: Any, value: Any, place: toml_lines.Path) -> Any:
+        if typing.get_origin(bare) is Literal and value not in typing.get_args(bare):
+            near = suggest(str(value), map(str, typing.get_args(bare)))
+            self.report(place, f"expected {describe(bare)}, found {found(value)}{near}")
+            return _BAD
+        try:
+            return msgspec.convert(value, kind)
+        except msgspec.ValidationError as error:
+            limit = str(error).partition(", got")[0].replace("`", "")
+            expected = describe(bare) if ", got" in str(error) else limit.replace("Expected ", "")
+            self.report(place, f"expected {expected}, found {found(value)}")
+            return _BAD
+
+
+def _is_file(kind: Any) -> bool:
+    return mark(split(kind)[1], FileMark) is not None
+
+
+def _names_below(root: Path) -> list[str]:
+    """Names of the files a user may have meant; labpipe's own folder is not among them."""
+    names = (f.relative_to(root).as_posix() for f in files_below(root))
+    return [name for name in names if not name.startswith("labpipe/")]

@@ -1,0 +1,129 @@
+"""A TOML file as a tree with lines: size, depth, syntax and numbers checked, keys not yet."""
+
+import math
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from labpipe.errors import ConfigError, SourceError
+from labpipe.workflow import toml_lines
+
+LARGEST_FILE = 1_000_000
+"""Bytes; no configuration written by a person is longer."""
+DEEPEST = 32
+"""Levels of nesting; settings have about five."""
+
+
+@dataclass(slots=True)
+class Document:
+    """A TOML file as a tree, with the line of every value and the mistakes found so far."""
+
+    path: Path
+    tree: dict[str, Any]
+    lines: dict[toml_lines.Path, int]
+    problems: list[str] = field(default_factory=list)
+
+    def line(self, place: toml_lines.Path) -> int:
+        """Line of a value, or of the nearest table around it."""
+        while place not in self.lines:
+            place = place[:-1]
+        return self.lines[place]
+
+    def report(self, place: toml_lines.Path, message: str) -> None:
+        """Note a mistake once."""
+        shown = f"{dotted(place)}: " if place else ""
+        problem = f"{self.path.name}:{self.line(place)}: {shown}{message}"
+        if problem not in self.problems:
+            self.problems.append(problem)
+
+    def finish(self) -> None:
+        """Raise ConfigError with every mistake in the order of its line, if there is any."""
+        if self.problems:
+            raise ConfigError(sorted(self.problems, key=lambda p: int(p.split(":", 2)[1])))
+
+
+def dotted(place: toml_lines.Path) -> str:
+    """Write a place as ``experiments.acrylic.laser[2]``."""
+    text = ""
+    for key in place:
+        text += f"[{key}]" if isinstance(key, int) else f".{key}" if text else key
+    return text
+
+
+def parse(path: Path) -> Document:
+    """Read a TOML file without judging its keys.
+
+    Raises
+    ------
+    SourceError
+        There is no such file, or it cannot be read.
+    ConfigError
+        It is not TOML, too large, too deep, or holds a number that is not finite.
+    """
+    text = _text(path)
+    try:
+        tree = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError([_syntax_problem(path, text, str(error))]) from None
+    except (RecursionError, ValueError) as error:
+        # Arrays thousands deep exhaust the stack; integers of thousands of digits are refused.
+        raise ConfigError([f"{path.name}:1: cannot be read as TOML: {error}"]) from None
+    if _depth(tree) > DEEPEST:
+        raise ConfigError([f"{path.name}:1: nested deeper than {DEEPEST} levels; flatten it"])
+    document = Document(path, tree, toml_lines.index(text))
+    _refuse_not_finite(document, (), tree)
+    return document
+
+
+def _text(path: Path) -> str:
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            found = f"{size} bytes long, more than the {LARGEST_FILE} that a configuration may have"
+            raise ConfigError([f"{path.name}:1: {found}; is it the right file?"])
+        data = path.read_bytes()
+    except OSError as error:
+        raise SourceError(path, f"cannot be read: {error.strerror}") from error
+    try:
+        return data.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        found = f"byte {data[error.start]:#04x} is not UTF-8"
+        raise ConfigError([f"{path.name}:{line}: {found}; save the file as UTF-8"]) from None
+
+
+def _syntax_problem(path: Path, text: str, message: str) -> str:
+    """Turn ``Cannot overwrite a value (at line 5, column 3)`` into ``file:5:3: …``."""
+    what, _, place = message.rpartition(" (at ")
+    words = place.rstrip(")").replace(",", "").split()
+    if what.startswith(("Cannot overwrite a value", "Cannot declare")):
+        what = f"a key or table is given twice ({what})"
+    if len(words) == 4 and words[0] == "line":
+        return f"{path.name}:{words[1]}:{words[3]}: {what}"
+    last = text.rstrip("\n").count("\n") + 1  # the only other place is "at end of document"
+    return f"{path.name}:{last}: {what or message}"
+
+
+def _depth(tree: Any) -> int:
+    """Levels of nesting, counted without recursion so that no depth can exhaust the stack."""
+    level, layer = 0, [tree]
+    while layer:
+        level += 1
+        layer = [child for node in layer for child in _children(node)]
+    return level
+
+
+def _children(node: Any) -> Iterable[Any]:
+    if isinstance(node, dict):
+        return node.values()
+    return node if isinstance(node, list) else ()
+
+
+def _refuse_not_finite(document: Document, place: toml_lines.Path, node: Any) -> None:
+    if isinstance(node, float) and not math.isfinite(node):
+        document.report(place, f"expected a finite number, found {node}")
+    pairs = node.items() if isinstance(node, dict) else enumerate(_children(node))
+    for key, child in pairs:
+        _refuse_not_finite(document, (*place, key), child)

@@ -1,0 +1,172 @@
+"""The types of configured fields, and how they and their values are called in messages."""
+
+import difflib
+import math
+import types
+import typing
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar, Union
+
+from labpipe.units import Quantity, spellings, unit
+
+
+@dataclass(frozen=True, slots=True)
+class Dimension:
+    """Marks a field as a quantity: its SI unit, its name, and an example for messages."""
+
+    si: str
+    noun: str
+    example: str
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Bounds of a number, or of the SI value of a quantity."""
+
+    above: float = -math.inf
+    at_least: float = -math.inf
+    below: float = math.inf
+    at_most: float = math.inf
+
+    def __str__(self) -> str:
+        """Say the bounds: ``> 0 and <= 1``."""
+        bounds = ((">", self.above), (">=", self.at_least), ("<", self.below), ("<=", self.at_most))
+        return " and ".join(f"{sign} {value:g}" for sign, value in bounds if math.isfinite(value))
+
+    def holds(self, value: float) -> bool:
+        """Tell whether a value lies inside."""
+        return self.above < value < self.below and self.at_least <= value <= self.at_most
+
+
+@dataclass(frozen=True, slots=True)
+class FileMark:
+    """Marks a text field as the name of a file or folder below the session folder."""
+
+
+POSITIVE = Range(above=0.0)
+NOT_NEGATIVE = Range(at_least=0.0)
+
+File = Annotated[str, FileMark()]
+Length = Annotated[Quantity, Dimension("m", "length", "9.525 mm")]
+Mass = Annotated[Quantity, Dimension("kg", "mass", "28.2 g")]
+Angle = Annotated[Quantity, Dimension("rad", "angle", "12.0 ± 0.2 deg")]
+Time = Annotated[Quantity, Dimension("s", "time", "50 ms")]
+Frequency = Annotated[Quantity, Dimension("Hz", "frequency", "20 kHz")]
+Temperature = Annotated[Quantity, Dimension("degC", "temperature", "23 degC")]
+Force = Annotated[Quantity, Dimension("N", "force", "0.5 N")]
+Speed = Annotated[Quantity, Dimension("m/s", "speed", "0.1 mm/s")]
+Acceleration = Annotated[Quantity, Dimension("m/s2", "acceleration", "9.81 m/s2")]
+Scale = Annotated[Quantity, Dimension("m/px", "image scale", "12.5 um/px")]
+Pressure = Annotated[Quantity, Dimension("Pa", "pressure or modulus", "2.5 MPa")]
+Area = Annotated[Quantity, Dimension("m2", "area", "4 mm2")]
+Density = Annotated[Quantity, Dimension("kg/m3", "density", "1.19 g/cm3")]
+Stiffness = Annotated[Quantity, Dimension("N/m", "stiffness", "3 N/mm")]
+Dimensionless = Annotated[Quantity, Dimension("1", "number without unit", "0.35 ± 0.01")]
+
+
+def split(kind: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Separate a type from the marks of its ``Annotated``."""
+    if typing.get_origin(kind) is Annotated:
+        bare, *marks = typing.get_args(kind)
+        return bare, tuple(marks)
+    return kind, ()
+
+
+M = TypeVar("M")
+
+
+def mark(marks: tuple[Any, ...], kind: type[M]) -> M | None:
+    """Return the first mark of a kind, or None."""
+    return next((mark for mark in marks if isinstance(mark, kind)), None)
+
+
+_WORDS: dict[type, str] = {
+    str: "text in quotation marks",
+    int: "a whole number",
+    float: "a number",
+    bool: "true or false",
+}
+
+
+def describe(kind: Any) -> str:
+    """Say in words what a field expects."""
+    bare, marks = split(kind)
+    dimension = mark(marks, Dimension)
+    if dimension is not None:
+        return describe_dimension(dimension)
+    if mark(marks, FileMark) is not None:
+        return "the name of a file"
+    origin, arguments = typing.get_origin(bare), typing.get_args(bare)
+    if origin is Literal:
+        return "one of " + ", ".join(f'"{a}"' for a in arguments)
+    if origin in (Union, types.UnionType):
+        return " or ".join(describe(a) for a in arguments if a is not type(None))
+    if origin in (list, tuple):
+        return f"a list of items, each {describe(arguments[0])}"
+    return next((word for known, word in _WORDS.items() if known is bare), "a table")
+
+
+def describe_dimension(dimension: Dimension) -> str:
+    """Say which quantity and units fit: ``a length such as "9.525 mm" (m, cm, mm, um, nm)``."""
+    article = "an" if dimension.noun[0] in "aeiou" else "a"
+    units = ", ".join(spellings(dimension.si))
+    return f'{article} {dimension.noun} such as "{dimension.example}" (units: {units})'
+
+
+def found(value: Any) -> str:
+    """Describe what was found, shortened."""
+    if isinstance(value, str):
+        return f'"{value}"' if len(value) <= 60 else f'"{value[:60]}…"'
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        text = repr(value)
+        return text if len(text) <= 60 else f"a number of {len(text)} digits"
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "a list"
+    return f"a {type(value).__name__}"
+
+
+def suggest(word: str, known: Iterable[str]) -> str:
+    """Add ``; did you mean "…"?``, or the list of what is known when it is short."""
+    options = sorted(known)
+    near = difflib.get_close_matches(word, options, n=1, cutoff=0.6)
+    if near:
+        return f'; did you mean "{near[0]}"?'
+    if 0 < len(options) <= 12:
+        return "; known: " + ", ".join(options)
+    return ""
+
+
+_SHOWN_IN: dict[str, tuple[str, ...]] = {
+    "m": ("m", "mm", "um", "nm"),
+    "kg": ("kg", "g", "mg"),
+    "s": ("s", "ms", "us", "ns"),
+    "Hz": ("kHz", "Hz"),
+    "N": ("kN", "N", "mN", "uN"),
+    "Pa": ("GPa", "MPa", "kPa", "Pa"),
+    "m/s": ("m/s", "mm/s", "um/s"),
+    "m/px": ("mm/px", "um/px"),
+    "m2": ("m2", "mm2"),
+    "rad": ("deg",),
+}
+"""Units to show a quantity in, from the largest; the first in which it is at least 1 is taken."""
+
+
+def show(value: Quantity) -> str:
+    """Write a quantity for people: ``9.525 mm``, ``12 ± 0.2 deg``.
+
+    Examples
+    --------
+    >>> show(Quantity(0.009525, 0.0, "m"))
+    '9.525 mm'
+    """
+    names = _SHOWN_IN.get(value.si, (value.si,))
+    fitting = (n for n in names if abs(value.value) >= unit(n).factor * (1 - 1e-12))
+    name = next(fitting, names[0] if value.value == 0 else names[-1])
+    factor = unit(name).factor
+    text = f"{value.value / factor:.6g}"
+    if value.u:
+        text += f" ± {value.u / factor:.2g}"
+    return text if name == "1" else f"{text} {name}"

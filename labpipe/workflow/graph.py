@@ -1,0 +1,178 @@
+"""What a stage is, and the check that the stages of one kind of experiment fit together.
+
+A stage is a pure function from Datasets and files to one Dataset (or one page). It is declared
+here by name; its code is imported only where it runs, so a plan needs none of it.
+"""
+
+import graphlib
+import typing
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from labpipe.errors import InputError
+from labpipe.workflow.fields import split, suggest
+
+FILE = "file:"
+OTHER = "other:"
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """One step of a kind of experiment.
+
+    The function is called as ``function(*inputs, settings=settings)`` with the inputs in the
+    declared order. A stage that runs once per experiment gets, for an input that runs once per
+    recording, the list of its Datasets in the order of the files.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``velocity``; unique in its kind.
+    function : str
+        ``package.module:function``, imported only when it runs.
+    version : int
+        Raised by hand whenever the same inputs would give another result.
+    inputs : tuple of str
+        ``"displacement"``: another stage of the same experiment. ``"file:laser"``: the file or
+        files that the settings field ``laser`` names, passed as Path or list of Path; in a stage
+        that runs per recording over that very field, the one Path of the recording.
+        ``"other:material/master_curve"``: the result of the stage ``master_curve`` of the
+        experiment that the settings field ``material`` names as ``"experiment:NAME"``; None when
+        the field names none.
+    parameters : tuple of str
+        Settings fields that the result depends on, dotted (``"sphere.radius"``), or ``"*"``.
+    per : {"experiment", "recording"}
+        Whether it runs once, or once for every file of the field ``over``.
+    over : str, optional
+        The settings field with the list of files.
+    schema : str, optional
+        ``package.module:NAME`` of the :class:`labpipe.schema.Schema` that the result must satisfy.
+    output : {"dataset", "page"}
+        Whether it returns a Dataset, or the HTML text of the experiment's report.
+    summary : str
+        One line for ``plan``.
+    context : bool
+        Whether the function takes the keyword ``context``, a
+        :class:`labpipe.workflow.context.Context`; the result then depends on the session's title,
+        operator and notes too, and a page is called even when something before it failed (an
+        input that is missing for that reason is None).
+    shortcuts : bool
+        Whether the function takes the keyword ``full`` (bool) and gives a different result by it.
+    """
+
+    name: str
+    function: str
+    version: int
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...] = ()
+    per: str = "experiment"
+    over: str | None = None
+    schema: str | None = None
+    output: str = "dataset"
+    summary: str = ""
+    context: bool = False
+    shortcuts: bool = False
+
+
+def ordered(
+    stages: Sequence[Stage], settings: type[msgspec.Struct] | None = None
+) -> tuple[Stage, ...]:
+    """Check the stages of one kind and return them so that inputs come first.
+
+    Parameters
+    ----------
+    stages : sequence of Stage
+        All stages of the kind.
+    settings : type, optional
+        Settings structure of the kind, to check the fields that the stages name.
+
+    Raises
+    ------
+    InputError
+        Names repeat, an input or field is unknown, or the stages form a circle; every problem is
+        listed except that a circle is only looked for when there is no other.
+    """
+    by_name = {stage.name: stage for stage in stages}
+    problems = []
+    for position, stage in enumerate(stages):
+        if any(other.name == stage.name for other in stages[:position]):
+            problems.append(f'two stages are called "{stage.name}"')
+        problems += [f'stage "{stage.name}": {text}' for text in _problems(stage, by_name)]
+        if settings is not None:
+            problems += [
+                f'stage "{stage.name}": {text}' for text in _field_problems(stage, settings)
+            ]
+    if problems:
+        raise InputError("; ".join(problems))
+    try:
+        order = graphlib.TopologicalSorter({s.name: before(s) for s in stages}).static_order()
+        return tuple(by_name[name] for name in order)
+    except graphlib.CycleError as error:
+        circle = " -> ".join(error.args[1])
+        message = f"the stages wait for each other in a circle: {circle}; remove one input"
+        raise InputError(message) from None
+
+
+def before(stage: Stage) -> list[str]:
+    """Names of the stages of the same experiment that a stage takes."""
+    return [name for name in stage.inputs if not name.startswith((FILE, OTHER))]
+
+
+def _problems(stage: Stage, by_name: dict[str, Stage]) -> list[str]:
+    problems = []
+    for name in before(stage):
+        if name not in by_name:
+            problems.append(f'unknown input "{name}"{suggest(name, by_name)}')
+            continue
+        other = by_name[name]
+        if other.output == "page":
+            problems.append(f'input "{name}" is a page; pages are for people')
+        if stage.per == other.per == "recording" and stage.over != other.over:
+            problems.append(
+                f'input "{name}" runs over "{other.over}", this one over "{stage.over}"'
+            )
+    problems += [
+        f'input "{name}" must read "other:FIELD/STAGE"'
+        for name in stage.inputs
+        if name.startswith(OTHER) and name.count("/") != 1
+    ]
+    if stage.per not in ("experiment", "recording"):
+        problems.append(f'per must be "experiment" or "recording", found "{stage.per}"')
+    if stage.output not in ("dataset", "page"):
+        problems.append(f'output must be "dataset" or "page", found "{stage.output}"')
+    if (stage.per == "recording") != (stage.over is not None):
+        problems.append('"over" goes with per = "recording" and only with it')
+    if stage.per == "recording" and stage.output == "page":
+        problems.append("a page is made once per experiment")
+    if ":" not in stage.function:
+        problems.append(f'function must read "package.module:function", found "{stage.function}"')
+    return problems
+
+
+def _field_problems(stage: Stage, settings: type[msgspec.Struct]) -> list[str]:
+    names = [name for name in stage.parameters if name != "*"]
+    names += [name.removeprefix(FILE) for name in stage.inputs if name.startswith(FILE)]
+    names += [
+        name.removeprefix(OTHER).split("/")[0] for name in stage.inputs if name.startswith(OTHER)
+    ]
+    names += [stage.over] if stage.over is not None else []
+    return [
+        f'the settings have no field "{name}"' for name in names if not _has_field(settings, name)
+    ]
+
+
+def _has_field(kind: Any, dotted: str) -> bool:
+    """Whether a dotted name leads to a field, through optional structures and unions of them."""
+    first, _, rest = dotted.partition(".")
+    bare, _ = split(kind)
+    options = [split(option)[0] for option in typing.get_args(bare)] or [bare]
+    for option in options:
+        if not (isinstance(option, type) and issubclass(option, msgspec.Struct)):
+            continue
+        fields = {info.name: info.type for info in msgspec.structs.fields(option)}
+        if first in fields:
+            return not rest or _has_field(fields[first], rest)
+    return False

@@ -1,0 +1,302 @@
+"""What a run would do, and why, row by row; nothing numerical is imported for it."""
+
+import html
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from labpipe import files
+from labpipe.errors import SourceError, UsageError
+from labpipe.units import Quantity
+from labpipe.workflow.fields import show, suggest
+from labpipe.workflow.session import Session
+from labpipe.workflow.store import Store
+from labpipe.workflow.tasks import (
+    Key,
+    Stages,
+    Task,
+    TaskId,
+    ancestors,
+    make_keys,
+    spell_out,
+)
+
+CACHED, WILL_RUN, WAITS = "cached", "will run", "waits"
+_MOST_REASONS = 3
+"""Reasons shown in one row; the rest is counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One task of a plan.
+
+    ``state`` is ``cached`` (nothing to do), ``will run``, or ``waits`` (it will run after another).
+    """
+
+    experiment: str
+    stage: str
+    recording: str | None
+    state: str
+    reason: str
+    summary: str
+
+    @property
+    def task(self) -> TaskId:
+        """The task of the row."""
+        return TaskId(self.experiment, self.stage, self.recording)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The tasks behind the wanted ones, inputs first, with the state of each and why."""
+
+    session: Session
+    rows: tuple[Row, ...]
+    tasks: Mapping[TaskId, Task] = field(repr=False)
+    keys: Mapping[TaskId, Key] = field(repr=False)
+
+    @property
+    def to_run(self) -> tuple[Row, ...]:
+        """Rows that are not cached."""
+        return tuple(row for row in self.rows if row.state != CACHED)
+
+    def _repr_html_(self) -> str:
+        names = ("experiment", "stage", "recording", "state", "reason")
+        head = "".join(f"<th>{name}</th>" for name in names)
+        body = "".join(
+            "<tr>"
+            + "".join(f"<td>{html.escape(str(getattr(row, n) or ''))}</td>" for n in names)
+            + "</tr>"
+            for row in self.rows
+        )
+        title = html.escape(f"{self.session.title}: {len(self.to_run)} of {len(self.rows)} to run")
+        return f"<table><caption>{title}</caption><tr>{head}</tr>{body}</table>"
+
+
+def plan(
+    session: Session,
+    stages: Stages,
+    targets: Iterable[str] | None = None,
+    only: Iterable[str] | None = None,
+    *,
+    full: bool = False,
+    paranoid: bool = False,
+) -> Plan:
+    """Say what a run would do.
+
+    Parameters
+    ----------
+    session : Session
+        See :func:`labpipe.workflow.session.load`.
+    stages : mapping
+        The stages of every kind of experiment.
+    targets : iterable of str, optional
+        Stages whose results are wanted, ``velocity`` or ``acrylic/velocity``; default all.
+    only : iterable of str, optional
+        Experiments whose results are wanted; default all. What they need of others is done too.
+    full : bool
+        Plan for a run without shortcuts.
+    paranoid : bool
+        Read every file again instead of trusting size, times and inode.
+
+    Returns
+    -------
+    Plan
+        One row per task.
+
+    Raises
+    ------
+    UsageError
+        A target or an experiment is unknown.
+    ConfigError, InputError
+        The experiments, or the stages, do not fit together.
+    """
+    store = Store(session.folder, paranoid=paranoid)
+    made = make_plan(session, stages, store, targets, only, full=full)
+    if store.root.is_dir():
+        store.index.save()
+    return made
+
+
+def make_plan(
+    session: Session,
+    stages: Stages,
+    store: Store,
+    targets: Iterable[str] | None = None,
+    only: Iterable[str] | None = None,
+    *,
+    full: bool = False,
+) -> Plan:
+    """Make a plan with a store at hand; see :func:`plan`."""
+    tasks = spell_out(session, stages)
+    keys = make_keys(session, tasks, store.index, full=full)
+    wanted = _wanted(session, tasks, targets, only)
+    states = {name: _state(session, store, tasks[name], keys[name]) for name in tasks}
+    needed = _needed(tasks, wanted, states)
+    behind = wanted.union(*(ancestors(tasks, name) for name in wanted))
+    rows = tuple(
+        _row(store, task, keys, states, needed)
+        for name, task in tasks.items()
+        if name in needed or (name in behind and states[name] == "stored")
+    )
+    return Plan(session, rows, tasks, keys)
+
+
+def _wanted(
+    session: Session,
+    tasks: Mapping[TaskId, Task],
+    targets: Iterable[str] | None,
+    only: Iterable[str] | None,
+) -> set[TaskId]:
+    experiments = set(session.experiments) if only is None else set(only)
+    for name in experiments - set(session.experiments):
+        message = f'there is no experiment "{name}"{suggest(name, session.experiments)}'
+        raise UsageError(message)
+    chosen = {name for name in tasks if name.experiment in experiments}
+    if targets is None:
+        return chosen
+    names = {n.stage for n in tasks} | {f"{n.experiment}/{n.stage}" for n in tasks}
+    asked = set(targets)
+    for name in asked - names:
+        message = f'there is no stage "{name}"{suggest(name, names)}'
+        raise UsageError(message)
+    return {n for n in chosen if n.stage in asked or f"{n.experiment}/{n.stage}" in asked}
+
+
+def page_name(experiment: str) -> str:
+    """Name of an experiment's report inside ``SESSION/labpipe``."""
+    return f"reports/{experiment}.html"
+
+
+def _state(session: Session, store: Store, task: Task, key: Key) -> str:
+    """Tell ``stored``, ``absent``, ``damaged``, ``unreadable`` or, for a page, ``unpublished``."""
+    if key.value is None:
+        return "unreadable" if key.problem else "absent"
+    state = store.state(key.value)
+    if state == "stored" and task.stage.output == "page":
+        record = store.record(key.value)
+        try:
+            published = store.index.digest(session.folder / page_name(task.id.experiment))
+        except SourceError:
+            return "unpublished"
+        return "stored" if record is not None and record.digest == published else "unpublished"
+    return state
+
+
+def _needed(
+    tasks: Mapping[TaskId, Task], wanted: set[TaskId], states: Mapping[TaskId, str]
+) -> set[TaskId]:
+    """Tasks that must run: the wanted ones without a result, and what those need."""
+    needed: set[TaskId] = set()
+    waiting = [name for name in wanted if states[name] != "stored"]
+    while waiting:
+        name = waiting.pop()
+        needed.add(name)
+        if states[name] == "unpublished":
+            continue
+        # What takes the context reports on everything behind it, so all of that must be there.
+        behind = ancestors(tasks, name) if tasks[name].stage.context else tasks[name].before
+        waiting += [b for b in behind if states[b] != "stored" and b not in needed]
+    return needed
+
+
+# --- reasons -----------------------------------------------------------------------------------
+
+
+def _row(
+    store: Store,
+    task: Task,
+    keys: Mapping[TaskId, Key],
+    states: Mapping[TaskId, str],
+    needed: set[TaskId],
+) -> Row:
+    if task.id not in needed:
+        return Row(*task.id, CACHED, "", task.stage.summary)
+    state = states[task.id]
+    if state == "unpublished":
+        reason = f"{page_name(task.id.experiment)} is missing or was changed"
+        return Row(*task.id, WILL_RUN, reason, task.stage.summary)
+    waiting = [before for before in task.before if before in needed]
+    reasons = []
+    if state == "unreadable":
+        reasons = [keys[task.id].problem]
+    elif state == "damaged":
+        reasons = ["result damaged"]
+    else:
+        reasons = _changes(store, task, keys[task.id])
+    upstream = sorted({f"upstream {_upstream_name(task, b)} will run" for b in waiting})
+    reasons = [*reasons, *upstream] or ["result is gone"]
+    text = "; ".join(reasons[:_MOST_REASONS])
+    if len(reasons) > _MOST_REASONS:
+        text += f"; and {len(reasons) - _MOST_REASONS} more"
+    return Row(*task.id, WAITS if waiting else WILL_RUN, text, task.stage.summary)
+
+
+def _upstream_name(task: Task, before: TaskId) -> str:
+    is_own = before.experiment == task.id.experiment
+    return before.stage if is_own else f"{before.experiment}/{before.stage}"
+
+
+def _changes(store: Store, task: Task, key: Key) -> list[str]:
+    """Say what differs from the last result of the same task."""
+    last = store.latest(task.id.experiment).get((task.id.stage, task.id.recording))
+    if last is None:
+        return ["never run"]
+    record = store.record(last)
+    if record is None:
+        return []
+    old, new = record.ingredients, key.ingredients
+    changes = []
+    if old["version"] != new["version"]:
+        changes.append(f"stage {task.id.stage} v{old['version']} -> v{new['version']}")
+    changes += _parameter_changes(old["parameters"], new["parameters"])
+    changes += _file_changes(_files(old), _files(new))
+    if old.get("full") != new.get("full"):
+        changes.append(f"full {_shown(old.get('full'))} -> {_shown(new.get('full'))}")
+    old_session, new_session = old.get("session", {}), new.get("session", {})
+    changes += [f"session {k} changed" for k in new_session if old_session.get(k) != new_session[k]]
+    if old["format"] != new["format"] or old["kind"] != new["kind"]:
+        changes.append("stored by another version of labpipe or for another kind")
+    if not changes and [i["input"] for i in old["inputs"]] != [i["input"] for i in new["inputs"]]:
+        changes.append("the stage takes other inputs")
+    if not changes and old != new:
+        changes += _upstream_changes(old["inputs"], new["inputs"])
+    return changes
+
+
+def _parameter_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    names = [*new, *(name for name in old if name not in new)]
+    return [
+        f"parameter {name} changed {_shown(old.get(name))} -> {_shown(new.get(name))}"
+        for name in names
+        if old.get(name) != new.get(name)
+    ]
+
+
+def _upstream_changes(old: list[Any], new: list[Any]) -> list[str]:
+    return [
+        f"upstream {after['input']} changed"
+        for before, after in zip(old, new, strict=True)
+        if before.get("keys") != after.get("keys")
+    ]
+
+
+def _files(ingredients: Mapping[str, Any]) -> dict[str, str]:
+    return {f["name"]: f["sha256"] for i in ingredients["inputs"] for f in i.get("files", ())}
+
+
+def _file_changes(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
+    changes = [f"input {n} changed" for n in new if n in old and old[n] != new[n]]
+    changes += [f"input {name} added" for name in new if name not in old]
+    return changes + [f"input {name} removed" for name in old if name not in new]
+
+
+def _shown(value: Any) -> str:
+    """Write a parameter for people; a quantity is stored as value, uncertainty, SI unit."""
+    is_quantity = isinstance(value, list) and len(value) == 3 and isinstance(value[2], str)
+    if is_quantity and all(isinstance(v, int | float) for v in value[:2]):
+        return show(Quantity(*value))
+    if value is None:
+        return "none"
+    text = value if isinstance(value, str) else files.canonical(value)
+    return text if len(text) <= 60 else text[:60] + "…"

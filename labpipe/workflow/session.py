@@ -1,0 +1,285 @@
+"""A session folder: what ``session.toml`` says, checked and typed.
+
+Versions of the file, newest first:
+
+1. ``[session]`` with title, operator, notes, synthetic; ``[defaults.KIND]``; ``[experiments.NAME]``
+   with ``kind`` and the fields of that kind.
+"""
+
+import html
+import unicodedata
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from labpipe.errors import ConfigError, InputError, SourceError
+from labpipe.files import safe_join
+from labpipe.workflow import toml_lines
+from labpipe.workflow.config import Checker
+from labpipe.workflow.document import Document, dotted, parse
+from labpipe.workflow.fields import found, suggest
+
+VERSION = 1
+"""Version of the layout of ``session.toml`` that this program reads."""
+FILE_NAME = "session.toml"
+REFERENCE = "experiment:"
+"""Prefix by which a field names another experiment of the session."""
+
+_LONGEST_NAME = 200
+"""Bytes in the name of an experiment; endings are added to it to make file names."""
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """One experiment: its name, its kind, its typed settings, and the lines of its fields."""
+
+    name: str
+    kind: str
+    settings: msgspec.Struct
+    lines: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """A session folder and everything that its ``session.toml`` says."""
+
+    root: Path
+    title: str
+    operator: str
+    notes: str
+    synthetic: bool
+    experiments: Mapping[str, Experiment]
+
+    @property
+    def folder(self) -> Path:
+        """Where everything that labpipe writes goes."""
+        return self.root / "labpipe"
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{html.escape(e.name)}</td><td>{html.escape(e.kind)}</td></tr>"
+            for e in self.experiments.values()
+        )
+        title = html.escape(self.title)
+        head = "<tr><th>experiment</th><th>kind</th></tr>"
+        return f"<table><caption>{title}</caption>{head}{rows}</table>"
+
+
+class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The table ``[session]``."""
+
+    title: str = ""
+    operator: str = ""
+    notes: str = ""
+    synthetic: bool = False
+
+
+def load(path: Path | str, kinds: Mapping[str, type[msgspec.Struct]]) -> Session:
+    """Read a session folder's ``session.toml``.
+
+    Parameters
+    ----------
+    path : Path or str
+        The folder or the file.
+    kinds : mapping
+        Settings structure of every kind of experiment, by its name.
+
+    Returns
+    -------
+    Session
+        Everything checked: types, units, ranges, names, and that every file exists inside the
+        folder.
+
+    Raises
+    ------
+    SourceError
+        There is no such file.
+    ConfigError
+        With every mistake and its line.
+    """
+    source = Path(path)
+    source = source / FILE_NAME if source.is_dir() else source
+    if not source.is_file():
+        hint = f"make one with: labpipe init {source.parent}"
+        raise SourceError(source, "there is no such file", hint=hint)
+    document = parse(source)
+    _check_version(document)
+    root = source.parent.resolve()
+    head = Checker(document, root).structure(
+        _SessionTable, document.tree.get("session", {}), ("session",)
+    )
+    for key in document.tree.keys() - _TOP_LEVEL:
+        document.report((key,), f"unknown key{suggest(key, _TOP_LEVEL)}")
+    experiments = _Experiments(document, root, kinds).all()
+    document.finish()
+    return Session(
+        root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments
+    )
+
+
+_TOP_LEVEL = {"labpipe", "session", "defaults", "experiments"}
+
+
+def _check_version(document: Document) -> None:
+    """Stop at once when the file is of another version: all other messages would mislead."""
+    name = document.path.name
+    stated = document.tree.get("labpipe")
+    if stated is None:
+        message = f'{name}:1: labpipe: missing; begin the file with the line "labpipe = {VERSION}"'
+        raise ConfigError([message])
+    where = f"{name}:{document.line(('labpipe',))}: labpipe"
+    if not isinstance(stated, int) or isinstance(stated, bool) or stated < 1:
+        raise ConfigError([f"{where}: expected {VERSION}, found {found(stated)}"])
+    if stated > VERSION:
+        message = (
+            f"{where}: the file is of version {found(stated)}, this labpipe reads up to {VERSION}; "
+            "update labpipe (pip install --upgrade labpipe)"
+        )
+        raise ConfigError([message])
+
+
+@dataclass(frozen=True, slots=True)
+class _Experiments:
+    """Merges defaults into experiments and converts them to their kinds."""
+
+    document: Document
+    root: Path
+    kinds: Mapping[str, type[msgspec.Struct]]
+
+    def all(self) -> dict[str, Experiment]:
+        """Convert every experiment; mistakes are reported to the document."""
+        tables = self._tables("experiments")
+        defaults = self._tables("defaults")
+        if not tables and not self.document.problems:
+            self.document.report(("experiments",), "no experiment; add a table [experiments.NAME]")
+        for kind, table in defaults.items():
+            self._check_default(kind, table)
+        names = list(tables)
+        found = (self._one(n, tables[n], defaults, names) for n in names)
+        return {experiment.name: experiment for experiment in found if experiment is not None}
+
+    def _tables(self, key: str) -> dict[str, Any]:
+        value = self.document.tree.get(key, {})
+        if not isinstance(value, dict):
+            self.document.report((key,), f"expected tables [{key}.NAME], found {found(value)}")
+            return {}
+        tables = {}
+        for name, table in value.items():
+            if isinstance(table, dict):
+                tables[name] = table
+            else:
+                self.document.report((key, name), f"expected a table, found {found(table)}")
+        return tables
+
+    def _check_default(self, kind: str, table: dict[str, Any]) -> None:
+        place = ("defaults", kind)
+        if kind not in self.kinds:
+            self.document.report(place, f"unknown kind{suggest(kind, self.kinds)}")
+            return
+        Checker(self.document, self.root).structure(self.kinds[kind], table, place, partial=True)
+
+    def _one(
+        self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str]
+    ) -> Experiment | None:
+        place = ("experiments", name)
+        self._check_name(name, names)
+        kind = table.get("kind")
+        if kind is None:
+            known = ", ".join(sorted(self.kinds))
+            self.document.report((*place, "kind"), f"missing; known kinds: {known}")
+            return None
+        if not isinstance(kind, str) or kind not in self.kinds:
+            near = suggest(str(kind), self.kinds)
+            self.document.report((*place, "kind"), f"unknown kind {found(kind)}{near}")
+            return None
+        own = {key: value for key, value in table.items() if key != "kind"}
+        origins: dict[toml_lines.Path, toml_lines.Path] = {}
+        merged = _merge(defaults.get(kind, {}), ("defaults", kind), own, place, place, origins)
+        checker = Checker(self.document, self.root, origins)
+        settings = checker.structure(self.kinds[kind], merged, place)
+        self._check_references(name, merged, place, names, checker)
+        if not isinstance(settings, msgspec.Struct):
+            return None
+        lines = {dotted(at[2:]): self.document.line(written) for at, written in origins.items()}
+        return Experiment(name, kind, settings, lines)
+
+    def _check_name(self, name: str, names: list[str]) -> None:
+        place = ("experiments", name)
+        try:
+            safe_join(self.root, name)
+            problem = "it contains /" if "/" in name else None
+        except InputError as error:
+            problem = str(error).rpartition(": ")[2]
+        if name.startswith("."):
+            problem = "it begins with a full stop"
+        if len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
+            problem = f"it is longer than {_LONGEST_NAME} bytes"
+        if problem is not None:
+            self.document.report(place, f"cannot be the name of an experiment: {problem}")
+        twins = [n for n in names if n != name and _folded(n) == _folded(name)]
+        if twins:
+            self.document.report(place, f'differs from "{twins[0]}" only in case; rename one')
+
+    def _check_references(
+        self, name: str, node: Any, place: toml_lines.Path, names: list[str], checker: Checker
+    ) -> None:
+        """Every text "experiment:NAME" must name another experiment of this session."""
+        pairs: Any = ()
+        if isinstance(node, dict):
+            pairs = node.items()
+        elif isinstance(node, list):
+            pairs = enumerate(node)
+        elif isinstance(node, str) and node.startswith(REFERENCE):
+            other = node.removeprefix(REFERENCE)
+            if other == name:
+                checker.report(place, "an experiment cannot refer to itself")
+            elif other not in names:
+                near = suggest(other, (n for n in names if n != name))
+                checker.report(place, f'there is no experiment "{other}"{near}')
+        for key, child in pairs:
+            self._check_references(name, child, (*place, key), names, checker)
+
+
+def _folded(name: str) -> str:
+    """Two names that a Macintosh or Windows disk keeps in one file are one."""
+    return unicodedata.normalize("NFC", name).casefold()
+
+
+def _merge(
+    base: Any,
+    base_place: toml_lines.Path,
+    over: Any,
+    over_place: toml_lines.Path,
+    place: toml_lines.Path,
+    origins: dict[toml_lines.Path, toml_lines.Path],
+) -> Any:
+    """Lay one table over another, key by key, and note where each value was written."""
+    origins[place] = over_place
+    if not isinstance(base, dict) or not isinstance(over, dict):
+        _note(over, over_place, place, origins)
+        return over
+    merged = {}
+    for key in (*over, *(k for k in base if k not in over)):
+        here, in_base, in_over = (*place, key), (*base_place, key), (*over_place, key)
+        if key in over and key in base:
+            merged[key] = _merge(base[key], in_base, over[key], in_over, here, origins)
+        else:
+            merged[key] = over[key] if key in over else base[key]
+            _note(merged[key], in_over if key in over else in_base, here, origins)
+    return merged
+
+
+def _note(
+    node: Any,
+    written: toml_lines.Path,
+    place: toml_lines.Path,
+    origins: dict[toml_lines.Path, toml_lines.Path],
+) -> None:
+    origins[place] = written
+    pairs: Any = node.items() if isinstance(node, dict) else ()
+    pairs = enumerate(node) if isinstance(node, list) else pairs
+    for key, child in pairs:
+        _note(child, (*written, key), (*place, key), origins)

@@ -1,0 +1,236 @@
+"""Results by their keys: written once, verified whenever they are read, never half there.
+
+::
+
+    SESSION/labpipe/store/ab/abcd….nc      a result, or .html for a page
+    SESSION/labpipe/store/ab/abcd….json    its record; the result exists only with it
+    SESSION/labpipe/store/latest/NAME.json the last key of every task of an experiment
+    SESSION/labpipe/store/quarantine/      what turned out to be damaged
+    SESSION/labpipe/store/index.json       digests by size, times and inode
+"""
+
+import contextlib
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from labpipe import files
+from labpipe.errors import SourceError, StoreError
+from labpipe.workflow.tasks import TaskId, key_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+FORMAT = 1
+"""Version of the records; one of another version is set aside and its result made again."""
+
+_ENDINGS = {"dataset": ".nc", "page": ".html"}
+_KEY = re.compile(r"[0-9a-f]{64}")
+
+
+class Caught(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A warning that a stage raised: its category, its text, and how often."""
+
+    category: str
+    text: str
+    count: int
+
+
+class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What is kept beside a result."""
+
+    format: int
+    key: str
+    output: str
+    digest: str
+    size: int
+    ingredients: dict[str, Any]
+    warnings: tuple[Caught, ...]
+    work: dict[str, float | int]
+
+
+class Store:
+    """The results of one session.
+
+    Parameters
+    ----------
+    folder : Path
+        ``SESSION/labpipe``; nothing is made before the first result is written.
+    paranoid : bool
+        Read every file again instead of trusting size, times and inode.
+    """
+
+    def __init__(self, folder: Path, *, paranoid: bool = False) -> None:
+        self.folder = folder
+        self.root = folder / "store"
+        self.index = files.HashIndex(self.root / "index.json", paranoid=paranoid)
+
+    # --- looking ---
+
+    def record(self, key: str) -> Record | None:
+        """Return the record of a result, or None when there is none that can be believed."""
+        try:
+            data = self._path(key, ".json").read_bytes()
+            record = msgspec.convert(files.unseal(data), Record)
+        except (OSError, msgspec.ValidationError):
+            return None
+        is_ours = record.format == FORMAT and record.key == key == key_of(record.ingredients)
+        return record if is_ours else None
+
+    def state(self, key: str) -> str:
+        """Tell whether a result is ``stored``, ``absent`` or ``damaged``, without numpy."""
+        record = self.record(key)
+        if record is None:
+            return "damaged" if self._path(key, ".json").exists() else "absent"
+        try:
+            is_whole = self.index.digest(self.path(record)) == record.digest
+        except SourceError:
+            return "damaged"
+        return "stored" if is_whole else "damaged"
+
+    def path(self, record: Record) -> Path:
+        """Where a result is."""
+        return self._path(record.key, _ENDINGS[record.output])
+
+    def read(self, key: str) -> "xr.Dataset | str":
+        """Return a result after comparing its whole content with its record.
+
+        Raises
+        ------
+        StoreError
+            It is not there, or damaged; a damaged one has been moved to the quarantine, so that
+            the next run makes it again.
+        """
+        record = self.record(key)
+        if record is None:
+            self.quarantine(key)
+            message = f"there is no whole result {key[:12]} in {self.root}; run again to make it"
+            raise StoreError(message)
+        path = self.path(record)
+        try:
+            if files.digest(path) == record.digest:
+                if record.output == "page":
+                    return path.read_text("utf-8")
+                return files.read_dataset(path)
+        except (SourceError, StoreError):
+            pass  # missing, or damaged in a way that the digest was forged for: the same answer
+        self.quarantine(key)
+        message = (
+            f"the stored result {key[:12]} was damaged and has been moved to "
+            f"{self.root / 'quarantine'}; run again to make it again"
+        )
+        raise StoreError(message)
+
+    # --- writing ---
+
+    def write(
+        self,
+        ingredients: Mapping[str, Any],
+        result: "xr.Dataset | str",
+        *,
+        warnings: tuple[Caught, ...] = (),
+        work: Mapping[str, float | int] | None = None,
+    ) -> Record:
+        """Store a result under the key of its ingredients; it exists once its record does."""
+        key = key_of(ingredients)
+        output = "page" if isinstance(result, str) else "dataset"
+        path = self._path(key, _ENDINGS[output])
+        if isinstance(result, str):
+            files.write_text(path, result)
+        else:
+            files.write_dataset(path, result)
+        record = Record(
+            format=FORMAT,
+            key=key,
+            output=output,
+            digest=files.digest(path),
+            size=path.stat().st_size,
+            ingredients=dict(ingredients),
+            warnings=warnings,
+            work=dict(work or {}),
+        )
+        files.write_bytes(self._path(key, ".json"), files.seal(msgspec.to_builtins(record)))
+        return record
+
+    def quarantine(self, key: str) -> None:
+        """Set a damaged result and its record aside; nothing is deleted."""
+        target = self.root / "quarantine"
+        for ending in (".json", *_ENDINGS.values()):
+            path = self._path(key, ending)
+            if not path.exists():
+                continue
+            target.mkdir(parents=True, exist_ok=True)
+            count = sum(1 for _ in target.glob(f"{key}*{ending}"))
+            # Two processes may both find the damage; the second finds nothing left to move.
+            with contextlib.suppress(FileNotFoundError):
+                path.replace(target / f"{key}-{count}{ending}")
+
+    # --- the last key of every task, for the reasons of a plan ---
+
+    def latest(self, experiment: str) -> dict[tuple[str, str | None], str]:
+        """Return the last key of every stage and recording of an experiment."""
+        try:
+            found = files.unseal(self._latest_path(experiment).read_bytes()) or []
+        except OSError:
+            return {}
+        return {(stage, recording): key for stage, recording, key in found}
+
+    def note_latest(self, task: TaskId, key: str) -> None:
+        """Remember the key of a task; called only by the holder of the experiment's lock."""
+        known = self.latest(task.experiment)
+        if known.get((task.stage, task.recording)) != key:
+            known[task.stage, task.recording] = key
+            entries = sorted(
+                ([stage, recording, value] for (stage, recording), value in known.items()),
+                key=lambda entry: (entry[0], entry[1] or ""),
+            )
+            files.write_bytes(self._latest_path(task.experiment), files.seal(entries))
+
+    # --- locks and cleaning ---
+
+    @contextlib.contextmanager
+    def writing(self) -> Iterator[None]:
+        """Hold off :meth:`clean` in other processes while this one writes."""
+        with files.lock(self.root / "writers.lock", shared=True):
+            yield
+
+    @contextlib.contextmanager
+    def experiment(self, name: str) -> Iterator[None]:
+        """Let one process at a time compute an experiment."""
+        with files.lock(self.root / "locks" / f"{name}.lock"):
+            yield
+
+    def clean(self) -> None:
+        """Remove what killed processes left half-written, unless somebody is writing now."""
+        if not self.folder.is_dir():
+            return
+        with files.lock(self.root / "writers.lock", wait=False) as is_alone:
+            if is_alone:
+                for part in self.folder.rglob(f".*{files.PART_SUFFIX}"):
+                    part.unlink(missing_ok=True)
+
+    def check(self) -> list[str]:
+        """Read every result again and name what is damaged; nothing is moved."""
+        problems = []
+        for path in sorted(self.root.glob("??/*.json")):
+            record = self.record(path.stem) if _KEY.fullmatch(path.stem) else None
+            if record is None:
+                problems.append(f"{path.name}: the record is damaged or foreign")
+                continue
+            try:
+                if files.digest(self.path(record)) != record.digest:
+                    problems.append(
+                        f"{self.path(record).name}: the content does not fit its record"
+                    )
+            except SourceError as error:
+                problems.append(str(error))
+        return problems
+
+    def _path(self, key: str, ending: str) -> Path:
+        return self.root / key[:2] / f"{key}{ending}"
+
+    def _latest_path(self, experiment: str) -> Path:
+        return self.root / "latest" / f"{experiment}.json"
