@@ -1,1 +1,61 @@
-"""Readings to SI quantities with uncertainty."""
+"""Readings to SI quantities with uncertainty.
+
+A calibration is a record: one TOML file per sensor and period (:mod:`calibration.record`). What is
+done with it lives in one module per kind: :mod:`calibration.laser`, :mod:`calibration.load_cell`,
+:mod:`calibration.camera`; :mod:`calibration.time_base` is shared. :func:`apply` chooses by the
+kind of the record. A record of another sensor, another view or another time is refused.
+"""
+
+import importlib
+import os
+from typing import Any
+
+from calibration.record import KINDS, Record, load_record, require
+from labpipe.errors import CalibrationError
+
+__all__ = ["APPLY", "KINDS", "Record", "apply", "load_record", "require"]
+
+#: Kind of record to the function that applies it, imported only when it is called.
+APPLY: dict[str, str] = {
+    "laser": "calibration.laser:displacement",
+    "load_cell": "calibration.load_cell:force",
+}
+
+
+def apply(readings: Any, record: Record | str | os.PathLike[str], **options: Any) -> Any:
+    """Turn readings into SI quantities with the record that belongs to them.
+
+    Parameters
+    ----------
+    readings : Dataset
+        As an instrument reader returns them.
+    record : Record or path-like
+        The calibration, or the file that holds it.
+    **options
+        Of the function for this kind of record, for example ``zero``, ``direction`` for
+        :func:`calibration.laser.displacement`.
+
+    Returns
+    -------
+    Dataset
+        Quantities with their ``u_``.
+
+    Raises
+    ------
+    CalibrationError
+        The record is of another kind, sensor or time.
+
+    Examples
+    --------
+    >>> moved = apply(readings, "calibration/laser.toml", direction=-1)  # doctest: +SKIP
+    """
+    if not isinstance(record, Record):
+        record = load_record(record)
+    if record.kind not in APPLY:
+        message = (
+            f'record "{record.id}" is of the kind "{record.kind}", which is not applied to '
+            f"readings; these are: {', '.join(APPLY)}"
+        )
+        raise CalibrationError(message)
+    module, function = APPLY[record.kind].split(":")
+    return getattr(importlib.import_module(module), function)(readings, record, **options)

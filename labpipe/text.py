@@ -199,7 +199,13 @@ def _scan(path: Path, encoding: str, limits: Limits) -> tuple[int, bool]:
 
 def _count(path: Path, text: str, n_ends: int, open_length: int, limits: Limits) -> tuple[int, int]:
     start = 0
-    if "\r" in text.replace("\r\n", ""):
+    first = text.find("\n")
+    has_lone_returns = "\r" in text.replace("\r\n", "")
+    is_short = first >= 0 and max(len(text), open_length + first) <= limits.max_line
+    if is_short and not has_lone_returns:
+        # No line inside this piece can be too long, nor the one that began before it.
+        return n_ends + text.count("\n"), len(text) - 1 - text.rfind("\n")
+    if has_lone_returns:
         ends: Iterable[tuple[int, int]] = (m.span() for m in _LINE_END.finditer(text))
     else:
         ends = _newlines(text)

@@ -1,0 +1,359 @@
+"""Laser displacement: from the reading along an inclined line of sight to the vertical motion.
+
+The sensor looks along a line at the angle θ to the motion, so a motion d changes the reading by
+d cos θ. With the gain g of the sensor, its zero z and the direction s = ±1 in which it counts,
+
+    d = s g (r - z) / cos θ,        u(d)/d from θ: tan θ · u(θ).
+
+Noise and rounding differ from sample to sample (``u_displacement``); inclination, gain and zero
+are the same for a whole record and are kept apart, because averaging over samples does not reduce
+them, while averaging over sensors or mounts does.
+"""
+
+import json
+import math
+from datetime import date
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from calibration import quiet
+from calibration.budget import Source, combined, table
+from calibration.record import LaserRecord, LaserValues, Record, require
+from calibration.time_base import TimeBase, corrected, time_base
+from labpipe.errors import CalibrationError, InputError
+from labpipe.units import Quantity
+
+__all__ = ["displacement", "inclination_from_drop", "reading"]
+
+_VALID = 0  # the state of a reading that is one
+_TOLERANCE = 3.0  # standard uncertainties by which a travel may exceed the height it fell
+
+
+def displacement(
+    readings: xr.Dataset,
+    record: Record,
+    *,
+    output: str = "out1",
+    zero: tuple[float, float] | Quantity | float | None = None,
+    direction: int = 1,
+    inclination: Quantity | None = None,
+    averaging: int | None = None,
+    measured: str | date | None = None,
+    ignore_validity: bool = False,
+) -> xr.Dataset:
+    """Calibrate the readings of a laser displacement sensor.
+
+    Parameters
+    ----------
+    readings : Dataset (time,)
+        As :func:`instruments.read` returns: ``out1`` [m or V], ``status1``, attributes.
+    record : Record
+        Of the kind ``laser``.
+    output : str
+        Which output to use.
+    zero : (float, float) or Quantity or float, optional
+        A quiet window in s, or the reading [SI] that is zero; by default the quiet beginning.
+    direction : {1, -1}
+        1 when the reading grows with the displacement that is wanted positive.
+    inclination : Quantity [rad], optional
+        Instead of the record's, for example from :func:`inclination_from_drop`.
+    averaging : int, optional
+        Samples of the moving average, where the file does not say it.
+    measured : date or ISO text, optional
+        Day of the measurement, where the file does not say it.
+    ignore_validity : bool
+        Use a record outside its period.
+
+    Returns
+    -------
+    Dataset (time,)
+        ``displacement`` [m] with its random ``u_displacement``, ``displacement_raw`` [m]
+        (zeroed and in the same direction, but along the line of sight and with the sensor's own
+        gain), ``valid``; scalars ``inclination`` [rad], ``gain`` [1], ``zero`` [SI of the
+        reading], each with ``u_``. Attributes ``budget`` (JSON rows, for the largest
+        displacement), ``u_inclination_relative``, ``u_systematic_relative``, ``time_base``,
+        ``calibration``. ``time`` is free of the delay of the moving average.
+
+    Raises
+    ------
+    CalibrationError
+        The record does not belong to the readings, a voltage has no scale, or there is no zero.
+    InputError
+        The output or the direction does not exist.
+
+    Examples
+    --------
+    >>> moved = displacement(readings, load_record("laser.toml"))  # doctest: +SKIP
+    """
+    if direction not in (1, -1):
+        message = f"direction must be 1 or -1, found {direction}"
+        raise InputError(message)
+    checked = require(
+        record, "laser", readings.attrs, measured=measured, ignore_validity=ignore_validity
+    )
+    values = _values(record)
+    raw, stated_step, gain = _raw(readings, output, values)
+    angle = inclination or values.inclination
+    base = time_base(readings.attrs, values.time_base, averaging)
+    is_valid = _is_valid(readings, output, raw, gain, values)
+    used = np.where(is_valid, raw, np.nan)
+    step = quiet.resolution_of(used, stated_step)
+    time = readings["time"].values
+    at_rest = _zero(time, used, zero, step, base.averaging)
+    factor = direction * gain.value / math.cos(angle.value)
+    moved = factor * (used - at_rest.level)
+    spread = abs(factor) * at_rest.noise
+    sources = _sources(moved, at_rest, step, angle, gain, values, factor, readings[output])
+    unit_of_reading = str(readings[output].attrs["units"])
+    # Volts become a length along the line of sight; a length is left as the sensor said it.
+    to_length = values.volt_scale.value if unit_of_reading == "V" and values.volt_scale else 1.0
+    along = direction * (raw - at_rest.level) * to_length
+    return xr.Dataset(
+        {
+            "displacement": _over_time(moved, "m", "displacement along the motion"),
+            "u_displacement": _over_time(
+                np.where(is_valid, spread, np.nan), "m", "random standard uncertainty"
+            ),
+            "displacement_raw": _over_time(along, "m", "displacement along the line of sight"),
+            "valid": _over_time(is_valid, "1", "whether there is a reading"),
+            **_scalar("inclination", angle, "angle of the line of sight to the motion"),
+            **_scalar("gain", gain, "true over displayed, along the line of sight"),
+            **_scalar(
+                "zero",
+                Quantity(at_rest.level, at_rest.u_level, unit_of_reading),
+                "reading that is zero",
+            ),
+        },
+        coords={
+            "time": (
+                "time",
+                corrected(time, base, float(readings.attrs["sampling_interval"])),
+                {"units": "s", "long_name": "time from the first point, filter delay removed"},
+            )
+        },
+        attrs=_attributes(
+            readings, output, direction, checked, base, at_rest, step, angle, sources
+        ),
+    )
+
+
+def _values(record: Record) -> LaserValues:
+    if not isinstance(record, LaserRecord):
+        message = f'record "{record.id}" holds no values of a laser'
+        raise CalibrationError(message)
+    return record.values
+
+
+def _raw(
+    readings: xr.Dataset, output: str, values: LaserValues
+) -> tuple[NDArray[np.float64], float | None, Quantity]:
+    """Return the readings, the step of their display, and the gain to a length."""
+    if output not in readings:
+        outputs = ", ".join(name for name in map(str, readings) if name.startswith("out"))
+        message = f'the readings have no output "{output}"; they have {outputs}'
+        raise InputError(message)
+    variable = readings[output]
+    unit_text = variable.attrs.get("units")
+    step = variable.attrs.get("resolution")
+    raw = np.asarray(variable.values, dtype=float)
+    if unit_text == "m":
+        return raw, step, values.scale
+    if unit_text == "V" and values.volt_scale is not None:
+        return raw, step, _product(values.scale, values.volt_scale)
+    if unit_text == "V":
+        message = f'{output} is in volts; the record needs volt_scale = "0.5 ± 0.0005 mm/V"'
+        raise CalibrationError(message)
+    message = f"{output} is in {unit_text}; a displacement needs m or V"
+    raise CalibrationError(message)
+
+
+def _product(a: Quantity, b: Quantity) -> Quantity:
+    value = a.value * b.value
+    return Quantity(value, math.hypot(a.u * b.value, b.u * a.value), b.si)
+
+
+def _is_valid(
+    readings: xr.Dataset,
+    output: str,
+    raw: NDArray[np.float64],
+    gain: Quantity,
+    values: LaserValues,
+) -> NDArray[np.bool_]:
+    is_valid = np.isfinite(raw)
+    state = output.replace("out", "status")
+    if state in readings:
+        is_valid &= readings[state].values == _VALID
+    if values.measuring_range is not None:
+        to_length = gain.value if readings[output].attrs["units"] == "V" else 1.0
+        is_valid &= np.abs(np.nan_to_num(raw)) * to_length <= values.measuring_range.value
+    return is_valid
+
+
+def _zero(
+    time: NDArray[np.float64],
+    used: NDArray[np.float64],
+    zero: tuple[float, float] | Quantity | float | None,
+    step: float,
+    averaging: int,
+) -> quiet.Quiet:
+    if zero is None:
+        return quiet.from_start(time, used, resolution=step, correlated=averaging)
+    if isinstance(zero, Quantity):
+        return quiet.given(used, zero.value, zero.u, resolution=step)
+    if isinstance(zero, tuple):
+        return quiet.in_window(time, used, zero, resolution=step, correlated=averaging)
+    return quiet.given(used, float(zero), 0.0, resolution=step)
+
+
+def _sources(
+    moved: NDArray[np.float64],
+    at_rest: quiet.Quiet,
+    step: float,
+    angle: Quantity,
+    gain: Quantity,
+    values: LaserValues,
+    factor: float,
+    variable: xr.DataArray,
+) -> list[Source]:
+    """List what makes the largest displacement of the record uncertain."""
+    finite = moved[np.isfinite(moved)]
+    largest = float(finite[np.argmax(np.abs(finite))]) if finite.size else 0.0
+    unit_text = str(variable.attrs["units"])
+    rounding = step / math.sqrt(12)
+    beyond_rounding = math.sqrt(max(at_rest.noise**2 - rounding**2, 0.0))
+    sources = [
+        Source("noise of a sample", 0.0, beyond_rounding, unit_text, factor, "random"),
+        Source("rounding of the display", 0.0, rounding, unit_text, factor, "random"),
+        Source("zero", at_rest.level, at_rest.u_level, unit_text, factor, "systematic"),
+        Source(
+            "inclination", angle.value, angle.u, "rad", largest * math.tan(angle.value),
+            "systematic",
+        ),
+        Source("gain", gain.value, gain.u, gain.si, largest / gain.value, "systematic"),
+    ]  # fmt: skip
+    if values.linearity is not None:
+        along = 1.0 / math.cos(angle.value)
+        sources.append(Source("linearity", 0.0, values.linearity.u, "m", along, "systematic"))
+    return sources
+
+
+def _attributes(
+    readings: xr.Dataset,
+    output: str,
+    direction: int,
+    checked: dict[str, Any],
+    base: TimeBase,
+    at_rest: quiet.Quiet,
+    step: float,
+    angle: Quantity,
+    sources: list[Source],
+) -> dict[str, Any]:
+    relative = [source for source in sources if source.source in ("inclination", "gain")]
+    by_value = {
+        "inclination": math.tan(angle.value) * angle.u,
+        "gain": next(s.u / s.value for s in relative if s.source == "gain"),
+    }
+    kept = ("source", "start", "sampling_interval", "averaging", "header", "layout", "work")
+    window = None if at_rest.n == 0 else {"start": at_rest.start, "stop": at_rest.stop}
+    return {
+        **{key: readings.attrs[key] for key in kept if key in readings.attrs},
+        "output": output,
+        "direction": direction,
+        "noise": at_rest.noise,
+        "resolution": step,
+        "zero_window": json.dumps(window),
+        "u_inclination_relative": by_value["inclination"],
+        "u_systematic_relative": math.hypot(*by_value.values()),
+        "u_largest": combined(sources),
+        "budget": json.dumps(table(sources)),
+        "time_base": json.dumps(base._asdict()),
+        "calibration": json.dumps(checked, ensure_ascii=False),
+    }
+
+
+def _over_time(values: NDArray[Any], units: str, long_name: str) -> tuple[Any, ...]:
+    return "time", values, {"units": units, "long_name": long_name}
+
+
+def _scalar(name: str, quantity: Quantity, long_name: str) -> dict[str, Any]:
+    def one(value: float, text: str) -> tuple[Any, ...]:
+        return (), value, {"units": quantity.si, "long_name": text}
+
+    return {
+        name: one(quantity.value, long_name),
+        f"u_{name}": one(quantity.u, f"standard uncertainty: {long_name}"),
+    }
+
+
+def reading(
+    moved: NDArray[np.float64], record: Record, *, zero: float = 0.0, direction: int = 1
+) -> NDArray[np.float64]:
+    """Return what the sensor shows for a motion: the inverse of :func:`displacement`.
+
+    Parameters
+    ----------
+    moved : array (n,) [m]
+        Displacement along the motion.
+    record : Record
+        Of the kind ``laser``.
+    zero : float [m]
+        Reading at no displacement.
+    direction : {1, -1}
+        As there.
+    """
+    values = _values(record)
+    return zero + direction * moved * math.cos(values.inclination.value) / values.scale.value
+
+
+def inclination_from_drop(travel: Quantity, height: Quantity) -> Quantity:
+    """Find the inclination from a drop of known height.
+
+    Parameters
+    ----------
+    travel : Quantity [m]
+        Reading from release to first contact, along the line of sight, gain corrected.
+    height : Quantity [m]
+        The height, from a micrometer.
+
+    Returns
+    -------
+    Quantity [rad]
+        ``arccos(travel / height)`` and its standard uncertainty.
+
+    Raises
+    ------
+    CalibrationError
+        The travel is longer than the height by more than both are uncertain: the height, the
+        gain or the contact is wrong.
+    InputError
+        One of them is not a positive length.
+
+    Notes
+    -----
+    At small angles the cosine is flat and says little: the uncertainty is then that of the
+    cosine, converted without the derivative, ``sqrt(2 u)``.
+
+    Examples
+    --------
+    >>> angle = inclination_from_drop(Quantity(6.847e-3, 1e-6, "m"), Quantity(7e-3, 2e-6, "m"))
+    >>> round(math.degrees(angle.value), 2), round(math.degrees(angle.u), 2)
+    (12.0, 0.09)
+    """
+    if travel.si != "m" or height.si != "m" or travel.value <= 0 or height.value <= 0:
+        message = f"expected two positive lengths, found {travel} and {height}"
+        raise InputError(message)
+    cosine = travel.value / height.value
+    u_cosine = math.hypot(travel.u / height.value, cosine * height.u / height.value)
+    if cosine > 1.0 + _TOLERANCE * u_cosine:
+        message = (
+            f"the travel {travel.value:.6g} m is longer than the height {height.value:.6g} m, by "
+            f"more than {_TOLERANCE:g} standard uncertainties; check height, gain and contact"
+        )
+        raise CalibrationError(message)
+    angle = math.acos(min(cosine, 1.0))
+    flat = math.sqrt(2.0 * u_cosine)
+    u_angle = min(u_cosine / math.sin(angle), flat) if angle > 0 else flat
+    return Quantity(angle, u_angle, "rad")

@@ -1,0 +1,341 @@
+"""Load cell: compression-positive force, tare, and the lag of the filter before the file.
+
+A six-axis cell counts compression negative, a single-axis cell positive; the reader of the
+instrument says which in ``compression_sign``. The files are not tared, and the force in them has
+passed a low-pass that the position has not.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from datetime import date
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import signal
+
+from calibration import quiet
+from calibration.budget import Source, combined, table
+from calibration.record import LoadCellRecord, LoadCellValues, Record, require
+from labpipe.errors import CalibrationError, InputError
+from labpipe.units import Quantity
+
+__all__ = ["FilterLag", "declared_filter", "filter_lag", "force"]
+
+_UNITY = Quantity(1.0, 0.0, "1")
+
+
+def force(
+    readings: xr.Dataset,
+    record: Record | None = None,
+    *,
+    axis: str = "z",
+    zero: str | tuple[float, float] | Quantity | float | None = None,
+    compression_sign: int | None = None,
+    measured: str | date | None = None,
+    ignore_validity: bool = False,
+) -> xr.Dataset:
+    """Make a compression-positive, tared force with uncertainty.
+
+    Parameters
+    ----------
+    readings : Dataset
+        Over ``time`` (one block) or ``sample`` (a file of several blocks), with ``force_z`` [N].
+    record : Record, optional
+        Of the kind ``load_cell``; without one the factor that the instrument applied is kept and
+        its uncertainty is not known, as the budget says.
+    axis : {"x", "y", "z"}
+        Which force.
+    zero : "start" or (float, float) or Quantity or float, optional
+        Where the force is zero: the quiet beginning of the (first) block, a window of it in s,
+        or a reading [N]. By default nothing is subtracted: a block may begin under load.
+    compression_sign : {1, -1}, optional
+        Where the file does not tell the type of its load cell.
+    measured, ignore_validity
+        See :func:`calibration.record.require`.
+
+    Returns
+    -------
+    Dataset
+        ``force`` [N] with its random ``u_force``, ``force_raw`` (as in the file), ``valid``;
+        scalars ``tare`` [N, in the sign of the file] and ``gain``, each with ``u_``. Attributes
+        ``budget`` (JSON rows, for the largest force), ``filter`` (JSON), ``calibration``.
+
+    Raises
+    ------
+    CalibrationError
+        The record does not belong to the readings, the sign is not known, or a block that should
+        give the tare begins in motion.
+    InputError
+        There is no such force.
+    """
+    name = f"force_{axis}"
+    if name not in readings:
+        message = f'the readings have no "{name}"'
+        raise InputError(message)
+    sign = _sign(readings, compression_sign)
+    checked: dict[str, Any] | str = "no record: the factor of the instrument, uncertainty unknown"
+    values: LoadCellValues | None = None
+    if record is not None:
+        attrs = readings.attrs | {"sensor": _cell_name(readings.attrs)}
+        checked = require(
+            record, "load_cell", attrs, measured=measured, ignore_validity=ignore_validity
+        )
+        values = _values(record)
+    gain = values.scale if values else _UNITY
+    raw = np.asarray(readings[name].values, dtype=float)
+    is_valid = np.isfinite(raw)
+    if values and values.capacity:
+        is_valid &= np.abs(np.nan_to_num(raw)) <= values.capacity.value
+    used = np.where(is_valid, raw, np.nan)
+    step = quiet.resolution_of(used, None)
+    at_rest = _tare(readings, used, zero, step)
+    pressed = sign * gain.value * (used - at_rest.level)
+    spread = np.where(is_valid, gain.value * at_rest.noise, np.nan)
+    sources = _sources(pressed, at_rest, step, gain, values, sign)
+    dimension = str(readings[name].dims[0])
+    scalars = {
+        "tare": (at_rest.level, at_rest.u_level, "N", "reading at no force"),
+        "gain": (gain.value, gain.u, "1", "true over displayed force"),
+    }
+    result = xr.Dataset(
+        {
+            "force": _over(dimension, pressed, "N", "force, compression positive"),
+            "u_force": _over(dimension, spread, "N", "random standard uncertainty"),
+            "force_raw": _over(dimension, raw, "N", "force as in the file"),
+            "valid": _over(dimension, is_valid, "1", "whether there is a reading"),
+        },
+        coords=readings[name].coords,
+        attrs={
+            **{key: readings.attrs[key] for key in _KEPT if key in readings.attrs},
+            "compression_sign": sign,
+            "noise": at_rest.noise,
+            "resolution": step,
+            "tared": int(zero is not None),
+            "u_largest": combined(sources),
+            "budget": json.dumps(table(sources)),
+            "filter": json.dumps(declared_filter(readings.attrs)),
+            "calibration": json.dumps(checked, ensure_ascii=False),
+        },
+    )
+    for key, (value, u, unit_text, long_name) in scalars.items():
+        result[key] = ((), value, {"units": unit_text, "long_name": long_name})
+        attrs = {"units": unit_text, "long_name": f"standard uncertainty: {long_name}"}
+        result[f"u_{key}"] = ((), u, attrs)
+    return result
+
+
+_KEPT = ("source", "start", "header", "function", "block_number", "work")
+
+
+def _over(dimension: str, values: NDArray[Any], units: str, long_name: str) -> tuple[Any, ...]:
+    return dimension, values, {"units": units, "long_name": long_name}
+
+
+def _values(record: Record) -> LoadCellValues:
+    if not isinstance(record, LoadCellRecord):
+        message = f'record "{record.id}" holds no values of a load cell'
+        raise CalibrationError(message)
+    return record.values
+
+
+def _sign(readings: xr.Dataset, given: int | None) -> int:
+    """Return the sign of compression, from the file or from the caller."""
+    if given is not None and given not in (1, -1):
+        message = f"compression_sign must be 1 or -1, found {given}"
+        raise InputError(message)
+    stated = int(readings.attrs.get("compression_sign", 0))
+    if given is None and stated == 0:
+        message = (
+            "the file does not tell whether compression is positive (single-axis cell) or "
+            "negative (six-axis cell); give compression_sign=1 or compression_sign=-1"
+        )
+        raise CalibrationError(message)
+    return stated if given is None else given
+
+
+def _blocks(attrs: Mapping[str, Any]) -> list[dict[str, Any]]:
+    if "block" in attrs:
+        return [json.loads(attrs["block"])]
+    return list(json.loads(attrs.get("blocks", "[]")))
+
+
+def _cell_name(attrs: Mapping[str, Any]) -> str:
+    names = {(block["load_cell"] or {}).get("name") or "" for block in _blocks(attrs)}
+    return names.pop() if len(names) == 1 else ""
+
+
+def _tare(
+    readings: xr.Dataset,
+    used: NDArray[np.float64],
+    zero: str | tuple[float, float] | Quantity | float | None,
+    step: float,
+) -> quiet.Quiet:
+    time = readings["time"].values
+    first = slice(None)
+    if "block" in readings.coords and "sample" in readings.dims and time.size:
+        first = slice(0, int(np.sum(readings["block"].values == readings["block"].values[0])))
+    if zero is None:
+        return quiet.given(used, 0.0, 0.0, resolution=step)
+    if isinstance(zero, Quantity):
+        return quiet.given(used, zero.value, zero.u, resolution=step)
+    if isinstance(zero, tuple):
+        return quiet.in_window(time[first], used[first], zero, resolution=step)
+    if isinstance(zero, str):
+        if zero != "start":
+            message = f'zero must be "start", a window, a force or None, found "{zero}"'
+            raise InputError(message)
+        return quiet.from_start(time[first], used[first], resolution=step)
+    return quiet.given(used, float(zero), 0.0, resolution=step)
+
+
+def _sources(
+    pressed: NDArray[np.float64],
+    at_rest: quiet.Quiet,
+    step: float,
+    gain: Quantity,
+    values: LoadCellValues | None,
+    sign: int,
+) -> list[Source]:
+    finite = pressed[np.isfinite(pressed)]
+    largest = float(finite[np.argmax(np.abs(finite))]) if finite.size else 0.0
+    rounding = step / math.sqrt(12)
+    noise = math.sqrt(max(at_rest.noise**2 - rounding**2, 0.0))
+    factor = sign * gain.value
+    sources = [
+        Source("noise of a sample", 0.0, noise, "N", factor, "random"),
+        Source("rounding to the cell's step", 0.0, rounding, "N", factor, "random"),
+        Source("tare", at_rest.level, at_rest.u_level, "N", factor, "systematic"),
+        Source("gain", gain.value, gain.u, "1", largest / gain.value, "systematic"),
+    ]
+    if values and values.linearity:
+        sources.append(Source("linearity", 0.0, values.linearity.u, "N", 1.0, "systematic"))
+    return sources
+
+
+class FilterLag(NamedTuple):
+    """What a low-pass does to a sinusoid.
+
+    Attributes
+    ----------
+    gain, u_gain : float
+        Amplitude after over before: divide the measured amplitude by it.
+    phase, u_phase : float [rad]
+        By which the force comes late: add it to the measured phase of the force.
+    delay : float [s]
+        The same as a time.
+    note : str
+        What is assumed.
+    """
+
+    gain: float
+    u_gain: float
+    phase: float
+    u_phase: float
+    delay: float
+    note: str
+
+
+_NOTE = (
+    "causal Butterworth assumed; the header declares order and cutoff but not the type. The "
+    "uncertainty spans Bessel and equal real poles of the same cutoff. Were the software to "
+    "compensate the delay, there would be none: calibrate with an elastic reference before "
+    "quoting a loss angle"
+)
+
+
+def filter_lag(
+    frequency: float,
+    order: int = 3,
+    cutoff: float = 20.0,
+    measured_delay: Quantity | None = None,
+) -> FilterLag:
+    """Return amplitude and lag of the load cell's low-pass at one frequency.
+
+    Parameters
+    ----------
+    frequency : float [Hz]
+        Of the oscillation.
+    order : int
+        As declared.
+    cutoff : float [Hz]
+        Where the amplitude is 1/√2, as declared.
+    measured_delay : Quantity [s], optional
+        Found with an elastic reference; replaces the assumed phase.
+
+    Raises
+    ------
+    InputError
+        A parameter is not positive.
+
+    Notes
+    -----
+    Standard uncertainties are those of a rectangle from the smallest to the largest of the three
+    types, taken about the Butterworth value that is returned.
+
+    Examples
+    --------
+    >>> lag = filter_lag(2.0)
+    >>> round(lag.delay * 1e3, 1), round(math.degrees(lag.phase), 1)
+    (15.9, 11.5)
+    """
+    if frequency <= 0 or order < 1 or cutoff <= 0:
+        message = f"expected positive numbers, found {frequency} Hz, order {order}, {cutoff} Hz"
+        raise InputError(message)
+    responses = [_response(poles, frequency / cutoff) for poles in _poles(order)]
+    gains = [gain for gain, _ in responses]
+    phases = [phase for _, phase in responses]
+    u_gain = _edge(gains[0], gains)
+    if measured_delay is not None:
+        turn = 2 * math.pi * frequency
+        phase, u_phase = turn * measured_delay.value, turn * measured_delay.u
+        return FilterLag(
+            gains[0], u_gain, phase, u_phase, measured_delay.value, "delay measured, see the record"
+        )
+    delay = phases[0] / (2 * math.pi * frequency)
+    return FilterLag(gains[0], u_gain, phases[0], _edge(phases[0], phases), delay, _NOTE)
+
+
+def _poles(order: int) -> list[NDArray[np.complex128]]:
+    """Poles of Butterworth, Bessel and equal real poles, all 1/√2 at the angular frequency 1."""
+    # n equal real poles have amplitude 1/√2 at the cutoff when each lies this much higher.
+    higher = 1.0 / math.sqrt(2.0 ** (1.0 / order) - 1.0)
+    return [
+        signal.buttap(order)[1],
+        signal.besselap(order, norm="mag")[1],
+        np.full(order, -higher, dtype=complex),
+    ]
+
+
+def _response(poles: NDArray[np.complex128], ratio: float) -> tuple[float, float]:
+    """Return amplitude and phase lag; summed over poles the lag has no jumps."""
+    factors = poles / (poles - 1j * ratio)
+    return float(np.prod(np.abs(factors))), float(-np.sum(np.angle(factors)))
+
+
+def _edge(value: float, all_values: list[float]) -> float:
+    """Return the standard deviation about ``value`` of a rectangle over all values."""
+    low, high = min(all_values), max(all_values)
+    centre = (low + high) / 2
+    return math.hypot((high - low) / math.sqrt(12), centre - value)
+
+
+def declared_filter(attrs: Mapping[str, Any]) -> dict[str, float] | None:
+    """Return order and cutoff [Hz] that the header declares, or None.
+
+    Parameters
+    ----------
+    attrs : mapping
+        Of the readings.
+
+    Returns
+    -------
+    dict or None
+        ``order`` and ``cutoff``; None without a filter, or when blocks differ.
+    """
+    declared = [block.get("filter") for block in _blocks(attrs)]
+    if not declared or any(each != declared[0] for each in declared):
+        return None
+    return declared[0]

@@ -1,0 +1,163 @@
+"""The quiet beginning of a record: the zero of a sensor, its noise, and how well both are known."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import CalibrationError
+from labpipe.signals.noise import estimate_noise, quantisation_step
+
+_BLOCK = 16  # independent samples whose median is compared with the beginning
+_FIRST = 2 * _BLOCK  # the least that can be called a window
+_FACTOR = 5.0  # standard deviations that count as motion: 1 in 2 million for a single sample
+_MARGIN = 2  # blocks left out before the motion that was seen: it began a little earlier
+_MEDIAN = 1.2533141373155003  # sqrt(pi / 2): standard error of a median over that of a mean
+
+
+class Quiet(NamedTuple):
+    """A quiet window.
+
+    Attributes
+    ----------
+    level, u_level : float
+        Median of the readings and its standard uncertainty.
+    noise : float
+        Standard deviation of one reading, rounding included.
+    start, stop : float [s]
+        The window; NaN when the level was given as a number.
+    n : int
+        Valid samples in it.
+    """
+
+    level: float
+    u_level: float
+    noise: float
+    start: float
+    stop: float
+    n: int
+
+
+def from_start(
+    time: NDArray[np.float64],
+    values: NDArray[np.float64],
+    *,
+    resolution: float = 0.0,
+    correlated: int = 1,
+) -> Quiet:
+    """Find the quiet window with which a record begins.
+
+    Parameters
+    ----------
+    time, values : array (n,) [s], any unit
+        The record; NaN where there is no reading.
+    resolution : float
+        Step of the display.
+    correlated : int
+        Number of samples over which the sensor averages.
+
+    Raises
+    ------
+    CalibrationError
+        There are too few valid samples, or the record begins in motion.
+    """
+    is_valid = np.isfinite(values)
+    time, values = time[is_valid], values[is_valid]
+    # Samples that a moving average ties together count as one.
+    block, first = _BLOCK * correlated, _FIRST * correlated
+    if values.size < first:
+        message = f"found {values.size} valid samples, a zero needs {first} or a given value"
+        raise CalibrationError(message)
+    _refuse_motion(values[:first:correlated], resolution)
+    usable = values[: values.size - values.size % block].reshape(-1, block)
+    level, spread = float(np.median(values[:first])), _spread(values[:first], resolution)
+    moved = np.flatnonzero(np.abs(np.median(usable, axis=1) - level) > _FACTOR * spread)
+    n_blocks = max(int(moved[0]) - _MARGIN, _FIRST // _BLOCK) if moved.size else len(usable)
+    n = n_blocks * block
+    return _describe(time[:n], values[:n], resolution, correlated)
+
+
+def in_window(
+    time: NDArray[np.float64],
+    values: NDArray[np.float64],
+    window: tuple[float, float],
+    *,
+    resolution: float = 0.0,
+    correlated: int = 1,
+) -> Quiet:
+    """Take a window that the caller knows to be quiet.
+
+    Raises
+    ------
+    CalibrationError
+        It holds fewer than two valid samples.
+    """
+    inside = (time >= window[0]) & (time <= window[1]) & np.isfinite(values)
+    if inside.sum() < 2:
+        message = (
+            f"the window from {window[0]} to {window[1]} s holds {int(inside.sum())} valid "
+            f"samples; the record goes from {time[0]:.6g} to {time[-1]:.6g} s"
+        )
+        raise CalibrationError(message)
+    return _describe(time[inside], values[inside], resolution, correlated)
+
+
+def given(
+    values: NDArray[np.float64], level: float, u_level: float, *, resolution: float = 0.0
+) -> Quiet:
+    """Take a level that the caller knows; the noise is judged from the whole record."""
+    finite = values[np.isfinite(values)]
+    estimated = estimate_noise(finite).sigma if finite.size > 2 else 0.0
+    noise = max(estimated, resolution / np.sqrt(12))
+    return Quiet(level, u_level, float(noise), np.nan, np.nan, 0)
+
+
+def resolution_of(values: NDArray[np.float64], stated: float | None) -> float:
+    """Return the step of a record: as displayed, or coarser when the values show it.
+
+    Parameters
+    ----------
+    values : array (n,)
+        Readings.
+    stated : float, optional
+        Step of the display, from its decimals.
+    """
+    finite = values[np.isfinite(values)]
+    found = quantisation_step(finite) if finite.size > 2 else 0.0
+    return max(found, stated or 0.0)
+
+
+def _refuse_motion(values: NDArray[np.float64], resolution: float) -> None:
+    position = np.arange(values.size) - (values.size - 1) / 2
+    slope = float(position @ values / (position @ position))
+    rest = values - values.mean() - slope * position
+    noise = max(float(rest.std()), resolution / np.sqrt(12))
+    u_slope = noise / float(np.sqrt(position @ position))
+    drift = abs(slope) * values.size
+    # Both: the slope is real, and it moves the level by more than the noise of a sample.
+    if abs(slope) > _FACTOR * u_slope and drift > 2 * noise:
+        message = (
+            "the record begins in motion, so its beginning is no zero; give the zero, or a quiet "
+            "window as zero=(from, to) in s"
+        )
+        raise CalibrationError(message)
+
+
+def _spread(values: NDArray[np.float64], resolution: float) -> float:
+    return max(float(values.std(ddof=1)), resolution / np.sqrt(12))
+
+
+def _describe(
+    time: NDArray[np.float64],
+    values: NDArray[np.float64],
+    resolution: float,
+    correlated: int,
+) -> Quiet:
+    noise = _spread(values, resolution)
+    independent = max(values.size / correlated, 1.0)
+    u_level = _MEDIAN * noise / np.sqrt(independent)
+    if noise < resolution / 2:
+        # All readings fall on one or two steps: averaging does not see between them.
+        u_level = max(u_level, resolution / np.sqrt(12))
+    level = float(np.median(values))
+    return Quiet(level, float(u_level), noise, float(time[0]), float(time[-1]), values.size)

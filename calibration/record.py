@@ -1,0 +1,342 @@
+"""Calibration records: one TOML file says what is known of one sensor, from when until when.
+
+::
+
+    version = 1
+    kind = "laser"
+    id = "laser-front-2024-05"
+    instrument = "LK-G5001"
+    serial = "1234567"
+    valid_from = 2024-05-01
+    valid_until = 2025-05-01
+    who = "A. Person"
+    when = 2024-05-01
+    how = "height gauge, twelve steps of 1 mm"
+
+    [values]
+    inclination = "12.00 ± 0.05 deg"
+    scale = "1.0000 ± 0.0002"
+
+The number after ± is a standard uncertainty. A new kind is a structure of values, a subclass of
+:class:`Record`, and a line in :data:`KINDS`. All mistakes of a file are reported at once, with
+their lines.
+"""
+
+import os
+import re
+from collections.abc import Mapping
+from datetime import date, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+
+from labpipe.errors import CalibrationError, ConfigError
+from labpipe.units import Quantity
+from labpipe.workflow import config
+from labpipe.workflow.config import Angle, Dimension, Dimensionless, Force, Length, Range, Time
+from labpipe.workflow.document import parse
+
+VERSION = 1
+
+Text = Annotated[str, msgspec.Meta(min_length=1)]
+VoltScale = Annotated[Quantity, Dimension("m/V", "length per volt", "0.5 ± 0.0005 mm/V")]
+
+#: Beyond 80° a reading says next to nothing about the vertical motion.
+_INCLINATIONS = Range(at_least=0.0, below=1.4)
+#: A gain is near one; anything else is a factor of units gone wrong.
+_GAINS = Range(above=0.5, below=2.0)
+
+_UNITY = Quantity(1.0, 0.0, "1")
+
+
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A table of a record; an unknown key is a mistake."""
+
+
+class LaserValues(Table, frozen=True):
+    """What is known of a displacement sensor in its mount.
+
+    Attributes
+    ----------
+    inclination : Quantity [rad]
+        Angle between the line of sight and the motion.
+    scale : Quantity [1]
+        True length over displayed length, along the line of sight.
+    linearity : Quantity [m], optional
+        Only its uncertainty counts: the standard deviation of the sensor's own curve.
+    volt_scale : Quantity [m/V], optional
+        For outputs that were recorded as a voltage.
+    measuring_range : Quantity [m], optional
+        Readings beyond ± this value are not valid.
+    time_base : Quantity [1], optional
+        Relative deviation of the true sampling interval from the stated one.
+    """
+
+    inclination: Annotated[Angle, _INCLINATIONS]
+    scale: Annotated[Dimensionless, _GAINS] = _UNITY
+    linearity: Length | None = None
+    volt_scale: VoltScale | None = None
+    measuring_range: Annotated[Length, config.POSITIVE] | None = None
+    time_base: Dimensionless | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse an inclination without uncertainty: it would look exact in every budget."""
+        if self.inclination.u == 0:
+            message = 'inclination has no uncertainty; write it as "12.00 ± 0.05 deg"'
+            raise ValueError(message)
+
+
+class LoadCellValues(Table, frozen=True):
+    """What is known of a load cell.
+
+    Attributes
+    ----------
+    scale : Quantity [1]
+        True force over displayed force.
+    linearity : Quantity [N], optional
+        Only its uncertainty counts.
+    capacity : Quantity [N], optional
+        Readings beyond ± this value are not valid.
+    filter_delay : Quantity [s], optional
+        Delay of force against position, measured with an elastic reference.
+    """
+
+    scale: Annotated[Dimensionless, _GAINS]
+    linearity: Force | None = None
+    capacity: Annotated[Force, config.POSITIVE] | None = None
+    filter_delay: Time | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a scale without uncertainty."""
+        if self.scale.u == 0:
+            message = 'scale has no uncertainty; write it as "1.000 ± 0.002"'
+            raise ValueError(message)
+
+
+class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What every record says; the subclass of each kind adds ``values``.
+
+    Attributes
+    ----------
+    version : int
+        Of this format.
+    kind, id : str
+        Kind of sensor, and the name under which results quote the record.
+    instrument, serial : str
+        Of the sensor; ``serial`` may be left out.
+    view : str, optional
+        Camera view that the record belongs to.
+    valid_from, valid_until : date
+        Both days included.
+    who, how : str
+        Who calibrated, and by what.
+    when : date
+        When.
+    """
+
+    version: Literal[1]
+    kind: str
+    id: Text
+    instrument: Text
+    serial: str = ""
+    view: str | None = None
+    valid_from: date
+    valid_until: date
+    who: Text
+    when: date
+    how: Text
+
+    def __post_init__(self) -> None:
+        """Refuse a period that ends before it begins."""
+        if self.valid_until < self.valid_from:
+            message = f"valid_until ({self.valid_until}) is before valid_from ({self.valid_from})"
+            raise ValueError(message)
+
+
+class LaserRecord(Record, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Calibration of a displacement sensor."""
+
+    kind: Literal["laser"]
+    values: LaserValues
+
+
+class LoadCellRecord(Record, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Calibration of a load cell."""
+
+    kind: Literal["load_cell"]
+    values: LoadCellValues
+
+
+#: Every kind of record.
+KINDS: dict[str, type[Record]] = {
+    "laser": LaserRecord,
+    "load_cell": LoadCellRecord,
+}
+
+
+def load_record(path: str | os.PathLike[str]) -> Record:
+    """Read a calibration record.
+
+    Parameters
+    ----------
+    path : path-like
+        The TOML file.
+
+    Returns
+    -------
+    Record
+        Of the class of its kind, with ``values``.
+
+    Raises
+    ------
+    SourceError
+        The file cannot be read or is no TOML.
+    ConfigError
+        It holds mistakes; all of them are listed, with their lines.
+    CalibrationError
+        It was written by a newer version.
+    """
+    path = Path(path)
+    document = parse(path)
+    version, kind = document.tree.get("version"), document.tree.get("kind")
+    if isinstance(version, int) and version > VERSION:
+        message = f"{path}: the record has version {version}, this labpipe knows {VERSION}; update"
+        raise CalibrationError(message)
+    if not isinstance(kind, str) or kind not in KINDS:
+        line = document.lines.get(("kind",), 1)
+        known = ", ".join(f'"{name}"' for name in KINDS)
+        found = "nothing" if kind is None else f'"{kind}"'
+        raise ConfigError([f"{path}:{line}: kind: expected one of {known}, found {found}"])
+    return config.read(path, KINDS[kind])
+
+
+def require(
+    record: Record,
+    kind: str,
+    attrs: Mapping[str, Any],
+    *,
+    measured: str | date | None = None,
+    view: str | None = None,
+    ignore_validity: bool = False,
+) -> dict[str, Any]:
+    """Refuse a record that does not belong to a measurement; else say what was checked.
+
+    Parameters
+    ----------
+    record : Record
+        The calibration.
+    kind : str
+        What is needed.
+    attrs : mapping
+        Attributes of the readings: ``start``, ``model``, ``serial``, ``sensor`` where known.
+    measured : date or ISO text, optional
+        Day of the measurement; by default ``start`` of the readings.
+    view : str, optional
+        Camera view.
+    ignore_validity : bool
+        Use a record outside its period, or readings without a date; the result says so.
+
+    Returns
+    -------
+    dict
+        For the attributes of the result: the record, and what could be checked.
+
+    Raises
+    ------
+    CalibrationError
+        Wrong kind, other sensor, other view, not valid on that day, or the day is not known.
+    """
+    if record.kind != kind:
+        message = f'record "{record.id}" calibrates a {record.kind}, needed is one of a {kind}'
+        raise CalibrationError(message)
+    if view is not None and record.view != view:
+        message = (
+            f'record "{record.id}" belongs to the view "{record.view}", the measurement to '
+            f'"{view}"; take the record of that view'
+        )
+        raise CalibrationError(message)
+    return {
+        "id": record.id,
+        "kind": record.kind,
+        "instrument": record.instrument,
+        "serial": record.serial,
+        "valid_from": record.valid_from.isoformat(),
+        "valid_until": record.valid_until.isoformat(),
+        "who": record.who,
+        "when": record.when.isoformat(),
+        "how": record.how,
+        "sensor_check": _check_sensor(record, attrs),
+        "validity_check": _check_validity(record, attrs, measured, ignore_validity),
+    }
+
+
+def _check_sensor(record: Record, attrs: Mapping[str, Any]) -> str:
+    """Compare what the readings say of their sensor with the record."""
+    serial = str(attrs.get("serial", ""))
+    if serial and record.serial:
+        if _plain(serial) == _plain(record.serial):
+            return f"serial number {serial} agrees"
+        raise _other_sensor(record, f"serial number {serial}", f"{record.serial}")
+    sensor = str(attrs.get("sensor", "") or attrs.get("model", ""))
+    if not sensor:
+        return "not possible: the readings name no sensor"
+    if record.serial and _plain(record.serial) in _plain(sensor):
+        return f"serial number in {sensor} agrees"
+    ours, theirs = _plain(record.instrument), _plain(sensor)
+    if ours in theirs or theirs in ours:
+        return f"name {sensor} agrees"
+    raise _other_sensor(record, sensor, f"{record.instrument} {record.serial}".strip())
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", text.lower())
+
+
+def _other_sensor(record: Record, found: str, expected: str) -> CalibrationError:
+    return CalibrationError(
+        f'record "{record.id}" calibrates {expected}, the readings come from {found}; '
+        "take the record of that sensor"
+    )
+
+
+def _check_validity(
+    record: Record,
+    attrs: Mapping[str, Any],
+    measured: str | date | None,
+    ignore_validity: bool,
+) -> str:
+    day = _day(measured if measured is not None else str(attrs.get("start", "")))
+    if day is None:
+        if ignore_validity:
+            return "ignored: the day of the measurement is not known"
+        message = (
+            f'record "{record.id}": the readings hold no date, so it cannot be told whether the '
+            'record was valid; give measured="2024-05-14", or ignore_validity=True'
+        )
+        raise CalibrationError(message)
+    if record.valid_from <= day <= record.valid_until:
+        return f"valid on {day}"
+    if ignore_validity:
+        return f"ignored: measured on {day}, outside the period of the record"
+    word = "expired" if day > record.valid_until else "was not yet valid"
+    message = (
+        f'record "{record.id}" is valid from {record.valid_from} until {record.valid_until}; it '
+        f"{word} on {day}, the day of the measurement; take the record of that time, calibrate "
+        "again, or use it all the same with ignore_validity=True"
+    )
+    raise CalibrationError(message)
+
+
+def _day(text: str | date) -> date | None:
+    if isinstance(text, datetime):
+        return text.date()
+    if isinstance(text, date):
+        return text
+    if not text:
+        return None
+    try:
+        return datetime.fromisoformat(text).date()
+    except ValueError:
+        message = f'the day of the measurement must read like "2024-05-14", found "{text}"'
+        raise CalibrationError(message) from None

@@ -1,0 +1,123 @@
+"""The time of samples: the true interval, and the delay of a sensor that averages."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+from labpipe.units import Quantity
+
+#: Relative standard uncertainty of a quartz clock that nobody has compared: makers state 50 ppm.
+UNCHECKED_CLOCK = 50e-6
+
+
+class TimeBase(NamedTuple):
+    """How the samples lie in time.
+
+    Attributes
+    ----------
+    interval, u_interval : float [s]
+        Between stored points.
+    u_relative : float
+        ``u_interval / interval``.
+    averaging : int
+        Samples in the moving average (1 = none).
+    delay : float [s]
+        By which the readings come late; already taken from the times.
+    is_calibrated : bool
+        False when the clock's uncertainty is the assumption :data:`UNCHECKED_CLOCK`.
+    """
+
+    interval: float
+    u_interval: float
+    u_relative: float
+    averaging: int
+    delay: float
+    is_calibrated: bool
+
+
+def filter_delay(averaging: int, cycle: float) -> float:
+    """Return the group delay of a moving average.
+
+    Parameters
+    ----------
+    averaging : int
+        Samples in the average.
+    cycle : float [s]
+        Between samples (not between stored points).
+
+    Returns
+    -------
+    float [s]
+        ``(averaging - 1) / 2 * cycle``.
+
+    Raises
+    ------
+    InputError
+        ``averaging`` is below 1 or ``cycle`` not positive.
+
+    Examples
+    --------
+    >>> filter_delay(5, 50e-6)
+    0.0001
+    """
+    if averaging < 1 or cycle <= 0:
+        message = f"expected averaging >= 1 and cycle > 0, found {averaging} and {cycle}"
+        raise InputError(message)
+    return (averaging - 1) / 2 * cycle
+
+
+def time_base(
+    attrs: Mapping[str, Any],
+    deviation: Quantity | None = None,
+    averaging: int | None = None,
+) -> TimeBase:
+    """Settle the time base of a record.
+
+    Parameters
+    ----------
+    attrs : mapping
+        Attributes of the readings: ``sampling_interval``, ``sampling_cycle`` [s], ``averaging``.
+    deviation : Quantity [1], optional
+        Calibrated relative deviation of the true interval from the stated one.
+    averaging : int, optional
+        Samples in the moving average, where the file does not say it.
+
+    Raises
+    ------
+    InputError
+        The readings do not say their sampling interval.
+    """
+    if "sampling_interval" not in attrs:
+        message = "the readings do not say their sampling_interval"
+        raise InputError(message)
+    known = deviation or Quantity(0.0, UNCHECKED_CLOCK, "1")
+    stretch = 1.0 + known.value
+    interval = float(attrs["sampling_interval"]) * stretch
+    n_averaged = int(averaging if averaging is not None else attrs.get("averaging", 1))
+    cycle = float(attrs.get("sampling_cycle", attrs["sampling_interval"])) * stretch
+    return TimeBase(
+        interval=interval,
+        u_interval=interval * known.u / stretch,
+        u_relative=known.u / stretch,
+        averaging=n_averaged,
+        delay=filter_delay(n_averaged, cycle),
+        is_calibrated=deviation is not None,
+    )
+
+
+def corrected(time: NDArray[np.float64], base: TimeBase, stated: float) -> NDArray[np.float64]:
+    """Return the times at which the readings were true.
+
+    Parameters
+    ----------
+    time : array (n,) [s]
+        As read, on the stated interval.
+    base : TimeBase
+        From :func:`time_base`.
+    stated : float [s]
+        The stated interval.
+    """
+    return time * (base.interval / stated) - base.delay
