@@ -89,11 +89,23 @@ class LineSprings:
         return inside + excess * (self._inner[last] + partial), 2.0 * edge
 
     def contact_radius(self, approach: float, reach: Array) -> float:
-        """Radius in m where the load falls to zero."""
+        """Radius in m where the load falls to zero.
+
+        An advancing edge meets springs that were free until now, so that the surface outside,
+        continued inwards, tells where it is; behind it the surface has a kink. A receding edge
+        lies between its neighbours.
+        """
         count = int(reach.searchsorted(approach))
         if count == 0:
             return 0.0
-        return self._edge(count - 1, approach, reach)
+        between = self._edge(count - 1, approach, reach)
+        if count + 1 >= reach.size:
+            return between
+        squares = self._squares
+        outer = reach.item(count)
+        slope = (reach.item(count + 1) - outer) / (squares[count + 1] - squares[count])
+        continued = squares[count] - (outer - approach) / slope
+        return sqrt(max(continued, between**2))
 
     def covering(self, radius: float) -> int:
         """Return how many springs reach out to a radius [m] (at least two)."""

@@ -1,0 +1,596 @@
+"""One contact of a falling sphere, from touch to lift-off or to rest, in adaptive steps.
+
+Motion: average acceleration (Newmark), so that the change of kinetic and potential energy is the
+trapezoid of force times displacement to rounding, at any step length. The only unknown of a step is
+the approach; the force is a convex, increasing function of it, so that Newton's method cannot fail.
+Error control: ``dt^3 a''/12``, the step's own error in velocity, against the speed of this bounce.
+Step lengths come from a geometric ladder, so that the exponentials of the memory are computed once
+per rung. Lift-off is located exactly: it is where the springless motion meets the central spring.
+
+Only the springs that this contact can reach take part; the block grows when the contact does.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import floor, inf, log2
+from typing import NamedTuple, Protocol, Self
+
+import numpy as np
+from scipy.optimize import brentq
+
+from labpipe.contact.memory import Array, Creep, StepWeights, step_weights
+from labpipe.contact.plate import Plate, PlateState
+from labpipe.errors import InputError, LabpipeError
+
+# Rungs of the ladder of step lengths per factor of two.
+_RUNGS = 4
+# The step grows and shrinks by at most these factors; the safety factor is on the step length.
+_GROWTH, _SHRINK, _SAFETY = 2.0, 0.3, 0.9
+# First step after touch, and longest step, as fractions of the time scale of the contact.
+_FIRST, _LONGEST = 1e-4, 0.05
+# A plate's oscillation is followed with at least this many steps.
+_STEPS_PER_PLATE_PERIOD = 40
+# Radii may decrease inwards by this part of the approach (rounding) before contact is not nested.
+_NESTED_SLACK = 1e-9
+_NEWTON_LIMIT = 60
+# Displacements in m below this are forgotten.
+_FORGOTTEN = 1e-200
+# Newton converges quadratically: one more evaluation after this relative change is exact.
+_NEWTON_TOLERANCE = 1e-8
+# A contact block that is outgrown is enlarged to this multiple of the contact radius.
+_BLOCK_GROWTH = 1.3
+
+
+class Springs(Protocol):
+    """Nested springs: the common shape of the method of dimensionality reduction and of rings."""
+
+    @property
+    def position(self) -> Array:
+        """Distance from the axis (spring,) in m."""
+
+    @property
+    def gap(self) -> Array:
+        """Approach at which each unloaded spring touches (spring,) in m."""
+
+    @property
+    def weight(self) -> Array:
+        """Force per load of each spring (spring,)."""
+
+    def force(self, approach: float, reach: Array, moments: Array) -> tuple[float, float]:
+        """Force and its slope, both times the step compliance."""
+
+    def contact_radius(self, approach: float, reach: Array) -> float:
+        """Radius in m where the load falls to zero."""
+
+    def covering(self, radius: float) -> int:
+        """Return how many springs reach out to a radius."""
+
+    def extended(self, radius: float) -> Self:
+        """Return the same springs and further ones out to a radius."""
+
+
+class Body(NamedTuple):
+    """What falls, and onto what."""
+
+    mass: float
+    gravity: float
+    plate: Plate | None
+
+
+class Record(NamedTuple):
+    """One instant of the motion; lengths in m, downwards positive, first touch at 0."""
+
+    time: float
+    position: float
+    velocity: float
+    approach: float
+    force: float
+    contact_radius: float
+    stored: float
+    spring_work: float
+    plate: PlateState
+    plate_loss: float
+
+
+@dataclass(slots=True)
+class Counts:
+    """Work done; counts only, so that they do not depend on the machine."""
+
+    solver_steps: int = 0
+    rejected_steps: int = 0
+    newton_iterations: int = 0
+    kernel_products: int = 0
+    spring_updates: int = 0
+    rest_steps: int = 0
+    flights: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class _Rung:
+    """The weights of one step length, arranged for the two matrix products of a step."""
+
+    weights: StepWeights
+    rows: Array
+    pair: Array
+    old_integral: float
+    new_integral: float
+
+
+def _rung(creep: Creep, dt: float) -> _Rung:
+    """Weights of a step, and those of the time integral of the displacement for its work."""
+    weights = step_weights(creep, dt)
+    n_terms = creep.n_terms
+    dwell = -np.expm1(-dt * creep.rate)
+    dwell[:n_terms] *= creep.tau
+    dwell[n_terms:] = dt
+    half = 0.5 * dt * (creep.instantaneous + float(creep.C.sum()))
+    flow = creep.fluidity * dt**2
+    return _Rung(
+        weights,
+        np.stack([weights.decay, dwell]),
+        np.stack([weights.old, weights.new], axis=1),
+        half - float(creep.tau @ weights.old[:n_terms]) + flow / 3.0,
+        half - float(creep.tau @ weights.new[:n_terms]) + flow / 6.0,
+    )
+
+
+class _Trial(NamedTuple):
+    """A step that was computed and not yet accepted."""
+
+    rung: _Rung
+    approach: float
+    force: float
+    position: float
+    plate: PlateState
+    reach: Array
+
+
+# Rows of the work buffer: unloaded displacement, its time integral, old load, new load,
+# displacement. The first two are written by a trial, the others when it is accepted.
+_PAST, _DWELL, _OLD, _NEW, _DISPLACEMENT = range(5)
+# Nestedness is looked at once in so many steps: a ring of contact would last far longer.
+_LOOK_AT_NESTING = 16
+
+
+@dataclass(slots=True)
+class Stepper:
+    """The state of sphere, plate and springs, and how it moves on.
+
+    Parameters
+    ----------
+    creep : Creep
+        Contact compliance.
+    springs : Springs
+        All springs; extended when the contact outgrows them.
+    body : Body
+        Mass, gravity, plate.
+    tolerance : float
+        Error in velocity of one step relative to ``speed_scale``.
+    largest_radius : float [m]
+        Beyond this contact radius the half-space theory is refused.
+    max_steps : int
+        Refuse to go on after so many steps.
+    """
+
+    creep: Creep
+    springs: Springs
+    body: Body
+    tolerance: float
+    time_scale: float
+    speed_scale: float
+    largest_radius: float
+    expected_radius: float
+    max_steps: int
+    time: float = 0.0
+    position: float = 0.0
+    velocity: float = 0.0
+    acceleration: float = 0.0
+    approach: float = 0.0
+    force: float = 0.0
+    plate: PlateState = field(default_factory=PlateState)
+    spring_work: float = 0.0
+    plate_loss: float = 0.0
+    counts: Counts = field(default_factory=Counts)
+    observe: Callable[[float], None] | None = None
+    trail: list[Record] = field(default_factory=list)
+    memory: Array = field(init=False)
+    _block: Array = field(init=False)
+    _rows: Array = field(init=False)
+    _weighted: Array = field(init=False)
+    _moments: Array = field(init=False)
+    _gap: Array = field(init=False)
+    _weight: Array = field(init=False)
+    _inverse: Array = field(init=False)
+    _outer_stored: Array = field(init=False)
+    _outer_time: float = 0.0
+    _ladder: dict[int, _Rung] = field(default_factory=dict)
+    _previous: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        self.memory = self.creep.rest(self.springs.position.size)
+        self._inverse = 0.5 * self.creep.inverse
+
+    # -- the free sphere -------------------------------------------------------------------------
+
+    def free_stored(self) -> Array:
+        """Energy (element,) in J that the unloaded springs hold now."""
+        return self._inverse * ((self.memory * self.memory) @ self.springs.weight)
+
+    def fly(self, dt: float) -> None:
+        """Move on without contact: ballistic, the dent and the plate relax, exactly."""
+        gravity = self.body.gravity
+        self.position += (self.velocity + 0.5 * gravity * dt) * dt
+        self.velocity += gravity * dt
+        self.memory *= np.exp(-dt * self.creep.rate)[:, None]
+        if self.body.plate is not None:
+            before = self.body.plate.energy(self.plate)
+            self.plate = self.body.plate.free(self.plate, dt)
+            self.plate_loss += before - self.body.plate.energy(self.plate)
+        self.time += dt
+        self.acceleration, self.force = gravity, 0.0
+        self.approach = self.position - self.plate.displacement
+
+    # -- one contact -----------------------------------------------------------------------------
+
+    def touch(self, expected_radius: float, *, is_new: bool = True) -> None:
+        """Begin a contact, or go on with one; springs out to the expected radius take part."""
+        # What has decayed this far would only slow the processor down (subnormal numbers).
+        self.memory[np.abs(self.memory) < _FORGOTTEN] = 0.0
+        self._outer_time = self.time
+        self._take_block(expected_radius)
+        self._previous = (self.acceleration, 0.0)
+        if is_new:
+            self.trail.append(self._record(self._stored(0.0), 0.0))
+
+    def take_trail(self) -> tuple[Record, ...]:
+        """Return the records since the last call."""
+        records = tuple(self.trail)
+        self.trail.clear()
+        return records
+
+    def run(self, until: float, is_resting: "RestTest") -> str:
+        """Step until "lift-off", "rest" or the "end" of time."""
+        dt = _FIRST * self.time_scale
+        longest = _LONGEST * self.time_scale
+        if self.body.plate is not None:
+            longest = min(longest, 1.0 / (_STEPS_PER_PLATE_PERIOD * self.body.plate.frequency))
+        while True:
+            rung = self._on_ladder(min(dt, longest))
+            remaining = until - self.time
+            is_last = rung.weights.dt >= remaining
+            if is_last:
+                rung = _rung(self.creep, remaining)
+            trial = self._attempt(rung)
+            lifted = trial.force <= 0.0
+            if lifted and self._rows[_OLD, 0] > 0.0:
+                trial = self._at_lift_off(rung.weights.dt)
+                is_last = False
+            error = self._error(trial)
+            if error > 1.0:
+                self.counts.rejected_steps += 1
+                dt = trial.rung.weights.dt * max(_SHRINK, _SAFETY * error ** (-1 / 3))
+                continue
+            self._accept(trial)
+            if lifted:
+                self._give_back()
+                return "lift-off"
+            if is_last:
+                self._give_back()
+                return "end"
+            if is_resting(self):
+                return "rest"
+            dt = trial.rung.weights.dt * (
+                _GROWTH if error <= 0.0 else min(_GROWTH, _SAFETY * error ** (-1 / 3))
+            )
+
+    def settle(self, until: float, growth: float) -> None:
+        """Creep on under the weight alone, in steps that grow by a factor each."""
+        dt = _LONGEST * self.time_scale
+        weight = self.body.mass * self.body.gravity
+        while self.time < until:
+            remaining = until - self.time
+            rung = self._on_ladder(dt) if dt < remaining else _rung(self.creep, remaining)
+            self._accept_resting(self._attempt_resting(rung, weight), until)
+            self.counts.rest_steps += 1
+            dt *= growth
+        self._give_back()
+
+    # -- one step --------------------------------------------------------------------------------
+
+    def _on_ladder(self, dt: float) -> _Rung:
+        rung = floor(_RUNGS * log2(dt / self.time_scale))
+        if rung not in self._ladder:
+            self._ladder[rung] = _rung(self.creep, self.time_scale * 2.0 ** (rung / _RUNGS))
+        return self._ladder[rung]
+
+    def _predict(self, dt: float) -> tuple[float, float, float, float]:
+        """Position and plate displacement after ``dt`` without force, and their answers to it."""
+        quarter = 0.25 * dt * dt
+        gravity = self.body.gravity
+        position = self.position + dt * self.velocity + quarter * (self.acceleration + gravity)
+        answer = quarter / self.body.mass
+        if self.body.plate is None:
+            return position, answer, 0.0, 0.0
+        return position, answer, *self.body.plate.predict(self.plate, dt)
+
+    def _past(self, rung: _Rung) -> Array:
+        """Memory products of a step: the approach (spring,) that would leave each unloaded."""
+        rows = self._rows
+        np.matmul(rung.rows, self._block, out=rows[:2])
+        reach = rung.weights.old_total * rows[_OLD]
+        reach += rows[_PAST]
+        reach += self._gap
+        np.cumsum(self._weight * reach, out=self._moments[1:])
+        self.counts.kernel_products += 1
+        self.counts.spring_updates += self._block.size
+        if self.counts.kernel_products % _LOOK_AT_NESTING == 0:
+            self._check_nested(reach)
+        return reach
+
+    def _attempt(self, rung: _Rung) -> _Trial:
+        dt, compliance = rung.weights.dt, rung.weights.compliance
+        free, answer, plate_free, plate_answer = self._predict(dt)
+        target, total = free - plate_free, answer + plate_answer
+        while True:
+            reach = self._past(rung)
+            approach, force = target, 0.0
+            if target > reach.item(0):
+                guess = target - total * self.force
+                approach, scaled = self._solve(guess, target, total / compliance, reach)
+                force = scaled / compliance
+                approach = target - total * force
+            if approach < reach.item(-2):
+                break
+            self._grow()
+        position, plate = free - answer * force, self.plate
+        if self.body.plate is not None:
+            moved = plate_free + plate_answer * force
+            plate = self.body.plate.follow(plate, dt, moved, force)
+        return _Trial(rung, approach, force, position, plate, reach)
+
+    def _solve(
+        self, approach: float, target: float, softness: float, reach: Array
+    ) -> tuple[float, float]:
+        """Newton on ``approach - target + softness * scaled_force = 0``: convex and increasing."""
+        floor_value = reach.item(0)
+        for _ in range(_NEWTON_LIMIT):
+            scaled, slope = self.springs.force(approach, reach, self._moments)
+            change = (approach - target + softness * scaled) / (1.0 + softness * slope)
+            approach -= change
+            self.counts.newton_iterations += 1
+            if abs(change) <= _NEWTON_TOLERANCE * abs(approach - floor_value):
+                break
+        return approach, self.springs.force(approach, reach, self._moments)[0]
+
+    def _check_nested(self, reach: Array) -> None:
+        if (reach[1:] - reach[:-1]).min() < -_NESTED_SLACK * abs(self.approach):
+            message = (
+                f"at {self.time:.6g} s the surface would touch in a ring around the axis; the "
+                "springs of this solver need one disc of contact"
+            )
+            raise LabpipeError(message)
+
+    def _error(self, trial: _Trial) -> float:
+        """Error in velocity of a trial step over what is allowed."""
+        dt = trial.rung.weights.dt
+        before, dt_before = self._previous
+        acceleration = self.body.gravity - trial.force / self.body.mass
+        slope = (acceleration - self.acceleration) / dt
+        earlier = (self.acceleration - before) / dt_before if dt_before > 0.0 else 0.0
+        curvature = abs(slope - earlier) * 2.0 / (dt + dt_before)
+        return dt**3 * curvature / (12.0 * self.tolerance * self.speed_scale)
+
+    def _at_lift_off(self, longest: float) -> _Trial:
+        """Return the step that ends when the last spring, at the centre, lets go."""
+        central, load, gap = self._block[:, 0], self._rows.item(_OLD, 0), self._gap.item(0)
+
+        def clearance(dt: float) -> float:
+            if dt == 0.0:
+                return self.creep.instantaneous * load
+            weights = step_weights(self.creep, dt)
+            free, _, plate, _ = self._predict(dt)
+            past = float(weights.decay @ central) + weights.old_total * load
+            return free - plate - gap - past
+
+        dt = brentq(clearance, 0.0, longest, xtol=1e-15 * self.time_scale, rtol=1e-14)
+        rung = _rung(self.creep, dt)
+        free, _, plate_free, _ = self._predict(dt)
+        plate = self.plate
+        if self.body.plate is not None:
+            plate = self.body.plate.follow(plate, dt, plate_free, 0.0)
+        reach = self._past(rung)
+        return _Trial(rung, free - plate_free, 0.0, free, plate, reach)
+
+    def _accept(self, trial: _Trial) -> None:
+        dt = trial.rung.weights.dt
+        acceleration = self.body.gravity - trial.force / self.body.mass
+        self._previous = (self.acceleration, dt)
+        self.velocity += 0.5 * dt * (self.acceleration + acceleration)
+        self.acceleration = acceleration
+        if self.body.plate is not None:
+            self.plate_loss += self.body.plate.loss(self.plate, trial.plate, dt)
+        self._move_on(trial)
+
+    def _move_on(self, trial: _Trial) -> None:
+        """Update memory, ledger and record; what the two ways to step have in common."""
+        rung, rows = trial.rung, self._rows
+        compliance = rung.weights.compliance
+        load = rows[_NEW]
+        np.subtract(trial.approach, trial.reach, out=load)
+        np.maximum(load, 0.0, out=load)
+        load /= compliance
+        before = float(rows[_DISPLACEMENT] @ self._weighted[0])
+        displacement = rows[_DISPLACEMENT]
+        np.multiply(load, compliance, out=displacement)
+        displacement += trial.reach
+        displacement -= self._gap
+        np.multiply(load, self._weight, out=self._weighted[1])
+        self._block *= rung.weights.decay[:, None]
+        self._block += rung.pair @ rows[_OLD : _NEW + 1]
+        # One product gives every sum over springs that the ledger needs.
+        sums = rows @ self._weighted.T
+        self.spring_work += self._work(rung, sums, before)
+        squared = sums.item(_NEW, 1)
+        rows[_OLD] = load
+        self._weighted[0] = self._weighted[1]
+        self.time += rung.weights.dt
+        self.position, self.approach = trial.position, trial.approach
+        self.force, self.plate = trial.force, trial.plate
+        radius = self.springs.contact_radius(trial.approach, trial.reach)
+        self.trail.append(self._record(self._stored(squared), radius))
+        self._count_step()
+
+    def _work(self, rung: _Rung, sums: Array, before: float) -> float:
+        """Exact work ``int q dw`` on the springs in one step, for loads linear inside it."""
+        change = (sums[:, 1] - sums[:, 0]).tolist()
+        integral = change[_DWELL]
+        integral += rung.old_integral * change[_OLD] + rung.new_integral * change[_NEW]
+        return sums.item(_DISPLACEMENT, 1) - before - integral / rung.weights.dt
+
+    def _count_step(self) -> None:
+        counts = self.counts
+        counts.solver_steps += 1
+        if counts.solver_steps > self.max_steps:
+            message = (
+                f"{self.max_steps} steps reached only {self.time:.6g} s: the material damps too "
+                "little for so long a duration; shorten the duration or raise max_steps"
+            )
+            raise InputError(message)
+        if self.observe is not None:
+            self.observe(self.time)
+
+    def _record(self, stored: float, radius: float) -> Record:
+        return Record(
+            self.time,
+            self.position,
+            self.velocity,
+            self.approach,
+            self.force,
+            radius,
+            stored,
+            self.spring_work,
+            self.plate,
+            self.plate_loss,
+        )
+
+    # -- rest ------------------------------------------------------------------------------------
+
+    def _attempt_resting(self, rung: _Rung, weight: float) -> _Trial:
+        wanted = weight * rung.weights.compliance
+        while True:
+            reach = self._past(rung)
+            approach = reach.item(int(np.count_nonzero(self._rows[_OLD])))
+            for _ in range(_NEWTON_LIMIT):
+                scaled, slope = self.springs.force(approach, reach, self._moments)
+                change = (scaled - wanted) / slope
+                approach -= change
+                self.counts.newton_iterations += 1
+                if abs(change) <= _NEWTON_TOLERANCE * abs(approach - reach.item(0)):
+                    break
+            if approach < reach.item(-2):
+                break
+            self._grow()
+        plate = PlateState()
+        if self.body.plate is not None:
+            plate = PlateState(weight / self.body.plate.stiffness)
+        position = approach + plate.displacement
+        return _Trial(rung, approach, weight, position, plate, reach)
+
+    def _accept_resting(self, trial: _Trial, until: float) -> None:
+        self.velocity = (trial.position - self.position) / trial.rung.weights.dt
+        self.acceleration = 0.0
+        self._move_on(trial)
+        if until - self.time < 1e-12 * until:
+            self.time = until
+
+    # -- the block of springs in use -------------------------------------------------------------
+
+    def _take_block(self, radius: float) -> None:
+        """Copy the springs out to a radius from all springs, adding new ones when needed."""
+        if radius > self.largest_radius:
+            message = (
+                f"at {self.time:.6g} s the contact would be {radius:.4g} m in radius, more than "
+                f"{self.largest_radius:.4g} m: beyond this the sphere is no half-space; use a "
+                "stiffer material, a smaller mass or a lower drop"
+            )
+            raise InputError(message)
+        if self.springs.position[-2] < radius:
+            known = self.memory
+            self.springs = self.springs.extended(radius)
+            self.memory = self.creep.rest(self.springs.position.size)
+            self.memory[:, : known.shape[1]] = known
+        n = min(self.springs.covering(radius) + 1, self.springs.position.size)
+        self._block = self.memory[:, :n].copy()
+        self._gap = self.springs.gap[:n]
+        self._weight = self.springs.weight[:n]
+        self._rows = np.zeros((5, n))
+        self._rows[_DISPLACEMENT] = self._block.sum(axis=0)
+        self._weighted = np.zeros((2, n))
+        self._moments = np.zeros(n + 1)
+        outer = self.memory[:, n:]
+        self._outer_stored = self._inverse * ((outer * outer) @ self.springs.weight[n:])
+
+    def _give_back(self) -> None:
+        """Write the block back and let the springs outside it relax up to now."""
+        n = self._gap.size
+        self.memory[:, :n] = self._block
+        self.memory[:, n:] *= np.exp(-(self.time - self._outer_time) * self.creep.rate)[:, None]
+        self._outer_time = self.time
+
+    def _grow(self) -> None:
+        """Take more springs; the state of those in use stays."""
+        known, weighted = self._rows, self._weighted
+        self._give_back()
+        n = self._gap.size
+        self._take_block(_BLOCK_GROWTH * float(self.springs.position[n - 1]))
+        self._rows[:, :n] = known
+        self._weighted[:, :n] = weighted
+
+    def _stored(self, squared_load: float) -> float:
+        """Energy in J that all springs hold now; ``squared_load`` is summed with the weights."""
+        held = float(self._inverse @ ((self._block * self._block) @ self._weight))
+        held += 0.5 * self.creep.instantaneous * squared_load
+        lag = self.time - self._outer_time
+        if self._outer_stored.any():
+            held += float(self._outer_stored @ np.exp(-2.0 * lag * self.creep.rate))
+        return held
+
+
+@dataclass(slots=True)
+class RestTest:
+    """True when speed and force have stayed at those of rest over a whole period.
+
+    Speed alone will not do: it vanishes at every turn. A contact that creeps without swinging
+    passes as soon as its inertia is negligible.
+
+    Parameters
+    ----------
+    tolerance : float
+        Amplitude relative to the static sag.
+    period : float [s]
+        Of the sphere on its static sag.
+    speed : float [m/s]
+        Gravity times period over 2 pi: the speed that belongs to an amplitude of one sag.
+    """
+
+    tolerance: float
+    period: float
+    speed: float
+    _start: float = 0.0
+    _largest: float = inf
+
+    def restart(self, time: float) -> None:
+        """Forget the past: a new contact begins."""
+        self._start, self._largest = time, inf
+
+    def __call__(self, stepper: Stepper) -> bool:
+        """Look at the state after a step."""
+        weight = stepper.body.mass * stepper.body.gravity
+        speed = max(abs(stepper.velocity), abs(stepper.plate.velocity))
+        amplitude = max(speed / self.speed, abs(stepper.force / weight - 1.0))
+        self._largest = max(self._largest, amplitude)
+        if stepper.time - self._start < self.period:
+            return False
+        is_resting = self._largest < self.tolerance
+        self._start, self._largest = stepper.time, amplitude
+        return is_resting

@@ -1,0 +1,478 @@
+"""Drop a viscoelastic sphere on a rigid flat and follow every bounce until it rests.
+
+:func:`drop` alternates contacts (:mod:`labpipe.contact.bounce`) and flights
+(:mod:`labpipe.contact.flight`), and creeps on quasi-statically when nothing swings any more. The
+surface keeps its dents: memory is never reset between bounces.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import inf, isfinite, nan, pi, sqrt
+from time import perf_counter
+from typing import Literal, get_args
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from labpipe.contact.bounce import Body, Record, RestTest, Springs, Stepper
+from labpipe.contact.drop_dataset import DropRun, Setting, dataset, thesis_dataset
+from labpipe.contact.flight import time_to_touch, time_to_touch_plate
+from labpipe.contact.mdr import Profile, line_springs
+from labpipe.contact.memory import Array, Condensed, Creep, CreepMaterial, condense
+from labpipe.contact.plate import Plate, PlateState
+from labpipe.contact.rings import ring_springs
+from labpipe.contact.thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
+from labpipe.contact.trajectory import Contact, Flight, Segment
+from labpipe.errors import InputError
+
+Solver = Literal["mdr", "rings", "thesis"]
+
+# Hertz impact: duration = 2.943 approach / speed.
+_HERTZ_DURATION = 2.9432751843
+# Where rtol may lie: below, rounding; above, the estimates of the error mean nothing.
+_RTOL_RANGE = (1e-8, 1e-2)
+# Step error for an error of rtol: restitution errs by 0.55 (step error)^(2/3), of which a whole
+# train of bounces may add up some ten; all three constants are measured on contact.md 3.7 and 3.8.
+_STEP_SHARE = 0.117
+# Springs per contact radius at rtol = 1e-4; their error falls with the square.
+_SPRINGS_PER_RADIUS = 80
+# Rings per radius of the first contact: later ones are smaller, so it takes more.
+_RINGS_PER_RADIUS = 120
+# Even spacing of the springs up to this part of the smallest contact expected.
+_CORE = 0.25
+# Terms may be folded away or frozen where that costs this part of rtol.
+_CONDENSE_SHARE = 0.01
+# Springs are laid out and taken into a contact this far beyond the radius expected.
+_MARGIN = 1.1
+# Steps per decade of time at rest, at rtol = 1e-4.
+_STEPS_PER_DECADE = 12
+# Rest is an amplitude below rtol times the static sag, and below this in any case.
+_REST_LIMIT = 1e-3
+# Steps of one contact at a step tolerance: 1.7 tolerance^(-1/3), measured.
+_STEPS_PER_CONTACT = 1.7
+_PROGRESS_EVERY = 256
+
+
+@dataclass(frozen=True, slots=True)
+class Scales:
+    """What an impact and a rest of this sphere look like, before anything is computed.
+
+    Attributes
+    ----------
+    duration : float [s]
+        Of the first contact.
+    radius : float [m]
+        Largest contact radius.
+    rest_radius : float [m]
+        Contact radius under the weight, at first.
+    rest_period, rest_speed : float [s, m/s]
+        Of small oscillations on the static sag, and the speed of an amplitude of one sag.
+    """
+
+    duration: float
+    radius: float
+    rest_radius: float
+    rest_period: float
+    rest_speed: float
+
+
+def scales(creep: Creep, radius: float, mass: float, gravity: float, speed: float) -> Scales:
+    """Estimate the scales from Hertz, with the compliance at the time scale itself."""
+    weight = mass * gravity
+
+    def at_rest(compliance: float) -> tuple[float, float]:
+        contact = (0.75 * weight * radius * compliance) ** (1 / 3)
+        return contact, 2.0 * pi * sqrt(0.5 * mass * compliance / contact)
+
+    period = at_rest(creep.instantaneous)[1]
+    for _ in range(3):
+        period = at_rest(float(creep.compliance(period / 4)))[1]
+    duration, approach, compliance = period, 0.0, creep.instantaneous
+    for _ in range(4):
+        compliance = float(creep.compliance(duration / 2))
+        approach = (15.0 / 16.0 * mass * speed**2 * compliance / sqrt(radius)) ** 0.4
+        ballistic = _HERTZ_DURATION * approach / speed if speed > 0.0 else inf
+        duration = 1.0 / (1.0 / ballistic + 2.0 / period)
+    rest_approach = at_rest(compliance)[0] ** 2 / radius
+    return Scales(
+        duration=duration,
+        radius=sqrt(radius * (approach + 2.0 * rest_approach)),
+        rest_radius=at_rest(creep.instantaneous)[0],
+        rest_period=period,
+        rest_speed=gravity * period / (2.0 * pi),
+    )
+
+
+def drop(
+    material: CreepMaterial,
+    radius: float,
+    mass: float,
+    height: float,
+    duration: float,
+    solver: Solver = "mdr",
+    profile: Profile = "parabola",
+    rtol: float = 1e-4,
+    *,
+    gravity: float = 9.81,
+    plate: Plate | None = None,
+    times: ArrayLike | None = None,
+    ring_width: float | None = None,
+    time_step: float | None = None,
+    fold: bool = True,
+    max_steps: int = 1_000_000,
+    progress: Callable[[float], None] | None = None,
+) -> xr.Dataset:
+    """Drop a viscoelastic sphere on a rigid flat.
+
+    Parameters
+    ----------
+    material : labpipe.materials.Prony
+        Of the sphere (or of the flat, if the sphere is the rigid one).
+    radius : float [m]
+        Of the sphere.
+    mass : float [kg]
+        That falls: sphere and holder.
+    height : float [m]
+        Fall from rest to first touch; 0 starts in touch, at rest.
+    duration : float [s]
+        From the release, which is time 0.
+    solver : "mdr", "rings" or "thesis"
+        Independent springs on a graded line; rings of constant pressure (boundary elements), a
+        separate way to the same answer; or the thesis's own scheme, as a reference only.
+    profile : "parabola" or "sphere"
+        Gap ``r^2/2R`` or the exact sphere; they differ by 0.1 % in force at a contact of a tenth of
+        the radius.
+    rtol : float
+        Relative error to aim at for restitution, peak force and touch times, 1e-8 to 1e-2.
+    gravity : float [m/s2]
+        Default as in the references, 9.81.
+    plate : Plate, optional
+        Lets the substrate ring; by default it is rigid.
+    times : array (time,) [s], optional
+        Where to report; by default every step in contact, and samples of every flight.
+    ring_width : float [m], optional
+        Of "rings" and "thesis"; by default from ``rtol``, and 4e-5.
+    time_step : float [s], optional
+        Of "thesis"; default 2e-4.
+    fold : bool
+        Fold terms far below the contact's time scale into one, and freeze those far above
+        ``duration``, where this costs less than a hundredth of ``rtol``.
+    max_steps : int
+        Refuse rather than take more steps.
+    progress : callable, optional
+        Called now and then with the fraction of ``duration`` that is done.
+
+    Returns
+    -------
+    Dataset
+        Over ``time`` [s]: ``displacement`` [m], upwards positive, ``height`` at the release, 0 at
+        first touch, negative when pressed in; ``velocity`` [m/s], upwards positive; ``approach``
+        [m], of the bodies, inwards positive; ``force`` [N]; ``contact_radius`` [m]; the ledger
+        ``kinetic_energy``, ``potential_energy``, ``stored_energy``, ``dissipated_energy`` and
+        ``numerical_energy`` [J], whose sum is constant; with a plate ``plate_displacement``
+        (downwards positive) and ``plate_energy``.
+        Over ``impact``, one row per completed bounce: ``impact_time``, ``lift_off_time``,
+        ``contact_duration`` [s], ``impact_speed``, ``rebound_speed`` [m/s], ``restitution``,
+        ``peak_force`` [N], ``peak_contact_radius``, ``peak_approach`` [m], ``energy_dissipated``,
+        ``energy_stored`` (still held by the dent at lift-off) [J].
+        Scalars: ``final_contact_time``, the touch after which it never lifts off again, and
+        ``rest_time``, after which it only creeps; NaN if ``duration`` ends before. With a plate
+        ``rigid_restitution``, that of the first impact on a rigid substrate.
+        ``attrs["work"]`` is JSON: steps, kernel products, flights, terms and springs used, seconds.
+
+    Raises
+    ------
+    InputError
+        A value is out of range; the contact would be wider than the sphere; the material damps so
+        little that ``max_steps`` do not reach ``duration``.
+
+    Examples
+    --------
+    >>> from labpipe.materials import Prony
+    >>> acrylic = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
+    >>> result = drop(acrylic, radius=9.525e-3, mass=0.505, height=1.5e-3, duration=0.05)
+    >>> [round(float(e), 3) for e in result.restitution]
+    [0.729, 0.718]
+
+    Notes
+    -----
+    Thesis equations (3.1)-(3.9), without its time stepping. The ledger counts the work on every
+    spring exactly for the loads as they were assumed inside a step, so that what it calls
+    dissipated never decreases; ``numerical_energy`` is what the discretisation mislaid, a measure
+    of its error.
+    """
+    started = perf_counter()
+    setting = _checked(
+        Setting(radius, mass, height, duration, solver, profile, rtol, gravity, plate)
+    )
+    wanted = None if times is None else _checked_times(times, duration)
+    creep = Creep.of(material)
+    speed = sqrt(2.0 * gravity * height)
+    observe = None if progress is None else _Throttle(progress, setting)
+    if solver == "thesis":
+        thesis = drop_thesis(
+            creep,
+            radius,
+            mass,
+            gravity,
+            speed,
+            max(duration - setting.fall_time, 0.0),
+            _MARGIN * 2.0 * scales(creep, radius, mass, gravity, speed).radius,
+            ring_width=RING_WIDTH if ring_width is None else ring_width,
+            time_step=TIME_STEP if time_step is None else time_step,
+            profile=profile,
+            observe=observe,
+        )
+        return thesis_dataset(thesis, setting, wanted, perf_counter() - started)
+    run = _simulate(setting, creep, ring_width, fold, max_steps, observe)
+    rigid = None
+    if plate is not None:
+        rigid = _rigid_restitution(setting, creep, ring_width, fold, max_steps)
+    return dataset(run, setting, wanted, rigid, perf_counter() - started)
+
+
+def _checked(setting: Setting) -> Setting:
+    """Refuse what is out of range, with the reason."""
+    for name, value, low in (
+        ("radius", setting.radius, "positive"),
+        ("mass", setting.mass, "positive"),
+        ("duration", setting.duration, "positive"),
+        ("gravity", setting.gravity, "positive"),
+        ("height", setting.height, "0 or positive"),
+    ):
+        if not (isfinite(value) and (value > 0.0 or (value == 0.0 and low != "positive"))):
+            message = f"{name} is {value}, expected a finite number, {low}"
+            raise InputError(message)
+    if setting.solver not in get_args(Solver):
+        message = f'solver is "{setting.solver}", expected one of {", ".join(get_args(Solver))}'
+        raise InputError(message)
+    if setting.profile not in get_args(Profile):
+        message = f'profile is "{setting.profile}", expected one of {", ".join(get_args(Profile))}'
+        raise InputError(message)
+    low_rtol, high_rtol = _RTOL_RANGE
+    if not low_rtol <= setting.rtol <= high_rtol:
+        message = f"rtol is {setting.rtol}, expected {low_rtol} to {high_rtol}"
+        raise InputError(message)
+    if setting.plate is not None and setting.solver == "thesis":
+        message = "the thesis's scheme has a rigid substrate; drop the plate or use another solver"
+        raise InputError(message)
+    return setting
+
+
+def _checked_times(times: ArrayLike, duration: float) -> Array:
+    wanted = np.atleast_1d(np.asarray(times, dtype=float))
+    is_inside = np.all((wanted >= 0.0) & (wanted <= duration))
+    if wanted.ndim != 1 or not wanted.size or not is_inside or np.any(np.diff(wanted) <= 0.0):
+        message = f"times must increase strictly and lie within 0 and {duration} s"
+        raise InputError(message)
+    return wanted
+
+
+@dataclass(slots=True)
+class _Throttle:
+    """Hand on the progress once in so many steps."""
+
+    progress: Callable[[float], None]
+    setting: Setting
+    count: int = 0
+
+    def __call__(self, time: float) -> None:
+        self.count += 1
+        if self.count % _PROGRESS_EVERY == 0:
+            self.progress(min((self.setting.fall_time + time) / self.setting.duration, 1.0))
+
+
+def _springs(setting: Setting, expected: Scales, ring_width: float | None) -> Springs:
+    """Springs of the solver, as fine as rtol asks."""
+    finer = sqrt(1e-4 / setting.rtol)
+    reach = _MARGIN * expected.radius
+    if setting.solver == "rings":
+        width = expected.radius / (_RINGS_PER_RADIUS * finer) if ring_width is None else ring_width
+        if not (isfinite(width) and width > 0.0):
+            message = f"ring_width is {width} m, expected a positive number"
+            raise InputError(message)
+        return ring_springs(setting.radius, reach, width, setting.profile)
+    core = _CORE * min(expected.rest_radius, expected.radius)
+    per_radius = _SPRINGS_PER_RADIUS * finer
+    return line_springs(setting.radius, reach, core, per_radius, setting.profile)
+
+
+def _stepper(
+    setting: Setting,
+    creep: Creep,
+    expected: Scales,
+    ring_width: float | None,
+    max_steps: int,
+    observe: Callable[[float], None] | None,
+) -> Stepper:
+    if expected.radius > setting.radius:
+        message = (
+            f"the contact would be about {expected.radius:.3g} m in radius, wider than the sphere "
+            f"({setting.radius:.3g} m): small-strain contact does not hold; use a stiffer "
+            "material, a smaller mass or a lower drop"
+        )
+        raise InputError(message)
+    return Stepper(
+        creep=creep,
+        springs=_springs(setting, expected, ring_width),
+        body=Body(setting.mass, setting.gravity, setting.plate),
+        tolerance=(_STEP_SHARE * setting.rtol) ** 1.5,
+        time_scale=expected.duration,
+        speed_scale=max(setting.speed, expected.rest_speed),
+        largest_radius=setting.radius,
+        expected_radius=_MARGIN * expected.radius,
+        max_steps=max_steps,
+        observe=observe,
+    )
+
+
+def _refuse_endless(setting: Setting, creep: Creep, expected: Scales, max_steps: int) -> None:
+    """Refuse an elastic sphere that would bounce more often than there are steps."""
+    is_damped = creep.n_terms or creep.fluidity or (setting.plate and setting.plate.damping_ratio)
+    per_contact = _STEPS_PER_CONTACT * (_STEP_SHARE * setting.rtol) ** -0.5
+    cycle = expected.duration + 2.0 * setting.speed / setting.gravity
+    needed = per_contact * setting.duration / cycle
+    if not is_damped and needed > max_steps:
+        message = (
+            f"an elastic sphere never stops: {setting.duration:.4g} s would take about "
+            f"{needed:.2g} steps, more than max_steps = {max_steps}; shorten the duration, raise "
+            "max_steps, or give the material a loss"
+        )
+        raise InputError(message)
+
+
+def _simulate(
+    setting: Setting,
+    creep: Creep,
+    ring_width: float | None,
+    fold: bool,
+    max_steps: int,
+    observe: Callable[[float], None] | None,
+    *,
+    first_contact_only: bool = False,
+) -> DropRun:
+    """Fall, bounce, rest."""
+    expected = scales(creep, setting.radius, setting.mass, setting.gravity, setting.speed)
+    condensed = Condensed(creep, 0, 0)
+    if fold:
+        tolerance = _CONDENSE_SHARE * setting.rtol
+        condensed = condense(creep, expected.duration, setting.duration, tolerance)
+    _refuse_endless(setting, condensed.creep, expected, max_steps)
+    stepper = _stepper(setting, condensed.creep, expected, ring_width, max_steps, observe)
+    end = setting.duration - setting.fall_time
+    # Rings touch first at the middle of the innermost, a little after the pole would.
+    touch = _fall_further(setting, float(stepper.springs.gap[0]))
+    fall = _at_release(setting)
+    silent = np.zeros(condensed.creep.rate.size)
+    segments: list[Segment] = [Flight(fall, min(touch, end), silent, condensed.creep.rate)]
+    final_touch = rest_start = nan
+    stepper.velocity, stepper.acceleration = setting.speed, setting.gravity
+    if touch < end:
+        stepper.fly(touch)
+        rest = RestTest(
+            min(setting.rtol, _REST_LIMIT),
+            max(expected.rest_period, 1.0 / setting.plate.frequency if setting.plate else 0.0),
+            expected.rest_speed,
+        )
+        final_touch, rest_start = _bounce(
+            stepper, rest, end, segments, _growth(setting.rtol), first_contact_only
+        )
+    return DropRun(
+        segments,
+        stepper.body,
+        stepper.counts,
+        condensed,
+        int(stepper.springs.position.size),
+        final_touch,
+        rest_start,
+    )
+
+
+def _fall_further(setting: Setting, gap: float) -> float:
+    """Time in s to fall through a gap [m] that is left when the pole would touch."""
+    root = sqrt(setting.speed**2 + 2.0 * setting.gravity * gap)
+    return 2.0 * gap / (setting.speed + root) if gap > 0.0 else 0.0
+
+
+def _at_release(setting: Setting) -> Record:
+    height, rest = -setting.height, PlateState()
+    return Record(-setting.fall_time, height, 0.0, height, 0.0, 0.0, 0.0, 0.0, rest, 0.0)
+
+
+def _growth(rtol: float) -> float:
+    """Factor between steps at rest."""
+    return 10.0 ** (sqrt(rtol / 1e-4) / _STEPS_PER_DECADE)
+
+
+def _bounce(
+    stepper: Stepper,
+    rest: RestTest,
+    end: float,
+    segments: list[Segment],
+    growth: float,
+    first_contact_only: bool,
+) -> tuple[float, float]:
+    """Alternate contacts and flights; return the last touch and the start of rest, or NaN."""
+    reach = stepper.expected_radius
+    least_speed = rest.speed
+    while True:
+        touched = stepper.time
+        stepper.speed_scale = max(stepper.velocity, least_speed)
+        rest.restart(touched)
+        outcome, flight = _one_contact(stepper, rest, end, reach)
+        records = stepper.take_trail()
+        segments.append(Contact(records))
+        if outcome == "rest":
+            settled = stepper.time
+            stepper.settle(end, growth)
+            creeping = stepper.take_trail()
+            if creeping:
+                segments.append(Contact((records[-1], *creeping), is_resting=True))
+            return touched, settled
+        if outcome == "end":
+            return nan, nan
+        stop = min(stepper.time + flight, end)
+        stored = stepper.free_stored()
+        segments.append(Flight(records[-1], stop, stored, stepper.creep.rate))
+        if stop >= end or first_contact_only:
+            return nan, nan
+        stepper.fly(flight)
+        stepper.counts.flights += 1
+        reach = _MARGIN * max(record.contact_radius for record in records)
+
+
+def _one_contact(stepper: Stepper, rest: RestTest, end: float, reach: float) -> tuple[str, float]:
+    """Run one contact; return how it ends, and the time of flight after a lift-off."""
+    stepper.touch(reach)
+    while True:
+        outcome = stepper.run(end, rest)
+        if outcome != "lift-off":
+            return outcome, 0.0
+        flight = _time_of_flight(stepper)
+        if flight > 0.0:
+            return outcome, flight
+        # The surface follows the sphere at once: no bounce, the contact goes on.
+        stepper.touch(reach, is_new=False)
+
+
+def _time_of_flight(stepper: Stepper) -> float:
+    body, dent, rate = stepper.body, stepper.memory[:, 0], stepper.creep.rate
+    if body.plate is None:
+        return time_to_touch(stepper.velocity, body.gravity, dent, rate)
+    return time_to_touch_plate(
+        stepper.velocity, body.gravity, dent, rate, body.plate, stepper.plate
+    )
+
+
+def _rigid_restitution(
+    setting: Setting, creep: Creep, ring_width: float | None, fold: bool, max_steps: int
+) -> float:
+    """Restitution of the first impact on a rigid substrate; NaN when it does not lift off."""
+    rigid = replace(setting, plate=None)
+    run = _simulate(rigid, creep, ring_width, fold, max_steps, None, first_contact_only=True)
+    if len(run.segments) < 3 or not isinstance(run.segments[2], Flight):
+        return nan
+    contact = run.segments[1]
+    assert isinstance(contact, Contact)  # noqa: S101 - the second segment follows the fall
+    return -contact.records[-1].velocity / contact.records[0].velocity

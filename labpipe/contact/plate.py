@@ -1,0 +1,117 @@
+"""The substrate as a damped oscillator: what the sphere lands on may move.
+
+The plate under the sapphire rings after an impact (thesis, appendix B). Its lowest mode is one mass
+on a spring and a dashpot; its displacement ``u`` is positive downwards and 0 at rest::
+
+    m u'' + c u' + k u = F,   k = m (2 pi f)^2,   c = 2 zeta m (2 pi f)
+"""
+
+from dataclasses import dataclass
+from math import cos, exp, isfinite, pi, sin, sqrt
+from typing import NamedTuple
+
+from labpipe.errors import InputError
+
+
+class PlateState(NamedTuple):
+    """Displacement [m], velocity [m/s] and acceleration [m/s2] of the plate, downwards."""
+
+    displacement: float = 0.0
+    velocity: float = 0.0
+    acceleration: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """A substrate that moves as one damped oscillator.
+
+    Parameters
+    ----------
+    mass : float [kg]
+        Modal mass under the contact.
+    frequency : float [Hz]
+        Undamped natural frequency.
+    damping_ratio : float
+        Fraction of critical damping, at least 0 and below 1.
+
+    Raises
+    ------
+    InputError
+        A value lies outside its range.
+
+    Examples
+    --------
+    >>> plate = Plate(mass=2.0, frequency=100.0, damping_ratio=0.02)
+    >>> round(plate.stiffness)
+    789568
+    """
+
+    mass: float
+    frequency: float
+    damping_ratio: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in (("mass", self.mass), ("frequency", self.frequency)):
+            if not (isfinite(value) and value > 0.0):
+                message = f"the plate's {name} is {value}, expected a finite positive number"
+                raise InputError(message)
+        if not 0.0 <= self.damping_ratio < 1.0:
+            message = (
+                f"the plate's damping ratio is {self.damping_ratio}, expected 0 to below 1: "
+                "a plate that rings"
+            )
+            raise InputError(message)
+
+    @property
+    def stiffness(self) -> float:
+        """Stiffness k in N/m."""
+        return self.mass * (2.0 * pi * self.frequency) ** 2
+
+    @property
+    def damping(self) -> float:
+        """Dashpot constant c in N s/m."""
+        return 2.0 * self.damping_ratio * self.mass * 2.0 * pi * self.frequency
+
+    def energy(self, state: PlateState) -> float:
+        """Kinetic and elastic energy of the plate in J."""
+        return 0.5 * (self.mass * state.velocity**2 + self.stiffness * state.displacement**2)
+
+    def predict(self, state: PlateState, dt: float) -> tuple[float, float]:
+        """Displacement after ``dt`` without force, and its increase per force at the end of it.
+
+        Average acceleration, the same rule as the sphere's motion.
+        """
+        inertia = 4.0 * self.mass / dt**2
+        drag = 2.0 * self.damping / dt
+        effective = inertia + drag + self.stiffness
+        push = (
+            inertia * (state.displacement + dt * state.velocity)
+            + self.mass * state.acceleration
+            + drag * state.displacement
+            + self.damping * state.velocity
+        )
+        return push / effective, 1.0 / effective
+
+    def follow(self, state: PlateState, dt: float, displacement: float, force: float) -> PlateState:
+        """State at the end of a step that ends at a displacement [m] under a force [N]."""
+        velocity = 2.0 * (displacement - state.displacement) / dt - state.velocity
+        return PlateState(displacement, velocity, self._acceleration(displacement, velocity, force))
+
+    def loss(self, before: PlateState, after: PlateState, dt: float) -> float:
+        """Energy in J that the dashpot takes in one step of average acceleration."""
+        return self.damping * (after.displacement - before.displacement) ** 2 / dt
+
+    def free(self, state: PlateState, dt: float) -> PlateState:
+        """State after ``dt`` [s] without force, exactly."""
+        omega = 2.0 * pi * self.frequency
+        rate = self.damping_ratio * omega
+        damped = omega * sqrt(1.0 - self.damping_ratio**2)
+        envelope, c, s = exp(-rate * dt), cos(damped * dt), sin(damped * dt)
+        u, v = state.displacement, state.velocity
+        displacement = envelope * (u * c + (v + rate * u) / damped * s)
+        velocity = envelope * (v * c - (rate * v + omega**2 * u) / damped * s)
+        return PlateState(displacement, velocity, self._acceleration(displacement, velocity, 0.0))
+
+    def _acceleration(self, displacement: float, velocity: float, force: float) -> float:
+        pull = self.damping * velocity + self.stiffness * displacement
+        return (force - pull) / self.mass
