@@ -24,7 +24,8 @@ from labpipe.units import Quantity
 
 __all__ = ["FilterLag", "declared_filter", "filter_lag", "force"]
 
-_UNITY = Quantity(1.0, 0.0, "1")
+#: The factor that the instrument has applied; without a record nobody knows how good it is.
+_UNKNOWN = Quantity(1.0, math.nan, "1")
 
 
 def force(
@@ -44,8 +45,8 @@ def force(
     readings : Dataset
         Over ``time`` (one block) or ``sample`` (a file of several blocks), with ``force_z`` [N].
     record : Record, optional
-        Of the kind ``load_cell``; without one the factor that the instrument applied is kept and
-        its uncertainty is not known, as the budget says.
+        Of the kind ``load_cell``; without one the factor that the instrument applied is kept,
+        ``u_gain`` is NaN, and the budget holds only what the readings themselves show.
     axis : {"x", "y", "z"}
         Which force.
     zero : "start" or (float, float) or Quantity or float, optional
@@ -84,7 +85,7 @@ def force(
             record, "load_cell", attrs, measured=measured, ignore_validity=ignore_validity
         )
         values = _values(record)
-    gain = values.scale if values else _UNITY
+    gain = values.scale if values else _UNKNOWN
     raw = np.asarray(readings[name].values, dtype=float)
     is_valid = np.isfinite(raw)
     if values and values.capacity:
@@ -92,7 +93,7 @@ def force(
     used = np.where(is_valid, raw, np.nan)
     step = quiet.resolution_of(used, None)
     at_rest = _tare(readings, used, zero, step)
-    pressed = sign * gain.value * (used - at_rest.level)
+    pressed = sign * gain.value * (used - at_rest.level) + 0.0  # no negative zeros
     spread = np.where(is_valid, gain.value * at_rest.noise, np.nan)
     sources = _sources(pressed, at_rest, step, gain, values, sign)
     dimension = str(readings[name].dims[0])
@@ -208,8 +209,10 @@ def _sources(
         Source("noise of a sample", 0.0, noise, "N", factor, "random"),
         Source("rounding to the cell's step", 0.0, rounding, "N", factor, "random"),
         Source("tare", at_rest.level, at_rest.u_level, "N", factor, "systematic"),
-        Source("gain", gain.value, gain.u, "1", largest / gain.value, "systematic"),
     ]
+    if values:
+        share = largest / gain.value
+        sources.append(Source("gain", gain.value, gain.u, "1", share, "systematic"))
     if values and values.linearity:
         sources.append(Source("linearity", 0.0, values.linearity.u, "N", 1.0, "systematic"))
     return sources

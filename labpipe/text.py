@@ -365,8 +365,9 @@ def check_width(
     """Refuse a row with missing or additional cells."""
     if len(cells) == n_columns:
         return
-    extra = len(delimiter.join(cells[:n_columns])) + 1
-    column = min(extra, len(line) + 1)
+    # The first cell too many, or the end of the line where one is missing.
+    is_long = len(cells) > n_columns
+    column = len(delimiter.join(cells[:n_columns])) + 2 if is_long else len(line) + 1
     raise SourceError(
         path,
         f"found {len(cells)} cells, expected {n_columns}: {shorten(line)}",

@@ -1,0 +1,248 @@
+"""Codecs, sizes, lines and numbers of text files."""
+
+import os
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labpipe import text
+from labpipe.errors import InputError, SourceError
+
+
+def _file(tmp_path, data):
+    path = tmp_path / "a.txt"
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("codec", "expected"),
+    [
+        ("ascii", "utf-8"),
+        ("utf-8", "utf-8"),
+        ("utf-8-sig", "utf-8-sig"),
+        ("utf-16", "utf-16"),
+        ("utf-32", "utf-32"),
+        ("cp1252", "cp1252"),
+    ],
+)
+def test_codec_is_settled_by_mark_then_utf8_then_declaration(tmp_path, codec, expected):
+    content = "a\nb\n" if codec == "ascii" else "µm é\nb\n"
+    source = text.survey(_file(tmp_path, content.encode(codec)), declared=("cp1252",))
+    assert source.encoding == expected
+    assert list(source.lines()) == content.splitlines()
+
+
+@pytest.mark.parametrize("codec", ["utf-16-le", "utf-16-be"])
+def test_both_byte_orders_of_utf16_are_read(tmp_path, codec):
+    data = "\ufeffé\r\nb\r\n".encode(codec)
+    assert list(text.survey(_file(tmp_path, data)).lines()) == ["é", "b"]
+
+
+def test_first_declared_codec_that_fits_is_taken(tmp_path):
+    path = _file(tmp_path, "é,1\n".encode("cp1252"))  # E9 2C is no pair of cp932
+    assert text.survey(path, declared=("cp932", "cp1252")).encoding == "cp1252"
+    path = _file(tmp_path, "μm\n".encode("cp932"))
+    assert text.survey(path, declared=("cp932", "cp1252")).encoding == "cp932"
+
+
+def test_no_fitting_codec_is_refused_and_all_tried_are_named(tmp_path):
+    path = _file(tmp_path, b"\x81\x8d\n")
+    with pytest.raises(SourceError, match=r"utf-8.*cp1252"):
+        text.survey(path, declared=("cp1252",))
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("is_ended", [True, False])
+def test_every_line_end_counts_and_a_missing_last_one_is_seen(tmp_path, end, is_ended):
+    data = end.join(["a", "", "b"]) + (end if is_ended else "")
+    source = text.survey(_file(tmp_path, data.encode()))
+    assert (source.n_lines, source.is_ended) == (3, is_ended)
+    assert list(source.lines()) == ["a", "", "b"]
+
+
+def test_separators_of_other_alphabets_do_not_end_a_line(tmp_path):
+    path = _file(tmp_path, "a\u2028b\x0bc\x85d\n".encode())
+    assert text.survey(path).n_lines == 1
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(st.text(alphabet="ab\r\n", max_size=40), st.integers(1, 7))
+def test_lines_do_not_depend_on_where_pieces_are_cut(tmp_path_factory, content, piece):
+    path = tmp_path_factory.mktemp("pieces") / "a.txt"
+    path.write_bytes(("x" + content).encode())
+    before = text._PIECE
+    text._PIECE = piece
+    try:
+        source = text.survey(path)
+    finally:
+        text._PIECE = before
+    lines = list(source.lines())
+    assert source.n_lines == len(lines)
+    assert "\n".join(lines) == ("x" + content).replace("\r\n", "\n").replace(
+        "\r", "\n"
+    ).removesuffix("\n")
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [(b"", "empty"), (b"a\nb\0c\n", "NUL")],
+    ids=["empty", "nul"],
+)
+def test_empty_files_and_nul_are_refused(tmp_path, data, message):
+    with pytest.raises(SourceError, match=message):
+        text.survey(_file(tmp_path, data))
+
+
+def test_nul_is_named_by_line_and_column(tmp_path):
+    with pytest.raises(SourceError) as caught:
+        text.survey(_file(tmp_path, b"ab\r\ncd\0e\r\n"))
+    assert (caught.value.line, caught.value.column) == (2, 3)
+
+
+def test_missing_file_and_folder_are_refused(tmp_path):
+    with pytest.raises(SourceError, match="cannot be opened"):
+        text.survey(tmp_path / "none.txt")
+    with pytest.raises(SourceError, match="not a regular file"):
+        text.survey(tmp_path)
+
+
+def test_line_of_a_billion_characters_is_refused_from_its_first_pieces(tmp_path):
+    path = _file(tmp_path, b"head\n" + b"1" * (3 << 20))
+    os.truncate(path, 10**9)
+    tracemalloc.start()
+    with pytest.raises(SourceError, match="longer than 1048576") as caught:
+        text.survey(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert caught.value.line == 2
+    assert peak < 16 << 20
+
+
+def test_too_large_file_is_refused_before_it_is_opened(tmp_path):
+    path = _file(tmp_path, b"a\n")
+    os.truncate(path, (1 << 30) + 1)
+    with pytest.raises(SourceError, match="at most 1073741824"):
+        text.survey(path)
+
+
+@pytest.mark.parametrize("max_line", [3, 4])
+def test_limit_on_lines_is_exact(tmp_path, max_line):
+    path = _file(tmp_path, b"a\nabcd\nb\n")
+    limits = text.Limits(max_line=max_line)
+    if max_line == 4:
+        assert text.survey(path, limits=limits).n_lines == 3
+        return
+    with pytest.raises(SourceError) as caught:
+        text.survey(path, limits=limits)
+    assert caught.value.line == 2
+
+
+def test_file_that_grows_between_the_passes_is_refused(tmp_path):
+    path = _file(tmp_path, b"a\nb\n")
+    source = text.survey(path)
+    path.write_bytes(b"a\nb\nc\n")
+    with pytest.raises(SourceError, match="changed while it was read"):
+        list(source.lines())
+
+
+def test_rows_are_parsed_exactly():
+    rows = text.parse_rows(["0.1\t-2e-3", " 3\t.5"], 2, "\t", path="a", first_line=1)
+    np.testing.assert_array_equal(rows, [[0.1, -2e-3], [3.0, 0.5]])
+
+
+def test_no_rows_keep_their_columns():
+    assert text.parse_rows([], 3, ",", path="a", first_line=1).shape == (0, 3)
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "message"),
+    [
+        ("1,2x,3", 3, "'2x'"),
+        ("1,,3", 3, "''"),
+        ("1,2", 4, "2 cells, expected 3"),
+        ("1,2,3,4", 7, "4 cells, expected 3"),
+        ("", 1, "1 cells"),
+        ("1,nan,3", 3, "'nan'"),
+        ("1,inf,3", 3, "'inf'"),
+        ("1,1e999,3", 3, "'1e999'"),
+        ("1,1_0,3", 3, "'1_0'"),
+        ("1,0x10,3", 3, "'0x10'"),
+        ("1,１,3", 3, "'１'"),
+        ("1,2 3,3", 3, "'2 3'"),
+        ("1,--2,3", 3, "'--2'"),
+    ],
+)
+def test_wrong_cell_is_named_by_line_and_column(row, column, message):
+    lines = ["1,2,3", row, "4,5,6"]
+    with pytest.raises(SourceError, match=message) as caught:
+        text.parse_rows(lines, 3, ",", path="a.txt", first_line=10)
+    assert (caught.value.line, caught.value.column) == (11, column)
+    assert str(caught.value).startswith("a.txt:11:")
+
+
+def test_comma_in_a_number_suggests_the_option():
+    with pytest.raises(SourceError, match='decimal=","'):
+        text.parse_rows(["1;2,5"], 2, ";", path="a", first_line=1)
+
+
+COMMA = text.Separators(",", "")
+GROUPED = text.Separators(",", ".")
+
+
+def test_decimal_comma_and_thousands_dot_are_parsed():
+    rows = text.parse_rows(["1;2,5"], 2, ";", path="a", first_line=1, signs=COMMA)
+    np.testing.assert_array_equal(rows, [[1, 2.5]])
+    rows = text.parse_rows(["1;1.234,5"], 2, ";", path="a", first_line=1, signs=GROUPED)
+    np.testing.assert_array_equal(rows, [[1, 1234.5]])
+
+
+def test_dot_is_refused_where_the_comma_is_the_decimal_sign():
+    with pytest.raises(SourceError, match=r"'2\.5'"):
+        text.parse_rows(["1;2.5"], 2, ";", path="a", first_line=1, signs=COMMA)
+    with pytest.raises(SourceError, match=r"'12\.34,5'"):
+        text.parse_rows(["1;12.34,5"], 2, ";", path="a", first_line=1, signs=GROUPED)
+
+
+@pytest.mark.parametrize(
+    ("cells", "expected"),
+    [
+        (["1.5", "2"], text.DOT),
+        (["1", "2"], text.DOT),
+        (["1.234"], text.DOT),
+        (["+00,1234"], COMMA),
+        (["0,010"], COMMA),
+        (["1,234", "0,5"], COMMA),
+        (["1.234,5"], GROUPED),
+        (["1.234.567", "1,5"], GROUPED),
+        (["1,234.5"], text.Separators(".", ",")),
+        (["1,234,567"], text.Separators(".", ",")),
+        (["alarm", "-------", "1,5"], COMMA),
+    ],
+)
+def test_decimal_sign_is_decided_by_evidence(cells, expected):
+    assert text.separators(cells) == expected
+
+
+@pytest.mark.parametrize("cells", [["1,234"], ["12,345", "6,789"], ["1.5", "2,5"]])
+def test_ambiguous_decimal_sign_is_refused(cells):
+    with pytest.raises(InputError, match="decimal="):
+        text.separators(cells)
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(st.floats(-1e9, 1e9), st.integers(0, 6))
+def test_a_number_reads_the_same_with_dot_comma_or_thousands(value, decimals):
+    dotted = f"{value:.{decimals}f}"
+    grouped = f"{value:,.{decimals}f}".replace(",", "_").replace(".", ",").replace("_", ".")
+    assert text.plain_number(dotted) == float(dotted)
+    assert text.plain_number(dotted.replace(".", ","), COMMA) == float(dotted)
+    assert text.plain_number(grouped, GROUPED) == float(dotted)
+
+
+def test_shorten_escapes_control_characters():
+    assert text.shorten("\x1b[31mred\n") == repr("\x1b[31mred\n")
+    assert len(text.shorten("x" * 10_000)) < 70
