@@ -1,0 +1,424 @@
+r"""Nested contact as a bed of independent springs: no solve, no iteration, no FFT per step.
+
+As long as the contact is one interval (or disc) around a fixed centre, at all times, the hereditary
+contact problem separates. With the influence matrix ordered from the centre outwards and factored
+once, M = L Lᵀ, each row j of the factor is a spring with its own length and stiffness,
+
+.. math::
+    J^* * q_j = \delta - g_j \ \text{while in contact}, \quad q_j \ge 0, \qquad
+    F = \sum_j \Delta S_j q_j, \qquad
+    g = \frac{L^{-1} w f}{L^{-1} w}, \quad \Delta S = \Delta x\,(L^{-1} w)^2,
+
+where f is the profile and w counts how often a strip occurs in the period (the half period is
+folded). The spring of a strip opens exactly when the strip's pressure as last of the contact
+vanishes, so the sign of q is the active-set test. Pressures are needed for output only:
+p = L⁻ᵀ (L⁻¹w · q). A sphere has the same structure with closed forms (method of dimensionality
+reduction), see :func:`sphere_bed`; so has the half-plane, see :mod:`labpipe.contact.westergaard`.
+
+Two corrections make the bed fourth-order accurate in the strip width where a plain sum of strips
+is first order in the contact width (staircase) and second order in force:
+
+- *edge*: the force is the Euler-Maclaurin sum over the springs with the edge located between two of
+  them (second Bernoulli polynomial of the edge's position), so force and width are continuous;
+- *profile*: collocation at the strip's centre sees a curved profile Δx² f″/48 too low (half way to
+  the strip's mean Δx² f″/24); found against the closed form, where the error left is 4e-6 in force
+  at 20 strips per half width and 4e-8 at 100.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
+
+from labpipe.contact.kernels import LineKernel
+from labpipe.errors import InputError
+
+Array = NDArray[np.float64]
+
+# The edge of the contact lies this fraction of a strip inside the strip whose pressure vanishes
+# (limit of many strips; calibrated on the closed form of the parabola).
+_EDGE_OFFSET = 0.17464
+# Second Bernoulli number, B2 = B2(0).
+_B2 = 1.0 / 6.0
+# Pressures may differ from nested order by rounding only.
+_NESTED_TOLERANCE = 1e-9
+# The last strips before a half-plane closes carry the logarithmic singularity of full contact.
+_OPEN_STRIPS = 3
+_EDGE_ITERATIONS = 12
+_EDGE_TOLERANCE = 1e-13
+# Share of a strip below which the force of a contact of one strip is taken as linear.
+_FIRST_SHARE = 0.25
+
+
+class NotNestedError(Exception):
+    """The contact is not one growing and shrinking interval; the general solver has to do it."""
+
+
+class Answer(NamedTuple):
+    """Solution of one step: the load of every spring (or strip) and what it amounts to.
+
+    ``force`` and ``half_width`` belong to one tip (per unit depth for a line contact).
+    """
+
+    load: Array
+    force: float
+    displacement: float
+    half_width: float
+
+
+class Contact(Protocol):
+    """What the time stepper needs of a spatial discretisation."""
+
+    @property
+    def size(self) -> int:
+        """Length of a load vector."""
+
+    @property
+    def weights(self) -> Array:
+        """Force per unit load (size,)."""
+
+    def press(
+        self, history: Array, compliance: float, displacement: float, before: float
+    ) -> Answer:
+        """Solve at a prescribed displacement."""
+
+    def push(self, history: Array, compliance: float, force: float, before: float) -> Answer:
+        """Solve at a prescribed force."""
+
+    def inner(self, left: Array, right: Array) -> Array:
+        """Energy products (...,) of load vectors (..., size): force times displacement."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpringBed:
+    """Springs in the order in which they come into contact, for E* = 1.
+
+    Attributes
+    ----------
+    gap : array (spring,) [m]
+        Approach at which the spring is first touched (elastic contact), ascending.
+    stiffness : array (spring,)
+        What it adds to the stiffness, ΔS: dimensionless for a line, m for a sphere.
+    edge : array (spring,) [m]
+        Contact half width (radius) at which it is first touched.
+    is_smooth : bool
+        The profile is smooth, so that the edge correction applies.
+    open_springs : int
+        The contact must leave so many springs open; 0 where full contact is allowed.
+    limit : str
+        What to say when it does not.
+    """
+
+    gap: Array
+    stiffness: Array
+    edge: Array
+    is_smooth: bool
+    open_springs: int
+    limit: str
+
+    @property
+    def size(self) -> int:
+        """Number of springs."""
+        return int(self.gap.size)
+
+    @property
+    def weights(self) -> Array:
+        """Force per unit load (spring,)."""
+        return self.stiffness
+
+    def inner(self, left: Array, right: Array) -> Array:
+        """Energy products (...,) of load vectors (..., spring)."""
+        return np.asarray((left * right) @ self.stiffness)
+
+    def press(
+        self, history: Array, compliance: float, displacement: float, before: float
+    ) -> Answer:
+        """Solve at a prescribed displacement.
+
+        Parameters
+        ----------
+        history : array (spring,) [m]
+            Displacement that the springs would show now without load.
+        compliance : float [1/Pa]
+            Of this step.
+        displacement : float [m]
+            Approach of the indenter.
+        before : float [m]
+            Approach at the start of the step: tells whether the contact grows or shrinks.
+
+        Raises
+        ------
+        NotNestedError
+            A spring is touched before one that is nearer to the centre, or carries more.
+        InputError
+            The contact reaches the end of the bed.
+        """
+        trial = (displacement - history - self.gap) / compliance
+        load = np.maximum(trial, 0.0)
+        touched = int(np.count_nonzero(trial > 0.0))
+        if touched == 0:
+            return Answer(load, 0.0, displacement, 0.0)
+        self._require_nested(load, touched)
+        self._require_open(touched)
+        force = float(self.stiffness[:touched] @ load[:touched])
+        if touched == self.size:
+            return Answer(load, force, displacement, float(self.edge[-1]))
+        width = self._width(trial, touched, shrinks=displacement < before)
+        return Answer(load, force + self._edge_force(trial, touched, width), displacement, width)
+
+    def push(self, history: Array, compliance: float, force: float, before: float) -> Answer:
+        """Solve at a prescribed force; at zero force the indenter just touches.
+
+        Raises
+        ------
+        NotNestedError
+            See :meth:`press`.
+        InputError
+            No contact within the bed carries the force.
+        """
+        threshold = history + self.gap
+        if force <= 0.0:
+            return Answer(np.zeros(self.size), 0.0, float(threshold.min()), 0.0)
+        if np.any(np.diff(threshold) < -_NESTED_TOLERANCE * np.abs(threshold).max()):
+            raise NotNestedError
+        # The force of the plain sum is piecewise linear in the displacement: invert it exactly.
+        threshold = np.maximum.accumulate(threshold)
+        stiffness = np.cumsum(self.stiffness)
+        at_next = np.cumsum(stiffness[:-1] * np.diff(threshold))
+        target = force * compliance
+        inner = int(np.searchsorted(at_next, target))
+        start = float(at_next[inner - 1]) if inner else 0.0
+        displacement = float(threshold[inner] + (target - start) / stiffness[inner])
+        # The edge adds a little; its slope is small against the stiffness.
+        answer = self.press(history, compliance, displacement, before)
+        best, miss = answer, abs(answer.force - force)
+        for _ in range(_EDGE_ITERATIONS):
+            if miss <= _EDGE_TOLERANCE * force:
+                break
+            displacement += (force - answer.force) * compliance / float(stiffness[inner])
+            answer = self.press(history, compliance, displacement, before)
+            if abs(answer.force - force) < miss:
+                best, miss = answer, abs(answer.force - force)
+        return best._replace(force=force)
+
+    def _edge_force(self, trial: Array, touched: int, width: float) -> float:
+        """Force between the plain sum over the springs and the integral up to the edge."""
+        if not self.is_smooth:
+            return 0.0
+        inner, outer = touched - 1, touched
+        place = (width - float(self.edge[inner])) / float(self.edge[outer] - self.edge[inner])
+        weight = (1.0 - place) * self.stiffness[inner] + place * self.stiffness[outer]
+        bernoulli = place * (place - 1.0) + _B2
+        if inner == 0:
+            # The first spring comes in without a jump of force.
+            return 0.5 * float(bernoulli * weight * trial[0] * place / max(place, _FIRST_SHARE))
+        # Loads inside, continued outwards: springs outside answer with the step's own compliance.
+        cell = float(self.gap[outer] - self.gap[inner])
+        slope = (trial[inner - 1] - trial[inner]) / float(self.gap[inner] - self.gap[inner - 1])
+        return 0.5 * float(bernoulli * weight * slope) * cell
+
+    def _width(self, trial: Array, touched: int, *, shrinks: bool) -> float:
+        """Contact half width: where the load, linear in the gap, reaches zero.
+
+        While the contact grows, the springs outside tell (those inside have just begun to relax,
+        at different rates); while it shrinks, the springs inside do (those outside have just begun
+        to recover).
+        """
+        inner, outer = touched - 1, touched
+        square = self.edge[inner : outer + 1] ** 2
+        cell = float(self.gap[outer] - self.gap[inner])
+        if not self.is_smooth or cell <= 0.0:
+            beyond = float(trial[inner] / (trial[inner] - trial[outer]))
+        elif shrinks and inner > 0:
+            beyond = self._rest(trial, inner - 1, inner) / cell
+        elif outer + 1 < self.size:
+            beyond = 1.0 + self._rest(trial, outer, outer + 1) / cell
+        else:
+            beyond = self._rest(trial, inner, outer) / cell
+        beyond = min(max(beyond, 0.0), 1.0)
+        return float(np.sqrt(square[0] + beyond * (square[1] - square[0])))
+
+    def _rest(self, trial: Array, first: int, second: int) -> float:
+        """Gap (m) from the pair's nearer end to where its loads, on one line, are zero."""
+        drop = float(trial[first] - trial[second])
+        near = second if trial[second] > 0.0 else first
+        return float(trial[near]) * float(self.gap[second] - self.gap[first]) / max(drop, 1e-300)
+
+    def _require_nested(self, load: Array, touched: int) -> None:
+        inside = load[:touched]
+        if inside.min() <= 0.0:
+            raise NotNestedError
+        if np.diff(inside).max(initial=0.0) > _NESTED_TOLERANCE * inside[0]:
+            raise NotNestedError
+
+    def _require_open(self, touched: int) -> None:
+        if touched > self.size - self.open_springs:
+            raise InputError(self.limit)
+
+
+class FoldedLine(NamedTuple):
+    """The factored half period behind a line's spring bed, for pressures and surfaces."""
+
+    factor: Array
+    scale: Array
+    counts: Array
+
+
+def line_bed(
+    kernel: LineKernel,
+    profile: Array,
+    reach: float,
+    *,
+    is_smooth: bool,
+    limit: str,
+) -> tuple[SpringBed, FoldedLine]:
+    """Factor the half period of a symmetric profile from the centre outwards.
+
+    Parameters
+    ----------
+    kernel : LineKernel
+        Period, strips and influence.
+    profile : array (n,) [m]
+        Height of the indenter above its lowest point at x = 0, Δx, 2Δx, ...; at most
+        ``elements/2 + 1`` values, fewer when the profile ends before.
+    reach : float [m]
+        Largest approach that will be asked for; only strips that it can touch are factored. Give
+        infinity for all.
+    is_smooth : bool
+        The profile is smooth: apply the edge correction.
+    limit : str
+        Message when the contact reaches the last strip.
+
+    Returns
+    -------
+    SpringBed
+        One spring per strip of the half period that can be touched.
+    FoldedLine
+        The factor, for :func:`line_pressure`.
+
+    Raises
+    ------
+    InputError
+        The influence matrix is not positive definite: the layer is too thin for its strips.
+    """
+    half = kernel.elements // 2
+    # Constants are in the null space of a half-plane: the last strip has no spring.
+    available = half + 1 if kernel.mean_compliance > 0.0 else half
+    available = min(available, profile.size)
+    n = min(available, max(16, int(1.3 * np.count_nonzero(profile[:available] <= reach)) + 8))
+    while True:
+        bed, folded = _factor(kernel, profile[:n], is_smooth=is_smooth, limit=limit)
+        if n == available or bed.gap[-1] > reach:
+            break
+        n = min(available, 2 * n)
+    full_allowed = n == half + 1
+    if n < available:
+        # Springs beyond the reach: running into them would be a mistake of this module.
+        return _with_open(bed, 1), folded
+    return _with_open(bed, 0 if full_allowed else _OPEN_STRIPS), folded
+
+
+def _with_open(bed: SpringBed, open_springs: int) -> SpringBed:
+    return SpringBed(bed.gap, bed.stiffness, bed.edge, bed.is_smooth, open_springs, bed.limit)
+
+
+def _factor(
+    kernel: LineKernel, profile: Array, *, is_smooth: bool, limit: str
+) -> tuple[SpringBed, FoldedLine]:
+    matrix, counts = folded_matrix(kernel, profile.size)
+    try:
+        factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
+    except LinAlgError:
+        message = (
+            "the influence matrix is not positive definite in double precision: the layer is too "
+            "thin (or too nearly incompressible) for this period; give a thicker layer"
+        )
+        raise InputError(message) from None
+    both = np.stack([counts, counts * profile], axis=1)
+    solved: Array = solve_triangular(factor, both, lower=True, check_finite=False)
+    scale, reduced = solved.T
+    index = np.arange(profile.size)
+    bed = SpringBed(
+        gap=reduced / scale,
+        stiffness=kernel.spacing * scale**2,
+        edge=kernel.spacing * np.maximum(index - _EDGE_OFFSET, 0.0),
+        is_smooth=is_smooth,
+        open_springs=0,
+        limit=limit,
+    )
+    return bed, FoldedLine(factor, scale, counts)
+
+
+def folded_matrix(kernel: LineKernel, n: int) -> tuple[Array, Array]:
+    """Influence matrix (n, n) of the folded half period, made symmetric, and the strip counts (n,).
+
+    Strip 0 (and the one at half a period) occurs once, every other one twice.
+    """
+    index = np.arange(n)
+    influence = kernel.influence
+    matrix = influence[np.abs(index[:, None] - index)]
+    matrix = matrix + influence[(index[:, None] + index) % kernel.elements]
+    counts = np.full(n, 2.0)
+    counts[0] = 1.0
+    if n == kernel.elements // 2 + 1:
+        counts[-1] = 1.0
+    return 0.5 * counts[:, None] * counts * matrix, counts
+
+
+def line_pressure(kernel: LineKernel, folded: FoldedLine, load: Array) -> Array:
+    """Pressure (..., element), centred on x = 0 at index N/2, from spring loads (..., spring)."""
+    scaled = np.atleast_2d(load * folded.scale)
+    half = solve_triangular(folded.factor, scaled.T, lower=True, trans="T", check_finite=False).T
+    n, size = half.shape[-1], kernel.elements
+    full = np.zeros((half.shape[0], size))
+    centre = size // 2
+    full[:, centre : centre + min(n, centre)] = half[:, :centre]
+    full[:, centre - n + 1 : centre + 1] = half[:, ::-1]
+    return full.reshape(*load.shape[:-1], size)
+
+
+def sphere_bed(
+    radius: float,
+    reach: float,
+    springs: int,
+    gap: Callable[[Array], Array] | None = None,
+    limit: str = "the contact reaches the end of the springs; give a larger reach",
+) -> SpringBed:
+    """Springs of a sphere on a half-space by the method of dimensionality reduction, for E* = 1.
+
+    Parameters
+    ----------
+    radius : float [m]
+        Of the sphere.
+    reach : float [m]
+        Largest contact radius that will be asked for.
+    springs : int
+        Number of springs within the reach.
+    gap : callable, optional
+        Approach [m] of an elastic contact of radius b [m]; the default is b²/R (parabola).
+    limit : str
+        Message when the contact outgrows the reach.
+
+    References
+    ----------
+    Popov and Heß, Method of Dimensionality Reduction in Contact Mechanics and Friction, Springer
+    2015, https://doi.org/10.1007/978-3-642-53876-6.
+
+    Examples
+    --------
+    >>> bed = sphere_bed(1.0, 0.2, 100)
+    >>> rest = np.zeros(bed.size)
+    >>> answer = bed.press(rest, 1.0, 0.01, 0.0)
+    >>> round(answer.force / (4 / 3 * 0.01**1.5), 6), round(answer.half_width, 6)
+    (1.0, 0.1)
+    """
+    spacing = reach / springs
+    # Two springs beyond the reach locate an edge that lies exactly on it.
+    position = spacing * np.arange(springs + 2, dtype=float)
+    stiffness = np.full(position.size, 2.0 * spacing)
+    stiffness[0] = spacing
+    gaps = position**2 / radius if gap is None else gap(position)
+    return SpringBed(gaps, stiffness, position, True, 1, limit)

@@ -1,0 +1,163 @@
+"""Indentation against the closed forms and tables of a periodic line contact."""
+
+import json
+
+import numpy as np
+import pytest
+
+from labpipe.contact import indent, indent_load
+from labpipe.errors import InputError
+from labpipe.materials import Prony
+
+RADIUS, PERIOD = 2e-3, 8e-3
+SLS = Prony.from_creep(2e9, [1 / 2e9 - 1 / 4e9], [0.05], nu=0.35)
+PMMA15 = Prony.from_creep(
+    2e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=0.35
+)
+RUBBER = Prony.from_creep(1e6, np.full(13, (1e-6 - 1e-9) / 13), np.logspace(-10, 2, 13), nu=0.35)
+
+# Tapping: time, SLS force, SLS width, PMMA force, PMMA width (per depth; width in periods).
+TAPPING = [
+    (0.25, 76097.57, 0.029436, 62947.81, 0.029436),
+    (0.40, 347012.22, 0.072878, 371090.50, 0.072878),
+    (0.50, 393383.73, 0.081384, 454242.82, 0.081384),
+    (0.60, 280053.48, 0.069640, 352210.99, 0.072386),
+    (0.70, 93998.13, 0.040454, 141573.81, 0.046286),
+    (1.50, 393383.73, 0.081384, 450569.04, 0.081384),
+]
+
+
+def elastic(nu: float = 0.0, modulus: float = 1.0) -> Prony:
+    return Prony(modulus, [], [], nu=nu)
+
+
+def tapping(material: Prony, rtol: float | None, per_cycle: int = 400):
+    time = np.linspace(0.0, 2.0, 2 * per_cycle + 1)
+    displacement = 2e-4 * (0.2 - 0.8 * np.cos(2 * np.pi * time))
+    return indent(material, RADIUS, PERIOD, 1.0, time, displacement, rtol=rtol, outputs=["energy"])
+
+
+@pytest.mark.parametrize("rtol", [None, 1e-4])
+@pytest.mark.parametrize(
+    ("material", "column", "loss"), [(SLS, 1, 12.82979), (PMMA15, 3, 3.63051)], ids=["sls", "pmma"]
+)
+def test_tapping_matches_the_closed_form_springs(material, column, loss, rtol) -> None:
+    result = tapping(material, rtol)
+    rows = [round(400 * row[0]) for row in TAPPING]
+    force = np.array([row[column] for row in TAPPING])
+    width = np.array([row[column + 1] for row in TAPPING])
+    peak = {1: 397765.82, 3: 454529.8}[column]
+    assert np.abs(result.force.values[rows] - force).max() < 6e-5 * peak
+    assert np.abs(result.contact_half_width.values[rows] / PERIOD - width).max() < 5e-6
+    cycle = slice(400, None)
+    found = np.trapezoid(result.force.values[cycle], result.displacement.values[cycle])
+    assert found == pytest.approx(loss, rel=3e-4)
+    assert result.attrs["solver"] == "springs"
+
+
+def test_tapping_leaves_and_meets_the_surface_where_it_should() -> None:
+    result = tapping(SLS, None)
+    force, time = result.force.values, result.time.values
+    second = time >= 1.0
+    touched = time[second & (force > 0.0)]
+    assert touched[0] == pytest.approx(1.20988, abs=2.5e-3)
+    assert touched[-1] == pytest.approx(1.76513, abs=2.5e-3)
+
+
+@pytest.mark.parametrize(
+    ("thickness", "nu", "expected"),
+    [
+        (1e-3, 0.35, 1.367032e-5),
+        (4e-3, 0.35, 8.11652e-6),
+        (80e-3, 0.35, 2.06517e-6),
+        (np.inf, 0.35, 9.53699289e-6),
+        (1e-3, 0.30, 1.31986e-5),
+        (1e-3, 0.49, 1.69232e-5),
+        (1e-3, 0.4999, 1.74040e-5),
+    ],
+)
+def test_layer_forces_match_the_table(thickness, nu, expected) -> None:
+    material = elastic(nu, 1.0 - nu**2)
+    result = indent(material, RADIUS, PERIOD, 1.0, [0.0], [20e-6], thickness=thickness)
+    assert float(result.force[0]) == pytest.approx(expected, rel=1e-4)
+    datum = "mean surface" if np.isinf(thickness) else "rigid base (absolute)"
+    assert result.attrs["datum"] == datum
+
+
+@pytest.mark.parametrize(
+    ("approach", "expected"), [(0.1e-3, 12.40), (0.2e-3, 30.90), (0.3e-3, 54.81)]
+)
+def test_the_three_plateaus_follow_from_one_modulus(approach, expected) -> None:
+    material = elastic(0.0, 10.14e6)
+    result = indent(material, RADIUS, PERIOD, 18e-3, [0.0], [approach], profile="cosine")
+    assert float(result.force[0]) == pytest.approx(expected, rel=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("material", "rtol", "per_decade", "since", "bound"),
+    [
+        (PMMA15, None, 10, 0.0, 1e-4),
+        (PMMA15, 1e-5, 10, 0.0, 2e-5),
+        (RUBBER, None, 10, 1e-8, 1e-3),
+        (RUBBER, None, 20, 1e-8, 3e-4),
+        (RUBBER, 1e-5, 10, 0.0, 5e-4),
+    ],
+)
+def test_relaxation_over_fourteen_decades_is_the_modulus(
+    material, rtol, per_decade, since, bound
+) -> None:
+    decades = np.log10(600.0) + 12.0
+    time = np.logspace(-12, np.log10(600.0), round(per_decade * decades) + 1)
+    time = np.insert(time, 0, 0.0)
+    depth = np.full(time.size, 1e-4)
+    result = indent(material, RADIUS, PERIOD, 1.0, time, depth, rtol=rtol, elements=256)
+    unit = indent(elastic(), RADIUS, PERIOD, 1.0, [0.0], [1e-4], elements=256)
+    exact = float(unit.force[0]) * material.relaxation(time) / (1.0 - material.nu**2)
+    error = np.abs(result.force.values / exact - 1.0)
+    assert error[time >= since].max() < bound
+    assert result.force.values.min() > 0.0
+
+
+def test_two_samples_suffice_for_a_hold_of_ten_minutes() -> None:
+    result = indent(RUBBER, RADIUS, PERIOD, 1.0, [0.0, 600.0], [1e-4, 1e-4], elements=256)
+    unit = indent(elastic(), RADIUS, PERIOD, 1.0, [0.0], [1e-4], elements=256)
+    exact = float(unit.force[0]) * RUBBER.relaxation(600.0) / (1.0 - RUBBER.nu**2)
+    assert float(result.force[-1]) == pytest.approx(float(exact), rel=1e-5)
+
+
+def test_creep_of_the_cosine_follows_the_exact_law() -> None:
+    """sin²(πa/λ) = p̄ J(t)/(πE*Δ/λ): the oracle that a backward-Euler Maxwell code fails."""
+    solid = Prony(1.0, [9.0], [1.0], nu=0.0)
+    amplitude = PERIOD**2 / (4 * np.pi**2 * RADIUS)
+    time = np.linspace(0.0, 10.0, 21)
+    load = np.full(time.size, 0.9 * np.pi * amplitude)
+    result = indent_load(solid, RADIUS, PERIOD, 1.0, time, load, profile="cosine")
+    square = np.sin(np.pi * result.contact_half_width.values / PERIOD) ** 2
+    assert np.abs(square / (0.9 * solid.creep(time)) - 1.0).max() < 1e-4
+    displacement = amplitude * square * (1.0 - np.log(square))
+    assert np.abs(result.displacement.values / displacement - 1.0).max() < 1e-4
+    assert np.all(result.force.values == pytest.approx(load[0]))
+
+
+def test_work_does_not_depend_on_the_length_of_the_history() -> None:
+    time = np.linspace(0.0, 4.0, 1601)
+    long = indent(SLS, RADIUS, PERIOD, 1.0, time, 1e-4 * np.sin(time) ** 2, rtol=None)
+    short = indent(SLS, RADIUS, PERIOD, 1.0, time[:401], 1e-4 * np.sin(time[:401]) ** 2, rtol=None)
+    long_work, short_work = json.loads(long.attrs["work"]), json.loads(short.attrs["work"])
+    assert long_work["solver_steps"] == 4 * (short_work["solver_steps"] - 1) + 1
+    assert long_work["kernel_products"] == short_work["kernel_products"] == 0
+
+
+@pytest.mark.parametrize(
+    ("time", "displacement", "match"),
+    [
+        ([0.0, 1.0], [0.0, np.nan], r"displacement\[1\] is nan"),
+        ([0.0, np.nan], [0.0, 0.0], r"time\[1\] is nan"),
+        ([0.0, 2.0, 1.0], [0.0, 0.0, 0.0], "sample 2"),
+        ([0.0, 1.0], [0.0], "same length"),
+        ([0.0, 1.0], [0.0, 1e-2], r"displacement\[1\].*closes over the whole period"),
+    ],
+)
+def test_bad_histories_are_refused_with_the_place(time, displacement, match) -> None:
+    with pytest.raises(InputError, match=match):
+        indent(SLS, RADIUS, PERIOD, 1.0, time, displacement)
