@@ -325,4 +325,6 @@ def condense(creep: Creep, shortest: float, longest: float, tolerance: float) ->
         tau = np.concatenate([[mean_time], tau[kept]])
     else:
         C, tau = C[kept], tau[kept]
-    return Condensed(Creep(creep.instantaneous, C, tau), max(n_fast - 1, 0), int(frozen.sum()))
+    return Condensed(
+        Creep(creep.instantaneous, C, tau, creep.fluidity), max(n_fast - 1, 0), int(frozen.sum())
+    )

@@ -101,6 +101,7 @@ def test_a_liquid_flows_under_load_and_keeps_its_dent():
     assert decay(liquid, np.array([[3.0]]), 1e9)[0, 0] == 3.0
     assert stored_energy(liquid, np.array([[3.0]]), np.zeros(1)) == 0.0
     assert liquid.relaxed == np.inf
+    assert condense(liquid, 1e-3, 1.0, 1e-6).creep.fluidity == 0.5
 
 
 def test_the_compliance_is_that_of_the_material_with_the_contact_factor():
