@@ -1,1 +1,63 @@
-"""From a session file to stored results: configuration, stage graph, store, runner, ledger."""
+"""A session from its configuration to its results: graph, plan, run and store.
+
+- :mod:`~labpipe.workflow.config`: types of configured fields, and the check against them
+- :mod:`~labpipe.workflow.session`: ``session.toml``
+- :mod:`~labpipe.workflow.graph`, :mod:`~labpipe.workflow.tasks`: stages, tasks and their keys
+- :mod:`~labpipe.workflow.plan`: what would run, and why
+- :mod:`~labpipe.workflow.store`: results by key
+- :mod:`~labpipe.workflow.runner` over :mod:`~labpipe.workflow.pool` and
+  :mod:`~labpipe.workflow.worker`: doing it
+- :mod:`~labpipe.workflow.ledger`, :mod:`~labpipe.workflow.provenance`,
+  :mod:`~labpipe.workflow.context`: what was done, from what, and what a page is told of it
+
+The names below are imported when they are first used, so that reading a configuration or making
+a plan loads nothing that it does not need. The function ``plan`` stays in its module, whose name
+it shares.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from labpipe.workflow.context import Context
+    from labpipe.workflow.graph import Stage
+    from labpipe.workflow.plan import Plan
+    from labpipe.workflow.runner import RunResult, events, open_result, run
+    from labpipe.workflow.session import Experiment, Session, load
+    from labpipe.workflow.store import Store
+
+__all__ = [
+    "Context",
+    "Experiment",
+    "Plan",
+    "RunResult",
+    "Session",
+    "Stage",
+    "Store",
+    "events",
+    "load",
+    "open_result",
+    "run",
+]
+
+_HOMES = {
+    "Context": "context",
+    "Experiment": "session",
+    "Plan": "plan",
+    "RunResult": "runner",
+    "Session": "session",
+    "Stage": "graph",
+    "Store": "store",
+    "events": "runner",
+    "load": "session",
+    "open_result": "runner",
+    "run": "runner",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its module."""
+    if name in _HOMES:
+        return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    message = f"module {__name__!r} has no attribute {name!r}"
+    raise AttributeError(message)

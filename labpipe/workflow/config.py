@@ -30,12 +30,14 @@ from labpipe.workflow.document import Document, parse
 from labpipe.workflow.fields import (
     NOT_NEGATIVE,
     POSITIVE,
+    REFERENCE,
     Acceleration,
     Angle,
     Area,
     Density,
     Dimension,
     Dimensionless,
+    ExperimentName,
     File,
     FileMark,
     Force,
@@ -44,6 +46,7 @@ from labpipe.workflow.fields import (
     Mass,
     Pressure,
     Range,
+    ReferenceMark,
     Scale,
     Speed,
     Stiffness,
@@ -68,6 +71,7 @@ __all__ = [
     "Density",
     "Dimension",
     "Dimensionless",
+    "ExperimentName",
     "File",
     "FileMark",
     "Force",
@@ -169,6 +173,8 @@ class Checker:
             return self._in_range(marks, self._quantity(dimension, value, place), place)
         if mark(marks, FileMark) is not None:
             return self._file(value, place)
+        if mark(marks, ReferenceMark) is not None and isinstance(value, str):
+            return REFERENCE + value.removeprefix(REFERENCE)
         if isinstance(bare, type) and issubclass(bare, msgspec.Struct):
             return self.structure(bare, value, place, partial)
         if typing.get_origin(bare) in (list, tuple, dict):

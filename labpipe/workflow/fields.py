@@ -1,5 +1,6 @@
 """The types of configured fields, and how they and their values are called in messages."""
 
+import datetime
 import difflib
 import math
 import types
@@ -44,10 +45,20 @@ class FileMark:
     """Marks a text field as the name of a file or folder below the session folder."""
 
 
+@dataclass(frozen=True, slots=True)
+class ReferenceMark:
+    """Marks a text field as the name of another experiment of the session."""
+
+
+REFERENCE = "experiment:"
+"""Prefix by which a field's value names another experiment of the session."""
+
 POSITIVE = Range(above=0.0)
 NOT_NEGATIVE = Range(at_least=0.0)
 
 File = Annotated[str, FileMark()]
+ExperimentName = Annotated[str, ReferenceMark()]
+"""Written as ``NAME`` or ``experiment:NAME``, kept as the latter."""
 Length = Annotated[Quantity, Dimension("m", "length", "9.525 mm")]
 Mass = Annotated[Quantity, Dimension("kg", "mass", "28.2 g")]
 Angle = Annotated[Quantity, Dimension("rad", "angle", "12.0 ± 0.2 deg")]
@@ -86,6 +97,7 @@ _WORDS: dict[type, str] = {
     int: "a whole number",
     float: "a number",
     bool: "true or false",
+    datetime.date: "a date such as 2026-01-31 (without quotation marks)",
 }
 
 
@@ -97,9 +109,11 @@ def describe(kind: Any) -> str:
         return describe_dimension(dimension)
     if mark(marks, FileMark) is not None:
         return "the name of a file"
+    if mark(marks, ReferenceMark) is not None:
+        return "the name of an experiment"
     origin, arguments = typing.get_origin(bare), typing.get_args(bare)
     if origin is Literal:
-        return "one of " + ", ".join(f'"{a}"' for a in arguments)
+        return "one of " + ", ".join(f'"{a}"' if isinstance(a, str) else repr(a) for a in arguments)
     if origin in (Union, types.UnionType):
         return " or ".join(describe(a) for a in arguments if a is not type(None))
     if origin in (list, tuple):

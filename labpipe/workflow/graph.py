@@ -41,7 +41,7 @@ class Stage:
         that runs per recording over that very field, the one Path of the recording.
         ``"other:material/master_curve"``: the result of the stage ``master_curve`` of the
         experiment that the settings field ``material`` names as ``"experiment:NAME"``; None when
-        the field names none.
+        the field names none. Of stages that run per recording, the list of all results.
     parameters : tuple of str
         Settings fields that the result depends on, dotted (``"sphere.radius"``), or ``"*"``.
     per : {"experiment", "recording"}
@@ -49,7 +49,8 @@ class Stage:
     over : str, optional
         The settings field with the list of files.
     schema : str, optional
-        ``package.module:NAME`` of the :class:`labpipe.schema.Schema` that the result must satisfy.
+        Name of the :class:`labpipe.schema.Schema` that the result must satisfy, out of those
+        that the run is given; without it, units and long names are checked all the same.
     output : {"dataset", "page"}
         Whether it returns a Dataset, or the HTML text of the experiment's report.
     summary : str

@@ -1,7 +1,7 @@
 """What a run would do, and why, row by row; nothing numerical is imported for it."""
 
 import html
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -112,7 +112,8 @@ def plan(
         The experiments, or the stages, do not fit together.
     """
     store = Store(session.folder, paranoid=paranoid)
-    made = make_plan(session, stages, store, targets, only, full=full)
+    tasks = spell_out(session, stages)
+    made = make_plan(session, tasks, wanted_tasks(session, tasks, targets, only), store, full=full)
     if store.root.is_dir():
         store.index.save()
     return made
@@ -120,47 +121,52 @@ def plan(
 
 def make_plan(
     session: Session,
-    stages: Stages,
+    tasks: Mapping[TaskId, Task],
+    wanted: Set[TaskId],
     store: Store,
-    targets: Iterable[str] | None = None,
-    only: Iterable[str] | None = None,
     *,
     full: bool = False,
 ) -> Plan:
-    """Make a plan with a store at hand; see :func:`plan`."""
-    tasks = spell_out(session, stages)
+    """Make the plan for some tasks out of all; see :func:`plan`."""
+    behind = set(wanted).union(*(ancestors(tasks, name) for name in wanted))
+    tasks = {name: task for name, task in tasks.items() if name in behind}
     keys = make_keys(session, tasks, store.index, full=full)
-    wanted = _wanted(session, tasks, targets, only)
     states = {name: _state(session, store, tasks[name], keys[name]) for name in tasks}
     needed = _needed(tasks, wanted, states)
-    behind = wanted.union(*(ancestors(tasks, name) for name in wanted))
     rows = tuple(
         _row(store, task, keys, states, needed)
         for name, task in tasks.items()
-        if name in needed or (name in behind and states[name] == "stored")
+        if name in needed or states[name] == "stored"
     )
     return Plan(session, rows, tasks, keys)
 
 
-def _wanted(
+def wanted_tasks(
     session: Session,
     tasks: Mapping[TaskId, Task],
     targets: Iterable[str] | None,
     only: Iterable[str] | None,
-) -> set[TaskId]:
+) -> frozenset[TaskId]:
+    """Pick the tasks that targets and experiments name.
+
+    Raises
+    ------
+    UsageError
+        A name is unknown.
+    """
     experiments = set(session.experiments) if only is None else set(only)
-    for name in experiments - set(session.experiments):
+    for name in sorted(experiments - set(session.experiments)):
         message = f'there is no experiment "{name}"{suggest(name, session.experiments)}'
         raise UsageError(message)
-    chosen = {name for name in tasks if name.experiment in experiments}
+    chosen = frozenset(name for name in tasks if name.experiment in experiments)
     if targets is None:
         return chosen
     names = {n.stage for n in tasks} | {f"{n.experiment}/{n.stage}" for n in tasks}
     asked = set(targets)
-    for name in asked - names:
+    for name in sorted(asked - names):
         message = f'there is no stage "{name}"{suggest(name, names)}'
         raise UsageError(message)
-    return {n for n in chosen if n.stage in asked or f"{n.experiment}/{n.stage}" in asked}
+    return frozenset(n for n in chosen if {n.stage, f"{n.experiment}/{n.stage}"} & asked)
 
 
 def page_name(experiment: str) -> str:
@@ -184,7 +190,7 @@ def _state(session: Session, store: Store, task: Task, key: Key) -> str:
 
 
 def _needed(
-    tasks: Mapping[TaskId, Task], wanted: set[TaskId], states: Mapping[TaskId, str]
+    tasks: Mapping[TaskId, Task], wanted: Set[TaskId], states: Mapping[TaskId, str]
 ) -> set[TaskId]:
     """Tasks that must run: the wanted ones without a result, and what those need."""
     needed: set[TaskId] = set()

@@ -20,13 +20,11 @@ from labpipe.files import safe_join
 from labpipe.workflow import toml_lines
 from labpipe.workflow.config import Checker
 from labpipe.workflow.document import Document, dotted, parse
-from labpipe.workflow.fields import found, suggest
+from labpipe.workflow.fields import REFERENCE, found, suggest
 
 VERSION = 1
 """Version of the layout of ``session.toml`` that this program reads."""
 FILE_NAME = "session.toml"
-REFERENCE = "experiment:"
-"""Prefix by which a field names another experiment of the session."""
 
 _LONGEST_NAME = 200
 """Bytes in the name of an experiment; endings are added to it to make file names."""
@@ -195,14 +193,18 @@ class _Experiments:
             near = suggest(str(kind), self.kinds)
             self.document.report((*place, "kind"), f"unknown kind {found(kind)}{near}")
             return None
-        own = {key: value for key, value in table.items() if key != "kind"}
+        has_field = any(f.encode_name == "kind" for f in msgspec.structs.fields(self.kinds[kind]))
+        own = {key: value for key, value in table.items() if key != "kind" or has_field}
         origins: dict[toml_lines.Path, toml_lines.Path] = {}
         merged = _merge(defaults.get(kind, {}), ("defaults", kind), own, place, place, origins)
         checker = Checker(self.document, self.root, origins)
         settings = checker.structure(self.kinds[kind], merged, place)
-        self._check_references(name, merged, place, names, checker)
         if not isinstance(settings, msgspec.Struct):
+            # Without typed settings, the texts that carry the prefix can still be checked.
+            self._check_references(name, merged, place, names, checker)
             return None
+        plain = msgspec.to_builtins(settings)
+        self._check_references(name, plain, place, names, checker)
         lines = {dotted(at[2:]): self.document.line(written) for at, written in origins.items()}
         return Experiment(name, kind, settings, lines)
 
@@ -230,7 +232,7 @@ class _Experiments:
         pairs: Any = ()
         if isinstance(node, dict):
             pairs = node.items()
-        elif isinstance(node, list):
+        elif isinstance(node, list | tuple):
             pairs = enumerate(node)
         elif isinstance(node, str) and node.startswith(REFERENCE):
             other = node.removeprefix(REFERENCE)

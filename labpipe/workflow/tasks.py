@@ -16,9 +16,9 @@ import msgspec
 from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.files import HashIndex, canonical, files_below
 from labpipe.workflow import graph
-from labpipe.workflow.fields import suggest
+from labpipe.workflow.fields import REFERENCE, suggest
 from labpipe.workflow.graph import FILE, OTHER, Stage
-from labpipe.workflow.session import FILE_NAME, REFERENCE, Experiment, Session
+from labpipe.workflow.session import FILE_NAME, Experiment, Session
 
 KEY_FORMAT = 1
 """Part of every key; raised when the meaning of the ingredients changes."""

@@ -1,0 +1,57 @@
+"""What a page may say about the run behind it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from labpipe.workflow.ledger import LedgerRow
+
+
+@dataclass(frozen=True, slots=True)
+class Warned:
+    """A warning that a stage before the page raised."""
+
+    stage: str
+    recording: str | None
+    category: str
+    text: str
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """A stage before the page that gave no result, and why."""
+
+    stage: str
+    recording: str | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class RawFile:
+    """A file of the session behind the page."""
+
+    name: str
+    size: int
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """Passed to stages that ask for it; everything in it is equal for equal inputs.
+
+    ``ledger`` holds the counts of the stages of this experiment behind the page; ``provenance``
+    is what :func:`labpipe.workflow.provenance.of_task` says of the page.
+    """
+
+    experiment: str
+    kind: str
+    title: str
+    operator: str
+    notes: str
+    synthetic: bool
+    ledger: tuple[LedgerRow, ...]
+    warnings: tuple[Warned, ...]
+    failures: tuple[Failed, ...]
+    inputs: tuple[RawFile, ...]
+    provenance: Mapping[str, Any]

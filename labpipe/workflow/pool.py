@@ -1,0 +1,143 @@
+"""One process per experiment, a few at a time; a process that dies takes only its task with it.
+
+The processes are forked from a server that has the numerical libraries loaded and runs them on
+one thread each, so that a result does not depend on how many processors there are.
+"""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import types
+from collections.abc import Iterator, Sequence
+from multiprocessing import connection
+from typing import Any
+
+from labpipe.workflow.tasks import TaskId
+from labpipe.workflow.worker import Job, run_job
+
+PRELOADED = ("numpy", "xarray", "netCDF4", "labpipe.netcdf", "labpipe.workflow.worker")
+"""What every worker needs."""
+
+_WORKER_ENVIRONMENT = {
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "VECLIB_MAXIMUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+    "OPENCV_FOR_THREADS_NUM": "1",
+    "MPLBACKEND": "Agg",
+}
+_METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+_PATIENCE = 5.0
+"""Seconds that a process gets to end after it was asked to."""
+
+
+class Died(Exception):  # noqa: N818 (an observation about another process)
+    """A worker ended without saying so."""
+
+
+class Worker:
+    """A process that computes one job and tells what happens."""
+
+    def __init__(self, job: Job, preload: Sequence[str]) -> None:
+        self.job = job
+        self.current: TaskId | None = None
+        context: Any = multiprocessing.get_context(_METHOD)
+        if _METHOD == "forkserver":
+            context.set_forkserver_preload([*PRELOADED, *preload])
+        self.receiver, sender = context.Pipe(duplex=False)
+        self.process = context.Process(target=_work, args=(job, sender), daemon=True)
+        with _environment(), _no_main():
+            self.process.start()
+        sender.close()
+
+    def receive(self) -> tuple[str, Any] | None:
+        """Return the next event, or None when the job is finished.
+
+        Raises
+        ------
+        Died
+            The process ended before its job did; the message says how.
+        """
+        try:
+            event: tuple[str, Any] = self.receiver.recv()
+        except (EOFError, OSError):
+            self.process.join(_PATIENCE)
+            raise Died(_how(self.process.exitcode)) from None
+        return None if event[0] == "finished" else event
+
+    def stop(self) -> None:
+        """End the process; what it was writing never comes to exist."""
+        self.process.terminate()
+        self.process.join(_PATIENCE)
+        if self.process.is_alive():
+            self.process.kill()
+            self.process.join()
+        self.receiver.close()
+
+
+def wait(workers: Sequence[Worker]) -> list[Worker]:
+    """Wait until at least one worker has something to tell."""
+    ready = connection.wait([worker.receiver for worker in workers])
+    return [worker for worker in workers if worker.receiver in ready]
+
+
+def _how(code: int | None) -> str:
+    if code is not None and code < 0:
+        name = signal.Signals(-code).name
+        hint = "; was the memory full?" if -code == 9 else ""
+        return f"its process was ended by {name}{hint}"
+    return f"its process ended with code {code}"
+
+
+def _work(job: Job, sender: connection.Connection) -> None:
+    """Body of the process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
+    os.environ.update(_WORKER_ENVIRONMENT)
+    # Standard output belongs to the command; what a stage or a library prints goes to the errors.
+    os.dup2(sys.__stderr__.fileno() if sys.__stderr__ else 2, 1)
+    threading.Thread(target=_die_with_parent, daemon=True).start()
+    run_job(job, lambda name, value: sender.send((name, value)))
+    sender.send(("finished", None))
+    sender.close()
+
+
+def _die_with_parent() -> None:
+    """End at once when the parent is gone, so that no orphan keeps the experiment's lock."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
+
+
+@contextlib.contextmanager
+def _environment() -> Iterator[None]:
+    """Have the server start with one thread per library; ours stays as it is."""
+    before = {name: os.environ.get(name) for name in _WORKER_ENVIRONMENT}
+    os.environ.update(_WORKER_ENVIRONMENT)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+@contextlib.contextmanager
+def _no_main() -> Iterator[None]:
+    """Hide the calling script: a worker imports stages by name and must not run the script again.
+
+    Without this a script or notebook that calls labpipe without the ``__main__`` guard would
+    start itself in every worker.
+    """
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = types.ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main

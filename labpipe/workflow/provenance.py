@@ -1,0 +1,115 @@
+"""Where a result comes from: program, versions, parameters and raw files; nothing of the clock."""
+
+import importlib.metadata
+import platform
+import shutil
+import subprocess
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import labpipe
+from labpipe.workflow.tasks import Key, Task, TaskId, ancestors
+
+LIBRARIES = (
+    "numpy",
+    "scipy",
+    "pandas",
+    "xarray",
+    "netCDF4",
+    "numba",
+    "opencv-python-headless",
+    "matplotlib",
+)
+"""Distributions whose versions can change a number or a picture."""
+
+_GIT_SECONDS = 10
+"""A repository on a share that does not answer must not stop a run."""
+
+
+@cache
+def program() -> dict[str, Any]:
+    """Versions of labpipe, Python and the libraries, and the state of labpipe's own repository."""
+    libraries: dict[str, str | None] = {}
+    for name in LIBRARIES:
+        try:
+            libraries[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            libraries[name] = None
+    return {
+        "labpipe": labpipe.__version__,
+        "git": git_state(Path(labpipe.__file__).parent),
+        "python": platform.python_version(),
+        "libraries": libraries,
+    }
+
+
+def git_state(folder: Path) -> str | None:
+    """Return the commit that a folder is at, with ``+`` when files differ; None outside git."""
+    git = shutil.which("git")
+    if git is None or not any((parent / ".git").exists() for parent in folder.parents):
+        return None
+    try:
+        commit, changes = (
+            subprocess.run(
+                [git, "-C", str(folder), *arguments],
+                capture_output=True,
+                text=True,
+                check=True,
+                timeout=_GIT_SECONDS,
+            ).stdout.strip()
+            for arguments in (
+                ("rev-parse", "HEAD"),
+                ("status", "--porcelain", "--untracked-files=no"),
+            )
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return commit + "+" if changes else commit
+
+
+def of_task(
+    about_program: Mapping[str, Any],
+    tasks: Mapping[TaskId, Task],
+    keys: Mapping[TaskId, Key],
+    task_id: TaskId,
+) -> dict[str, Any]:
+    """Say everything that one result depends on.
+
+    Returns
+    -------
+    dict
+        ``program``; ``stage`` and ``key``; ``parameters`` of the stage; ``stages``: version of
+        every stage behind it; ``inputs``: name, size and SHA-256 of every raw file behind it.
+    """
+    task, key = tasks[task_id], keys[task_id]
+    behind = [*ancestors(tasks, task_id), task_id]
+    return {
+        "program": dict(about_program),
+        "stage": task.stage.name,
+        "version": task.stage.version,
+        "function": task.stage.function,
+        "key": key.value,
+        "parameters": key.ingredients["parameters"],
+        "full": key.ingredients.get("full", False),
+        "stages": {_stage(keys[name], key): tasks[name].stage.version for name in behind},
+        "inputs": raw_files(keys[name] for name in behind),
+    }
+
+
+def _stage(key: Key, of: Key) -> str:
+    """Name a stage; one of another kind of experiment with its kind."""
+    kind, stage = key.ingredients["kind"], str(key.ingredients["stage"])
+    return stage if kind == of.ingredients["kind"] else f"{kind}/{stage}"
+
+
+def raw_files(keys: Iterable[Key]) -> list[dict[str, Any]]:
+    """Name, size and digest of every raw file, each once, in the order of the names."""
+    found = {
+        entry["name"]: entry
+        for key in keys
+        for argument in key.ingredients["inputs"]
+        for entry in argument.get("files", ())
+    }
+    return [found[name] for name in sorted(found)]
