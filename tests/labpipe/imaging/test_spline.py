@@ -1,0 +1,102 @@
+"""The prefilter against scipy, and the noise factors against simulated noise."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import map_coordinates
+
+from labpipe.errors import InputError
+from labpipe.imaging.spline import (
+    LANES,
+    PADDING,
+    node_gradients,
+    noise_gain,
+    prefilter,
+    prefilter_oracle,
+    slope_noise_gain,
+)
+
+
+def inner(coefficients: np.ndarray) -> np.ndarray:
+    return coefficients[PADDING : -PADDING - 1, PADDING : -PADDING - LANES]
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    rows=st.integers(9, 90),
+    columns=st.integers(9, 150),
+    order=st.sampled_from([3, 5]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_prefilter_agrees_with_scipy_for_any_size(
+    rows: int, columns: int, order: int, seed: int
+) -> None:
+    image = np.random.default_rng(seed).integers(0, 256, (rows, columns)).astype(np.uint8)
+    expected = prefilter_oracle(image, order)
+    found = inner(prefilter(image, order))
+    assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max() + 1e-4
+
+
+@pytest.mark.parametrize("order", [3, 5])
+def test_border_is_the_mirror_image(order: int) -> None:
+    image = np.random.default_rng(1).normal(100, 30, (20, 31))
+    mirrored = np.pad(prefilter_oracle(image, order), PADDING, mode="reflect")
+    found = prefilter(image, order)[:-1, :-LANES]
+    assert np.abs(found - mirrored).max() < 2e-3
+
+
+@pytest.mark.parametrize("order", [3, 5])
+def test_refilled_array_does_not_remember_the_image_before(order: int) -> None:
+    rng = np.random.default_rng(2)
+    first, second = rng.normal(100, 30, (2, 40, 50))
+    reused = prefilter(second, order, prefilter(first, order))
+    assert np.array_equal(reused, prefilter(second, order))
+
+
+@pytest.mark.parametrize("order", [3, 5])
+def test_gradients_at_pixels_are_those_of_the_spline(order: int) -> None:
+    y, x = np.mgrid[:40, :50].astype(float)
+    image = 100 + 40 * np.sin(0.4 * x + 0.1) * np.cos(0.3 * y)
+    gradient_x, gradient_y = node_gradients(prefilter(image, order), order)
+    expected_x = 16 * np.cos(0.4 * x + 0.1) * np.cos(0.3 * y)
+    expected_y = -12 * np.sin(0.4 * x + 0.1) * np.sin(0.3 * y)
+    middle = np.s_[12:-12, 12:-12]
+    tolerance = 0.03 if order == 3 else 0.002
+    assert np.abs(gradient_x - expected_x)[middle].max() < tolerance
+    assert np.abs(gradient_y - expected_y)[middle].max() < tolerance
+
+
+@pytest.mark.parametrize("order", [3, 5])
+@pytest.mark.parametrize("blur", [0.0, 0.7])
+def test_noise_gain_is_the_variance_of_interpolated_noise(order: int, blur: float) -> None:
+    from labpipe.imaging.film_window import smooth
+
+    noise = np.random.default_rng(3).normal(0, 1, (600, 600))
+    coefficients = prefilter_oracle(smooth(noise, blur), order)
+    y, x = np.mgrid[20:580, 20:580].astype(float)
+    for fraction_x, fraction_y in ((0.5, 0.0), (0.25, 0.5)):
+        values = map_coordinates(
+            coefficients, [y + fraction_y, x + fraction_x], order=order, prefilter=False
+        )
+        gain = noise_gain(order, np.array([fraction_x, fraction_y]), blur)
+        assert values.var() == pytest.approx(gain[0] * gain[1], rel=0.02)
+
+
+@pytest.mark.parametrize("order", [3, 5])
+@pytest.mark.parametrize("blur", [0.0, 0.7])
+def test_slope_noise_gain_is_the_variance_of_slopes_of_noise(order: int, blur: float) -> None:
+    from labpipe.imaging.film_window import smooth
+
+    noise = np.random.default_rng(4).normal(0, 1, (500, 500))
+    gradient_x, gradient_y = node_gradients(prefilter(smooth(noise, blur), order), order)
+    expected = slope_noise_gain(order, blur)
+    assert gradient_x.var() == pytest.approx(expected, rel=0.03)
+    assert gradient_y.var() == pytest.approx(expected, rel=0.03)
+
+
+def test_other_orders_and_tiny_images_are_refused() -> None:
+    with pytest.raises(InputError, match=r"3 \(cubic\) or 5 \(quintic\), found 4"):
+        prefilter(np.zeros((20, 20)), 4)
+    with pytest.raises(InputError, match="at least 9 by 9"):
+        prefilter(np.zeros((8, 20)), 3)
