@@ -1,0 +1,35 @@
+"""Options and output habits that several commands share."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from pipelines.cli import printable
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def json_option(function: F) -> F:
+    """Add ``--json``: one JSON document on stdout and nothing else."""
+    return click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")(
+        function
+    )
+
+
+def session_argument(function: F) -> F:
+    """Add the argument SESSION, a folder that holds session.toml."""
+    kind = click.Path(exists=True, file_okay=False, path_type=Path)
+    return click.argument("session", type=kind, metavar="SESSION")(function)
+
+
+def echo(text: str) -> None:
+    """Print text to stdout, stripped of what could repaint the terminal."""
+    click.echo(printable(text))
+
+
+def echo_json(document: Any) -> None:
+    """Print one JSON document."""
+    click.echo(json.dumps(document, indent=2, ensure_ascii=False, default=str))

@@ -1,0 +1,157 @@
+"""Commands on a session folder: init, plan, process."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from pipelines.commands.options import echo, echo_json, json_option, session_argument
+
+if TYPE_CHECKING:
+    from labpipe.workflow.runner import RunResult
+
+_STATE_WIDTH = 10
+
+
+@click.command()
+@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.option("--force", is_flag=True, help="Replace a session.toml that is already there.")
+@json_option
+def init(folder: Path, force: bool, as_json: bool) -> None:
+    r"""Scan FOLDER and write a commented session.toml.
+
+    Instruments are recognised by the content of their files. What no file tells (mass, radius,
+    material, drop height) is left as a line to fill in, marked with FILL.
+
+    \b
+    Example:
+      labpipe init my-session
+    """
+    from pipelines.scan import write_session_file
+
+    found = write_session_file(folder, replace=force)
+    if as_json:
+        echo_json(
+            {"path": str(found.path), "experiments": found.experiments, "to_fill": found.gaps}
+        )
+        return
+    echo(f"wrote {found.path} with {len(found.experiments)} experiment(s)")
+    for line in found.gaps:
+        echo(f"  to fill in: {line}")
+    echo(f"then: labpipe plan {folder}")
+
+
+def _split(values: Sequence[str]) -> list[str] | None:
+    """Return the names given to an option that may be repeated, or None for all."""
+    return list(values) or None
+
+
+_TO = click.option("--to", "targets", multiple=True, help="Only this stage and what it needs.")
+_ONLY = click.option("--only", multiple=True, help="Only this experiment and what it needs.")
+_FULL = click.option("--full", is_flag=True, help="Without shortcuts; reads and solves everything.")
+
+
+@click.command()
+@session_argument
+@_TO
+@_ONLY
+@_FULL
+@json_option
+def plan(
+    session: Path, targets: tuple[str, ...], only: tuple[str, ...], full: bool, as_json: bool
+) -> None:
+    r"""Say what `process` would run, and why; nothing is computed.
+
+    \b
+    Example:
+      labpipe plan my-session --to velocity
+    """
+    from pipelines import process as verbs
+
+    made = verbs.plan(session, _split(targets), _split(only), full=full)
+    if as_json:
+        names = ("experiment", "stage", "recording", "state", "reason")
+        rows = [{n: getattr(row, n) for n in names} for row in made.rows]
+        echo_json({"rows": rows, "to_run": len(made.to_run)})
+        return
+    experiment = None
+    for row in made.rows:
+        if row.experiment != experiment:
+            experiment = row.experiment
+            echo(f"\n{experiment} ({made.session.experiments[experiment].kind})")
+        name = row.stage if row.recording is None else f"{row.stage} [{row.recording}]"
+        echo(f"  {row.state:{_STATE_WIDTH}}{name:44} {row.reason}")
+    echo(f"\n{len(made.to_run)} of {len(made.rows)} steps would run")
+
+
+@click.command()
+@session_argument
+@_TO
+@_ONLY
+@_FULL
+@click.option("--jobs", "-j", default=1, show_default=True, type=click.IntRange(min=0),
+              help="Experiments side by side; 0 runs everything in this process.")  # fmt: skip
+@click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
+@json_option
+def process(
+    session: Path,
+    targets: tuple[str, ...],
+    only: tuple[str, ...],
+    full: bool,
+    jobs: int,
+    fail_fast: bool,
+    as_json: bool,
+) -> None:
+    r"""Process a session folder: results and one report per experiment.
+
+    What is already there and still true is kept. A failed experiment does not stop the others.
+
+    \b
+    Example:
+      labpipe process my-session --jobs 2
+    """
+    from pipelines import process as verbs
+    from pipelines.commands.progress import watching
+
+    with watching(enabled=not as_json) as progress:
+        outcome = verbs.process(
+            session, _split(targets), _split(only),
+            jobs=jobs, full=full, fail_fast=fail_fast, progress=progress,
+        )  # fmt: skip
+    if as_json:
+        echo_json(as_document(outcome))
+    else:
+        summarise(outcome)
+    click.get_current_context().exit(outcome.exit_code)
+
+
+def as_document(outcome: "RunResult") -> dict[str, Any]:
+    """Return a run as one JSON document."""
+    return {
+        "session": str(outcome.session.root),
+        "steps": [
+            {
+                "experiment": o.task.experiment,
+                "stage": o.task.stage,
+                "recording": o.task.recording,
+                "state": o.state,
+                "message": o.message,
+            }
+            for o in outcome.outcomes
+        ],
+        "reports": {name: str(path) for name, path in outcome.reports.items()},
+        "exit_code": outcome.exit_code,
+    }
+
+
+def summarise(outcome: "RunResult") -> None:
+    """Say how a run ended and where its reports are."""
+    count: dict[str, int] = {}
+    for o in outcome.outcomes:
+        count[o.state] = count.get(o.state, 0) + 1
+    echo(", ".join(f"{n} {state}" for state, n in sorted(count.items())) or "nothing to do")
+    for o in outcome.failures:
+        click.echo(f"failed: {o.task}: {o.message}", err=True)
+    for path in outcome.reports.values():
+        echo(f"report: {path}")

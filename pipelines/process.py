@@ -1,0 +1,144 @@
+"""The verbs: open a session, plan it, process it, check its store.
+
+What the command line does, Python does with these; each returns objects to look at.
+"""
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from labpipe.errors import SourceError
+from labpipe.workflow import session as sessions
+from labpipe.workflow.plan import Plan
+from labpipe.workflow.plan import plan as make_plan
+from labpipe.workflow.session import Session
+from pipelines.stages import KINDS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from labpipe.workflow.runner import Event, RunResult
+
+SETTINGS = {name: kind.settings for name, kind in KINDS.items()}
+STAGES = {name: kind.stages for name, kind in KINDS.items()}
+
+
+def open_session(folder: str | Path) -> Session:
+    """Read and check the ``session.toml`` of a folder.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+
+    Returns
+    -------
+    Session
+        Title, operator, and the experiments with their typed settings.
+
+    Raises
+    ------
+    SourceError
+        The folder holds no session.toml.
+    ConfigError
+        The file holds mistakes; all of them are listed with their lines.
+    """
+    path = Path(folder) / sessions.FILE_NAME
+    if not path.is_file():
+        raise SourceError(
+            path, "there is no such file", hint=f"Write one with `labpipe init {folder}`."
+        )
+    return sessions.load(path, SETTINGS)
+
+
+def plan(
+    folder: str | Path,
+    targets: Iterable[str] | None = None,
+    only: Iterable[str] | None = None,
+    *,
+    full: bool = False,
+) -> Plan:
+    """Say what :func:`process` would run, and why; nothing numerical is imported.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    targets, only : iterable of str, optional
+        Stages and experiments that are wanted; all by default.
+    full : bool
+        Plan for a run without shortcuts.
+    """
+    return make_plan(open_session(folder), STAGES, targets, only, full=full)
+
+
+def process(
+    folder: str | Path,
+    targets: Iterable[str] | None = None,
+    only: Iterable[str] | None = None,
+    *,
+    jobs: int = 1,
+    full: bool = False,
+    fail_fast: bool = False,
+    progress: "Callable[[Event], None] | None" = None,
+) -> "RunResult":
+    """Compute what a session lacks, and write its reports.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder; results go to ``FOLDER/labpipe``.
+    targets, only : iterable of str, optional
+        Stages and experiments that are wanted; all by default.
+    jobs : int
+        Experiments computed side by side.
+    full : bool
+        Without the shortcuts that skip what a scene does not need.
+    fail_fast : bool
+        Stop at the first failure instead of going on with the other experiments.
+    progress : callable, optional
+        Called with every event of the run.
+
+    Returns
+    -------
+    RunResult
+        Outcome of every task, the ledger, and the reports by experiment.
+    """
+    from labpipe.workflow.runner import run
+    from pipelines.schemas import SCHEMAS
+
+    return run(
+        open_session(folder), STAGES, jobs=jobs, targets=targets, only=only,
+        fail_fast=fail_fast, full=full, schemas=SCHEMAS, progress=progress,
+    )  # fmt: skip
+
+
+def result(
+    folder: str | Path, experiment: str, stage: str, recording: str | None = None
+) -> "xr.Dataset":
+    """Return one stored result of a processed session.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    experiment, stage : str
+        Names, for example ``"acrylic_1p5mm"`` and ``"bounces"``.
+    recording : str, optional
+        The file, for stages that run once per recording.
+
+    Raises
+    ------
+    InputError
+        The result is missing or out of date.
+    """
+    from labpipe.workflow.runner import open_result
+
+    return open_result(open_session(folder), STAGES, experiment, stage, recording)
+
+
+def check_store(folder: str | Path) -> list[str]:
+    """Read every stored result of a session and name the damaged ones."""
+    from labpipe.workflow.store import Store
+
+    return Store(open_session(folder).folder).check()

@@ -1,0 +1,219 @@
+"""From a folder of instrument files to a first session.toml, commented, with gaps to fill in.
+
+Instruments are told by content. Repeats are files whose names differ in their last number only.
+A drop height in a name (``7mm``, ``h1p5``) is taken as a proposal and marked as such. What no
+file tells is written as ``FILL``; the session is refused, line by line, until it is filled.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import instruments
+from labpipe import files
+from labpipe.errors import LabpipeError, UsageError
+from labpipe.workflow.session import FILE_NAME, VERSION
+
+GAP = "FILL"
+_HEIGHT = re.compile(r"(?<![\d.])(\d+(?:[.p]\d+)?)\s*mm", re.IGNORECASE)
+_SHORT_HEIGHT = re.compile(r"(?:^|[_-])h(\d+(?:[.p]\d+)?)(?=$|[_-])", re.IGNORECASE)
+_REPEAT = re.compile(r"[_\- ]*(?:r|rep|run|repeat|test)?[_\- ]*\d+$", re.IGNORECASE)
+_MATERIALS = ("acrylic", "pmma", "peek", "nylon", "ptfe", "nbr")
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """What :func:`write_session_file` wrote: the file, its experiments, and what is to fill in."""
+
+    path: Path
+    experiments: list[str]
+    gaps: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Files of one experiment, relative to the session, and the name they suggest."""
+
+    name: str
+    files: list[str]
+
+
+def write_session_file(folder: Path, replace: bool = False) -> Scan:
+    """Scan a folder and write its session.toml.
+
+    Parameters
+    ----------
+    folder : Path
+        The session folder.
+    replace : bool
+        Replace a session.toml that is already there.
+
+    Raises
+    ------
+    UsageError
+        There is a session.toml, or the folder holds no file of a known instrument.
+    """
+    path = folder / FILE_NAME
+    if path.exists() and not replace:
+        message = f"{path} exists already; edit it, or use --force to replace it"
+        raise UsageError(message)
+    found = recognise(folder)
+    text, names = propose(folder, found)
+    if not names:
+        known = ", ".join(reader.name for reader in instruments.READERS)
+        message = f"{folder}: no file of a known instrument was found; known are {known}"
+        raise UsageError(message)
+    files.write_text(path, text)
+    gaps = [
+        f"{FILE_NAME}:{number}: {line.strip()}"
+        for number, line in enumerate(text.splitlines(), 1)
+        if GAP in line and not line.lstrip().startswith("#")
+    ]
+    return Scan(path, names, gaps)
+
+
+def recognise(folder: Path) -> dict[str, list[str]]:
+    """Return the files of every instrument, and calibration records under their kind.
+
+    Returns
+    -------
+    dict
+        ``"keyence"``, ``"mach1"``, … and ``"record:laser"``, … to names relative to ``folder``.
+    """
+    found: dict[str, list[str]] = {}
+    for path in _candidates(folder):
+        name = path.relative_to(folder).as_posix()
+        kind = _record_kind(path) if path.suffix == ".toml" else _instrument(path)
+        if kind is not None:
+            found.setdefault(kind, []).append(name)
+    return found
+
+
+def _candidates(folder: Path) -> Iterator[Path]:
+    for path in files.files_below(folder):
+        parts = path.relative_to(folder).parts
+        hidden = any(part.startswith(".") for part in parts)
+        if not hidden and parts[0] not in {"labpipe", "truth", FILE_NAME}:
+            yield path
+
+
+def _instrument(path: Path) -> str | None:
+    try:
+        return instruments.identify(path)
+    except LabpipeError:
+        return None
+
+
+def _record_kind(path: Path) -> str | None:
+    from calibration import load_record
+
+    try:
+        return f"record:{load_record(path).kind}"
+    except LabpipeError:
+        return None
+
+
+def propose(folder: Path, found: dict[str, list[str]]) -> tuple[str, list[str]]:
+    """Return the text of session.toml and the names of the proposed experiments."""
+    names: list[str] = []
+    sections = [
+        f"labpipe = {VERSION}  # version of this file's format",
+        "",
+        "[session]",
+        f'title = "{_quoted(folder.resolve().name)}"',
+        'operator = ""',
+        'notes = ""',
+    ]
+    for instrument, proposal in PROPOSALS.items():
+        for group in _grouped(found.get(instrument, []), instrument in REPEATED):
+            name = _unused(group.name, names)
+            text = proposal(folder, name, group.files, found)
+            if text is not None:
+                names.append(name)
+                sections += ["", text]
+    return "\n".join(sections) + "\n", names
+
+
+def _grouped(names: list[str], is_repeated: bool) -> list[_Group]:
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        stem = Path(name).with_suffix("").as_posix()
+        stem = (_REPEAT.sub("", stem) or stem) if is_repeated else stem
+        groups.setdefault(stem, []).append(name)
+    return [_Group(_identifier(stem), sorted(group)) for stem, group in sorted(groups.items())]
+
+
+def _identifier(stem: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", stem.rsplit("/", 1)[-1]).strip("_") or "experiment"
+
+
+def _unused(name: str, names: list[str]) -> str:
+    number, wanted = 2, name
+    while name in names:
+        name, number = f"{wanted}_{number}", number + 1
+    return name
+
+
+def _quoted(text: str) -> str:
+    return text.replace("\\", "\\\\").replace('"', '\\"')
+
+
+def _list(names: list[str]) -> str:
+    return "[\n" + "".join(f'  "{_quoted(name)}",\n' for name in names) + "]"
+
+
+def _material(name: str) -> str:
+    known = next((m for m in _MATERIALS if m in name.lower()), None)
+    if known is None:
+        return f'material = "{GAP}"  # acrylic, peek, nylon, ptfe, nbr, or use material_file'
+    return f'material = "{known.replace("pmma", "acrylic")}"  # proposed from the file name'
+
+
+def _height(name: str) -> str:
+    match = _HEIGHT.search(name) or _SHORT_HEIGHT.search(name)
+    if match is None:
+        return f'height = "{GAP} mm"  # fall from release to first touch, e.g. "1.500 ± 0.005 mm"'
+    return f'height = "{match[1].replace("p", ".")} mm"  # proposed from the file name; add ± u'
+
+
+def _ball_drop(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str:
+    del folder
+    record = next(iter(found.get("record:laser", [])), f"calibration/{GAP}.toml")
+    return f"""[experiments.{name}]
+kind = "ball_drop"
+laser = {_list(names)}
+calibration = "{record}"  # inclination of the sensor, with its uncertainty
+{_height(name)}
+
+[experiments.{name}.sphere]
+radius = "{GAP} mm"  # of the sphere, e.g. "9.525 ± 0.005 mm"
+mass = "{GAP} g"  # of all that moves: sphere and holder
+{_material(name)}"""
+
+
+def _harmonic(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str | None:
+    del found
+    if b"<Sinusoid>" not in (folder / names[0]).read_bytes():
+        return None
+    return f"""[experiments.{name}]
+kind = "harmonic"
+mach1 = "{_quoted(names[0])}"
+# For the simulation beside the measurement, say what was pressed into what:
+# [experiments.{name}.punch]
+# radius = "2 mm"      # of a cylindrical tip
+# period = "8 mm"      # distance of neighbouring tips
+# depth = "6 mm"       # length of one tip
+# tips = 3
+# [experiments.{name}.substrate]
+# material = "nbr"\
+"""
+
+
+REPEATED = {"keyence"}
+"""Instruments whose files come as repeats of one experiment; others hold one experiment each."""
+
+PROPOSALS: dict[str, Callable[[Path, str, list[str], dict[str, list[str]]], str | None]] = {
+    "keyence": _ball_drop,
+    "mach1": _harmonic,
+}

@@ -1,0 +1,54 @@
+"""The shape of every result that one stage hands to another."""
+
+from labpipe.schema import Schema, Variable
+
+_TIME = ("time",)
+_IMPACT = ("impact",)
+
+
+def _over_impact(*names: tuple[str, str]) -> dict[str, Variable]:
+    """Return variables over ``impact``, each with its uncertainty."""
+    table = {name: Variable(_IMPACT, units) for name, units in names}
+    return table | {f"u_{name}": Variable(_IMPACT, units) for name, units in names}
+
+
+SCHEMAS: dict[str, Schema] = {
+    schema.name: schema
+    for schema in (
+        Schema("displacement", {
+            "displacement": Variable(_TIME, "m"),
+            "u_displacement": Variable(_TIME, "m"),
+            "displacement_raw": Variable(_TIME, "m"),
+            "inclination": Variable((), "rad"),
+            "u_inclination": Variable((), "rad"),
+        }),
+        Schema("velocity", {
+            "velocity": Variable(_TIME, "m/s"),
+            "u_velocity": Variable(_TIME, "m/s"),
+        }),
+        Schema("bounces", _over_impact(
+            ("touch_time", "s"), ("liftoff_time", "s"), ("incoming_speed", "m/s"),
+            ("outgoing_speed", "m/s"), ("restitution", "1"),
+        )),
+        Schema("repeats", {
+            "displacement": Variable(("repeat", "time"), "m"),
+            "displacement_mean": Variable(_TIME, "m"),
+            "displacement_sd": Variable(_TIME, "m"),
+            "velocity": Variable(("repeat", "time"), "m/s"),
+        }),
+        Schema("drop", {
+            "displacement": Variable(_TIME, "m"),
+            "velocity": Variable(_TIME, "m/s"),
+            "force": Variable(_TIME, "N"),
+            "contact_radius": Variable(_TIME, "m"),
+            "restitution": Variable(_IMPACT, "1"),
+            "impact_time": Variable(_IMPACT, "s"),
+        }),
+        Schema("oscillations", {
+            "frequency": Variable(("oscillation",), "Hz"),
+            "storage_stiffness": Variable(("oscillation",), "N/m"),
+            "loss_stiffness": Variable(("oscillation",), "N/m"),
+            "work_per_cycle": Variable(("oscillation",), "J"),
+        }),
+    )
+}  # fmt: skip
