@@ -341,7 +341,8 @@ def _anchors(sections: Sequence[Section]) -> list[str]:
     taken: set[str] = set()
     found = []
     for section in sections:
-        text = unicodedata.normalize("NFKD", section.anchor or section.title).lower()
+        apart = unicodedata.normalize("NFKD", section.anchor or section.title)
+        text = apart.encode("ascii", "ignore").decode().lower()
         stem = re.sub(r"[^a-z0-9]+", "-", text).strip("-") or "section"
         # "chart-1" and the like are the charts' own names.
         stem = f"section-{stem}" if stem.startswith("chart-") else stem

@@ -81,8 +81,11 @@ class ThinnedChart:
 
 def wanted_bytes(chart: LineChart | ScatterChart) -> int:
     """Return the bytes that a chart takes in the page when no sample is left out."""
-    samples = sum(_n(s) * (len(_curves(s)) + 2) for s in chart.series)
-    return int(samples * _BYTES_PER_SAMPLE * _BASE64_GROWTH) + 1
+    words = sum(_n(s) * len(_curves(s)) for s in chart.series)
+    axes = [np.asarray(series.x, dtype=np.float64) for series in chart.series]
+    # Positions take two words where they are not uniform; every common axis is stored once.
+    words += sum(2 * axes[members[0]].size for members in _shared_axes(axes))
+    return int(words * _BYTES_PER_SAMPLE * _BASE64_GROWTH) + 1
 
 
 def thin(chart: LineChart | ScatterChart, max_bytes: int) -> ThinnedChart:

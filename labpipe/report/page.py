@@ -39,7 +39,9 @@ def clean(text: str) -> str:
 def _is_unwanted(character: str) -> bool:
     if character in "\n\t":
         return False
-    return character in _REORDERING or unicodedata.category(character) in {"Cc", "Cs"}
+    if character in _REORDERING or character in "\ufffe\uffff":
+        return True
+    return unicodedata.category(character) in {"Cc", "Cs"}
 
 
 def clean_all(data: Any) -> Any:

@@ -13,6 +13,7 @@ import numpy as np
 
 from labpipe.report.charts import Band, LineChart, ScatterChart, Series
 from labpipe.report.packing import Drawn, ThinnedChart, padded_range, thin
+from labpipe.report.page import clean
 from labpipe.report.style import (
     MATPLOTLIB_MARKERS,
     figure_bytes,
@@ -39,6 +40,7 @@ _RASTER_DPI = 170.0
 # About as many characters of legend text fit beside each other; a line sample takes eight.
 _LEGEND_CHARACTERS = 130
 _SWATCH_CHARACTERS = 8
+_LONGEST_TEXT = 60
 _SMALL_PANEL_TICKS = 4
 _MOST_POSITIONS = 150.0
 _MARKER_SPACING = 0.12
@@ -145,11 +147,18 @@ def _draw(thinned: ThinnedChart, views: Sequence[tuple[str, float, float]]) -> "
 def _label(axes: "Axes", x_label: str, heading: str) -> None:
     """Name x below and y above the axes, where a long name has room even on a low chart."""
     # A dollar sign in a label is a dollar sign, not a formula.
-    axes.set_xlabel(x_label, parse_math=False)
-    axes.set_title(heading, parse_math=False)
+    axes.set_xlabel(_short(x_label), parse_math=False)
+    axes.set_title(_short(heading), parse_math=False)
 
 
-def _legend(figure: "Figure", handles: Sequence[Any], names: Sequence[str]) -> None:
+def _short(text: str) -> str:
+    """Bring a text onto one line that fits into the picture; the page holds it whole."""
+    line = " ".join(clean(text).split())
+    return line if len(line) <= _LONGEST_TEXT else f"{line[: _LONGEST_TEXT - 1]}…"
+
+
+def _legend(figure: "Figure", handles: Sequence[Any], texts: Sequence[str]) -> None:
+    names = [_short(text) for text in texts]
     longest = max(map(len, names), default=0)
     columns = min(max(_LEGEND_CHARACTERS // (longest + _SWATCH_CHARACTERS), 1), len(handles))
     rows = -(-len(handles) // columns)

@@ -55,7 +55,7 @@ class LineLook:
 
 _BY_ROLE: dict[str, LineLook] = {
     "measured": LineLook("#0066a6", "#5cb8f0", (), "circle", True, 1.3),
-    "model": LineLook("#cc4e00", "#f5a45d", (7.0, 3.0), "square", False, 1.3),
+    "model": LineLook("#cc4e00", "#f5a45d", (6.0, 4.0), "square", False, 1.3),
     "residual": LineLook("#8a3a6b", "#e29cc4", (), "diamond", True, 1.0),
     "reference": LineLook("#404040", "#c4c4c4", (2.0, 2.0), "triangle", False, 1.1),
     "repeat": LineLook("#7f97a8", "#7d93a3", (), "circle", True, 0.7),
@@ -94,7 +94,7 @@ def looks(roles: Sequence[str | None]) -> tuple[LineLook, ...]:
     --------
     >>> measured, model = looks(["measured", "model"])
     >>> measured.dash, model.dash
-    ((), (7.0, 3.0))
+    ((), (6.0, 4.0))
     """
     seen: dict[str | None, int] = {}
     found = []

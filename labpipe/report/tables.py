@@ -152,7 +152,7 @@ def value_with_uncertainty(value: float, u: float, unit: str = "1") -> str:
     if math.isnan(u):
         return f"{number(value / shown.factor)}{suffix} (uncertainty unknown)"
     if u == 0:
-        return f"{number(value / shown.factor, 6)}{suffix}"
+        return f"{_exact(value / shown.factor)}{suffix}"
     text = plus_minus(value / shown.factor, u / shown.factor)
     return f"({text}){suffix}" if suffix else text
 
@@ -178,7 +178,7 @@ def plus_minus(value: float, u: float) -> str:
     if not (math.isfinite(value) and math.isfinite(u)):
         return f"{number(value)} ± {_not_finite(u)}" if math.isfinite(value) else _not_finite(value)
     if u == 0:
-        return number(value, 6)
+        return _exact(value)
     largest = max(abs(value), u)
     place = _exponent(u, 2) - 1
     if _PLAIN_FROM <= largest < _PLAIN_BELOW and place > -9:
@@ -187,6 +187,12 @@ def plus_minus(value: float, u: float) -> str:
     factor = 10.0**power
     value_text, u_text = _fixed(value / factor, power - place), _fixed(u / factor, power - place)
     return f"({value_text} ± {u_text}) × {power_of_ten(power)}"
+
+
+def _exact(value: float) -> str:
+    """Write a number without an uncertainty: up to six digits, no zeros that claim precision."""
+    mantissa, times, power = number(value, 6).partition(" × ")
+    return (mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa) + times + power
 
 
 def _exponent(value: float, digits: int) -> int:

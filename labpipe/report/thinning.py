@@ -61,8 +61,9 @@ def kept_samples(
         last = min(int(np.searchsorted(x, stop, "right")) + 1, n)
         if np.count_nonzero(is_kept) + np.count_nonzero(~is_kept[first:last]) <= allowed:
             is_kept[first:last] = True
-    remaining = max(limit - int(np.count_nonzero(is_kept)), 2)
-    bucket = max(-(-n * 2 * len(curves) // remaining), 2)
+    remaining = limit - int(np.count_nonzero(is_kept))
+    n_buckets = max(remaining // (2 * len(curves)), 1)
+    bucket = -(-n // n_buckets)
     for curve in curves:
         is_kept[_extremes(curve, bucket)] = True
     return np.flatnonzero(is_kept)

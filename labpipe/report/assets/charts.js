@@ -314,13 +314,22 @@
     return [Math.min(...ranges.map((r) => r[0])), Math.max(...ranges.map((r) => r[1]))];
   };
 
+  /** Widen one of two windows until a unit is equally long along both. */
+  const equalised = (u, [x0, x1], [y0, y1]) => {
+    const width = u.over.clientWidth || 1, height = u.over.clientHeight || 1;
+    const perPixel = Math.max((x1 - x0) / width, (y1 - y0) / height);
+    const about = (a, b, length) => [(a + b - perPixel * length) / 2, (a + b + perPixel * length) / 2];
+    return [about(x0, x1, width), about(y0, y1, height)];
+  };
+
   const apply = (chart) => {
     const u = chart.plot;
     for (const button of chart.buttons) button.setAttribute("aria-pressed", String(isCurrent(chart, Number(button.dataset.view))));
     if (u === null) return;
-    const [y0, y1] = chart.yWindow ?? heights(chart, chart.window);
+    const whole = [chart.window, chart.yWindow ?? heights(chart, chart.window)];
+    const [[x0, x1], [y0, y1]] = chart.description.equal ? equalised(u, ...whole) : whole;
     u.batch(() => {
-      u.setScale("x", { min: chart.window[0], max: chart.window[1] });
+      u.setScale("x", { min: x0, max: x1 });
       u.setScale("y", { min: y0, max: y1 });
     });
     chart.figure.dataset.window = chart.window.join(" ");
@@ -474,7 +483,7 @@
         const widest = Math.max(...(values ?? []).map((v) => u.ctx.measureText(v ?? "").width), 0) / (window.devicePixelRatio || 1);
         u.ctx.restore();
         // One width for most charts, so that the frames of a group stand under each other.
-        return Math.max(Math.ceil(widest) + 14, 52);
+        return Math.max(Math.ceil(widest) + 14, chart.description.group === "" ? 46 : 66);
       },
     };
     if (scale === "log") { options.splits = (u, place, low, high) => logTicks(low, high); options.filter = (u, ticks) => ticks; }
@@ -563,7 +572,7 @@
     new ResizeObserver(() => {
       if (host.clientWidth < 40) return;
       if (chart.plot === null) build(chart);
-      else if (chart.plot.width !== host.clientWidth) chart.plot.setSize({ width: host.clientWidth, height: description.height });
+      else if (chart.plot.width !== host.clientWidth) { chart.plot.setSize({ width: host.clientWidth, height: description.height }); apply(chart); }
     }).observe(host);
   };
 

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -36,9 +37,19 @@ class Browser:
         read_here, write_there = os.pipe()
         read_there, write_here = os.pipe()
         # The browser reads its descriptor 3 and writes its descriptor 4.
-        command = f'exec "$0" "$@" 3<&{read_there} 4>&{write_there}'
+        plumbing = (
+            "import os, sys\n"
+            "a, b = os.dup(int(sys.argv[1])), os.dup(int(sys.argv[2]))\n"
+            "os.dup2(a, 3), os.dup2(b, 4)\n"
+            "os.set_inheritable(3, True), os.set_inheritable(4, True)\n"
+            "os.execv(sys.argv[3], sys.argv[3:])"
+        )
+        ends = (str(read_there), str(write_there))
         self.process = subprocess.Popen(
-            ["/bin/sh", "-c", command, CHROMIUM, *SWITCHES, f"--user-data-dir={profile}"],
+            [
+                *(sys.executable, "-c", plumbing, *ends, CHROMIUM),
+                *(*SWITCHES, f"--user-data-dir={profile}"),
+            ],
             pass_fds=(read_there, write_there),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -198,26 +209,38 @@ class Browser:
         self._out.close()
 
 
-def chart_box(browser: Browser, place: int = 0) -> tuple[float, float, float, float]:
-    """Scroll a chart into view; return left, top, width and height of its plotting area."""
-    browser.run(
-        f"document.querySelectorAll('figure.chart')[{place}]"
-        ".scrollIntoView({block: 'center', behavior: 'instant'})"
-    )
-    browser.settle()
-    return tuple(
-        browser.run(
-            f"(() => {{ const b = document.querySelectorAll('figure.chart')[{place}]"
-            ".querySelector('.u-over').getBoundingClientRect();"
-            " return [b.left, b.top, b.width, b.height]; })()"
+class Charts:
+    """The charts of the page that is open."""
+
+    def __init__(self, browser: Browser) -> None:
+        self.browser = browser
+
+    def box(self, place: int) -> tuple[float, float, float, float]:
+        """Scroll a chart into view; return left, top, width and height of its plotting area."""
+        self.browser.run(
+            f"document.querySelectorAll('figure.chart')[{place}]"
+            ".scrollIntoView({block: 'center', behavior: 'instant'})"
         )
-    )
+        self.browser.settle()
+        return tuple(
+            self.browser.run(
+                f"(() => {{ const b = document.querySelectorAll('figure.chart')[{place}]"
+                ".querySelector('.u-over').getBoundingClientRect();"
+                " return [b.left, b.top, b.width, b.height]; })()"
+            )
+        )
+
+    def window(self, place: int) -> list[float]:
+        """Return the window along x that a chart shows."""
+        text = self.browser.run(
+            f"document.querySelectorAll('figure.chart')[{place}].dataset.window"
+        )
+        return [float(part) for part in text.split()]
 
 
-def window_of(browser: Browser, place: int = 0) -> list[float]:
-    """Return the window along x that a chart shows."""
-    text = browser.run(f"document.querySelectorAll('figure.chart')[{place}].dataset.window")
-    return [float(part) for part in text.split()]
+@pytest.fixture
+def chart(browser: Browser) -> Charts:
+    return Charts(browser)
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,179 @@
+"""What a chart refuses, and what of it reaches the page."""
+
+import base64
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labpipe.errors import InputError
+from labpipe.report import Band, LineChart, ScatterChart, Series
+from labpipe.report.packing import pack, thin, wanted_bytes
+from labpipe.report.pictures import static_picture, thumbnail
+
+
+def positions(axis):
+    if "values" in axis:
+        return np.frombuffer(base64.b64decode(axis["values"]), "<f8")
+    if "count" in axis:
+        return axis["start"] + axis["step"] * np.arange(axis["count"])
+    return axis["start"] + axis["step"] * np.frombuffer(base64.b64decode(axis["index"]), "<i4")
+
+
+def curve(packed):
+    if "wide" in packed:
+        return np.frombuffer(base64.b64decode(packed["wide"]), "<f8") + packed["offset"]
+    return np.frombuffer(base64.b64decode(packed["data"]), "<f4").astype(float) + packed["offset"]
+
+
+def chart(*series, **more):
+    return LineChart("c", "x / s", "y / m", series, **more)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Series("a", [1, 2], [1]), r'"a": arrays of different lengths \(x 2, y 1\)'),
+        (lambda: Series("a", [1, np.nan], [1, 2]), "1 of 2 x values are NaN or infinite"),
+        (lambda: Series("a", [1, 2], [1, np.inf]), "1 of 2 y values are infinite; use NaN"),
+        (lambda: Series("a", [[1, 2]], [[1, 2]]), "x has 2 dimensions; expected one"),
+        (lambda: Series("a", [1], [1], style="wavy"), 'unknown style "wavy"; expected one of line'),
+        (lambda: Series("a", [1], [1], role="guess"), 'unknown role "guess"'),
+        (lambda: Band("b", [1], [1], [1, 2]), "different lengths"),
+        (chart, "has nothing to draw: 0 series"),
+        (lambda: chart(Series("a", [], [])), "has nothing to draw: 1 series"),
+        (lambda: chart(Series("a", [2, 1], [0, 0])), "descends.*use ScatterChart for loops"),
+        (lambda: chart(Series("a", [1], [1]), x_scale="sqrt"), 'unknown x scale "sqrt"'),
+        (lambda: chart(Series("a", [1], [1]), height_px=0), "height_px must be positive, found 0"),
+        (
+            lambda: chart(Series("a", [1], [1]), views=(("v", 2.0, 1.0),)),
+            'the view "v" runs from 2.0 to 1.0',
+        ),
+        (lambda: ScatterChart("s", "x", "y", (Band("b", [1], [1], [1]),)), "needs a LineChart"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_with_its_name(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+@given(
+    offset=st.floats(-1e9, 1e9),
+    size=st.floats(1e-9, 1e9),
+    n=st.integers(3, 50),
+)
+def test_packed_numbers_are_the_given_ones_to_float32_of_their_range(offset, size, n):
+    x = np.linspace(0.5, 2.5, n)
+    y = offset + size * np.sin(np.arange(n))
+    packed = pack(thin(chart(Series("a", x, y)), 10**6))
+    assert np.allclose(positions(packed["axes"][0]), x, rtol=0, atol=1e-6 * (x[1] - x[0]))
+    spread = np.ptp(y)
+    # With an offset below a hundred half ranges the plain float32 is kept: 6e-8 of the size.
+    assert np.abs(curve(packed["series"][0]["y"]) - y).max() <= 1e-5 * spread + 1e-15 * abs(offset)
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+def test_numbers_outside_float32_are_packed_in_full_width(size):
+    y = size * np.array([1.0, -2.0, 3.0])
+    packed = pack(thin(chart(Series("a", [1, 2, 3], y)), 10**6))
+    assert curve(packed["series"][0]["y"]).tolist() == y.tolist()
+
+
+def test_common_positions_are_stored_once_and_uniform_ones_as_a_step():
+    t = np.arange(10_000) / 20_000
+    packed = pack(
+        thin(chart(Series("a", t, t), Series("b", t.copy(), -t), Band("c", t, t, t)), 10**7)
+    )
+    assert len(packed["axes"]) == 1
+    assert packed["axes"][0]["count"] == 10_000
+    assert [s["axis"] for s in packed["series"]] == [0, 0, 0]
+
+
+def test_a_long_recording_fits_its_bytes_and_keeps_every_sample_of_an_impact():
+    t = np.arange(1_000_000) / 50_000
+    y = np.random.default_rng(0).normal(size=t.size)
+    y[654_321] = 99.0
+    long = chart(
+        Series("a", t, y),
+        Series("b", t, -y),
+        views=(("all", 0.0, 20.0), ("impact", 4.0, 4.001)),
+    )
+    thinned = thin(long, 200_000)
+    packed = pack(thinned)
+    assert len(str(packed)) < 200_000
+    x = positions(packed["axes"][0])
+    inside = (x >= 4.0 - 1e-9) & (x <= 4.001 + 1e-9)
+    wanted = (t >= 4.0) & (t <= 4.001)
+    assert np.allclose(x[inside], t[wanted], atol=1e-9)
+    assert np.allclose(curve(packed["series"][0]["y"])[inside], y[wanted], atol=1e-5)
+    assert curve(packed["series"][0]["y"]).max() == pytest.approx(99.0)
+    assert "of 1000000 samples" in thinned.notes[0]
+
+
+def test_a_loop_keeps_its_extremes_in_both_directions():
+    phase = np.linspace(0, 40 * np.pi, 200_000)
+    x, y = np.sin(phase), np.sin(phase + 0.3)
+    x[1234] = 7.0
+    thinned = thin(ScatterChart("s", "x", "y", (Series("a", x, y),)), 20_000)
+    assert thinned.series[0].x.max() == 7.0
+    assert thinned.series[0].x.size < 5000
+
+
+def test_what_a_logarithmic_axis_cannot_show_is_counted():
+    log = chart(
+        Series("a", [0.0, 1.0, 10.0, 100.0], [1.0, -1.0, 2.0, 3.0]), x_scale="log", y_scale="log"
+    )
+    thinned = thin(log, 10**6)
+    assert thinned.notes == ("2 points are not shown: zero or negative on a logarithmic axis.",)
+    assert thinned.series[0].x.tolist() == [1.0, 10.0, 100.0]
+    assert np.isnan(thinned.series[0].curves[0][0])
+    assert static_picture(thinned)
+
+
+def test_inputs_are_never_modified():
+    x, y = np.array([1.0, 2.0, 3.0]), np.array([0.0, -1.0, 2.0])
+    x.flags.writeable = y.flags.writeable = False
+    both = chart(Series("a", x, y), y_scale="log")
+    static_picture(thin(both, 1000))
+    assert y.tolist() == [0.0, -1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    "series",
+    [
+        Series("one point", [1.0], [2.0]),
+        Series("constant", [1.0, 2.0], [5.0, 5.0]),
+        Series("all gaps", [1.0, 2.0], [np.nan, np.nan]),
+        Series("gap", [1.0, 2.0, 3.0], [1.0, np.nan, 2.0], style="step"),
+        Series("points with errors", [1.0, 2.0], [1.0, 2.0], "points", u=[0.1, np.nan]),
+        Series("float32", np.float32([1, 2]), np.float32([3, 4])),
+        Series("large", [1.0, 2.0], [1e9, 1e9 + 1]),
+        Series("_hidden $x$ \ud800 \x00 \U0001f600", [1.0, 2.0], [0.0, 1.0]),
+    ],
+    ids=lambda s: s.name[:8],
+)
+@pytest.mark.parametrize("scale", ["linear", "log"])
+def test_awkward_series_are_drawn_without_a_warning(series, scale):
+    awkward = chart(series, y_scale=scale, x_scale=scale)
+    thinned = thin(awkward, 10**6)
+    pack(thinned)
+    assert static_picture(thinned).lstrip().startswith(b"<?xml")
+    assert thumbnail(awkward).startswith(b"\x89PNG")
+
+
+def test_the_still_picture_is_the_same_every_time():
+    t = np.linspace(0, 1, 500)
+    made = [
+        static_picture(thin(chart(Series("a", t, np.sin(9 * t)), views=(("v", 0.1, 0.2),)), 10**6))
+        for _ in range(2)
+    ]
+    assert made[0] == made[1]
+    assert b"dc:date" not in made[0]
+
+
+def test_a_chart_without_thinning_takes_at_most_what_was_announced():
+    t = np.sort(np.random.default_rng(0).uniform(size=3000))
+    irregular = chart(Series("a", t, t), Series("b", t, t, u=t), Band("c", t, t, t))
+    packed = pack(thin(irregular, 10**9))
+    assert len(str(packed)) <= wanted_bytes(irregular) + 2000

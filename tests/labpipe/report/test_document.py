@@ -1,0 +1,344 @@
+"""Whole pages: hostile texts, policy, size, determinism, structure."""
+
+import base64
+import hashlib
+import io
+import json
+import re
+import subprocess
+import sys
+from functools import cache
+from html.parser import HTMLParser
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from labpipe.errors import InputError
+from labpipe.report import (
+    Band,
+    Bars,
+    Column,
+    Details,
+    Document,
+    Gallery,
+    IndexRow,
+    KeyValues,
+    LineChart,
+    Notice,
+    Paragraph,
+    Picture,
+    ScatterChart,
+    Section,
+    Series,
+    Table,
+    index_page,
+)
+
+PAYLOADS = (
+    "<script>alert(1)</script>",
+    "</script><script>alert(1)</script>",
+    "</title><script>alert(1)</script>",
+    "</style><img src=x onerror=alert(1)>",
+    "<img src=x onerror=alert(1)>",
+    "<svg/onload=alert(1)>",
+    "<svg><script>alert(1)</script></svg>",
+    '" onmouseover="alert(1)',
+    "' onmouseover='alert(1)",
+    '"><iframe src="https://example.org">',
+    "javascript:alert(1)",
+    "--><b>bold</b><!--",
+    "<!--<script>",
+    "]]><b>",
+    "<![CDATA[<b>]]>",
+    "{{ 7 * 7 }}{% raw %}",
+    "${alert(1)}`+alert(1)+`",
+    "&lt;b&gt;&amp;&quot;&#x3c;b&#x3e;",
+    "\\u003cscript\\u003e\\",
+    "\x00<b>\x1b[31m\x7f",
+    "\u2028alert(1)\u2029",
+    "\u202egnp.exe\u202c\u2066x\u2069",
+    "\ud800 half a character \udfff",
+    "</textarea></pre></details></table></main><base href='https://example.org/'>",
+    '<meta http-equiv="refresh" content="0;url=https://example.org">',
+)
+
+
+def png():
+    target = io.BytesIO()
+    Figure(figsize=(0.2, 0.2)).savefig(target, format="png")
+    return target.getvalue()
+
+
+PNG = png()
+T = np.linspace(0.0, 1.0, 50)
+
+
+@cache
+def everything(text):
+    """Build a page with the text in every field; return the names of the fields too."""
+    seen = []
+
+    def field(name):
+        seen.append(name)
+        return text
+
+    blocks = (
+        Paragraph(field("paragraph"), copyable=True),
+        KeyValues(((field("key"), field("value"), field("remark")),), field("list caption")),
+        Notice("error", field("notice")),
+        Details(field("summary"), (Paragraph("inside"),), field("preformatted")),
+        Picture(PNG, field("picture alt"), field("picture caption")),
+        Gallery(
+            field("gallery title"),
+            (Picture(PNG, field("frame alt"), field("frame caption")),),
+            caption=field("gallery caption"),
+        ),
+        Bars(field("bars title"), ((field("bar"), 0.5, field("bar text")),), field("bars caption")),
+        Table((Column(field("column"), field("unit")),), ((field("cell"),),), field("caption")),
+        LineChart(
+            field("chart title"),
+            field("x label"),
+            field("y label"),
+            (Series(field("series"), T, T), Band(field("band"), T, T, T + 1)),
+            group=field("group"),
+            views=((field("view"), 0.1, 0.2),),
+            vlines=((field("position"), 0.5),),
+            caption=field("chart caption"),
+        ),
+        ScatterChart(field("plane title"), "x", "y", (Series(field("loop"), T, T),)),
+    )
+    page = Document(
+        field("title"), field("subtitle"), field("badge"), (Section(field("section"), blocks),)
+    ).render()
+    return page, seen
+
+
+def index(text):
+    rows = [
+        IndexRow(text, text, "error", "page.html", (text, 1.0), PNG, text),
+        IndexRow("b", metrics=(None, 2.0)),
+    ]
+    columns = (Column(text, text), Column("m", "m"))
+    return index_page(text, rows, columns, subtitle=text, badge=text, caption=text)
+
+
+class Skeleton(HTMLParser):
+    """Elements with the names of their attributes, and the contents of scripts and styles."""
+
+    def __init__(self, page):
+        super().__init__(convert_charrefs=True)
+        self.elements = []
+        self.scripts = []
+        self.islands = []
+        self.others = []
+        self.addresses = []
+        self._target = None
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, tuple(name for name, _ in attrs)))
+        values = dict(attrs)
+        self.addresses += [values[name] for name in ("src", "href", "action") if name in values]
+        if tag == "script":
+            self._target = self.islands if "type" in values else self.scripts
+            self._target.append("")
+
+    def handle_endtag(self, tag):
+        self.elements.append((f"/{tag}", ()))
+        if tag == "script":
+            self._target = None
+
+    def handle_data(self, data):
+        if self._target is not None:
+            self._target[-1] += data
+
+    def handle_comment(self, data):
+        self.others.append(data)
+
+    def handle_decl(self, decl):
+        self.others.append(decl)
+
+    def unknown_decl(self, data):
+        self.others.append(data)
+
+    def handle_pi(self, data):
+        self.others.append(data)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    page, names = everything("plain")
+    return Skeleton(page), names
+
+
+@pytest.mark.parametrize("payload", PAYLOADS, ids=range(len(PAYLOADS)))
+def test_a_hostile_text_adds_no_element_and_no_attribute(plain, payload):
+    expected, names = plain
+    assert len(names) >= 30
+    found = Skeleton(everything(payload)[0])
+    assert found.elements == expected.elements
+    assert found.others == expected.others == ["DOCTYPE html"]
+    assert found.scripts == expected.scripts
+    assert all(a.startswith(("data:", "#")) for a in found.addresses)
+    for island in found.islands:
+        described = json.loads(island)
+        assert not re.search("[\x00\ud800-\udfff\u202e]", json.dumps(described, ensure_ascii=False))
+
+
+@pytest.mark.parametrize("payload", PAYLOADS, ids=range(len(PAYLOADS)))
+def test_a_hostile_text_adds_nothing_to_the_index(payload):
+    expected, found = Skeleton(index("plain")), Skeleton(index(payload))
+    assert found.elements == expected.elements
+    assert found.scripts == expected.scripts
+    assert found.others == ["DOCTYPE html"]
+    assert {a for a in found.addresses if not a.startswith("data:")} == {"page.html"}
+
+
+@pytest.mark.parametrize("payload", PAYLOADS, ids=range(len(PAYLOADS)))
+def test_a_hostile_text_adds_nothing_to_a_still_picture(payload):
+    page, _ = everything(payload)
+    pictures = re.findall(r"data:image/svg\+xml;base64,([A-Za-z0-9+/=]+)", page)
+    assert len(pictures) == 2
+    for picture in pictures:
+        root = ET.fromstring(base64.b64decode(picture))  # noqa: S314 - the kit's own picture
+        for element in root.iter():
+            assert element.tag.rpartition("}")[2] not in {"script", "image", "foreignObject", "a"}
+            assert not any(name.lower().startswith("on") for name in element.attrib)
+
+
+def test_texts_arrive_unchanged_where_they_are_shown():
+    page, _ = everything("a < b & \"c\" 'd'")
+    assert page.count("a &lt; b &amp; &#34;c&#34; &#39;d&#39;") >= 25
+    assert "<script>alert" not in page
+
+
+def test_the_policy_names_exactly_the_scripts_that_are_there(plain):
+    page, _ = everything("plain")
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page).group(1)
+    policy = policy.replace("&#39;", "'")
+    digests = [
+        f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
+        for s in plain[0].scripts
+    ]
+    assert policy == (
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src "
+        + " ".join(digests)
+        + "; base-uri 'none'; form-action 'none'"
+    )
+    assert page.index("Content-Security-Policy") < page.index("<style>")
+
+
+def test_a_page_names_no_address_outside_itself():
+    page, _ = everything("plain")
+    # The one address left is the name of uPlot's home in its licence comment, and the SVG name.
+    outside = set(re.findall(r"(?:https?:)?//[a-z0-9.-]+\.[a-z]+", page))
+    assert outside <= {"https://github.com", "http://www.w3.org"}
+
+
+def test_the_same_document_gives_the_same_page():
+    assert everything.__wrapped__("x")[0] == everything.__wrapped__("x")[0]
+
+
+def test_a_page_does_not_depend_on_hash_seed_time_zone_or_locale():
+    script = (
+        "import hashlib, numpy as np\n"
+        "from labpipe.report import *\n"
+        "t = np.linspace(0, 1, 99)\n"
+        "c = LineChart('c', 'x', 'y', (Series('a', t, t), Series('b', t, -t)))\n"
+        "page = Document('d', sections=(Section('s', (c,)),)).render()\n"
+        "print(hashlib.sha256(page.encode()).hexdigest())\n"
+    )
+    found = {
+        subprocess.run(
+            [sys.executable, "-c", script],
+            env={"PYTHONHASHSEED": seed, "TZ": zone, "LC_ALL": locale, "PATH": ""},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed, zone, locale in (("1", "UTC", "C"), ("2", "Asia/Tokyo", "de_DE.UTF-8"))
+    }
+    assert len(found) == 1
+
+
+def test_a_crowded_page_stays_below_its_size_and_gives_small_charts_what_they_need():
+    t = np.arange(400_000) / 20_000
+    noise = np.random.default_rng(0).normal(size=t.size)
+    large = [
+        LineChart(f"large {i}", "x", "y", (Series("a", t, noise), Series("b", t, -noise)))
+        for i in range(12)
+    ]
+    small = LineChart("small", "x", "y", (Series("a", t[:2000], noise[:2000]),))
+    page = Document("d", sections=(Section("s", (*large, small)),)).render()
+    assert 1_500_000 < len(page.encode()) <= 3_000_000
+    islands = [json.loads(text) for text in Skeleton(page).islands]
+    assert islands[-1]["axes"][0]["count"] == 2000
+    assert "of 400000 samples" in page
+
+
+def test_a_page_that_pictures_make_too_large_says_so():
+    heavy = Picture(PNG + bytes(200_000), "noise")
+    document = Document("d", sections=(Section("s", (heavy,)),))
+    with pytest.warns(UserWarning, match=r'page "d" takes \d+ bytes, more than 100000; show fewer'):
+        document.render(max_bytes=100_000)
+
+
+def test_sections_have_anchors_of_their_own():
+    titles = ("Überblick", "Überblick", "µm!", "日本", "chart-1")
+    page = Document("d", sections=[Section(t) for t in titles]).render()
+    anchors = re.findall(r'<section id="([^"]*)"', page)
+    assert anchors == ["uberblick", "uberblick-2", "m", "section", "section-chart-1"]
+    assert re.findall(r'<a href="#([^"]*)"', page) == anchors
+
+
+def test_charts_inside_details_are_drawn_once_and_in_order():
+    def chart(name):
+        return LineChart(name, "x", "y", (Series("a", T, T),))
+
+    inner = Details("folded", (chart("two"), Details("deeper", (chart("three"),))))
+    page = Document("d", sections=(Section("s", (chart("one"), inner, chart("four"))),)).render()
+    islands = [json.loads(text)["title"] for text in Skeleton(page).islands]
+    assert islands == ["one", "two", "three", "four"]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Notice("fatal", "x"), 'unknown level "fatal"'),
+        (lambda: KeyValues((("a", "b"),)), r"a row is \(name, value, unit or remark\), found"),
+        (lambda: Picture(b"GIF89a", "x"), "must be a PNG, JPEG or SVG file, found 6 bytes"),
+        (lambda: Gallery("g", ()), 'gallery "g": start frame 0 of 0 frames'),
+        (lambda: Bars("b", (("x", 1.2, ""),)), 'the share of "x" is 1.2; expected a number from 0'),
+        (lambda: Bars("b", (("x", float("nan"), ""),)), "the share of"),
+        (lambda: IndexRow("a", href="https://example.org"), "must be a path inside the folder"),
+        (lambda: IndexRow("a", href="javascript:alert(1)"), "must be a path inside the folder"),
+        (lambda: IndexRow("a", href="../up.html"), "must be a path inside the folder"),
+        (lambda: IndexRow("a", href="/etc/passwd"), "must be a path inside the folder"),
+        (lambda: IndexRow("a", href="x\\..\\up.html"), "must be a path inside the folder"),
+        (lambda: index_page("t", [IndexRow("a")], (Column("m"),)), "row 0 has 0 cells, expected 1"),
+        (
+            lambda: Document("d", sections=(Section("s", ("text",)),)).render(),
+            "blocks of the report kit, found str",
+        ),
+    ],
+)
+def test_wrong_blocks_are_refused(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+def test_addresses_of_the_index_are_quoted():
+    page = index_page("t", [IndexRow("a", href='dir/a b"<.html')])
+    assert 'href="dir/a%20b%22%3C.html"' in page
+
+
+def test_importing_the_kit_imports_no_numerical_library():
+    script = (
+        "import sys, labpipe.report\n"
+        "heavy = {'numpy', 'matplotlib', 'jinja2', 'xarray', 'scipy'} & set(sys.modules)\n"
+        "assert not heavy, heavy"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True)

@@ -1,0 +1,319 @@
+"""Pages in a real browser: nothing fails, nothing leaves, zoom works, stills stand in."""
+
+import numpy as np
+import pytest
+
+from labpipe.report import (
+    Band,
+    Column,
+    Details,
+    Document,
+    Gallery,
+    IndexRow,
+    LineChart,
+    Paragraph,
+    Picture,
+    ScatterChart,
+    Section,
+    Series,
+    Table,
+    index_page,
+    thumbnail,
+)
+
+FULL = [0.0, 0.49995]
+
+
+def bounce_train():
+    """Return 0.5 s at 20 kHz of parabolas that lose a fifth of their speed at each bounce."""
+    t = np.arange(10_000) / 20_000
+    height = np.zeros_like(t)
+    start, speed, touches = 0.0, 0.3, []
+    while speed > 0.01:
+        flight = 2 * speed / 9.81
+        inside = (t >= start) & (t < start + flight)
+        since = t[inside] - start
+        height[inside] = speed * since - 9.81 / 2 * since**2
+        start, speed = start + flight, speed * 0.8
+        touches.append(start)
+    return t, height, touches
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    t, height, touches = bounce_train()
+    noisy = height + np.random.default_rng(0).normal(0, 1e-6, t.size)
+    views = [(f"impact {i}", x - 5e-4, x + 5e-4) for i, x in enumerate(touches[:3], start=1)]
+    f = np.array([0.1, 1.0, 10.0, 100.0])
+    phase = np.linspace(0, 2 * np.pi, 200)
+    picture = thumbnail(LineChart("p", "x", "y", (Series("a", t, height),)), 60)
+    frames = tuple(Picture(picture, f"frame {i}", f"caption {i}") for i in range(4))
+    charts = (
+        LineChart(
+            "displacement",
+            "time / s",
+            "height / mm",
+            (
+                Band("band", t, noisy * 1e3 - 0.01, noisy * 1e3 + 0.01, "measured"),
+                Series("measured", t, noisy * 1e3, role="measured"),
+                Series("model", t, height * 1e3, role="model"),
+            ),
+            group="drop",
+            views=views,
+            vlines=[(str(i), x) for i, x in enumerate(touches, start=1)],
+        ),
+        LineChart(
+            "residual",
+            "time / s",
+            "measured − model / µm",
+            (Series("residual", t, (noisy - height) * 1e6, role="residual"),),
+            group="drop",
+            height_px=160,
+        ),
+        LineChart(
+            "moduli",
+            "frequency / Hz",
+            "modulus / Pa",
+            (Series("storage", f, 1e6 * f**0.2, "points", "measured", u=1e4 * f),),
+            x_scale="log",
+            y_scale="log",
+        ),
+        ScatterChart(
+            "loop",
+            "x / m",
+            "F / N",
+            (Series("loop", np.cos(phase), np.sin(phase)),),
+            has_equal_axes=True,
+        ),
+    )
+    folded = LineChart("folded", "x", "y", (Series("a", t, height, "step"),))
+    table = Table((Column("n"), Column("e")), [(1, 0.8), (2, 0.5), (10, None), (3, -0.1)])
+    document = Document(
+        "A page",
+        "of a test",
+        "synthetic data",
+        (
+            Section("Charts", charts),
+            Section("Film", (Gallery("film", frames, start=1),)),
+            Section(
+                "Rest", (table, Details("more", (folded,), "raw"), Paragraph("text", copyable=True))
+            ),
+        ),
+    )
+    path = tmp_path_factory.mktemp("page") / "page.html"
+    path.write_text(document.render(), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def opened(browser, page):
+    browser.media(prefers_color_scheme="light")
+    browser.open(page)
+    yield browser
+    assert browser.complaints() == []
+    assert browser.requests() == [page.as_uri()]
+
+
+@pytest.mark.parametrize("width", [400, 1280, 2000])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_opens_without_complaints_or_requests_and_never_scrolls_sideways(
+    browser, page, width, scheme
+):
+    browser.media(prefers_color_scheme=scheme)
+    browser.open(page, width=width)
+    assert browser.complaints() == []
+    assert browser.requests() == [page.as_uri()]
+    assert browser.run("document.documentElement.scrollWidth") <= width
+    assert browser.run("document.querySelectorAll('.uplot canvas').length") == 4
+    background = browser.run("getComputedStyle(document.body).backgroundColor")
+    assert background == ("rgb(255, 255, 255)" if scheme == "light" else "rgb(20, 24, 28)")
+
+
+def inked_pixels(browser, place):
+    """Count the coloured pixels of a chart (its frame, grid and texts are grey)."""
+    return browser.run(
+        f"(() => {{ const c = document.querySelectorAll('.uplot canvas')[{place}];"
+        " const copy = new OffscreenCanvas(c.width, c.height);"
+        " const ink = copy.getContext('2d', { willReadFrequently: true });"
+        " ink.drawImage(c, 0, 0);"
+        " const d = ink.getImageData(0, 0, c.width, c.height).data; let n = 0;"
+        " for (let i = 0; i < d.length; i += 4)"
+        " if (d[i + 3] > 200 && Math.max(d[i], d[i+1], d[i+2]) - Math.min(d[i], d[i+1], d[i+2])"
+        " > 80) n += 1; return n; })()"
+    )
+
+
+def test_every_chart_is_drawn(opened):
+    for place in range(4):
+        assert inked_pixels(opened, place) > 50
+
+
+def test_dragging_zooms_the_whole_group_and_double_click_brings_it_back(opened, chart):
+    left, top, width, height = chart.box(0)
+    opened.drag((left + 0.2 * width, top + height / 2), (left + 0.4 * width, top + height / 2))
+    opened.settle()
+    shown = chart.window(0)
+    assert shown == pytest.approx([0.1, 0.2], abs=2e-3)
+    assert chart.window(1) == shown
+    assert chart.window(2)[0] < 0.1
+    opened.click(left + width / 2, top + height / 2, count=2)
+    opened.settle()
+    assert chart.window(0) == chart.window(1) == FULL
+
+
+def test_a_view_shows_one_millisecond_with_the_axis_fitted_to_it(opened, chart):
+    opened.run("document.querySelectorAll('.view')[2].click()")
+    opened.settle()
+    shown = chart.window(1)
+    assert shown[1] - shown[0] == pytest.approx(1e-3)
+    pressed = "document.querySelectorAll('.view')[{}].getAttribute('aria-pressed')"
+    assert opened.run(pressed.format(2)) == "true"
+    assert opened.run(pressed.format(0)) == "false"
+    # Full rate inside: 20 samples of 50 µs, hence 19 to 21 of them in the legend's reach.
+    left, top, width, height = chart.box(0)
+    seen = set()
+    for share in np.linspace(0.01, 0.99, 60):
+        opened.mouse("mouseMoved", left + share * width, top + height / 2)
+        seen.add(opened.run("document.querySelectorAll('.chart-legend .value')[1].textContent"))
+    assert 19 <= len(seen) <= 21
+
+
+def test_the_wheel_zooms_after_a_click_and_scrolls_the_page_before(opened, chart):
+    left, top, width, height = chart.box(0)
+    x, y = left + width / 2, top + height / 2
+    opened.mouse("mouseWheel", x, y, deltaX=0, deltaY=-100)
+    opened.settle()
+    assert chart.window(0) == FULL
+    left, top, width, height = chart.box(0)
+    opened.click(x, top + height / 2)
+    opened.mouse("mouseWheel", x, top + height / 2, deltaX=0, deltaY=-400)
+    opened.settle()
+    shown = chart.window(0)
+    assert 0.1 < shown[0] < 0.25 < shown[1] < 0.4
+    assert chart.window(1) == shown
+
+
+def test_arrow_keys_zoom_pan_and_bring_back(opened, chart):
+    opened.run("document.querySelectorAll('.chart-live')[0].focus()")
+    opened.key("ArrowUp")
+    zoomed = chart.window(0)
+    assert zoomed[1] - zoomed[0] == pytest.approx(FULL[1] / 1.4)
+    opened.key("ArrowRight")
+    panned = chart.window(0)
+    assert panned[0] - zoomed[0] == pytest.approx(0.1 * (zoomed[1] - zoomed[0]))
+    for _ in range(30):
+        opened.key("ArrowRight")
+    assert chart.window(0)[1] == pytest.approx(FULL[1])
+    opened.key("Home")
+    assert chart.window(0) == FULL
+
+
+def test_the_cursor_is_linked_and_says_the_values(opened, chart):
+    left, top, width, height = chart.box(0)
+    opened.mouse("mouseMoved", left + width / 4, top + height / 2)
+    opened.settle()
+    values = opened.run("[...document.querySelectorAll('.value')].map(e => e.textContent)")
+    t, height_, _ = bounce_train()
+    # The third value of the first chart is the model, at the sample nearest to the pointer.
+    assert float(values[2]) == pytest.approx(np.interp(FULL[1] / 4, t, height_) * 1e3, abs=0.05)
+    assert " … " in values[0]
+    assert values[3] != ""
+    flags = opened.run("[...document.querySelectorAll('.x-flag')].map(e => e.textContent)")
+    assert flags[0] == flags[1] != ""
+    opened.mouse("mouseMoved", 2, 2)
+    opened.settle()
+    assert opened.run("document.querySelectorAll('.value')[2].textContent") == ""
+
+
+def test_the_legend_hides_a_curve(opened):
+    before = inked_pixels(opened, 0)
+    opened.run("document.querySelectorAll('.chart-legend button')[2].click()")
+    opened.settle()
+    assert inked_pixels(opened, 0) != before
+    pressed = "document.querySelectorAll('.chart-legend button')[2].getAttribute('aria-pressed')"
+    assert opened.run(pressed) == "false"
+
+
+def test_a_loop_zooms_along_both_axes(opened, chart):
+    left, top, width, height = chart.box(3)
+    opened.drag((left + 0.5 * width, top + 0.1 * height), (left + 0.7 * width, top + 0.5 * height))
+    opened.settle()
+    shown = chart.window(3)
+    assert shown[1] - shown[0] < 1.5
+
+
+def test_a_folded_chart_is_drawn_when_it_is_unfolded(opened):
+    opened.run("document.querySelector('details').open = true")
+    opened.settle()
+    assert opened.run("document.querySelectorAll('.uplot canvas').length") == 5
+
+
+def test_tables_sort_by_number_with_missing_cells_last(opened):
+    click = "document.querySelectorAll('table.data .sort')[1].click()"
+    column = (
+        "[...document.querySelectorAll('table.data tbody tr')].map(r => r.cells[0].textContent)"
+    )
+    opened.run(click)
+    assert opened.run(column) == ["3", "2", "1", "10"]
+    opened.run(click)
+    assert opened.run(column) == ["1", "2", "3", "10"]
+    assert (
+        opened.run("document.querySelectorAll('th')[1].getAttribute('aria-sort')") == "descending"
+    )
+
+
+def test_the_gallery_shows_one_frame_at_a_time(opened):
+    shown = "[...document.querySelectorAll('.frame')].map(f => f.checkVisibility())"
+    assert opened.run(shown) == [False, True, False, False]
+    opened.run("document.querySelector('.gallery-next').click()")
+    assert opened.run(shown) == [False, False, True, False]
+    slide = "const s = document.querySelector('.gallery input'); s.value = 3;"
+    opened.run(f"{{ {slide} s.dispatchEvent(new Event('input')); }}")
+    assert opened.run(shown) == [False, False, False, True]
+
+
+def visible_stills(browser):
+    return browser.run(
+        "[...document.querySelectorAll('.chart-still')]"
+        ".filter(i => i.checkVisibility() && i.naturalWidth > 100).length"
+    )
+
+
+def test_without_scripts_every_chart_and_frame_is_a_still_picture(browser, page):
+    browser.open(page, scripts=False)
+    browser.send("Emulation.setScriptExecutionDisabled", value=False)
+    # Scripts did not run while the page was built; only this question is asked by script.
+    assert not browser.run("document.documentElement.classList.contains('has-scripts')")
+    browser.run("document.querySelector('details').open = true")
+    browser.run("Promise.all([...document.images].map(i => i.decode()))")
+    assert visible_stills(browser) == 5
+    assert browser.run("[...document.querySelectorAll('.frame')].every(f => f.checkVisibility())")
+    assert not browser.run("document.querySelector('.view').checkVisibility()")
+
+
+def test_in_print_the_stills_stand_on_white_and_details_are_open(browser, page, tmp_path):
+    browser.open(page)
+    browser.media("print", prefers_color_scheme="dark")
+    assert visible_stills(browser) >= 4
+    assert not browser.run("document.querySelector('.chart-live').checkVisibility()")
+    assert browser.run("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    assert browser.run("getComputedStyle(document.body).color") == "rgb(0, 0, 0)"
+    browser.media()
+    browser.pdf(tmp_path / "page.pdf")
+    assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
+    assert browser.complaints() == []
+
+
+def test_with_scripts_no_still_is_shown(opened):
+    assert visible_stills(opened) == 0
+
+
+def test_the_session_index_sorts_and_links(browser, tmp_path):
+    rows = [IndexRow(n, href=f"{n}.html", metrics=(m,)) for n, m in (("a", 3.0), ("b", 1.0))]
+    path = tmp_path / "index.html"
+    path.write_text(index_page("Session", rows, (Column("m", "m"),)), encoding="utf-8")
+    browser.open(path)
+    browser.run("document.querySelectorAll('.sort')[2].click()")
+    names = browser.run("[...document.querySelectorAll('table.index a')].map(a => a.textContent)")
+    assert names == ["b", "a"]
+    assert browser.complaints() == []
