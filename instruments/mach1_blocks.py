@@ -272,12 +272,12 @@ def _check_info(cursor: _Cursor, line: str, options: Options) -> None:
         raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
 
 
-def _pair(line: str) -> tuple[str, str] | None:
+def _pair(line: str, separators: tuple[str, ...] = (":\t", "\t")) -> tuple[str, str] | None:
     """Split at the first colon that a tab follows: values hold colons of their own."""
     stripped = line.rstrip("\t ")
     if not stripped:
         return None
-    for separator in (":\t", "\t"):
+    for separator in separators:
         key, found, value = line.partition(separator)
         if found and key.strip():
             return key.strip(), value.strip()
@@ -293,7 +293,7 @@ def _read_block(
     parameters: list[Parameter] = []
     for line in cursor.rows():
         lines.append(line)
-        pair = _pair(line)
+        pair = _pair(line, (":\t",))
         # Functions that are not known may hold tables of coordinates; they are kept as they are.
         if pair is None and function in RECORDING:
             raise cursor.error(f"found {shorten(line)}, expected 'Key:', a tab and a value")

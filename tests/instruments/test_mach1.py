@@ -1,0 +1,273 @@
+"""Mach-1 text files: what is read, in which unit and sign, and that it is written back."""
+
+import json
+from datetime import datetime
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import instruments
+from instruments import mach1
+from labpipe.errors import InputError
+
+SAMPLES = Path(__file__).parents[2] / "../shared/samples/mach1"
+DYNAMIC = SAMPLES / "dynamic_5_sinusoid_blocks.txt"
+RELAXATION = SAMPLES / "stress_relaxation_3_ramps.txt"
+
+needs_samples = pytest.mark.skipif(
+    not SAMPLES.exists(), reason="the public sample files are not beside the checkout"
+)
+
+GF = 0.00980665
+
+
+def sinusoid(n=30, frequency=1.0, start=datetime(2024, 1, 24, 10, 8, 47, 546000)):
+    time = np.arange(n) * 0.01
+    return mach1.make_block(
+        "Sinusoid",
+        start,
+        {
+            "Time, s": time,
+            "Position (z), mm": 1.8776e-3 + 4.69e-5 * np.sin(2 * np.pi * frequency * time),
+            "Fz, gf": 196.6 + 2.0 * np.sin(2 * np.pi * frequency * time + 0.1),
+        },
+        {
+            "Stage Axis": "Position (z)",
+            "Amplitude, mm": "0.0469",
+            "Frequency, Hz": f"{frequency:.5f}",
+            "Number of Cycles": "20",
+        },
+        images_folder="Rep1_004",
+    )
+
+
+def relaxation(n=40, dividers=(20, 40)):
+    time = np.arange(n) * 0.01
+    forces = {f"F{axis}, N": -0.25 - 0.01 * time for axis in "xyz"}
+    torques = {f"T{axis}, N-mm": 1.1e-3 + 1e-4 * time for axis in "xyz"}
+    return mach1.make_block(
+        "Stress Relaxation",
+        datetime(2023, 7, 19, 23, 59, 59, 900000),
+        {
+            "Time, s": time,
+            "Position (z), mm": 1.574e-4 + 1e-6 * time,
+            "Position (theta), deg": np.zeros(n),
+            **forces,
+            **torques,
+        },
+        {"Stage Axis": "Position (z)", "Relaxation Rate, N/min": "0.0100", "Number of Ramp": "2"},
+        load_cell=mach1.LOAD_CELLS["17N"],
+        dividers=dividers,
+    )
+
+
+def read_blocks(tmp_path, *blocks):
+    path = tmp_path / "made.txt"
+    mach1.write(path, mach1.assemble(blocks))
+    return mach1.read(path)
+
+
+def test_values_are_si_and_keep_their_unit_as_provenance(tmp_path):
+    readings = read_blocks(tmp_path, relaxation())
+    assert readings.position_z.attrs["units"] == "m"
+    assert readings.position_z.attrs["original_unit"] == "mm"
+    assert readings.position_z.values[0] == pytest.approx(1.574e-4, rel=1e-12)
+    assert readings.torque_x.attrs["units"] == "N m"
+    assert readings.torque_x.values[0] == pytest.approx(1.1e-3, abs=3e-6)
+    assert readings.position_theta.attrs["units"] == "rad"
+
+
+def test_gram_force_becomes_newton_exactly(tmp_path):
+    readings = read_blocks(tmp_path, sinusoid())
+    rows = (tmp_path / "made.txt").read_text().partition("Fz, gf\n")[2]
+    written = float(rows.splitlines()[0].split("\t")[2])
+    assert readings.force_z.values[0] == written * GF
+    assert readings.force_z.attrs["original_unit"] == "gf"
+
+
+def test_blocks_with_other_columns_leave_nan(tmp_path):
+    readings = read_blocks(tmp_path, sinusoid(30), relaxation(40))
+    assert readings.sizes == {"sample": 70, "block_index": 2}
+    assert np.isnan(readings.torque_z.values[:30]).all()
+    assert np.isfinite(readings.torque_z.values[30:]).all()
+    assert np.isfinite(readings.force_z.values).all()
+    np.testing.assert_array_equal(readings.block.values, np.repeat([0, 1], [30, 40]))
+
+
+def test_dividers_are_counted_and_time_goes_on(tmp_path):
+    readings = read_blocks(tmp_path, relaxation(40, (20, 40)))
+    np.testing.assert_array_equal(readings.segment.values, np.repeat([0, 1], 20))
+    assert np.all(np.diff(readings.time.values) > 0)
+    assert json.loads(readings.attrs["blocks"])[0]["dividers"] == [20, 40]
+
+
+def test_compression_sign_follows_the_type_of_the_cell(tmp_path):
+    assert read_blocks(tmp_path, relaxation()).attrs["compression_sign"] == -1
+    assert read_blocks(tmp_path, sinusoid()).attrs["compression_sign"] == 1
+    both = read_blocks(tmp_path, sinusoid(), relaxation())
+    assert "compression_sign" not in both.attrs
+    np.testing.assert_array_equal(both.compression_sign.values, [1, -1])
+
+
+def test_declared_parameters_are_si_over_blocks(tmp_path):
+    readings = read_blocks(tmp_path, sinusoid(frequency=2.0), relaxation())
+    np.testing.assert_array_equal(readings.declared_frequency.values, [2.0, np.nan])
+    assert readings.declared_amplitude.values[0] == pytest.approx(4.69e-5)
+    assert readings.declared_relaxation_rate.values[1] == pytest.approx(0.01 / 60)
+    assert readings.declared_relaxation_rate.attrs["units"] == "N/s"
+
+
+def test_old_spelling_of_frequency_is_known(tmp_path):
+    path = tmp_path / "old.txt"
+    data = mach1.encode(mach1.assemble([sinusoid(frequency=0.5)]))
+    path.write_bytes(data.replace(b"Frequency, Hz", b"Freqency, Hz"))
+    assert mach1.read(path).declared_frequency.values[0] == 0.5
+
+
+def test_start_is_iso_and_per_block_past_midnight(tmp_path):
+    readings = read_blocks(tmp_path, relaxation(), sinusoid())
+    assert readings.start_time.values.tolist() == [
+        "2023-07-19T23:59:59.900",
+        "2024-01-24T10:08:47.546",
+    ]
+    assert readings.attrs["start"] == "2023-07-19T23:59:59.900"
+
+
+def test_json_of_blocks_says_everything(tmp_path):
+    block = json.loads(read_blocks(tmp_path, sinusoid()).attrs["blocks"])[0]
+    assert block["filter"] == {"order": 3, "cutoff": 20.0}
+    assert block["load_cell"]["type"] == "Single-axis"
+    assert block["load_cell"]["name"] == "25kg SN:0000000"  # a colon inside the value
+    assert block["images_folder"] == "Rep1_004"
+    assert block["sampling_interval"] == pytest.approx(0.01)
+    assert block["incomplete"] is False
+    assert [column["unit"] for column in block["columns"]] == ["s", "mm", "gf"]
+
+
+def test_header_text_is_kept_as_it_is(tmp_path):
+    header = read_blocks(tmp_path, sinusoid()).attrs["header"]
+    assert "Load Cell Low-pass filter Cutoff frequency (Hz):\t20.00" in header
+    assert "<Sinusoid>" in header
+
+
+def test_every_number_has_unit_and_name(tmp_path):
+    readings = read_blocks(tmp_path, sinusoid(), relaxation())
+    for name, variable in readings.variables.items():
+        if variable.dtype.kind in "fi":
+            assert {"units", "long_name"} <= variable.attrs.keys(), name
+
+
+def test_split_blocks_gives_each_its_own_time_and_columns(tmp_path):
+    first, second = mach1.split_blocks(read_blocks(tmp_path, sinusoid(30), relaxation(40)))
+    assert first.sizes == {"time": 30}
+    assert "torque_z" not in first
+    assert "torque_z" in second
+    assert first.attrs["function"] == "Sinusoid"
+    assert (first.attrs["compression_sign"], second.attrs["compression_sign"]) == (1, -1)
+    assert float(first.declared_frequency) == 1.0
+    np.testing.assert_allclose(second.time.values, np.arange(40) * 0.01, rtol=1e-15)
+    assert json.loads(second.attrs["block"])["function"] == "Stress Relaxation"
+
+
+def test_made_block_sits_on_the_steps_of_stage_and_cell():
+    block = relaxation()
+    on_steps = block.values[:, [1, 5, 6]] / [1e-4, 0.00085, 0.006003]
+    np.testing.assert_allclose(on_steps, np.round(on_steps), atol=1e-3)
+
+
+def test_layout_is_that_of_the_instrument(tmp_path):
+    path = tmp_path / "made.txt"
+    mach1.write(path, mach1.assemble([relaxation(20, (10, 20))]))
+    lines = path.read_bytes().decode("ascii").split("\r\n")
+    assert lines[0] == "<Mach-1 File>"
+    assert lines[2:4] == ["Date:\tWed, Jul 19, 2023", "Time:\t23:59:59.900"]
+    assert lines[-4:] == [lines[-4], "<divider>", "<END DATA>", ""]
+    assert lines[-4].count("\t") == 8
+    assert all(len(cell.partition(".")[2]) == 6 for cell in lines[-4].split("\t"))
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(
+    st.lists(st.integers(1, 25), min_size=1, max_size=4),
+    st.integers(0, 2**32 - 1),
+    st.lists(st.integers(0, 25), max_size=3),
+)
+def test_write_read_is_the_identity(tmp_path_factory, rows, seed, cuts):
+    generator = np.random.default_rng(seed)
+    blocks = []
+    for n in rows:
+        values = generator.normal(0, 1e-3, (3, n))
+        columns = {"Position (z), mm": values[0], "Fz, gf": values[1], "Tx, N-mm": values[2]}
+        time = {"Time, s": np.arange(n) * 0.01}
+        dividers = sorted(cut for cut in cuts if cut <= n)
+        start = datetime(2024, 2, 29, 12)
+        blocks.append(mach1.make_block("Ünknown", start, time | columns, {}, dividers=dividers))
+    made = mach1.assemble(blocks)
+    path = tmp_path_factory.mktemp("made") / "a.txt"
+    mach1.write(path, made)
+    again = mach1.read(path)
+    for name in made.variables:
+        xr.testing.assert_equal(made[name].variable, again[name].variable)
+    assert mach1.encode(again) == path.read_bytes()
+
+
+def test_no_blocks_and_units_of_two_kinds_are_refused():
+    with pytest.raises(InputError, match="at least one block"):
+        mach1.assemble([])
+    start = datetime(2024, 1, 1)
+    first = mach1.make_block("A", start, {"Time, s": np.zeros(1), "Foo, mm": np.zeros(1)}, {})
+    second = mach1.make_block("A", start, {"Time, s": np.zeros(1), "Foo, N": np.zeros(1)}, {})
+    with pytest.raises(InputError, match="before in m"):
+        mach1.assemble([first, second])
+
+
+def test_dataset_survives_netcdf(tmp_path):
+    readings = read_blocks(tmp_path, sinusoid(), relaxation())
+    readings.to_netcdf(tmp_path / "a.nc")
+    with xr.open_dataset(tmp_path / "a.nc") as stored:
+        assert mach1.encode(stored.load()) == (tmp_path / "made.txt").read_bytes()
+
+
+@needs_samples
+@pytest.mark.parametrize("path", [DYNAMIC, RELAXATION], ids=["dynamic", "relaxation"])
+def test_public_files_are_rewritten_byte_for_byte(path):
+    assert mach1.encode(instruments.read(path)) == path.read_bytes()
+
+
+@needs_samples
+def test_public_dynamic_file_has_its_five_frequencies():
+    readings = instruments.read(DYNAMIC)
+    np.testing.assert_array_equal(readings.declared_frequency.values, [0.1, 0.2, 0.5, 1.0, 2.0])
+    np.testing.assert_array_equal(readings.n_rows.values, [20270, 10180, 4130, 2100, 1110])
+    assert readings.attrs["compression_sign"] == 1
+    # formats.md 1a: not tared, 20 051 gf of preload; commands are up to 1 % and 4 % off.
+    assert readings.force_z.values[0] == pytest.approx(20051.351733 * GF, rel=1e-12)
+    block = mach1.split_blocks(readings)[4]
+    crossings = np.flatnonzero(np.diff(np.sign(block.position_z.values - 1.8781e-3)) > 0)
+    assert block.sizes["time"] == 1110
+    assert crossings.size >= 19
+    ends = block.start_time.item()
+    assert ends.startswith("2024-01-24T10:")
+
+
+@needs_samples
+def test_back_to_back_blocks_follow_each_other_to_the_millisecond():
+    readings = instruments.read(DYNAMIC)
+    starts = [datetime.fromisoformat(text) for text in readings.start_time.values]
+    gaps = np.array([(b - a).total_seconds() for a, b in pairwise(starts)])
+    np.testing.assert_allclose(gaps, readings.n_rows.values[:-1] * 0.01, atol=0.002)
+
+
+@needs_samples
+def test_public_relaxation_file_has_three_ramps_and_nine_columns():
+    readings = instruments.read(RELAXATION)
+    assert readings.sizes["sample"] == 117_900
+    assert readings.segment.values.max() == 2
+    assert len(json.loads(readings.attrs["blocks"])[0]["columns"]) == 9
+    assert readings.attrs["compression_sign"] == -1
+    assert readings.force_z.values[0] == -0.249172

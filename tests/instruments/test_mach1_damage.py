@@ -1,0 +1,476 @@
+"""Damaged Mach-1 files: the right line and column, or the right numbers; never a shorter result."""
+
+import re
+import warnings
+from datetime import datetime
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from instruments import mach1
+from labpipe.errors import LabpipeError, SourceError
+
+
+def _blocks():
+    time = np.arange(30) * 0.01
+    ramp = mach1.make_block(
+        "Stress Relaxation",
+        datetime(2023, 7, 19, 12, 14, 21),
+        {
+            "Time, s": time,
+            "Position (z), mm": 1.574e-4 + 1e-5 * time,
+            "Position (theta), deg": np.zeros(30),
+            **{f"F{axis}, N": -0.25 - 0.1 * time for axis in "xyz"},
+            **{f"T{axis}, N-mm": 1.1e-3 + 1e-3 * time for axis in "xyz"},
+        },
+        {
+            "Stage Axis": "Position (z)",
+            "Amplitude, mm": "0.0393",
+            "Number of Ramp": "3",
+            "Relaxation Rate, N/min": "0.0100",
+        },
+        load_cell=mach1.LOAD_CELLS["17N"],
+        dividers=(10, 20, 30),
+    )
+    wave = mach1.make_block(
+        "Sinusoid",
+        datetime(2023, 7, 19, 12, 20),
+        {
+            "Time, s": time,
+            "Position (z), mm": 1e-3 + 1e-5 * np.sin(40 * time),
+            "Fz, gf": 190 + np.sin(40 * time),
+        },
+        {"Stage Axis": "Position (z)", "Amplitude, mm": "0.0100", "Frequency, Hz": "6.36620"},
+    )
+    return ramp, wave
+
+
+WHOLE = mach1.encode(mach1.assemble(_blocks())).decode("ascii")
+FIRST, SECOND = WHOLE[: WHOLE.index("<INFO>", 40)], WHOLE[WHOLE.index("<INFO>", 40) :]
+RAMP_ROW = "0.050000\t"  # begins the sixth row of either block
+
+
+def line_of(needle, text=WHOLE, nth=0):
+    found = [m.start() for m in re.finditer(re.escape(needle), text)]
+    return text[: found[nth]].count("\r\n") + 1
+
+
+def row(block, number):
+    """A row of a block without its line end: the ``number``-th that begins with a digit."""
+    part = FIRST if block == 0 else SECOND
+    return [line for line in part.split("\r\n") if re.match(r"[0-9]", line)][number]
+
+
+def once(old, new):
+    """Replace the first place only, and make sure that there is one."""
+
+    def damage(text):
+        assert old in text
+        return text.replace(old, new, 1)
+
+    return damage
+
+
+def after_last(old, new):
+    def damage(text):
+        head, found, tail = text.rpartition(old)
+        assert found
+        return head + new + tail
+
+    return damage
+
+
+ROW = row(0, 5)
+CELLS = ROW.split("\t")
+AT = line_of(ROW)
+
+
+def cell(index, new):
+    """Damage one cell of the sixth row of the first block."""
+    return once(ROW, "\t".join([*CELLS[:index], new, *CELLS[index + 1 :]]))
+
+
+def column(index):
+    return len("\t".join(CELLS[:index])) + (2 if index else 1)
+
+
+# name: (damage, line, column or None, part of the message)
+REFUSED = {
+    "letter in a number": (cell(5, "-0.2x5"), AT, column(5), "expected a number"),
+    "letter in the time": (cell(0, "0.0S0000"), AT, 1, "expected a number"),
+    "empty cell": (cell(3, ""), AT, column(3), "expected a number"),
+    "nan in a cell": (cell(3, "nan"), AT, column(3), "expected a number"),
+    "infinity in a cell": (cell(3, "inf"), AT, column(3), "expected a number"),
+    "number beyond double": (cell(3, "1e999"), AT, column(3), "expected a number"),
+    "over-range marker": (cell(5, "OVER"), AT, column(5), "'OVER'"),
+    "keyence marker": (cell(5, "-FFFFFFF"), AT, column(5), "FFFFFFF"),
+    "underscore in a number": (cell(3, "1_0.0"), AT, column(3), "1_0"),
+    "two points": (cell(3, "0.1.2"), AT, column(3), "0.1.2"),
+    "two signs": (cell(3, "--0.1"), AT, column(3), "--0.1"),
+    "hexadecimal": (cell(3, "0x1F"), AT, column(3), "0x1F"),
+    "wide digits": (cell(3, "０.１"), AT, column(3), "expected a number"),
+    "blank inside a number": (cell(3, "0. 1"), AT, column(3), "0. 1"),
+    "one decimal comma": (cell(3, "-0,250000"), AT, column(3), "expected a number"),
+    "thousands point": (cell(3, "1.234.567"), AT, column(3), "1.234.567"),
+    "missing cell": (once(ROW, "\t".join(CELLS[:-1])), AT, None, "8 cells, expected 9"),
+    "added cell": (once(ROW, ROW + "\t1.0"), AT, len(ROW) + 2, "10 cells, expected 9"),
+    "empty line among rows": (once(ROW, ""), AT, 1, "1 cells"),
+    "blanks instead of tabs": (once(ROW, ROW.replace("\t", " ")), AT, None, "1 cells"),
+    "commas instead of tabs": (once(ROW, ROW.replace("\t", ",")), AT, None, "1 cells"),
+    "return inside a row": (once(ROW, ROW.replace("\t", "\r", 1)), AT, None, "cells"),
+    "repeated row": (once(ROW, ROW + "\r\n" + ROW), AT + 1, 1, "does not go on"),
+    "backward time": (cell(0, "0.010000"), AT, 1, "does not go on"),
+    "missing row": (once(ROW + "\r\n", ""), AT, 1, "rows are missing"),
+    "missing first row": (once(row(0, 0) + "\r\n", ""), line_of(row(0, 0)), 1, "start at zero"),
+    "time jumps ahead": (cell(0, "0.057000"), AT, 1, "rows are missing or added"),
+    "time restarts without a block": (
+        once(row(0, 12), row(0, 0)),
+        line_of(row(0, 12)),
+        1,
+        "does not go on",
+    ),
+    "NUL in a row": (once(ROW, ROW[:10] + "\0" + ROW[11:]), AT, 11, "NUL"),
+    "NUL in the header": (once("V500c", "V5\0c"), 7, None, "NUL"),
+    "unknown unit of a column": (once("Fz, N\t", "Fz, Q\t"), AT - 6, None, 'unknown unit "Q"'),
+    "no unit of a column": (once("\tFz, N\t", "\tFz\t"), AT - 6, None, "a comma and its unit"),
+    "no time column": (once("Time, s\t", "Zeit, s\t"), AT - 6, 1, "expected 'Time, s'"),
+    "column named twice": (once("\tFy, N\t", "\tFx, N\t"), AT - 6, 1, "twice"),
+    "column name missing": (once("\tTz, N-mm", ""), AT - 5, None, "9 cells, expected 8"),
+    "German column names": (once("Time, s\tPosition", "Zeit, s\tWeg"), AT - 6, 1, "'Zeit, s'"),
+    "title missing": (once("<Mach-1 File>\r\n", ""), 1, 1, "expected <Mach-1 File>"),
+    "title misspelt": (once("<Mach-1 File>", "<Mach-2 File>"), 1, 1, "expected <Mach-1 File>"),
+    "END INFO missing": (once("<END INFO>\r\n", ""), line_of("<END INFO>"), 1, "<END INFO>"),
+    "END INFO misspelt": (once("<END INFO>", "<END INF>"), line_of("<END INFO>"), 1, "<END INFO>"),
+    "INFO missing": (once("<INFO>\r\n", ""), 2, 1, "expected <INFO>"),
+    "INFO twice": (once("<INFO>\r\n", "<INFO>\r\n<INFO>\r\n"), 3, 1, "expected 'Key:'"),
+    "function tag missing": (
+        once("<Stress Relaxation>\r\n", ""),
+        line_of("<Stress"),
+        1,
+        "a function's tag",
+    ),
+    "DATA tag missing": (once("<DATA>\r\n", ""), line_of("<DATA>"), 1, "expected 'Key:'"),
+    "DATA tag misspelt": (once("<DATA>", "<DATEN>"), line_of("<DATA>"), 1, "expected <DATA>"),
+    "END DATA missing": (once("<END DATA>\r\n", ""), line_of("<END DATA>"), 1, "<END DATA>"),
+    "END DATA twice": (
+        once("<END DATA>\r\n", "<END DATA>\r\n" * 2),
+        line_of("<END DATA>") + 1,
+        1,
+        "found '<END DATA>'",
+    ),
+    "divider misspelt": (once("<divider>", "<devider>"), line_of("<divider>"), 1, "<devider>"),
+    "divider outside the data": (
+        once("<END DATA>\r\n", "<END DATA>\r\n<divider>\r\n"),
+        line_of("<END DATA>") + 1,
+        1,
+        "<divider>",
+    ),
+    "header line without a tab": (
+        once("Load Cell Offset:\t", "Load Cell Offset "),
+        line_of("Load Cell Offset"),
+        1,
+        "expected 'Key:'",
+    ),
+    "letter in the calibration factor": (
+        once("1.000491", "1.00x491"),
+        line_of("1.000491"),
+        31,
+        "'1.00x491'",
+    ),
+    "letter in the filter's cutoff": (once("20.00", "2O.00"), line_of("20.00"), None, "'2O.00'"),
+    "letter in a declared amplitude": (once("0.0393", "0.o393"), line_of("0.0393"), 16, "0.o393"),
+    "unknown unit of a declared number": (
+        once("Amplitude, mm", "Amplitude, inches"),
+        line_of("Amplitude, mm"),
+        12,
+        'unknown unit "inches"',
+    ),
+    "parameter without a tab": (
+        once("Number of Ramp:\t3", "Number of Ramp 3"),
+        line_of("Number of Ramp"),
+        1,
+        "expected 'Key:'",
+    ),
+    "prose between blocks": (
+        once(SECOND, "hello\r\n" + SECOND),
+        line_of("<INFO>", nth=1),
+        1,
+        "hello",
+    ),
+    "half a file": (lambda t: t[: len(t) // 2], None, None, "expected <END DATA>"),
+    "no END DATA at the end": (after_last("<END DATA>\r\n", ""), None, None, "expected <END DATA>"),
+    "cut in the last row": (
+        after_last("\r\n<END DATA>\r\n", ""),
+        line_of("<END DATA>", nth=1) - 1,
+        1,
+        "expected <END DATA>",
+    ),
+    "header only": (lambda t: t[: t.index("<Stress")], None, None, "before its first block"),
+    "title only": (lambda t: t[:15], 1, 1, "before its first block"),
+    "empty": (lambda _: "", None, None, "empty"),
+    "blank lines only": (lambda _: "\r\n\r\n", 1, 1, "expected <Mach-1 File>"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_damage_is_refused_where_it_is(tmp_path, name):
+    damage, line, col, message = REFUSED[name]
+    path = tmp_path / "damaged.txt"
+    path.write_bytes(damage(WHOLE).encode())
+    with pytest.raises(SourceError, match=re.escape(message)) as caught:
+        mach1.read(path)
+    assert caught.value.path == str(path)
+    if line is not None:
+        assert caught.value.line == line
+    if col is not None:
+        assert caught.value.column == col
+
+
+def as_bytes(change, codec="ascii", errors="strict"):
+    return lambda text: change(text).encode(codec, errors)
+
+
+def same(text):
+    return text
+
+
+# Changes of form that leave every number what it is.
+HARMLESS = {
+    "untouched": as_bytes(same),
+    "UTF-8 mark": as_bytes(same, "utf-8-sig"),
+    "UTF-16 little end first": lambda t: ("\ufeff" + t).encode("utf-16-le"),
+    "UTF-16 big end first": lambda t: ("\ufeff" + t).encode("utf-16-be"),
+    "LF only": as_bytes(lambda t: t.replace("\r\n", "\n")),
+    "CR only": as_bytes(lambda t: t.replace("\r\n", "\r")),
+    "mixed line ends": as_bytes(lambda t: t.replace("\r\n", "\n", 20)),
+    "latin-1 name": as_bytes(once("FT35537-17N", "Zelle é µ"), "latin-1"),
+    "utf-8 name": as_bytes(once("FT35537-17N", "Zelle é µ"), "utf-8"),
+    "no line end after END DATA": as_bytes(lambda t: t.rstrip("\r\n")),
+    "half a line end after END DATA": as_bytes(lambda t: t[:-1]),
+    "blank lines at the end": as_bytes(lambda t: t + "\r\n\r\n"),
+    "blank line between blocks": as_bytes(once(SECOND, "\r\n" + SECOND)),
+    "quoted column names": as_bytes(once("Time, s\t", '"Time, s"\t')),
+    "tabs after tags and keys": as_bytes(
+        lambda t: re.sub(r"(?m)^(<.*>|[A-Z].*:\t.*)\r", r"\1\t\t\r", t)
+    ),
+    "tabs after every row": as_bytes(lambda t: re.sub(r"(?m)^([0-9].*)\r", r"\1\t\t\r", t)),
+    "fewer header lines": as_bytes(once("Mach-1 System Model:\tV500c\r\n", "")),
+    "more header lines": as_bytes(once("<END INFO>", "Operator:\tA: B\r\n<END INFO>")),
+    "unknown function": as_bytes(once("<Stress Relaxation>", "<Normal Indentation>")),
+    "unknown text parameter": as_bytes(once("<DATA>", "Stop based on:\tRelaxation Rate\r\n<DATA>")),
+    "old spelling": as_bytes(once("Frequency, Hz", "Freqency, Hz")),
+    "blanks around numbers": as_bytes(cell(3, f"  {CELLS[3]} ")),
+    "exponents": as_bytes(cell(3, f"{float(CELLS[3]):.17e}")),
+    "plus sign": as_bytes(cell(0, "+" + CELLS[0])),
+    "no filter declared": as_bytes(
+        lambda t: re.sub(r"Load Cell Low-pass filter[^\r]*\r\n", "", t)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HARMLESS)
+def test_change_of_form_leaves_the_numbers(tmp_path, name):
+    whole = mach1.assemble(_blocks())
+    path = tmp_path / "changed.dat"
+    path.write_bytes(HARMLESS[name](WHOLE))
+    readings = mach1.read(path)
+    for variable in ("time", "block", "segment", "position_z", "force_z", "torque_z"):
+        np.testing.assert_array_equal(readings[variable].values, whole[variable].values)
+
+
+def test_decimal_comma_is_refused_without_and_read_with_the_option(tmp_path):
+    path = tmp_path / "comma.txt"
+    path.write_text(re.sub(r"(?<=\d)\.(?=\d)", ",", WHOLE), newline="")
+    with pytest.raises(SourceError, match=r'decimal=","') as caught:
+        mach1.read(path)
+    assert caught.value.line == line_of("1.000491")
+    with pytest.warns(UserWarning, match="date and time"):  # the clock has a comma too
+        readings = mach1.read(path, decimal=",")
+    np.testing.assert_array_equal(readings.force_z.values, mach1.assemble(_blocks()).force_z.values)
+
+
+def test_point_is_refused_under_decimal_comma(tmp_path):
+    path = tmp_path / "comma.txt"
+    text = re.sub(r"(?<=\d)\.(?=\d)", ",", WHOLE).replace(ROW.replace(".", ","), ROW)
+    path.write_text(text, newline="")
+    with pytest.raises(SourceError) as caught:
+        mach1.read(path, decimal=",")
+    assert (caught.value.line, caught.value.column) == (AT, 1)
+
+
+def test_empty_data_section_and_silent_functions_are_blocks(tmp_path):
+    path = tmp_path / "blocks.txt"
+    info = SECOND[: SECOND.index("<Sinusoid>")]
+    text = (
+        f"<Mach-1 File>\r\n{info}<Zero Load>\r\n"
+        f"{info}<Find Contact>\r\nContact Criteria, gf:\t0.5000\r\nStage Repositioning:\tNone\r\n"
+        "<DATA>\r\nTime, s\tPosition (z), mm\tFz, gf\r\n<END DATA>\r\n"
+        f"{SECOND}{info}<Wait>\r\nWait Time (HH:MM:SS):\t00:00:05\r\n"
+    )
+    path.write_text(text, newline="")
+    readings = mach1.read(path)
+    assert readings.function.values.tolist() == ["Zero Load", "Find Contact", "Sinusoid", "Wait"]
+    assert readings.n_rows.values.tolist() == [0, 0, 30, 0]
+    assert readings.declared_contact_force.values[1] == pytest.approx(0.5 * 0.00980665)
+    assert mach1.encode(readings) == path.read_bytes()
+    assert [block.sizes["time"] for block in mach1.split_blocks(readings)] == [0, 0, 30, 0]
+
+
+def test_coordinate_tables_of_unknown_functions_are_kept(tmp_path):
+    path = tmp_path / "mapping.txt"
+    table = "Contacts mapping (x, y, z)\r\n1.0\t2.0\t3.0\r\nSurface Normal (x, y, z)\r\n0\t0\t1\r\n"
+    text = WHOLE.replace("<Sinusoid>\r\n", "<Normal Indentation>\r\n" + table)
+    path.write_text(text, newline="")
+    assert mach1.encode(mach1.read(path)) == path.read_bytes()
+
+
+def test_second_title_warns_and_goes_on(tmp_path):
+    path = tmp_path / "joined.txt"
+    path.write_text(WHOLE + WHOLE, newline="")
+    with pytest.warns(UserWarning, match="two files were joined"):
+        readings = mach1.read(path)
+    assert readings.sizes["block_index"] == 4
+
+
+def test_unknown_date_warns_and_leaves_the_start_empty(tmp_path):
+    path = tmp_path / "date.txt"
+    path.write_text(once("Wed, Jul 19, 2023", "mer., juil. 19, 2023")(WHOLE), newline="")
+    with pytest.warns(UserWarning, match="date and time of block 0"):
+        assert mach1.read(path).start_time.values[0] == ""
+
+
+def test_incomplete_file_is_read_on_request_and_marked(tmp_path):
+    path = tmp_path / "cut.txt"
+    cut = WHOLE.index(row(1, 20)) + 12
+    path.write_text(WHOLE[:cut], newline="")
+    with pytest.warns(UserWarning, match="expected <END DATA>"):
+        readings = mach1.read(path, allow_incomplete=True)
+    assert readings.n_rows.values.tolist() == [30, 20]  # the cut row is dropped
+    assert readings.is_complete.values.tolist() == [1, 0]
+    assert readings.attrs["incomplete"] == 1
+
+
+@pytest.mark.parametrize("end", ["<Sinusoid>", "Stage Axis", "<DATA>"])
+def test_every_kind_of_early_end_is_readable_on_request(tmp_path, end):
+    path = tmp_path / "cut.txt"
+    path.write_text(WHOLE[: WHOLE.rindex(end)], newline="")
+    with pytest.warns(UserWarning, match="the file ends"):
+        readings = mach1.read(path, allow_incomplete=True)
+    assert readings.attrs["incomplete"] == 1
+    assert readings.n_rows.values[0] == 30
+
+
+def test_missing_rows_are_read_on_request_at_their_times(tmp_path):
+    path = tmp_path / "gap.txt"
+    path.write_text(once(ROW + "\r\n", "")(WHOLE), newline="")
+    readings = mach1.read(path, allow_gaps=True)
+    assert readings.n_rows.values.tolist() == [29, 30]
+    assert 0.05 not in readings.time.values[:29]
+
+
+def _reads_as(path, data):
+    """Rows per block, or None when the file is refused."""
+    path.write_bytes(data)
+    try:
+        return tuple(mach1.read(path).n_rows.values.tolist())
+    except SourceError:
+        return None
+
+
+def test_no_truncation_gives_a_shorter_result_without_an_error(tmp_path):
+    data = WHOLE.encode()
+    assert len(data) > 4096
+    ends = [m.end() for m in re.finditer(b"\r\n", data)]
+    cuts = [*range(4096), *(end for end in ends if end >= 4096)]
+    end_of_first = len(FIRST)
+    path = tmp_path / "cut.txt"
+    for cut in cuts:
+        found = _reads_as(path, data[:cut])
+        if cut in (end_of_first - 2, end_of_first - 1, end_of_first):
+            # What stands before this byte is a complete file of one block; nothing in it tells.
+            assert found == (30,)
+        else:
+            assert found == ((30, 30) if cut >= len(data) - 2 else None), cut
+
+
+def _oracle(text):
+    """Rows of a file that holds only well-formed numbers, read in the most naive way."""
+    rows, is_data = [], False
+    for line in text.replace("\r\n", "\n").replace("\r", "\n").split("\n"):
+        is_data = line.startswith(("Time, s", '"Time, s')) or (is_data and "END" not in line)
+        if is_data and line and not line.startswith(("T", "<", '"')):
+            rows.append([float(cell) for cell in line.rstrip("\t").split("\t")])
+    return rows
+
+
+def _mutate(data, operation, position, piece):
+    lines = data.split(b"\r\n")
+    index = position % len(lines)
+    at = position % (len(data) + 1)
+    if operation == "delete":
+        return data[:at] + data[at + max(len(piece), 1) :]
+    if operation == "insert":
+        return data[:at] + piece + data[at:]
+    if operation == "replace":
+        return data[:at] + piece + data[at + len(piece) :]
+    if operation == "drop line":
+        return b"\r\n".join(lines[:index] + lines[index + 1 :])
+    if operation == "repeat line":
+        return b"\r\n".join([*lines[: index + 1], *lines[index:]])
+    other = (index * 7 + 3) % len(lines)
+    lines[index], lines[other] = lines[other], lines[index]
+    return b"\r\n".join(lines)
+
+
+OPERATIONS = ("delete", "insert", "replace", "drop line", "repeat line", "swap lines")
+PIECES = st.one_of(
+    st.binary(min_size=1, max_size=4),
+    st.sampled_from(
+        [b"\t", b"\r\n", b"\r", b"<", b"-", b".", b",", b"e9", b"nan", b"<END DATA>\r\n"]
+    ),
+)
+MUTATIONS = st.lists(
+    st.tuples(st.sampled_from(OPERATIONS), st.integers(0, 20_000), PIECES), min_size=1, max_size=3
+)
+
+
+def check_mutation(path, mutations):
+    """A mutated file is refused, or every number read is the one that stands in the file."""
+    data = WHOLE.encode()
+    for mutation in mutations:
+        data = _mutate(data, *mutation)
+    path.write_bytes(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            readings = mach1.read(path)
+        except LabpipeError:
+            return
+    rows = _oracle(data.decode(readings.attrs["encoding"]))
+    assert len(rows) == readings.sizes["sample"]
+    np.testing.assert_array_equal(readings.time.values, [r[0] for r in rows])
+    np.testing.assert_array_equal(readings.position_z.values, [r[1] * 1e-3 for r in rows])
+
+
+@settings(
+    max_examples=400,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(MUTATIONS)
+def test_mutations_are_refused_or_read_as_they_stand(tmp_path, mutations):
+    check_mutation(tmp_path / "mutated.txt", mutations)
+
+
+@pytest.mark.slow
+@settings(
+    max_examples=20_000,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+@given(MUTATIONS)
+def test_many_mutations_are_refused_or_read_as_they_stand(tmp_path, mutations):
+    check_mutation(tmp_path / "mutated.txt", mutations)
