@@ -11,14 +11,16 @@ import os
 from typing import Any
 
 from calibration.record import KINDS, Record, load_record, require
+from labpipe import BUILD
 from labpipe.errors import CalibrationError
 
-__all__ = ["APPLY", "KINDS", "Record", "apply", "load_record", "require"]
+__all__ = ["APPLY", "BUILD", "KINDS", "Record", "apply", "load_record", "require"]
 
 #: Kind of record to the function that applies it, imported only when it is called.
 APPLY: dict[str, str] = {
     "laser": "calibration.laser:displacement",
     "load_cell": "calibration.load_cell:force",
+    "camera": "calibration.camera:motion",
 }
 
 

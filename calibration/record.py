@@ -40,6 +40,7 @@ from labpipe.workflow.document import parse
 VERSION = 1
 
 Text = Annotated[str, msgspec.Meta(min_length=1)]
+PixelLength = Annotated[Quantity, Dimension("px", "length in pixels", "386 ± 1.5 px")]
 VoltScale = Annotated[Quantity, Dimension("m/V", "length per volt", "0.5 ± 0.0005 mm/V")]
 
 #: Beyond 80° a reading says next to nothing about the vertical motion.
@@ -114,6 +115,45 @@ class LoadCellValues(Table, frozen=True):
             raise ValueError(message)
 
 
+class CameraValues(Table, frozen=True):
+    """What is known of the image scale of one camera view.
+
+    Either ``scale``, or a length and the number of pixels that it spans.
+
+    Attributes
+    ----------
+    reference_length : Quantity [m], optional
+        Of an object in the plane of focus.
+    pixel_length : Quantity [px], optional
+        What it measures in the image; the uncertainty of pointing at both ends.
+    scale : Quantity [m/px], optional
+        Length of one pixel.
+    tilt : Quantity [rad], optional
+        Of the reference line against the image axis; reported, not corrected.
+    out_of_plane : Quantity [1], optional
+        Only its uncertainty counts: relative change of scale between the planes of reference
+        and measurement.
+    """
+
+    reference_length: Annotated[Length, config.POSITIVE] | None = None
+    pixel_length: Annotated[PixelLength, config.POSITIVE] | None = None
+    scale: Annotated[config.Scale, config.POSITIVE] | None = None
+    tilt: Angle | None = None
+    out_of_plane: Dimensionless | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a scale without uncertainty, and any but one way to state it."""
+        has_pair = self.reference_length is not None and self.pixel_length is not None
+        has_half = (self.reference_length is None) != (self.pixel_length is None)
+        if has_half or has_pair == (self.scale is not None):
+            message = "give either reference_length and pixel_length, or scale"
+            raise ValueError(message)
+        stated = self.pixel_length if has_pair else self.scale
+        if stated is not None and stated.u == 0:
+            message = 'the scale has no uncertainty; write it as "386 ± 1.5 px" (or "um/px")'
+            raise ValueError(message)
+
+
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What every record says; the subclass of each kind adds ``values``.
 
@@ -168,8 +208,17 @@ class LoadCellRecord(Record, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     values: LoadCellValues
 
 
+class CameraRecord(Record, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Calibration of one view of a camera."""
+
+    kind: Literal["camera"]
+    view: Text
+    values: CameraValues
+
+
 #: Every kind of record.
 KINDS: dict[str, type[Record]] = {
+    "camera": CameraRecord,
     "laser": LaserRecord,
     "load_cell": LoadCellRecord,
 }

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from instruments import sniff
+from labpipe import BUILD
 from labpipe.errors import SourceError, UsageError
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
     from labpipe.frames import FrameSource
 
-__all__ = ["READERS", "Reader", "identify", "read"]
+__all__ = ["BUILD", "READERS", "Reader", "identify", "read"]
 
 
 class Reader(NamedTuple):

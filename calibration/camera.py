@@ -1,0 +1,192 @@
+"""Image scale of a camera view, and motion in pixels turned into metres with it.
+
+A scale belongs to ONE view. The record of another view is refused: between the front camera and
+the one under the disc of the thesis, the mistake would be a factor of 36 (appendix D).
+"""
+
+import json
+import math
+from datetime import date
+from typing import Any
+
+import xarray as xr
+
+from calibration.budget import Source, combined, table
+from calibration.record import CameraRecord, CameraValues, Record, require
+from labpipe.errors import CalibrationError, InputError
+from labpipe.units import Quantity
+
+__all__ = ["image_scale", "motion", "pixel_size"]
+
+
+def pixel_size(reference_length: Quantity, pixel_length: Quantity) -> Quantity:
+    """Length of one pixel from a length and the pixels that it spans (thesis D.1).
+
+    Parameters
+    ----------
+    reference_length : Quantity [m]
+        Real length.
+    pixel_length : Quantity [px]
+        Length in the image.
+
+    Returns
+    -------
+    Quantity [m/px]
+        With its standard uncertainty.
+
+    Raises
+    ------
+    InputError
+        A length is not positive.
+
+    Examples
+    --------
+    >>> size = pixel_size(Quantity(30e-3, 0, "m"), Quantity(386, 1.5, "px"))
+    >>> round(size.value * 1e3, 5), round(size.u / size.value * 100, 2)
+    (0.07772, 0.39)
+    """
+    if reference_length.value <= 0 or pixel_length.value <= 0:
+        message = (
+            "lengths must be positive, found "
+            f"{reference_length.value} m and {pixel_length.value} px"
+        )
+        raise InputError(message)
+    value = reference_length.value / pixel_length.value
+    relative = math.hypot(
+        reference_length.u / reference_length.value, pixel_length.u / pixel_length.value
+    )
+    return Quantity(value, value * relative, "m/px")
+
+
+def image_scale(
+    record: Record,
+    view: str,
+    *,
+    measured: str | date | None = None,
+    ignore_validity: bool = False,
+) -> tuple[Quantity, dict[str, Any]]:
+    """Return the scale of a view from its record.
+
+    Parameters
+    ----------
+    record : Record
+        Of the kind ``camera``.
+    view : str
+        The view of the film; a record of another one is refused.
+    measured, ignore_validity
+        See :func:`calibration.record.require`.
+
+    Returns
+    -------
+    Quantity [m/px]
+        Length of one pixel.
+    dict
+        What was checked, and the budget of the scale.
+
+    Raises
+    ------
+    CalibrationError
+        The record is of another kind, view or time.
+    """
+    checked = require(
+        record, "camera", {}, measured=measured, view=view, ignore_validity=ignore_validity
+    )
+    if not isinstance(record, CameraRecord):
+        message = f'record "{record.id}" holds no values of a camera'
+        raise CalibrationError(message)
+    size, sources = _size(record.values)
+    total = combined(sources)
+    checked |= {
+        "view": record.view,
+        "budget": table(sources),
+        "tilt": None if record.values.tilt is None else record.values.tilt.value,
+    }
+    return Quantity(size.value, total, "m/px"), checked
+
+
+def _size(values: CameraValues) -> tuple[Quantity, list[Source]]:
+    sources = []
+    if values.scale is not None:
+        size = values.scale
+        sources.append(Source("scale", size.value, size.u, "m/px", 1.0, "systematic"))
+    else:
+        length, pixels = values.reference_length, values.pixel_length
+        if length is None or pixels is None:
+            message = "a camera record holds a scale, or a length with its pixels"
+            raise CalibrationError(message)
+        size = pixel_size(length, pixels)
+        sources += [
+            Source("reference length", length.value, length.u, "m", 1 / pixels.value, "systematic"),
+            Source(
+                "pixel distance", pixels.value, pixels.u, "px", size.value / pixels.value,
+                "systematic",
+            ),
+        ]  # fmt: skip
+    if values.out_of_plane is not None:
+        sources.append(
+            Source("out of plane", 0.0, values.out_of_plane.u, "1", size.value, "systematic")
+        )
+    return size, sources
+
+
+def motion(
+    track: xr.Dataset,
+    record: Record,
+    *,
+    view: str,
+    measured: str | date | None = None,
+    ignore_validity: bool = False,
+) -> xr.Dataset:
+    """Turn displacements in pixels into metres, upwards positive.
+
+    Parameters
+    ----------
+    track : Dataset (frame, point)
+        ``dx``, ``dy`` [px] with ``u_dx``, ``u_dy``, as :func:`labpipe.imaging.track` returns.
+    record : Record
+        Of the kind ``camera``.
+    view : str
+        The view of the film.
+    measured, ignore_validity
+        See :func:`calibration.record.require`.
+
+    Returns
+    -------
+    Dataset (frame, point)
+        ``displacement_x`` and ``displacement_y`` [m], the latter upwards, with random ``u_``;
+        scalar ``pixel_size`` [m/px] with ``u_``; attributes ``u_systematic_relative``,
+        ``budget`` and ``calibration``.
+
+    Raises
+    ------
+    CalibrationError
+        The record is of another kind, view or time.
+    InputError
+        The track has no displacements.
+    """
+    for name in ("dx", "dy", "u_dx", "u_dy"):
+        if name not in track:
+            message = f'the track has no "{name}"; expected the result of labpipe.imaging.track'
+            raise InputError(message)
+    size, checked = image_scale(record, view, measured=measured, ignore_validity=ignore_validity)
+    result = track.drop_vars(["dx", "dy", "u_dx", "u_dy"])
+    # image rows count downwards, heights upwards
+    for axis, sign, text in (("x", 1.0, "to the right"), ("y", -1.0, "upwards")):
+        moved = sign * size.value * track[f"d{axis}"]
+        random = size.value * track[f"u_d{axis}"]
+        result[f"displacement_{axis}"] = moved.assign_attrs(
+            units="m", long_name=f"displacement {text}"
+        )
+        result[f"u_displacement_{axis}"] = random.assign_attrs(
+            units="m", long_name=f"standard uncertainty (random): displacement {text}"
+        )
+    result["pixel_size"] = ((), size.value, {"units": "m/px", "long_name": "length of one pixel"})
+    result["u_pixel_size"] = (
+        (),
+        size.u,
+        {"units": "m/px", "long_name": "standard uncertainty: length of one pixel"},
+    )
+    result.attrs["u_systematic_relative"] = size.u / size.value
+    result.attrs["budget"] = json.dumps(checked.pop("budget"))
+    result.attrs["calibration"] = json.dumps(checked, ensure_ascii=False)
+    return result

@@ -1,0 +1,207 @@
+"""Lengths measured in an image: graduations of a ruler, and the edges of an object.
+
+Both return pixels with a standard uncertainty, for the ``pixel_length`` of a camera record.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, optimize, signal
+
+from labpipe.errors import InputError
+from labpipe.units import Quantity
+
+Array = NDArray[np.float64]
+
+_FEWEST_LINES = 4  # a pitch with an honest uncertainty needs a few lines
+_BANDS = 8  # pieces of the image in which the lines are located, for the tilt
+_CLEAR = 4.0  # a line must stand out of the noise by so many standard deviations
+
+
+@dataclass(frozen=True, slots=True)
+class Ruler:
+    """A ruler found in an image.
+
+    Attributes
+    ----------
+    pitch : Quantity [px]
+        Distance of neighbouring graduations, measured at right angles to them.
+    tilt : Quantity [rad]
+        Of the ruler against the image axis.
+    lines : array (line,) [px]
+        Where the graduations cross the middle of the image.
+    residual : float [px]
+        Standard deviation of the lines about equal spacing.
+    """
+
+    pitch: Quantity
+    tilt: Quantity
+    lines: Array
+    residual: float
+
+
+def graduations(image: NDArray[np.generic], *, axis: str = "x", dark: bool = True) -> Ruler:
+    """Measure the pitch of a ruler's graduations to a fraction of a pixel.
+
+    Parameters
+    ----------
+    image : array (row, column)
+        Holds the graduations and little else; cut it to the ruler first.
+    axis : {"x", "y"}
+        Along which the ruler runs; its lines stand across.
+    dark : bool
+        Whether lines are darker than the ground.
+
+    Returns
+    -------
+    Ruler
+        Pitch and tilt with uncertainty from the scatter of the lines.
+
+    Raises
+    ------
+    InputError
+        Fewer than four equally spaced lines stand out of the noise.
+
+    Notes
+    -----
+    Lines are located by centroid in bands across the image; the tilt is the mean drift of all
+    lines over the bands; the pitch is the slope of position against line number, times cos tilt.
+    """
+    grey = np.asarray(image, float)
+    if grey.ndim != 2:
+        message = f"expected one image (row, column), found {grey.ndim} dimensions"
+        raise InputError(message)
+    grey = grey if axis == "x" else grey.T
+    grey = -grey if dark else grey
+    centres = _lines(grey.mean(axis=0))
+    edges = np.linspace(0, grey.shape[0], _BANDS + 1).astype(int)
+    middles = 0.5 * (edges[1:] + edges[:-1] - 1)
+    middle = 0.5 * (grey.shape[0] - 1)
+    half = np.median(np.diff(centres)) / 2
+    rows = [_near(grey[a:b].mean(axis=0), centres, half) for a, b in pairwise(edges)]
+    places = np.array(rows)
+    drift, u_drift = _slope(middles - middle, places - places.mean(axis=0))
+    tilt = float(np.arctan(drift))
+    at_middle = places.mean(axis=0)
+    number = np.rint((at_middle - at_middle[0]) / np.median(np.diff(at_middle)))
+    fit, covariance = np.polyfit(number, at_middle, 1, cov=True)
+    residual = at_middle - np.polyval(fit, number)
+    pitch = Quantity(
+        float(fit[0] * np.cos(tilt)), float(np.sqrt(covariance[0, 0]) * np.cos(tilt)), "px"
+    )
+    return Ruler(
+        pitch, Quantity(tilt, float(u_drift), "rad"), at_middle, float(residual.std(ddof=2))
+    )
+
+
+def _lines(profile: Array) -> Array:
+    """Find equally strong maxima of a profile and their centroids."""
+    smooth = ndimage.gaussian_filter1d(profile, 1.0)
+    flat = smooth - ndimage.percentile_filter(smooth, 50, size=max(31, profile.size // 8))
+    noise = 1.4826 * np.median(np.abs(np.diff(profile))) / np.sqrt(2)
+    strongest = float(np.percentile(flat, 99.5))
+    peaks, _ = signal.find_peaks(flat, height=max(0.4 * strongest, _CLEAR * noise), distance=4)
+    if len(peaks) < _FEWEST_LINES:
+        message = (
+            f"only {len(peaks)} graduation(s) stand out; at least {_FEWEST_LINES} are needed. Cut "
+            "the image to the ruler, check the axis, or measure by hand"
+        )
+        raise InputError(message)
+    spacing = np.diff(peaks)
+    typical = np.median(spacing)
+    multiple = spacing / typical
+    if np.any(np.abs(multiple - np.rint(multiple)) > 0.25):
+        message = (
+            f"the lines are not equally spaced ({spacing.min()} to {spacing.max()} px); cut the "
+            "image to graduations of one kind"
+        )
+        raise InputError(message)
+    return _near(profile, peaks.astype(float), typical / 2)
+
+
+def _near(profile: Array, centres: Array, half: float) -> Array:
+    """Refine every centre to the centroid of the profile above its own ground."""
+    reach = max(2, int(half * 0.8))
+    refined = np.array(centres, float)
+    for _ in range(2):
+        for i, centre in enumerate(refined):
+            first = max(0, round(centre) - reach)
+            window = profile[first : round(centre) + reach + 1]
+            weight = window - np.percentile(window, 40)
+            weight = np.clip(weight, 0.0, None)
+            if weight.sum() > 0:
+                refined[i] = first + np.average(np.arange(window.size), weights=weight)
+    return refined
+
+
+def _slope(x: Array, y: Array) -> tuple[float, float]:
+    """Return the common slope of several lines y(x), shape (x, line), and its standard error."""
+    per_line = (x @ y) / (x @ x)
+    count = per_line.size
+    return float(per_line.mean()), float(per_line.std(ddof=1) / np.sqrt(count))
+
+
+def edge_distance(
+    image: NDArray[np.generic], start: tuple[float, float], end: tuple[float, float], *,
+    width: int = 9,
+) -> Quantity:  # fmt: skip
+    """Measure the distance of two edges, for example those of the holder, along a line.
+
+    Parameters
+    ----------
+    image : array (row, column)
+        Grey levels.
+    start, end : (x, y) [px]
+        A line that crosses both edges at right angles; each edge lies in one half of it.
+    width : int [px]
+        How many parallel lines are measured; their scatter gives the uncertainty.
+
+    Returns
+    -------
+    Quantity [px]
+        Distance between the edges.
+
+    Raises
+    ------
+    InputError
+        The line leaves the image, or no edge stands out in one half.
+    """
+    grey = np.asarray(image, float)
+    a, b = np.asarray(start, float), np.asarray(end, float)
+    length = float(np.hypot(*(b - a)))
+    limits = np.array([grey.shape[1] - 1, grey.shape[0] - 1])
+    if length < 16 or np.any(np.minimum(a, b) < 0) or np.any(np.maximum(a, b) > limits):
+        message = f"the line from {start} to {end} is shorter than 16 px or leaves the image"
+        raise InputError(message)
+    along = (b - a) / length
+    across = np.array([-along[1], along[0]])
+    steps = np.linspace(0, length, int(2 * length) + 1)
+    found = []
+    for offset in np.arange(width) - (width - 1) / 2:
+        x, y = (a + offset * across)[:, None] + along[:, None] * steps
+        profile = ndimage.map_coordinates(grey, [y, x], order=3, mode="nearest")
+        half = steps.size // 2
+        first = _edge(steps[:half], profile[:half])
+        second = _edge(steps[half:], profile[half:])
+        found.append(second - first)
+    distance = np.array(found)
+    return Quantity(float(distance.mean()), float(distance.std(ddof=1) / np.sqrt(width)), "px")
+
+
+def _edge(position: Array, profile: Array) -> float:
+    """Locate one edge by a smooth step (tanh) fitted to the profile."""
+    gradient = np.abs(np.gradient(ndimage.gaussian_filter1d(profile, 2.0), position))
+    guess = float(position[np.argmax(gradient)])
+    low, high = float(profile[:5].mean()), float(profile[-5:].mean())
+    noise = 1.4826 * float(np.median(np.abs(np.diff(profile))))
+    if abs(high - low) < _CLEAR * max(noise, 1e-9):
+        message = "no edge stands out of the noise; move the line or improve the light"
+        raise InputError(message)
+
+    def step(x: Array, centre: float, blur: float, left: float, right: float) -> Array:
+        return left + (right - left) * 0.5 * (1 + np.tanh((x - centre) / blur))
+
+    fit, _ = optimize.curve_fit(step, position, profile, p0=(guess, 1.5, low, high), maxfev=2000)
+    return float(fit[0])
