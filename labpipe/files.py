@@ -285,7 +285,9 @@ def _flush(path: Path) -> None:
 def _storage_error(path: Path, needed: int, error: Exception) -> StorageError:
     """Say why a file could not be written, in terms of what the user can change."""
     number = error.errno if isinstance(error, OSError) else None
-    if number in (errno.EACCES, errno.EPERM, errno.EROFS):
+    # HDF5 reports a limit on the size of files as a missing permission.
+    is_hdf = number == errno.EACCES and os.access(path.parent, os.W_OK)
+    if number in (errno.EACCES, errno.EPERM, errno.EROFS) and not is_hdf:
         why = "no permission to write there; check the folder's owner and whether it is read-only"
     elif number == errno.EFBIG:
         why = f"{needed} bytes are needed, more than the limit on the size of a file allows"

@@ -1,0 +1,595 @@
+"""Files exist whole or not at all; names stay inside; damage is noticed."""
+
+import errno
+import hashlib
+import json
+import multiprocessing
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from labpipe import files
+from labpipe.errors import InputError, SourceError, StorageError, StoreError
+
+
+def some_dataset(size: int = 50) -> xr.Dataset:
+    time_axis = np.arange(size) / 20e3
+    return xr.Dataset(
+        {
+            "displacement": ("time", np.sin(time_axis), {"units": "m", "long_name": "z"}),
+            "valid": ("time", time_axis > 1e-3),
+            "label": ("impact", np.array(["é", "second"])),
+            "restitution": ((), 0.73),
+            "nothing": ("none", np.zeros(0)),
+        },
+        coords={"time": ("time", time_axis, {"units": "s"}), "serial": ("impact", [1, 2])},
+        attrs={"title": "drop", "n": 3, "flag": True, "absent": None, "work": {"steps": 4}},
+    )
+
+
+# --- bytes -----------------------------------------------------------------------------------
+
+
+def test_written_bytes_are_there_and_nothing_else(tmp_path: Path) -> None:
+    files.write_bytes(tmp_path / "new" / "a.bin", b"\x00\xff" * 1000)
+    assert (tmp_path / "new" / "a.bin").read_bytes() == b"\x00\xff" * 1000
+    assert [p.name for p in tmp_path.rglob("*")] == ["new", "a.bin"]
+
+
+def test_text_keeps_its_line_ends(tmp_path: Path) -> None:
+    files.write_text(tmp_path / "a", "é\r\nb\n")
+    assert (tmp_path / "a").read_bytes() == "é\r\nb\n".encode()
+
+
+def test_a_name_of_255_bytes_can_be_written(tmp_path: Path) -> None:
+    files.write_bytes(tmp_path / ("n" * 255), b"x")
+    assert (tmp_path / ("n" * 255)).read_bytes() == b"x"
+
+
+@pytest.mark.parametrize(
+    ("number", "says"),
+    [
+        (errno.ENOSPC, "no space left: 7 bytes are needed"),
+        (errno.EDQUOT, "no space left: 7 bytes are needed"),
+        (errno.EFBIG, "limit on the size of a file"),
+        (errno.EPERM, "no permission"),
+        (errno.EROFS, "no permission"),
+        (errno.ENAMETOOLONG, "too long"),
+        (errno.EIO, "7 bytes could not be written"),
+        (errno.ESTALE, "is the disk there"),
+    ],
+)
+def test_a_disk_that_refuses_keeps_the_old_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, says: str
+) -> None:
+    target = tmp_path / "a"
+    files.write_bytes(target, b"old")
+
+    def refuse(handle: int) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    with pytest.raises(StorageError, match=says) as caught:
+        files.write_bytes(target, b"newdata")
+    assert caught.value.exit_code == 5
+    assert target.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ["a"]
+
+
+def test_what_cannot_be_read_back_does_not_come_to_exist(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "digest", lambda path: "0" * 64)
+    with pytest.raises(StorageError, match="cannot be read back"):
+        files.write_bytes(tmp_path / "a", b"data")
+    assert list(tmp_path.iterdir()) == []
+
+
+LIMITED = """
+import resource, sys, signal
+import numpy, xarray
+from labpipe import files
+from labpipe.errors import StorageError
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
+data = xarray.Dataset({"z": ("time", numpy.arange(20000.0))})
+try:
+    files.write_dataset(sys.argv[1], data)
+except StorageError as error:
+    sys.exit(f"refused: {error}")
+"""
+
+
+@pytest.mark.parametrize("limit", [0, 1000, 40_000, 150_000])
+def test_a_limit_on_file_size_leaves_the_old_dataset_whole(tmp_path: Path, limit: int) -> None:
+    target = tmp_path / "a.nc"
+    files.write_dataset(target, some_dataset())
+    before = target.read_bytes()
+    done = subprocess.run(
+        [sys.executable, "-c", LIMITED, str(target), str(limit)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "refused: " in done.stderr
+    assert "bytes" in done.stderr
+    assert target.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a.nc"]
+
+
+FULL = """
+set -e
+mkdir -p "$1"; mount -t tmpfs -o size=1m tmpfs "$1"
+"$2" - "$1" <<'PY'
+import sys, pathlib, numpy, xarray
+from labpipe import files
+from labpipe.errors import StorageError
+folder = pathlib.Path(sys.argv[1])
+small = xarray.Dataset({"z": ("time", numpy.arange(1000.0))})
+files.write_dataset(folder / "a.nc", small)
+before = (folder / "a.nc").read_bytes()
+for size in range(140_000, 400_000, 50_000):
+    try:
+        files.write_dataset(folder / "a.nc", xarray.Dataset({"z": ("time", numpy.zeros(size))}))
+        sys.exit("not refused")
+    except StorageError as error:
+        assert "bytes are needed" in str(error), error
+    assert (folder / "a.nc").read_bytes() == before
+    assert [p.name for p in folder.iterdir()] == ["a.nc"]
+try:
+    files.write_bytes(folder / "b", bytes(2_000_000))
+    sys.exit("not refused")
+except StorageError as error:
+    assert "2000000 bytes are needed" in str(error), error
+print("kept")
+PY
+"""
+
+
+def test_a_full_disk_leaves_the_old_dataset_whole(tmp_path: Path) -> None:
+    try:
+        probe = subprocess.run(
+            ["unshare", "-rm", "mount", "-t", "tmpfs", "tmpfs", str(tmp_path)],
+            capture_output=True,
+            check=False,
+        )
+    except FileNotFoundError:
+        pytest.skip("no unshare here")
+    if probe.returncode:
+        pytest.skip("no private mounts without root here")
+    script = ["bash", "-c", FULL, "bash", str(tmp_path / "disk"), sys.executable]
+    done = subprocess.run(["unshare", "-rm", *script], capture_output=True, text=True, check=False)
+    assert done.stdout == "kept\n", done.stderr
+
+
+WRITER = """
+import sys, numpy, xarray
+from labpipe import files
+size = 200_000
+count = 0
+while True:
+    count += 1
+    values = numpy.full(size, float(count))
+    files.write_dataset(sys.argv[1], xarray.Dataset({"z": ("time", values)}))
+    print(count, flush=True)
+"""
+
+
+@pytest.mark.slow
+def test_a_kill_while_writing_leaves_the_old_dataset_or_the_new(tmp_path: Path) -> None:
+    target = tmp_path / "a.nc"
+    rng = random.Random(7)
+    for _ in range(12):
+        writer = subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(target)], stdout=subprocess.PIPE, text=True
+        )
+        assert writer.stdout is not None
+        writer.stdout.readline()
+        time.sleep(rng.uniform(0.0, 0.15))
+        writer.kill()
+        writer.wait()
+        writer.stdout.close()
+        values = files.read_dataset(target)["z"].to_numpy()
+        assert values.size == 200_000
+        assert np.all(values == values[0])
+
+
+def test_a_log_closes_a_line_that_was_left_incomplete(tmp_path: Path) -> None:
+    log = tmp_path / "run.jsonl"
+    files.append_line(log, "one")
+    with log.open("ab") as stream:
+        stream.write(b'{"half')
+    files.append_line(log, "two")
+    assert log.read_text().splitlines() == ["one", '{"half', "two"]
+
+
+# --- digests -----------------------------------------------------------------------------------
+
+
+def test_digest_is_sha256_of_the_content(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"abc")
+    known = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"  # FIPS 180-2, B.1
+    assert files.digest(tmp_path / "a") == known
+
+
+def test_digest_of_a_folder_follows_names_and_contents(tmp_path: Path) -> None:
+    for name in ("f", "g"):
+        (tmp_path / name / "sub").mkdir(parents=True)
+        (tmp_path / name / "sub" / "0.tif").write_bytes(b"0")
+        (tmp_path / name / "1.tif").write_bytes(b"1")
+    assert files.digest(tmp_path / "f") == files.digest(tmp_path / "g")
+    (tmp_path / "g" / "1.tif").rename(tmp_path / "g" / "2.tif")
+    assert files.digest(tmp_path / "f") != files.digest(tmp_path / "g")
+
+
+def test_digest_of_a_missing_file_names_it(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match=r"gone\.csv: cannot be read"):
+        files.digest(tmp_path / "gone.csv")
+
+
+def backdate(path: Path, seconds: float = 10.0) -> None:
+    """Make the index believe that a file was not touched just now."""
+    then = time.time_ns() - int(seconds * 1e9)
+    os.utime(path, ns=(then, then))
+
+
+@pytest.fixture
+def settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the clock run ahead, so that every file counts as long untouched."""
+    real = time.time_ns
+    monkeypatch.setattr(time, "time_ns", lambda: real() + 10_000_000_000)
+
+
+@pytest.mark.usefixtures("settled")
+def test_an_index_does_not_read_an_unchanged_file_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a").write_bytes(b"abc")
+    index = files.HashIndex(tmp_path / "index.json")
+    found = index.digest(tmp_path / "a")
+    index.save()
+    monkeypatch.setattr(files, "digest", lambda path: "read again")
+    assert files.HashIndex(tmp_path / "index.json").digest(tmp_path / "a") == found
+    paranoid = files.HashIndex(tmp_path / "index.json", paranoid=True)
+    assert paranoid.digest(tmp_path / "a") == "read again"
+
+
+@pytest.mark.usefixtures("settled")
+def test_new_content_under_the_old_time_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "a"
+    path.write_bytes(b"abc")
+    backdate(path)
+    index = files.HashIndex(tmp_path / "index.json")
+    before, status = index.digest(path), path.stat()
+    index.save()
+    time.sleep(0.02)  # one tick of the file system's clock
+    with path.open("r+b") as stream:
+        stream.write(b"xyz")
+    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert path.stat().st_mtime_ns == status.st_mtime_ns
+    assert path.stat().st_ino == status.st_ino
+    after = files.HashIndex(tmp_path / "index.json").digest(path)
+    assert after != before
+    assert after == hashlib.sha256(b"xyz").hexdigest()
+
+
+def test_a_file_touched_just_now_is_not_remembered(tmp_path: Path) -> None:
+    (tmp_path / "a").write_bytes(b"abc")
+    index = files.HashIndex(tmp_path / "index.json")
+    index.digest(tmp_path / "a")
+    index.save()
+    assert not (tmp_path / "index.json").exists()
+
+
+@pytest.mark.usefixtures("settled")
+@pytest.mark.parametrize("damage", [b"", b"{}", b"[1]", b"\xff\xfe", b'{"sha256":"0","body":{}}'])
+def test_a_damaged_index_is_an_empty_one(tmp_path: Path, damage: bytes) -> None:
+    (tmp_path / "a").write_bytes(b"abc")
+    (tmp_path / "index.json").write_bytes(damage)
+    index = files.HashIndex(tmp_path / "index.json")
+    assert index.digest(tmp_path / "a") == hashlib.sha256(b"abc").hexdigest()
+    index.save()
+    assert files.unseal((tmp_path / "index.json").read_bytes()) is not None
+
+
+def test_a_sealed_record_notices_every_flipped_bit() -> None:
+    sealed = files.seal({"name": "é", "value": [1, 2.5, None]})
+    assert files.unseal(sealed) == {"name": "é", "value": [1, 2.5, None]}
+    for bit in range(8 * len(sealed)):
+        damaged = bytearray(sealed)
+        damaged[bit // 8] ^= 1 << (bit % 8)
+        assert files.unseal(bytes(damaged)) is None, bit
+    assert all(files.unseal(sealed[:length]) is None for length in range(len(sealed)))
+
+
+# --- names -------------------------------------------------------------------------------------
+
+REFUSED = {
+    "": "empty",
+    "   ": "empty",
+    "/etc/passwd": "absolute",
+    "//host/share": "absolute",
+    "~/x": "absolute",
+    "C:/x": "absolute",
+    "c:x": "absolute",
+    "..": r'"\.\."',
+    "../x": r'"\.\."',
+    "a/../../x": r'"\.\."',
+    "a/..": r'"\.\."',
+    "a\\b": "backslash",
+    "..\\x": "backslash",
+    "a\0b": "control",
+    "a\nb": "control",
+    "a\tb": "control",
+    "a\x7fb": "control",
+    "a\x9bb": "control",
+    "a\u202eb": "direction",
+    "a\u2066b": "direction",
+    "a\ud800b": "control",
+    "CON": "reserved",
+    "con.csv": "reserved",
+    "x/nul/y": "reserved",
+    "COM1.txt": "reserved",
+    "lpt9": "reserved",
+    "AUX.tar.gz": "reserved",
+    "a.": "full stop",
+    "a ": "space",
+    "dir /x": "space",
+    "ab:c": "forbids",
+    "a*": "forbids",
+    "a?b": "forbids",
+    'a"b': "forbids",
+    "a|b": "forbids",
+    "<a>": "forbids",
+    "n" * 256: "longer than 255",
+    "é" * 128: "longer than 255",
+}
+
+
+@pytest.mark.parametrize(("name", "why"), REFUSED.items(), ids=[ascii(k)[:20] for k in REFUSED])
+def test_a_name_that_could_leave_or_mislead_is_refused(tmp_path: Path, name: str, why: str) -> None:
+    with pytest.raises(InputError, match=why) as caught:
+        files.safe_join(tmp_path, name)
+    assert all(c.isprintable() for c in str(caught.value))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["a", "a/b.csv", "./a", "a//b", ".hidden", "Messung ü.csv", "e\u0301.csv", "🏀.csv", "コン",
+     "console", "com10", "a..b", "...x", "n" * 255, "a'b", "a;b&c", "-rf", "$HOME", "مرحبا.csv"],
+)  # fmt: skip
+def test_an_ordinary_name_is_joined(tmp_path: Path, name: str) -> None:
+    joined = files.safe_join(tmp_path, name)
+    assert joined == (tmp_path / name).resolve()
+    assert joined.is_relative_to(tmp_path.resolve())
+
+
+def test_links_may_lead_inside_but_not_out_nor_in_circles(tmp_path: Path) -> None:
+    root = tmp_path / "session"
+    (root / "data").mkdir(parents=True)
+    (root / "data" / "a").write_text("a")
+    (tmp_path / "secret").write_text("s")
+    (root / "inside").symlink_to(root / "data" / "a")
+    (root / "outside").symlink_to(tmp_path / "secret")
+    (root / "folder").symlink_to(tmp_path)
+    (root / "loop").symlink_to(root / "loop")
+    (root / "gone").symlink_to(root / "nothing")
+    assert files.safe_join(root, "inside").read_text() == "a"
+    for name in ("outside", "folder/secret", "loop", "loop/x", "gone"):
+        with pytest.raises(InputError, match="symbolic link"):
+            files.safe_join(root, name)
+
+
+def test_a_root_that_is_itself_a_link_is_a_root(tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    assert files.safe_join(tmp_path / "link", "a") == (tmp_path / "real" / "a").resolve()
+
+
+@settings(
+    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(name=st.text(max_size=30) | st.from_regex(r"[./\\a~: ]{1,12}", fullmatch=True))
+def test_no_name_leads_out_of_the_root(tmp_path: Path, name: str) -> None:
+    try:
+        joined = files.safe_join(tmp_path, name)
+    except InputError:
+        return
+    assert joined.is_relative_to(tmp_path.resolve())
+
+
+# --- locks -------------------------------------------------------------------------------------
+
+
+def hold(path: Path, said: "multiprocessing.synchronize.Event") -> None:
+    with files.lock(path):
+        said.set()
+        signal.pause()
+
+
+def test_a_lock_keeps_others_out_and_ends_with_its_process(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("fork")
+    said = context.Event()
+    holder = context.Process(target=hold, args=(tmp_path / "l" / "lock", said), daemon=True)
+    holder.start()
+    assert said.wait(20)
+    with files.lock(tmp_path / "l" / "lock", wait=False) as held:
+        assert not held
+    holder.kill()
+    holder.join()
+    with files.lock(tmp_path / "l" / "lock", wait=False) as held:
+        assert held
+
+
+def test_shared_holders_let_each_other_in_but_no_one_else(tmp_path: Path) -> None:
+    path = tmp_path / "lock"
+    with files.lock(path, shared=True), files.lock(path, shared=True, wait=False) as second:
+        assert second
+        with files.lock(path, wait=False) as alone:
+            assert not alone
+    with files.lock(path, wait=False) as alone:
+        assert alone
+
+
+# --- datasets ----------------------------------------------------------------------------------
+
+
+def test_a_dataset_comes_back_equal(tmp_path: Path) -> None:
+    dataset = some_dataset()
+    files.write_dataset(tmp_path / "a.nc", dataset)
+    found = files.read_dataset(tmp_path / "a.nc")
+    xr.testing.assert_equal(found, dataset)
+    assert found["displacement"].attrs == {"units": "m", "long_name": "z"}
+    assert found.attrs["title"] == "drop"
+    assert found.attrs["n"] == 3
+    assert found.attrs["flag"] == "true"
+    assert found.attrs["absent"] == "null"
+    assert json.loads(found.attrs["work"]) == {"steps": 4}
+    assert set(found.attrs) == set(dataset.attrs)
+
+
+def test_what_was_read_is_written_to_the_same_bytes(tmp_path: Path) -> None:
+    files.write_dataset(tmp_path / "a.nc", some_dataset())
+    files.write_dataset(tmp_path / "b.nc", files.read_dataset(tmp_path / "a.nc"))
+    again = files.read_dataset(tmp_path / "b.nc")
+    assert again.identical(files.read_dataset(tmp_path / "a.nc"))
+    assert (tmp_path / "a.nc").read_bytes() == (tmp_path / "b.nc").read_bytes()
+
+
+def test_writing_does_not_change_the_dataset(tmp_path: Path) -> None:
+    dataset = some_dataset()
+    copy = dataset.copy(deep=True)
+    files.write_dataset(tmp_path / "a.nc", dataset)
+    assert dataset.identical(copy)
+    assert dataset.attrs["flag"] is True
+
+
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    values=st.lists(st.floats(width=64), max_size=20),
+    kind=st.sampled_from(["f8", "f4", ">f8", "i8", "u2", "i1"]),
+    words=st.lists(st.text(st.characters(exclude_categories=["Cs"]), max_size=8), max_size=4),
+    attribute=st.text(max_size=20) | st.integers(-(2**40), 2**40) | st.booleans() | st.none(),
+)
+def test_any_dataset_survives_the_round_trip(
+    tmp_path: Path, values: list[float], kind: str, words: list[str], attribute: object
+) -> None:
+    with np.errstate(all="ignore"):
+        numbers = np.array(values) if "f" in kind else np.nan_to_num(values, posinf=3, neginf=4)
+        numbers = (numbers if "f" in kind else np.mod(numbers, 100)).astype(kind)
+    dataset = xr.Dataset(
+        {"n": ("time", numbers), "w": ("word", np.array(words, dtype=object))},
+        attrs={"attribute": attribute},
+    )
+    files.write_dataset(tmp_path / "a.nc", dataset)
+    found = files.read_dataset(tmp_path / "a.nc")
+    assert found["n"].dtype == np.dtype(kind).newbyteorder("=")
+    np.testing.assert_array_equal(found["n"].to_numpy(), numbers)
+    assert found["w"].to_numpy().tolist() == [word.replace("\0", "\u2400") for word in words]
+
+
+def test_non_contiguous_and_read_only_arrays_are_written(tmp_path: Path) -> None:
+    values = np.arange(20.0)[::2]
+    values.flags.writeable = False
+    files.write_dataset(tmp_path / "a.nc", xr.Dataset({"z": ("time", values)}))
+    found = files.read_dataset(tmp_path / "a.nc")["z"].to_numpy()
+    np.testing.assert_array_equal(found, np.arange(0.0, 20.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        (np.array([1j]), "complex"),
+        (np.array(["2020-01-01"], dtype="datetime64[ns]"), "times as numbers"),
+        (np.array([1.0], dtype=np.float16), "float16"),
+        (np.array([{"a": 1}], dtype=object), "Python objects"),
+        (np.array([None], dtype=object), "Python objects"),
+    ],
+)
+def test_what_netcdf_cannot_hold_is_refused(tmp_path: Path, values: np.ndarray, why: str) -> None:
+    with pytest.raises(InputError, match=why):
+        files.write_dataset(tmp_path / "a.nc", xr.Dataset({"z": ("time", values)}))
+    with pytest.raises(InputError, match="cannot be stored"):
+        files.write_dataset(tmp_path / "a.nc", xr.Dataset(attrs={"x": {1, 2}}))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_text_that_netcdf_would_cut_is_made_visible(tmp_path: Path) -> None:
+    dataset = xr.Dataset(attrs={"header": "a\0b", "name": "x\ud800y"})
+    files.write_dataset(tmp_path / "a.nc", dataset)
+    found = files.read_dataset(tmp_path / "a.nc")
+    assert found.attrs == {"header": "a\u2400b", "name": "x?y"}
+
+
+def flip(data: bytes, bit: int) -> bytes:
+    damaged = bytearray(data)
+    damaged[bit // 8] ^= 1 << (bit % 8)
+    return bytes(damaged)
+
+
+@pytest.mark.parametrize("count", [150, pytest.param(2000, marks=pytest.mark.slow)])
+def test_no_flipped_bit_changes_a_value_silently(tmp_path: Path, count: int) -> None:
+    path = tmp_path / "a.nc"
+    files.write_dataset(path, some_dataset(2000))
+    whole, data = files.read_dataset(path), path.read_bytes()
+    rng = random.Random(3)
+    noticed = 0
+    for _ in range(count):
+        path.write_bytes(flip(data, rng.randrange(8 * len(data))))
+        try:
+            found = files.read_dataset(path)
+        except StoreError:
+            noticed += 1
+        else:
+            assert found.identical(whole)  # the bit lay in the format's padding
+    assert noticed > count // 2
+
+
+def test_a_truncated_or_empty_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.nc"
+    files.write_dataset(path, some_dataset())
+    data = path.read_bytes()
+    for length in [0, 1, 8, 100, *range(500, len(data), len(data) // 20), len(data) - 1]:
+        path.write_bytes(data[:length])
+        with pytest.raises(StoreError, match="damaged"):
+            files.read_dataset(path)
+
+
+def test_a_file_that_is_not_there_is_a_source_error(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="no such file"):
+        files.read_dataset(tmp_path / "a.nc")
+
+
+@pytest.mark.parametrize("is_coordinate", [False, True])
+def test_a_small_file_that_declares_gigabytes_is_refused_before_allocation(
+    tmp_path: Path, is_coordinate: bool
+) -> None:
+    import netCDF4
+
+    path = tmp_path / "bomb.nc"
+    with netCDF4.Dataset(path, "w") as handle:
+        handle.createDimension("time", 4_000_000_000)
+        handle.createVariable("time" if is_coordinate else "z", "f8", ("time",), chunksizes=(1024,))
+    assert path.stat().st_size < 20_000
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(StoreError, match="declares 32000000000 bytes"):
+        files.read_dataset(path)
+    grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
+    assert grown < 64 * 1024  # kB
+
+
+def test_importing_the_file_functions_loads_nothing_numerical() -> None:
+    code = "import sys, labpipe.files; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
