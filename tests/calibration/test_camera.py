@@ -50,7 +50,9 @@ def test_an_expired_record_is_refused() -> None:
 
 def test_the_budget_holds_every_source() -> None:
     size, checked = image_scale(
-        record(reference_length="30 ± 0.03 mm", pixel_length="386 ± 1.5 px", out_of_plane="0 ± 0.002"),
+        record(
+            reference_length="30 ± 0.03 mm", pixel_length="386 ± 1.5 px", out_of_plane="0 ± 0.002"
+        ),
         "front", measured=date(2024, 5, 1),
     )  # fmt: skip
     relative = np.hypot(np.hypot(0.001, 1.5 / 386), 0.002)
@@ -160,7 +162,7 @@ def test_a_ruler_along_the_other_axis() -> None:
 
 def test_an_image_without_lines_is_refused() -> None:
     noise = np.random.default_rng(0).normal(100, 3, (40, 300))
-    with pytest.raises(InputError, match="graduation|equally spaced"):
+    with pytest.raises(InputError, match=r"graduation|equally spaced"):
         graduations(noise)
 
 
