@@ -16,6 +16,7 @@ carries no time: time is the number of the point times the storage interval, fro
     2,+00.1236,-FFFFFFF
 """
 
+import contextlib
 import json
 import os
 import warnings
@@ -40,7 +41,7 @@ from instruments.keyence_header import (
     stated_storage,
     stated_units,
 )
-from instruments.keyence_markers import Layout, Status, layout
+from instruments.keyence_markers import Layout, Status, layout, marker_status
 from instruments.keyence_rows import Rows, read_rows
 from labpipe import files
 from labpipe.errors import InputError, SourceError
@@ -131,9 +132,8 @@ def read(
         decimal=decimal,
     )
     source, header, unit_texts, stream = _open(Path(path), profile, limits or Limits())
-    readings = read_rows(
-        source.path, header, _complete_rows(source, stream, header, allow_incomplete), profile
-    )
+    lines = _complete_rows(source, stream, header, profile, allow_incomplete)
+    readings = read_rows(source.path, header, lines, profile)
     _check_count(source, header, readings, profile, allow_incomplete)
     _check_counter(source, header, readings, allow_incomplete)
     return _assemble(source, header, unit_texts, readings, profile)
@@ -161,23 +161,35 @@ def _open(
 
     cp932 decodes many cp1252 files without an error; but then "µm" is not a unit.
     """
-    failure: SourceError | None = None
-    for codec in profile.encodings:
-        try:
-            source = survey(path, declared=(codec,), limits=limits)
-            stream = source.lines()
-            head = list(islice(stream, _HEADER_LINES))
-            header = parse_header(path, head, profile)
-            texts = stated_units(path, header, profile.units)
-        except SourceError as error:
-            failure = failure or error
-        else:
-            return source, header, texts, chain(head[header.n_lines :], stream)
-    raise failure or SourceError(path, "the profile names no codec")
+    source = survey(path, declared=profile.encodings, limits=limits)
+    try:
+        return source, *_understand(source, profile)
+    except SourceError:
+        if source.encoding not in profile.encodings:
+            raise  # a mark or UTF-8 settled the codec, so the mistake lies elsewhere
+        for codec in profile.encodings[profile.encodings.index(source.encoding) + 1 :]:
+            with contextlib.suppress(SourceError):
+                other = survey(path, declared=(codec,), limits=limits)
+                return other, *_understand(other, profile)
+        raise
+
+
+def _understand(
+    source: TextFile, profile: KeyenceProfile
+) -> tuple[Header, tuple[str, ...], Iterator[str]]:
+    stream = source.lines()
+    head = list(islice(stream, _HEADER_LINES))
+    header = parse_header(source.path, head, profile)
+    texts = stated_units(source.path, header, profile.units)
+    return header, texts, chain(head[header.n_lines :], stream)
 
 
 def _complete_rows(
-    source: TextFile, stream: Iterator[str], header: Header, allow_incomplete: bool
+    source: TextFile,
+    stream: Iterator[str],
+    header: Header,
+    profile: KeyenceProfile,
+    allow_incomplete: bool,
 ) -> Iterator[str]:
     """Pass the rows on; leave blank lines at the end out; refuse or drop a cut last line."""
     number = header.n_lines
@@ -191,7 +203,8 @@ def _complete_rows(
             raise SourceError(
                 source.path, "an empty line between two rows", line=number - blank, column=1
             )
-        if number < source.n_lines or source.is_ended or _is_stated(source, header, line, number):
+        is_last = number == source.n_lines and not source.is_ended
+        if not is_last or _is_stated(source, header, line, number, profile):
             yield line
             continue
         message = f"the last line is cut, it has no line end: {shorten(line)}"
@@ -206,18 +219,27 @@ def _complete_rows(
         warnings.warn(f"{source.path}:{number}: {message}; it is dropped", stacklevel=2)
 
 
-def _is_stated(source: TextFile, header: Header, line: str, number: int) -> bool:
+_ABOVE = 200  # rows with which the last one is compared
+
+
+def _is_stated(
+    source: TextFile, header: Header, line: str, number: int, profile: KeyenceProfile
+) -> bool:
     """Tell whether a last line without line end is complete: its row is the last one stated.
 
-    Its cells must also end like those above: a number that lost digits still reads as one.
+    Its last cell must also end like those above: a number that lost digits still reads as one.
     """
     stated = stated_count(source.path, header, "rows")
-    if stated is None or number - header.n_lines != stated or stated == 1:
+    if stated is None or number - header.n_lines != stated:
         return False
-    lines = source.lines()
-    before = next(islice(lines, number - 2, None))
-    last, above = (layout(text.split(header.delimiter)[-1].strip('" ')) for text in (line, before))
-    return last is not None and above is not None and last.decimals == above.decimals > 0
+    last = line.rsplit(header.delimiter, maxsplit=1)[-1].strip('" ')
+    if marker_status(last, profile.markers) is not None:
+        return True
+    above = islice(source.lines(), max(header.n_lines, number - 1 - _ABOVE), number - 1)
+    written = {layout(text.split(header.delimiter)[-1].strip('" ')) for text in above} - {None}
+    decimals = {each.decimals for each in written if each}
+    found = layout(last)
+    return found is not None and found.decimals > 0 and decimals == {found.decimals}
 
 
 def _check_count(

@@ -272,7 +272,7 @@ def _units_below(
         texts = cells[1:] if has_counter else cells
         if not any(cells):
             continue
-        if units or not all(_is_unit(text) for text in texts):
+        if units or not texts or not all(map(_is_unit, texts)):
             wrong = next((i for i, c in enumerate(cells) if not is_reading(c, markers)), 0)
             raise SourceError(
                 path,

@@ -7,6 +7,7 @@ A marker becomes NaN and its state, never a number.
 
 import re
 from enum import IntEnum
+from functools import lru_cache
 from typing import NamedTuple
 
 
@@ -96,6 +97,12 @@ def is_padded(cell: str) -> bool:
     return match is not None and len(match[2]) > 1 and match[2].startswith("0")
 
 
+@lru_cache(maxsize=8)
+def _any_of(markers: tuple[Marker, ...]) -> re.Pattern[str]:
+    """Make one pattern of a whole table: most cells are numbers, and one look must be enough."""
+    return re.compile("|".join(f"(?:{marker.pattern})" for marker in markers), re.IGNORECASE)
+
+
 def marker_status(
     cell: str, markers: tuple[Marker, ...] = MARKERS, column: Layout | None = None
 ) -> Status | None:
@@ -124,9 +131,9 @@ def marker_status(
     'RANGEOVER_P'
     """
     cell = cell.strip()
-    for marker in markers:
-        if re.fullmatch(marker.pattern, cell, re.IGNORECASE):
-            return marker.status
+    if _any_of(markers).fullmatch(cell):
+        fits = (m for m in markers if re.fullmatch(m.pattern, cell, re.IGNORECASE))
+        return next(fits).status
     found = layout(cell)
     if found is None or column is None or not found.is_signed or set(cell[1:]) - set("9.,"):
         return None

@@ -72,6 +72,7 @@ _INFO_NUMBERS = frozenset(
     }
 )
 
+_QUANTITY = re.compile(r"Time|Position \((?:x|y|z|theta)\)|[FT][xyz]")
 _TAG = re.compile(r'"?<([^<>\t]+)>"?\s*')
 _NOT_SET = frozenset({"", "None", "N/A"})
 _BATCH = 1 << 16  # rows parsed at a time: the text of a mapping file never is whole in memory
@@ -395,6 +396,13 @@ def _read_columns(cursor: _Cursor) -> tuple[Column, ...]:
     twice = next((name for name in quantities if quantities.count(name) > 1), None)
     if twice is not None:
         raise cursor.error(f"the column {shorten(twice)} stands there twice")
+    unknown = [column.header for column in columns if not _QUANTITY.fullmatch(column.quantity)]
+    if unknown:
+        warnings.warn(
+            f"{cursor.source.path}:{cursor.number}: the column {', '.join(map(shorten, unknown))} "
+            "is not known; it is read under its own name",
+            stacklevel=2,
+        )
     cursor.advance()
     return tuple(columns)
 

@@ -1,0 +1,410 @@
+"""Keyence storage files in the assumed layout: values, states, units, time, and the way back."""
+
+import json
+from datetime import datetime
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import instruments
+from instruments import keyence
+from instruments.keyence import Status
+from instruments.keyence_markers import MARKERS, Layout, marker_status
+from labpipe.errors import InputError, SourceError
+
+# The example of formats.md 2a, with one output in micrometres.
+EXAMPLE = """\
+Model,LK-G5001
+Date,2024/05/14 10:22:31
+Sampling cycle,50us
+Storage cycle,x1
+Unit,mm,µm
+No.,OUT1,OUT2
+1,+00.1234,-00.0120
+2,+00.1236,-FFFFFFF
+3,+FFFFFFF,-------
+"""
+
+
+def read_text(tmp_path, text, codec="utf-8", **options):
+    path = tmp_path / "a.csv"
+    path.write_bytes(text.replace("\n", "\r\n").encode(codec))
+    return keyence.read(path, **options)
+
+
+def recording(n=500, **options):
+    time = np.arange(n) * 50e-6
+    outputs = {1: 2.5e-3 - 2e-3 * np.cos(300 * time), 2: 1e-3 * np.sin(500 * time)}
+    start = datetime(2024, 5, 14, 10, 22, 31)
+    return keyence.make_recording(outputs, cycle="50 us", start=start, **options)
+
+
+def test_example_is_read_in_si_with_states(tmp_path):
+    readings = read_text(tmp_path, EXAMPLE)
+    np.testing.assert_allclose(readings.out1.values, [1.234e-4, 1.236e-4, np.nan], rtol=1e-14)
+    np.testing.assert_allclose(readings.out2.values, [-1.2e-8, np.nan, np.nan], rtol=1e-14)
+    assert readings.status1.values.tolist() == [0, 0, Status.RANGEOVER_P]
+    assert readings.status2.values.tolist() == [0, Status.RANGEOVER_N, Status.WAITING]
+    np.testing.assert_allclose(readings.time.values, [0, 50e-6, 100e-6], rtol=1e-14)
+    assert readings.attrs["layout"] == "assumed"
+    assert readings.attrs["model"] == "LK-G5001"
+    assert readings.attrs["start"] == "2024-05-14T10:22:31"
+    assert readings.attrs["sampling_interval"] == pytest.approx(50e-6)
+    assert readings.attrs["header"] == EXAMPLE[: EXAMPLE.index("1,+")].rstrip("\n")
+    assert json.loads(readings.attrs["status_counts"])["status2"] == {
+        "VALID": 1,
+        "RANGEOVER_N": 1,
+        "WAITING": 1,
+    }
+
+
+@pytest.mark.parametrize("codec", ["utf-8", "utf-8-sig", "utf-16", "cp1252", "cp932"])
+def test_micro_sign_is_understood_in_every_codec(tmp_path, codec):
+    text = EXAMPLE.replace("µ", "μ") if codec == "cp932" else EXAMPLE
+    readings = read_text(tmp_path, text, codec)
+    assert readings.out2.values[0] == pytest.approx(-1.2e-8)
+    assert readings.attrs["encoding"] == codec
+
+
+def test_mojibake_of_the_micro_sign_is_one_unit(tmp_path):
+    readings = read_text(tmp_path, EXAMPLE.replace("µ", "ƒÊ"))
+    assert readings.out2.values[0] == pytest.approx(-1.2e-8)
+
+
+TOKENS = [
+    ("+FFFFFFF", Status.RANGEOVER_P),
+    ("-FFFFFFF", Status.RANGEOVER_N),
+    ("FFFFFFF", Status.SUSPECT),
+    ("XXXXXXXX", Status.WAITING),
+    ("--------", Status.WAITING),
+    ("-------", Status.WAITING),
+    ("-----", Status.WAITING),
+    ("alarm", Status.ALARM),
+    ("ALARM", Status.ALARM),
+    ("Invalid", Status.INVALID),
+    ("-1048576", Status.INVALID),
+    ("0xFFF00000", Status.INVALID),
+    ("+EE.EEE", Status.ALARM),
+    ("+EEE.EE", Status.ALARM),
+    ("+100000000", Status.ALARM),
+    ("+099999999", Status.RANGEOVER_P),
+    ("-099999999", Status.RANGEOVER_N),
+    ("-099999998", Status.INVALID),
+    ("-999999", Status.INVALID),
+    ("-9999.999", Status.SUSPECT),
+    ("-999.9999", Status.SUSPECT),
+    ("#NAME?", Status.SUSPECT),
+    ("#VALUE!", Status.SUSPECT),
+    ("+99.9999", Status.RANGEOVER_P),
+    ("-99.9999", Status.RANGEOVER_N),
+    ("+99.999", Status.SUSPECT),
+]
+
+
+@pytest.mark.parametrize(("token", "status"), TOKENS, ids=[token for token, _ in TOKENS])
+@pytest.mark.parametrize("row", [0, 7])
+def test_every_marker_becomes_nan_and_a_state(tmp_path, token, status, row):
+    cells = [f"+0{i}.1234" for i in range(9)]
+    cells[row] = token
+    rows = "".join(f"{i},{cell},+00.0001\n" for i, cell in enumerate(cells, 1))
+    readings = read_text(tmp_path, EXAMPLE[: EXAMPLE.index("1,+")] + rows)
+    assert np.flatnonzero(np.isnan(readings.out1.values)).tolist() == [row]
+    assert readings.status1.values[row] == status
+    assert readings.status1.values.sum() == status
+    assert np.isfinite(readings.out2.values).all()
+
+
+def test_every_pattern_of_the_table_is_tested():
+    tested = {marker_status(token) for token, _ in TOKENS} - {None}
+    assert tested == {marker.status for marker in MARKERS}
+    for marker in MARKERS:
+        assert any(marker_status(token, (marker,)) is not None for token, _ in TOKENS), marker
+
+
+@pytest.mark.parametrize(
+    ("cell", "column", "expected"),
+    [
+        ("+99.999", Layout(True, 2, 3), Status.RANGEOVER_P),
+        ("-99.999", Layout(True, 2, 3), Status.RANGEOVER_N),
+        ("+999.99", Layout(True, 3, 2), Status.RANGEOVER_P),
+        ("-9999.9", Layout(True, 4, 1), Status.RANGEOVER_N),
+        ("99.999", Layout(False, 2, 3), None),
+        ("+9.9999", Layout(True, 1, 4), None),
+        ("+99.999", None, None),
+        ("+99.998", Layout(True, 2, 3), None),
+    ],
+)
+def test_all_nines_are_a_marker_only_at_the_end_of_a_fixed_layout(cell, column, expected):
+    assert marker_status(cell, column=column) == expected
+
+
+def test_all_nines_of_an_unpadded_column_are_a_number(tmp_path):
+    rows = "1,9.9999,0.1\n2,10.1234,0.1\n3,99.9999,0.1\n4,-1.5,0.1\n"
+    readings = read_text(tmp_path, EXAMPLE[: EXAMPLE.index("1,+")] + rows)
+    np.testing.assert_allclose(readings.out1.values * 1e3, [9.9999, 10.1234, 99.9999, -1.5])
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "decimal"), [(",", "."), (";", ","), (";", "."), ("\t", "."), ("\t", ",")]
+)
+@pytest.mark.parametrize("codec", ["utf-8", "utf-16", "cp932"])
+def test_what_is_written_is_read(tmp_path, delimiter, decimal, codec):
+    made = recording(measuring_range=4e-3, averaging=16, storage_factor=2)
+    path = tmp_path / "made.csv"
+    keyence.write(path, made, encoding=codec, delimiter=delimiter, decimal=decimal)
+    again = instruments.read(path)
+    for name in made.variables:
+        xr.testing.assert_identical(made[name].variable, again[name].variable)
+    for key in ("sampling_interval", "storage_factor", "averaging", "start", "model"):
+        assert again.attrs[key] == made.attrs[key]
+    assert again.attrs["decimal"] == decimal
+    assert (again.status1.values == Status.RANGEOVER_P).any()
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    st.lists(
+        st.tuples(st.floats(-0.0999, 0.0999), st.sampled_from(list(Status))),
+        min_size=1,
+        max_size=40,
+    ),
+    st.sampled_from([("mm", 3), ("mm", 4), ("mm", 5), ("um", 2), ("µm", 3), ("V", 4), ("m/s2", 3)]),
+)
+def test_write_read_is_the_identity(tmp_path_factory, points, display):
+    unit_text, decimals = display
+    factor = {"mm": 1e-3, "um": 1e-6, "µm": 1e-6}.get(unit_text, 1.0)
+    largest = 10.0 ** (6 - decimals) * 0.999
+    values = np.array([value for value, _ in points]) / 0.1 * min(largest, 9.0) * factor
+    made = keyence.make_recording(
+        {3: values},
+        cycle=1e-4,
+        start=datetime(2024, 2, 29),
+        unit_text=unit_text,
+        decimals=decimals,
+    )
+    states = np.array([state for _, state in points], dtype=np.int8)
+    made["status3"] = made.status3.copy(data=states)
+    made["out3"] = made.out3.where(states == 0)
+    path = tmp_path_factory.mktemp("made") / "a.csv"
+    keyence.write(path, made)
+    again = keyence.read(path)
+    np.testing.assert_allclose(again.out3.values, made.out3.values, rtol=1e-12, atol=1e-15)
+    np.testing.assert_array_equal(again.status3.values, states)
+    assert keyence.encode(again)[200:] == path.read_bytes()[200:]
+
+
+def test_resolution_is_that_of_the_display(tmp_path):
+    readings = read_text(tmp_path, EXAMPLE)
+    assert readings.out1.attrs["resolution"] == pytest.approx(1e-7)
+    assert readings.out2.attrs["resolution"] == pytest.approx(1e-10)
+    assert (readings.out1.attrs["units"], readings.out1.attrs["original_unit"]) == ("m", "mm")
+
+
+def test_units_may_stand_in_the_names_or_below_them(tmp_path):
+    plain = EXAMPLE.replace("Unit,mm,µm\n", "")
+    for text in (
+        plain.replace("OUT1,OUT2", "OUT1(mm),OUT2 [um]"),
+        plain.replace("OUT1,OUT2\n", "OUT1,OUT2\n,mm,um\n"),
+    ):
+        assert read_text(tmp_path, text).out2.values[0] == pytest.approx(-1.2e-8)
+
+
+def test_volts_stay_volts_and_saturation_is_suspect(tmp_path):
+    text = EXAMPLE.replace("mm,µm", "V,mm").replace("1,+00.1234", "1,+10.0000")
+    readings = read_text(tmp_path, text)
+    assert readings.out1.attrs["units"] == "V"
+    assert readings.status1.values[0] == Status.SUSPECT
+    assert np.isnan(readings.out1.values[0])
+    assert readings.out1.values[1] == pytest.approx(0.1236)
+
+
+@pytest.mark.parametrize(
+    ("line", "interval"),
+    [
+        ("Sampling cycle,20us", 20e-6),
+        ("Sampling cycle,20 µs", 20e-6),
+        ("Sampling cycle,2.55us", 2.55e-6),
+        ("Sampling cycle(us),20", 20e-6),
+        ("Sampling cycle: 20 us", 20e-6),
+        ("sampling period,1ms", 1e-3),
+        ("Sampling rate,20kHz", 50e-6),
+    ],
+)
+def test_sampling_cycle_is_read_in_its_spellings(tmp_path, line, interval):
+    readings = read_text(tmp_path, EXAMPLE.replace("Sampling cycle,50us", line))
+    assert readings.attrs["sampling_interval"] == pytest.approx(interval)
+
+
+@pytest.mark.parametrize(
+    ("line", "factor"), [("x10", 10), ("×10", 10), ("10", 10), ("500us", 10), ("0.5ms", 10)]
+)
+def test_storage_cycle_is_a_factor_or_a_time(tmp_path, line, factor):
+    readings = read_text(tmp_path, EXAMPLE.replace("cycle,x1", f"cycle,{line}"))
+    assert readings.attrs["storage_factor"] == factor
+    assert readings.attrs["sampling_cycle"] == pytest.approx(50e-6)
+    assert readings.time.values[1] == pytest.approx(500e-6)
+
+
+BARE = EXAMPLE.replace("Sampling cycle,50us\n", "").replace("Unit,mm,µm\n", "")
+
+
+def test_missing_cycle_is_refused_and_accepted_as_option(tmp_path):
+    text = EXAMPLE.replace("Sampling cycle,50us\n", "")
+    with pytest.raises(SourceError, match='cycle="50 us"'):
+        read_text(tmp_path, text)
+    assert read_text(tmp_path, text, cycle="50 us").time.values[1] == pytest.approx(50e-6)
+    assert read_text(tmp_path, text, cycle=50e-6).time.values[1] == pytest.approx(50e-6)
+
+
+def test_missing_unit_is_refused_and_accepted_as_option(tmp_path):
+    text = EXAMPLE.replace("Unit,mm,µm\n", "")
+    with pytest.raises(SourceError, match=r'units=\["mm"\]'):
+        read_text(tmp_path, text)
+    readings = read_text(tmp_path, text, units=["mm", "um"])
+    assert readings.out2.values[0] == pytest.approx(-1.2e-8)
+    with pytest.raises(SourceError, match="1 units for 2 outputs"):
+        read_text(tmp_path, text, units=["mm"])
+
+
+def test_missing_storage_factor_is_asked_for_unless_the_cycle_is_given(tmp_path):
+    text = EXAMPLE.replace("Storage cycle,x1\n", "")
+    with pytest.raises(SourceError, match="storage_factor=1"):
+        read_text(tmp_path, text)
+    assert read_text(tmp_path, text, storage_factor=5).time.values[1] == pytest.approx(250e-6)
+    bare = BARE.replace("Storage cycle,x1\n", "")
+    readings = read_text(tmp_path, bare, cycle="50 us", units=["mm", "um"])
+    assert readings.time.values[1] == pytest.approx(50e-6)
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"cycle": "20 us"}, "option cycle"),
+        ({"units": ["mm", "mm"]}, "option units"),
+        ({"storage_factor": 2}, "option storage_factor"),
+        ({"rows": 4}, "the option rows says 4"),
+    ],
+)
+def test_option_against_the_file_is_refused(tmp_path, option, message):
+    with pytest.raises(SourceError, match=message):
+        read_text(tmp_path, EXAMPLE, **option)
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"cycle": "fast"},
+        {"cycle": "1 mm"},
+        {"decimal": ";"},
+        {"delimiter": ""},
+        {"storage_factor": 0},
+    ],
+)
+def test_option_that_makes_no_sense_is_refused(tmp_path, option):
+    with pytest.raises(InputError):
+        read_text(tmp_path, EXAMPLE, **option)
+
+
+def test_profile_supplies_what_files_leave_out(tmp_path):
+    profile = keyence.KeyenceProfile(cycle="50 us", units=("mm", "um"), storage_factor=1)
+    readings = read_text(tmp_path, BARE, profile=profile)
+    assert readings.time.values[2] == pytest.approx(100e-6)
+
+
+def test_profile_may_name_other_labels(tmp_path):
+    labels = {**keyence.KeyenceProfile().labels, "cycle": "abtastzyklus"}
+    text = EXAMPLE.replace("Sampling cycle", "Abtastzyklus")
+    readings = read_text(tmp_path, text, profile=keyence.KeyenceProfile(labels=labels))
+    assert readings.time.values[1] == pytest.approx(50e-6)
+
+
+def test_file_without_header_is_read_with_options(tmp_path):
+    rows = "1,+00.1234\n2,+00.1235\n3,+00.1236\n4,+00.1237\n"
+    readings = read_text(tmp_path, rows, cycle="50 us", units=["mm"])
+    np.testing.assert_allclose(readings.out1.values * 1e3, [0.1234, 0.1235, 0.1236, 0.1237])
+    single = read_text(tmp_path, "+00.1234\n-------\n", cycle="50 us", units=["mm"])
+    assert single.status1.values.tolist() == [0, Status.WAITING]
+
+
+def test_averaging_count_is_passed_on(tmp_path):
+    text = EXAMPLE.replace("Unit", "Averaging,16,16\nUnit")
+    assert read_text(tmp_path, text).attrs["averaging"] == 16
+    with pytest.raises(SourceError, match="expected one whole number"):
+        read_text(tmp_path, text.replace("16,16", "16,4"))
+
+
+def test_last_line_without_end_is_accepted_only_when_the_count_is_stated(tmp_path):
+    with pytest.raises(SourceError, match="the last line is cut"):
+        read_text(tmp_path, EXAMPLE.rstrip("\n"))
+    stated = EXAMPLE.replace("Unit", "Data count,3\nUnit").replace(
+        "3,+FFFFFFF,-------", "3,+01.5000,+01.2345"
+    )
+    readings = read_text(tmp_path, stated.rstrip("\n"))
+    assert readings.sizes["time"] == 3
+    with pytest.raises(SourceError, match="the last line is cut"):
+        read_text(tmp_path, stated.rstrip("\n")[:-1])
+
+
+def test_cut_row_is_dropped_on_request(tmp_path):
+    with pytest.warns(UserWarning, match="it is dropped"):
+        readings = read_text(tmp_path, EXAMPLE.rstrip("\n")[:-3], allow_incomplete=True)
+    assert readings.sizes["time"] == 2
+
+
+def test_counter_with_a_gap_is_refused_or_followed_on_request(tmp_path):
+    text = EXAMPLE.replace("3,+FFFFFFF,-------", "5,+00.1240,-00.0120")
+    with pytest.raises(SourceError, match="5 after 2, expected 3") as caught:
+        read_text(tmp_path, text)
+    assert (caught.value.line, caught.value.column) == (9, 1)
+    with pytest.warns(UserWarning, match="the time follows the counter"):
+        readings = read_text(tmp_path, text, allow_incomplete=True)
+    np.testing.assert_allclose(readings.time.values, [0, 50e-6, 200e-6])
+
+
+@pytest.mark.parametrize("start", [0, 1])
+def test_counter_may_begin_at_zero_or_one(tmp_path, start):
+    rows = "".join(f"{start + i},+00.1234,+00.0001\n" for i in range(3))
+    readings = read_text(tmp_path, EXAMPLE[: EXAMPLE.index("1,+")] + rows)
+    assert readings.time.values[0] == 0.0
+
+
+def test_markers_in_a_long_file_are_found_in_every_batch(tmp_path):
+    made = recording(30_000)
+    states = made.status1.values.copy()
+    states[[0, 199, 200, 8391, 8392, 20_000, 29_999]] = Status.ALARM
+    made["status1"] = made.status1.copy(data=states)
+    made["out1"] = made.out1.where(states == 0)
+    path = tmp_path / "long.csv"
+    keyence.write(path, made)
+    again = keyence.read(path)
+    np.testing.assert_array_equal(again.status1.values, states)
+    np.testing.assert_array_equal(again.out1.values, made.out1.values)
+    np.testing.assert_array_equal(again.out2.values, made.out2.values)
+
+
+def test_writer_refuses_what_does_not_fit():
+    made = recording(3)
+    made["out1"] = made.out1 + 1.0
+    with pytest.raises(InputError, match="does not fit"):
+        keyence.encode(made)
+    made["out1"] = made.out1 * np.nan
+    with pytest.raises(InputError, match="NaN with the state VALID"):
+        keyence.encode(made)
+    with pytest.raises(InputError, match="both delimiter and decimal"):
+        keyence.encode(recording(3), decimal=",")
+
+
+def test_every_number_has_unit_and_name(tmp_path):
+    for name, variable in read_text(tmp_path, EXAMPLE).variables.items():
+        assert {"units", "long_name"} <= variable.attrs.keys(), name
+
+
+def test_dataset_survives_netcdf(tmp_path):
+    made = read_text(tmp_path, EXAMPLE)
+    made.to_netcdf(tmp_path / "a.nc")
+    with xr.open_dataset(tmp_path / "a.nc") as stored:
+        np.testing.assert_array_equal(stored.status2.values, made.status2.values)
+        assert stored.attrs["header"] == made.attrs["header"]
