@@ -49,7 +49,8 @@ class Trajectory:
     """The reference motion: ``height`` of the sphere over first touch, and what happened when.
 
     ``time`` starts at release. ``touch`` and ``liftoff`` are the times at which contact begins
-    and ends; a last touch without lift-off is permanent contact.
+    and ends; a last touch without lift-off is permanent contact. Speeds are those of the sphere in
+    the laboratory's frame, as a sensor on the frame sees them, not relative to a moving floor.
     """
 
     time: Array
@@ -274,7 +275,7 @@ def reference_drop(
         if now >= duration:
             break
         touch.append(now)
-        incoming.append(w - v)
+        incoming.append(-v)
         n_max = int(np.ceil((duration - now) / CONTACT_STEP))
         record = np.empty((n_max, 6))
         n, left = _contact(
@@ -292,7 +293,7 @@ def reference_drop(
         z, v, x, w = record[-1, 0], record[-1, 1], record[-1, 4], record[-1, 5]
         if left:
             liftoff.append(now)
-            outgoing.append(v - w)
+            outgoing.append(v)
     table = np.concatenate(pieces)
     return Trajectory(
         time=table[:, 0], height=table[:, 1], velocity=table[:, 2], force=table[:, 3],
