@@ -284,8 +284,10 @@ class Checker:
         try:
             return msgspec.convert(value, kind)
         except msgspec.ValidationError as error:
-            limit = str(error).partition(", got")[0].replace("`", "")
-            expected = describe(bare) if ", got" in str(error) else limit.replace("Expected ", "")
+            # msgspec says "Expected `int` >= 1" for a bound, and names its own types otherwise.
+            is_bound = str(error).startswith("Expected") and ", got" not in str(error)
+            bound = str(error).removeprefix("Expected ").replace("`", "")
+            expected = bound if is_bound else describe(bare)
             self.report(place, f"expected {expected}, found {found(value)}")
             return _BAD
 

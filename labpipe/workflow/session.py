@@ -215,7 +215,7 @@ class _Experiments:
             problem = "it contains /" if "/" in name else None
         except InputError as error:
             problem = str(error).rpartition(": ")[2]
-        if name.startswith("."):
+        if problem is None and name.startswith("."):
             problem = "it begins with a full stop"
         if len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
             problem = f"it is longer than {_LONGEST_NAME} bytes"

@@ -1,0 +1,220 @@
+"""Mistakes of a configuration, all at once, each on its line, with what to write instead."""
+
+import datetime
+import math
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labpipe.errors import ConfigError, SourceError
+from labpipe.units import Quantity, quantity
+from labpipe.workflow import config
+from labpipe.workflow.config import POSITIVE, Angle, Dimensionless, File, Length, Range, Time, show
+
+
+class Inner(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    radius: Annotated[Length, POSITIVE] = Quantity(0.001, 0.0, "m")
+    name: str = ""
+
+
+class Everything(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    inner: Inner = Inner()
+    length: Length | None = None
+    angle: Angle | Literal["auto"] = "auto"
+    window: Annotated[Time, Range(above=0.0, at_most=1.0)] | None = None
+    poisson: Annotated[Dimensionless, Range(at_least=0.0, below=0.5)] | None = None
+    count: Annotated[int, msgspec.Meta(ge=1, le=10)] = 1
+    rtol: Annotated[float, Range(above=0.0, at_most=0.01)] = 1e-4
+    solver: Literal["mdr", "rings"] = "mdr"
+    direction: Literal[1, -1] = 1
+    switch: bool = False
+    files: list[File] = []
+    pair: tuple[Length, Length] | None = None
+    table: dict[str, Length] = {}
+    day: datetime.date | None = None
+    other: config.ExperimentName | None = None
+
+
+def read(folder: Path, text: str) -> Everything:
+    (folder / "c.toml").write_text(text)
+    return config.read(folder / "c.toml", Everything)
+
+
+def test_units_become_si(tmp_path: Path) -> None:
+    found = read(
+        tmp_path,
+        'length = "9.525 mm"\nangle = "12.0 ± 0.2 deg"\npoisson = 0.35\nwindow = "20 ms"\n'
+        'pair = ["1 um", "2 um"]\ntable = { a = "3 cm" }\nday = 2026-01-31\nother = "drop"\n'
+        'inner.radius = "5 mm"',
+    )
+    assert found.length == quantity("9.525 mm")
+    assert isinstance(found.angle, Quantity)
+    assert found.angle.si == "rad"
+    assert found.angle[:2] == pytest.approx((math.radians(12), math.radians(0.2)))
+    assert found.poisson == Quantity(0.35, 0.0, "1")
+    assert found.pair == (quantity("1 um"), quantity("2 um"))
+    assert found.table == {"a": quantity("3 cm")}
+    assert found.day == datetime.date(2026, 1, 31)
+    assert found.other == "experiment:drop"
+    assert found.inner.radius == quantity("5 mm")
+
+
+WRONG = {
+    "length = 3": 'expected a length such as "9.525 mm" .*, found 3 without a unit',
+    "length = true": "expected a length .*, found true",
+    'length = "3"': 'expected a length .*, found "3", which is in 1',
+    'length = "3 s"': 'units: m, cm, mm, um, nm.*, found "3 s", which is in s',
+    'length = "3 furlong"': 'expected a length .*, found "3 furlong"',
+    'length = "mm"': 'expected a length .*, found "mm"',
+    'length = "1e999 mm"': "expected a finite number",
+    'length = ["3 mm"]': "expected a length .*, found a list",
+    "length = { v = 1 }": "expected a length .*, found a table",
+    'angle = "atuo"': 'expected an angle .* or one of "auto", found "atuo"',
+    "angle = 12": "expected an angle .*, found 12",
+    'window = "0 s"': "must be > 0 and <= 1, found 0 s",
+    'window = "2 s"': "must be > 0 and <= 1, found 2 s",
+    "poisson = 0.5": "must be >= 0 and < 0.5, found 0.5",
+    'poisson = "50 %"': "must be >= 0 and < 0.5, found 0.5",
+    "poisson = nan": "expected a finite number, found nan",
+    "rtol = inf": "expected a finite number, found inf",
+    "rtol = 0.1": "must be > 0 and <= 0.01, found 0.1",
+    'rtol = "small"': 'expected a number, found "small"',
+    "count = 0": "expected int >= 1, found 0",
+    "count = 11": "expected int <= 10, found 11",
+    "count = 1.5": "expected a whole number, found 1.5",
+    "count = true": "expected a whole number, found true",
+    'count = "1"': 'expected a whole number, found "1"',
+    f"count = {10**300}": r"found a number of 301 digits",
+    'solver = "mrd"': 'expected one of "mdr", "rings", found "mrd"; did you mean "mdr"',
+    "solver = 1": 'expected one of "mdr", "rings", found 1',
+    "direction = 2": "expected one of 1, -1, found 2",
+    'switch = "yes"': 'expected true or false, found "yes"',
+    "switch = 1": "expected true or false, found 1",
+    "files = 'a.csv'": 'expected a list of items, each the name of a file, found "a.csv"',
+    "files = ['data.csw']": 'no file "data.csw" .*did you mean "data.csv"',
+    "files = ['../x']": r'contains "\.\."',
+    "files = ['/etc/passwd']": "is absolute",
+    "files = ['data.csv', 'data.csv']": 'files.1.: "data.csv" is listed twice',
+    "files = [1]": r"files\[0\]: expected the name of a file, found 1",
+    'pair = ["1 mm"]': "expected 2 items, found 1",
+    'table = ["1 mm"]': "expected a table, found a list",
+    'table = { a = "1 s" }': r"table\.a: expected a length",
+    'day = "31.1.2026"': 'expected a date such as .*, found "31.1.2026"',
+    "day = 2026": "expected a date",
+    "other = 3": "expected the name of an experiment|expected text",
+    "inner = 3": "expected a table, found 3",
+    "inner.raduis = 3": 'inner.raduis: unknown key; did you mean "radius"',
+    'inner.radius = "-1 mm"': "inner.radius: must be > 0, found -1 mm",
+    "inner.name = 3": "expected text in quotation marks, found 3",
+    "lenght = 3": 'lenght: unknown key; did you mean "length"',
+    "zzz = 3": "zzz: unknown key",
+}
+
+
+@pytest.mark.parametrize(("line", "says"), WRONG.items(), ids=[k[:40] for k in WRONG])
+def test_a_mistake_is_named_on_its_line(tmp_path: Path, line: str, says: str) -> None:
+    (tmp_path / "data.csv").write_text("1")
+    with pytest.raises(ConfigError, match=says) as caught:
+        read(tmp_path, f"# first line\n\n{line}\n")
+    assert all(problem.startswith("c.toml:3: ") for problem in caught.value.problems)
+    assert caught.value.exit_code == 3
+
+
+def test_all_mistakes_are_reported_at_once_in_the_order_of_lines(tmp_path: Path) -> None:
+    chosen = list({line.split(" ")[0].partition(".")[0]: line for line in WRONG}.values())
+    with pytest.raises(ConfigError) as caught:
+        read(tmp_path, "\n".join(chosen))
+    numbers = [int(problem.split(":")[1]) for problem in caught.value.problems]
+    assert numbers == sorted(numbers)
+    assert set(numbers) == set(range(1, len(chosen) + 1))
+    assert len(numbers) >= 15
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("a = 1\na = 2", r"c\.toml:2:?\d*: a key or table is given twice"),
+        ("a = 1\na = 2\n", r"c\.toml:2:6: a key or table is given twice"),
+        ("[a]\n[b]\n[a]\n", r"c\.toml:3:3: a key or table is given twice"),
+        ("x = [1,\ny = 2", r"c\.toml:2:"),
+        ("x = ", r"c\.toml:1:"),
+        ("x = 'open\ny = 1", r"c\.toml:2:"),
+        ("x = 1\n\x00", r"c\.toml:2:"),
+        ("a = " + "[" * 20_000, r"cannot be read as TOML"),
+        ("a = " + "[" * 60 + "]" * 60, "deeper than 32 levels"),
+        ("a" + ".a" * 5000 + " = 1", "deeper than 32 levels"),
+        ("count = " + "9" * 5000, "cannot be read as TOML"),
+        ("# " + "x" * 1_000_001, "1000003 bytes long"),
+    ],
+)
+def test_what_is_not_a_reasonable_toml_file_is_refused(
+    tmp_path: Path, text: str, says: str
+) -> None:
+    with pytest.raises(ConfigError, match=says):
+        read(tmp_path, text)
+
+
+def test_bytes_that_are_not_utf8_are_named(tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_bytes("# µ\nswitch = true\n# \xb5".encode("latin-1"))
+    with pytest.raises(ConfigError, match=r"c\.toml:1: byte 0xb5 is not UTF-8"):
+        config.read(tmp_path / "c.toml", Everything)
+    (tmp_path / "c.toml").write_bytes("count = 2".encode("utf-16"))
+    with pytest.raises(ConfigError, match="not UTF-8"):
+        config.read(tmp_path / "c.toml", Everything)
+
+
+def test_a_byte_order_mark_and_windows_line_ends_are_accepted(tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_bytes(b"\xef\xbb\xbfcount = 2\r\nswitch = true\r\n")
+    assert config.read(tmp_path / "c.toml", Everything).count == 2
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match=r"gone\.toml: cannot be read"):
+        config.read(tmp_path / "gone.toml", Everything)
+
+
+def test_what_a_structure_refuses_itself_is_reported_at_its_table(tmp_path: Path) -> None:
+    class Choice(msgspec.Struct, frozen=True, kw_only=True):
+        first: str | None = None
+        second: str | None = None
+
+        def __post_init__(self) -> None:
+            if self.first and self.second:
+                message = "give first or second, not both"
+                raise ValueError(message)
+
+    class Outer(msgspec.Struct, frozen=True, kw_only=True):
+        choice: Choice
+
+    (tmp_path / "c.toml").write_text("\n[choice]\nfirst = 'a'\nsecond = 'b'")
+    with pytest.raises(ConfigError, match=r"c\.toml:2: choice: give first or second"):
+        config.read(tmp_path / "c.toml", Outer)
+    (tmp_path / "c.toml").write_text("")
+    with pytest.raises(ConfigError, match=r"c\.toml:1: choice: missing; expected a table"):
+        config.read(tmp_path / "c.toml", Outer)
+
+
+@given(st.dictionaries(st.sampled_from(list(Everything.__struct_fields__)), st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner),
+    max_leaves=5,
+)))  # fmt: skip
+def test_no_tree_of_values_escapes_the_check(tree: dict[str, object]) -> None:
+    document = config.Document(Path("c.toml"), tree, {(): 1})
+    found = config.Checker(document, Path("/nowhere")).structure(Everything, tree, ())
+    assert isinstance(found, Everything) != bool(document.problems)
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [("9.525 mm", "9.525 mm"), ("12.0 ± 0.2 deg", "12 ± 0.2 deg"), ("20000 Hz", "20 kHz"),
+     ("0.0009 m", "900 um"), ("2.5 MPa", "2.5 MPa"), ("0 m", "0 m"), ("0.35", "0.35"),
+     ("-1 mm", "-1 mm"), ("23 degC", "23 degC"), ("1 mm", "1 mm"), ("1e-12 m", "0.001 nm")],
+)  # fmt: skip
+def test_a_quantity_is_shown_in_the_unit_that_suits_it(text: str, shown: str) -> None:
+    assert show(quantity(text)) == shown
+    assert quantity(shown)[:2] == pytest.approx(quantity(text)[:2], rel=1e-9)

@@ -1,0 +1,58 @@
+"""Stages that do not fit together are refused with all reasons."""
+
+import pytest
+import toy_laboratory as toy
+
+from labpipe.errors import InputError
+from labpipe.workflow.graph import Stage, ordered
+
+
+def stage(name: str, *inputs: str, **rest: object) -> Stage:
+    return Stage(name, "module:function", 1, inputs, **rest)  # type: ignore[arg-type]
+
+
+def test_inputs_come_before_what_takes_them() -> None:
+    names = [s.name for s in ordered(toy.DROP, toy.Drop)]
+    assert sorted(names) == ["mean", "page", "read", "scale"]
+    assert names.index("read") < names.index("scale") < names.index("mean") < names.index("page")
+
+
+@pytest.mark.parametrize(
+    ("stages", "says"),
+    [
+        ((stage("a", "b"), stage("b", "a")), "circle: (a -> b -> a|b -> a -> b)"),
+        ((stage("a", "a"),), "circle: a -> a"),
+        ((stage("a"), stage("a")), 'two stages are called "a"'),
+        ((stage("velocity"), stage("b", "velocty")), 'unknown input "velocty"; did you mean "velo'),
+        ((stage("a", output="page"), stage("b", "a")), "is a page"),
+        ((stage("a", output="pages"),), 'output must be "dataset" or "page"'),
+        ((stage("a", per="file"),), 'per must be "experiment" or "recording"'),
+        ((stage("a", per="recording"),), '"over" goes with per'),
+        ((stage("a", over="laser"),), '"over" goes with per'),
+        ((stage("a", per="recording", over="laser", output="page"),), "once per experiment"),
+        ((stage("a", "other:material"),), 'must read "other:FIELD/STAGE"'),
+        ((Stage("a", "module.function", 1, ()),), "must read \"package.module:function\""),
+        ((stage("a", "file:lasr"),), 'the settings have no field "lasr"'),
+        ((stage("a", parameters=("sphere.raduis",)),), 'no field "sphere.raduis"'),
+        ((stage("a", "other:mat/b"),), 'no field "mat"'),
+        (
+            (stage("a", per="recording", over="laser"),
+             stage("b", "a", per="recording", over="notes_file")),
+            'input "a" runs over "laser", this one over "notes_file"',
+        ),
+    ],
+)  # fmt: skip
+def test_stages_that_do_not_fit_are_refused(stages: tuple[Stage, ...], says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        ordered(stages, toy.Drop)
+
+
+def test_all_problems_are_listed() -> None:
+    with pytest.raises(InputError) as caught:
+        ordered((stage("a", "x", "y", per="z"),))
+    assert str(caught.value).count('stage "a"') == 3
+
+
+@pytest.mark.parametrize("field", ["sphere", "sphere.radius", "gain", "notes_file", "*"])
+def test_fields_of_tables_are_found(field: str) -> None:
+    assert ordered((stage("a", parameters=(field,)),), toy.Drop)

@@ -1,0 +1,168 @@
+"""session.toml: version, defaults, experiments, names and references."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import toy_laboratory as toy
+
+from labpipe.errors import ConfigError, SourceError
+from labpipe.units import quantity
+from labpipe.workflow.session import Session, load
+
+BASE = 'labpipe = 1\n[experiments.a]\nkind = "dma"\nsweep = "dma.txt"\n'
+
+
+def loaded(folder: Path, text: str) -> Session:
+    return toy.make_session(folder, text)
+
+
+def problems(folder: Path, text: str) -> tuple[str, ...]:
+    with pytest.raises(ConfigError) as caught:
+        loaded(folder, text)
+    return caught.value.problems
+
+
+def test_a_session_is_read(tmp_path: Path) -> None:
+    session = loaded(tmp_path, toy.TOML)
+    assert session.title == "Toys"
+    assert not session.synthetic
+    assert session.folder == tmp_path / "labpipe"
+    assert list(session.experiments) == ["acrylic", "nbr", "rubber"]
+    acrylic = session.experiments["acrylic"]
+    assert acrylic.settings == toy.Drop(
+        laser=["laser/r1.txt", "laser/r2.txt"], sphere=toy.Sphere(radius=quantity("9.5 mm"))
+    )
+    assert acrylic.lines["sphere.radius"] == 7
+    assert acrylic.lines["laser[1]"] == 6
+
+
+def test_the_file_itself_may_be_named_and_the_title_left_out(tmp_path: Path) -> None:
+    loaded(tmp_path, BASE)
+    assert load(tmp_path / "session.toml", toy.KINDS).title == tmp_path.name
+
+
+def test_a_folder_without_a_session_says_how_to_make_one(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="labpipe init"):
+        load(tmp_path, toy.KINDS)
+
+
+@pytest.mark.parametrize(
+    ("head", "says"),
+    [
+        ("", "begin the file with the line"),
+        ("labpipe = 2\n", "is of version 2, this labpipe reads up to 1; update labpipe"),
+        ("labpipe = 99999999999999999999\n", "update labpipe"),
+        ("labpipe = 0\n", "expected 1, found 0"),
+        ("labpipe = '1'\n", 'expected 1, found "1"'),
+        ("labpipe = true\n", "expected 1, found true"),
+        ("labpipe = 1.0\n", "expected 1, found 1.0"),
+    ],
+)
+def test_another_version_is_the_only_mistake_reported(tmp_path: Path, head: str, says: str) -> None:
+    found = problems(tmp_path, head + "[experiments.a]\nkind = 'nothing'")
+    assert len(found) == 1
+    assert says in found[0]
+    assert found[0].startswith("session.toml:1: labpipe: ")
+
+
+def test_defaults_of_a_kind_lie_under_its_experiments(tmp_path: Path) -> None:
+    text = toy.TOML + '[defaults.drop]\ngain = 2.0\nsphere.radius = "1 mm"\n'
+    session = loaded(tmp_path, text.replace('sphere.radius = "5 mm"\n', ""))
+    assert session.experiments["acrylic"].settings.gain == 2.0
+    assert session.experiments["acrylic"].settings.sphere.radius == quantity("9.5 mm")
+    assert session.experiments["nbr"].settings.sphere.radius == quantity("1 mm")
+    assert session.experiments["nbr"].lines["gain"] == 16
+
+
+def test_a_mistake_in_the_defaults_is_reported_once_at_its_own_line(tmp_path: Path) -> None:
+    text = toy.TOML + '[defaults.drop]\nsphere.radius = "1 s"\ngian = 2\n[defaults.dam]\n'
+    found = problems(tmp_path, text.replace('sphere.radius = "5 mm"\n', ""))
+    assert found[0].startswith("session.toml:16: defaults.drop.sphere.radius: expected a length")
+    assert found[1] == 'session.toml:17: defaults.drop.gian: unknown key; did you mean "gain"?'
+    assert found[2] == 'session.toml:18: defaults.dam: unknown kind; did you mean "dma"?'
+    assert len(found) == 3
+
+
+WRONG = {
+    "[session]\ntitel = 'x'": 'session.titel: unknown key; did you mean "title"',
+    "[session]\ntitle = 3": "session.title: expected text in quotation marks, found 3",
+    "[sesion]\n": 'sesion: unknown key; did you mean "session"',
+    "[experiments.b]\n": "experiments.b.kind: missing; known kinds: dma, drop",
+    "[experiments.b]\nkind = 'dam'": 'unknown kind "dam"; did you mean "dma"',
+    "[experiments.b]\nkind = 3": "unknown kind 3",
+    "[experiments.b]\nkind = ['dma']": "unknown kind a list",
+    "[experiments.b]\nkind = 'dma'": "experiments.b.sweep: missing; expected the name of a file",
+    "[experiments.b]\nkind = 'dma'\nsweep = 'dmb.txt'": 'did you mean "dma.txt"',
+    "[experiments.b]\nkind = 'dma'\nsweep = 'dma.txt'\nswep = 1": 'did you mean "sweep"',
+    "[experiments.A]\nkind = 'dma'\nsweep = 'dma.txt'": 'differs from "a" only in case',
+    "[experiments.'../b']\nkind = 'dma'\nsweep = 'dma.txt'": 'contains ".."',
+    "[experiments.'b/c']\nkind = 'dma'\nsweep = 'dma.txt'": "contains /",
+    "[experiments.'']\nkind = 'dma'\nsweep = 'dma.txt'": "is empty",
+    "[experiments.'.b']\nkind = 'dma'\nsweep = 'dma.txt'": "begins with a full stop",
+    "[experiments.nul]\nkind = 'dma'\nsweep = 'dma.txt'": "reserved on Windows",
+    '[experiments."b\\n"]\nkind = "dma"\nsweep = "dma.txt"': "control character",
+    f"[experiments.{'b' * 201}]\nkind = 'dma'\nsweep = 'dma.txt'": "longer than 200 bytes",
+    "[experiments]\nb = 3": "expected a table, found 3",
+    "[experiments.b]\nkind = 'drop'\nlaser = []\nsphere.radius = '1 mm'\nmaterial = 'aa'":
+        'experiments.b.material: there is no experiment "aa"; did you mean "a"',
+    "[experiments.b]\nkind = 'drop'\nlaser = []\nsphere.radius = '1 mm'\nmaterial = 'b'":
+        "experiments.b.material: an experiment cannot refer to itself",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "says"), WRONG.items(), ids=[ascii(k)[:50] for k in WRONG])
+def test_a_mistake_is_named(tmp_path: Path, text: str, says: str) -> None:
+    found = problems(tmp_path, BASE.replace("[experiments.a]", f"{text}\n[experiments.a]")
+                     if text.startswith("[experiments]") else BASE + text)  # fmt: skip
+    assert any(says in problem for problem in found), found
+
+
+@pytest.mark.parametrize("text", ["labpipe = 1", "labpipe = 1\nexperiments = 3"])
+def test_a_session_without_experiments_is_refused(tmp_path: Path, text: str) -> None:
+    assert "experiments" in problems(tmp_path, text)[0]
+
+
+def test_a_name_in_any_script_works(tmp_path: Path) -> None:
+    names = ["Kugel 3,5 mm ü", "🏀", "コン", "a.b", "e\u0301"]
+    tables = [f"[experiments.'{name}']\nkind = 'dma'\nsweep = 'dma.txt'\n" for name in names]
+    assert list(loaded(tmp_path, "labpipe = 1\n" + "".join(tables)).experiments) == names
+
+
+def test_names_that_a_disk_may_take_for_one_are_refused(tmp_path: Path) -> None:
+    tables = [
+        f"[experiments.'{name}']\nkind = 'dma'\nsweep = 'dma.txt'\n" for name in ("é", "e\u0301")
+    ]
+    assert "only in case" in problems(tmp_path, "labpipe = 1\n" + "".join(tables))[0]
+
+
+def test_a_link_out_of_the_session_is_refused(tmp_path: Path) -> None:
+    session = tmp_path / "session"
+    session.mkdir()
+    (tmp_path / "secret").write_text("1")
+    (session / "link.txt").symlink_to(tmp_path / "secret")
+    found = problems(session, BASE.replace("dma.txt", "link.txt"))
+    assert found == (
+        'session.toml:4: experiments.a.sweep: "link.txt" is not a path inside the session folder: '
+        "a symbolic link leads out of the folder",
+    )
+
+
+def test_markup_in_names_is_escaped_in_notebooks(tmp_path: Path) -> None:
+    text = "labpipe = 1\n[session]\ntitle = '<script>x</script>'\n" + BASE.split("\n", 1)[1]
+    assert "<script>" not in loaded(tmp_path, text)._repr_html_()
+
+
+def test_reading_a_session_loads_nothing_numerical(tmp_path: Path) -> None:
+    loaded(tmp_path, toy.TOML)
+    code = (
+        f"import sys; sys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+        "import toy_laboratory as toy\n"
+        "from labpipe.workflow.session import load\n"
+        "from labpipe.workflow.plan import plan\n"
+        f"rows = plan(load({str(tmp_path)!r}, toy.KINDS), toy.STAGES).rows\n"
+        "assert len(rows) == 11\n"
+        "sys.exit(bool({'numpy', 'xarray', 'scipy', 'pandas'} & sys.modules.keys()))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

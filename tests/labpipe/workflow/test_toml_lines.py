@@ -1,0 +1,98 @@
+"""Every value of a TOML file is found on its line."""
+
+import tomllib
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labpipe.workflow import toml_lines
+
+DOCUMENT = '''\
+# a comment with [brackets] and = signs
+labpipe = 1
+[session] # behind it another
+title = "a # no comment \\" still"
+notes = """
+two lines = "quoted"
+\\""" end"""
+'odd key' = 'literal \\'
+"quoted.key" = 1
+a.b . c = 2
+
+[experiments.drop]
+laser = [
+  "r1.csv", # first
+
+  "r2.csv",
+  [1,
+   2],
+]
+sphere = { radius = "1 mm", more = [1,
+  { x = 3 }] }
+[[runs]]
+n = 1
+[[runs]]
+n = 2
+[runs.part]
+deep = true
+date = 1979-05-27T07:32:00Z'''
+
+LINES = {
+    (): 1,
+    ("labpipe",): 2,
+    ("session",): 3,
+    ("session", "title"): 4,
+    ("session", "notes"): 5,
+    ("session", "odd key"): 8,
+    ("session", "quoted.key"): 9,
+    ("session", "a", "b", "c"): 10,
+    ("experiments", "drop"): 12,
+    ("experiments", "drop", "laser"): 13,
+    ("experiments", "drop", "laser", 0): 14,
+    ("experiments", "drop", "laser", 1): 16,
+    ("experiments", "drop", "laser", 2, 0): 17,
+    ("experiments", "drop", "laser", 2, 1): 18,
+    ("experiments", "drop", "sphere", "radius"): 20,
+    ("experiments", "drop", "sphere", "more", 1, "x"): 21,
+    ("runs", 0, "n"): 23,
+    ("runs", 1): 24,
+    ("runs", 1, "n"): 25,
+    ("runs", 1, "part", "deep"): 27,
+    ("runs", 1, "part", "date"): 28,
+}
+
+
+def places(node: Any, place: tuple[str | int, ...] = ()) -> set[tuple[str | int, ...]]:
+    """All places of a parsed document."""
+    pairs: Any = node.items() if isinstance(node, dict) else ()
+    pairs = enumerate(node) if isinstance(node, list) else pairs
+    found = {place}
+    for key, child in pairs:
+        found |= places(child, (*place, key))
+    return found
+
+
+@pytest.mark.parametrize("ends", ["\n", "\r\n"])
+def test_each_value_is_on_its_line(ends: str) -> None:
+    found = toml_lines.index(DOCUMENT.replace("\n", ends))
+    assert {place: found[place] for place in LINES} == LINES
+
+
+def test_every_place_of_the_document_has_a_line() -> None:
+    assert places(tomllib.loads(DOCUMENT)) <= toml_lines.index(DOCUMENT).keys()
+
+
+def test_an_empty_document_has_one_line() -> None:
+    assert toml_lines.index("") == {(): 1}
+    assert toml_lines.index("# only a comment") == {(): 1}
+
+
+@given(st.text("a=[]{}\"'#.,\n\\ 1", max_size=40))
+def test_whatever_the_parser_accepts_is_indexed_whole(text: str) -> None:
+    try:
+        tree = tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return
+    assert places(tree) <= toml_lines.index(text).keys()
