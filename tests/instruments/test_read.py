@@ -1,0 +1,136 @@
+"""`instruments.read`: the content of a file decides, and what is not known is said."""
+
+import os
+import re
+import subprocess
+import sys
+from datetime import datetime
+
+import numpy as np
+import pytest
+
+import instruments
+from instruments import keyence, mach1
+from labpipe.errors import SourceError, UsageError
+
+
+@pytest.fixture
+def laser(tmp_path):
+    path = tmp_path / "drop.csv"
+    made = keyence.make_recording(
+        {1: np.linspace(0, 1e-3, 50)}, cycle="50 us", start=datetime(2024, 5, 14)
+    )
+    keyence.write(path, made)
+    return path
+
+
+@pytest.fixture
+def tester(tmp_path):
+    time = np.arange(10) * 0.01
+    columns = {"Time, s": time, "Position (z), mm": time, "Fz, N": time}
+    block = mach1.make_block("Sinusoid", datetime(2024, 1, 1), columns, {})
+    path = tmp_path / "wave.txt"
+    mach1.write(path, mach1.assemble([block]))
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".txt", ".tif", ".cine", ""])
+def test_content_decides_not_the_name(laser, tester, suffix):
+    assert instruments.identify(laser.rename(laser.with_suffix(suffix))) == "keyence"
+    assert instruments.identify(tester.rename(tester.with_name("wave2" + suffix))) == "mach1"
+
+
+@pytest.mark.parametrize("codec", ["utf-8-sig", "utf-16", "cp932"])
+def test_codec_does_not_hide_the_instrument(tester, laser, codec):
+    for path in (tester, laser):
+        path.write_bytes(path.read_text("utf-8-sig").replace("\n", "\r\n").encode(codec))
+    assert instruments.identify(tester) == "mach1"
+    assert instruments.identify(laser) == "keyence"
+    assert instruments.read(tester).sizes["sample"] == 10
+    assert instruments.read(laser).sizes["time"] == 50
+
+
+def test_unknown_content_lists_what_was_tried(tmp_path):
+    path = tmp_path / "letter.csv"
+    path.write_text("dear reader\n")
+    with pytest.raises(SourceError, match="no instrument recognises the content") as caught:
+        instruments.read(path)
+    for reader in instruments.READERS:
+        assert reader.name in str(caught.value)
+
+
+def test_instrument_may_be_named(tmp_path):
+    path = tmp_path / "bare.csv"
+    path.write_text("1,+00.1234\n2,+00.1235\n3,+00.1236\n")
+    with pytest.raises(SourceError, match="no instrument"):
+        instruments.read(path)
+    readings = instruments.read(path, instrument="keyence", cycle="50 us", units=["mm"])
+    assert readings.sizes["time"] == 3
+    with pytest.raises(UsageError, match='no instrument "tarot"; known are '):
+        instruments.read(path, instrument="tarot")
+
+
+def test_missing_file_is_a_source_error(tmp_path):
+    with pytest.raises(SourceError, match="cannot be opened"):
+        instruments.read(tmp_path / "none.csv")
+
+
+def test_options_reach_the_reader(laser):
+    with pytest.raises(SourceError, match="the option rows says 51"):
+        instruments.read(laser, rows=51)
+
+
+def _touch(path):
+    now = path.stat().st_mtime_ns
+    os.utime(path, ns=(now + 10**9, now + 10**9))
+
+
+def test_file_that_changes_once_is_read_again(laser, monkeypatch):
+    calls = []
+    real = keyence.read
+
+    def changing(path, **options):
+        result = real(path, **options)
+        calls.append(path)
+        if len(calls) == 1:
+            _touch(path)
+        return result
+
+    monkeypatch.setattr(keyence, "read", changing)
+    assert instruments.read(laser).sizes["time"] == 50
+    assert len(calls) == 2
+
+
+def test_file_that_keeps_changing_is_refused(laser, monkeypatch):
+    real = keyence.read
+
+    def changing(path, **options):
+        result = real(path, **options)
+        _touch(path)
+        return result
+
+    monkeypatch.setattr(keyence, "read", changing)
+    with pytest.raises(SourceError, match="still being written"):
+        instruments.read(laser)
+
+
+def test_raw_file_is_not_touched(laser):
+    before = laser.read_bytes(), laser.stat().st_mtime_ns
+    instruments.read(laser)
+    assert (laser.read_bytes(), laser.stat().st_mtime_ns) == before
+
+
+def test_readers_are_one_line_each_and_exist():
+    names = [reader.name for reader in instruments.READERS]
+    assert len(set(names)) == len(names)
+    for reader in instruments.READERS:
+        assert re.fullmatch(r"instruments\.\w+:\w+", reader.function)
+
+
+def test_identifying_imports_no_numerical_library(tester):
+    code = (
+        "import sys, instruments; "
+        f"assert instruments.identify({str(tester)!r}) == 'mach1'; "
+        "sys.exit('numpy' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
