@@ -1,5 +1,10 @@
-"""Ball drop: from laser exports to bounces, the mean of the repeats, and the model beside it."""
+"""Ball drop: from laser exports to bounces, the mean of the repeats, and the model beside it.
 
+Conventions: heights count upwards; a repeat's time 0 is its first contact, its displacement 0 the
+level of that contact.
+"""
+
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +15,17 @@ from numpy.typing import NDArray
 import calibration
 import instruments
 from calibration import laser
-from labpipe import signals
+from labpipe import contact, signals
 from labpipe.errors import InputError
 from labpipe.units import Quantity
+from pipelines.experiments.material import resolve
 from pipelines.settings.ball_drop import BallDrop
 
 Array = NDArray[np.float64]
 
-_MODEL_STEP = 1e-4  # s, spacing of the model's curve between the contacts
-_PERTURBATION = 0.01  # relative change by which the model's sensitivity is found
+_CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
+_LEAST_CHANGE = 1e-3  # relative change of an input by which a sensitivity is found
+_PER_IMPACT = ("restitution", "touch_time", "incoming_speed", "outgoing_speed", "contact_duration")
 
 
 def readings(path: Path, *, settings: BallDrop) -> xr.Dataset:
@@ -42,6 +49,8 @@ def readings(path: Path, *, settings: BallDrop) -> xr.Dataset:
 def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> xr.Dataset:
     """Correct the inclination: upward displacement of the holder, with uncertainty."""
     known = calibration.load_record(record)
+    if settings.sensor.serial is not None:
+        readings = readings.assign_attrs(serial=settings.sensor.serial)
     options: dict[str, Any] = {
         "output": settings.sensor.output,
         "direction": settings.sensor.direction,
@@ -52,18 +61,202 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> x
         return moved
     found = _inclination(moved, settings.height)
     again = laser.displacement(readings, known, inclination=found, **options)
-    again.attrs["inclination_of_record"] = float(moved["inclination"])
-    again.attrs["u_inclination_of_record"] = float(moved["u_inclination"])
-    return again
+    recorded = {"value": float(moved["inclination"]), "u": float(moved["u_inclination"])}
+    return again.assign_attrs(inclination_of_record=json.dumps(recorded))
 
 
 def _inclination(moved: xr.Dataset, height: Quantity) -> Quantity:
     """Fit the inclination from the fall of known height, along the line of sight."""
-    along = moved["displacement_raw"] * float(moved["gain"])
-    fall = signals.bounces(along.rename("displacement"))
-    travel = Quantity(
-        float(fall["release_level"] - fall["contact_level"]),
-        float(np.hypot(fall["u_release_level"], fall["u_contact_level"])),
-        "m",
-    )
+    gain = float(moved["gain"])
+    fall = signals.bounces(moved["displacement_raw"] * gain)
+    travel = Quantity(float(fall["drop_height"]), float(fall["u_drop_height"]), "m")
     return laser.inclination_from_drop(travel, height)
+
+
+def bounces(displacement: xr.Dataset, *, settings: BallDrop) -> xr.Dataset:
+    """Find release, contacts and rest; speeds carry the inclination's uncertainty too."""
+    del settings
+    found = signals.bounces(displacement)
+    relative = float(displacement.attrs["u_systematic_relative"])
+    for name in ("incoming_speed", "outgoing_speed", "drop_height"):
+        total = np.hypot(found[f"u_{name}"], relative * found[name])
+        found[f"u_{name}"] = total.assign_attrs(found[f"u_{name}"].attrs)
+    return found
+
+
+def velocity(displacement: xr.Dataset, bounces: xr.Dataset, *, settings: BallDrop) -> xr.Dataset:
+    """Differentiate, with knots free to break where contacts begin and end."""
+    chosen = settings.analysis
+    options: dict[str, Any] = {"method": chosen.velocity}
+    if chosen.window is not None:
+        interval = float(np.median(np.diff(displacement["time"])))
+        options["window"] = max(1, round(chosen.window.value / interval))
+    if chosen.velocity == "spline":
+        edges = np.concatenate([bounces["touch_time"].values, bounces["liftoff_time"].values])
+        options["breaks"] = np.sort(edges[np.isfinite(edges)])
+    found = signals.velocity(displacement["displacement"], **options)
+    return xr.Dataset(
+        {"velocity": found.drop_vars("u_velocity"), "u_velocity": found["u_velocity"].variable},
+        attrs=found.attrs,
+    )
+
+
+def repeats(
+    displacement: list[xr.Dataset],
+    velocity: list[xr.Dataset],
+    bounces: list[xr.Dataset],
+    *,
+    settings: BallDrop,
+) -> xr.Dataset:
+    """Align the repeats at first contact: mean, band, outliers, and the table of bounces."""
+    del settings
+    starts = np.array([float(b["first_contact_time"]) for b in bounces])
+    levels = [float(b["contact_level"]) for b in bounces]
+    shifted = [
+        (d["displacement"] - level).assign_attrs(d["displacement"].attrs)
+        for d, level in zip(displacement, levels, strict=True)
+    ]
+    made = signals.combine_repeats(shifted, starts)
+    speeds = signals.combine_repeats([v["velocity"] for v in velocity], starts)
+    made = made.merge(speeds.drop_vars("is_outlier"), combine_attrs="drop")
+    relative = float(displacement[0].attrs["u_systematic_relative"])
+    made["u_displacement_mean"] = np.hypot(
+        made["displacement_sd"] / np.sqrt(made["n"]), relative * made["displacement_mean"]
+    ).assign_attrs(units="m", long_name="standard uncertainty: mean displacement")
+    made = made.merge(_table(bounces))
+    made.attrs = {"u_systematic_relative": relative}
+    return made
+
+
+def _table(bounces: list[xr.Dataset]) -> xr.Dataset:
+    """Mean of every bounce over the repeats that show it; touch times since first contact."""
+    count = max(b.sizes["impact"] for b in bounces)
+    table: dict[str, Any] = {}
+    for name in _PER_IMPACT:
+        shift = [float(b["first_contact_time"]) if name == "touch_time" else 0.0 for b in bounces]
+        values = np.array([
+            _padded(b[name].values - s, count) for b, s in zip(bounces, shift, strict=True)
+        ])  # fmt: skip
+        own = np.array([_padded(b[f"u_{name}"].values, count) for b in bounces])
+        n = np.isfinite(values).sum(axis=0)
+        mean = np.nanmean(values, axis=0)
+        # scatter between repeats, but never less than what each repeat states of itself
+        scatter = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1))
+        stated = np.sqrt(np.nanmean(own**2, axis=0))
+        u = np.where(n > 1, np.maximum(scatter, stated), stated) / np.sqrt(n)
+        text = bounces[0][name].attrs
+        table[name] = ("impact", mean, text)
+        table[f"u_{name}"] = (
+            "impact", u, {"units": text["units"], "long_name": f"standard uncertainty: {name}"},
+        )  # fmt: skip
+        table[f"{name}_sd"] = (
+            "impact", np.where(n > 1, scatter, np.nan),
+            {"units": text["units"], "long_name": f"standard deviation over repeats: {name}"},
+        )  # fmt: skip
+    table["n_repeats"] = ("impact", n, {"units": "1", "long_name": "repeats that show the bounce"})
+    return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
+
+
+def _padded(values: Array, count: int) -> Array:
+    return np.concatenate([values, np.full(count - values.size, np.nan)])
+
+
+def model(
+    repeats: xr.Dataset,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: BallDrop,
+) -> xr.Dataset:
+    """Simulate the drop as long as the record lasts, with the uncertainty of its inputs."""
+    sphere, chosen = settings.sphere, settings.model
+    solid = resolve(sphere, material_file, fitted)
+    gravity = chosen.gravity.value
+    fall = np.sqrt(2 * settings.height.value / gravity)
+    duration = float(fall + repeats["time"].max())
+    times = np.arange(0.0, duration, _CURVE_STEP)
+    inputs = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
+    plate = None
+    if settings.plate is not None:
+        p = settings.plate
+        plate = contact.Plate(p.mass.value, p.frequency.value, p.damping_ratio.value)
+
+    def simulate(**values: float) -> xr.Dataset:
+        return contact.drop(
+            solid, duration=duration, solver=chosen.solver, profile=chosen.profile,
+            rtol=chosen.rtol, gravity=gravity, plate=plate, times=times, **values,
+        )  # fmt: skip
+
+    base = {name: quantity.value for name, quantity in inputs.items()}
+    made = simulate(**base)
+    made = _with_uncertainty(made, inputs, base, simulate)
+    work = json.loads(made.attrs["work"])
+    work.pop("seconds", None)  # the clock has no place in a stored result
+    made.attrs["work"] = json.dumps(work)
+    return made
+
+
+def _with_uncertainty(
+    made: xr.Dataset, inputs: dict[str, Quantity], base: dict[str, float], simulate: Any
+) -> xr.Dataset:
+    """Add what the uncertainties of height, radius and mass do to restitution and times."""
+    names = ("restitution", "impact_time", "peak_force", "peak_contact_radius")
+    variance = {name: np.zeros(made.sizes["impact"]) for name in names}
+    for key, quantity in inputs.items():
+        if quantity.u == 0:
+            continue
+        change = max(quantity.u, _LEAST_CHANGE * quantity.value)
+        other = simulate(**{**base, key: quantity.value + change})
+        shared = min(other.sizes["impact"], made.sizes["impact"])
+        for name in names:
+            values = other[name].values[:shared], made[name].values[:shared]
+            if name == "impact_time":  # what is compared counts from the first contact
+                values = values[0] - values[0][0], values[1] - values[1][0]
+            variance[name][:shared] += ((values[0] - values[1]) / change * quantity.u) ** 2
+    for name in names:
+        made[f"u_{name}"] = (
+            "impact",
+            np.sqrt(variance[name]),
+            {
+                "units": made[name].attrs["units"],
+                "long_name": f"standard uncertainty from height, radius and mass: {name}",
+            },
+        )
+    return made
+
+
+def comparison(repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) -> xr.Dataset:
+    """Lay the model over the mean of the repeats, both from first contact, and measure the gap."""
+    del settings
+    first = float(model["impact_time"][0])
+    since = model["time"].values - first
+    window = repeats["time"].where((repeats["time"] >= since[0]) & (repeats["time"] <= since[-1]))
+    time = window.dropna("time").values
+    measured = repeats["displacement_mean"].sel(time=time)
+    simulated = np.interp(time, since, model["displacement"].values)
+    made = signals.compare(measured, measured.copy(data=simulated))
+    made = made.merge(_bounces_compared(repeats, model, first))
+    return made
+
+
+def _bounces_compared(repeats: xr.Dataset, model: xr.Dataset, first: float) -> xr.Dataset:
+    count = min(repeats.sizes["impact"], model.sizes["impact"])
+    pairs = {
+        "restitution": (repeats["restitution"], model["restitution"], model["u_restitution"], 0.0),
+        "touch_time": (repeats["touch_time"], model["impact_time"], model["u_impact_time"], first),
+    }
+    table: dict[str, Any] = {}
+    for name, (ours, theirs, u_theirs, shift) in pairs.items():
+        units = ours.attrs["units"]
+        a, b = ours.values[:count], theirs.values[:count] - shift
+        u = np.hypot(repeats[f"u_{name}"].values[:count], u_theirs.values[:count])
+        for key, values, text in (
+            (f"{name}_measured", a, "measured"),
+            (f"{name}_model", b, "model"),
+            (f"{name}_difference", a - b, "measured minus model"),
+        ):
+            table[key] = ("impact", values, {"units": units, "long_name": f"{name}, {text}"})
+        table[f"u_{name}_difference"] = (
+            "impact", u, {"units": units, "long_name": f"standard uncertainty: {name} difference"},
+        )  # fmt: skip
+    return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})

@@ -32,7 +32,7 @@ class Tester:
 
 
 def fine_time(duration: float) -> Array:
-    """Return the time of a block at the rig's rate; the instrument writes whole tenths of a second."""
+    """Return the rig's time of a block; the instrument writes whole tenths of a second."""
     total = np.ceil(duration * RATE / 10) * 10 / RATE
     return np.arange(round(total * RATE * OVERSAMPLING)) / (RATE * OVERSAMPLING)
 

@@ -4,8 +4,10 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from labpipe.units import Quantity
 from labpipe.workflow.config import (
     POSITIVE,
+    Acceleration,
     Dimensionless,
     File,
     Frequency,
@@ -77,8 +79,10 @@ class DropModel(Table):
 
     ``profile`` is the gap's shape: the parabola of the thesis or the exact sphere (7e-4 in force
     at a contact radius of 0.8 mm). ``rtol`` bounds the error of restitution and peak force.
+    ``gravity`` is that of the place; it sets the impact speed.
     """
 
     solver: Literal["mdr", "rings"] = "mdr"
     profile: Literal["parabola", "sphere"] = "parabola"
     rtol: Annotated[float, Range(above=0.0, at_most=1e-2)] = 1e-4
+    gravity: Annotated[Acceleration, POSITIVE] = Quantity(9.81, 0.0, "m/s2")

@@ -1,0 +1,65 @@
+"""Commands that write synthetic sessions: sample and demo."""
+
+from pathlib import Path
+
+import click
+
+from pipelines.commands.options import echo, echo_json, json_option
+
+
+@click.command()
+@click.argument("name", required=False)
+@click.argument("dest", required=False, type=click.Path(file_okay=False, path_type=Path))
+@click.option("--full-size", is_flag=True, help="Films at the camera's full size.")
+@json_option
+def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) -> None:
+    r"""Write the synthetic session NAME into the new folder DEST, its truth beside it.
+
+    Without NAME the samples are listed. All data are made by the virtual rig; none is measured.
+
+    \b
+    Example:
+      labpipe sample core my-session
+    """
+    from pipelines.rig.samples import SAMPLES, write_sample
+
+    if name is None:
+        if as_json:
+            echo_json({key: entry.summary for key, entry in SAMPLES.items()})
+            return
+        for key, entry in SAMPLES.items():
+            echo(f"{key:12}{entry.summary}")
+        return
+    if dest is None:
+        raise click.UsageError("name the folder to write into: labpipe sample NAME DEST")
+    experiments = write_sample(name, dest, full_size=full_size)
+    if as_json:
+        echo_json({"folder": str(dest), "experiments": experiments})
+    else:
+        echo(f"wrote {len(experiments)} synthetic experiment(s) into {dest}")
+
+
+@click.command()
+@click.argument("dest", default="labpipe-demo", type=click.Path(file_okay=False, path_type=Path))
+@json_option
+def demo(dest: Path, as_json: bool) -> None:
+    r"""Write a synthetic session into DEST, process it, and say where the reports are.
+
+    \b
+    Example:
+      labpipe demo
+    """
+    from pipelines import process as verbs
+    from pipelines.commands.progress import watching
+    from pipelines.commands.session import as_document, summarise
+    from pipelines.rig.samples import write_sample
+
+    write_sample("demo", dest)
+    with watching(enabled=not as_json) as progress:
+        outcome = verbs.process(dest, jobs=2, progress=progress)
+    if as_json:
+        echo_json(as_document(outcome))
+    else:
+        echo(f"synthetic session: {dest}")
+        summarise(outcome)
+    click.get_current_context().exit(outcome.exit_code)

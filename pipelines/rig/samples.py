@@ -1,0 +1,192 @@
+"""Synthetic sessions by name: what the virtual rig records, and the session.toml to process it.
+
+Every session says that it is synthetic, in its session.toml and beside every recording. The
+truth lies in ``truth/``, which the analysis never reads.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from labpipe import files, materials
+from labpipe.errors import UsageError
+from labpipe.workflow.session import VERSION
+from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
+from pipelines.rig.mach1_tester import Tester
+
+_START = datetime(2024, 5, 14, 9, 30)
+_NOTE = (
+    "SYNTHETIC: made by labpipe's virtual rig, not measured. The truth lies in truth/ and is "
+    "never read by the analysis."
+)
+_STATED_INCLINATION = 12.0  # degrees, what the calibration found; the truth differs within its u
+_U_INCLINATION = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A synthetic session: what it holds, and the function that writes it."""
+
+    summary: str
+    write: Callable[[Path, bool], list[str]]
+
+
+def write_sample(name: str, folder: Path, *, full_size: bool = False) -> list[str]:
+    """Write a synthetic session into an empty or new folder.
+
+    Parameters
+    ----------
+    name : str
+        A key of :data:`SAMPLES`.
+    folder : Path
+        Where to.
+    full_size : bool
+        Films at the camera's full size instead of a reduced one.
+
+    Returns
+    -------
+    list of str
+        Names of the experiments.
+
+    Raises
+    ------
+    UsageError
+        There is no such sample, or the folder holds something already.
+    """
+    if name not in SAMPLES:
+        known = ", ".join(SAMPLES)
+        message = f'there is no sample "{name}"; known are {known}'
+        raise UsageError(message)
+    if folder.exists() and any(folder.iterdir()):
+        message = f"{folder} is not empty; name a new folder"
+        raise UsageError(message)
+    return SAMPLES[name].write(folder, full_size)
+
+
+def height_name(height: float) -> str:
+    """Spell a height for names: ``1p5mm``."""
+    return f"{height * 1e3:g}mm".replace(".", "p")
+
+
+def laser_record() -> str:
+    """Return the calibration record of the sensor, as a laboratory would have written it."""
+    return f"""# {_NOTE}
+version = 1
+kind = "laser"
+id = "laser-inclination-2024-05"
+instrument = "LK-G5001"
+valid_from = 2024-05-01
+valid_until = 2025-04-30
+who = "the virtual rig"
+when = 2024-05-02
+how = "twelve micrometer steps of 1 mm against the reading (synthetic)"
+
+[values]
+inclination = "{_STATED_INCLINATION:.2f} ± {_U_INCLINATION:.2f} deg"
+scale = "1.0000 ± 0.0005"
+"""
+
+
+def session_head(title: str) -> str:
+    """Return the beginning of a synthetic session.toml."""
+    return f"""labpipe = {VERSION}  # version of this file's format
+
+[session]
+title = "{title}"
+operator = "the virtual rig"
+notes = "{_NOTE}"
+synthetic = true
+"""
+
+
+def drop_section(name: str, recordings: list[str], height: float, material: str) -> str:
+    """Return the table of one ball drop in session.toml."""
+    listed = "".join(f'  "{r}",\n' for r in recordings)
+    return f"""
+[experiments.{name}]
+kind = "ball_drop"
+laser = [
+{listed}]
+calibration = "calibration/laser.toml"
+height = "{height * 1e3:g} ± 0.005 mm"
+
+[experiments.{name}.sphere]
+radius = "9.525 ± 0.005 mm"
+mass = "505.0 ± 0.5 g"
+material = "{material}"
+"""
+
+
+def harmonic_section(name: str, specimen: Specimen, material: str) -> str:
+    """Return the table of one harmonic indentation in session.toml."""
+    return f"""
+[experiments.{name}]
+kind = "harmonic"
+mach1 = "mach1/{name}.txt"
+
+[experiments.{name}.punch]
+radius = "{specimen.tip_radius * 1e3:g} mm"
+period = "{specimen.period * 1e3:g} mm"
+depth = "{specimen.depth * 1e3:g} mm"
+tips = {specimen.tips}
+
+[experiments.{name}.substrate]
+material = "{material}"
+
+[experiments.{name}.model]
+profile = "parabola"  # the virtual tip is one
+"""
+
+
+def write_series(
+    folder: Path, rig: DropRig, material: str, heights: tuple[float, ...], repeats: int
+) -> tuple[list[str], str]:
+    """Record one sphere from several heights; returns experiment names and their sections."""
+    solid = materials.load(material)
+    names, sections = [], ""
+    for number, height in enumerate(heights):
+        name = f"{material}_{height_name(height)}"
+        seed = 1000 * sum(map(ord, material)) + 100 * number
+        recordings = write_drops(
+            folder, name, rig, solid, height, repeats, seed,
+            _START + timedelta(minutes=20 * number),
+        )  # fmt: skip
+        names.append(name)
+        sections += drop_section(name, recordings, height, material)
+    return names, sections
+
+
+def _write_core(
+    folder: Path, title: str, heights: tuple[float, ...], repeats: int, protocol: Harmonic
+) -> list[str]:
+    names, sections = write_series(folder, DropRig(), "acrylic", heights, repeats)
+    specimen = Specimen(materials.load("nbr"))
+    write_harmonic(
+        folder, "nbr_harmonic", specimen, protocol, Tester(), 7, _START + timedelta(days=1)
+    )
+    sections += harmonic_section("nbr_harmonic", specimen, "nbr")
+    files.write_text(folder / "calibration/laser.toml", laser_record())
+    files.write_text(folder / "session.toml", session_head(title) + sections)
+    return [*names, "nbr_harmonic"]
+
+
+def _demo(folder: Path, full_size: bool) -> list[str]:
+    del full_size  # this sample holds no film
+    protocol = replace(Harmonic(), hold=60.0, frequencies=(0.5, 1.0, 2.0), cycles=8)
+    return _write_core(folder, "Demonstration (synthetic)", (1.5e-3,), 3, protocol)
+
+
+def _core(folder: Path, full_size: bool) -> list[str]:
+    del full_size  # this sample holds no film
+    heights = (1.5e-3, 5e-3, 7e-3, 10e-3)
+    return _write_core(
+        folder, "Acrylic on sapphire and NBR under a punch (synthetic)", heights, 5, Harmonic()
+    )
+
+
+SAMPLES: dict[str, Sample] = {
+    "demo": Sample("three drops of acrylic, one short harmonic indentation", _demo),
+    "core": Sample("acrylic from four heights, five repeats; one harmonic indentation", _core),
+}
