@@ -96,7 +96,7 @@ def velocity(
     >>> round(float(velocity(fall).sel(time=0.5)), 6)
     -4.9
     """
-    time, values = _checked(displacement)
+    time, values = checked_record(displacement)
     if noise is not None and not (np.isfinite(noise) and noise >= 0.0):
         message = f"noise must be a standard deviation in m, >= 0; found {noise}"
         raise InputError(message)
@@ -130,8 +130,8 @@ def velocity(
     return _labelled(displacement, is_read, v, u, {"method": used, **attributes})
 
 
-def _checked(displacement: xr.DataArray) -> tuple[Array, Array]:
-    """Time and values as float64 copies."""
+def checked_record(displacement: xr.DataArray) -> tuple[Array, Array]:
+    """Time and values of a displacement record as float64 copies, or say what is wrong with it."""
     if displacement.dims != ("time",) or "time" not in displacement.coords:
         message = (
             f"displacement must have the one dimension time with its coordinate; "

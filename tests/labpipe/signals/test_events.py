@@ -1,0 +1,188 @@
+import json
+
+import numpy as np
+import pytest
+
+from labpipe.errors import InputError
+from labpipe.signals import PHASES, bounces, phases
+
+ACRYLIC = {"loss": 0.5}
+LOSSY = {"loss": 3.0, "dent": 0.3}
+MATERIALS = (
+    ACRYLIC,
+    LOSSY,
+    {"loss": 1.2, "height": 5e-3},
+    {"loss": 0.3, "height": 10e-3, "plate_mass": 50.0},
+    {"loss": 0.15, "dent": 0.2, "height": 7e-3},
+)
+STILL_MOVING = "ignore:the record ends before the body is at rest"
+
+
+@pytest.fixture(scope="module")
+def lossy(bouncing, measure):
+    truth = bouncing(**LOSSY)
+    record = measure(truth, 20e3, 1e-6)[0]
+    return truth, record, bounces(record)
+
+
+@pytest.mark.filterwarnings(STILL_MOVING)
+@pytest.mark.parametrize("material", MATERIALS)
+def test_first_contact_within_two_samples(bouncing, measure, material):
+    truth = bouncing(**material)
+    found = bounces(measure(truth, 20e3, 1e-6)[0])
+    assert float(found.first_contact_time) == pytest.approx(truth.touch[0], abs=2 / 20e3)
+    assert float(found.release_time) == pytest.approx(truth.release, abs=2 / 20e3)
+    height = material.get("height", 1.5e-3)
+    assert float(found.drop_height) == pytest.approx(height, abs=4 * float(found.u_drop_height))
+    assert float(found.fall_acceleration) == pytest.approx(9.81, rel=1e-3)
+
+
+@pytest.mark.filterwarnings(STILL_MOVING)
+def test_every_bounce_of_an_elastic_body_is_found(bouncing, measure):
+    truth = bouncing(**ACRYLIC)
+    found = bounces(measure(truth, 20e3, 1e-6)[0])
+    assert found.sizes["impact"] == len(truth.liftoff)
+    np.testing.assert_allclose(found.touch_time, truth.touch, atol=5e-5)
+    np.testing.assert_allclose(found.liftoff_time, truth.liftoff, atol=5e-5)
+    np.testing.assert_allclose(found.restitution, truth.outgoing / truth.incoming, atol=5e-3)
+    assert np.all(found.u_restitution[:3] < 2e-3)
+    assert np.isnan(float(found.rest_time))
+
+
+def test_bounces_until_flights_are_a_few_micrometres_high(lossy):
+    truth, _, found = lossy
+    n = found.sizes["impact"]
+    assert n >= 12
+    assert 9.81 * (truth.touch[n] - truth.liftoff[n - 1]) ** 2 / 8 < 6e-6
+    np.testing.assert_allclose(found.touch_time, truth.touch[:n], atol=1.6e-4)
+    z = (found.restitution - truth.outgoing[:n] / truth.incoming[:n]) / found.u_restitution
+    assert np.sqrt(np.mean(z**2)) < 1.5
+
+
+def test_derived_quantities_agree_with_each_other(lossy):
+    _, _, found = lossy
+    np.testing.assert_allclose(found.contact_duration, found.liftoff_time - found.touch_time)
+    np.testing.assert_allclose(found.restitution, found.outgoing_speed / found.incoming_speed)
+    np.testing.assert_allclose(found.penetration, found.touch_level - found.deepest_level)
+    fall = float(found.fall_acceleration)
+    np.testing.assert_allclose(found.apex_height, found.outgoing_speed**2 / 2 / fall, rtol=1e-2)
+    assert np.all(found.u_contact_duration > 0)
+
+
+def test_every_variable_is_labelled_and_work_is_counted(lossy):
+    _, _, found = lossy
+    for name in map(str, found.data_vars):
+        assert {"units", "long_name"} <= set(found[name].attrs), name
+        if name.startswith("u_"):
+            assert name[2:] in found
+    work = json.loads(found.attrs["work"])
+    assert work["samples"] == 10_000
+    assert work["impact_evaluations"] < 30 * found.sizes["impact"]
+
+
+def test_phases_follow_the_motion(lossy):
+    truth, record, found = lossy
+    phase = phases(found, record["time"])
+    names = np.array(PHASES)[phase.values]
+    time = record["time"].values
+    assert set(names) == set(PHASES)
+    assert np.all(np.diff(phase.values) >= 0)
+    assert np.all(names[time < truth.release - 1e-4] == "held")
+    assert np.all(names[(time > truth.touch[0] + 1e-4) & (time < truth.touch[10])] == "bouncing")
+    speed = truth.sample(time)[1]
+    assert np.abs(speed[names == "static"]).max() < 0.015 * truth.incoming[0]
+    assert float(found.rest_level) == pytest.approx(record.values[-2000:].mean(), abs=5e-7)
+
+
+def test_downward_positive_record_with_offset_gives_the_same(lossy):
+    _, record, found = lossy
+    turned = bounces((2e-3 - record).assign_attrs(record.attrs))
+    assert turned.attrs["direction"] == -found.attrs["direction"] == -1
+    for name in ("touch_time", "incoming_speed", "restitution", "penetration", "drop_height"):
+        np.testing.assert_allclose(turned[name], found[name], rtol=1e-5)
+    np.testing.assert_allclose(turned["touch_level"], 2e-3 - found["touch_level"], atol=1e-9)
+    assert float(turned.contact_level) == pytest.approx(2e-3 - float(found.contact_level), abs=1e-9)
+
+
+def test_scale_of_the_sensor_cancels_in_the_restitution(lossy):
+    _, record, found = lossy
+    tilted = bounces((record * np.cos(0.35)).assign_attrs(record.attrs))
+    np.testing.assert_allclose(tilted.restitution, found.restitution, rtol=1e-6)
+    np.testing.assert_allclose(
+        tilted.incoming_speed / found.incoming_speed, np.cos(0.35), rtol=1e-5
+    )
+
+
+def test_dataset_and_gaps_are_accepted(lossy):
+    _, record, found = lossy
+    with_gap = record.copy(deep=True)
+    with_gap.values[700:720] = np.nan
+    again = bounces(with_gap.to_dataset(name="displacement"))
+    np.testing.assert_allclose(again.touch_time[:5], found.touch_time[:5], atol=2e-5)
+
+
+def test_record_that_starts_in_the_fall_is_extrapolated(bouncing, measure):
+    truth = bouncing(**LOSSY)
+    record = measure(truth, 20e3, 1e-6)[0].sel(time=slice(0.018, None))
+    with pytest.warns(UserWarning, match="already falling"):
+        found = bounces(record)
+    assert float(found.release_time) == pytest.approx(truth.release, abs=3e-4)
+
+
+def test_record_that_ends_in_flight_keeps_what_it_shows(bouncing, measure):
+    truth = bouncing(**ACRYLIC)
+    record = measure(truth, 20e3, 1e-6)[0].sel(time=slice(None, truth.liftoff[2] + 8e-3))
+    with pytest.warns(UserWarning, match="ends before"):
+        found = bounces(record)
+    assert found.sizes["impact"] == 3
+
+
+def test_camera_rate_is_enough_for_the_first_bounces(bouncing, measure):
+    truth = bouncing(**LOSSY)
+    found = bounces(measure(truth, 10e3, 1e-6)[0])
+    np.testing.assert_allclose(found.touch_time[:4], truth.touch[:4], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        (lambda t: 0 * t, "does not change"),
+        (lambda t: 1e-3 * t, "no bounce"),
+        (lambda t: 1e-3 * np.sin(100 * t) + 1e-6 * np.random.default_rng(0).random(t.size), "no "),
+        (lambda t: -4.9 * t**2, "no bounce"),
+        (lambda t: 1e-6 * np.random.default_rng(0).random(t.size), "no "),
+    ],
+    ids=["constant", "creep", "sinusoid", "free fall", "noise"],
+)
+def test_records_without_a_bounce_are_refused(displacement_of, shape, message):
+    time = np.arange(4000) / 20e3
+    with pytest.raises(InputError, match=message):
+        bounces(displacement_of(time, shape(time)))
+
+
+def test_too_few_readings_are_refused(displacement_of):
+    with pytest.raises(InputError, match="at least 24 readings; found 10"):
+        bounces(displacement_of(np.arange(10.0), np.zeros(10)))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings(STILL_MOVING)
+def test_intervals_cover_the_truth_over_two_hundred_seeds(bouncing, measure):
+    hits = {name: [] for name in ("touch_time", "liftoff_time", "restitution")}
+    worst = 0.0
+    for seed in range(200):
+        truth = bouncing(**MATERIALS[seed % len(MATERIALS)])
+        found = bounces(measure(truth, 20e3, 1e-6, seed)[0])
+        n = found.sizes["impact"]
+        ratio = truth.outgoing[:n] / truth.incoming[:n]
+        for name, true in (
+            ("touch_time", truth.touch[:n]),
+            ("liftoff_time", truth.liftoff[:n]),
+            ("restitution", ratio),
+        ):
+            off = np.abs(found[name].values - true) / found[f"u_{name}"].values
+            hits[name] += (off < 1.96).tolist()
+        worst = max(worst, abs(float(found.first_contact_time) - truth.touch[0]))
+    assert worst < 2 / 20e3
+    for name, inside in hits.items():
+        assert 0.90 <= np.mean(inside) <= 0.995, name
