@@ -229,7 +229,7 @@ def _row(
     elif state == "damaged":
         reasons = ["result damaged"]
     else:
-        reasons = _changes(store, task, keys[task.id])
+        reasons = _changes(store, task, keys[task.id], is_waiting=bool(waiting))
     upstream = sorted({f"upstream {_upstream_name(task, b)} will run" for b in waiting})
     reasons = [*reasons, *upstream] or ["result is gone"]
     text = "; ".join(reasons[:_MOST_REASONS])
@@ -243,8 +243,11 @@ def _upstream_name(task: Task, before: TaskId) -> str:
     return before.stage if is_own else f"{before.experiment}/{before.stage}"
 
 
-def _changes(store: Store, task: Task, key: Key) -> list[str]:
-    """Say what differs from the last result of the same task."""
+def _changes(store: Store, task: Task, key: Key, *, is_waiting: bool) -> list[str]:
+    """Say what differs from the last result of the same task.
+
+    For a task that waits, the task it waits for says what changed upstream.
+    """
     last = store.latest(task.id.experiment).get((task.id.stage, task.id.recording))
     if last is None:
         return ["never run"]
@@ -265,7 +268,7 @@ def _changes(store: Store, task: Task, key: Key) -> list[str]:
         changes.append("stored by another version of labpipe or for another kind")
     if not changes and [i["input"] for i in old["inputs"]] != [i["input"] for i in new["inputs"]]:
         changes.append("the stage takes other inputs")
-    if not changes and old != new:
+    if not changes and not is_waiting:
         changes += _upstream_changes(old["inputs"], new["inputs"])
     return changes
 

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
 DONE, FAILED, SKIPPED = "done", "failed", "skipped"
 
-_ATTEMPTS = 2
-"""A task whose input changes while it is read, or turns out damaged, is tried once more."""
 _SPARE = 1.5
 """Free space asked for, relative to the size expected of a result."""
 _SMALLEST = 1 << 20
@@ -91,7 +89,14 @@ Emit = Callable[[str, Any], None]
 
 
 class _StartAgain(Exception):  # noqa: N818 (not an error: the plan is made anew)
-    """An input changed, or a stored one was damaged, so that the plan no longer holds."""
+    """An input changed, or a stored one was damaged, so that the plan no longer holds.
+
+    A task causes this once; the second time it fails.
+    """
+
+    def __init__(self, task: TaskId) -> None:
+        self.task = task
+        super().__init__(str(task))
 
 
 def run_job(job: Job, emit: Emit) -> None:
@@ -119,14 +124,15 @@ def _attempts(job: Job, emit: Emit) -> None:
     store = Store(job.session.folder, paranoid=job.paranoid)
     tasks = spell_out(job.session, job.stages)
     with store.writing(), store.experiment(job.experiment):
-        for attempt in range(_ATTEMPTS):
+        retried: set[TaskId] = set()
+        is_finished = False
+        while not is_finished:  # at most once for every task
             made = make_plan(job.session, tasks, job.wanted, store, full=job.full)
-            is_last = attempt == _ATTEMPTS - 1
             try:
-                _Run(job, store, made, emit, is_last, dict(job.failures)).all()
-                break
-            except _StartAgain:
-                continue
+                _Run(job, store, made, emit, frozenset(retried), dict(job.failures)).all()
+                is_finished = True
+            except _StartAgain as again:
+                retried.add(again.task)
         store.index.save()
 
 
@@ -138,7 +144,7 @@ class _Run:
     store: Store
     plan: Plan
     emit: Emit
-    is_last: bool
+    retried: frozenset[TaskId]
     failures: dict[TaskId, str]
     stopped: bool = field(default=False)
 
@@ -211,8 +217,11 @@ class _Run:
     def _page_or_result(self, task: Task) -> str | None:
         key = self.plan.keys[task.id]
         is_page = task.stage.output == "page"
-        if is_page and key.value is not None and self.store.state(key.value) == "stored":
-            self._publish(task, str(self._read(key.value)))
+        state = "absent" if key.value is None else self.store.state(key.value)
+        if key.value is not None and state == "damaged":
+            self.store.quarantine(key.value)
+        if is_page and key.value is not None and state == "stored":
+            self._publish(task, str(self._read(task, key.value)))
             self._keep(task.id, key.value)
             return key.value
         if key.problem:
@@ -262,8 +271,8 @@ class _Run:
                 found = describe_file(self.job.session.root, known["name"], self.store.index)
                 if found == known:
                     continue
-                if not self.is_last:
-                    raise _StartAgain
+                if task.id not in self.retried:
+                    raise _StartAgain(task.id)
                 hint = "wait until it is complete, or copy it here first, and run again"
                 message = "still being written: its content changed while it was read"
                 raise SourceError(known["name"], message, hint=hint)
@@ -282,19 +291,19 @@ class _Run:
         value = self.plan.keys[name].value
         if name in self.failures or value is None:
             return None
-        result = self._read(value)
+        result = self._read(task, value)
         if task.stage.output == "dataset" and not isinstance(result, str):
             for attribute in _OURS:
                 result.attrs.pop(attribute, None)
         return result
 
-    def _read(self, key: str) -> "xr.Dataset | str":
+    def _read(self, task: Task, key: str) -> "xr.Dataset | str":
         try:
             return self.store.read(key)
         except StoreError:
-            if self.is_last:
+            if task.id in self.retried:
                 raise
-            raise _StartAgain from None
+            raise _StartAgain(task.id) from None
 
     def _caught(self, raised: list[warnings.WarningMessage]) -> tuple[Caught, ...]:
         """Warnings for the report; those for programmers say nothing about the data."""

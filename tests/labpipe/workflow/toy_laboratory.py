@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import time
 import warnings
 from collections.abc import Mapping
@@ -51,11 +52,20 @@ def _calls(settings: Any, stage: str) -> None:
             stream.write(stage + "\n")
 
 
-def _trouble(settings: Any, stage: str) -> None:
+def _trouble(settings: Any, stage: str, path: Path | None = None) -> None:
     """Fail in the way that the settings ask for, as "STAGE:HOW"."""
     where, _, how = settings.trouble.partition(":")
     if where != stage:
         return
+    if how in ("written", "written once") and path is not None:
+        text = path.read_text()
+        if how == "written" or not text.endswith("\n9.0"):
+            path.write_text(text + "\n9.0")
+        return
+    if how == "give a list":
+        return
+    if how == "exit":
+        sys.exit(3)
     if how == "die":
         os.kill(os.getpid(), signal.SIGKILL)
     if how == "sleep":
@@ -75,7 +85,7 @@ def _trouble(settings: Any, stage: str) -> None:
 
 def read(path: Path, *, settings: Drop) -> Any:
     _calls(settings, "read")
-    _trouble(settings, "read")
+    _trouble(settings, "read", path)
     values = [float(line) for line in path.read_text().split()]
     time.sleep(float(os.environ.get("TOY_DELAY", "0")))
     work = {"frames_read": len(values), "frames_total": 10, "seconds": time.time()}
@@ -88,6 +98,8 @@ def scale(dataset: Any, *, settings: Drop) -> Any:
     time.sleep(float(os.environ.get("TOY_DELAY", "0")))
     result = dataset * settings.gain
     result["z"].attrs = {"units": "m", "long_name": "position"}
+    if settings.trouble == "scale:give a list":
+        return [1.0]
     return result.drop_vars("z") if settings.trouble == "scale:units" else result
 
 

@@ -1,0 +1,262 @@
+"""A plan says what will run and why; nothing else runs."""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import toy_laboratory as toy
+
+from labpipe.errors import ConfigError, InputError, UsageError
+from labpipe.workflow.graph import Stage
+from labpipe.workflow.plan import Plan, plan
+from labpipe.workflow.runner import RunResult, run
+from labpipe.workflow.session import Session
+from labpipe.workflow.store import Store
+
+NEVER = "never run"
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    """A session that has been run."""
+    made = toy.make_session(tmp_path)
+    assert run_here(made).exit_code == 0
+    return made
+
+
+def run_here(session: Session, stages: object = toy.STAGES, **options: object) -> RunResult:
+    return run(session, stages, schemas=toy.SCHEMAS, jobs=0, **options)  # type: ignore[arg-type]
+
+
+def not_cached(made: Plan) -> dict[str, str]:
+    return {str(row.task): f"{row.state}: {row.reason}" for row in made.to_run}
+
+
+def done(result: RunResult) -> set[str]:
+    return {str(outcome.task) for outcome in result.outcomes if outcome.state == "done"}
+
+
+def changed(session: Session, old: str, new: str) -> Session:
+    assert old in toy.TOML
+    return toy.reload_session(session.root, toy.TOML.replace(old, new))
+
+
+def with_stage(name: str, **changes: object) -> dict[str, tuple[Stage, ...]]:
+    stages = tuple(replace(s, **changes) if s.name == name else s for s in toy.DROP)  # type: ignore[arg-type]
+    return {**toy.STAGES, "drop": stages}
+
+
+def test_before_the_first_run_everything_will_run(tmp_path: Path) -> None:
+    made = plan(toy.make_session(tmp_path), toy.STAGES)
+    assert len(made.rows) == 11
+    assert not_cached(made) == {
+        "acrylic/read [laser/r1.txt]": "will run: never run",
+        "acrylic/read [laser/r2.txt]": "will run: never run",
+        "acrylic/scale [laser/r1.txt]": "waits: never run; upstream read will run",
+        "acrylic/scale [laser/r2.txt]": "waits: never run; upstream read will run",
+        "acrylic/mean": "waits: never run; upstream scale will run",
+        "acrylic/page": "waits: never run; upstream mean will run; upstream scale will run",
+        "rubber/curve": "will run: never run",
+        "nbr/read [laser/r3.txt]": "will run: never run",
+        "nbr/scale [laser/r3.txt]": "waits: never run; upstream read will run",
+        "nbr/mean": "waits: never run; upstream rubber/curve will run; upstream scale will run",
+        "nbr/page": "waits: never run; upstream mean will run; upstream scale will run",
+    }
+    assert made.rows[0].summary == "read the numbers"
+    assert not (tmp_path / "labpipe").exists()
+
+
+def test_after_a_run_everything_is_cached_and_nothing_runs_again(session: Session) -> None:
+    made = plan(session, toy.STAGES)
+    assert [row.state for row in made.rows] == ["cached"] * 11
+    assert done(run_here(session)) == set()
+
+
+def test_a_changed_parameter_reruns_only_what_is_behind_it(session: Session) -> None:
+    now = changed(session, "9.5 mm", "9.525 mm")
+    reason = "parameter sphere.radius changed 9.5 mm -> 9.525 mm"
+    expected = {
+        "acrylic/mean": f"will run: {reason}",
+        "acrylic/page": f"waits: {reason}; upstream mean will run",
+    }
+    assert not_cached(plan(now, toy.STAGES)) == expected
+    assert done(run_here(now)) == set(expected)
+    # Back again: the old results are still there, and only the page is put back in its place.
+    assert not_cached(plan(changed(session, "9.5 mm", "9.5 mm"), toy.STAGES)) == {
+        "acrylic/page": "will run: reports/acrylic.html is missing or was changed"
+    }
+
+
+def test_an_equal_value_in_another_unit_reruns_nothing(session: Session) -> None:
+    assert not_cached(plan(changed(session, "9.5 mm", "0.0095 m"), toy.STAGES)) == {}
+
+
+def test_a_changed_input_reruns_only_its_recording_and_what_is_behind(session: Session) -> None:
+    (session.root / "laser" / "r1.txt").write_text("1 2 3 4 5")
+    expected = {
+        "acrylic/read [laser/r1.txt]": "will run: input laser/r1.txt changed",
+        "acrylic/scale [laser/r1.txt]": "waits: upstream read will run",
+        "acrylic/mean": "waits: upstream scale will run",
+        "acrylic/page": "waits: upstream mean will run; upstream scale will run",
+    }
+    assert not_cached(plan(session, toy.STAGES)) == expected
+    assert done(run_here(session)) == set(expected)
+
+
+def test_content_decides_not_time(session: Session) -> None:
+    path = session.root / "laser" / "r1.txt"
+    os.utime(path, (1, 1))
+    assert not_cached(plan(session, toy.STAGES)) == {}
+    os.utime(path, (4e9, 4e9))
+    assert not_cached(plan(session, toy.STAGES)) == {}
+    text = path.read_text()
+    path.unlink()
+    path.write_text(text)
+    assert not_cached(plan(session, toy.STAGES)) == {}
+    status = path.stat()
+    path.write_text(text.replace("1", "2"))
+    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert "acrylic/read [laser/r1.txt]" in not_cached(plan(session, toy.STAGES))
+
+
+def test_a_file_more_or_less_is_named(session: Session) -> None:
+    now = changed(session, '"laser/r1.txt", "laser/r2.txt"', '"laser/r1.txt"')
+    found = not_cached(plan(now, toy.STAGES))
+    assert set(found) == {"acrylic/mean", "acrylic/page"}
+    now = changed(session, '"laser/r1.txt", "laser/r2.txt"', '"laser/r2.txt", "laser/r1.txt"')
+    assert set(not_cached(plan(now, toy.STAGES))) == {"acrylic/mean", "acrylic/page"}
+    now = changed(session, '["laser/r3.txt"]', '["laser/r3.txt", "laser/r1.txt"]')
+    found = not_cached(plan(now, toy.STAGES))
+    # The other experiment has read the very same file in the same way.
+    assert "nbr/read [laser/r1.txt]" not in found
+    assert found["nbr/mean"] == "will run: upstream scale changed"
+
+
+def test_a_raised_version_is_named(session: Session) -> None:
+    stages = with_stage("scale", version=2)
+    found = not_cached(plan(session, stages))
+    assert found["nbr/scale [laser/r3.txt]"] == "will run: stage scale v1 -> v2"
+    assert found["nbr/mean"] == "waits: upstream scale will run"
+    assert "nbr/read [laser/r3.txt]" not in found
+
+
+def test_another_experiment_is_an_input_like_any_other(session: Session) -> None:
+    (session.root / "dma.txt").write_text("0.5")
+    found = not_cached(plan(session, toy.STAGES))
+    assert set(found) == {"rubber/curve", "nbr/mean", "nbr/page"}
+    assert found["nbr/mean"].endswith("upstream rubber/curve will run")
+    assert done(run_here(session)) == set(found)
+
+
+def test_full_concerns_only_the_stages_with_shortcuts(session: Session) -> None:
+    found = not_cached(plan(session, toy.STAGES, full=True))
+    assert set(found) == {"acrylic/mean", "acrylic/page", "nbr/mean", "nbr/page"}
+    assert found["nbr/mean"] == "will run: full false -> true"
+    result = run_here(session, full=True)
+    assert result.dataset("nbr", "mean").attrs["full"] == "true"
+
+
+def test_only_pages_depend_on_the_words_of_the_session(session: Session) -> None:
+    found = not_cached(plan(changed(session, '"Toys"', '"Other"'), toy.STAGES))
+    assert found == {
+        "acrylic/page": "will run: session title changed",
+        "nbr/page": "will run: session title changed",
+    }
+
+
+@pytest.mark.parametrize("damage", ["missing", "changed"])
+def test_a_page_that_was_touched_is_put_back_without_work(session: Session, damage: str) -> None:
+    path = session.folder / "reports" / "nbr.html"
+    before = path.read_bytes()
+    if damage == "missing":
+        path.unlink()
+    else:
+        path.write_text("edited")
+    reason = "will run: reports/nbr.html is missing or was changed"
+    assert not_cached(plan(session, toy.STAGES)) == {"nbr/page": reason}
+    run_here(session)
+    assert path.read_bytes() == before
+
+
+def test_targets_need_only_what_is_behind_them(tmp_path: Path) -> None:
+    session = toy.make_session(tmp_path)
+    found = plan(session, toy.STAGES, targets=["scale"], only=["nbr"])
+    assert [str(r.task) for r in found.rows] == [
+        "nbr/read [laser/r3.txt]",
+        "nbr/scale [laser/r3.txt]",
+    ]
+    found = plan(session, toy.STAGES, targets=["nbr/mean"])
+    assert {r.experiment for r in found.rows} == {"nbr", "rubber"}
+    result = run_here(session, targets=["scale"])
+    files = (("acrylic", 1), ("acrylic", 2), ("nbr", 3))
+    assert done(result) == {
+        f"{e}/{s} [laser/r{n}.txt]" for e, n in files for s in ("read", "scale")
+    }
+
+
+def test_what_is_gone_but_not_needed_is_not_made_again(session: Session) -> None:
+    store = Store(session.folder)
+    for row in plan(session, toy.STAGES, targets=["read"]).rows:
+        key = plan(session, toy.STAGES).keys[row.task].value
+        assert key is not None
+        store.quarantine(key)
+    assert not_cached(plan(session, toy.STAGES, targets=["mean"])) == {}
+    found = not_cached(plan(session, toy.STAGES, only=["nbr"]))
+    assert found == {"nbr/read [laser/r3.txt]": "will run: result is gone"}
+
+
+def test_an_unknown_target_or_experiment_is_refused_with_a_suggestion(tmp_path: Path) -> None:
+    session = toy.make_session(tmp_path)
+    with pytest.raises(UsageError, match='no stage "scael"; did you mean "scale"'):
+        plan(session, toy.STAGES, targets=["scael"])
+    with pytest.raises(UsageError, match='no experiment "acrilic"; did you mean "acrylic"'):
+        plan(session, toy.STAGES, only=["acrilic"])
+
+
+def test_an_unreadable_input_is_the_reason_of_its_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = toy.make_session(tmp_path)
+    (tmp_path / "laser" / "r1.txt").unlink()
+    found = not_cached(plan(session, toy.STAGES))
+    assert found["acrylic/read [laser/r1.txt]"].startswith("will run: laser/r1.txt: cannot be read")
+    assert found["acrylic/read [laser/r2.txt]"] == "will run: never run"
+    result = run_here(session)
+    failed = {str(o.task): o.exit_code for o in result.failures}
+    assert failed == {"acrylic/read [laser/r1.txt]": 3}
+    assert (session.folder / "reports" / "acrylic.html").exists()
+
+
+def test_a_lost_index_of_last_keys_costs_only_the_reason(session: Session) -> None:
+    (session.folder / "store" / "latest" / "nbr.json").write_text("{")
+    assert not_cached(plan(session, toy.STAGES)) == {}
+
+
+def test_experiments_in_a_circle_are_refused_at_their_line(tmp_path: Path) -> None:
+    curve = Stage("curve", "toy_laboratory:mean", 1, ("other:material/mean",))
+    stages = {"drop": (*toy.DROP, curve)}
+    text = toy.TOML.replace("[experiments.nbr]", 'material = "nbr"\n[experiments.nbr]')
+    text = text.replace('material = "rubber"', 'material = "acrylic"')
+    session = toy.make_session(tmp_path, text.split("[experiments.rubber]")[0])
+    with pytest.raises(ConfigError, match=r"session.toml:(8|13): experiments\.\w+\.mat.*circle"):
+        plan(session, stages)
+
+
+def test_a_reference_to_a_kind_without_the_stage_is_refused_at_its_line(tmp_path: Path) -> None:
+    text = toy.TOML.replace('material = "rubber"', 'material = "acrylic"')
+    session = toy.make_session(tmp_path, text)
+    with pytest.raises(ConfigError, match=r'session.toml:12: .* no stage "curve"'):
+        plan(session, toy.STAGES)
+
+
+def test_a_kind_without_stages_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='no stages are known for the kind "dma"'):
+        plan(toy.make_session(tmp_path), {"drop": toy.DROP})
+
+
+def test_markup_is_escaped_in_notebooks(tmp_path: Path) -> None:
+    text = toy.TOML.replace('"Toys"', '"<b>Toys</b>"')
+    shown = plan(toy.make_session(tmp_path, text), toy.STAGES)._repr_html_()
+    assert "<b>" not in shown
+    assert "11 of 11 to run" in shown

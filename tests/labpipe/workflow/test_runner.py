@@ -1,0 +1,531 @@
+"""A run computes what is missing; failures, kills and other processes leave nothing wrong behind."""
+
+import json
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import toy_laboratory as toy
+
+from labpipe import files
+from labpipe.errors import InputError, StorageError, UsageError
+from labpipe.schema import Schema
+from labpipe.workflow.graph import Stage
+from labpipe.workflow.runner import Event, RunResult, events, open_result, run
+from labpipe.workflow.session import Session
+
+HERE = Path(__file__).parent
+
+DRIVER = f"""
+import os, sys
+sys.path.insert(0, {str(HERE)!r})
+import toy_laboratory as toy
+from labpipe.workflow import provenance
+from labpipe.workflow.runner import run
+from labpipe.workflow.session import load
+# The state of the repository may change while the tests run; a result must not differ by that.
+provenance.git_state = lambda folder: None
+jobs = int(sys.argv[2])
+print("ready", flush=True)
+result = run(load(sys.argv[1], toy.KINDS), toy.STAGES, schemas=toy.SCHEMAS, jobs=jobs)
+if jobs:
+    assert "numpy" not in sys.modules
+print(*(f"{{o.task}}: {{o.state}}" for o in result.outcomes), sep="\\n")
+sys.exit(result.exit_code)
+"""
+
+
+def drive(folder: Path, jobs: int = 1, **environment: str) -> "subprocess.Popen[str]":
+    """Run a session in a process of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-c", DRIVER, str(folder), str(jobs)],
+        env={**os.environ, **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def finish(process: "subprocess.Popen[str]", code: int = 0) -> str:
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == code, err
+    return out
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """What an undisturbed run leaves: netCDF files and pages by their names."""
+    session = toy.make_session(tmp_path_factory.mktemp("undisturbed"))
+    finish(drive(session.root))
+    return toy.contents(session)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    return toy.make_session(tmp_path / "session")
+
+
+def run_here(session: Session, jobs: int = 0, **options: object) -> RunResult:
+    return run(session, toy.STAGES, **{"schemas": toy.SCHEMAS, "jobs": jobs, **options})  # type: ignore[arg-type]
+
+
+def states(result: RunResult) -> dict[str, str]:
+    return {str(outcome.task): outcome.state for outcome in result.outcomes}
+
+
+def troubled(folder: Path, trouble: str) -> Session:
+    """A session whose experiment acrylic has trouble."""
+    return toy.make_session(
+        folder, toy.TOML.replace('"9.5 mm"', f'"9.5 mm"\ntrouble = "{trouble}"')
+    )
+
+
+# --- results -----------------------------------------------------------------------------------
+
+
+def test_results_have_the_right_values(session: Session) -> None:
+    result = run_here(session)
+    assert result.exit_code == 0
+    assert set(states(result).values()) == {"done"}
+    mean = result.dataset("nbr", "mean")["z"].to_numpy().tolist()
+    assert mean == [3 * k / 7 + 0.005 + 0.25 for k in range(5)]
+    opened = open_result(session, toy.STAGES, "nbr", "mean")
+    assert opened.identical(result.dataset("nbr", "mean"))
+    opened = open_result(session, toy.STAGES, "nbr", "read", "laser/r3.txt")
+    assert opened["z"].to_numpy().tolist() == [3 * k / 7 for k in range(5)]
+
+
+def test_a_result_that_is_not_up_to_date_is_not_opened(session: Session) -> None:
+    with pytest.raises(InputError, match="nbr/mean has no up-to-date result .never run"):
+        open_result(session, toy.STAGES, "nbr", "mean")
+    result = run_here(session)
+    with pytest.raises(InputError, match="is a page"):
+        open_result(session, toy.STAGES, "nbr", "page")
+    with pytest.raises(InputError, match="recordings: laser/r3.txt"):
+        open_result(session, toy.STAGES, "nbr", "read")
+    with pytest.raises(UsageError, match='did you mean "nbr/mean"'):
+        open_result(session, toy.STAGES, "nbr", "maen")
+    with pytest.raises(InputError, match="gave no result in this run"):
+        result.dataset("nbr", "read")
+
+
+def test_every_result_says_where_it_comes_from(session: Session) -> None:
+    attributes = run_here(session).dataset("nbr", "mean").attrs
+    found = json.loads(attributes["provenance"])
+    assert found["stage"] == "mean"
+    assert found["parameters"] == {"sphere.radius": [0.005, 0.0, "m"]}
+    assert found["stages"] == {"read": 1, "scale": 1, "mean": 1, "dma/curve": 1}
+    path = session.root / "laser" / "r3.txt"
+    assert found["inputs"] == [
+        {"name": "dma.txt", "size": 4, "sha256": files.digest(session.root / "dma.txt")},
+        {"name": "laser/r3.txt", "size": path.stat().st_size, "sha256": files.digest(path)},
+    ]
+    assert found["program"]["libraries"]["numpy"]
+
+
+def test_work_is_counted_without_the_clock_and_not_inherited(session: Session) -> None:
+    result = run_here(session)
+    read = result.dataset("nbr", "read", "laser/r3.txt").attrs
+    assert json.loads(read["work"]) == {"frames_read": 5, "frames_total": 10}
+    assert "work" not in result.dataset("nbr", "scale", "laser/r3.txt").attrs
+    rows = {(r.experiment, r.stage, r.name): (r.done, r.skipped) for r in result.ledger}
+    assert rows["acrylic", "read", "frames_read"] == (10, 10)
+    assert rows["nbr", "", "tasks"] == (4, 0)
+    rows = {(r.experiment, r.name): (r.done, r.skipped) for r in run_here(session).ledger}
+    assert rows["nbr", "tasks"] == (0, 4)
+    assert rows["acrylic", "frames_read"] == (10, 10)
+
+
+def test_a_page_is_told_what_lies_behind_it(session: Session) -> None:
+    run_here(session)
+    page = (session.folder / "reports" / "nbr.html").read_text()
+    assert "Toys" in page
+    assert (
+        "LedgerRow(experiment='nbr', stage='read', name='frames_read', done=5, skipped=5)" in page
+    )
+    assert "RawFile(name='dma.txt', size=4" in page
+    assert page.splitlines()[5:7] == ["()", "()"]
+
+
+def test_warnings_are_kept_with_the_result_and_told_to_the_page(tmp_path: Path) -> None:
+    session = troubled(tmp_path, "scale:warn")
+    expected = (
+        "(Warned(stage='scale', recording='laser/r1.txt', category='UserWarning', "
+        "text='the record is short', count=1), Warned(stage='scale', recording='laser/r2.txt', "
+        "category='UserWarning', text='the record is short', count=1))"
+    )
+    run_here(session)
+    assert expected in (session.folder / "reports" / "acrylic.html").read_text()
+    # The warnings of a cached stage are told as well.
+    later = toy.reload_session(
+        tmp_path, (tmp_path / "session.toml").read_text().replace("9.5", "9.6")
+    )
+    result = run_here(later)
+    assert states(result)["acrylic/scale [laser/r1.txt]"] == "cached"
+    assert expected in (session.folder / "reports" / "acrylic.html").read_text()
+
+
+def test_progress_and_log_tell_every_task(session: Session) -> None:
+    told: list[Event] = []
+    run_here(session, progress=told.append)
+    assert [e.done for e in told if e.kind == "done"] == list(range(1, 12))
+    assert {e.total for e in told} == {11}
+    logged = list(events(session))
+    assert [e["event"] for e in logged][:2] == ["run started", "started"]
+    assert sum(e["event"] == "ended" for e in logged) == 11
+    assert logged[-1]["event"] == "run finished"
+    assert all("time" in e for e in logged)
+
+
+def test_an_incomplete_last_line_of_the_log_is_passed_over(session: Session) -> None:
+    run_here(session)
+    log = session.folder / "run.jsonl"
+    with log.open("ab") as stream:
+        stream.write(b'{"event": "hal')
+    before = len(list(events(session)))
+    run_here(session)
+    assert len(list(events(session))) == before + 13
+
+
+# --- failures ----------------------------------------------------------------------------------
+
+REST = {
+    "rubber/curve": "done", "nbr/read [laser/r3.txt]": "done", "nbr/scale [laser/r3.txt]": "done",
+    "nbr/mean": "done", "nbr/page": "done",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("jobs", [0, 2])
+def test_a_failure_stops_only_what_depends_on_it_and_the_page_tells(
+    tmp_path: Path, jobs: int
+) -> None:
+    session = troubled(tmp_path, "scale:number")
+    result = run_here(session, jobs)
+    assert result.exit_code == 1
+    assert states(result) == REST | {
+        "acrylic/read [laser/r1.txt]": "done",
+        "acrylic/read [laser/r2.txt]": "done",
+        "acrylic/scale [laser/r1.txt]": "failed",
+        "acrylic/scale [laser/r2.txt]": "failed",
+        "acrylic/mean": "skipped",
+        "acrylic/page": "done",
+    }
+    assert [o.message for o in result.failures] == ["unexpected ZeroDivisionError: by zero"] * 2
+    assert "toy_laboratory.py" in result.failures[0].details
+    page = (session.folder / "reports" / "acrylic.html").read_text()
+    assert "[None, None]\nmissing" in page
+    assert "text='unexpected ZeroDivisionError: by zero'" in page
+    assert "Failed(stage='mean', recording=None" in page
+    # The next run tries again, and a repaired session gives a page without failures.
+    assert states(run_here(session, jobs))["acrylic/scale [laser/r1.txt]"] == "failed"
+    repaired = toy.reload_session(tmp_path)
+    assert run_here(repaired, jobs).exit_code == 0
+    assert "Failed" not in (session.folder / "reports" / "acrylic.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("trouble", "message"),
+    [
+        ("scale:units", 'toy: variable "z" is missing'),
+        ("scale:give a list", "acrylic: scale: must return a Dataset, returned list"),
+        ("read:some text", "unexpected ValueError: some text"),
+    ],
+)
+def test_a_result_that_is_not_one_is_a_failure(tmp_path: Path, trouble: str, message: str) -> None:
+    result = run_here(troubled(tmp_path, trouble))
+    assert {o.message for o in result.failures} == {message}
+
+
+def test_a_failing_page_is_a_failure(tmp_path: Path) -> None:
+    session = troubled(tmp_path, "page:some text")
+    result = run_here(session)
+    assert [str(o.task) for o in result.failures] == ["acrylic/page"]
+    assert "acrylic" not in result.reports
+    assert set(result.reports) == {"nbr"}
+
+
+def test_a_failure_in_another_experiment_is_told(tmp_path: Path) -> None:
+    text = toy.TOML.replace('sweep = "dma.txt"', 'sweep = "dma.txt"\ntrouble = "sweep:number"')
+    session = toy.make_session(tmp_path, text)
+    for jobs in (0, 2):
+        result = run_here(session, jobs)
+        assert states(result)["nbr/mean"] == "skipped"
+        assert states(result)["nbr/page"] == "done"
+        page = (session.folder / "reports" / "nbr.html").read_text()
+        assert "Failed(stage='rubber/curve', recording=None, text='unexpected ZeroD" in page
+    # Only the other one is wanted; what it needs fails all the same.
+    assert states(run_here(session, only=["nbr"], targets=["mean"]))["nbr/mean"] == "skipped"
+
+
+@pytest.mark.parametrize("jobs", [0, 1])
+def test_fail_fast_stops_at_the_first_failure(tmp_path: Path, jobs: int) -> None:
+    session = troubled(tmp_path, "read:number")
+    result = run_here(session, jobs, fail_fast=True)
+    assert len(result.failures) == 1
+    assert "done" not in states(result).values()
+    assert len(states(result)) == 11
+    assert not (session.folder / "reports").exists()
+
+
+def test_a_function_that_cannot_be_imported_is_named(session: Session) -> None:
+    for function in ("toy_laboratory:nothing", "no_such_module:f"):
+        curve = Stage("curve", function, 1, ("file:sweep",))
+        result = run(session, {**toy.STAGES, "dma": (curve,)}, schemas=toy.SCHEMAS, jobs=0)
+        assert f"{function} cannot be imported" in result.failures[0].message
+
+
+def test_a_schema_that_is_not_given_is_refused_before_anything_runs(session: Session) -> None:
+    with pytest.raises(InputError, match='stage "mean" of "drop" names the unknown schema "toy"'):
+        run(session, toy.STAGES, schemas={"tyo": Schema("tyo")})
+    with pytest.raises(InputError, match="jobs must be at least 0"):
+        run_here(session, -1)
+    assert not session.folder.exists()
+
+
+@pytest.mark.parametrize("how", ["die", "exit"])
+def test_a_process_that_dies_takes_only_its_task_with_it(tmp_path: Path, how: str) -> None:
+    session = troubled(tmp_path, f"scale:{how}")
+    result = run_here(session, 2)
+    assert states(result) == REST | {
+        "acrylic/read [laser/r1.txt]": "done",
+        "acrylic/read [laser/r2.txt]": "done",
+        "acrylic/scale [laser/r1.txt]": "failed",
+        "acrylic/scale [laser/r2.txt]": "failed",
+        "acrylic/mean": "skipped",
+        "acrylic/page": "done",
+    }
+    expected = "ended by SIGKILL" if how == "die" else "unexpected SystemExit|ended with code 3"
+    assert all(files_match(expected, o.message) for o in result.failures)
+
+
+def files_match(pattern: str, text: str) -> bool:
+    return any(part in text for part in pattern.split("|"))
+
+
+def test_exit_codes_follow_the_failures(tmp_path: Path) -> None:
+    only_source = toy.TOML.split("[experiments.nbr]")[0]
+    session = toy.make_session(tmp_path, only_source)
+    (tmp_path / "laser" / "r1.txt").unlink()
+    assert run_here(session).exit_code == 3
+    other = toy.make_session(tmp_path / "other")
+    (other.root / "laser" / "r1.txt").unlink()
+    assert run_here(other).exit_code == 1
+
+
+# --- disk --------------------------------------------------------------------------------------
+
+
+def test_no_space_is_said_before_a_stage_with_the_bytes_needed(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = shutil.disk_usage(session.root)._replace(free=1000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage)
+    result = run_here(session)
+    assert result.exit_code == 5
+    assert "1572864 bytes are needed and 1000 are free" in result.failures[0].message
+    monkeypatch.undo()
+    assert run_here(session).exit_code == 0
+
+
+def test_a_disk_that_fills_up_midway_spoils_nothing(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, count = os.fsync, 0
+
+    def fill_up(handle: int) -> None:
+        nonlocal count
+        count += 1
+        if count > 30:
+            raise OSError(28, "No space left on device")
+        real(handle)
+
+    monkeypatch.setattr(os, "fsync", fill_up)
+    result = run_here(session)
+    assert result.exit_code == 5
+    assert all("no space left: " in o.message for o in result.failures)
+    assert not list(session.folder.rglob(".*.part"))
+    monkeypatch.undo()
+    assert run_here(session).exit_code == 0
+
+
+def test_a_folder_that_cannot_be_written_is_named(session: Session) -> None:
+    (session.root / "labpipe").write_text("in the way")
+    with pytest.raises(StorageError, match="labpipe"):
+        run_here(session)
+
+
+# --- inputs that change ---------------------------------------------------------------------------
+
+
+def test_an_input_that_changes_while_read_is_read_once_more(tmp_path: Path) -> None:
+    result = run_here(troubled(tmp_path, "read:written once"))
+    assert result.exit_code == 0
+    values = result.dataset("acrylic", "read", "laser/r1.txt")["z"].to_numpy().tolist()
+    assert values[-1] == 9.0
+    assert len(values) == 6
+
+
+def test_an_input_that_keeps_changing_is_refused(tmp_path: Path) -> None:
+    result = run_here(troubled(tmp_path, "read:written"))
+    message = result.failures[0].message
+    assert message.startswith("laser/r1.txt: still being written: its content changed")
+    assert result.failures[0].exit_code == 3
+
+
+# --- processes ---------------------------------------------------------------------------------
+
+
+def test_what_a_stage_prints_does_not_reach_standard_output(tmp_path: Path) -> None:
+    session = troubled(tmp_path, "scale:print")
+    process = drive(session.root)
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    assert "to standard output" in err
+    assert "to standard output" not in out
+
+
+def test_a_script_without_a_main_guard_runs_once(session: Session, tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(DRIVER)
+    command = [sys.executable, str(script), str(session.root), "2"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.count("ready") == 1
+
+
+@pytest.mark.parametrize(
+    ("jobs", "environment"),
+    [
+        (2, {"PYTHONHASHSEED": "7"}),
+        (3, {"TZ": "Asia/Tokyo", "LC_ALL": "tr_TR.UTF-8", "PYTHONHASHSEED": "8"}),
+        (1, {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2", "TOY_DELAY": "0.01"}),
+    ],
+)
+def test_results_do_not_depend_on_how_they_are_made(
+    session: Session, undisturbed: dict[str, bytes], jobs: int, environment: dict[str, str]
+) -> None:
+    finish(drive(session.root, jobs, **environment))
+    assert toy.contents(session) == undisturbed
+
+
+def test_a_session_gives_the_same_results_wherever_it_lies(
+    tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = toy.make_session(tmp_path / "another folder ü")
+    monkeypatch.chdir(session.root)
+    before = os.umask(0o077)
+    try:
+        finish(drive(Path()))
+    finally:
+        os.umask(before)
+    assert toy.contents(session) == undisturbed
+    moved = session.root.rename(tmp_path / "moved")
+    out = finish(drive(moved))
+    assert out.count(": cached") == 11
+
+
+def test_two_processes_on_one_session_share_the_work(
+    session: Session, undisturbed: dict[str, bytes], tmp_path: Path
+) -> None:
+    calls = tmp_path / "calls"
+    runs = [drive(session.root, 2, TOY_DELAY="0.1", TOY_CALLS=str(calls)) for _ in range(2)]
+    outputs = [finish(process) for process in runs]
+    assert toy.contents(session) == undisturbed
+    assert len(calls.read_text().split()) == 11
+    assert sum(output.count(": done") for output in outputs) == 11
+
+
+def running(session: Session) -> Iterator[str]:
+    return (e["stage"] for e in events(session) if e["event"] == "started")
+
+
+def wait_for_start(session: Session, process: "subprocess.Popen[str]", stage: str) -> None:
+    until = time.monotonic() + 120
+    while stage not in running(session):
+        assert process.poll() is None, process.communicate()[1]
+        assert time.monotonic() < until
+        time.sleep(0.02)
+
+
+def assert_free(session: Session, experiment: str) -> None:
+    """Nobody holds the experiment's lock, or it is let go within moments."""
+    until = time.monotonic() + 20
+    while time.monotonic() < until:
+        path = session.folder / "store" / "locks" / f"{experiment}.lock"
+        with files.lock(path, wait=False) as held:
+            if held:
+                return
+        time.sleep(0.05)
+    pytest.fail("an orphan keeps the lock")
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
+def test_workers_end_with_the_process_that_started_them(
+    tmp_path: Path, undisturbed: dict[str, bytes], how: signal.Signals
+) -> None:
+    session = troubled(tmp_path / "s", "scale:sleep")
+    process = drive(session.root)
+    wait_for_start(session, process, "scale")
+    process.send_signal(how)
+    process.communicate(timeout=60)
+    assert process.returncode == -how
+    assert_free(session, "acrylic")
+    repaired = toy.reload_session(session.root)
+    finish(drive(repaired.root))
+    after = toy.contents(repaired)
+    assert {name: after[name] for name in undisturbed} == undisturbed
+
+
+def test_an_interrupt_ends_the_workers_and_leaves_no_parts(tmp_path: Path) -> None:
+    session = troubled(tmp_path / "s", "scale:sleep")
+    process = drive(session.root, 2)
+    wait_for_start(session, process, "scale")
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=60)
+    assert "KeyboardInterrupt" in err
+    assert list(events(session))[-1]["event"] == "run interrupted"
+    assert_free(session, "acrylic")
+    assert not list(session.folder.rglob(".*.part"))
+
+
+@pytest.mark.parametrize("count", [2, pytest.param(24, marks=pytest.mark.slow)])
+def test_a_run_killed_at_any_moment_is_finished_by_the_next(
+    tmp_path: Path, undisturbed: dict[str, bytes], count: int
+) -> None:
+    rng = random.Random(count)
+    for number in range(count):
+        session = toy.make_session(tmp_path / str(number))
+        process = drive(session.root, 1 + number % 2)
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(rng.uniform(0.0, 3.0))
+        process.kill()
+        process.communicate()
+        finish(drive(session.root))
+        assert toy.contents(session) == undisturbed
+        assert not list(session.folder.rglob(".*.part"))
+
+
+@pytest.mark.slow
+def test_eight_processes_on_one_session_leave_no_torn_file(
+    session: Session, undisturbed: dict[str, bytes]
+) -> None:
+    outputs = [finish(process) for process in [drive(session.root, 2) for _ in range(8)]]
+    assert sum(output.count(": done") for output in outputs) == 11
+    assert toy.contents(session) == undisturbed
+
+
+def test_a_result_found_on_disk_equals_the_one_passed_on(session: Session) -> None:
+    """Every input is read from the store, so a cached run and a fresh one see the same values."""
+    fresh = run_here(session).dataset("acrylic", "mean")
+    stages = tuple(replace(s, version=2) if s.name == "mean" else s for s in toy.DROP)
+    changed = {**toy.STAGES, "drop": stages}
+    again = run(session, changed, schemas=toy.SCHEMAS, jobs=0).dataset("acrylic", "mean")
+    assert fresh["z"].identical(again["z"])

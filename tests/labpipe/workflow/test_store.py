@@ -1,0 +1,222 @@
+"""A stored result is whole or is made again; nothing damaged is ever returned."""
+
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+import toy_laboratory as toy
+import xarray as xr
+
+from labpipe import files
+from labpipe.errors import StoreError
+from labpipe.workflow.plan import plan
+from labpipe.workflow.runner import run
+from labpipe.workflow.store import Caught, Store
+from labpipe.workflow.tasks import TaskId, key_of
+
+INGREDIENTS = {"stage": "read", "version": 1, "parameters": {"gain": 1.5, "name": "é"}}
+KEY = key_of(INGREDIENTS)
+
+
+def dataset(value: float = 1.0) -> xr.Dataset:
+    variable = ("time", np.full(500, value), {"units": "m", "long_name": "z"})
+    return xr.Dataset({"z": variable})
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    """A store with one result in it."""
+    made = Store(tmp_path)
+    made.write(INGREDIENTS, dataset(), warnings=(Caught("UserWarning", "short", 2),), work={"n": 3})
+    return made
+
+
+def object_path(store: Store, ending: str) -> Path:
+    return store.root / KEY[:2] / f"{KEY}{ending}"
+
+
+def test_a_result_comes_back_with_its_record(store: Store) -> None:
+    assert store.state(KEY) == "stored"
+    found = store.read(KEY)
+    assert isinstance(found, xr.Dataset)
+    assert found.identical(dataset())
+    record = store.record(KEY)
+    assert record is not None
+    assert record.ingredients == INGREDIENTS
+    assert record.warnings == (Caught("UserWarning", "short", 2),)
+    assert record.work == {"n": 3}
+    assert record.size == object_path(store, ".nc").stat().st_size
+
+
+def test_a_page_comes_back(store: Store) -> None:
+    record = store.write({"page": 1}, "<!doctype html>é")
+    assert store.read(record.key) == "<!doctype html>é"
+
+
+def test_what_was_never_written_is_absent(store: Store) -> None:
+    assert store.state("0" * 64) == "absent"
+    with pytest.raises(StoreError, match="no whole result"):
+        store.read("0" * 64)
+
+
+def test_a_result_without_its_record_does_not_exist(store: Store) -> None:
+    object_path(store, ".json").unlink()
+    assert store.state(KEY) == "absent"
+
+
+DAMAGES = {
+    "zero bytes": (".nc", lambda data: b""),
+    "truncated": (".nc", lambda data: data[: len(data) // 2]),
+    "one byte short": (".nc", lambda data: data[:-1]),
+    "one byte more": (".nc", lambda data: data + b"\0"),
+    "last bit": (".nc", lambda data: data[:-1] + bytes([data[-1] ^ 1])),
+    "empty record": (".json", lambda data: b""),
+    "truncated record": (".json", lambda data: data[:-5]),
+    "record that is no JSON": (".json", lambda data: b"\xff" + data),
+    "record that is another JSON": (".json", lambda data: b"[]"),
+    "unsealed record": (".json", lambda data: b'{"format": 1}'),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damage_is_noticed_set_aside_and_repaired(store: Store, damage: str) -> None:
+    ending, change = DAMAGES[damage]
+    path = object_path(store, ending)
+    path.write_bytes(change(path.read_bytes()))
+    assert store.state(KEY) == "damaged"
+    with pytest.raises(StoreError, match="run again"):
+        store.read(KEY)
+    assert store.state(KEY) == "absent"
+    names = {p.suffix for p in (store.root / "quarantine").iterdir()}
+    assert names == {".nc", ".json"}
+    store.write(INGREDIENTS, dataset())
+    assert store.state(KEY) == "stored"
+
+
+def test_damage_that_happens_twice_is_kept_twice(store: Store) -> None:
+    for _ in range(2):
+        object_path(store, ".nc").write_bytes(b"")
+        store.quarantine(KEY)
+        store.write(INGREDIENTS, dataset())
+    assert len(list((store.root / "quarantine").glob("*.nc"))) == 2
+
+
+def test_a_record_of_another_format_is_not_believed(store: Store) -> None:
+    path = object_path(store, ".json")
+    record = files.unseal(path.read_bytes())
+    path.write_bytes(files.seal({**record, "format": 2}))
+    assert store.state(KEY) == "damaged"
+    path.write_bytes(files.seal({**record, "unknown": 2}))
+    assert store.state(KEY) == "damaged"
+
+
+def test_a_foreign_result_under_our_key_is_not_believed(store: Store) -> None:
+    other = store.write({"stage": "other"}, dataset(2.0))
+    for ending in (".nc", ".json"):
+        source = store.root / other.key[:2] / f"{other.key}{ending}"
+        object_path(store, ending).write_bytes(source.read_bytes())
+        assert store.state(KEY) == "damaged"
+    files.write_dataset(object_path(store, ".nc"), dataset(3.0))
+    assert store.state(KEY) == "damaged"
+    # Even a record that was forged to name our key does not fit its ingredients.
+    record = files.unseal(object_path(store, ".json").read_bytes())
+    object_path(store, ".json").write_bytes(files.seal({**record, "key": KEY}))
+    assert store.state(KEY) == "damaged"
+
+
+@pytest.mark.parametrize("count", [100, pytest.param(3000, marks=pytest.mark.slow)])
+def test_every_flipped_bit_anywhere_is_noticed(store: Store, count: int) -> None:
+    rng = random.Random(11)
+    for number in range(count):
+        path = object_path(store, (".nc", ".json")[number % 2])
+        data = path.read_bytes()
+        bit = rng.randrange(8 * len(data))
+        damaged = bytearray(data)
+        damaged[bit // 8] ^= 1 << (bit % 8)
+        path.write_bytes(damaged)
+        assert store.state(KEY) == "damaged"
+        path.write_bytes(data)
+    assert store.state(KEY) == "stored"
+
+
+def test_a_store_check_names_what_is_damaged_and_moves_nothing(store: Store) -> None:
+    assert store.check() == []
+    path = object_path(store, ".nc")
+    path.write_bytes(path.read_bytes()[:-1])
+    (store.root / "ab").mkdir(exist_ok=True)
+    (store.root / "ab" / "notes.json").write_text("{}")
+    problems = store.check()
+    assert len(problems) == 2
+    assert any(KEY in problem for problem in problems)
+    assert path.exists()
+
+
+def test_parts_are_removed_unless_somebody_is_writing(store: Store) -> None:
+    part = store.root / "ab" / ".0123.part"
+    part.parent.mkdir(exist_ok=True)
+    part.write_bytes(b"half")
+    with store.writing():
+        Store(store.folder).clean()
+        assert part.exists()
+    store.clean()
+    assert not part.exists()
+    assert store.state(KEY) == "stored"
+
+
+def test_last_keys_are_remembered_by_stage_and_recording(store: Store) -> None:
+    store.note_latest(TaskId("a", "read", "r1"), "1")
+    store.note_latest(TaskId("a", "read", "r2"), "2")
+    store.note_latest(TaskId("a", "mean"), "3")
+    store.note_latest(TaskId("a", "read", "r1"), "4")
+    assert store.latest("a") == {("mean", None): "3", ("read", "r1"): "4", ("read", "r2"): "2"}
+    assert store.latest("b") == {}
+
+
+@pytest.mark.parametrize("jobs", [0, 1])
+def test_a_damaged_result_is_made_again_by_the_next_run(tmp_path: Path, jobs: int) -> None:
+    session = toy.make_session(tmp_path)
+    run(session, toy.STAGES, schemas=toy.SCHEMAS, jobs=jobs)
+    before = toy.contents(session)
+    for path in sorted((session.folder / "store").glob("??/*.nc"))[::2]:
+        data = bytearray(path.read_bytes())
+        data[len(data) // 3] ^= 4
+        path.write_bytes(data)
+    reasons = [row.reason for row in plan(session, toy.STAGES).to_run]
+    assert sum(reason.startswith("result damaged") for reason in reasons) == 5
+    assert run(session, toy.STAGES, schemas=toy.SCHEMAS, jobs=jobs).exit_code == 0
+    after = toy.contents(session)
+    assert {n: d for n, d in after.items() if "quarantine" not in n} == before
+    assert len(list((session.folder / "store" / "quarantine").glob("*.nc"))) == 5
+
+
+def test_damage_that_no_time_stamp_shows_is_found_when_the_result_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = toy.make_session(tmp_path)
+    run(session, toy.STAGES, schemas=toy.SCHEMAS, jobs=0)
+    before = toy.contents(session)
+    made = plan(session, toy.STAGES)
+    key = made.keys[TaskId("nbr", "scale", "laser/r3.txt")].value
+    assert key is not None
+    path = session.folder / "store" / key[:2] / f"{key}.nc"
+    index_digest, good = files.HashIndex.digest, files.digest(path)
+    path.write_bytes(path.read_bytes()[:-1] + b"x")
+    # A disk that loses bits does not change a time stamp: the index still says what it knew.
+    monkeypatch.setattr(
+        files.HashIndex, "digest", lambda s, p: good if Path(p) == path else index_digest(s, p)
+    )
+    (session.folder / "reports" / "nbr.html").unlink()
+    page = made.keys[TaskId("nbr", "page")].value
+    assert page is not None
+    Store(session.folder).quarantine(page)
+    assert [str(row.task) for row in plan(session, toy.STAGES).to_run] == ["nbr/page"]
+    # The page needs the damaged result: it is set aside, and made again in the same run.
+    result = run(session, toy.STAGES, schemas=toy.SCHEMAS, jobs=0)
+    assert result.exit_code == 0
+    assert {str(o.task) for o in result.outcomes if o.state == "done"} == {
+        "nbr/scale [laser/r3.txt]",
+        "nbr/page",
+    }
+    after = toy.contents(session)
+    assert {n: d for n, d in after.items() if "quarantine" not in n} == before
