@@ -159,5 +159,15 @@ def _describe(
     if noise < resolution / 2:
         # All readings fall on one or two steps: averaging does not see between them.
         u_level = max(u_level, resolution / np.sqrt(12))
-    level = float(np.median(values))
+    level = _grouped_median(values, resolution)
     return Quiet(level, float(u_level), noise, float(time[0]), float(time[-1]), values.size)
+
+
+def _grouped_median(values: NDArray[np.float64], step: float) -> float:
+    """Return the median of rounded values, interpolated inside the step on which it falls."""
+    middle = float(np.median(values))
+    below = int(np.sum(values < middle - step / 2))
+    inside = int(np.sum(np.abs(values - middle) <= step / 2))
+    if step <= 0 or inside == 0:
+        return middle
+    return middle + step * ((values.size / 2 - below) / inside - 0.5)

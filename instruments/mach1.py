@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from instruments.mach1_blocks import DIVIDER, END_DATA, TITLE, Block, Options, parse
+from instruments.mach1_blocks import DIVIDER, TITLE, Block, parse
 from instruments.mach1_dataset import assemble, start_of
+from instruments.mach1_lines import END_DATA, Options
 from instruments.mach1_synthetic import LOAD_CELLS, LoadCell, make_block
 from labpipe import files
 from labpipe.errors import InputError

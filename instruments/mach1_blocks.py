@@ -18,13 +18,21 @@ Everything that departs from it is refused with file, line and column.
 
 import re
 import warnings
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from instruments.mach1_lines import (
+    COPY_AGAIN,
+    END_DATA,
+    Cursor,
+    Options,
+    pair_of,
+    refuse_incomplete,
+    tag_of,
+)
 from labpipe.errors import InputError, SourceError
 from labpipe.text import (
     Separators,
@@ -37,7 +45,6 @@ from labpipe.text import (
 from labpipe.units import Unit, unit
 
 TITLE = "<Mach-1 File>"
-END_DATA = "<END DATA>"
 DIVIDER = "<divider>"
 
 #: Functions that always record; one of them without rows is a file cut short.
@@ -73,17 +80,8 @@ _INFO_NUMBERS = frozenset(
 )
 
 _QUANTITY = re.compile(r"Time|Position \((?:x|y|z|theta)\)|[FT][xyz]")
-_TAG = re.compile(r'"?<([^<>\t]+)>"?\s*')
 _NOT_SET = frozenset({"", "None", "N/A"})
 _BATCH = 1 << 16  # rows parsed at a time: the text of a mapping file never is whole in memory
-
-
-class Options(NamedTuple):
-    """What the caller allows: a decimal comma, a file cut short, rows missing inside."""
-
-    decimal: str = "."
-    allow_incomplete: bool = False
-    allow_gaps: bool = False
 
 
 class Column(NamedTuple):
@@ -140,38 +138,6 @@ class Block:
     is_complete: bool = True
 
 
-class _Cursor:
-    """The line under the reader's eye, with its number; ``None`` after the last."""
-
-    def __init__(self, source: TextFile) -> None:
-        self.source = source
-        self.cut: str | None = None
-        self.number = 0
-        self.line: str | None = None
-        self._lines = source.lines()
-        self.advance()
-
-    def advance(self) -> None:
-        self.line = next(self._lines, None)
-        if self.line is None:
-            return
-        self.number += 1
-        is_last = self.number == self.source.n_lines
-        if is_last and not self.source.is_ended and self.line.rstrip() != END_DATA:
-            # A number that lost its last digits still reads as a number: never use such a line.
-            self.cut, self.line = self.line, None
-
-    def rows(self) -> Iterator[str]:
-        """Go on to the next line that starts with a tag."""
-        while self.line is not None and not self.line.startswith(("<", '"<')):
-            yield self.line
-            self.advance()
-
-    def error(self, message: str, column: int = 1, hint: str | None = None) -> SourceError:
-        number = max(self.number, 1)
-        return SourceError(self.source.path, message, line=number, column=column, hint=hint)
-
-
 def parse(source: TextFile, options: Options) -> list[Block]:
     """Read all blocks of a file.
 
@@ -180,8 +146,8 @@ def parse(source: TextFile, options: Options) -> list[Block]:
     SourceError
         With line and column of the first departure from the grammar.
     """
-    cursor = _Cursor(source)
-    if _tag(cursor.line) != "Mach-1 File":
+    cursor = Cursor(source)
+    if tag_of(cursor.line) != "Mach-1 File":
         raise cursor.error(
             f"found {shorten(cursor.line or cursor.cut or '')}, expected {TITLE}",
             hint="Mach-1 Motion text files begin with this line; the file is something else.",
@@ -191,7 +157,7 @@ def parse(source: TextFile, options: Options) -> list[Block]:
     info_lines: tuple[str, ...] | None = None
     is_header_used = True
     while cursor.line is not None:
-        tag = _tag(cursor.line)
+        tag = tag_of(cursor.line)
         if tag == "Mach-1 File":
             _note_second_title(cursor)
         elif tag == "INFO" and is_header_used:
@@ -205,9 +171,9 @@ def parse(source: TextFile, options: Options) -> list[Block]:
         else:
             cursor.advance()
     if not blocks:
-        raise cursor.error("the file ends before its first block", hint=_COPY_AGAIN)
+        raise cursor.error("the file ends before its first block", hint=COPY_AGAIN)
     if blocks[-1].is_complete and (cursor.cut is not None or not is_header_used):
-        _refuse_incomplete(cursor, "the file ends between two blocks", options)
+        refuse_incomplete(cursor, "the file ends between two blocks", options)
         blocks[-1] = replace(blocks[-1], is_complete=False)
     return blocks
 
@@ -215,12 +181,7 @@ def parse(source: TextFile, options: Options) -> list[Block]:
 _STRUCTURE = frozenset({"Mach-1 File", "INFO", "END INFO", "DATA", "END DATA", "divider"})
 
 
-def _tag(line: str | None) -> str | None:
-    match = _TAG.fullmatch(line) if line is not None else None
-    return match[1] if match else None
-
-
-def _note_second_title(cursor: _Cursor) -> None:
+def _note_second_title(cursor: Cursor) -> None:
     warnings.warn(
         f"{cursor.source.path}:{cursor.number}: a second {TITLE}: two files were joined; "
         "their blocks are numbered through",
@@ -229,31 +190,17 @@ def _note_second_title(cursor: _Cursor) -> None:
     cursor.advance()
 
 
-_COPY_AGAIN = (
-    "The recording stopped, or the file was copied before it was complete: copy it again, or "
-    "read what there is with allow_incomplete=True."
-)
-
-
-def _refuse_incomplete(cursor: _Cursor, message: str, options: Options) -> None:
-    if cursor.cut is not None:
-        message += f"; the line is {shorten(cursor.cut)}"
-    if not options.allow_incomplete:
-        raise cursor.error(message, hint=_COPY_AGAIN)
-    warnings.warn(f"{cursor.source.path}:{cursor.number}: {message}", stacklevel=2)
-
-
-def _read_info(cursor: _Cursor, options: Options) -> tuple[str, ...]:
+def _read_info(cursor: Cursor, options: Options) -> tuple[str, ...]:
     lines: list[str] = []
     opened = cursor.number
     cursor.advance()
-    while _tag(cursor.line) != "END INFO":
+    while tag_of(cursor.line) != "END INFO":
         if cursor.line is None:
-            _refuse_incomplete(
+            refuse_incomplete(
                 cursor, f"the file ends inside the header that opens on line {opened}", options
             )
             return tuple(lines)
-        if _tag(cursor.line) or _pair(cursor.line) is None:
+        if tag_of(cursor.line) or pair_of(cursor.line) is None:
             raise cursor.error(
                 f"found {shorten(cursor.line)}, expected 'Key:', a tab and a value, or <END INFO>"
             )
@@ -264,37 +211,25 @@ def _read_info(cursor: _Cursor, options: Options) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _check_info(cursor: _Cursor, line: str, options: Options) -> None:
+def _check_info(cursor: Cursor, line: str, options: Options) -> None:
     """Refuse a header number that is none: it would be passed over later without a word."""
-    key, text = _pair(line) or ("", "")
+    key, text = pair_of(line) or ("", "")
     number = plain_number(text, Separators(options.decimal, ""))
     if key in _INFO_NUMBERS and number is None:
         column = line.find("\t") + 2
         raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
 
 
-def _pair(line: str, separators: tuple[str, ...] = (":\t", "\t")) -> tuple[str, str] | None:
-    """Split at the first colon that a tab follows: values hold colons of their own."""
-    stripped = line.rstrip("\t ")
-    if not stripped:
-        return None
-    for separator in separators:
-        key, found, value = line.partition(separator)
-        if found and key.strip():
-            return key.strip(), value.strip()
-    return (stripped[:-1], "") if stripped.endswith(":") else None
-
-
 def _read_block(
-    cursor: _Cursor, function: str, info_lines: tuple[str, ...], options: Options
+    cursor: Cursor, function: str, info_lines: tuple[str, ...], options: Options
 ) -> Block:
-    info = tuple(pair for pair in map(_pair, info_lines) if pair)
+    info = tuple(pair for pair in map(pair_of, info_lines) if pair)
     cursor.advance()
     lines: list[str] = []
     parameters: list[Parameter] = []
     for line in cursor.rows():
         lines.append(line)
-        pair = _pair(line, (":\t",))
+        pair = pair_of(line, (":\t",))
         # Functions that are not known may hold tables of coordinates; they are kept as they are.
         if pair is None and function in RECORDING:
             raise cursor.error(f"found {shorten(line)}, expected 'Key:', a tab and a value")
@@ -309,17 +244,17 @@ def _read_block(
         np.empty((0, 0)),
         has_data=False,
     )
-    if _tag(cursor.line) == "DATA":
+    if tag_of(cursor.line) == "DATA":
         return _read_data(cursor, block, options)
     if cursor.line is None and (function not in SILENT or cursor.cut is not None):
-        _refuse_incomplete(cursor, f"the file ends inside <{function}>", options)
+        refuse_incomplete(cursor, f"the file ends inside <{function}>", options)
         return replace(block, is_complete=False)
     if function in RECORDING:
         raise cursor.error(f"found {shorten(cursor.line or '')}, expected <DATA> of <{function}>")
     return block
 
 
-def _parameter(cursor: _Cursor, key: str, text: str, options: Options) -> Parameter:
+def _parameter(cursor: Cursor, key: str, text: str, options: Options) -> Parameter:
     name, separator, unit_text = key.rpartition(", ")
     if not separator:
         name, unit_text = key, "1"
@@ -341,15 +276,15 @@ def _first_clause(error: InputError) -> str:
     return str(error).partition(";")[0]
 
 
-def _read_data(cursor: _Cursor, block: Block, options: Options) -> Block:
+def _read_data(cursor: Cursor, block: Block, options: Options) -> Block:
     cursor.advance()
     columns = _read_columns(cursor)
     parts: list[NDArray[np.float64]] = []
     dividers: list[int] = []
     starts: list[tuple[int, int]] = []  # (rows before, line number): to name the line of a row
     n_rows = 0
-    while cursor.line is not None and _tag(cursor.line) != "END DATA":
-        if _tag(cursor.line) == "divider":
+    while cursor.line is not None and tag_of(cursor.line) != "END DATA":
+        if tag_of(cursor.line) == "divider":
             dividers.append(n_rows)
             cursor.advance()
             continue
@@ -363,7 +298,7 @@ def _read_data(cursor: _Cursor, block: Block, options: Options) -> Block:
         parts.append(part)
     is_complete = cursor.line is not None
     if not is_complete:
-        _refuse_incomplete(
+        refuse_incomplete(
             cursor, f"the file ends inside <{block.function}>, expected {END_DATA}", options
         )
     cursor.advance()
@@ -379,7 +314,7 @@ def _read_data(cursor: _Cursor, block: Block, options: Options) -> Block:
     )
 
 
-def _read_columns(cursor: _Cursor) -> tuple[Column, ...]:
+def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
     """Parse the header row; its cells are ``quantity, unit``, split at tabs only."""
     if cursor.line is None or cursor.line.startswith("<"):
         return ()
@@ -407,7 +342,7 @@ def _read_columns(cursor: _Cursor) -> tuple[Column, ...]:
     return tuple(columns)
 
 
-def _column(cursor: _Cursor, cell: str, position: int) -> Column:
+def _column(cursor: Cursor, cell: str, position: int) -> Column:
     quantity, separator, unit_text = cell.strip('" ').rpartition(", ")
     if not separator:
         raise cursor.error(
@@ -424,7 +359,7 @@ def _column(cursor: _Cursor, cell: str, position: int) -> Column:
     return Column(cell, quantity, unit_text, known)
 
 
-def _read_batch(cursor: _Cursor, n_columns: int, options: Options) -> NDArray[np.float64]:
+def _read_batch(cursor: Cursor, n_columns: int, options: Options) -> NDArray[np.float64]:
     first = cursor.number
     lines: list[str] = []
     for line in cursor.rows():
@@ -445,7 +380,7 @@ def _read_batch(cursor: _Cursor, n_columns: int, options: Options) -> NDArray[np
 
 
 def _check_time(
-    cursor: _Cursor,
+    cursor: Cursor,
     values: NDArray[np.float64],
     starts: list[tuple[int, int]],
     options: Options,

@@ -1,9 +1,10 @@
 """Text files of instruments: which codec, how large, complete or cut, and tables of numbers.
 
 A text file is looked at twice. :func:`survey` goes through it once in pieces: it settles the codec
-(byte order mark, then strict UTF-8, then the codecs that the format declares), refuses NUL bytes,
-files and lines beyond :class:`Limits`, and notes whether the last line is complete. Then
-:meth:`TextFile.lines` streams the decoded lines, so that a file of 150 MB is never whole in memory.
+(byte order mark, then strict UTF-8, then the codecs that the format declares), refuses control
+characters, files and lines beyond :class:`Limits`, and notes whether the last line is complete.
+Then :meth:`TextFile.lines` streams the decoded lines, so that a file of 150 MB is never whole in
+memory.
 
 Numbers are parsed by numpy and the result is verified (rows, columns, finite); on any doubt the
 lines are read again one cell at a time, only to name the file, the line and the column.
@@ -16,13 +17,30 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
-from labpipe.errors import InputError, SourceError
+from labpipe.errors import SourceError
+from labpipe.numbers import DOT, Separators, is_number, plain_number, separators, shorten
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
+
+__all__ = [
+    "DOT",
+    "Limits",
+    "Separators",
+    "TextFile",
+    "check_width",
+    "is_number",
+    "not_a_number",
+    "parse_row",
+    "parse_rows",
+    "plain_number",
+    "separators",
+    "shorten",
+    "survey",
+]
 
 _PIECE = 1 << 20  # bytes decoded at a time: large enough for speed, small against any memory
 
@@ -35,7 +53,9 @@ _MARKS = (
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
 
-_NUMBER = re.compile(r"\s*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?\s*")
+# Every codec but the wide ones keeps these bytes for these characters alone.
+_CONTROL_BYTES = bytes(code for code in (*range(32), 127) if code not in b"\t\n\r")
+_CONTROL = re.compile(f"[{re.escape(_CONTROL_BYTES.decode())}]")
 _LINE_END = re.compile(r"\r\n?|\n")
 
 
@@ -126,8 +146,8 @@ def survey(
     Raises
     ------
     SourceError
-        The file is missing, empty, too large, holds a NUL or a line beyond the limit, or none of
-        the codecs decodes it.
+        The file is missing, empty, too large, holds a control character or a line beyond the
+        limit, or none of the codecs decodes it.
     """
     limits = limits or Limits()
     path = Path(path)
@@ -178,6 +198,7 @@ def _first_bytes(path: Path) -> bytes:
 
 def _scan(path: Path, encoding: str, limits: Limits) -> tuple[int, bool]:
     """Count lines and find what is refused; UnicodeError when the codec does not fit."""
+    is_wide = encoding in ("utf-16", "utf-32")
     decoder = codecs.getincrementaldecoder(encoding)(errors="strict")
     n_ends = 0
     open_length = 0  # characters after the last line end so far
@@ -188,7 +209,8 @@ def _scan(path: Path, encoding: str, limits: Limits) -> tuple[int, bool]:
             text = decoder.decode(piece, final=not piece)
             if not piece and not text:
                 break
-            _refuse_nul(path, text, n_ends, open_length)
+            if is_wide or len(piece.translate(None, _CONTROL_BYTES)) < len(piece):
+                _refuse_control(path, text, n_ends, open_length)
             if last == "\r" and text.startswith("\n"):
                 n_ends -= 1  # one line end that the piece boundary cut in two
             n_ends, open_length = _count(path, text, n_ends, open_length, limits)
@@ -232,29 +254,20 @@ def _newlines(text: str) -> Iterator[tuple[int, int]]:
         position = text.find("\n", position + 1)
 
 
-def _refuse_nul(path: Path, text: str, n_ends: int, open_length: int) -> None:
-    position = text.find("\0")
-    if position < 0:
+def _refuse_control(path: Path, text: str, n_ends: int, open_length: int) -> None:
+    """Refuse NUL and its kin: damage, or no text at all; some of them pass for blanks."""
+    found = _CONTROL.search(text)
+    if found is None:
         return
-    before = _LINE_END.split(text[:position])
+    before = _LINE_END.split(text[: found.start()])
+    name = "NUL" if found[0] == "\0" else shorten(found[0])
     raise SourceError(
         path,
-        "a NUL character where text was expected: the file is damaged or binary",
+        f"the control character {name} where text was expected: the file is damaged or binary",
         line=n_ends + len(before),
         column=len(before[-1]) + 1 + (open_length if len(before) == 1 else 0),
         hint="Copy it from the instrument again.",
     )
-
-
-class Separators(NamedTuple):
-    """The decimal sign of a file, and its thousands sign ("" when it has none)."""
-
-    decimal: str
-    thousands: str
-
-
-#: What instruments write unless a spreadsheet of another country has been at the file.
-DOT = Separators(".", "")
 
 
 def parse_rows(
@@ -377,17 +390,6 @@ def check_width(
     )
 
 
-def is_number(cell: str) -> bool:
-    """Tell whether a cell is a finite decimal number with a dot (not ``nan``, not ``1_000``).
-
-    Examples
-    --------
-    >>> is_number("+00.1234"), is_number("1,5"), is_number("nan")
-    (True, False, False)
-    """
-    return _NUMBER.fullmatch(cell) is not None and abs(float(cell)) != float("inf")
-
-
 def not_a_number(
     cell: str, *, path: str | os.PathLike[str], line_number: int, column: int
 ) -> SourceError:
@@ -402,123 +404,3 @@ def not_a_number(
         column=column,
         hint=hint,
     )
-
-
-def shorten(text: str, length: int = 60) -> str:
-    """Quote a piece of a file for a message: control characters escaped, long text cut.
-
-    Examples
-    --------
-    >>> shorten("1.2e" + "0" * 99, length=8)
-    "'1.2e000…'"
-    """
-    return repr(text if len(text) <= length else text[: length - 1] + "…")
-
-
-_GROUPED = {
-    ",": re.compile(r"[+-]?[1-9][0-9]{0,2}(?:,[0-9]{3})+(?:\.[0-9]*)?"),
-    ".": re.compile(r"[+-]?[1-9][0-9]{0,2}(?:\.[0-9]{3})+(?:,[0-9]*)?"),
-}
-
-
-def separators(cells: Iterable[str]) -> Separators:
-    """Decide from cells which sign is the decimal one, or refuse to guess.
-
-    ``0,010`` and ``1,5`` can only have a decimal comma, ``1,234,567`` only thousands, ``1.234,5``
-    shows both; but ``1,234`` alone may be either, and a file that shows nothing else is refused.
-
-    Parameters
-    ----------
-    cells : iterable of str
-        Cells of one file, already split at the delimiter; those that are no numbers are ignored.
-
-    Returns
-    -------
-    Separators
-
-    Raises
-    ------
-    InputError
-        The evidence is ambiguous or contradicts itself.
-
-    Examples
-    --------
-    >>> separators(["+00,1234", "-00,0120"])
-    Separators(decimal=',', thousands='')
-    >>> separators(["1.234,50", "2,00"])
-    Separators(decimal=',', thousands='.')
-    """
-    proved: set[Separators] = set()
-    ambiguous: str | None = None
-    for cell in map(str.strip, cells):
-        verdict = _evidence(cell)
-        if verdict is None:
-            continue
-        if verdict:
-            proved.add(verdict[0])
-        else:
-            ambiguous = ambiguous or cell
-    return _weigh(proved, ambiguous)
-
-
-def _evidence(cell: str) -> tuple[Separators, ...] | None:
-    """Return what a cell proves; () when it may be read in two ways; None when it says nothing."""
-    has_comma, has_dot = "," in cell, "." in cell
-    if (
-        not (has_comma or has_dot)
-        or not cell.strip("+-").replace(",", "").replace(".", "").isdigit()
-    ):
-        return None
-    sign, other = (",", ".") if has_comma else (".", ",")
-    if has_comma and has_dot:
-        decimal = max(sign, other, key=cell.rfind)
-        thousands = "," if decimal == "." else "."
-        is_regular = _GROUPED[thousands].fullmatch(cell) is not None
-        return (Separators(decimal, thousands),) if is_regular else None
-    grouped = _GROUPED[sign].fullmatch(cell) is not None
-    if cell.count(sign) > 1:
-        return (Separators(other, sign),) if grouped else None
-    # One dot is the decimal sign unless something else in the file proves otherwise.
-    if grouped:
-        return ()
-    return (Separators(sign, ""),)
-
-
-def _weigh(proved: set[Separators], ambiguous: str | None) -> Separators:
-    decimals = {each.decimal for each in proved}
-    if len(decimals) > 1:
-        message = (
-            "both the dot and the comma are used as decimal sign; "
-            'say which one is meant with decimal="." or decimal=","'
-        )
-        raise InputError(message)
-    if proved:
-        thousands = max(each.thousands for each in proved)
-        return Separators(decimals.pop(), thousands)
-    if ambiguous is not None and "," in ambiguous:
-        message = (
-            f'"{ambiguous}" may hold a decimal comma or a thousands comma, and nothing else in '
-            'the file decides it; say which with decimal="." or decimal=","'
-        )
-        raise InputError(message)
-    return Separators(".", "")
-
-
-def plain_number(cell: str, signs: Separators = DOT) -> float | None:
-    """Read one cell, or return None when it is not a finite number with these signs.
-
-    Examples
-    --------
-    >>> plain_number("1.234,50", Separators(",", "."))
-    1234.5
-    >>> plain_number("1.5", Separators(",", "")) is None
-    True
-    """
-    if signs != DOT:
-        other = "." if signs.decimal == "," else ","
-        if other in cell:
-            if signs.thousands != other or not _GROUPED[other].fullmatch(cell.strip()):
-                return None
-            cell = cell.replace(other, "")
-        cell = cell.replace(signs.decimal, ".")
-    return float(cell) if is_number(cell) else None

@@ -65,7 +65,7 @@ def test_every_line_end_counts_and_a_missing_last_one_is_seen(tmp_path, end, is_
 
 
 def test_separators_of_other_alphabets_do_not_end_a_line(tmp_path):
-    path = _file(tmp_path, "a\u2028b\x0bc\x85d\n".encode())
+    path = _file(tmp_path, "a\u2028b\x85d\n".encode())
     assert text.survey(path).n_lines == 1
 
 
@@ -101,6 +101,14 @@ def test_nul_is_named_by_line_and_column(tmp_path):
     with pytest.raises(SourceError) as caught:
         text.survey(_file(tmp_path, b"ab\r\ncd\0e\r\n"))
     assert (caught.value.line, caught.value.column) == (2, 3)
+
+
+@pytest.mark.parametrize("codec", ["ascii", "utf-16"])
+@pytest.mark.parametrize("character", ["\x01", "\x0b", "\x0c", "\x1a", "\x1c", "\x7f"])
+def test_other_control_characters_are_refused(tmp_path, character, codec):
+    with pytest.raises(SourceError, match="control character") as caught:
+        text.survey(_file(tmp_path, f"ab\n1{character}2\n".encode(codec)))
+    assert (caught.value.line, caught.value.column) == (2, 2)
 
 
 def test_missing_file_and_folder_are_refused(tmp_path):

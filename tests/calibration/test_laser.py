@@ -1,0 +1,323 @@
+"""Laser displacement: exact inverse of what the sensor does, honest uncertainties, right time."""
+
+import json
+import math
+from datetime import datetime
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import calibration
+from calibration import laser
+from calibration.record import KINDS, LaserValues, LoadCellValues
+from instruments import keyence
+from labpipe.errors import CalibrationError, InputError
+from labpipe.units import Quantity, quantity
+
+DAY = datetime(2024, 5, 14)
+COMMON = {
+    "version": 1,
+    "id": "r",
+    "instrument": "LK-G5001",
+    "valid_from": DAY.date(),
+    "valid_until": DAY.date(),
+    "who": "a",
+    "when": DAY.date(),
+    "how": "b",
+}
+
+
+def record(inclination="12.00 ± 0.05 deg", scale="1.0010 ± 0.0002", **values):
+    values = {name: quantity(text) for name, text in values.items()}
+    known = LaserValues(inclination=quantity(inclination), scale=quantity(scale), **values)
+    return KINDS["laser"](kind="laser", values=known, **COMMON)
+
+
+def drop(n=2000, rest=600, seed=1, noise=1e-6):
+    """A rest, then a fall of 7 mm and a rest there; 20 kHz."""
+    time = np.arange(n) * 50e-6
+    fall = np.clip(time - rest * 50e-6, 0, None)
+    return -np.minimum(0.5 * 9.81 * fall**2, 7e-3), np.random.default_rng(seed).normal(0, noise, n)
+
+
+def readings_of(moved, noise, known, zero=2.5e-3, direction=1, **options):
+    shown = laser.reading(moved, known, zero=zero, direction=direction) + noise
+    return keyence.make_recording({1: shown}, cycle="50 us", start=DAY, **options)
+
+
+def test_displacement_is_the_reading_over_the_cosine():
+    known = record("60 ± 0.1 deg", "1 ± 0.0001")
+    made = keyence.make_recording({1: np.array([0.0, 1e-3])}, cycle="50 us", start=DAY)
+    result = laser.displacement(made, known, zero=0.0)
+    np.testing.assert_allclose(result.displacement.values, [0, 2e-3], rtol=1e-12)
+    np.testing.assert_allclose(result.displacement_raw.values, [0, 1e-3], rtol=1e-12)
+
+
+@settings(max_examples=50, deadline=None, derandomize=True)
+@given(
+    st.floats(0.1, 60),
+    st.floats(0.9, 1.1),
+    st.sampled_from([1, -1]),
+    st.floats(-5e-3, 5e-3),
+    st.integers(0, 99),
+)
+def test_calibrating_what_the_sensor_shows_gives_the_motion_back(
+    angle, gain, direction, zero, seed
+):
+    known = record(f"{angle:.6f} ± 0.01 deg", f"{gain:.6f} ± 0.001")
+    moved = np.random.default_rng(seed).normal(0, 2e-3, 30)
+    shown = laser.reading(moved, known, zero=zero, direction=direction)
+    made = keyence.make_recording({1: shown}, cycle="50 us", start=DAY, decimals=4)
+    made["out1"] = made.out1.copy(data=shown)  # without the rounding of the display
+    result = laser.displacement(made, known, zero=zero, direction=direction)
+    np.testing.assert_allclose(result.displacement.values, moved, rtol=1e-12, atol=1e-17)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_quiet_beginning_is_the_zero(direction):
+    known = record()
+    moved, noise = drop()
+    result = laser.displacement(
+        readings_of(moved, noise, known, direction=direction), known, direction=direction
+    )
+    assert float(result.zero) == pytest.approx(2.5e-3, abs=4 * float(result.u_zero))
+    assert abs(result.displacement.values - moved).max() < 6e-6
+    assert float(result.displacement[-1]) < -6.9e-3
+    window = json.loads(result.attrs["zero_window"])
+    assert window["start"] == 0.0
+    assert 0.02 < window["stop"] < 0.0305  # motion begins at 30 ms
+
+
+def test_random_uncertainty_is_the_noise_along_the_motion():
+    known = record()
+    moved, noise = drop(noise=1e-6)
+    result = laser.displacement(readings_of(moved, noise, known), known)
+    expected = 1e-6 * 1.001 / math.cos(math.radians(12))
+    np.testing.assert_allclose(result.u_displacement.values, expected, rtol=0.08)
+
+
+def test_rounding_is_the_least_uncertainty():
+    known = record(scale="1 ± 0.0001")
+    moved, _ = drop()
+    result = laser.displacement(readings_of(moved, 0.0, known, decimals=3), known)
+    step = 1e-6 / math.sqrt(12) / math.cos(math.radians(12))
+    np.testing.assert_allclose(result.u_displacement.values, step, rtol=1e-6)
+    assert float(result.u_zero) == pytest.approx(1e-6 / math.sqrt(12), rel=1e-6)
+
+
+def test_systematic_part_follows_the_tangent():
+    known = record("12.00 ± 0.05 deg", "1.0010 ± 0.0002")
+    moved, noise = drop()
+    attrs = laser.displacement(readings_of(moved, noise, known), known).attrs
+    by_angle = math.tan(math.radians(12)) * math.radians(0.05)
+    assert attrs["u_inclination_relative"] == pytest.approx(by_angle, rel=1e-12)
+    expected = math.hypot(by_angle, 0.0002 / 1.001)
+    assert attrs["u_systematic_relative"] == pytest.approx(expected, rel=1e-12)
+
+
+def test_budget_adds_up_and_is_plain():
+    known = record(linearity="0 ± 0.5 um")
+    moved, noise = drop()
+    result = laser.displacement(readings_of(moved, noise, known), known)
+    rows = json.loads(result.attrs["budget"])
+    assert [row["source"] for row in rows][:2] == ["gain", "inclination"]
+    assert sum(row["share"] for row in rows) == pytest.approx(1.0)
+    total = math.sqrt(sum(row["contribution"] ** 2 for row in rows))
+    assert total == pytest.approx(result.attrs["u_largest"])
+    assert all(row["contribution"] >= 0 for row in rows)
+    assert {row["kind"] for row in rows} == {"random", "systematic"}
+
+
+@pytest.mark.slow
+def test_zero_and_displacement_are_covered_by_their_uncertainty():
+    known = record()
+    inside = []
+    for seed in range(400):
+        moved, noise = drop(n=700, seed=seed)
+        result = laser.displacement(readings_of(moved, noise, known), known)
+        inside.append(abs(float(result.zero) - 2.5e-3) < 1.96 * float(result.u_zero))
+    assert 0.92 < np.mean(inside) < 0.98
+
+
+def test_window_and_number_may_give_the_zero():
+    known = record()
+    moved, noise = drop()
+    made = readings_of(moved, noise, known)
+    by_window = laser.displacement(made, known, zero=(0.0, 0.02))
+    assert float(by_window.zero) == pytest.approx(2.5e-3, abs=3e-7)
+    by_number = laser.displacement(made, known, zero=Quantity(2.5e-3, 1e-6, "m"))
+    assert (float(by_number.zero), float(by_number.u_zero)) == (2.5e-3, 1e-6)
+    with pytest.raises(CalibrationError, match="holds 0 valid samples"):
+        laser.displacement(made, known, zero=(5.0, 6.0))
+
+
+def test_record_that_begins_in_motion_has_no_zero():
+    known = record()
+    moved = -1e-3 * np.arange(500) * 50e-6 / 0.01
+    with pytest.raises(CalibrationError, match="begins in motion"):
+        laser.displacement(readings_of(moved, drop(500)[1], known), known)
+
+
+def test_too_short_record_has_no_zero():
+    known = record()
+    with pytest.raises(CalibrationError, match="valid samples"):
+        laser.displacement(readings_of(np.zeros(5), 0.0, known), known)
+
+
+def test_invalid_readings_stay_nan_and_say_so():
+    known = record()
+    moved, noise = drop()
+    made = readings_of(moved, noise, known)
+    states = made.status1.values.copy()
+    states[1000:1010] = keyence.Status.ALARM
+    made["status1"] = made.status1.copy(data=states)
+    result = laser.displacement(made, known)
+    np.testing.assert_array_equal(np.flatnonzero(~result.valid.values), np.arange(1000, 1010))
+    assert np.isnan(result.displacement.values[1000:1010]).all()
+    assert np.isnan(result.u_displacement.values[1000:1010]).all()
+    assert np.isfinite(result.displacement.values[result.valid.values]).all()
+
+
+def test_readings_beyond_the_measuring_range_are_not_valid():
+    known = record(measuring_range="4 mm")
+    moved, noise = drop()
+    result = laser.displacement(readings_of(moved, noise, known, zero=2.5e-3), known)
+    assert not result.valid.values[-1]
+    assert result.valid.values[0]
+
+
+def test_time_is_free_of_the_delay_of_the_moving_average():
+    known = record(time_base="1e-4 ± 1e-6")
+    moved, noise = drop()
+    made = readings_of(moved, noise, known, averaging=5)
+    result = laser.displacement(made, known)
+    base = json.loads(result.attrs["time_base"])
+    assert base["delay"] == pytest.approx(2 * 50e-6 * 1.0001, rel=1e-12)
+    assert base["u_relative"] == pytest.approx(1e-6, rel=1e-3)
+    assert base["is_calibrated"] is True
+    expected = made.time.values * 1.0001 - base["delay"]
+    np.testing.assert_allclose(result.time.values, expected, rtol=1e-12, atol=1e-15)
+
+
+def test_unchecked_clock_is_said_to_be_an_assumption():
+    known = record()
+    moved, noise = drop()
+    base = json.loads(
+        laser.displacement(readings_of(moved, noise, known), known).attrs["time_base"]
+    )
+    assert (base["is_calibrated"], base["u_relative"]) == (False, 50e-6)
+
+
+def test_correlated_noise_widens_the_zero():
+    known = record()
+    moved, noise = drop()
+    smooth = np.convolve(noise, np.ones(8) / 8, mode="same")
+    one = laser.displacement(readings_of(moved, smooth, known), known, zero=(0.0, 0.02))
+    eight = laser.displacement(
+        readings_of(moved, smooth, known, averaging=8), known, zero=(0.0, 0.02)
+    )
+    assert float(eight.u_zero) == pytest.approx(math.sqrt(8) * float(one.u_zero), rel=1e-6)
+
+
+def test_volts_need_and_use_the_scale_of_the_record():
+    made = keyence.make_recording(
+        {1: np.linspace(0, 2, 50)}, cycle="50 us", start=DAY, unit_text="V"
+    )
+    with pytest.raises(CalibrationError, match="volt_scale"):
+        laser.displacement(made, record(), zero=0.0)
+    known = record("60 ± 0.1 deg", "1 ± 0.0001", volt_scale="0.5 ± 0.0005 mm/V")
+    result = laser.displacement(made, known, zero=0.0)
+    assert float(result.displacement[-1]) == pytest.approx(2e-3)
+    assert float(result.displacement_raw[-1]) == pytest.approx(1e-3)
+    assert float(result.u_gain) == pytest.approx(math.hypot(0.5e-6, 0.5e-3 * 1e-4))
+
+
+def test_inputs_are_not_modified():
+    known = record()
+    moved, noise = drop()
+    made = readings_of(moved, noise, known)
+    before = made.copy(deep=True)
+    laser.displacement(made, known)
+    assert made.identical(before)
+
+
+def test_every_number_has_unit_and_name_and_every_u_its_quantity():
+    known = record()
+    moved, noise = drop()
+    result = laser.displacement(readings_of(moved, noise, known), known)
+    for name, variable in result.variables.items():
+        assert {"units", "long_name"} <= variable.attrs.keys(), name
+        assert not str(name).startswith("u_") or str(name)[2:] in result
+
+
+def test_wrong_requests_are_refused():
+    known = record()
+    moved, noise = drop()
+    made = readings_of(moved, noise, known)
+    with pytest.raises(InputError, match='no output "out2"; they have out1'):
+        laser.displacement(made, known, output="out2")
+    with pytest.raises(InputError, match="direction must be 1 or -1"):
+        laser.displacement(made, known, direction=0)
+    speed = made.copy()
+    speed["out1"].attrs["units"] = "m/s"
+    with pytest.raises(CalibrationError, match="needs m or V"):
+        laser.displacement(speed, known)
+
+
+def test_record_of_another_kind_sensor_or_time_is_refused():
+    moved, noise = drop()
+    made = readings_of(moved, noise, record())
+    cell = LoadCellValues(scale=Quantity(1.0, 0.1, "1"))
+    other = KINDS["load_cell"](kind="load_cell", values=cell, **COMMON)
+    with pytest.raises(CalibrationError, match="calibrates a load_cell"):
+        laser.displacement(made, other)
+    with pytest.raises(CalibrationError, match="take the record of that sensor"):
+        laser.displacement(made.assign_attrs(model="IL-100"), record())
+    late = made.assign_attrs(start="2024-05-15T00:00:00")
+    with pytest.raises(CalibrationError, match="expired on 2024-05-15"):
+        laser.displacement(late, record())
+    result = laser.displacement(late, record(), ignore_validity=True)
+    assert "outside the period" in json.loads(result.attrs["calibration"])["validity_check"]
+
+
+def test_apply_chooses_by_the_kind_of_the_record():
+    known = record()
+    moved, noise = drop()
+    made = readings_of(moved, noise, known)
+    assert calibration.apply(made, known).identical(laser.displacement(made, known))
+
+
+@pytest.mark.parametrize("degrees", [6.0, 12.0, 45.0])
+def test_inclination_from_a_drop_of_known_height(degrees):
+    height = Quantity(7e-3, 2e-6, "m")
+    travel = Quantity(7e-3 * math.cos(math.radians(degrees)), 1e-6, "m")
+    found = laser.inclination_from_drop(travel, height)
+    assert math.degrees(found.value) == pytest.approx(degrees, rel=1e-9)
+    generator = np.random.default_rng(0)
+    cosine = generator.normal(travel.value, travel.u, 20_000) / generator.normal(7e-3, 2e-6, 20_000)
+    spread = np.arccos(np.minimum(cosine, 1.0)).std()
+    assert found.u == pytest.approx(spread, rel=0.03)
+
+
+def test_inclination_near_zero_is_bounded_by_the_flat_cosine():
+    found = laser.inclination_from_drop(Quantity(7.001e-3, 1e-6, "m"), Quantity(7e-3, 1e-6, "m"))
+    assert found.value == 0.0
+    assert found.u == pytest.approx(math.sqrt(2 * math.sqrt(2) * 1e-6 / 7e-3), rel=0.01)
+
+
+def test_travel_longer_than_the_height_is_refused():
+    with pytest.raises(CalibrationError, match="longer than the height"):
+        laser.inclination_from_drop(Quantity(7.1e-3, 1e-6, "m"), Quantity(7e-3, 1e-6, "m"))
+    with pytest.raises(InputError, match="two positive lengths"):
+        laser.inclination_from_drop(Quantity(-7e-3, 1e-6, "m"), Quantity(7e-3, 1e-6, "m"))
+
+
+def test_inclination_of_the_caller_replaces_that_of_the_record():
+    made = keyence.make_recording({1: np.array([0.0, 1e-3])}, cycle="50 us", start=DAY)
+    found = laser.displacement(
+        made, record(scale="1 ± 0.001"), zero=0.0, inclination=Quantity(math.pi / 3, 0.01, "rad")
+    )
+    assert float(found.displacement[1]) == pytest.approx(2e-3)
+    assert float(found.u_inclination) == 0.01

@@ -1,0 +1,240 @@
+"""Load cell: compression positive, an honest tare, and the lag of the filter by its formula."""
+
+import json
+import math
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import signal
+
+import calibration
+from calibration import load_cell
+from calibration.record import KINDS, LoadCellValues
+from instruments import mach1
+from labpipe.errors import CalibrationError, InputError
+from labpipe.units import Quantity, quantity
+
+SAMPLES = Path(__file__).parents[2] / "../shared/samples/mach1"
+START = datetime(2024, 1, 24, 10)
+
+
+def record(scale="1.002 ± 0.001", serial="", instrument="25kg", **values):
+    values = {name: quantity(text) for name, text in values.items()}
+    return KINDS["load_cell"](
+        version=1,
+        kind="load_cell",
+        id="cell",
+        instrument=instrument,
+        serial=serial,
+        valid_from=START.date(),
+        valid_until=START.date(),
+        who="a",
+        when=START.date(),
+        how="five masses",
+        values=LoadCellValues(scale=quantity(scale), **values),
+    )
+
+
+def press(n=400, rest=200, offset=-0.25, seed=0, cell="17N"):
+    """Force of a rest, then a ramp to 1 N of compression, in the sign of the cell."""
+    time = np.arange(n) * 0.01
+    pressed = np.clip(time - rest * 0.01, 0, None) / 2.0
+    noise = np.random.default_rng(seed).normal(0, 0.002, n)
+    is_six = cell == "17N"
+    shown = offset + (-pressed if is_six else pressed) + noise
+    columns = {"Time, s": time, "Position (z), mm": time * 1e-4}
+    columns["Fz, N" if is_six else "Fz, gf"] = shown
+    return mach1.make_block("Wave", START, columns, {}, load_cell=mach1.LOAD_CELLS[cell]), pressed
+
+
+@pytest.mark.parametrize(("cell", "sign"), [("17N", -1), ("25g", 1)])
+def test_compression_is_positive_for_either_cell(cell, sign):
+    block, pressed = press(cell=cell)
+    result = load_cell.force(mach1.assemble([block]), zero="start")
+    assert result.attrs["compression_sign"] == sign
+    np.testing.assert_allclose(result.force.values, pressed, atol=0.012)
+    np.testing.assert_array_equal(result.force_raw.values, mach1.assemble([block]).force_z.values)
+
+
+def test_nothing_is_tared_unless_asked():
+    block, _ = press()
+    readings = mach1.assemble([block])
+    result = load_cell.force(readings)
+    np.testing.assert_array_equal(result.force.values, -readings.force_z.values)
+    assert result.attrs["tared"] == 0
+    assert float(result.tare) == 0.0
+
+
+def test_tare_by_window_number_or_quantity():
+    block, _ = press()
+    readings = mach1.split_blocks(mach1.assemble([block]))[0]
+    for zero in ("start", (0.0, 1.5)):
+        result = load_cell.force(readings, zero=zero)
+        assert float(result.tare) == pytest.approx(-0.25, abs=5 * float(result.u_tare))
+        assert 0 < float(result.u_tare) < 0.001
+    assert float(load_cell.force(readings, zero=-0.25).tare) == -0.25
+    given = load_cell.force(readings, zero=Quantity(-0.25, 0.01, "N"))
+    assert float(given.u_tare) == 0.01
+    with pytest.raises(InputError, match='zero must be "start"'):
+        load_cell.force(readings, zero="end")
+
+
+def test_tare_of_a_file_comes_from_its_first_block():
+    first, _ = press(offset=-0.25)
+    second, _ = press(offset=-0.9)
+    result = load_cell.force(mach1.assemble([first, second]), zero="start")
+    assert float(result.tare) == pytest.approx(-0.25, abs=0.002)
+    assert float(result.force[400]) == pytest.approx(0.65, abs=0.01)
+
+
+def test_random_uncertainty_is_noise_or_rounding():
+    block, _ = press()
+    result = load_cell.force(mach1.assemble([block]), zero="start")
+    assert float(result.u_force[0]) == pytest.approx(0.002, rel=0.15)
+    assert result.attrs["resolution"] == pytest.approx(0.00085, rel=0.01)
+
+
+def test_record_scales_and_enters_the_budget():
+    block, pressed = press(cell="25g")
+    known = record("1.002 ± 0.001", instrument="25g", linearity="0 ± 0.001 N")
+    readings = mach1.assemble([block])
+    result = calibration.apply(readings, known, zero="start")
+    np.testing.assert_allclose(result.force.values, 1.002 * pressed, atol=0.012)
+    rows = {row["source"]: row for row in json.loads(result.attrs["budget"])}
+    largest = float(result.force.max())
+    assert rows["gain"]["contribution"] == pytest.approx(0.001 * largest / 1.002, rel=1e-6)
+    assert rows["linearity"]["contribution"] == pytest.approx(0.001)
+    assert sum(row["share"] for row in rows.values()) == pytest.approx(1.0)
+
+
+def test_without_a_record_the_gain_is_said_to_be_unknown():
+    block, _ = press()
+    result = load_cell.force(mach1.assemble([block]), zero="start")
+    assert float(result.gain) == 1.0
+    assert math.isnan(float(result.u_gain))
+    assert "no record" in json.loads(result.attrs["calibration"])
+    assert "gain" not in {row["source"] for row in json.loads(result.attrs["budget"])}
+
+
+def test_readings_beyond_the_capacity_are_not_valid():
+    block, _ = press(cell="25g", offset=0.0)
+    result = load_cell.force(mach1.assemble([block]), record(instrument="25g", capacity="0.245 N"))
+    assert not result.valid.values[-1]
+    assert np.isnan(result.force.values[-1])
+    assert result.valid.values[0]
+
+
+def test_record_of_another_cell_is_refused():
+    block, _ = press(cell="25g")
+    with pytest.raises(CalibrationError, match="take the record of that sensor"):
+        load_cell.force(mach1.assemble([block]), record(serial="999", instrument="10kg"))
+
+
+def test_unknown_sign_is_asked_for():
+    block, pressed = press()
+    readings = mach1.assemble([block])
+    del readings.attrs["compression_sign"]
+    with pytest.raises(CalibrationError, match="compression_sign=1"):
+        load_cell.force(readings)
+    result = load_cell.force(readings, zero="start", compression_sign=-1)
+    np.testing.assert_allclose(result.force.values, pressed, atol=0.012)
+    with pytest.raises(InputError, match="must be 1 or -1"):
+        load_cell.force(readings, compression_sign=2)
+
+
+def test_missing_axis_is_refused():
+    block, _ = press()
+    with pytest.raises(InputError, match='no "force_x"'):
+        load_cell.force(mach1.assemble([block]), axis="x")
+
+
+def test_every_number_has_unit_and_name_and_every_u_its_quantity():
+    block, _ = press()
+    result = load_cell.force(mach1.assemble([block]), zero="start")
+    for name, variable in result.data_vars.items():
+        assert {"units", "long_name"} <= variable.attrs.keys(), name
+        assert not str(name).startswith("u_") or str(name)[2:] in result
+
+
+@pytest.mark.parametrize("frequency", [0.1, 1.0, 2.0, 10.0, 20.0, 50.0])
+def test_lag_is_that_of_the_butterworth_polynomial(frequency):
+    s = 1j * frequency / 20.0
+    response = 1 / ((s + 1) * (s**2 + s + 1))
+    lag = load_cell.filter_lag(frequency, 3, 20.0)
+    assert lag.gain == pytest.approx(abs(response), rel=1e-12)
+    phase = -np.angle(1 / (s + 1)) - np.angle(1 / (s**2 + s + 1))
+    assert lag.phase == pytest.approx(phase, rel=1e-10)
+    assert lag.delay == pytest.approx(phase / (2 * math.pi * frequency), rel=1e-10)
+
+
+def test_lag_at_2_hz_is_16_ms_and_11_degrees():
+    lag = load_cell.filter_lag(2.0)
+    assert lag.delay == pytest.approx(16e-3, abs=0.1e-3)  # formats.md 1a
+    assert math.degrees(lag.phase) == pytest.approx(11.5, abs=0.1)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4, 6, 8])
+def test_all_assumed_types_share_the_cutoff_and_the_lag_has_no_jumps(order):
+    at_cutoff = load_cell.filter_lag(20.0, order, 20.0)
+    assert at_cutoff.gain == pytest.approx(math.sqrt(0.5), rel=1e-9)
+    assert at_cutoff.u_gain < 1e-9
+    phases = [load_cell.filter_lag(f, order, 20.0).phase for f in np.geomspace(0.1, 2000, 200)]
+    assert np.all(np.diff(phases) > 0)
+    assert phases[-1] == pytest.approx(order * math.pi / 2, rel=0.05)
+
+
+@pytest.mark.parametrize("frequency", [0.5, 2.0])
+def test_lag_agrees_with_a_filtered_signal(frequency):
+    rate = 10_000.0
+    time = np.arange(round(20 * rate / frequency)) / rate
+    b, a = signal.butter(3, 20.0, fs=rate)
+    late = signal.lfilter(b, a, np.sin(2 * np.pi * frequency * time))
+    tail = slice(time.size // 2, None)
+    basis = np.column_stack([f(2 * np.pi * frequency * time[tail]) for f in (np.sin, np.cos)])
+    (in_phase, quadrature), *_ = np.linalg.lstsq(basis, late[tail], rcond=None)
+    lag = load_cell.filter_lag(frequency)
+    assert math.hypot(in_phase, quadrature) == pytest.approx(lag.gain, rel=1e-5)
+    assert -math.atan2(quadrature, in_phase) == pytest.approx(lag.phase, rel=1e-4)
+
+
+def test_unknown_type_of_filter_is_in_the_uncertainty():
+    lag = load_cell.filter_lag(2.0)
+    bessel = signal.besselap(3, norm="mag")[1]
+    other = float(-np.sum(np.angle(bessel / (bessel - 1j * 0.1))))
+    assert abs(other - lag.phase) < 2 * lag.u_phase
+    assert "elastic reference" in lag.note
+
+
+def test_measured_delay_replaces_the_assumption():
+    lag = load_cell.filter_lag(2.0, measured_delay=quantity("15.0 ± 0.5 ms"))
+    assert lag.phase == pytest.approx(2 * math.pi * 2 * 15e-3)
+    assert lag.u_phase == pytest.approx(2 * math.pi * 2 * 0.5e-3)
+    assert "measured" in lag.note
+
+
+@pytest.mark.parametrize("arguments", [(0.0, 3, 20.0), (1.0, 0, 20.0), (1.0, 3, -1.0)])
+def test_senseless_filters_are_refused(arguments):
+    with pytest.raises(InputError, match="positive"):
+        load_cell.filter_lag(*arguments)
+
+
+def test_declared_filter_is_that_of_the_header():
+    block, _ = press()
+    readings = mach1.assemble([block])
+    assert load_cell.declared_filter(readings.attrs) == {"order": 3, "cutoff": 20.0}
+    assert load_cell.declared_filter({}) is None
+
+
+@pytest.mark.skipif(not SAMPLES.exists(), reason="the public sample files are not here")
+def test_public_files_give_compression_positive_forces():
+    six = mach1.read(SAMPLES / "stress_relaxation_3_ramps.txt")
+    result = load_cell.force(six, zero="start")
+    assert float(result.tare) == pytest.approx(-0.2492, abs=0.001)
+    assert float(result.force.max()) > 0.5
+    assert result.attrs["resolution"] == pytest.approx(0.00085, rel=0.01)
+    single = mach1.read(SAMPLES / "dynamic_5_sinusoid_blocks.txt")
+    result = load_cell.force(single)
+    assert float(result.force.min()) > 100  # 20 kgf of preload, not tared away
+    assert result.attrs["resolution"] == pytest.approx(1.506261 * 0.00980665, rel=1e-4)

@@ -1,0 +1,240 @@
+"""Calibration records: typed, versioned, all mistakes at once; the wrong one is refused."""
+
+import subprocess
+import sys
+from datetime import date, datetime
+
+import pytest
+
+import calibration
+from calibration.record import KINDS, load_record, require
+from labpipe.errors import CalibrationError, ConfigError, SourceError
+from labpipe.units import Quantity
+
+LASER = """\
+version = 1
+kind = "laser"
+id = "laser-2024-05"
+instrument = "LK-G5001"
+serial = "1234567"
+valid_from = 2024-05-01
+valid_until = 2025-04-30
+who = "A. Person"
+when = 2024-05-01
+how = "height gauge, twelve steps of 1 mm"
+
+[values]
+inclination = "12.00 ± 0.05 deg"
+scale = "1.0010 ± 0.0002"
+linearity = "0 ± 0.5 um"
+volt_scale = "0.5 ± 0.0005 mm/V"
+measuring_range = "8 mm"
+time_base = "1e-5 ± 2e-6"
+"""
+
+CELL = """\
+version = 1
+kind = "load_cell"
+id = "cell-2024"
+instrument = "25kg"
+serial = "1886652"
+valid_from = 2024-01-01
+valid_until = 2024-12-31
+who = "A. Person"
+when = 2024-01-01
+how = "five masses"
+
+[values]
+scale = "1.002 ± 0.001"
+"""
+
+
+def load(tmp_path, text):
+    path = tmp_path / "record.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_record(path)
+
+
+def test_laser_record_is_read_in_si(tmp_path):
+    record = load(tmp_path, LASER)
+    assert record.kind == "laser"
+    assert record.values.inclination.value == pytest.approx(0.20943951)
+    assert record.values.inclination.u == pytest.approx(8.7266e-4, rel=1e-4)
+    assert record.values.inclination.si == "rad"
+    assert record.values.volt_scale == Quantity(0.5e-3, 0.5e-6, "m/V")
+    assert record.values.linearity.u == pytest.approx(0.5e-6)
+    assert record.valid_until == date(2025, 4, 30)
+
+
+def test_load_cell_record_is_read(tmp_path):
+    assert load(tmp_path, CELL).values.scale == Quantity(1.002, 0.001, "1")
+
+
+def test_plain_signs_may_stand_for_plus_minus(tmp_path):
+    record = load(tmp_path, LASER.replace("±", "+/-"))
+    assert record.values.inclination.u == pytest.approx(8.7266e-4, rel=1e-4)
+
+
+def line_of(needle):
+    return LASER[: LASER.index(needle)].count("\n") + 1
+
+
+DAMAGE = {
+    "unknown key": ("who =", "wo =", 'did you mean "who"'),
+    "unknown value": ("scale = ", "scael = ", 'did you mean "scale"'),
+    "wrong unit": ("12.00 ± 0.05 deg", "12.00 ± 0.05 mm", "expected an angle"),
+    "unknown unit": ("0.05 deg", "0.05 turns", "expected an angle"),
+    "no unit": ('"12.00 ± 0.05 deg"', "12.0", "without a unit"),
+    "not a number": ("12.00 ±", "twelve ±", "expected an angle"),
+    "no uncertainty": ("12.00 ± 0.05 deg", "12.00 deg", "has no uncertainty"),
+    "negative inclination": ("12.00 ± 0.05", "-12.00 ± 0.05", "must be >= 0"),
+    "flat inclination": ("12.00 ± 0.05", "89.00 ± 0.05", "< 1.4"),
+    "scale of another order": ("1.0010 ± 0.0002", "1000 ± 1", "must be > 0.5"),
+    "range not positive": ('"8 mm"', '"-8 mm"', "must be > 0"),
+    "period reversed": ("2025-04-30", "2023-04-30", "is before valid_from"),
+    "empty id": ('"laser-2024-05"', '""', "id: "),
+    "number as text": ('"A. Person"', "7", "who: "),
+    "date as number": ("valid_until = 2025-04-30", "valid_until = 2025", "valid_until: "),
+    "version as text": ("version = 1", 'version = "1"', "version: "),
+    "version zero": ("version = 1", "version = 0", "version: "),
+    "kind unknown": ('"laser"', '"lazer"', 'found "lazer"'),
+    "kind missing": ('kind = "laser"\n', "", "found nothing"),
+    "kind a list": ('"laser"', '["laser"]', "expected one of"),
+    "values of another kind": ('"laser"', '"load_cell"', "inclination: unknown key"),
+}
+
+
+@pytest.mark.parametrize("name", DAMAGE)
+def test_mistake_is_named(tmp_path, name):
+    old, new, message = DAMAGE[name]
+    assert old in LASER
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, LASER.replace(old, new, 1))
+    assert message in str(caught.value)
+
+
+def test_all_mistakes_are_listed_with_their_lines(tmp_path):
+    text = LASER.replace("who =", "wo =").replace("0.05 deg", "0.05 mm").replace("scale", "scal")
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, text)
+    problems = "\n".join(caught.value.problems)
+    for key, needle in (("wo", "who ="), ("inclination", "inclination"), ("scal", "scale")):
+        assert f"record.toml:{line_of(needle)}: " in problems
+        assert key in problems
+    assert len(caught.value.problems) >= 4
+
+
+@pytest.mark.parametrize("text", ["version = 1\nversion = 1\n", "a = [", "\0"])
+def test_file_that_is_no_toml_is_refused(tmp_path, text):
+    with pytest.raises((SourceError, ConfigError)):
+        load(tmp_path, text)
+
+
+def test_newer_version_is_refused(tmp_path):
+    with pytest.raises(CalibrationError, match="has version 2"):
+        load(tmp_path, LASER.replace("version = 1", "version = 2"))
+
+
+def test_missing_file_is_refused(tmp_path):
+    with pytest.raises(SourceError):
+        load_record(tmp_path / "none.toml")
+
+
+VALID = {"start": "2024-05-14T10:00:00", "serial": "1234567"}
+
+
+def test_fitting_record_says_what_was_checked(tmp_path):
+    checked = require(load(tmp_path, LASER), "laser", VALID)
+    assert checked["id"] == "laser-2024-05"
+    assert "agrees" in checked["sensor_check"]
+    assert checked["validity_check"] == "valid on 2024-05-14"
+
+
+def test_wrong_kind_is_refused(tmp_path):
+    with pytest.raises(CalibrationError, match="calibrates a laser, needed is one of a load_cell"):
+        require(load(tmp_path, LASER), "load_cell", VALID)
+
+
+def test_other_view_is_refused(tmp_path):
+    record = load(tmp_path, LASER.replace('serial = "1234567"', 'view = "front"'))
+    require(record, "laser", {"start": "2024-05-14"}, view="front")
+    with pytest.raises(CalibrationError, match='belongs to the view "front"'):
+        require(record, "laser", VALID, view="under")
+
+
+@pytest.mark.parametrize(
+    "attrs",
+    [
+        {"serial": "7654321"},
+        {"model": "CL-3000"},
+        {"sensor": "IL-100 no. 9"},
+    ],
+)
+def test_other_sensor_is_refused(tmp_path, attrs):
+    with pytest.raises(CalibrationError, match="take the record of that sensor"):
+        require(load(tmp_path, LASER), "laser", {"start": "2024-05-14"} | attrs)
+
+
+@pytest.mark.parametrize(
+    "attrs",
+    [
+        {"serial": "1234567"},
+        {"serial": "SN 1234567".removeprefix("SN ")},
+        {"model": "lk g5001"},
+        {"model": "LK-G5001V"},
+        {"sensor": "head 1234567"},
+        {},
+    ],
+)
+def test_same_sensor_is_accepted(tmp_path, attrs):
+    require(load(tmp_path, LASER), "laser", {"start": "2024-05-14"} | attrs)
+
+
+@pytest.mark.parametrize(
+    "day", ["2024-05-01", "2025-04-30", date(2024, 8, 1), datetime(2024, 8, 1)]
+)
+def test_days_of_the_period_are_accepted(tmp_path, day):
+    require(load(tmp_path, LASER), "laser", {}, measured=day)
+
+
+@pytest.mark.parametrize(
+    ("day", "word"), [("2025-05-01", "expired on"), ("2024-04-30", "was not yet valid on")]
+)
+def test_day_outside_the_period_is_refused_unless_ignored(tmp_path, day, word):
+    record = load(tmp_path, LASER)
+    with pytest.raises(CalibrationError, match=f"{word} {day}"):
+        require(record, "laser", {}, measured=day)
+    checked = require(record, "laser", {}, measured=day, ignore_validity=True)
+    assert checked["validity_check"].startswith("ignored")
+
+
+def test_measurement_without_a_date_needs_one(tmp_path):
+    record = load(tmp_path, LASER)
+    with pytest.raises(CalibrationError, match="measured="):
+        require(record, "laser", {"start": ""})
+    checked = require(record, "laser", {"start": ""}, ignore_validity=True)
+    assert checked["validity_check"] == "ignored: the day of the measurement is not known"
+    with pytest.raises(CalibrationError, match="must read like"):
+        require(record, "laser", {}, measured="14.5.2024")
+
+
+def test_every_kind_has_its_own_values():
+    for kind, record in KINDS.items():
+        assert "values" in record.__struct_fields__
+        assert kind in str(record.__annotations__["kind"])
+
+
+def test_applying_needs_a_known_kind(tmp_path, monkeypatch):
+    monkeypatch.delitem(calibration.APPLY, "laser")
+    with pytest.raises(CalibrationError, match="not applied to readings"):
+        calibration.apply(None, load(tmp_path, LASER))
+
+
+def test_records_are_read_without_the_numerical_stack(tmp_path):
+    path = tmp_path / "record.toml"
+    path.write_text(LASER, encoding="utf-8")
+    code = (
+        f"import sys, calibration; calibration.load_record({str(path)!r}); "
+        "sys.exit('numpy' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

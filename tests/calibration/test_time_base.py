@@ -1,0 +1,69 @@
+"""Time base: interval with uncertainty, and the delay of a moving average."""
+
+import numpy as np
+import pytest
+
+from calibration.budget import Source, combined, table
+from calibration.time_base import UNCHECKED_CLOCK, corrected, filter_delay, time_base
+from labpipe.errors import InputError
+from labpipe.units import Quantity
+
+ATTRS = {"sampling_interval": 500e-6, "sampling_cycle": 50e-6, "averaging": 64}
+
+
+@pytest.mark.parametrize("averaging", [1, 2, 5, 64])
+def test_delay_is_the_centroid_of_the_averaged_samples(averaging):
+    newest = 0.0
+    centroid = np.mean(newest - 50e-6 * np.arange(averaging))
+    assert filter_delay(averaging, 50e-6) == pytest.approx(-centroid, abs=1e-18)
+
+
+def test_delay_counts_samples_not_stored_points():
+    assert time_base(ATTRS).delay == pytest.approx(31.5 * 50e-6)
+
+
+def test_average_of_a_ramp_read_at_corrected_times_is_the_ramp():
+    time = np.arange(200) * 50e-6
+    ramp = 3.0 * time
+    averaged = np.convolve(ramp, np.ones(8) / 8, mode="valid")
+    attrs = {"sampling_interval": 50e-6, "averaging": 8}
+    base = time_base(attrs)
+    np.testing.assert_allclose(averaged, 3.0 * corrected(time[7:], base, 50e-6), rtol=1e-12)
+
+
+def test_calibrated_clock_stretches_the_time():
+    base = time_base(ATTRS, Quantity(1e-4, 1e-6, "1"), averaging=1)
+    assert base.interval == pytest.approx(500e-6 * 1.0001, rel=1e-12)
+    assert base.u_interval == pytest.approx(500e-6 * 1e-6, rel=1e-9)
+    assert (base.averaging, base.delay, base.is_calibrated) == (1, 0.0, True)
+
+
+def test_unchecked_clock_has_the_assumed_uncertainty():
+    base = time_base(ATTRS)
+    assert base.u_relative == UNCHECKED_CLOCK
+    assert not base.is_calibrated
+
+
+def test_senseless_inputs_are_refused():
+    with pytest.raises(InputError, match="sampling_interval"):
+        time_base({})
+    with pytest.raises(InputError, match="averaging >= 1"):
+        filter_delay(0, 50e-6)
+    with pytest.raises(InputError, match="averaging >= 1"):
+        time_base(ATTRS, averaging=0)
+
+
+def test_budget_shares_add_up_largest_first():
+    sources = [
+        Source("a", 1.0, 1.0, "m", 1.0, "random"),
+        Source("b", 1.0, 1.0, "m", -2.0, "random"),
+    ]
+    rows = table(sources)
+    assert [row["source"] for row in rows] == ["b", "a"]
+    assert [row["share"] for row in rows] == pytest.approx([0.8, 0.2])
+    assert combined(sources) == pytest.approx(5**0.5)
+
+
+def test_budget_without_any_uncertainty_has_no_shares():
+    rows = table([Source("a", 1.0, 0.0, "m", 1.0, "random")])
+    assert rows[0]["share"] == 0.0
