@@ -16,7 +16,17 @@ ALLOWED = {
 }
 
 # Inside labpipe: a part may import itself, the ground, and what stands below it.
-GROUND = {"errors", "units", "schema", "frames", "files", "text", "binary", "uncertainty"}
+GROUND = {
+    "errors",
+    "units",
+    "schema",
+    "frames",
+    "files",
+    "text",
+    "numbers",
+    "binary",
+    "uncertainty",
+}
 BELOW = {
     "signals": set(),
     "materials": {"signals"},
