@@ -20,21 +20,22 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from labpipe.contact.kernels import LineKernel
-from labpipe.contact.springs import Answer
+from labpipe.contact.springs import EDGE_OFFSET, Answer
 from labpipe.errors import InputError
 
 Array = NDArray[np.float64]
 
 # Largest gap in the contact, or penetration outside it, relative to the largest approach.
 _TOLERANCE = 1e-11
-_MAX_ITERATIONS = 400
+_MAX_ITERATIONS = 120
 _MAX_PIVOTS = 500
 # Block pivots without progress before single (least index) pivots, which cannot cycle, take over.
 _PATIENCE = 10
 # A half-plane needs an open part: its displacements have no mean.
 _OPEN_STRIPS = 6
-_FORCE_TOLERANCE = 1e-12
-_MAX_FORCE_ITERATIONS = 100
+_FORCE_TOLERANCE = 1e-10
+_STIFFNESS_TOLERANCE = 1e-4
+_MAX_FORCE_ITERATIONS = 60
 
 
 @dataclass(slots=True)
@@ -50,11 +51,14 @@ class GeneralContact:
         no indenter.
     limit : str
         What to say when no open part is left of a half-plane.
+    has_end : bool
+        The indenter may be in contact up to where its profile becomes infinite (a punch).
     """
 
     kernel: LineKernel
     profile: Array
     limit: str
+    has_end: bool = True
     products: int = 0
     pivots: int = 0
     _start: Array = field(init=False)
@@ -120,60 +124,73 @@ class GeneralContact:
         if self.kernel.mean_compliance == 0.0 and self._present.all() and approach.mean() >= 0.0:
             raise InputError(self.limit)
         scaled = self._solve(approach, scale * _TOLERANCE)
-        touched = int(np.count_nonzero(scaled))
+        contact = scaled > 0.0
+        touched = int(np.count_nonzero(contact))
         if self.kernel.mean_compliance == 0.0 and touched > self.size - _OPEN_STRIPS:
+            raise InputError(self.limit)
+        if not self.has_end and np.any(contact & ~np.roll(self._present, 1)):
             raise InputError(self.limit)
         self._start = scaled
         load = scaled / compliance
         force = self.kernel.spacing * float(load.sum())
-        return Answer(load, force, displacement, 0.5 * self.kernel.spacing * touched)
+        patches = int(np.count_nonzero(contact & ~np.roll(contact, 1)))
+        width = self.kernel.spacing * (0.5 * touched - EDGE_OFFSET * patches)
+        return Answer(load, force, displacement, max(width, 0.0))
 
     def push(
         self,
         history: Array,
         compliance: float,
         force: float,
-        before: float = 0.0,
+        before: float,
     ) -> Answer:
-        """Solve at a prescribed force, by a safeguarded secant search of the displacement."""
+        """Solve at a prescribed force, by Newton's method for the displacement."""
         free = self._heights + self.kernel.displacement(history)
         low = float(free[self._present].min())
         if force <= 0.0:
             return Answer(np.zeros(self.size), 0.0, low, 0.0)
-        # The stiffness of a strip of the smallest possible width starts the search.
-        low_force, step = 0.0, force * compliance / self.kernel.spacing * self.kernel.influence[0]
-        high, answer = self._bracket(history, compliance, force, low, step)
-        high_force = answer.force
+        resolution = 10.0 * _TOLERANCE * max(float(np.ptp(free[self._present])), abs(low), 1e-300)
+        # A single strip is the softest contact there is: it starts a search from no contact.
+        first = force * compliance / self.kernel.spacing * float(self.kernel.influence[0])
+        displacement = before if before > low + resolution else low + min(first, np.ptp(free))
         for _ in range(_MAX_FORCE_ITERATIONS):
-            if abs(answer.force - force) <= _FORCE_TOLERANCE * force or high - low <= 1e-16 * high:
+            answer, displacement = self._press_open(history, compliance, displacement, low)
+            stiffness = self._stiffness(answer.load > 0.0) / compliance
+            step = (force - answer.force) / stiffness
+            if abs(step) <= resolution or abs(step) * stiffness <= _FORCE_TOLERANCE * force:
                 return answer._replace(force=force)
-            share = (force - low_force) / (high_force - low_force)
-            # The force is convex in the displacement: keep off the ends of the bracket.
-            guess = low + min(max(share, 1e-3), 1.0 - 1e-3) * (high - low)
-            answer = self.press(history, compliance, guess)
-            if answer.force < force:
-                low, low_force = guess, answer.force
-            else:
-                high, high_force = guess, answer.force
+            # The force is convex in the displacement, so Newton's steps come from above.
+            displacement = max(displacement + step, low + 0.1 * (displacement - low))
         message = f"no displacement was found that carries {force} N/m per tip; {self.limit}"
         raise InputError(message)
 
-    def _bracket(
-        self, history: Array, compliance: float, force: float, low: float, step: float
-    ) -> tuple[float, Answer]:
-        """Return a displacement that carries at least the force, and its solution."""
-        step = min(step, 0.25 * float(np.ptp(self._heights)) + self.kernel.mean_compliance * step)
+    def _press_open(
+        self, history: Array, compliance: float, displacement: float, low: float
+    ) -> tuple[Answer, float]:
+        """Solve at a displacement, or at one nearer to first touch if that closes the period."""
         for _ in range(_MAX_FORCE_ITERATIONS):
             try:
-                answer = self.press(history, compliance, low + step)
+                return self.press(history, compliance, displacement), displacement
             except InputError:
-                # Beyond full contact; the force there is without bound.
-                step *= 0.75
-                continue
-            if answer.force >= force:
-                return low + step, answer
-            step *= 1.3
+                displacement = low + 0.9 * (displacement - low)
         raise InputError(self.limit)
+
+    def _stiffness(self, contact: NDArray[np.bool_]) -> float:
+        """Force (times compliance) per displacement of a contact that keeps its strips."""
+        load = contact / float(self.kernel.influence.sum() + self.kernel.influence[0])
+        gap = np.where(contact, self._gap(load, contact.astype(float)), 0.0)
+        direction, previous = np.zeros(self.size), np.inf
+        for _ in range(_MAX_ITERATIONS):
+            if np.abs(gap).max() <= _STIFFNESS_TOLERANCE:
+                break
+            steepest = np.where(contact, self._precondition(gap), 0.0)
+            measure = float(gap @ steepest)
+            direction = steepest + measure / previous * direction
+            image = np.where(contact, self.kernel.displacement(direction), 0.0)
+            self.products += 2
+            length = measure / float(direction @ image)
+            load, gap, previous = load - length * direction, gap - length * image, measure
+        return self.kernel.spacing * float(load.sum())
 
     def _solve(self, approach: Array, tolerance: float) -> Array:
         """Pressure times compliance (element,) with G P = approach in contact, more outside."""

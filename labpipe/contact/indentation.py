@@ -248,7 +248,9 @@ def _simulate(
         if solver == "springs":
             message = f'{reason}; use solver="auto" or "general"'
             raise InputError(message)
-    contact = GeneralContact(geometry.kernel, geometry.heights, geometry.limit)
+    contact = GeneralContact(
+        geometry.kernel, geometry.heights, geometry.limit, has_end=not geometry.is_smooth
+    )
     run = _Run("general", March(contact, *settings), lambda load: load, contact)
     rows = _record(run, geometry.kernel, time, values, outputs)
     return _dataset(run, rows, request, time, geometry.kernel, reason)
@@ -273,7 +275,14 @@ def _spring_run(
     half = half if present.all() else half[: int(np.argmin(present))]
     reach = float(value.max()) if settings[1] == "displacement" else np.inf
     kernel = geometry.kernel
-    bed, folded = line_bed(kernel, half, reach, is_smooth=geometry.is_smooth, limit=geometry.limit)
+    bed, folded = line_bed(
+        kernel,
+        half,
+        reach,
+        is_smooth=geometry.is_smooth,
+        has_end=not geometry.is_smooth and not present.all(),
+        limit=geometry.limit,
+    )
     return _Run("springs", March(bed, *settings), lambda load: line_pressure(kernel, folded, load))
 
 
@@ -360,7 +369,7 @@ def _why_general(geometry: _Geometry) -> str:
     if not is_symmetric(heights):
         return "the profile is not symmetric about the centre of the period"
     half = heights[heights.size // 2 :]
-    if half[0] != heights.min():
+    if half[0] > heights.min():
         return "the profile is not lowest at its centre"
     return ""
 

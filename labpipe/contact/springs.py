@@ -40,13 +40,15 @@ Array = NDArray[np.float64]
 
 # The edge of the contact lies this fraction of a strip inside the strip whose pressure vanishes
 # (limit of many strips; calibrated on the closed form of the parabola).
-_EDGE_OFFSET = 0.17464
+EDGE_OFFSET = 0.17464
 # Second Bernoulli number, B2 = B2(0).
 _B2 = 1.0 / 6.0
 # Pressures may differ from nested order by rounding only.
 _NESTED_TOLERANCE = 1e-9
 # The last strips before a half-plane closes carry the logarithmic singularity of full contact.
 _OPEN_STRIPS = 3
+# Springs beyond the reach: two locate the edge, the others are for comfort.
+_SPARE_SPRINGS = 16
 _EDGE_ITERATIONS = 12
 _EDGE_TOLERANCE = 1e-13
 # Share of a strip below which the force of a contact of one strip is taken as linear.
@@ -110,6 +112,8 @@ class SpringBed:
         The contact must leave so many springs open; 0 where full contact is allowed.
     limit : str
         What to say when it does not.
+    full_width : float [m]
+        Contact half width with every spring in contact.
     """
 
     gap: Array
@@ -118,6 +122,7 @@ class SpringBed:
     is_smooth: bool
     open_springs: int
     limit: str
+    full_width: float = np.nan
 
     @property
     def size(self) -> int:
@@ -165,7 +170,7 @@ class SpringBed:
         self._require_open(touched)
         force = float(self.stiffness[:touched] @ load[:touched])
         if touched == self.size:
-            return Answer(load, force, displacement, float(self.edge[-1]))
+            return Answer(load, force, displacement, self.full_width)
         width = self._width(trial, touched, shrinks=displacement < before)
         return Answer(load, force + self._edge_force(trial, touched, width), displacement, width)
 
@@ -273,6 +278,7 @@ def line_bed(
     reach: float,
     *,
     is_smooth: bool,
+    has_end: bool,
     limit: str,
 ) -> tuple[SpringBed, FoldedLine]:
     """Factor the half period of a symmetric profile from the centre outwards.
@@ -289,6 +295,8 @@ def line_bed(
         infinity for all.
     is_smooth : bool
         The profile is smooth: apply the edge correction.
+    has_end : bool
+        The indenter ends with the profile (a punch), so that all of it may be in contact.
     limit : str
         Message when the contact reaches the last strip.
 
@@ -308,21 +316,32 @@ def line_bed(
     # Constants are in the null space of a half-plane: the last strip has no spring.
     available = half + 1 if kernel.mean_compliance > 0.0 else half
     available = min(available, profile.size)
-    n = min(available, max(16, int(1.3 * np.count_nonzero(profile[:available] <= reach)) + 8))
+    # Contact grows monotonically under a smooth tip on a half-plane; a layer may bulge and a
+    # sampled profile may have a second tip, so there every strip has to be looked at.
+    is_plain = is_smooth and kernel.mean_compliance == 0.0
+    near = int(1.3 * np.count_nonzero(profile[:available] <= reach)) + _SPARE_SPRINGS
+    n = min(available, near) if is_plain else available
     while True:
         bed, folded = _factor(kernel, profile[:n], is_smooth=is_smooth, limit=limit)
         if n == available or bed.gap[-1] > reach:
             break
         n = min(available, 2 * n)
-    full_allowed = n == half + 1
-    if n < available:
-        # Springs beyond the reach: running into them would be a mistake of this module.
-        return _with_open(bed, 1), folded
-    return _with_open(bed, 0 if full_allowed else _OPEN_STRIPS), folded
-
-
-def _with_open(bed: SpringBed, open_springs: int) -> SpringBed:
-    return SpringBed(bed.gap, bed.stiffness, bed.edge, bed.is_smooth, open_springs, bed.limit)
+    reached = np.flatnonzero(bed.gap <= reach)
+    keep = min(n, (int(reached[-1]) if reached.size else 0) + _SPARE_SPRINGS)
+    open_springs = 0 if n == half + 1 or has_end else _OPEN_STRIPS
+    if keep < available:
+        # The rest lies beyond the reach: running into it would be a mistake of this module.
+        open_springs = 1
+    bed = SpringBed(
+        bed.gap[:keep],
+        bed.stiffness[:keep],
+        bed.edge[:keep],
+        is_smooth,
+        open_springs,
+        limit,
+        full_width=min((keep - 0.5) * kernel.spacing, 0.5 * kernel.period),
+    )
+    return bed, FoldedLine(folded.factor[:keep, :keep], folded.scale[:keep], folded.counts[:keep])
 
 
 def _factor(
@@ -344,7 +363,7 @@ def _factor(
     bed = SpringBed(
         gap=reduced / scale,
         stiffness=kernel.spacing * scale**2,
-        edge=kernel.spacing * np.maximum(index - _EDGE_OFFSET, 0.0),
+        edge=kernel.spacing * np.maximum(index - EDGE_OFFSET, 0.0),
         is_smooth=is_smooth,
         open_springs=0,
         limit=limit,
