@@ -48,7 +48,7 @@ from instruments.keyence_writer import (
 )
 from labpipe.errors import InputError, SourceError
 from labpipe.text import Limits, TextFile, shorten, survey
-from labpipe.units import unit
+from labpipe.units import Quantity, unit
 
 __all__ = ["KeyenceProfile", "Status", "encode", "make_recording", "read", "write"]
 
@@ -58,7 +58,7 @@ _HEADER_LINES = 400  # above the first row of readings; a header is a few dozen 
 def read(
     path: str | os.PathLike[str],
     *,
-    cycle: str | float | None = None,
+    cycle: str | float | Quantity | None = None,
     units: Sequence[str] | None = None,
     storage_factor: int | None = None,
     rows: int | None = None,
@@ -75,7 +75,7 @@ def read(
     ----------
     path : path-like
         The file.
-    cycle : str or float, optional
+    cycle : str or float or Quantity, optional
         Time between samples, ``"50 us"`` or a number in s; needed when the file does not say it.
         Without any word on the storage factor it is the time between stored points.
     units : sequence of str, optional
@@ -114,7 +114,7 @@ def read(
     """
     profile = _merge(
         profile or KeyenceProfile(),
-        cycle=cycle,
+        cycle=f"{cycle.value!r} {cycle.si}" if isinstance(cycle, Quantity) else cycle,
         units=tuple(units) if units is not None else None,
         storage_factor=storage_factor,
         rows=rows,

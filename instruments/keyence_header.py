@@ -65,7 +65,7 @@ class KeyenceProfile:
     encodings: tuple[str, ...] = ("cp932", "cp1252")
     delimiter: str | None = None
     decimal: str | None = None
-    cycle: str | None = None
+    cycle: str | float | None = None
     storage_factor: int | None = None
     units: tuple[str, ...] | None = None
     rows: int | None = None

@@ -14,6 +14,7 @@ from instruments import keyence
 from instruments.keyence import Status
 from instruments.keyence_markers import MARKERS, Layout, marker_status
 from labpipe.errors import InputError, SourceError
+from labpipe.units import quantity
 
 # The example of formats.md 2a, with one output in micrometres.
 EXAMPLE = """\
@@ -257,6 +258,8 @@ def test_missing_cycle_is_refused_and_accepted_as_option(tmp_path):
         read_text(tmp_path, text)
     assert read_text(tmp_path, text, cycle="50 us").time.values[1] == pytest.approx(50e-6)
     assert read_text(tmp_path, text, cycle=50e-6).time.values[1] == pytest.approx(50e-6)
+    given = quantity("50 us")
+    assert read_text(tmp_path, text, cycle=given).time.values[1] == pytest.approx(50e-6)
 
 
 def test_missing_unit_is_refused_and_accepted_as_option(tmp_path):
