@@ -431,7 +431,7 @@ def sphere_bed(
     >>> bed = sphere_bed(1.0, 0.2, 100)
     >>> rest = np.zeros(bed.size)
     >>> answer = bed.press(rest, 1.0, 0.01, 0.0)
-    >>> round(answer.force / (4 / 3 * 0.01**1.5), 6), round(answer.half_width, 6)
+    >>> round(answer.force / (4 / 3 * 0.01**1.5), 5), round(answer.half_width, 6)
     (1.0, 0.1)
     """
     spacing = reach / springs

@@ -1,0 +1,98 @@
+"""Closed forms of the periodic line contact against the table and against each other."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labpipe.contact import indent, westergaard
+from labpipe.contact.memory import Creep
+from labpipe.contact.stepping import March
+from labpipe.errors import InputError
+from labpipe.materials import Prony
+
+# a/λ, P R/(E* λ²), δ R/λ², p(0) R/(E* λ)
+PARABOLA = [
+    (0.01, 7.8552739022933e-5, 0.00019805665333652, 0.0050008226700272),
+    (0.02, 0.00031436619174531, 0.00065392195165323, 0.010006586237663),
+    (0.05, 0.001971623489289, 0.0029522075916386, 0.025103447133864),
+    (0.1, 0.0079866799192246, 0.0084501663119513, 0.050843361107915),
+    (0.2, 0.033730559443818, 0.021063410887972, 0.10731427526996),
+    (0.25, 0.055158900038163, 0.026918341840173, 0.1402749630848),
+    (0.3, 0.084573920551733, 0.032014158396963, 0.17891836078961),
+    (0.4, 0.18690504070883, 0.03918750329644, 0.29327959380658),
+    (0.49, 0.55077235984159, 0.041641668723105, 0.66105088839473),
+]
+
+
+@pytest.mark.parametrize("row", PARABOLA, ids=lambda row: str(row[0]))
+def test_parabola_matches_the_table(row) -> None:
+    state = westergaard.from_half_width(row[0], 1.0, 1.0)
+    found = (state.force, state.displacement, state.peak_pressure)
+    assert np.abs(np.array(found) / np.array(row[1:]) - 1.0).max() < 1e-10
+
+
+@pytest.mark.parametrize("profile", ["parabola", "cosine"])
+@given(share=st.floats(1e-4, 0.499))
+def test_width_approach_and_force_invert_each_other(profile, share) -> None:
+    state = westergaard.from_half_width(share * 8e-3, 2e-3, 8e-3, 3e6, profile)
+    by_approach = westergaard.from_displacement(state.displacement, 2e-3, 8e-3, 3e6, profile)
+    by_force = westergaard.from_force(state.force, 2e-3, 8e-3, 3e6, profile)
+    assert by_approach.force == pytest.approx(state.force, rel=1e-8)
+    assert by_force.half_width == pytest.approx(state.half_width, rel=1e-8)
+
+
+@pytest.mark.parametrize("profile", ["parabola", "cosine"])
+def test_pressure_adds_up_to_the_force(profile) -> None:
+    a = 1.7e-3
+    angle = np.pi * (np.arange(20000) + 0.5) / 20000
+    x, weight = a * np.cos(angle), a * np.sin(angle) * np.pi / 20000
+    p = westergaard.pressure(x, a, 2e-3, 8e-3, 3e6, profile)
+    state = westergaard.from_half_width(a, 2e-3, 8e-3, 3e6, profile)
+    assert p @ weight == pytest.approx(float(state.force), rel=1e-7)
+    peak = westergaard.pressure(0.0, a, 2e-3, 8e-3, 3e6, profile)
+    assert peak == pytest.approx(float(state.peak_pressure), rel=1e-12)
+
+
+def test_small_contact_is_the_hertz_line() -> None:
+    state = westergaard.from_half_width(1e-6, 2e-3, 8e-3, 3e6)
+    assert state.force == pytest.approx(np.pi * 3e6 * 1e-12 / (4 * 2e-3), rel=1e-6)
+
+
+def test_plateaus_of_the_thesis_from_one_modulus() -> None:
+    state = westergaard.from_displacement([1e-4, 2e-4, 3e-4], 2e-3, 8e-3, 10.14e6, "cosine")
+    assert state.force * 18e-3 == pytest.approx([12.40, 30.90, 54.81], rel=5e-4)
+    assert state.half_width == pytest.approx([0.4178e-3, 0.6642e-3, 0.8928e-3], rel=2e-4)
+    measured = np.array([12.2, 31.0, 55.5])
+    assert np.abs(state.force * 18e-3 / measured - 1.0).max() < 0.03
+
+
+def test_full_contact_is_refused() -> None:
+    with pytest.raises(InputError, match="closes the period"):
+        westergaard.from_displacement(8e-3**2 / (24 * 2e-3), 2e-3, 8e-3)
+    with pytest.raises(InputError, match="half a period"):
+        westergaard.from_half_width(4e-3, 2e-3, 8e-3)
+
+
+@pytest.mark.parametrize("profile", ["parabola", "cosine"])
+@pytest.mark.parametrize(("share", "bound"), [(0.02, 1e-5), (0.1, 2e-7), (0.25, 2e-7), (0.4, 2e-7)])
+def test_strips_agree_with_the_closed_form_at_any_edge(profile, share, bound) -> None:
+    width = share * 8e-3 + np.linspace(-0.5, 0.5, 17) * 8e-3 / 1024
+    exact = westergaard.from_half_width(width, 2e-3, 8e-3, 1.0, profile)
+    solid = Prony(1.0, [], [], nu=0.0)
+    time = np.arange(17.0)
+    result = indent(solid, 2e-3, 8e-3, 1.0, time, exact.displacement, profile=profile)
+    assert np.abs(result.force.values / exact.force - 1.0).max() < bound
+    edge = np.abs(result.contact_half_width.values - width).max()
+    assert edge < 0.005 * 8e-3 / 1024
+
+
+def test_springs_of_strips_agree_with_closed_form_springs_in_time() -> None:
+    solid = Prony.from_creep(2e9, [0.25e-9], [0.05], nu=0.35)
+    time = np.linspace(0.0, 1.0, 401)
+    displacement = 2e-4 * (0.2 - 0.8 * np.cos(2 * np.pi * time))
+    bed = westergaard.closed_form_bed(2e-3, 8e-3, 0.09 * 8e-3, 1600)
+    march = March(bed, Creep.of(solid), "displacement", None)
+    force = np.array([state.answer.force for state in march.run(time, displacement)])
+    strips = indent(solid, 2e-3, 8e-3, 1.0, time, displacement, rtol=None)
+    assert np.abs(strips.force.values - force).max() < 2e-5 * force.max()
