@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from labpipe.errors import InputError
@@ -34,7 +34,8 @@ def velocity(
     displacement: xr.DataArray,
     method: Method = "spline",
     *,
-    breaks: NDArray[np.float64] | list[float] | None = None,
+    breaks: ArrayLike | None = None,
+    releases: ArrayLike | None = None,
     noise: float | None = None,
     window: int = THESIS_WINDOW,
 ) -> xr.DataArray:
@@ -51,11 +52,14 @@ def velocity(
         average of ``window`` samples that shortens symmetrically towards the ends (3.14).
         ``"difference"``: without the moving average.
     breaks : array (k,), optional [s]
-        Spline only: times at which the acceleration may jump (a release, a hard stop).
+        Spline only: times of touch and lift-off, where knots may break: the third derivative may
+        jump. A few per cent better than letting the spline find the contacts.
+    releases : array (k,), optional [s]
+        Spline only: times at which the acceleration itself may jump (a release, a hard stop).
     noise : float, optional [m]
         Standard deviation of the samples' white noise. Default: estimated from the record.
     window : int
-        Thesis only: odd number of samples.
+        Thesis only: number of samples; an even number is reduced by one, as ``smooth`` does.
 
     Returns
     -------
@@ -71,7 +75,8 @@ def velocity(
     ------
     InputError
         Not one-dimensional over ``time``, another unit than m, times that do not increase,
-        fewer than two readings, infinite values, a negative noise or an even window.
+        fewer than two readings, infinite values, a negative noise, breaks that are not finite, or
+        a window below 1 or longer than the record.
 
     Warns
     -----
@@ -118,12 +123,14 @@ def velocity(
         used = "difference"
     attributes: dict[str, object] = {}
     if used == "spline":
-        v, u, attributes = _spline(t, y, known, noise is None, breaks)
+        cuts = (_times(breaks, "breaks"), _times(releases, "releases"))
+        v, u, attributes = _spline(t, y, known, noise is None, cuts)
     elif used in ("thesis", "difference"):
-        v, u = _differences(t, y, known.sigma, _odd(window, len(t)) if used == "thesis" else 1)
-        span = window if used == "thesis" else 2
+        span = _odd(window, len(t)) if used == "thesis" else 1
+        v, u = _differences(t, y, known.sigma, span)
         half_rate = 0.5 / float(np.median(np.diff(t)))
-        attributes = _attributes(known, [half_rate / span] * 2, 0, {"samples": len(t)})
+        attributes = _attributes(known, [half_rate / max(span, 2)] * 2, 0, {"samples": len(t)})
+        attributes["window"] = span
     else:
         message = f'method must be "spline", "thesis" or "difference"; found "{method}"'
         raise InputError(message)
@@ -160,10 +167,18 @@ def checked_record(displacement: xr.DataArray) -> tuple[Array, Array]:
 
 
 def _odd(window: int, n: int) -> int:
-    if window < 1 or window % 2 == 0 or window > n:
-        message = f"window must be odd, from 1 to the {n} readings; found {window}"
+    if not 1 <= window <= n:
+        message = f"window must be from 1 to the {n} readings; found {window}"
         raise InputError(message)
-    return window
+    return window - 1 + window % 2
+
+
+def _times(times: ArrayLike | None, name: str) -> list[float]:
+    found = np.asarray([] if times is None else times, float).ravel()
+    if not np.isfinite(found).all():
+        message = f"{name} must be finite times in s; found {found[~np.isfinite(found)][0]}"
+        raise InputError(message)
+    return [float(time) for time in found]
 
 
 def _spline(
@@ -171,7 +186,7 @@ def _spline(
     y: Array,
     known: Noise,
     may_refine: bool,
-    breaks: NDArray[np.float64] | list[float] | None,
+    cuts: tuple[list[float], list[float]],
 ) -> tuple[Array, Array, dict[str, object]]:
     """Velocity, uncertainty and attributes of the smoothing spline."""
     counts = {"samples": len(t)}
@@ -185,14 +200,13 @@ def _spline(
             f"velocity: {n_spikes} single readings stand out by more than 8 sigma and are left out"
         )
         warnings.warn(text, UserWarning, stacklevel=3)
-    cuts = None if breaks is None else np.asarray(breaks, float)
-    fit = smooth(t[~spike], y[~spike], known.sigma, cuts)
+    fit = smooth(t[~spike], y[~spike], known.sigma, *cuts)
     n_updates = fit.n_updates
     if may_refine and known.block == 1:
         found = _residual_sigma(fit, t[~spike], y[~spike], known)
         if not 1 / _WHITE_RESIDUAL < found / known.sigma < _WHITE_RESIDUAL:
             known = known._replace(sigma=found)
-            fit = smooth(t[~spike], y[~spike], known.sigma, cuts)
+            fit = smooth(t[~spike], y[~spike], known.sigma, *cuts)
             n_updates += fit.n_updates
     _warn_of_fast_motion(y[~spike] - evaluate(fit, t[~spike], 0)[0], float(np.ptp(y)), known)
     v, u = evaluate(fit, t, 1)

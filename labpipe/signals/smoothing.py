@@ -16,6 +16,7 @@ S. N. Wood and M. Fasiolo, Biometrics 73 (2017) 1071, doi:10.1111/biom.12666 (th
 D. Nychka, J. Am. Stat. Assoc. 83 (1988) 1134, doi:10.1080/01621459.1988.10478711 (the variance).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -42,6 +43,8 @@ _POOL = 6  # knot intervals on either side that share their estimate of lambda
 _SHARED_WEIGHT = 2.0  # weight, in effective parameters, of all intervals of the same length
 _LAMBDA_RANGE = (1e-8, 1e8)  # relative to h^7; beyond it the penalty is off, or rigid
 _REFINEMENTS = 3
+_AT_CONTACT, _AT_RELEASE = DEGREE - 2, DEGREE - 1  # multiplicity: derivative 3, derivative 2 jumps
+_CLOSE = 0.5  # sampling intervals
 _MISFIT = 4.5  # sigmas that a windowed sum of residuals may reach before knots are added
 
 
@@ -78,7 +81,13 @@ class _Basis(NamedTuple):
         return sparse.csr_array((self.rows.ravel(), columns, pointers), shape=(n, n_coefficients))
 
 
-def smooth(time: Array, values: Array, sigma: float, breaks: Array | None = None) -> Smooth:
+def smooth(
+    time: Array,
+    values: Array,
+    sigma: float,
+    contacts: Sequence[float] = (),
+    releases: Sequence[float] = (),
+) -> Smooth:
     """Fit the spline to finite samples.
 
     Parameters
@@ -89,8 +98,10 @@ def smooth(time: Array, values: Array, sigma: float, breaks: Array | None = None
         Finite samples.
     sigma : float
         Standard deviation of white noise, > 0.
-    breaks : array, optional
-        Times at which the second derivative may jump.
+    contacts : sequence of float
+        Times at which the third derivative may jump: a convex body meets or leaves a flat.
+    releases : sequence of float
+        Times at which the second derivative may jump: a body is let go, or hits a hard stop.
 
     Returns
     -------
@@ -100,7 +111,10 @@ def smooth(time: Array, values: Array, sigma: float, breaks: Array | None = None
     x = (time - time[0]) / scale
     offset = float(np.mean(values))
     z = (values - offset) / sigma
-    cuts = np.empty(0) if breaks is None else (np.asarray(breaks, float) - time[0]) / scale
+    cuts = [
+        (np.sort((np.asarray(times, float) - time[0]) / scale), multiplicity)
+        for times, multiplicity in ((contacts, _AT_CONTACT), (releases, _AT_RELEASE))
+    ]
     lengths = graded(smooth_lengths(x, z))
     n_updates = 0
     for attempt in range(_REFINEMENTS + 1):
@@ -144,8 +158,8 @@ def evaluate(fit: Smooth, time: Array, derivative: int = 0) -> tuple[Array, Arra
     return (value + fit.offset if derivative == 0 else value), u
 
 
-def _knots(x: Array, lengths: Array, cuts: Array) -> Array:
-    """Knots at a density that follows the smooth lengths; four-fold at the cuts."""
+def _knots(x: Array, lengths: Array, cuts: list[tuple[Array, int]]) -> Array:
+    """Place knots at a density that follows the smooth lengths; manifold ones at the cuts."""
     n = len(x)
     density = 1.0 / np.maximum(lengths / _KNOTS_PER_PIECE, _FEWEST_SAMPLES_PER_KNOT)
     count = np.concatenate([[0.0], np.cumsum(density * LEAF)])
@@ -153,13 +167,16 @@ def _knots(x: Array, lengths: Array, cuts: Array) -> Array:
     wanted = np.linspace(0.0, count[-1], max(int(np.ceil(count[-1])), 1) + 1)
     breaks = np.interp(np.interp(wanted, count, edge), np.arange(n), x)
     breaks = breaks[np.concatenate([[True], np.diff(breaks) > 0])]
-    inside = np.unique(cuts[(cuts > x[1]) & (cuts < x[-2])])
-    if len(inside):
-        # A simple knot close to a break would leave an interval without samples.
-        nearest = np.abs(breaks[:, None] - inside[None, :]).min(axis=1)
-        keep = nearest > 0.5
-        keep[[0, -1]] = True
-        breaks = np.sort(np.concatenate([breaks[keep], np.repeat(inside, PENALTY_ORDER)]))
+    for times, multiplicity in cuts:
+        inside = np.unique(times[(times > x[1]) & (times < x[-2])])
+        if len(inside):
+            # A simple knot close to a cut would leave an interval without samples.
+            fences = np.concatenate([[-np.inf], inside, [np.inf]])
+            place = np.searchsorted(fences, breaks)
+            is_kept = np.minimum(fences[place] - breaks, breaks - fences[place - 1]) > _CLOSE
+            is_kept[[0, -1]] = True
+            breaks = np.concatenate([breaks[is_kept], np.repeat(inside, multiplicity)])
+            breaks.sort()
     return np.concatenate([np.repeat(breaks[0], DEGREE), breaks, np.repeat(breaks[-1], DEGREE)])
 
 
