@@ -128,6 +128,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and leave with its exit code."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     debug, wants_json = "--debug" in arguments, "--json" in arguments
+    # --debug is welcome anywhere in the line; click knows it only before the command
+    arguments = ["--debug"] * debug + [a for a in arguments if a != "--debug"]
     if (clash := foreign_package()) is not None:
         click.echo(f"error: {clash}", err=True)
         sys.exit(3)

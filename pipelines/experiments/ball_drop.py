@@ -79,8 +79,8 @@ def bounces(displacement: xr.Dataset, *, settings: BallDrop) -> xr.Dataset:
     found = signals.bounces(displacement)
     relative = float(displacement.attrs["u_systematic_relative"])
     for name in ("incoming_speed", "outgoing_speed", "drop_height"):
-        total = np.hypot(found[f"u_{name}"], relative * found[name])
-        found[f"u_{name}"] = total.assign_attrs(found[f"u_{name}"].attrs)
+        own, scale = found[f"u_{name}"], relative * found[name].values
+        found[f"u_{name}"] = own.copy(data=np.hypot(own.values, scale))
     return found
 
 
@@ -118,11 +118,14 @@ def repeats(
     ]
     made = signals.combine_repeats(shifted, starts)
     speeds = signals.combine_repeats([v["velocity"] for v in velocity], starts)
-    made = made.merge(speeds.drop_vars("is_outlier"), combine_attrs="drop")
+    made = made.merge(speeds.drop_vars(["is_outlier", "n"]))
     relative = float(displacement[0].attrs["u_systematic_relative"])
-    made["u_displacement_mean"] = np.hypot(
-        made["displacement_sd"] / np.sqrt(made["n"]), relative * made["displacement_mean"]
-    ).assign_attrs(units="m", long_name="standard uncertainty: mean displacement")
+    random = made["displacement_sd"].values / np.sqrt(np.maximum(made["n"].values, 1))
+    made["u_displacement_mean"] = (
+        "time",
+        np.hypot(np.nan_to_num(random), relative * made["displacement_mean"].values),
+        {"units": "m", "long_name": "standard uncertainty: mean displacement"},
+    )
     made = made.merge(_table(bounces))
     made.attrs = {"u_systematic_relative": relative}
     return made
@@ -181,10 +184,10 @@ def model(
         p = settings.plate
         plate = contact.Plate(p.mass.value, p.frequency.value, p.damping_ratio.value)
 
-    def simulate(**values: float) -> xr.Dataset:
+    def simulate(height: float, radius: float, mass: float) -> xr.Dataset:
         return contact.drop(
-            solid, duration=duration, solver=chosen.solver, profile=chosen.profile,
-            rtol=chosen.rtol, gravity=gravity, plate=plate, times=times, **values,
+            solid, radius, mass, height, duration, chosen.solver, chosen.profile, chosen.rtol,
+            gravity=gravity, plate=plate, times=times,
         )  # fmt: skip
 
     base = {name: quantity.value for name, quantity in inputs.items()}
@@ -234,9 +237,8 @@ def comparison(repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) ->
     time = window.dropna("time").values
     measured = repeats["displacement_mean"].sel(time=time)
     simulated = np.interp(time, since, model["displacement"].values)
-    made = signals.compare(measured, measured.copy(data=simulated))
-    made = made.merge(_bounces_compared(repeats, model, first))
-    return made
+    curves = signals.compare(measured, measured.copy(data=simulated))
+    return curves.merge(_bounces_compared(repeats, model, first))
 
 
 def _bounces_compared(repeats: xr.Dataset, model: xr.Dataset, first: float) -> xr.Dataset:

@@ -92,7 +92,8 @@ def _summary(
         rows += [
             ("nRMSE of displacement", f"{float(comparison['nrmse']) * 100:.2f} %",
              "root mean square of measured minus model, over the range of the measurement"),
-            ("bias", value_with_uncertainty(float(comparison["bias"]), 0.0, "m"), "mean difference"),
+            ("bias", value_with_uncertainty(float(comparison["bias"]), 0.0, "m"),
+             "mean difference"),
             ("largest difference",
              value_with_uncertainty(float(comparison["max_error"]), 0.0, "m"), ""),
         ]  # fmt: skip
@@ -114,10 +115,12 @@ def _measured(settings: BallDrop, readings: list[xr.Dataset] | None, context: Co
     if readings:
         first = readings[0]
         interval = float(first.attrs["sampling_interval"])
+        rate = value_with_uncertainty(1 / interval, 0.0, "Hz")
+        name, model = (str(first.attrs.get(key, "")) for key in ("instrument", "model"))
         rows[1:1] = [
-            ("instrument", str(first.attrs.get("instrument", "")), str(first.attrs.get("model", ""))),
-            ("sampling", value_with_uncertainty(1 / interval, 0.0, "Hz"), f"{first.sizes['time']} points"),
-        ]  # fmt: skip
+            ("instrument", name, model),
+            ("sampling", rate, f"{first.sizes['time']} points"),
+        ]
         if first.attrs.get("layout") == "assumed":
             blocks.append(
                 Notice(
@@ -244,10 +247,10 @@ def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None) -> Section:
         Column("restitution", u=9), Column("u"),
     ]  # fmt: skip
     names = ("touch_time", "incoming_speed", "outgoing_speed", "restitution")
-    rows: list[list[object]] = []
+    rows: list[list[float | int | str | bool | None]] = []
     for i in range(repeats.sizes["impact"]):
         at = repeats.isel(impact=i)
-        row: list[object] = [int(at["impact"]), int(at["n_repeats"])]
+        row: list[float | int | str | bool | None] = [int(at["impact"]), int(at["n_repeats"])]
         for name in names:
             row += [float(at[name]), float(at[f"u_{name}"])]
         rows.append(row)
@@ -262,8 +265,7 @@ def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None) -> Section:
                  "touch_time_difference", "u_touch_time_difference")  # fmt: skip
         count = comparison.sizes["impact"]
         for i, row in enumerate(rows):
-            at = comparison.isel(impact=i) if i < count else None
-            row += [None if at is None else float(at[name]) for name in shown]
+            row += [float(comparison[n][i]) if i < count else None for n in shown]
     caption = (
         "Every bounce: mean over the repeats that show it, with its standard uncertainty. The "
         "uncertainty of a difference holds the model's from height, radius and mass."
@@ -343,7 +345,8 @@ def _methods(
     if comparison is not None:
         text += (
             "The normalised root-mean-square error between the mean displacement and the model, "
-            f"relative to the range of the measurement, was {float(comparison['nrmse']) * 100:.2f} %. "
+            "relative to the range of the measurement, was "
+            f"{float(comparison['nrmse']) * 100:.2f} %. "
         )
     e, u = float(repeats["restitution"][0]), float(repeats["u_restitution"][0])
     text += (

@@ -28,7 +28,7 @@ class DropRig:
     sensor: LaserSensor = field(
         default_factory=lambda: LaserSensor(inclination=float(np.deg2rad(12.07)))
     )
-    floor: Floor = field(default_factory=lambda: Floor(mass=400.0))
+    floor: Floor = field(default_factory=lambda: Floor(mass=1500.0))
     duration: float = 0.5
     release: float = 0.02
     release_jitter: float = 2e-3

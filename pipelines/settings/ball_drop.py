@@ -9,7 +9,7 @@ from labpipe.workflow.config import POSITIVE, File, Length, Time
 from pipelines.settings.common import DropModel, Keyence, Plate, Sphere, Table
 
 
-class Sensor(Table):
+class Sensor(Table, frozen=True, kw_only=True):
     """Which output of the controller sees the holder, and which way it counts.
 
     ``direction`` is +1 when the reading grows as the holder moves up, −1 when it falls.
@@ -21,7 +21,7 @@ class Sensor(Table):
     serial: str | None = None
 
 
-class Analysis(Table):
+class Analysis(Table, frozen=True, kw_only=True):
     """How displacement becomes velocity and bounces.
 
     ``velocity`` is the smoothing spline, or the central differences and moving average of the
@@ -34,7 +34,7 @@ class Analysis(Table):
     inclination_from_height: bool = False
 
 
-class BallDrop(Table):
+class BallDrop(Table, frozen=True, kw_only=True):
     """One sphere, one height, one or more recordings of the laser.
 
     ``measured_on`` is the day of the measurement, for the validity of the calibration record;

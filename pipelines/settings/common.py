@@ -23,7 +23,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     """A table of session.toml; an unknown key is a mistake, not a wish."""
 
 
-class MaterialChoice(Table):
+class MaterialChoice(Table, frozen=True, kw_only=True):
     """Where the material comes from: exactly one of three.
 
     ``material`` is a name of the library (``acrylic``), ``material_file`` a TOML file of the
@@ -47,14 +47,14 @@ class MaterialChoice(Table):
             raise ValueError(message)
 
 
-class Sphere(MaterialChoice):
+class Sphere(MaterialChoice, frozen=True, kw_only=True):
     """The falling body; ``mass`` is all that moves, sphere and holder."""
 
     radius: Annotated[Length, POSITIVE]
     mass: Annotated[Mass, POSITIVE]
 
 
-class Keyence(Table):
+class Keyence(Table, frozen=True, kw_only=True):
     """What a laser export may leave unsaid; nothing here is guessed.
 
     ``cycle`` is the time between stored points; ``units`` has one entry per output.
@@ -66,7 +66,7 @@ class Keyence(Table):
     decimal: Literal[".", ","] | None = None
 
 
-class Plate(Table):
+class Plate(Table, frozen=True, kw_only=True):
     """The plate under the sphere as a damped oscillator, when it is to be part of the model."""
 
     mass: Annotated[Mass, POSITIVE]
@@ -74,7 +74,7 @@ class Plate(Table):
     damping_ratio: Annotated[Dimensionless, Range(at_least=0.0, below=1.0)]
 
 
-class DropModel(Table):
+class DropModel(Table, frozen=True, kw_only=True):
     """How the drop is simulated.
 
     ``profile`` is the gap's shape: the parabola of the thesis or the exact sphere (7e-4 in force

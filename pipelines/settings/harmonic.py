@@ -6,7 +6,7 @@ from labpipe.workflow.config import POSITIVE, File, Length, Range
 from pipelines.settings.common import MaterialChoice, Table
 
 
-class Punch(Table):
+class Punch(Table, frozen=True, kw_only=True):
     """The indenter: cylindrical tips of one radius, ``period`` apart.
 
     ``depth`` is the length of one tip along its axis; ``tips`` how many touch.
@@ -18,13 +18,13 @@ class Punch(Table):
     tips: Annotated[int, Range(at_least=1, at_most=1000)] = 3
 
 
-class Substrate(MaterialChoice):
+class Substrate(MaterialChoice, frozen=True, kw_only=True):
     """The rubber: its material and, when it is a thin bonded sheet, its thickness."""
 
     thickness: Annotated[Length, POSITIVE] | None = None
 
 
-class LoadCell(Table):
+class LoadCell(Table, frozen=True, kw_only=True):
     """How force is prepared.
 
     ``correct_filter_lag`` removes the delay of the low-pass that the header declares.
@@ -35,20 +35,20 @@ class LoadCell(Table):
     tare: bool = True
 
 
-class Cycles(Table):
+class Cycles(Table, frozen=True, kw_only=True):
     """Which cycles count: the first ``skip`` are the transient."""
 
     skip: Annotated[int, Range(at_least=0, at_most=100000)] = 3
 
 
-class IndentationModel(Table):
+class IndentationModel(Table, frozen=True, kw_only=True):
     """How the indentation is simulated: tip profile and strips per period."""
 
     profile: Literal["parabola", "circle", "cosine"] = "circle"
     elements: Annotated[int, Range(at_least=64, at_most=16384)] = 1024
 
 
-class Harmonic(Table):
+class Harmonic(Table, frozen=True, kw_only=True):
     """One Mach-1 file with one or more Sinusoid blocks.
 
     Without ``punch`` and ``substrate`` there is nothing to simulate: the report then holds the
