@@ -128,7 +128,7 @@ def make_plan(
     full: bool = False,
 ) -> Plan:
     """Make the plan for some tasks out of all; see :func:`plan`."""
-    behind = set(wanted).union(*(ancestors(tasks, name) for name in wanted))
+    behind = wanted | set(ancestors(tasks, *wanted))
     tasks = {name: task for name, task in tasks.items() if name in behind}
     keys = make_keys(session, tasks, store.index, full=full)
     states = {name: _state(session, store, tasks[name], keys[name]) for name in tasks}

@@ -297,10 +297,10 @@ def _flatten(prefix: str, value: Any, flat: dict[str, Any]) -> None:
         flat[prefix] = list(value) if isinstance(value, tuple) else value
 
 
-def ancestors(tasks: Mapping[TaskId, Task], task_id: TaskId) -> list[TaskId]:
-    """All tasks behind one, in the order of the session."""
+def ancestors(tasks: Mapping[TaskId, Task], *task_ids: TaskId) -> list[TaskId]:
+    """List all tasks behind some, in the order of the session."""
     found: set[TaskId] = set()
-    waiting = [task_id]
+    waiting = list(task_ids)
     while waiting:
         new = [b for b in tasks[waiting.pop()].before if b not in found]
         found.update(new)

