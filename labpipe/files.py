@@ -143,12 +143,15 @@ def write_dataset(path: str | os.PathLike[str], dataset: "xr.Dataset") -> None:
     from labpipe import netcdf
 
     prepared = netcdf.prepare(dataset)
-    _replace(
-        Path(path),
-        netcdf.size(prepared),
-        lambda part: netcdf.write(part, prepared),
-        lambda part: netcdf.verify(part, prepared),
-    )
+    stamped, encoding = netcdf.encode(prepared)
+
+    def fill(part: Path) -> None:
+        stamped.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding)
+
+    def verify(part: Path) -> None:
+        netcdf.verify(part, prepared)
+
+    _replace(Path(path), netcdf.size(prepared), fill, verify)
 
 
 def read_dataset(path: str | os.PathLike[str]) -> "xr.Dataset":

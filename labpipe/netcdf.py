@@ -132,8 +132,8 @@ def size(dataset: xr.Dataset) -> int:
     return int(dataset.nbytes * 1.05) + 65536
 
 
-def write(path: Path, prepared: xr.Dataset) -> None:
-    """Write a prepared Dataset with checksums; nothing is verified here."""
+def encode(prepared: xr.Dataset) -> tuple[xr.Dataset, dict[str, dict[str, Any]]]:
+    """Stamp a prepared Dataset with its digest, and say how each variable is to be stored."""
     encoding: dict[str, dict[str, Any]] = {}
     for name, variable in prepared.variables.items():
         entry: dict[str, Any] = {}
@@ -142,8 +142,7 @@ def write(path: Path, prepared: xr.Dataset) -> None:
         if variable.ndim and variable.size and variable.dtype.kind != "U":
             entry["fletcher32"] = True
         encoding[str(name)] = entry
-    stamped = prepared.assign_attrs({_DIGEST: value_digest(prepared)})
-    stamped.to_netcdf(path, engine="netcdf4", format="NETCDF4", encoding=encoding)
+    return prepared.assign_attrs({_DIGEST: value_digest(prepared)}), encoding
 
 
 def verify(path: Path, prepared: xr.Dataset) -> None:

@@ -22,6 +22,8 @@ GROUND = {
     "schema",
     "frames",
     "files",
+    "names",
+    "netcdf",
     "text",
     "numbers",
     "binary",

@@ -206,7 +206,7 @@ def test_what_a_structure_refuses_itself_is_reported_at_its_table(tmp_path: Path
 def test_no_tree_of_values_escapes_the_check(tree: dict[str, object]) -> None:
     document = config.Document(Path("c.toml"), tree, {(): 1})
     found = config.Checker(document, Path("/nowhere")).structure(Everything, tree, ())
-    assert isinstance(found, Everything) != bool(document.problems)
+    assert isinstance(found, Everything) or document.problems
 
 
 @pytest.mark.parametrize(
