@@ -30,6 +30,7 @@ Shape = Literal["rigid", "affine"]
 #: low enough for grainy films (noise as strong as 0.8 times the pattern).
 DEFAULT_MIN_ZNCC = 0.6
 DEFAULT_TOLERANCE = 5e-5
+DEFAULT_BLUR = 0.5
 DEFAULT_ITERATIONS = 30
 
 
@@ -43,7 +44,7 @@ def track(
     *,
     select: slice | Sequence[int] | NDArray[np.integer] | None = None,
     seeds: ArrayLike | None = None,
-    blur: float = 0.0,
+    blur: float = DEFAULT_BLUR,
     min_zncc: float = DEFAULT_MIN_ZNCC,
     tolerance: float = DEFAULT_TOLERANCE,
     max_iterations: int = DEFAULT_ITERATIONS,
@@ -73,7 +74,8 @@ def track(
     seeds : array (point, 2) [px], optional
         Displacement to start from in the first frame after the static ones.
     blur : float [px]
-        Gaussian blur of reference and frames; 0.5 lowers the bias on very fine speckle.
+        Gaussian blur of reference and frames; 0 for none. The default lowers bias on fine speckle
+        and the effect of grain; 1.0 is better for images drowned in noise.
     min_zncc : float [1]
         Correlation below which a point is lost.
     tolerance : float [px]

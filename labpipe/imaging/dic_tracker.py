@@ -24,6 +24,10 @@ Flags = NDArray[np.bool_]
 _SURPRISE = 1.5
 #: Distance from a neighbour's or a template's proposal (px) within which it is confirmed.
 _CONFIRMED = 2.5
+#: When so few of so many points converge near their prediction, they did by chance.
+_CHANCE, _MANY = 0.2, 10
+#: Neighbours that are asked, and the distance (px) from their median that calls for a second look.
+_NEIGHBOURS, _OUTVOTED = 6, 1.0
 #: Agreement of surprised points with each other (px), and how many are needed.
 _MUTUAL, _MUTUAL_COUNT = 0.5, 5
 #: Drop of the correlation relative to the last frame that calls for a check.
@@ -33,7 +37,7 @@ _SEEDS_FIRST, _SEEDS_LATER = 12, 4
 #: Frames after which a lost point is looked for only every so often.
 _PATIENCE, _SELDOM = 64, 8
 #: Rounds of propagation from neighbour to neighbour.
-_ROUNDS = 8
+_ROUNDS = 16
 #: The constant-velocity prediction is not stretched over more than this times the last step.
 _STRETCH = 3.0
 
@@ -261,12 +265,17 @@ class _Recovery:
     def run(self) -> None:
         """Go from the cheap to the dear: agreement, neighbours, template matches."""
         attempt = self._attempt
+        tracked = self._tracker._is_tracked
+        if attempt.trusted.sum() < _CHANCE * tracked.sum() and tracked.sum() >= _MANY:
+            attempt.trusted[:] = False
         self._trust_agreement()
         self._propagate()
         for _ in range(2):
             if attempt.trusted.all() or not self._seed():
                 break
             self._propagate()
+        self._outvote()
+        self._propagate()
         # A changed correlation without a jump (light, focus) needs no confirmation.
         moved = np.hypot(*(attempt.motion - self._expected)[:, [0, 3]].T)
         calm = self._tracker.accepts(attempt.code, attempt.zncc) & (moved <= _SURPRISE)
@@ -290,25 +299,41 @@ class _Recovery:
             attempt.trusted[solved[agree]] = True
 
     def _propagate(self) -> None:
-        """Start untrusted points from the motion of their nearest trusted neighbour."""
+        """Start untrusted points from the motions of their nearest trusted neighbours, in turn."""
         attempt, tracker = self._attempt, self._tracker
-        tried_from = np.full(len(attempt.trusted), -1)
+        rank = 0
         for _ in range(_ROUNDS):
             waiting = np.flatnonzero(~attempt.trusted)
             trusted = np.flatnonzero(attempt.trusted)
-            if not len(waiting) or not len(trusted):
+            if not len(waiting) or rank >= min(len(trusted), _NEIGHBOURS):
                 return
-            nearest = trusted[_nearest(tracker._places[waiting], tracker._places[trusted])]
-            new = nearest != tried_from[waiting]
-            waiting, nearest = waiting[new], nearest[new]
-            if not len(waiting):
-                return
-            tried_from[waiting] = nearest
-            start = attempt.motion[nearest].copy()
-            offset = tracker._places[waiting] - tracker._places[nearest]
-            start[:, [0, 3]] = shift_of(attempt.motion[nearest], offset)
-            if not self._try(waiting, start):
-                return
+            near = _nearest(tracker._places[waiting], tracker._places[trusted], rank + 1)
+            start = self._carry(trusted[near[:, rank]], waiting)
+            # A neighbour that is wrong itself must not stand in the way: ask the next one.
+            rank = 0 if self._try(waiting, start) else rank + 1
+
+    def _carry(self, sources: Indices, targets: Indices) -> Floats:
+        """Motions of source points continued to the places of target points."""
+        places = self._tracker._places
+        start = self._attempt.motion[sources].copy()
+        start[:, [0, 3]] = shift_of(start, places[targets] - places[sources])
+        return start
+
+    def _outvote(self) -> None:
+        """Correct trusted points that contradict the median of their neighbours."""
+        attempt, tracker = self._attempt, self._tracker
+        trusted = np.flatnonzero(attempt.trusted)
+        if len(trusted) <= _NEIGHBOURS:
+            return
+        near = _nearest(tracker._places[trusted], tracker._places[trusted], _NEIGHBOURS + 1)
+        votes = np.stack(
+            [self._carry(trusted[near[:, k]], trusted) for k in range(1, _NEIGHBOURS + 1)]
+        )
+        start = np.median(votes, axis=0)
+        apart = np.hypot(*(start - attempt.motion[trusted])[:, [0, 3]].T)
+        odd = apart > _OUTVOTED
+        if odd.any():
+            self._try(trusted[odd], start[odd])
 
     def _seed(self) -> bool:
         """Match templates for some untrusted points; True when one was found."""
@@ -392,8 +417,9 @@ class _Recovery:
         return bool(self._is_in_frame(chosen, start).any())
 
 
-def _nearest(places: Floats, others: Floats) -> Indices:
-    """For every place the number of the nearest of the others."""
+def _nearest(places: Floats, others: Floats, count: int) -> Indices:
+    """For every place the numbers of its nearest others, shape (place, count)."""
     from scipy.spatial import cKDTree
 
-    return np.asarray(cKDTree(others).query(places)[1], np.int64)
+    found = cKDTree(others).query(places, k=range(1, count + 1))[1]
+    return np.asarray(found, np.int64)

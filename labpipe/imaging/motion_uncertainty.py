@@ -130,7 +130,11 @@ def motion_variance(
     texture = 1.0 - noise_slopes[:, None] / np.maximum(slopes, 1e-30)
     has_texture = texture.min(axis=1) > _LEAST_TEXTURE
     texture = np.where(has_texture[:, None], texture, np.nan)
-    covariance /= np.column_stack([texture, texture.mean(axis=1)]) ** 2
+    texture = np.column_stack([texture, texture.mean(axis=1)])
+    # Noise of the slopes meets the noise of the frame only: with its own it cancels, because the
+    # slope of a pixel does not depend on that pixel and the weights are odd.
+    by_frame = np.divide(square, passed, out=np.zeros_like(passed), where=passed > 0)[:, None]
+    covariance *= (texture + by_frame * (1.0 - texture)) / texture**2
     return covariance, has_texture
 
 

@@ -21,7 +21,9 @@ SOLVED, LEFT_WINDOW, NOT_CONVERGED, NO_TEXTURE = 0, 1, 2, 3
 CAPTURE = 12.0
 
 # A first step has no history: a step of e px leaves an error below e²/2 (measured: 0.2 e²).
-_FIRST_SHRINK = 2.0
+_FIRST_SHRINK = 0.5
+# Longest stretch of a step: noise then holds three quarters of the squared slopes.
+_MOST_RELAXATION = 4.0
 # Sums over a subset may be reordered and fused; NaN must still compare as NaN.
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 
@@ -260,23 +262,148 @@ def _is_inside(
 
 
 @njit(cache=True, nogil=True)
+def _sum_subset(
+    coefficients: Image32,
+    order: int,
+    corner: tuple[float, float],
+    layout: Integers,
+    packed: Image32,
+    level: float,
+    p: Floats,
+    values: Image32,
+    sums: Floats,
+) -> None:
+    """Interpolate a whole subset of the frame and sum what the normal equations need."""
+    half, place, pitch = layout[2], layout[3], layout[4]
+    width = 2 * half + 1
+    sums[:] = 0.0
+    for row in range(width):
+        i = float(row - half)
+        x = layout[0] - corner[0] - half + p[0] - p[1] * half + p[2] * i
+        y = layout[1] - corner[1] + i + p[3] - p[4] * half + p[5] * i
+        _sample_row(coefficients, order, x, y, p[1], p[4], width, values)
+        _accumulate(
+            values,
+            np.float32(level),
+            packed[0, place : place + pitch],
+            packed[1, place : place + pitch],
+            packed[2, place : place + pitch],
+            float(half),
+            width,
+            i,
+            sums,
+        )
+        place += pitch
+
+
+@njit(cache=True, nogil=True)
+def _gauss_newton_step(
+    sums: Floats,
+    pixels: float,
+    energy: float,
+    moments: Floats,
+    normal: Floats,
+    inverse: Floats,
+    step: Floats,
+    quality: Floats,
+) -> bool:
+    """Step, gain, residual and correlation from the sums; False when nothing is alike."""
+    average = sums[0] / pixels
+    contrast = sums[1] - average * sums[0]
+    # Written so that NaN fails.
+    if not (sums[2] > 0.0 and contrast > 0.0):
+        return False
+    gain = energy / sums[2]
+    for a in range(6):
+        step[a] = 0.0
+        for b in range(6):
+            slope = gain * (sums[3 + b] - average * moments[0, b]) - moments[1, b]
+            step[a] += inverse[a, b] * slope
+    # The last step is not evaluated again: by how much it lowers the residual is known.
+    fall = 0.0
+    for a in range(6):
+        for b in range(6):
+            fall += step[a] * normal[a, b] * step[b]
+    residual = max(gain * gain * contrast - energy - fall, 0.0)
+    quality[0] = gain
+    quality[1] = residual
+    quality[2] = math.sqrt(energy / (energy + residual))
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _iterate(
+    coefficients: Image32,
+    order: int,
+    corner: tuple[float, float],
+    window: tuple[float, float, float, float],
+    layout: Integers,
+    is_rigid: bool,
+    packed: Image32,
+    level: Floats,
+    moments: Floats,
+    normal: Floats,
+    inverse: Floats,
+    tolerance: float,
+    max_iterations: int,
+    p: Floats,
+    quality: Floats,
+    work: tuple[Floats, Floats, Floats, Image32],
+) -> tuple[int, int]:
+    """Iterate one subset; evaluations and result code."""
+    sums, step, before, values = work
+    half = layout[2]
+    pixels = float((2 * half + 1) ** 2)
+    start_x, start_y = p[0], p[3]
+    last2 = 0.0
+    relaxation = 1.0
+    before[:] = 0.0
+    if inverse[0, 0] <= 0.0:
+        return 0, NO_TEXTURE
+    for iteration in range(max_iterations):
+        if not _is_inside(layout[0], layout[1], half, p, window):
+            return iteration, LEFT_WINDOW
+        _sum_subset(coefficients, order, corner, layout, packed, level[0], p, values, sums)
+        if not _gauss_newton_step(sums, pixels, level[1], moments, normal, inverse, step, quality):
+            return iteration + 1, NOT_CONVERGED
+        size2 = 0.0
+        along = 0.0
+        for a in range(6):
+            weight = half * half / 3.0 if a % 3 else 1.0
+            size2 += weight * step[a] * step[a]
+            along += weight * step[a] * before[a]
+            before[a] = step[a]
+        shrink = math.sqrt(size2) * _FIRST_SHRINK
+        if last2 > 0.0:
+            # Noise in the slopes makes the steps too short by a constant factor, which shows in
+            # two steps along the same line.
+            relaxation /= 1.0 - min(along / last2, 0.75)
+            relaxation = min(max(relaxation, 1.0), _MOST_RELAXATION)
+            shrink = math.sqrt(size2 / last2)
+        last2 = size2
+        for a in range(6):
+            step[a] *= relaxation
+        compose_with_inverse(p, step, is_rigid)
+        # Written so that NaN is beyond.
+        if not math.hypot(p[0] - start_x, p[3] - start_y) < CAPTURE:
+            return iteration + 1, NOT_CONVERGED
+        # Steps shrink by about a constant factor, so the next one can be foreseen.
+        if math.sqrt(size2) * min(shrink, 1.0) < tolerance:
+            return iteration + 1, SOLVED
+    return max_iterations, NOT_CONVERGED
+
+
+@njit(cache=True, nogil=True)
 def solve_subsets(
     coefficients: Image32,
     order: int,
-    origin: tuple[float, float],
+    corner: tuple[float, float],
     window: tuple[float, float, float, float],
     chosen: Integers,
-    subset_x: Integers,
-    subset_y: Integers,
-    subset_half: Integers,
+    layout: Integers,
     is_rigid: NDArray[np.bool_],
-    start: Integers,
-    stride: Integers,
-    grey: Image32,
-    gradient_x: Image32,
-    gradient_y: Image32,
-    mean: Floats,
-    energy: Floats,
+    packed: Image32,
+    level: Floats,
     moments: Floats,
     normal: Floats,
     inverse: Floats,
@@ -287,73 +414,25 @@ def solve_subsets(
     counts: Integers,
 ) -> None:
     """Iterate every chosen subset to convergence; ``motion`` holds the start and the result."""
-    row_values = np.zeros(2 * LANES + 2 * np.max(subset_half) + 1, np.float32)
-    sums = np.zeros(9)
-    step = np.zeros(6)
+    values = np.zeros(2 * LANES + 2 * np.max(layout[:, 2]) + 1, np.float32)
+    work = (np.zeros(9), np.zeros(6), np.zeros(6), values)
     for q in range(len(chosen)):
         n = chosen[q]
-        half = subset_half[n]
-        width = 2 * half + 1
-        pixels = float(width * width)
-        p = motion[q]
-        start_x, start_y = p[0], p[3]
-        code = NOT_CONVERGED
-        last = _FIRST_SHRINK
-        if inverse[n, 0, 0] <= 0.0:
-            counts[q, 1] = NO_TEXTURE
-            continue
-        while counts[q, 0] < max_iterations:
-            if not _is_inside(subset_x[n], subset_y[n], half, p, window):
-                code = LEFT_WINDOW
-                break
-            sums[:] = 0.0
-            place = start[n]
-            pitch = stride[n]
-            for row in range(width):
-                i = float(row - half)
-                x = subset_x[n] - origin[0] - half + p[0] - p[1] * half + p[2] * i
-                y = subset_y[n] - origin[1] + i + p[3] - p[4] * half + p[5] * i
-                _sample_row(coefficients, order, x, y, p[1], p[4], width, row_values)
-                _accumulate(
-                    row_values,
-                    np.float32(mean[n]),
-                    grey[place : place + pitch],
-                    gradient_x[place : place + pitch],
-                    gradient_y[place : place + pitch],
-                    float(half),
-                    width,
-                    i,
-                    sums,
-                )
-                place += pitch
-            counts[q, 0] += 1
-            average = sums[0] / pixels
-            contrast = sums[1] - average * sums[0]
-            if not (sums[2] > 0.0 and contrast > 0.0):
-                break
-            gain = energy[n] / sums[2]
-            fall = 0.0
-            for a in range(6):
-                step[a] = 0.0
-                for b in range(6):
-                    slope = gain * (sums[3 + b] - average * moments[n, 0, b]) - moments[n, 1, b]
-                    step[a] += inverse[n, a, b] * slope
-            for a in range(6):
-                for b in range(6):
-                    fall += step[a] * normal[n, a, b] * step[b]
-            residual = gain * gain * contrast - energy[n]
-            compose_with_inverse(p, step, is_rigid[n])
-            quality[q, 0] = gain
-            # The last step is not evaluated again: its effect on the residual is known.
-            quality[q, 1] = max(residual - fall, 0.0)
-            quality[q, 2] = math.sqrt(energy[n] / (energy[n] + quality[q, 1]))
-            spread = step[1] ** 2 + step[2] ** 2 + step[4] ** 2 + step[5] ** 2
-            size = math.sqrt(step[0] ** 2 + step[3] ** 2 + spread * half * half / 3.0)
-            if not math.hypot(p[0] - start_x, p[3] - start_y) < CAPTURE + size:
-                break
-            # Steps shrink by about a constant factor, so the next one can be foreseen.
-            if size * min(size / last, 1.0) < tolerance:
-                code = SOLVED
-                break
-            last = size
-        counts[q, 1] = code
+        counts[q] = _iterate(
+            coefficients,
+            order,
+            corner,
+            window,
+            layout[n],
+            is_rigid[n],
+            packed,
+            level[n],
+            moments[n],
+            normal[n],
+            inverse[n],
+            tolerance,
+            max_iterations,
+            motion[q],
+            quality[q],
+            work,
+        )

@@ -65,43 +65,49 @@ class Subsets:
 
     Attributes
     ----------
-    x, y, half : integer arrays (point,) [px]
-        Centre pixel and half width; the subset is ``2 half + 1`` px wide.
+    layout : integer array (point, 5)
+        Centre pixel x and y, half width (px; the subset is ``2 half + 1`` wide), place in the
+        packed arrays, and length of a row there.
     is_rigid : bool array (point,)
         Translation and rotation, or the full affine motion.
-    start, stride : integer arrays (point,)
-        Where a subset begins in the packed arrays and how long its rows are.
-    grey, gradient_x, gradient_y : float32 arrays
-        Packed subsets; grey levels less their mean, rows filled up with zeros.
-    mean, energy : arrays (point,)
+    packed : float32 array (3, ...)
+        Grey levels less their mean, slope in x, slope in y; rows filled up with zeros.
+    level : array (point, 2)
         Mean grey level and sum of squares about it.
-    moments : array (point, 3, 6)
-        Sums over the subset of the steepest-descent images, alone and times the grey level, and
-        of the gradients' squares.
+    moments : array (point, 2, 6)
+        Sums of the six steepest-descent images, alone and times the grey level.
     normal : array (point, 6, 6)
         Normal matrix of the motion, gain and offset eliminated.
     inverse : array (point, 6, 6)
         Its inverse within the allowed motions; zero where there is no texture.
     """
 
-    x: Integers
-    y: Integers
-    half: Integers
+    layout: Integers
     is_rigid: NDArray[np.bool_]
-    start: Integers
-    stride: Integers
-    grey: Image32
-    gradient_x: Image32
-    gradient_y: Image32
-    mean: Floats
-    energy: Floats
+    packed: Image32
+    level: Floats
     moments: Floats
     normal: Floats
     inverse: Floats
 
     def __len__(self) -> int:
         """Return the number of subsets."""
-        return len(self.x)
+        return len(self.layout)
+
+    @property
+    def x(self) -> Integers:
+        """Column of each centre (px)."""
+        return self.layout[:, 0]
+
+    @property
+    def y(self) -> Integers:
+        """Row of each centre (px)."""
+        return self.layout[:, 1]
+
+    @property
+    def half(self) -> Integers:
+        """Half width of each subset (px)."""
+        return self.layout[:, 2]
 
 
 @dataclass(frozen=True)
@@ -159,41 +165,27 @@ def cut_subsets(
         A subset whose normal matrix is singular has ``inverse`` zero and is answered with
         ``NO_TEXTURE``.
     """
+    count = len(half)
     width = 2 * half + 1
     stride = -(-width // LANES) * LANES
-    sizes = width * stride
-    start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    start = np.concatenate([[0], np.cumsum(width * stride)])
+    layout = np.column_stack([centres, half, start[:-1], stride]).astype(np.int64)
     packed = np.zeros((3, int(start[-1])), np.float32)
-    count = len(half)
-    mean, energy = np.zeros(count), np.zeros(count)
-    moments, normal = np.zeros((count, 2, 6)), np.zeros((count, 6, 6))
-    x, y = (np.ascontiguousarray(centres[:, k], np.int64) for k in (0, 1))
-    layout = (x, y, half.astype(np.int64), start[:-1].copy(), stride.astype(np.int64))
-    _cut(image, gradient_x, gradient_y, *layout, packed, mean, energy, moments, normal)
-    safe = np.where(energy > 0, energy, 1.0)[:, None, None]
+    level, moments = np.zeros((count, 2)), np.zeros((count, 2, 6))
+    normal = np.zeros((count, 6, 6))
+    _cut(image, gradient_x, gradient_y, layout, packed, level, moments, normal)
+    energy = np.where(level[:, 1] > 0, level[:, 1], 1.0)[:, None, None]
     ones, greys = moments[:, 0], moments[:, 1]
     normal -= ones[:, :, None] * ones[:, None, :] / (width**2)[:, None, None]
-    normal -= greys[:, :, None] * greys[:, None, :] / safe
+    normal -= greys[:, :, None] * greys[:, None, :] / energy
     inverse = np.zeros_like(normal)
     for group, basis in ((is_rigid, _RIGID_FROM_AFFINE), (~is_rigid, np.eye(6))):
         if group.any():
             inverse[group] = _invert(normal[group], basis)
-    least = width**2 * (_LEAST_SLOPE * mean) ** 2
+    least = width**2 * (_LEAST_SLOPE * level[:, 0]) ** 2
     is_flat = (normal[:, 0, 0] <= least) | (normal[:, 3, 3] <= least)
     inverse[is_flat] = 0.0
-    return Subsets(
-        *layout[:3],
-        is_rigid,
-        *layout[3:],
-        packed[0],
-        packed[1],
-        packed[2],
-        mean,
-        energy,
-        moments,
-        normal,
-        inverse,
-    )
+    return Subsets(layout, is_rigid, packed, level, moments, normal, inverse)
 
 
 def _invert(normal: Floats, basis: Floats) -> Floats:
@@ -215,33 +207,27 @@ def _cut(
     image: Image32,
     gradient_x: Image32,
     gradient_y: Image32,
-    x: Integers,
-    y: Integers,
-    half: Integers,
-    start: Integers,
-    stride: Integers,
+    layout: Integers,
     packed: Image32,
-    mean: Floats,
-    energy: Floats,
+    level: Floats,
     moments: Floats,
     normal: Floats,
 ) -> None:
     """Pack the subsets; sums of squares by rows, so that the inner loops stay one-dimensional."""
-    for n in range(len(x)):
-        h = half[n]
+    for n in range(len(layout)):
+        x, y, h, place, pitch = layout[n]
         width = 2 * h + 1
         total = 0.0
         for i in range(-h, h + 1):
-            row = image[y[n] + i, x[n] - h : x[n] + h + 1]
+            row = image[y + i, x - h : x + h + 1]
             for k in range(np.uint64(width)):
                 total += row[k]
-        mean[n] = total / (width * width)
-        level = np.float32(mean[n])
-        place = start[n]
+        level[n, 0] = total / (width * width)
+        mean = np.float32(level[n, 0])
         for i in range(-h, h + 1):
-            row = image[y[n] + i, x[n] - h : x[n] + h + 1]
-            slope_x = gradient_x[y[n] + i, x[n] - h : x[n] + h + 1]
-            slope_y = gradient_y[y[n] + i, x[n] - h : x[n] + h + 1]
+            row = image[y + i, x - h : x + h + 1]
+            slope_x = gradient_x[y + i, x - h : x + h + 1]
+            slope_y = gradient_y[y + i, x - h : x + h + 1]
             f = packed[0, place : place + width]
             gx = packed[1, place : place + width]
             gy = packed[2, place : place + width]
@@ -249,7 +235,7 @@ def _cut(
             x0 = x1 = y0 = y1 = fx0 = fx1 = fy0 = fy1 = ff = np.float32(0)
             for k in range(np.uint64(width)):
                 j = np.float32(np.int32(k)) - np.float32(h)
-                a, b, c = slope_x[k], slope_y[k], row[k] - level
+                a, b, c = slope_x[k], slope_y[k], row[k] - mean
                 f[k], gx[k], gy[k] = c, a, b
                 ff += c * c
                 x0 += a
@@ -269,11 +255,11 @@ def _cut(
                 yy0 += b * b
                 yy1 += b * b * j
                 yy2 += b * b * j * j
-            energy[n] += ff
+            level[n, 1] += ff
             first = (x0, x1, y0, y1, fx0, fx1, fy0, fy1)
             second = (xx0, xx1, xx2, xy0, xy1, xy2, yy0, yy1, yy2)
             _scatter(first, second, float(i), moments[n], normal[n])
-            place += stride[n]
+            place += pitch
 
 
 @njit(cache=True, nogil=True)
@@ -361,17 +347,10 @@ def solve(
             corner,
             window,
             np.ascontiguousarray(chosen, np.int64),
-            subsets.x,
-            subsets.y,
-            subsets.half,
+            subsets.layout,
             subsets.is_rigid,
-            subsets.start,
-            subsets.stride,
-            subsets.grey,
-            subsets.gradient_x,
-            subsets.gradient_y,
-            subsets.mean,
-            subsets.energy,
+            subsets.packed,
+            subsets.level,
             subsets.moments,
             subsets.normal,
             subsets.inverse,

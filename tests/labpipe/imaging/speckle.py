@@ -72,11 +72,22 @@ def render(
     seed: int = 0,
 ) -> NDArray[np.uint8]:
     """One 8-bit image (row, column); ``noise`` is the standard deviation in grey levels."""
+    return digitise(grey_levels(speckle, shape, motion), noise, seed)
+
+
+def grey_levels(
+    speckle: Speckle, shape: tuple[int, int], motion: Motion | None = None
+) -> NDArray[np.float64]:
+    """Noise-free grey levels (row, column) before rounding."""
     field = _field(speckle, shape, motion or Motion())
     mid, half = (WHITE + BLACK) / 2, (WHITE - BLACK) / 2
-    grey = mid + half * np.tanh(speckle.scale * (field - speckle.mean))
+    return np.asarray(mid + half * np.tanh(speckle.scale * (field - speckle.mean)))
+
+
+def digitise(grey: NDArray[np.float64], noise: float, seed: int) -> NDArray[np.uint8]:
+    """Add white noise and round to whole levels of 8 bit."""
     if noise:
-        grey = grey + noise * np.random.default_rng(seed).standard_normal(shape)
+        grey = grey + noise * np.random.default_rng(seed).standard_normal(grey.shape)
     return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
 
 
