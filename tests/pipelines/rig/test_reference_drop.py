@@ -1,0 +1,70 @@
+"""The rig's own drop against published tables; the simulator under test is nowhere used."""
+
+import numpy as np
+import pytest
+
+from labpipe.errors import InputError
+from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
+
+BODY = {"radius": 9.525e-3, "mass": 0.505}
+
+
+def standard_linear_solid(height: float, duration: float, floor: Floor | None = None) -> Trajectory:
+    """E from 2 to 4 GPa, one retardation time of 1 ms, hence a relaxation time of 0.5 ms."""
+    return reference_drop(
+        2e9, np.array([2e9]), np.array([0.5e-3]), 0.35, height=height, duration=duration,
+        floor=floor, **BODY,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def train() -> Trajectory:
+    return standard_linear_solid(1.5e-3, 0.13)
+
+
+def test_the_bounce_train_of_the_standard_linear_solid(train: Trajectory) -> None:
+    """Ting's integral and a fine MDR: touch times, speeds and restitution, height 1.5 mm."""
+    touch = [0.0, 0.026442691, 0.045524494, 0.068560063, 0.075008460]
+    rows = [0, 1, 2, 4, 5]
+    np.testing.assert_allclose(train.touch[rows] - train.touch[0], touch, rtol=2e-5, atol=1e-9)
+    restitution = train.outgoing_speed / train.incoming_speed[: train.outgoing_speed.size]
+    np.testing.assert_allclose(
+        restitution[rows], [0.72887820, 0.71789195, 0.70453813, 0.65656622, 0.58239721], rtol=6e-4
+    )
+    np.testing.assert_allclose(restitution[0], 0.72887820, rtol=5e-5)
+    assert train.touch.size == train.liftoff.size + 1  # the last touch is permanent
+
+
+def test_the_first_impact_has_the_force_and_radius_of_the_table(train: Trajectory) -> None:
+    assert train.force.max() == pytest.approx(257.50634, rel=1e-5)
+    assert train.contact_radius.max() == pytest.approx(8.00166e-4, rel=1e-3)
+    assert -train.height.min() == pytest.approx(6.721988e-5, rel=1e-5)
+
+
+def test_an_elastic_sphere_gives_its_energy_back() -> None:
+    found = reference_drop(
+        3.2e9, np.zeros(0), np.zeros(0), 0.35, height=1.5e-3, duration=0.06, **BODY
+    )
+    np.testing.assert_allclose(found.outgoing_speed / found.incoming_speed, 1.0, rtol=1e-4)
+
+
+def test_a_moving_floor_takes_energy_and_a_heavy_one_takes_none() -> None:
+    rigid = standard_linear_solid(5e-3, 0.05)
+    heavy = standard_linear_solid(5e-3, 0.05, Floor(mass=1e9))
+    light = standard_linear_solid(5e-3, 0.05, Floor(mass=20.0))
+    assert heavy.outgoing_speed[0] == pytest.approx(rigid.outgoing_speed[0], rel=1e-5)
+    assert light.outgoing_speed[0] < 0.995 * rigid.outgoing_speed[0]
+    assert np.abs(light.floor).max() > 1e-6
+
+
+def test_heights_between_steps_are_interpolated_smoothly(train: Trajectory) -> None:
+    middle = 0.5 * (train.time[1:] + train.time[:-1])
+    before_touch = middle < train.touch[0]
+    exact = 1.5e-3 - 0.5 * 9.81 * middle[before_touch] ** 2
+    np.testing.assert_allclose(train.at(middle[before_touch]), exact, atol=1e-13)
+    assert train.at(np.array([-1.0]))[0] == pytest.approx(1.5e-3)
+
+
+def test_what_must_be_positive_is_checked() -> None:
+    with pytest.raises(InputError, match="positive"):
+        reference_drop(2e9, np.zeros(0), np.zeros(0), 0.3, height=0.0, duration=1.0, **BODY)
