@@ -11,6 +11,7 @@ from labpipe.errors import InputError
 Array = NDArray[np.float64]
 
 _OUTLYING = 5.0  # robust standard deviations from the median of the repeats
+_ROUNDING = 1e-6  # of an interval
 _FEWEST_FOR_OUTLIERS = 4  # among three, nothing tells which one is wrong
 
 
@@ -56,7 +57,7 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
         raise InputError(message)
     time = _common_time(records, starts)
     values = np.array([
-        np.interp(time, r["time"].values - s, r.values, left=np.nan, right=np.nan)
+        _interpolated(time, r["time"].values - s, r.values)
         for r, s in zip(records, starts, strict=True)
     ])  # fmt: skip
     n = np.isfinite(values).sum(axis=0)
@@ -83,12 +84,20 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
     )
 
 
+def _interpolated(time: Array, own: Array, values: Array) -> Array:
+    slack = _ROUNDING * (own[-1] - own[0]) / max(own.size - 1, 1)
+    inside = (time >= own[0] - slack) & (time <= own[-1] + slack)
+    return np.where(inside, np.interp(time, own, values), np.nan)
+
+
 def _common_time(records: Sequence[xr.DataArray], starts: Array) -> Array:
     """Return a grid through 0 at the finest interval, as long as the longest repeat."""
     interval = min(float(np.median(np.diff(r["time"].values))) for r in records)
     first = min(float(r["time"][0]) - s for r, s in zip(records, starts, strict=True))
     last = max(float(r["time"][-1]) - s for r, s in zip(records, starts, strict=True))
-    return interval * np.arange(np.floor(first / interval), np.ceil(last / interval) + 1)
+    # a grid point on the very edge of a record counts as inside despite rounding
+    lowest, highest = np.ceil(first / interval - _ROUNDING), np.floor(last / interval + _ROUNDING)
+    return interval * np.arange(lowest, highest + 1)
 
 
 def _outliers(values: Array) -> NDArray[np.bool_]:
