@@ -32,7 +32,8 @@ HEADER_LABELS: Mapping[str, str] = {
 _COUNTER = re.compile(r"no\.?|#|index|count(?:er)?|data no\.?|番号", re.IGNORECASE)
 _OUTPUT = re.compile(r"out ?0*([0-9]{1,2})\s*(?:[\[(]([^\])]*)[\])])?", re.IGNORECASE)
 _LABEL_UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
-_UNITS_ALLOWED = ("m", "V", "m/s", "m/s2")
+# A unit that lost a letter may be another unit ("mm" and "m"), so only displayed ones are taken.
+_UNITS_ALLOWED = tuple(map(unit, ("mm", "um", "V", "mV", "mm/s", "m/s2", "km/s2")))
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +108,7 @@ class Header:
 def is_length_or_volts(text: str) -> bool:
     """Tell whether a text is a unit that an output can have."""
     try:
-        return bool(text) and unit(text).si in _UNITS_ALLOWED
+        return bool(text) and unit(text) in _UNITS_ALLOWED
     except InputError:
         return False
 

@@ -79,7 +79,17 @@ _INFO_NUMBERS = frozenset(
     }
 )
 
-_QUANTITY = re.compile(r"Time|Position \((?:x|y|z|theta)\)|[FT][xyz]")
+# A unit that lost a letter may be another unit ("mm" and "m"), so only those met are taken.
+_UNITS = {
+    r"Time": {"s"},
+    r"Position \([xyz]\)": {"mm"},
+    r"Position \(theta\)": {"deg"},
+    r"F[xyz]": {"N", "gf"},
+    r"T[xyz]": {"N-mm", "N·mm"},
+}
+_DECLARED_UNITS = frozenset(
+    {"1", "s", "mm", "deg", "mm/s", "deg/s", "Hz", "N", "gf", "N/min", "gf/min"}
+)
 _NOT_SET = frozenset({"", "None", "N/A"})
 _BATCH = 1 << 16  # rows parsed at a time: the text of a mapping file never is whole in memory
 
@@ -263,11 +273,15 @@ def _parameter(cursor: Cursor, key: str, text: str, options: Options) -> Paramet
     if is_declared and text not in _NOT_SET and value is None:
         column = (cursor.line or "").find("\t") + 2
         raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
+    if is_declared and unit_text not in _DECLARED_UNITS:
+        raise cursor.error(
+            f"found the unit {shorten(unit_text)}, expected one of "
+            f"{', '.join(sorted(_DECLARED_UNITS))}",
+            column=len(name) + 3,
+        )
     try:
         known = unit(unit_text)
-    except InputError as error:
-        if is_declared:
-            raise cursor.error(_first_clause(error), column=len(name) + 3) from None
+    except InputError:
         known = None
     return Parameter(key, text, value, known if value is not None else None)
 
@@ -331,7 +345,7 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
     twice = next((name for name in quantities if quantities.count(name) > 1), None)
     if twice is not None:
         raise cursor.error(f"the column {shorten(twice)} stands there twice")
-    unknown = [column.header for column in columns if not _QUANTITY.fullmatch(column.quantity)]
+    unknown = [column.header for column in columns if _met_units(column.quantity) is None]
     if unknown:
         warnings.warn(
             f"{cursor.source.path}:{cursor.number}: the column {', '.join(map(shorten, unknown))} "
@@ -340,6 +354,14 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
         )
     cursor.advance()
     return tuple(columns)
+
+
+_UNITS_MET = "Units met in Mach-1 files are s, mm, deg, N, gf and N-mm."
+
+
+def _met_units(quantity: str) -> set[str] | None:
+    """Return the units that a known quantity may have, None for an unknown one."""
+    return next((met for name, met in _UNITS.items() if re.fullmatch(name, quantity)), None)
 
 
 def _column(cursor: Cursor, cell: str, position: int) -> Column:
@@ -352,10 +374,15 @@ def _column(cursor: Cursor, cell: str, position: int) -> Column:
         known = unit(unit_text)
     except InputError as error:
         raise cursor.error(
-            _first_clause(error),
-            column=position + len(quantity) + 2,
-            hint="Units met in Mach-1 files are s, mm, deg, N, gf and N-mm.",
+            _first_clause(error), column=position + len(quantity) + 2, hint=_UNITS_MET
         ) from None
+    met = _met_units(quantity)
+    if met is not None and unit_text not in met:
+        raise cursor.error(
+            f"found the unit {shorten(unit_text)}, expected {' or '.join(sorted(met))}",
+            column=position + len(quantity) + 2,
+            hint=_UNITS_MET,
+        )
     return Column(cell, quantity, unit_text, known)
 
 

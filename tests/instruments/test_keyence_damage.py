@@ -145,6 +145,7 @@ REFUSED = {
     ),
     "unit missing": (once("Unit,mm,mm\r\n", ""), None, None, 'units=["mm"]'),
     "unit unknown": (once("Unit,mm,mm", "Unit,mm,inch"), line_of("Unit"), None, "'inch'"),
+    "unit that lost a letter": (once("Unit,mm", "Unit,m"), line_of("Unit"), None, "'m'"),
     "unit of another quantity": (once("Unit,mm,mm", "Unit,mm,N"), line_of("Unit"), None, "'N'"),
     "one unit for two outputs": (
         once("Unit,mm,mm", "Unit,mm"), line_of("Unit"), None, "1 units for 2 outputs",
@@ -314,7 +315,7 @@ def _oracle(text):
     start = next(i for i, line in enumerate(lines) if "OUT1" in line) + 1
     rows = [re.split("[,;\t]", line) for line in lines[start:] if line.strip()]
     cells = [[cell.strip().strip('"').strip() for cell in row] for row in rows]
-    return [row for row in cells if "mm" not in row[1:]]
+    return [row for row in cells if any(row) and "mm" not in row[1:]]
 
 
 def _mutate(data, operation, position, piece):
