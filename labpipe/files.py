@@ -143,10 +143,13 @@ def write_dataset(path: str | os.PathLike[str], dataset: "xr.Dataset") -> None:
     from labpipe import netcdf
 
     prepared = netcdf.prepare(dataset)
-    stamped, encoding = netcdf.encode(prepared)
+    encoding: Any = netcdf.encoding(prepared)
 
     def fill(part: Path) -> None:
-        stamped.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding)
+        prepared.to_netcdf(part, engine="netcdf4", format="NETCDF4", encoding=encoding)
+        trailer = netcdf.trailer(part)
+        with part.open("ab") as stream:
+            stream.write(trailer)
 
     def verify(part: Path) -> None:
         netcdf.verify(part, prepared)

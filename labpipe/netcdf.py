@@ -1,8 +1,9 @@
 """Datasets as netCDF-4: what may be written, the digest of values, and the checks on reading.
 
-Every chunk carries a Fletcher-32 checksum; attributes, scalars and text, which that filter does
-not cover, are covered by a SHA-256 of all names, values and attributes in the attribute
-``labpipe_digest``. It is checked and removed on reading.
+Every chunk carries a Fletcher-32 checksum, but attributes, scalars, text and the file's own tables
+do not, and a single wrong bit in those can crash the HDF5 library. So the file ends with a mark and
+the SHA-256 of all bytes before it, which is compared before the library sees the file. HDF5 leaves
+bytes behind its end of data alone, and every netCDF program reads the file.
 """
 
 import hashlib
@@ -18,7 +19,9 @@ import xarray as xr
 
 from labpipe.errors import InputError, StoreError
 
-_DIGEST = "labpipe_digest"
+_MARK = b"labpipe1"
+_TRAILER = len(_MARK) + hashlib.sha256().digest_size
+_BLOCK = 1 << 20
 _SLACK = 1 << 20
 """Bytes that may be declared beyond the file's size: small variables that were never written."""
 _LARGEST_RATIO = 1100
@@ -37,9 +40,7 @@ def prepare(dataset: xr.Dataset) -> xr.Dataset:
             variable.dims, _storable(name, variable.values), _attributes(variable.attrs)
         )
     coordinates = {name: variables.pop(str(name)) for name in clean.coords}
-    prepared = xr.Dataset(variables, coordinates, _attributes(clean.attrs))
-    prepared.attrs.pop(_DIGEST, None)
-    return prepared
+    return xr.Dataset(variables, coordinates, _attributes(clean.attrs))
 
 
 def _storable(name: str, values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -123,7 +124,6 @@ def _plain(attributes: Any) -> dict[str, Any]:
     return {
         str(name): value.tolist() if isinstance(value, np.ndarray | np.generic) else value
         for name, value in attributes.items()
-        if name != _DIGEST
     }
 
 
@@ -132,17 +132,43 @@ def size(dataset: xr.Dataset) -> int:
     return int(dataset.nbytes * 1.05) + 65536
 
 
-def encode(prepared: xr.Dataset) -> tuple[xr.Dataset, dict[str, dict[str, Any]]]:
-    """Stamp a prepared Dataset with its digest, and say how each variable is to be stored."""
-    encoding: dict[str, dict[str, Any]] = {}
+def encoding(prepared: xr.Dataset) -> dict[str, dict[str, Any]]:
+    """Say how each variable is to be stored: with checksums, NaN as it is."""
+    entries: dict[str, dict[str, Any]] = {}
     for name, variable in prepared.variables.items():
         entry: dict[str, Any] = {}
         if variable.dtype.kind == "f":
             entry["_FillValue"] = None  # NaN is stored as NaN, and integers have no gaps
         if variable.ndim and variable.size and variable.dtype.kind != "U":
             entry["fletcher32"] = True
-        encoding[str(name)] = entry
-    return prepared.assign_attrs({_DIGEST: value_digest(prepared)}), encoding
+        entries[str(name)] = entry
+    return entries
+
+
+def trailer(path: Path) -> bytes:
+    """Return what is to be appended to a file that has just been written."""
+    return _MARK + _digest_before(path, path.stat().st_size)
+
+
+def _digest_before(path: Path, end: int) -> bytes:
+    total = hashlib.sha256()
+    with path.open("rb") as stream:
+        while end > 0 and (block := stream.read(min(_BLOCK, end))):
+            total.update(block)
+            end -= len(block)
+    return total.digest()
+
+
+def _check_trailer(path: Path) -> None:
+    """Refuse a file of ours whose bytes have changed; one without our mark has other checks."""
+    end = max(path.stat().st_size - _TRAILER, 0)
+    with path.open("rb") as stream:
+        stream.seek(max(end - _TRAILER, 0))
+        found = stream.read()
+    # A mark at another place than its own means that bytes were cut off or added behind it.
+    if _MARK in found and found[-_TRAILER:] != _MARK + _digest_before(path, end):
+        message = f"{path}: damaged: its bytes do not fit its own digest; delete it and run again"
+        raise StoreError(message)
 
 
 def verify(path: Path, prepared: xr.Dataset) -> None:
@@ -158,22 +184,18 @@ def verify(path: Path, prepared: xr.Dataset) -> None:
 
 
 def read(path: Path) -> xr.Dataset:
-    """Read a file whole after comparing what it declares with its size."""
+    """Read a file whole after comparing its digest, and what it declares with its size."""
     try:
+        _check_trailer(path)
         with netCDF4.Dataset(os.fspath(path), "r") as handle:
             _check_sizes(path, handle)
-        dataset = _load(path)
+        return _load(path)
     except StoreError:
         raise
     except Exception as error:
         # The libraries answer damage with OSError, RuntimeError, KeyError, ValueError and others.
         message = f"{path}: damaged: {error}; delete it and run again"
         raise StoreError(message) from error
-    expected = dataset.attrs.pop(_DIGEST, None)
-    if expected is not None and expected != value_digest(dataset):
-        message = f"{path}: damaged: its values do not fit its own digest; delete it and run again"
-        raise StoreError(message)
-    return dataset
 
 
 def _load(path: Path) -> xr.Dataset:
