@@ -86,7 +86,7 @@ HARMONIC = (
     ),
     Stage(
         "comparison", "pipelines.experiments.harmonic:comparison", 1,
-        ("oscillations", "loops", "model"), (),
+        ("loads", "oscillations", "model"), (),
         summary="measurement against model",
     ),
     Stage(

@@ -1,0 +1,386 @@
+"""Harmonic indentation: oscillations of a periodic punch in rubber, and the model beside them."""
+
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from calibration import load_cell
+from labpipe import contact
+from labpipe.errors import InputError
+from labpipe.signals.metrics import nrmse
+from labpipe.signals.oscillation import CommonFit, common_fit, fit_sinusoid
+from pipelines.experiments import mach1_file
+from pipelines.experiments.material import resolve
+from pipelines.settings.harmonic import Harmonic
+
+Array = NDArray[np.float64]
+
+_SINUSOID = "Sinusoid"
+_LOOP_POINTS = 200  # over one cycle
+_ACTIVE = 0.02  # of the amplitude; the stage counts as moving beyond it
+_FEWEST_CYCLES = 2
+
+_COLUMNS = {
+    "frequency": ("Hz", "frequency, fitted to the position"),
+    "amplitude": ("m", "amplitude of the position"),
+    "force_amplitude": ("N", "amplitude of the force"),
+    "phase_lag": ("rad", "lead of the force over the position"),
+    "storage_stiffness": ("N/m", "storage stiffness"),
+    "loss_stiffness": ("N/m", "loss stiffness"),
+    "work_per_cycle": ("J", "dissipated work per cycle"),
+}
+
+
+def readings(path: Path, *, settings: Harmonic) -> xr.Dataset:
+    """Read the Mach-1 file."""
+    del settings
+    return mach1_file.read(path)
+
+
+def loads(readings: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
+    """Make force compression-positive, and tare it where the file begins in air."""
+    made = mach1_file.force(readings, settings.load_cell.tare)
+    if settings.load_cell.tare and not made.attrs["is_tared"]:
+        warnings.warn(
+            "the file begins in contact, so the force is not tared: mean forces hold a preload, "
+            "amplitudes and work do not",
+            stacklevel=2,
+        )
+    return made
+
+
+def _sinusoids(loads: xr.Dataset) -> list[int]:
+    found = [i for i, f in enumerate(loads["function"].values) if str(f) == _SINUSOID]
+    if not found:
+        functions = ", ".join(sorted({str(f) for f in loads["function"].values}))
+        message = f"the file holds no Sinusoid block; its blocks are: {functions}"
+        raise InputError(message)
+    return found
+
+
+def counted(
+    time: Array, position: Array, declared: float, skip: int
+) -> tuple[float, float, float, int]:
+    """Return begin and end of the cycles that count, the frequency, and how many cycles ran.
+
+    The stage rests before and after. Cycles are counted from the first motion; the first ``skip``
+    are the transient and the last, in which the stage brakes, is left out too.
+
+    Raises
+    ------
+    InputError
+        Fewer than two whole cycles are left.
+    """
+    middle = 0.5 * (position.max() + position.min())
+    extent = 0.5 * float(np.ptp(position))
+    rest = float(np.median(np.concatenate([position[:10], position[-10:]])))
+    moving = np.flatnonzero(np.abs(position - rest) > _ACTIVE * max(extent, 1e-12))
+    if extent == 0 or moving.size < 8:
+        message = f"the stage does not move (extent {extent:.3g} m)"
+        raise InputError(message)
+    begin, end = float(time[moving[0]]), float(time[moving[-1]])
+    inside = (time >= begin) & (time <= end)
+    rough = fit_sinusoid(time[inside], position[inside] - middle, declared)
+    cycles = round((end - begin) * rough.frequency)
+    last = cycles - 1
+    if last - skip < _FEWEST_CYCLES:
+        message = (
+            f"{cycles} cycles ran, of which the first {skip} are the transient and the last is "
+            f"cut: fewer than {_FEWEST_CYCLES} are left; lower cycles.skip"
+        )
+        raise InputError(message)
+    period = 1 / rough.frequency
+    return begin + skip * period, begin + last * period, rough.frequency, cycles
+
+
+def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
+    """Fit every Sinusoid block: frequency, stiffness, work; one row per block."""
+    declared = mach1_file.declared_filter(loads)
+    correct = settings.load_cell.correct_filter_lag and declared is not None
+    rows = [
+        _oscillation(loads, block, settings.cycles.skip, declared if correct else None)
+        for block in _sinusoids(loads)
+    ]
+    table: dict[str, Any] = {}
+    for name, (units, text) in _COLUMNS.items():
+        table[name] = ("oscillation", [r[name] for r in rows], {"units": units, "long_name": text})
+        table[f"u_{name}"] = (
+            "oscillation", [r[f"u_{name}"] for r in rows],
+            {"units": units, "long_name": f"standard uncertainty: {text}"},
+        )  # fmt: skip
+    others = {
+        "declared_frequency": ("Hz", "frequency in the header"),
+        "declared_amplitude": ("m", "amplitude in the header"),
+        "work_sd": ("J", "standard deviation of the loop area over cycles"),
+        "loop_area": ("J", "mean area of the recorded loops, filter lag included"),
+        "mean_force": ("N", "mean force"),
+        "mean_position": ("m", "mean position of the stage"),
+        "filter_phase": ("rad", "lag of the load cell's filter that was removed"),
+        "filter_gain": ("1", "gain of the load cell's filter that was divided by"),
+        "n_cycles": ("1", "cycles that count"),
+        "n_skipped": ("1", "transient and braking cycles left out"),
+        "begin": ("s", "begin of the cycles that count, in the block's time"),
+        "end": ("s", "end of the cycles that count, in the block's time"),
+        "block": ("1", "number of the block in the file"),
+    }
+    for name, (units, text) in others.items():
+        table[name] = ("oscillation", [r[name] for r in rows], {"units": units, "long_name": text})
+    work = {"cycles_fitted": int(sum(r["n_cycles"] for r in rows))}
+    return xr.Dataset(
+        table,
+        coords={"oscillation": np.arange(1, len(rows) + 1)},
+        attrs={
+            "filter": json.dumps(declared),
+            "is_filter_corrected": int(correct),
+            "work": json.dumps(work),
+        },
+    )
+
+
+def _oscillation(
+    loads: xr.Dataset, block: int, skip: int, declared: dict[str, float] | None
+) -> dict[str, float]:
+    part = loads.isel(sample=mach1_file.rows(loads, block))
+    time, position, force = (part[n].values for n in ("time", "position_z", "force"))
+    stated = float(loads["declared_frequency"][block])
+    begin, end, frequency, cycles = counted(time, position, stated, skip)
+    used = (time >= begin) & (time <= end)
+    lag = None
+    response = None
+    if declared is not None:
+        order, cutoff = int(declared["order"]), float(declared["cutoff"])
+        lag = load_cell.filter_lag(frequency, order, cutoff)
+
+        def response(f: float) -> complex:
+            at = load_cell.filter_lag(f, order, cutoff)
+            return at.gain * complex(np.exp(-1j * at.phase))
+
+    fit = common_fit(time[used], position[used], force[used], frequency, response=response)
+    areas = loop_areas(time[used], position[used], force[used], fit.position.frequency)
+    u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase if lag else 0.0))
+    u_gain = lag.u_gain / lag.gain if lag else 0.0
+    return _row(fit, areas, u_phase, u_gain) | {
+        "declared_frequency": stated,
+        "declared_amplitude": float(loads["declared_amplitude"][block]),
+        "mean_force": fit.force.offset,
+        "mean_position": fit.position.offset,
+        "filter_phase": lag.phase if lag else 0.0,
+        "filter_gain": lag.gain if lag else 1.0,
+        "n_skipped": float(cycles - areas.size),
+        "begin": begin,
+        "end": end,
+        "block": float(block),
+    }
+
+
+def _row(fit: CommonFit, areas: Array, u_phase: float, u_gain: float) -> dict[str, float]:
+    """Return stiffness and work of one oscillation; u holds noise and the filter's unknown type."""
+    x, f = fit.position, fit.force
+    modulus = float(np.hypot(fit.storage_stiffness, fit.loss_stiffness))
+    cosine, sine = fit.storage_stiffness / modulus, fit.loss_stiffness / modulus
+    u_relative = float(np.hypot(np.hypot(f.u_amplitude / f.amplitude,
+                                         x.u_amplitude / x.amplitude), u_gain))  # fmt: skip
+    u_storage = modulus * float(np.hypot(u_relative * cosine, u_phase * sine))
+    u_loss = modulus * float(np.hypot(u_relative * sine, u_phase * cosine))
+    work = np.pi * fit.loss_stiffness * x.amplitude**2
+    spread = float(areas.std(ddof=1)) if areas.size > 1 else 0.0
+    u_work = float(np.hypot(np.pi * x.amplitude**2 * u_loss, spread / np.sqrt(max(areas.size, 1))))
+    return {
+        "frequency": x.frequency, "u_frequency": x.u_frequency,
+        "amplitude": x.amplitude, "u_amplitude": x.u_amplitude,
+        "force_amplitude": f.amplitude,
+        "u_force_amplitude": float(np.hypot(f.u_amplitude, u_gain * f.amplitude)),
+        "phase_lag": fit.phase_lag, "u_phase_lag": u_phase,
+        "storage_stiffness": fit.storage_stiffness, "u_storage_stiffness": u_storage,
+        "loss_stiffness": fit.loss_stiffness, "u_loss_stiffness": u_loss,
+        "work_per_cycle": work, "u_work_per_cycle": u_work,
+        "work_sd": spread, "loop_area": float(areas.mean()), "n_cycles": float(areas.size),
+    }  # fmt: skip
+
+
+def loop_areas(time: Array, position: Array, force: Array, frequency: float) -> Array:
+    """Return the area of every whole cycle, force integrated over position.
+
+    Cycles are closed by interpolation, so a period need not be a whole number of samples.
+    """
+    period = 1 / frequency
+    count = int((time[-1] - time[0]) * frequency + 1e-6)
+    areas = []
+    for k in range(count):
+        first, last = time[0] + k * period, time[0] + (k + 1) * period
+        inner = (time > first) & (time < last)
+        grid = np.concatenate([[first], time[inner], [last]])
+        x, f = np.interp(grid, time, position), np.interp(grid, time, force)
+        areas.append(np.trapezoid(f, x))
+    return np.array(areas)
+
+
+def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
+    """Mean hysteresis loop of every oscillation, as recorded, over one cycle."""
+    del settings
+    phase = np.linspace(0, 1, _LOOP_POINTS + 1)
+    positions, forces, spreads = [], [], []
+    for i in range(oscillations.sizes["oscillation"]):
+        at = oscillations.isel(oscillation=i)
+        part = loads.isel(sample=mach1_file.rows(loads, int(at["block"])))
+        time = part["time"].values
+        period = 1 / float(at["frequency"])
+        grid = float(at["begin"]) + (phase + np.arange(int(at["n_cycles"]))[:, None]) * period
+        x = np.interp(grid, time, part["position_z"].values)
+        f = np.interp(grid, time, part["force"].values)
+        # a slowly relaxing mean would smear the loops over each other
+        f = f - f.mean(axis=1, keepdims=True) + f.mean()
+        positions.append(x.mean(axis=0))
+        forces.append(f.mean(axis=0))
+        spreads.append(f.std(axis=0, ddof=1) if len(f) > 1 else np.zeros(phase.size))
+    dims = ("oscillation", "cycle")
+    return xr.Dataset(
+        {
+            "position": (dims, positions, {"units": "m", "long_name": "stage position"}),
+            "force": (dims, forces, {"units": "N", "long_name": "force, compression positive"}),
+            "force_sd": (
+                dims, spreads, {"units": "N", "long_name": "standard deviation over cycles"},
+            ),
+        },
+        coords={
+            "oscillation": oscillations["oscillation"],
+            "cycle": ("cycle", phase, {"units": "1", "long_name": "fraction of a cycle"}),
+        },
+    )  # fmt: skip
+
+
+def model(
+    loads: xr.Dataset,
+    oscillations: xr.Dataset,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: Harmonic,
+) -> xr.Dataset:
+    """Simulate the whole history of the file with the measured displacement.
+
+    Without punch and substrate there is nothing to simulate; the result is then empty and says so.
+    """
+    punch, substrate = settings.punch, settings.substrate
+    if punch is None or substrate is None:
+        reason = "session.toml names no punch and no substrate, so nothing was simulated"
+        return xr.Dataset(attrs={"absent": reason})
+    touch, how = mach1_file.contact_position(loads, settings.contact)
+    solid = resolve(substrate, material_file, fitted)
+    time = mach1_file.clock(loads)
+    depth = loads["position_z"].values - touch.value
+    if np.any(np.diff(time) < 0):
+        message = "the blocks of the file overlap in time; their start times cannot be right"
+        raise InputError(message)
+    kept = mach1_file.history(time, depth)
+
+    def simulate(shift: float) -> xr.Dataset:
+        return contact.indent(
+            solid, punch.radius.value, punch.period.value, punch.depth.value * punch.tips,
+            time[kept], depth[kept] - shift, profile=settings.model.profile,
+            thickness=np.inf if substrate.thickness is None else substrate.thickness.value,
+            elements=settings.model.elements,
+        )  # fmt: skip
+
+    made = simulate(0.0)
+    force = np.interp(time, time[kept], made["force"].values)
+    shifted = np.interp(time, time[kept], simulate(max(touch.u, 1e-7))["force"].values)
+    u_force = np.abs(shifted - force) * touch.u / max(touch.u, 1e-7)
+    result = _model_rows(loads, oscillations, force, u_force)
+    result["contact_position"] = (
+        (), touch.value, {"units": "m", "long_name": "stage position of first touch"},
+    )  # fmt: skip
+    result["u_contact_position"] = (
+        (), touch.u, {"units": "m", "long_name": "standard uncertainty: position of first touch"},
+    )  # fmt: skip
+    result.attrs |= {key: str(made.attrs[key]) for key in ("solver", "solver_reason", "datum")}
+    work = json.loads(made.attrs["work"])
+    work.pop("seconds", None)  # the clock has no place in a stored result
+    work |= {"history_samples": int(kept.size), "history_samples_total": int(time.size)}
+    result.attrs |= {"contact": how, "work": json.dumps(work)}
+    return result
+
+
+def _model_rows(
+    loads: xr.Dataset, oscillations: xr.Dataset, force: Array, u_force: Array
+) -> xr.Dataset:
+    """Fit the simulated force as the measured one was, and keep its curve beside the readings."""
+    rows = []
+    for i in range(oscillations.sizes["oscillation"]):
+        at = oscillations.isel(oscillation=i)
+        where = mach1_file.rows(loads, int(at["block"]))
+        time = loads["time"].values[where]
+        used = (time >= float(at["begin"])) & (time <= float(at["end"]))
+        x = loads["position_z"].values[where][used]
+        fit = common_fit(time[used], x, force[where][used], float(at["frequency"]))
+        shifted = common_fit(time[used], x, (force - u_force)[where][used], float(at["frequency"]))
+        rows.append((fit, shifted))
+    table: dict[str, Any] = {
+        "force": ("sample", force, {"units": "N", "long_name": "simulated force"}),
+        "u_force": (
+            "sample", u_force,
+            {"units": "N", "long_name": "standard uncertainty from the position of first touch"},
+        ),
+    }  # fmt: skip
+    for name in ("storage_stiffness", "loss_stiffness"):
+        values = np.array([getattr(fit, name) for fit, _ in rows])
+        moved = np.array([getattr(shifted, name) for _, shifted in rows])
+        units, text = _COLUMNS[name]
+        table[name] = ("oscillation", values, {"units": units, "long_name": f"{text}, simulated"})
+        table[f"u_{name}"] = (
+            "oscillation", np.abs(moved - values),
+            {"units": units, "long_name": f"standard uncertainty from first touch: {text}"},
+        )  # fmt: skip
+    amplitude = np.array([fit.position.amplitude for fit, _ in rows])
+    for prefix in ("", "u_"):
+        table[f"{prefix}work_per_cycle"] = (
+            "oscillation", np.pi * amplitude**2 * table[f"{prefix}loss_stiffness"][1],
+            {"units": "J", "long_name": f"{prefix and 'standard uncertainty: '}simulated work"},
+        )  # fmt: skip
+    return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
+
+
+def comparison(
+    loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic
+) -> xr.Dataset:
+    """Lay the simulated force, filtered as the cell filters, over the measured one."""
+    del settings
+    if "absent" in model.attrs:
+        return xr.Dataset(attrs={"absent": model.attrs["absent"]})
+    declared = mach1_file.declared_filter(loads)
+    interval = float(loads["sampling_interval"][0])
+    error, bias = [], []
+    simulated = np.full(loads.sizes["sample"], np.nan)
+    for i in range(oscillations.sizes["oscillation"]):
+        at = oscillations.isel(oscillation=i)
+        where = mach1_file.rows(loads, int(at["block"]))
+        passed = mach1_file.filtered(model["force"].values[where], interval, declared)
+        simulated[where] = passed
+        time = loads["time"].values[where]
+        used = (time >= float(at["begin"])) & (time <= float(at["end"]))
+        measured = loads["force"].values[where][used]
+        error.append(nrmse(measured, passed[used]))
+        bias.append(float(np.mean(measured - passed[used])))
+    table: dict[str, Any] = {
+        "simulated_force": (
+            "sample", simulated, {"units": "N", "long_name": "simulated force, filtered"},
+        ),
+        "nrmse": ("oscillation", error, {"units": "1", "long_name": "rms error over force range"}),
+        "bias": ("oscillation", bias, {"units": "N", "long_name": "mean of measured minus model"}),
+    }  # fmt: skip
+    for name in ("storage_stiffness", "loss_stiffness", "work_per_cycle"):
+        units, text = _COLUMNS[name]
+        difference = oscillations[name].values - model[name].values
+        u = np.hypot(oscillations[f"u_{name}"].values, model[f"u_{name}"].values)
+        table[f"{name}_difference"] = (
+            "oscillation", difference, {"units": units, "long_name": f"{text}, measured − model"},
+        )  # fmt: skip
+        table[f"u_{name}_difference"] = (
+            "oscillation", u, {"units": units, "long_name": f"standard uncertainty: {text}"},
+        )  # fmt: skip
+    return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})

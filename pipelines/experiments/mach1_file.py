@@ -1,0 +1,136 @@
+"""What the experiments on a Mach-1 tester share: blocks of a file, force, contact, histories."""
+
+import json
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt, sosfilt_zi
+
+import instruments
+from calibration import load_cell
+from labpipe.errors import InputError
+from labpipe.signals.first_touch import FirstTouch, first_touch
+from labpipe.units import Quantity
+
+Array = NDArray[np.float64]
+
+_APPROACH = "Find Contact"
+_POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth in log time
+
+
+def read(path: Path) -> xr.Dataset:
+    """Read a Mach-1 file."""
+    found = instruments.read(path, instrument="mach1")
+    if not isinstance(found, xr.Dataset):
+        message = f"{path}: expected a table of readings"
+        raise InputError(message)
+    return found
+
+
+def force(readings: xr.Dataset, tare: bool) -> xr.Dataset:
+    """Add compression-positive force; tared where the file begins with a free approach."""
+    begins_free = str(readings["function"].values[0]) == _APPROACH
+    loads = load_cell.force(readings, zero="start" if tare and begins_free else None)
+    kept = [n for n in readings.data_vars if n not in loads and n != "force_z"]
+    made = loads.merge(readings[kept])
+    made.attrs["is_tared"] = int(tare and begins_free)
+    made.attrs["blocks"] = readings.attrs["blocks"]
+    made.attrs["source"] = readings.attrs.get("source", "")
+    return made
+
+
+def blocks(loads: xr.Dataset) -> list[dict[str, Any]]:
+    """Return what the header says of every block."""
+    return list(json.loads(loads.attrs["blocks"]))
+
+
+def rows(loads: xr.Dataset, block: int) -> slice:
+    """Return where the samples of a block lie."""
+    where = np.flatnonzero(loads["block"].values == block)
+    return slice(int(where[0]), int(where[-1]) + 1)
+
+
+def declared_filter(loads: xr.Dataset) -> dict[str, float] | None:
+    """Return order and cutoff of the load cell's low-pass, when the header says so."""
+    return load_cell.declared_filter(loads.attrs)
+
+
+def filtered(force_values: Array, interval: float, declared: dict[str, float] | None) -> Array:
+    """Pass a force through the load cell's filter, assumed Butterworth and causal."""
+    if declared is None:
+        return force_values
+    sections = butter(int(declared["order"]), declared["cutoff"], fs=1 / interval, output="sos")
+    passed, _ = sosfilt(sections, force_values, zi=sosfilt_zi(sections) * force_values[0])
+    result: Array = passed
+    return result
+
+
+def clock(loads: xr.Dataset) -> Array:
+    """Return the time of every sample since the file's first block began, in s."""
+    starts = []
+    for block in blocks(loads):
+        if not block.get("start"):
+            message = "a block without a start time cannot be put into the history of the test"
+            raise InputError(message)
+        starts.append(datetime.fromisoformat(block["start"]))
+    since = np.array([(s - starts[0]).total_seconds() for s in starts])
+    absolute: Array = loads["time"].values + since[loads["block"].values.astype(int)]
+    return absolute
+
+
+def contact_position(loads: xr.Dataset, given: Quantity | None) -> tuple[Quantity, str]:
+    """Return the stage position of first touch, and how it was found.
+
+    Raises
+    ------
+    InputError
+        It is neither given nor found in an approach.
+    """
+    if given is not None:
+        return given, "given in session.toml"
+    functions = [str(f) for f in loads["function"].values]
+    if _APPROACH not in functions:
+        message = (
+            "the file holds no Find Contact block, so the position of first touch is not known; "
+            'give it in session.toml: contact = "12.345 ± 0.001 mm"'
+        )
+        raise InputError(message)
+    part = loads.isel(sample=rows(loads, functions.index(_APPROACH)))
+    position = part["position_z"].values
+    declared = declared_filter(loads)
+    if declared is not None:
+        # the force comes late by the filter's delay, so it belongs to an earlier position
+        delay = load_cell.filter_lag(0.01, int(declared["order"]), declared["cutoff"]).delay
+        position = np.interp(part["time"].values - delay, part["time"].values, position)
+    found: FirstTouch = first_touch(position, part["force"].values)
+    return (
+        Quantity(found.position, found.u_position, "m"),
+        "fitted to force over position of the Find Contact block",
+    )
+
+
+def history(time: Array, displacement: Array) -> NDArray[np.int64]:
+    """Choose the samples that a simulation needs: all in motion, few at rest.
+
+    Returns
+    -------
+    array of int
+        Indices, the first and last sample included.
+    """
+    moving = np.concatenate([[True], np.diff(displacement) != 0])
+    moving[:-1] |= moving[1:]
+    kept = set(np.flatnonzero(moving).tolist()) | {0, time.size - 1}
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (~moving).astype(int), [0]])))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        count = last - first
+        if count < 4:
+            kept |= set(range(first, last))
+            continue
+        decades = np.log10(count)
+        picks = np.geomspace(1, count, max(4, int(decades * _POINTS_PER_DECADE)))
+        kept |= set((first + np.unique(picks.astype(int)) - 1).tolist())
+    return np.array(sorted(kept), dtype=np.int64)
