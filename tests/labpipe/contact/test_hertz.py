@@ -1,0 +1,60 @@
+"""Closed forms of the elastic sphere against published constants."""
+
+import numpy as np
+import pytest
+
+from labpipe.contact import hertz
+from labpipe.errors import InputError
+
+# b, restitution where the force vanishes (integrated to 1e-10).
+DASHPOT = [(0.01, 0.9885474396), (0.05, 0.9443967792), (0.1, 0.8928588755)]
+
+
+def test_constants_are_those_of_the_literature() -> None:
+    assert pytest.approx(2.9432751843, abs=5e-11) == hertz.CONTACT_TIME
+    assert pytest.approx(1.1534488581, abs=5e-11) == hertz.FIRST_LOSS
+
+
+def test_scaled_impact_matches_the_table() -> None:
+    # x'' = -x^{3/2}: mass 1, (4/3) E* sqrt(R) = 1.
+    found = hertz.impact(1.0, 1.0, 1.0, 0.75)
+    expected = (1.0933620739, 1.1432626298, 3.2180654597)
+    assert (found.peak_approach, found.peak_force, found.contact_duration) == pytest.approx(
+        expected, rel=1e-10
+    )
+
+
+def test_acrylic_drop_has_the_sizes_of_the_experiment() -> None:
+    modulus = 3.2e9 / (1.0 - 0.35**2)
+    found = hertz.impact(hertz.drop_speed(1.5e-3), 9.525e-3, 0.505, modulus)
+    assert float(found.peak_approach) == pytest.approx(69e-6, rel=0.02)
+    assert float(found.peak_contact_radius) == pytest.approx(0.81e-3, rel=0.01)
+    at_rest = hertz.static_load(0.505 * 9.81, 9.525e-3, modulus)
+    assert float(at_rest.contact_radius) == pytest.approx(0.213e-3, rel=2e-3)
+
+
+def test_load_and_approach_invert_each_other() -> None:
+    state = hertz.static_load([0.0, 1e-6, 3.0, 1e3], 9.525e-3, 3e9)
+    back = hertz.static_approach(state.approach, 9.525e-3, 3e9)
+    assert back.force == pytest.approx(state.force, rel=1e-12)
+    assert state.peak_pressure == pytest.approx(1.5 * state.mean_pressure)
+
+
+@pytest.mark.parametrize(("damping", "expected"), DASHPOT)
+def test_pade_restitution_is_good_at_small_damping(damping, expected) -> None:
+    assert float(hertz.dashpot_restitution(damping)) == pytest.approx(expected, abs=5e-5)
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments"),
+    [
+        (hertz.static_load, (-1.0, 1.0, 1.0)),
+        (hertz.static_load, (1.0, 0.0, 1.0)),
+        (hertz.static_approach, (np.nan, 1.0, 1.0)),
+        (hertz.impact, (0.0, 1.0, 1.0, 1.0)),
+        (hertz.impact, (1.0, 1.0, -1.0, 1.0)),
+    ],
+)
+def test_values_outside_the_domain_are_refused(function, arguments) -> None:
+    with pytest.raises(InputError):
+        function(*arguments)

@@ -1,0 +1,82 @@
+"""A sphere under load steps against exact creep laws and the rest state of a bounce train."""
+
+import numpy as np
+import pytest
+
+from labpipe.contact.static_loading import load_sphere, press_sphere, sphere_gap
+from labpipe.errors import InputError
+from labpipe.materials import Prony
+
+RADIUS = 9.525e-3
+SLS = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
+PMMA15 = Prony.from_creep(
+    2e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=0.35
+)
+
+
+@pytest.mark.parametrize("material", [SLS, PMMA15], ids=["sls", "pmma"])
+def test_radius_under_a_load_step_follows_the_creep_compliance(material) -> None:
+    """a³ = (3/4) R F J*(t) while the contact grows."""
+    time = np.array([0.0, 1e-9, 1e-6, 1e-3, 1.0, 600.0])
+    found = load_sphere(material, RADIUS, time, np.full(6, 4.954))
+    cube = 0.75 * RADIUS * 4.954 * material.creep(time) * (1 - 0.35**2)
+    assert found.contact_radius.values == pytest.approx(np.cbrt(cube), rel=2e-5)
+    assert found.approach.values == pytest.approx(np.cbrt(cube) ** 2 / RADIUS, rel=2e-5)
+
+
+def test_rest_after_a_drop_is_the_static_state() -> None:
+    found = load_sphere(SLS, RADIUS, [0.0, 0.5], [0.505 * 9.81] * 2)
+    assert float(found.approach[-1]) == pytest.approx(6.534380e-6, rel=1e-6)
+
+
+def test_load_steps_of_the_static_test_superpose_while_the_contact_grows() -> None:
+    """F(a)·J: a³ is the hereditary integral of the load (exact for growing contact)."""
+    minutes = np.array([0.0, 2.55, 2.55, 18.20, 18.20, 33.10, 33.10, 47.55, 47.55, 60.0])
+    kilograms = np.array([0.5, 0.5, 2.5, 2.5, 3.5, 3.5, 4.5, 4.5, 5.5, 5.5])
+    time, load = 60.0 * minutes, 9.81 * kilograms
+    found = load_sphere(PMMA15, RADIUS, time, load)
+    starts, steps = 60.0 * minutes[[0, 2, 4, 6, 8]], 9.81 * np.array([0.5, 2.0, 1.0, 1.0, 1.0])
+    creep = sum(
+        step * PMMA15.creep(np.maximum(time - start, 0.0)) * (np.arange(10) >= first)
+        for start, step, first in zip(starts, steps, [0, 2, 4, 6, 8], strict=True)
+    )
+    cube = 0.75 * RADIUS * creep * (1 - 0.35**2)
+    assert found.contact_radius.values == pytest.approx(np.cbrt(cube), rel=3e-5)
+
+
+def test_load_and_approach_histories_invert_each_other() -> None:
+    time = np.linspace(0.0, 2e-3, 101)
+    depth = 5e-5 * np.sin(np.pi * time / 2.5e-3)
+    pressed = press_sphere(SLS, RADIUS, time, depth, springs=400)
+    loaded = load_sphere(SLS, RADIUS, time, pressed.force, springs=400)
+    assert loaded.approach.values == pytest.approx(depth, abs=5e-5 * 2e-4)
+
+
+def test_exact_sphere_differs_by_the_known_amount() -> None:
+    radius = np.sqrt(RADIUS * 7e-5)
+    parabola = press_sphere(SLS, RADIUS, [0.0], [7e-5])
+    sphere = press_sphere(SLS, RADIUS, [0.0], [7e-5], profile="sphere")
+    ratio = float(sphere.force[0] / parabola.force[0])
+    assert ratio == pytest.approx(1.0 - 0.1 * (radius / RADIUS) ** 2, abs=3e-5)
+    assert sphere_gap(np.array(1e-3), 1.0) == pytest.approx(1e-6 * (1 + 1e-6 / 3), rel=1e-12)
+
+
+def test_unloading_to_nothing_leaves_a_dent_that_recovers() -> None:
+    found = load_sphere(SLS, RADIUS, [0.0, 0.1, 0.1, 0.101, 0.2], [5.0, 5.0, 0.0, 0.0, 0.0])
+    approach = found.approach.values
+    assert approach[2] > approach[3] > approach[4] >= 0.0
+    assert approach[4] < 1e-12
+    assert np.all(found.contact_radius.values[2:] == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("load", "match"), [([1.0, -1.0], r"load\[1\]"), ([1.0, np.nan], r"load\[1\] is nan")]
+)
+def test_bad_loads_are_refused_with_the_place(load, match) -> None:
+    with pytest.raises(InputError, match=match):
+        load_sphere(SLS, RADIUS, [0.0, 1.0], load)
+
+
+def test_a_contact_as_wide_as_the_sphere_is_refused() -> None:
+    with pytest.raises(InputError, match="as wide as the sphere"):
+        load_sphere(Prony(1e3, [], [], nu=0.5), RADIUS, [0.0], [50.0], profile="sphere")
