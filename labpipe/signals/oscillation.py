@@ -1,0 +1,471 @@
+"""Sinusoids and decaying vibrations: frequency, amplitude, phase, damping, with uncertainties.
+
+The frequency is always fitted, never taken from a header: instruments are off by up to a per cent,
+and a lock-in at the wrong frequency turns by tens of degrees over twenty cycles.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares, minimize_scalar
+
+from labpipe.errors import InputError
+from labpipe.signals.residuals import parameter_covariance
+
+Array = NDArray[np.float64]
+
+_GRID = 4  # trial frequencies per 1/T in the coarse search
+_REACH = 1.2  # in 1/T: the misfit has one minimum within a line's width
+_FEWEST_PER_PARAMETER = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Sinusoid:
+    """``offset + drift s + ... + sum amplitude_k sin(2 pi k frequency s + phase_k)``.
+
+    ``s`` is the time from ``reference_time`` (the middle of the record). Amplitudes and phases are
+    those of the fundamental; ``harmonic_amplitudes`` and ``harmonic_phases`` start with it.
+    ``u_`` are standard uncertainties that account for correlated residuals. Phases in rad,
+    frequency in Hz, the rest in units of the signal (drift per s).
+    """
+
+    frequency: float
+    u_frequency: float
+    amplitude: float
+    u_amplitude: float
+    phase: float
+    u_phase: float
+    offset: float
+    u_offset: float
+    drift: float
+    u_drift: float
+    reference_time: float
+    harmonic_amplitudes: tuple[float, ...]
+    harmonic_phases: tuple[float, ...]
+    trend: tuple[float, ...]
+    residual_rms: float
+    n_cycles: float
+    n_samples: int
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """Evaluate the fitted curve."""
+        s = np.asarray(time, float) - self.reference_time
+        angle = 2 * np.pi * self.frequency * s
+        waves = zip(self.harmonic_amplitudes, self.harmonic_phases, strict=True)
+        value = np.polynomial.polynomial.polyval(s, self.trend)
+        for k, (amplitude, phase) in enumerate(waves, start=1):
+            value = value + amplitude * np.sin(k * angle + phase)
+        return np.asarray(value)
+
+
+@dataclass(frozen=True, slots=True)
+class CommonFit:
+    """Position and force at one frequency.
+
+    ``phase_lag`` (rad) is how far the force leads the position, positive for a lossy solid;
+    ``storage_stiffness`` and ``loss_stiffness`` are ``|F/x| cos`` and ``|F/x| sin`` of it (N/m).
+    """
+
+    position: Sinusoid
+    force: Sinusoid
+    phase_lag: float
+    u_phase_lag: float
+    storage_stiffness: float
+    u_storage_stiffness: float
+    loss_stiffness: float
+    u_loss_stiffness: float
+
+
+@dataclass(frozen=True, slots=True)
+class Damped:
+    """``offset + drift s + amplitude exp(-2 pi zeta f0 s) sin(2 pi fd s + phase)``.
+
+    ``s`` counts from ``start_time``; ``frequency`` is the damped fd = f0 sqrt(1 - zeta^2) in Hz,
+    ``damping_ratio`` is zeta, ``amplitude`` the envelope at ``start_time``.
+    """
+
+    frequency: float
+    u_frequency: float
+    natural_frequency: float
+    damping_ratio: float
+    u_damping_ratio: float
+    amplitude: float
+    u_amplitude: float
+    phase: float
+    u_phase: float
+    offset: float
+    start_time: float
+    residual_rms: float
+    n_samples: int
+
+
+def fit_sinusoid(
+    time: ArrayLike,
+    signal: ArrayLike,
+    frequency_guess: float | None = None,
+    *,
+    harmonics: int = 3,
+    trend_order: int = 1,
+) -> Sinusoid:
+    """Fit a sinusoid of unknown frequency with harmonics and a slow trend.
+
+    Parameters
+    ----------
+    time : array (n,) [s]
+        Increasing, nearly even.
+    signal : array (n,)
+        NaN is left out.
+    frequency_guess : float, optional [Hz]
+        Good to about 1/T; default the strongest line of the spectrum.
+    harmonics : int
+        Number of waves, the fundamental included; those above the Nyquist frequency are left out.
+    trend_order : int
+        Degree of the polynomial trend (0 offset, 1 drift, ...).
+
+    Returns
+    -------
+    Sinusoid
+
+    Raises
+    ------
+    InputError
+        Too few readings, less than one cycle, or a signal that does not vary.
+
+    Notes
+    -----
+    Variable projection: for a trial frequency everything else is linear, so only the frequency is
+    searched; the covariance is that of all parameters together.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 20.0, 0.01)
+    >>> fit = fit_sinusoid(time, 2.0 * np.sin(2 * np.pi * 0.4972 * time + 0.3) + 5.0)
+    >>> round(fit.frequency, 6), round(fit.amplitude, 6), round(fit.offset, 6)
+    (0.4972, 2.0, 5.0)
+    """
+    t, y = _finite(time, signal)
+    reference = 0.5 * (t[0] + t[-1])
+    s = t - reference
+    span = float(t[-1] - t[0])
+    nyquist = 0.5 / float(np.median(np.diff(t)))
+    guess = _line(s, y) if frequency_guess is None else float(frequency_guess)
+    if not 0.0 < guess < nyquist or guess * span < 1.0 - 1e-9:
+        message = (
+            f"a sinusoid of {guess:.6g} Hz cannot be fitted to {span:.6g} s at "
+            f"{2 * nyquist:.6g} readings per s: at least one cycle and two readings per cycle"
+        )
+        raise InputError(message)
+    n_waves = max(min(harmonics, int(0.98 * nyquist / guess)), 1)
+    n_parameters = trend_order + 2 + 2 * n_waves
+    if len(t) < _FEWEST_PER_PARAMETER * n_parameters:
+        message = f"{len(t)} readings cannot settle {n_parameters} parameters of a sinusoid"
+        raise InputError(message)
+
+    def misfit(frequency: float) -> float:
+        return float(np.sum(_linear(s, y, frequency, n_waves, trend_order)[1] ** 2))
+
+    reach = _REACH / span
+    bounds = (max(guess - reach, 0.2 * guess), min(guess + reach, nyquist))
+    if frequency_guess is not None:
+        # A guess may lie a line's width off: the best of a few trials brackets the minimum.
+        grid = np.linspace(*bounds, 4 * _GRID + 1)
+        best = int(np.argmin([misfit(f) for f in grid]))
+        bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
+    else:
+        bounds = (max(guess - 0.5 * reach, bounds[0]), min(guess + 0.5 * reach, bounds[1]))
+    tolerance = {"xatol": 1e-9 * guess}
+    found = minimize_scalar(misfit, bounds=bounds, method="bounded", options=tolerance)
+    return _described(s, y, float(found.x), n_waves, trend_order, reference)
+
+
+def common_fit(
+    time: ArrayLike,
+    position: ArrayLike,
+    force: ArrayLike,
+    frequency_guess: float | None = None,
+    *,
+    harmonics: int = 3,
+    trend_order: int = 2,
+    response: Callable[[float], complex] | None = None,
+) -> CommonFit:
+    """Fit position and force at the position's frequency: stiffness and phase lag.
+
+    Parameters
+    ----------
+    time, position, force : array (n,) [s, m, N]
+        Compression and indentation positive. Samples where either is NaN are left out.
+    frequency_guess, harmonics, trend_order
+        As in :func:`fit_sinusoid`; the default trend leaves room for a relaxing mean force.
+    response : callable, optional
+        Complex response of the force channel at a frequency in Hz, by whose fundamental the force
+        is divided (a load cell's low-pass filter).
+
+    Returns
+    -------
+    CommonFit
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 20.0, 0.01)
+    >>> angle = 2 * np.pi * 0.5 * time
+    >>> fit = common_fit(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1))
+    >>> round(fit.phase_lag, 6), round(fit.storage_stiffness, 3)
+    (0.1, 19900.083)
+    """
+    t, x, load = (np.asarray(a, float) for a in (time, position, force))
+    if not t.shape == x.shape == load.shape:
+        message = f"time, position and force differ in shape: {t.shape}, {x.shape}, {load.shape}"
+        raise InputError(message)
+    both = np.isfinite(x) & np.isfinite(load)
+    t, x, load = t[both], x[both], load[both]
+    moved = fit_sinusoid(t, x, frequency_guess, harmonics=harmonics, trend_order=trend_order)
+    s = t - moved.reference_time
+    n_waves = len(moved.harmonic_amplitudes)
+    recorded = _described(
+        s, load, moved.frequency, n_waves, trend_order, moved.reference_time, fixed=True
+    )
+    pushed = recorded if response is None else _divided(recorded, response(moved.frequency))
+    lag = float(np.angle(np.exp(1j * (pushed.phase - moved.phase))))
+    stiffness = pushed.amplitude / moved.amplitude
+    relative, u_lag = _ratio_uncertainty(t, x - moved(t), load - recorded(t), moved, recorded)
+    cosine, sine = float(np.cos(lag)), float(np.sin(lag))
+    return CommonFit(
+        moved,
+        pushed,
+        lag,
+        u_lag,
+        stiffness * cosine,
+        stiffness * float(np.hypot(relative * cosine, u_lag * sine)),
+        stiffness * sine,
+        stiffness * float(np.hypot(relative * sine, u_lag * cosine)),
+    )
+
+
+def damped_oscillation(
+    time: ArrayLike, signal: ArrayLike, frequency_guess: float | None = None
+) -> Damped:
+    """Fit one decaying vibration about a slowly drifting rest position.
+
+    Parameters
+    ----------
+    time : array (n,) [s]
+        From the moment from which the vibration is free.
+    signal : array (n,)
+        NaN is left out.
+    frequency_guess : float, optional [Hz]
+        Default the strongest line of the spectrum.
+
+    Returns
+    -------
+    Damped
+
+    Raises
+    ------
+    InputError
+        Too few readings or cycles, or no vibration.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 0.1, 5e-5)
+    >>> ring = 1e-5 * np.exp(-0.02 * 2 * np.pi * 300 * time) * np.cos(2 * np.pi * 299.94 * time)
+    >>> fit = damped_oscillation(time, ring)
+    >>> round(fit.frequency, 2), round(fit.damping_ratio, 4)
+    (299.94, 0.02)
+    """
+    t, y = _finite(time, signal)
+    s, span = t - t[0], float(t[-1] - t[0])
+    # A vibration that dies out early is all at the beginning, where a taper would hide it.
+    guess = _line(s, y, taper=False) if frequency_guess is None else float(frequency_guess)
+    if guess * span < 1.5 or len(t) < 14:
+        message = (
+            f"a vibration of {guess:.6g} Hz needs 1.5 cycles and 14 readings; found "
+            f"{guess * span:.3g} cycles in {len(t)} readings"
+        )
+        raise InputError(message)
+
+    def columns(frequency: float, rate: float) -> Array:
+        angle, decay = 2 * np.pi * frequency * s, np.exp(-rate * s)
+        return np.stack(
+            [decay * np.sin(angle), decay * np.cos(angle), np.ones_like(s), s / span], 1
+        )
+
+    def residual(p: Array) -> Array:
+        design = columns(guess * p[0], p[1] / span)
+        # In units of the signal, or the optimiser's absolute tolerances would end it at once.
+        return (y - design @ np.linalg.lstsq(design, y, rcond=None)[0]) / scatter
+
+    scatter = float(np.std(y))
+    trials = [
+        least_squares(
+            residual, [1.0, rate], bounds=([0.3, -1.0], [3.0, 200.0]), x_scale=[0.01, 1.0]
+        )
+        for rate in (0.1, 3.0, 30.0)
+    ]
+    best = min(trials, key=lambda trial: float(trial.cost))
+    frequency, rate = guess * float(best.x[0]), float(best.x[1]) / span
+    design = columns(frequency, rate)
+    sine, cosine, offset, _ = np.linalg.lstsq(design, y, rcond=None)[0]
+    left = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
+    wave = sine * design[:, 0] + cosine * design[:, 1]
+    turned = sine * design[:, 1] - cosine * design[:, 0]
+    jacobian = np.column_stack([design, 2 * np.pi * s * turned, -s * wave])
+    covariance = parameter_covariance(jacobian, left)
+    omega, amplitude = 2 * np.pi * frequency, float(np.hypot(sine, cosine))
+    natural = float(np.hypot(omega, rate))
+    to_zeta = np.zeros(6)
+    to_zeta[4], to_zeta[5] = -2 * np.pi * rate * omega / natural**3, omega**2 / natural**3
+    to_amplitude = np.array([sine, cosine, 0, 0, 0, 0]) / amplitude
+    to_phase = np.array([-cosine, sine, 0, 0, 0, 0]) / amplitude**2
+    u_zeta, u_amplitude, u_phase = (
+        float(np.sqrt(g @ covariance @ g)) for g in (to_zeta, to_amplitude, to_phase)
+    )
+    return Damped(
+        frequency,
+        float(np.sqrt(covariance[4, 4])),
+        natural / (2 * np.pi),
+        rate / natural,
+        u_zeta,
+        amplitude,
+        u_amplitude,
+        float(np.arctan2(cosine, sine)),
+        u_phase,
+        float(offset),
+        float(t[0]),
+        float(np.sqrt(np.mean(left**2))),
+        len(t),
+    )
+
+
+def _finite(time: ArrayLike, signal: ArrayLike) -> tuple[Array, Array]:
+    t, y = np.array(time, float), np.array(signal, float)
+    if t.ndim != 1 or t.shape != y.shape:
+        message = f"time and signal must be one-dimensional and alike: {t.shape} and {y.shape}"
+        raise InputError(message)
+    finite = np.isfinite(y)
+    t, y = t[finite], y[finite]
+    if len(t) < 6 or not np.all(np.diff(t) > 0):
+        message = f"an oscillation needs 6 readings at increasing times; found {len(t)}"
+        raise InputError(message)
+    if float(np.ptp(y)) == 0.0:
+        message = "the signal does not vary: no oscillation in it"
+        raise InputError(message)
+    return t, y
+
+
+def _line(s: Array, y: Array, *, taper: bool = True) -> float:
+    """Frequency of the strongest line, good to a fraction of 1/T."""
+    even = np.linspace(s[0], s[-1], len(s))
+    values = np.interp(even, s, y)
+    values = values - np.polynomial.polynomial.polyval(
+        even, np.polynomial.polynomial.polyfit(even, values, 1)
+    )
+    size = _GRID * len(s)
+    window = np.hanning(len(s)) if taper else np.ones(len(s))
+    power = np.abs(np.fft.rfft(values * window, size))
+    frequency = np.fft.rfftfreq(size, float(even[1] - even[0]))
+    possible = frequency * float(s[-1] - s[0]) >= 1.0
+    return float(frequency[possible][np.argmax(power[possible])])
+
+
+def _design(s: Array, frequency: float, n_waves: int, trend_order: int) -> Array:
+    """Columns sin, cos of every wave, then powers of the time in units of half the record."""
+    design = np.empty((2 * n_waves + trend_order + 1, len(s)))
+    fundamental = np.exp(2j * np.pi * frequency * s)
+    wave = np.ones_like(fundamental)
+    for k in range(n_waves):
+        wave = wave * fundamental
+        design[k], design[n_waves + k] = wave.imag, wave.real
+    half = max(float(s[-1]), float(-s[0]))
+    for power in range(trend_order + 1):
+        design[2 * n_waves + power] = (s / half) ** power
+    return design.T
+
+
+def _linear(
+    s: Array, y: Array, frequency: float, n_waves: int, trend_order: int
+) -> tuple[Array, Array, Array]:
+    """Coefficients, residuals and columns at a given frequency."""
+    design = _design(s, frequency, n_waves, trend_order)
+    # Waves over a cycle or more and low powers are well conditioned: normal equations suffice.
+    coefficients = np.asarray(np.linalg.solve(design.T @ design, design.T @ y))
+    return coefficients, y - design @ coefficients, design
+
+
+def _described(
+    s: Array,
+    y: Array,
+    frequency: float,
+    n_waves: int,
+    trend_order: int,
+    reference: float,
+    *,
+    fixed: bool = False,
+) -> Sinusoid:
+    """Everything about the fit at its best frequency, or at a fixed one."""
+    coefficients, left, design = _linear(s, y, frequency, n_waves, trend_order)
+    sines, cosines = coefficients[:n_waves], coefficients[n_waves : 2 * n_waves]
+    waves = np.arange(1, n_waves + 1)
+    turned = (design[:, n_waves : 2 * n_waves] * sines - design[:, :n_waves] * cosines) * waves
+    by_frequency = 2 * np.pi * s * turned.sum(axis=1)
+    jacobian = design if fixed else np.column_stack([design, by_frequency])
+    covariance = parameter_covariance(jacobian, left)
+    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    amplitude = float(np.hypot(sines[0], cosines[0]))
+    pair = np.ix_([0, n_waves], [0, n_waves])
+    along = np.array([sines[0], cosines[0]]) / max(amplitude, np.finfo(float).tiny)
+    across = np.array([-along[1], along[0]])
+    half = max(float(s[-1]), float(-s[0]))
+    trend = coefficients[2 * n_waves :] / half ** np.arange(trend_order + 1)
+    u_trend = u[2 * n_waves : 2 * n_waves + trend_order + 1]
+    return Sinusoid(
+        frequency=frequency,
+        u_frequency=0.0 if fixed else float(u[-1]),
+        amplitude=amplitude,
+        u_amplitude=float(np.sqrt(along @ covariance[pair] @ along)),
+        phase=float(np.arctan2(cosines[0], sines[0])),
+        u_phase=float(np.sqrt(across @ covariance[pair] @ across)) / amplitude,
+        offset=float(trend[0]),
+        u_offset=float(u_trend[0]),
+        drift=float(trend[1]) if trend_order else 0.0,
+        u_drift=float(u_trend[1]) / half if trend_order else 0.0,
+        reference_time=reference,
+        harmonic_amplitudes=tuple(np.hypot(sines, cosines).tolist()),
+        harmonic_phases=tuple(np.arctan2(cosines, sines).tolist()),
+        trend=tuple(trend.tolist()),
+        residual_rms=float(np.sqrt(np.mean(left**2))),
+        n_cycles=frequency * float(s[-1] - s[0]),
+        n_samples=len(s),
+    )
+
+
+def _ratio_uncertainty(
+    t: Array, x_left: Array, force_left: Array, position: Sinusoid, force: Sinusoid
+) -> tuple[float, float]:
+    """Relative uncertainty of the amplitudes' ratio, and uncertainty of the phase lag.
+
+    An uneven stage moves force and position alike; only what the force does beyond following the
+    position, delayed by the lag, makes their ratio uncertain.
+    """
+    omega = 2 * np.pi * position.frequency
+    lag = float(np.angle(np.exp(1j * (force.phase - position.phase))))
+    followed = np.interp(t + lag / omega, t, x_left)
+    own = force_left / force.amplitude - followed / position.amplitude
+    angle = omega * (t - position.reference_time) + force.phase
+    jacobian = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(t)])
+    covariance = parameter_covariance(jacobian, own)
+    return float(np.sqrt(covariance[0, 0])), float(np.sqrt(covariance[1, 1]))
+
+
+def _divided(fit: Sinusoid, factor: complex) -> Sinusoid:
+    """Undo a channel's response at the fundamental."""
+    gain, turn = abs(factor), float(np.angle(factor))
+    return replace(
+        fit,
+        amplitude=fit.amplitude / gain,
+        u_amplitude=fit.u_amplitude / gain,
+        phase=fit.phase - turn,
+        harmonic_amplitudes=(fit.amplitude / gain, *fit.harmonic_amplitudes[1:]),
+        harmonic_phases=(fit.phase - turn, *fit.harmonic_phases[1:]),
+    )

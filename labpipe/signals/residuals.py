@@ -1,0 +1,51 @@
+"""Uncertainty of a least-squares fit whose residuals are not white.
+
+A stage, a load cell and a laser leave residuals with memory. The covariance of the parameters then
+depends on how strong the residuals are at the frequencies to which each parameter listens: the
+residuals' spectrum, smoothed, is weighed with the spectrum of the parameter's own influence.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+Array = NDArray[np.float64]
+
+_HALF_WIDTH = 6  # bins on either side over which the residuals' spectrum is averaged
+
+
+def parameter_covariance(jacobian: Array, residual: Array) -> Array:
+    """Covariance of least-squares parameters under stationary, correlated residuals.
+
+    Parameters
+    ----------
+    jacobian : array (n, p)
+        Derivative of the model by its parameters, at (nearly) even times.
+    residual : array (n,)
+
+    Returns
+    -------
+    array (p, p)
+
+    Notes
+    -----
+    Sandwich ``(J'J)^-1 J'CJ (J'J)^-1`` with C the circulant covariance of the smoothed residual
+    spectrum, enlarged by n / (n - p). For white residuals it is the usual ``s^2 (J'J)^-1``.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).standard_normal(4000)
+    >>> cov = parameter_covariance(np.ones((4000, 1)), noise - noise.mean())
+    >>> bool(abs(cov[0, 0] ** 0.5 * 4000**0.5 - 1) < 0.3)
+    True
+    """
+    n, p = jacobian.shape
+    scale = np.linalg.norm(jacobian, axis=0)
+    columns = jacobian / np.where(scale > 0, scale, 1.0)
+    inverse = np.linalg.pinv(columns.T @ columns, hermitian=True)
+    power = np.abs(np.fft.fft(residual)) ** 2 / n
+    smooth = uniform_filter1d(power, min(2 * _HALF_WIDTH + 1, n), mode="wrap")
+    spectra = np.fft.fft(columns, axis=0)
+    middle = np.real(spectra.conj().T @ (smooth[:, None] * spectra)) / n
+    covariance = inverse @ middle @ inverse * n / max(n - p, 1)
+    return np.asarray(covariance / np.outer(scale, scale))

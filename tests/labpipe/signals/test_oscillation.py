@@ -1,0 +1,285 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from labpipe.errors import InputError
+from labpipe.signals import active_window, common_fit, damped_oscillation, fit_sinusoid, loops
+
+MACH1 = Path(__file__).parents[3] / "../shared/samples/mach1/dynamic_5_sinusoid_blocks.txt"
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    frequency=st.floats(0.3, 20.0),
+    amplitude=st.floats(1e-6, 1e3),
+    phase=st.floats(-3.0, 3.0),
+    offset=st.floats(-1e3, 1e3),
+    drift=st.floats(-1.0, 1.0),
+)
+def test_noise_free_sinusoid_is_recovered(frequency, amplitude, phase, offset, drift):
+    time = np.arange(0.0, 10.0, 0.01)
+    signal = amplitude * np.sin(2 * np.pi * frequency * time + phase)
+    fit = fit_sinusoid(time, signal + amplitude * (offset + drift * time))
+    assert fit.frequency == pytest.approx(frequency, rel=1e-6)
+    assert fit.amplitude == pytest.approx(amplitude, rel=1e-5)
+    expected = phase + 2 * np.pi * frequency * fit.reference_time
+    assert np.angle(np.exp(1j * (fit.phase - expected))) == pytest.approx(0.0, abs=1e-4)
+    assert fit.drift == pytest.approx(amplitude * drift, abs=1e-5 * amplitude)
+
+
+def test_harmonics_and_curve():
+    time = np.arange(0.0, 20.0, 0.01)
+    wave = 2 * np.pi * 0.7 * time
+    signal = np.sin(wave) + 0.1 * np.sin(2 * wave + 1) + 0.05 * np.sin(3 * wave - 1) + 4
+    fit = fit_sinusoid(time, signal)
+    np.testing.assert_allclose(fit.harmonic_amplitudes, [1.0, 0.1, 0.05], atol=1e-6)
+    np.testing.assert_allclose(fit(time), signal, atol=1e-6)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9])
+def test_uncertainties_hold_for_residuals_with_memory(memory):
+    # Measured 1.00-1.10.
+    random = np.random.default_rng(0)
+    z = []
+    for _ in range(120):
+        time = np.arange(2000) * 0.01
+        noise = 0.05 * lfilter([1], [1, -memory], random.standard_normal(2200))[200:]
+        fit = fit_sinusoid(time, np.sin(2 * np.pi * 0.73 * time + 0.4) + 3 + 0.1 * time + noise)
+        phase = 2 * np.pi * 0.73 * fit.reference_time + 0.4
+        z.append(
+            [
+                (fit.frequency - 0.73) / fit.u_frequency,
+                (fit.amplitude - 1) / fit.u_amplitude,
+                np.angle(np.exp(1j * (fit.phase - phase))) / fit.u_phase,
+                (fit.offset - 3 - 0.1 * fit.reference_time) / fit.u_offset,
+                (fit.drift - 0.1) / fit.u_drift,
+            ]
+        )
+    spread = np.sqrt(np.mean(np.square(z), axis=0))
+    assert np.all((spread > 0.75) & (spread < 1.3)), spread
+
+
+def test_wrong_header_frequency_is_only_a_guess():
+    time = np.arange(0.0, 10.0, 0.01)
+    fit = fit_sinusoid(time, np.sin(2 * np.pi * 1.983 * time), frequency_guess=2.0)
+    assert fit.frequency == pytest.approx(1.983, rel=1e-6)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.02, 0.5])
+def test_stiffness_and_lag_of_a_lossy_solid(lag):
+    random = np.random.default_rng(0)
+    time = np.arange(0.0, 20.0, 0.01)
+    angle = 2 * np.pi * 0.5 * time
+    position = 1e-4 * np.sin(angle) + 1e-8 * random.standard_normal(2000)
+    force = (
+        2.0 * np.sin(angle + lag)
+        + 5
+        - 0.1 * np.log1p(time / 5)
+        + 1e-3 * random.standard_normal(2000)
+    )
+    fit = common_fit(time, position, force)
+    assert fit.phase_lag == pytest.approx(lag, abs=4 * fit.u_phase_lag)
+    assert fit.u_phase_lag < 1e-3
+    assert fit.storage_stiffness == pytest.approx(2e4 * np.cos(lag), rel=1e-3)
+    assert fit.loss_stiffness == pytest.approx(2e4 * np.sin(lag), abs=20)
+
+
+def test_uneven_stage_does_not_blur_the_lag():
+    # The force follows whatever the stage does; only its own noise makes the lag uncertain.
+    random = np.random.default_rng(2)
+    time = np.arange(0.0, 20.0, 0.01)
+    wobble = lfilter([1], [1, -0.95], 0.003 * random.standard_normal(2000))
+    position = 1e-4 * (np.sin(2 * np.pi * 0.5 * time) + wobble)
+    fit = common_fit(time, position, 2e4 * position + 1e-4 * random.standard_normal(2000))
+    assert fit.position.u_phase > 50 * fit.u_phase_lag
+    assert fit.u_phase_lag < 1e-5
+    assert abs(fit.phase_lag) < 5 * fit.u_phase_lag + 1e-7
+
+
+def test_response_of_the_force_channel_is_divided_out():
+    time = np.arange(0.0, 20.0, 0.01)
+    angle = 2 * np.pi * 0.5 * time
+    seen = 0.9 * 2.0 * np.sin(angle + 0.1 - 0.3)
+    fit = common_fit(time, 1e-4 * np.sin(angle), seen, response=lambda f: 0.9 * np.exp(-0.6j * f))
+    assert fit.phase_lag == pytest.approx(0.1, abs=1e-6)
+    assert fit.force.amplitude == pytest.approx(2.0, rel=1e-6)
+
+
+def test_damped_vibration_and_its_uncertainties():
+    random = np.random.default_rng(0)
+    time = np.arange(1500) / 20e3
+    damped = 300 * np.sqrt(1 - 0.03**2)
+    ring = 1e-5 * np.exp(-0.03 * 2 * np.pi * 300 * time) * np.sin(2 * np.pi * damped * time + 1)
+    z = []
+    for _ in range(60):
+        fit = damped_oscillation(time, ring + 2e-6 + 1e-6 * random.standard_normal(1500))
+        z.append(
+            [
+                (fit.frequency - damped) / fit.u_frequency,
+                (fit.damping_ratio - 0.03) / fit.u_damping_ratio,
+                (fit.amplitude - 1e-5) / fit.u_amplitude,
+                (fit.phase - 1.0) / fit.u_phase,
+            ]
+        )
+    spread = np.sqrt(np.mean(np.square(z), axis=0))
+    assert np.all((spread > 0.7) & (spread < 1.35)), spread
+    assert fit.natural_frequency == pytest.approx(300, rel=5e-3)
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.002, 0.1, 0.3])
+def test_damping_over_two_decades(zeta):
+    time = np.arange(0.0, 0.1, 5e-5) + 3.0
+    s = time - 3.0
+    damped = 100 * np.sqrt(1 - zeta**2)
+    ring = 1e-5 * np.exp(-zeta * 2 * np.pi * 100 * s) * np.cos(2 * np.pi * damped * s) + 1e-4
+    fit = damped_oscillation(time, ring)
+    assert fit.frequency == pytest.approx(damped, rel=1e-3)
+    assert fit.damping_ratio == pytest.approx(zeta, abs=1e-3)
+    assert fit.start_time == 3.0
+
+
+@pytest.mark.parametrize(
+    ("time", "signal", "message"),
+    [
+        (np.arange(100.0), np.zeros(100), "does not vary"),
+        (np.arange(4.0), np.arange(4.0), "6 readings"),
+        (np.arange(100.0), np.zeros(99), "one-dimensional and alike"),
+        (np.ones(50), np.arange(50.0), "increasing"),
+    ],
+)
+def test_bad_signals_are_refused(time, signal, message):
+    with pytest.raises(InputError, match=message):
+        fit_sinusoid(time, signal)
+    with pytest.raises(InputError, match=message):
+        damped_oscillation(time, signal)
+
+
+@pytest.mark.parametrize("frequency", [0.005, 60.0, -1.0])
+def test_frequencies_that_the_record_cannot_hold_are_refused(frequency):
+    time = np.arange(0.0, 10.0, 0.01)
+    with pytest.raises(InputError, match="at least one cycle"):
+        fit_sinusoid(time, np.sin(time), frequency)
+
+
+def test_loop_area_is_that_of_the_ellipse_at_any_phase_and_sampling():
+    for n_per_cycle in (9, 25, 500):
+        time = np.arange(0.0, 12.3, 1 / n_per_cycle)
+        angle = 2 * np.pi * time + 0.7
+        found = loops(time, 1e-4 * np.sin(angle), 2 * np.sin(angle + 0.2), 1.0)
+        expected = np.pi * 2e-4 * np.sin(0.2)
+        tolerance = 5e-3 if n_per_cycle == 9 else 1e-4
+        assert float(found.mean_work) == pytest.approx(expected, rel=tolerance)
+        assert found.sizes["cycle"] == 12
+        np.testing.assert_allclose(found.loss_stiffness, 2e4 * np.sin(0.2), rtol=1e-2)
+
+
+def test_drift_does_not_open_the_loop():
+    time = np.arange(0.0, 10.0, 0.01)
+    angle = 2 * np.pi * time
+    force = 2 * np.sin(angle + 0.1) - 0.05 * time + 20
+    found = loops(time, 1e-4 * np.sin(angle), force, 1.0)
+    np.testing.assert_allclose(found.work, np.pi * 2e-4 * np.sin(0.1), rtol=1e-3)
+    np.testing.assert_allclose(np.diff(found.mean_force), -0.05, rtol=1e-3)
+
+
+def test_scatter_of_the_work_over_cycles():
+    random = np.random.default_rng(0)
+    time = np.arange(0.0, 40.0, 0.01)
+    angle = 2 * np.pi * time
+    force = 2 * np.sin(angle + 0.1) + 0.02 * random.standard_normal(4000)
+    found = loops(time, 1e-4 * np.sin(angle), force, 1.0)
+    expected = np.pi * 2e-4 * np.sin(0.1)
+    assert abs(float(found.mean_work) - expected) < 3 * float(found.u_mean_work)
+    assert float(found.sd_work) == pytest.approx(np.pi * 1e-4 * 0.02 * np.sqrt(2 / 100), rel=0.3)
+
+
+def test_growing_first_cycles_are_transient():
+    time = np.arange(0.0, 20.0, 0.01)
+    envelope = 1 - 0.3 * np.exp(-time)
+    wave = envelope * np.sin(2 * np.pi * time)
+    found = loops(time, 1e-4 * wave, 2 * wave, 1.0)
+    assert found.is_transient.values[:3].all()
+    assert not found.is_transient.values[4:].any()
+    assert float(found.n_cycles) == (~found.is_transient).sum()
+
+
+def test_rest_before_and_after_the_motion():
+    time = np.arange(0.0, 14.0, 0.01)
+    moving = (time >= 1.0) & (time < 11.0)
+    position = np.where(moving, 1e-4 * np.sin(2 * np.pi * (time - 1.0)), 0.0) + 1e-3
+    found = active_window(time, np.round(position, 7))
+    assert found.start == pytest.approx(1.0, abs=0.03)
+    assert found.end == pytest.approx(11.0, abs=0.03)
+    assert found.frequency == pytest.approx(1.0, rel=1e-4)
+    assert found.level_before == pytest.approx(1e-3, abs=1e-7)
+    assert found.steady_end - found.steady_start == pytest.approx(8.0, abs=0.01)
+    assert found.slice(time).stop - found.slice(time).start == pytest.approx(800, abs=2)
+
+
+def test_motion_from_the_first_to_the_last_reading():
+    time = np.arange(0.0, 10.0, 0.01)
+    found = active_window(time, np.sin(2 * np.pi * time + 1))
+    assert (found.start, found.end) == (0.0, pytest.approx(9.99))
+    assert np.isnan(found.level_before)
+
+
+def test_no_motion_and_too_few_cycles_are_refused():
+    time = np.arange(0.0, 10.0, 0.01)
+    with pytest.raises(InputError, match="no motion"):
+        active_window(time, np.zeros(1000))
+    with pytest.raises(InputError, match="leave none"):
+        active_window(time, np.sin(2 * np.pi * 0.2 * time), skip_cycles=1)
+    with pytest.raises(InputError, match="whole cycle"):
+        loops(time, np.sin(time), np.sin(time), 0.05)
+    with pytest.raises(InputError, match="unread samples"):
+        loops(time, np.full(1000, np.nan), np.sin(time), 1.0)
+
+
+def real_blocks():
+    """The five blocks of the real file: nominal frequency, time, position, force."""
+    blocks, rows, nominal = [], None, 0.0
+    for line in MACH1.read_text(encoding="latin-1").splitlines():
+        if line.startswith("Frequency, Hz:"):
+            nominal = float(line.split("\t")[1])
+        elif line == "<DATA>":
+            rows = []
+        elif line.startswith("<END DATA") and rows:
+            blocks.append((nominal, *np.array(rows[1:], float).T))
+            rows = None
+        elif rows is not None:
+            rows.append(line.split("\t"))
+    return blocks
+
+
+@pytest.mark.skipif(
+    not MACH1.exists(), reason="the shared sample files are not beside the checkout"
+)
+def test_real_frequencies_and_amplitudes_differ_from_the_header():
+    # Counted by hand: frequency 0.16, 0.11, 0.28, 0.48, 0.84 % below, amplitude 0.6-3.6 % above.
+    below, above = [], []
+    for nominal, time, position, force in real_blocks():
+        window = active_window(time, position)
+        part = window.slice(time)
+        fit = common_fit(time[part], 1e-3 * position[part], 9.80665e-3 * force[part])
+        below.append(100 * (1 - fit.position.frequency / nominal))
+        above.append(100 * (1e3 * fit.position.amplitude / 0.0469 - 1))
+        found = loops(
+            time, 1e-3 * position, 9.80665e-3 * force, fit.position.frequency,
+            start=window.steady_start, end=window.steady_end,
+        )  # fmt: skip
+        assert found.sizes["cycle"] in (17, 18)
+        ellipse = np.pi * fit.position.amplitude * fit.force.amplitude * np.sin(fit.phase_lag)
+        assert float(found.mean_work) == pytest.approx(ellipse, rel=0.01)
+        assert fit.u_phase_lag < np.radians(0.02)
+    np.testing.assert_allclose(below, [0.16, 0.11, 0.28, 0.48, 0.84], atol=0.06)
+    assert above[0] == pytest.approx(0.6, abs=0.05)
+    assert above[-1] == pytest.approx(3.6, abs=0.1)
+    assert rms(np.diff(above)) < 1.5
