@@ -149,7 +149,9 @@ def _oscillation(
     time, position, force = (part[n].values for n in ("time", "position_z", "force"))
     stated = float(loads["declared_frequency"][block])
     begin, end, frequency, cycles = counted(time, position, stated, skip)
-    used = (time >= begin) & (time <= end)
+    interval = float(np.median(np.diff(time)))
+    # one sample beyond either end, so that whole cycles can be cut by interpolation
+    used = (time >= begin - interval) & (time <= end + interval)
     lag = None
     response = None
     if declared is not None:
@@ -161,7 +163,8 @@ def _oscillation(
             return at.gain * complex(np.exp(-1j * at.phase))
 
     fit = common_fit(time[used], position[used], force[used], frequency, response=response)
-    areas = loop_areas(time[used], position[used], force[used], fit.position.frequency)
+    counting = (begin, round((end - begin) * frequency))
+    areas = loop_areas(time, position, force, fit.position.frequency, *counting)
     u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase if lag else 0.0))
     u_gain = lag.u_gain / lag.gain if lag else 0.0
     return _row(fit, areas, u_phase, u_gain) | {
@@ -203,16 +206,17 @@ def _row(fit: CommonFit, areas: Array, u_phase: float, u_gain: float) -> dict[st
     }  # fmt: skip
 
 
-def loop_areas(time: Array, position: Array, force: Array, frequency: float) -> Array:
-    """Return the area of every whole cycle, force integrated over position.
+def loop_areas(
+    time: Array, position: Array, force: Array, frequency: float, begin: float, count: int
+) -> Array:
+    """Return the area of each of ``count`` cycles from ``begin``, force over position.
 
     Cycles are closed by interpolation, so a period need not be a whole number of samples.
     """
     period = 1 / frequency
-    count = int((time[-1] - time[0]) * frequency + 1e-6)
     areas = []
     for k in range(count):
-        first, last = time[0] + k * period, time[0] + (k + 1) * period
+        first, last = begin + k * period, begin + (k + 1) * period
         inner = (time > first) & (time < last)
         grid = np.concatenate([[first], time[inner], [last]])
         x, f = np.interp(grid, time, position), np.interp(grid, time, force)

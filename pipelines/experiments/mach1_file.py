@@ -19,6 +19,7 @@ from labpipe.units import Quantity
 Array = NDArray[np.float64]
 
 _APPROACH = "Find Contact"
+_FILTER_FINENESS = 10  # steps per sample, so that a digital filter behaves as the analogue one
 _POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth in log time
 
 
@@ -63,9 +64,13 @@ def filtered(force_values: Array, interval: float, declared: dict[str, float] | 
     """Pass a force through the load cell's filter, assumed Butterworth and causal."""
     if declared is None:
         return force_values
-    sections = butter(int(declared["order"]), declared["cutoff"], fs=1 / interval, output="sos")
-    passed, _ = sosfilt(sections, force_values, zi=sosfilt_zi(sections) * force_values[0])
-    result: Array = passed
+    coarse = np.arange(force_values.size)
+    fine = np.arange(force_values.size * _FILTER_FINENESS) / _FILTER_FINENESS
+    force_between = np.interp(fine, coarse, force_values)
+    rate = _FILTER_FINENESS / interval
+    sections = butter(int(declared["order"]), declared["cutoff"], fs=rate, output="sos")
+    passed, _ = sosfilt(sections, force_between, zi=sosfilt_zi(sections) * force_between[0])
+    result: Array = passed[::_FILTER_FINENESS]
     return result
 
 

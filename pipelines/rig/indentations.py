@@ -133,7 +133,7 @@ def write_harmonic(
         "plateau_force": float(pieces[1][-1]),
         "force_offset": tester.force_offset,
         "oscillations": [
-            _truth_of(part, piece, protocol)
+            _truth_of(part, piece, protocol, tester)
             for part, piece in zip(parts, pieces, strict=True)
             if part.frequency
         ],
@@ -181,7 +181,7 @@ def _where_it_matters(time: Array, displacement: Array) -> NDArray[np.int64]:
     return np.flatnonzero(keep)
 
 
-def _truth_of(part: _Part, force: Array, protocol: Harmonic) -> dict[str, float]:
+def _truth_of(part: _Part, force: Array, protocol: Harmonic, tester: Tester) -> dict[str, float]:
     """Return amplitude, work and complex stiffness of the second half of an oscillation."""
     period = 1 / part.frequency
     cycles = protocol.cycles // 2
@@ -193,7 +193,7 @@ def _truth_of(part: _Part, force: Array, protocol: Harmonic) -> dict[str, float]
     stiffness = np.sum(f[:-1] * phase) / np.sum(x[:-1] * phase)
     return {
         "frequency": part.frequency,
-        "amplitude": float(2 * abs(np.mean(x[:-1] * phase))),
+        "amplitude": protocol.amplitude * (1 + tester.amplitude_error),
         "force_amplitude": float(2 * abs(np.mean(f[:-1] * phase))),
         "storage_stiffness": float(stiffness.real),
         "loss_stiffness": float(stiffness.imag),
