@@ -256,7 +256,7 @@ class SpringBed:
         inside = load[:touched]
         if inside.min() <= 0.0:
             raise NotNestedError
-        if np.diff(inside).max(initial=0.0) > _NESTED_TOLERANCE * inside[0]:
+        if (inside[1:] - inside[:-1]).max(initial=0.0) > _NESTED_TOLERANCE * inside[0]:
             raise NotNestedError
 
     def _require_open(self, touched: int) -> None:

@@ -1,0 +1,89 @@
+"""Influence coefficients of strips against quadrature, Fourier sums and limits."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad
+
+from labpipe.contact.kernels import clausen, layer_factor, line_kernel
+from labpipe.errors import InputError
+
+PERIOD = 8e-3
+
+
+def test_half_plane_influence_is_the_integral_of_the_logarithm() -> None:
+    kernel = line_kernel(PERIOD, 64)
+    dx = kernel.spacing
+
+    def green(s: float) -> float:
+        return -2 / np.pi * np.log(abs(2 * np.sin(np.pi * s / PERIOD)))
+
+    for n in (0, 1, 5, 32):
+        ends = (n * dx - dx / 2, n * dx + dx / 2)
+        exact, _ = quad(green, *ends, points=[0.0] if n == 0 else None, epsabs=1e-16)
+        assert kernel.influence[n] == pytest.approx(exact, rel=1e-8, abs=1e-12)
+
+
+def test_clausen_has_its_special_values() -> None:
+    assert clausen(np.array([0.0, np.pi / 2, np.pi])) == pytest.approx(
+        [0.0, 0.915965594177219, 0.0], abs=1e-15
+    )
+
+
+def test_half_plane_has_no_mean_and_a_layer_does() -> None:
+    half_plane = line_kernel(PERIOD, 128)
+    assert half_plane.symbol[0] == 0.0
+    assert half_plane.datum == "mean surface"
+    layer = line_kernel(PERIOD, 128, thickness=1e-3, nu=0.35)
+    # h (1+ν)(1−2ν)/(E(1−ν)) times E* = E/(1−ν²).
+    expected = 1e-3 * 1.35 * 0.3 / 0.65 / (1 - 0.35**2)
+    assert layer.mean_compliance == pytest.approx(expected)
+    assert layer.symbol[0] == pytest.approx(expected, rel=1e-12)
+    uniform = layer.displacement(np.ones(128))
+    assert uniform == pytest.approx(np.full(128, expected), rel=1e-12)
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.3, 0.4999, 0.5])
+def test_layer_factor_matches_its_definition(nu) -> None:
+    z = np.array([0.3, 0.49, 0.51, 1.0, 3.0, 10.0])
+    above = (3 - 4 * nu) * np.sinh(2 * z) - 2 * z
+    below = (3 - 4 * nu) * np.cosh(2 * z) + 2 * z**2 + 5 - 12 * nu + 8 * nu**2
+    assert layer_factor(z, nu) == pytest.approx(above / below, rel=1e-12)
+
+
+@given(nu=st.floats(0.0, 0.4999))
+def test_thin_layer_is_a_winkler_foundation(nu) -> None:
+    z = np.array([1e-4])
+    winkler = (2 - 4 * nu) * 2 * z / (8 - 16 * nu + 8 * nu**2)
+    # Next order: the incompressible film, z³.
+    assert layer_factor(z, nu) == pytest.approx(winkler, rel=1e-4 + 1e-7 / (0.5 - nu))
+
+
+def test_thick_layer_becomes_the_half_plane() -> None:
+    deep = line_kernel(PERIOD, 64, thickness=50e-3, nu=0.3)
+    half_plane = line_kernel(PERIOD, 64)
+    assert deep.symbol[1:] == pytest.approx(half_plane.symbol[1:], rel=1e-10)
+
+
+@pytest.mark.parametrize("thickness", [np.inf, 1e-3, 1e-5])
+def test_displacement_is_the_sum_of_influences(thickness) -> None:
+    kernel = line_kernel(PERIOD, 16, thickness, 0.3)
+    pressure = np.random.default_rng(0).random(16)
+    index = np.arange(16)
+    matrix = kernel.influence[(index[:, None] - index) % 16]
+    # The half-plane's mean is put to zero exactly in the FFT, to rounding in the sum.
+    assert kernel.displacement(pressure) == pytest.approx(matrix @ pressure, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"period": 0.0}, {"period": np.nan}, {"elements": 15}, {"elements": 2},
+        {"thickness": 0.0}, {"thickness": np.nan}, {"nu": 0.6}, {"nu": -0.1},
+        {"thickness": 1e-12},
+    ],
+)  # fmt: skip
+def test_values_outside_the_domain_are_refused(wrong) -> None:
+    with pytest.raises(InputError):
+        line_kernel(**({"period": PERIOD, "elements": 64, "nu": 0.3} | wrong))

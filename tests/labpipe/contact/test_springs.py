@@ -1,0 +1,112 @@
+"""Spring beds: identities that need no table, and the guards."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from labpipe.contact.kernels import line_kernel
+from labpipe.contact.profiles import strip_heights
+from labpipe.contact.springs import NotNestedError, line_bed, line_pressure, sphere_bed
+from labpipe.errors import InputError
+
+PERIOD, RADIUS, ELEMENTS = 8e-3, 2e-3, 256
+
+
+def bed_of(thickness=np.inf, reach=4e-4, profile="parabola"):
+    kernel = line_kernel(PERIOD, ELEMENTS, thickness, 0.35)
+    heights = strip_heights(profile, RADIUS, PERIOD, ELEMENTS)
+    half = np.append(heights[ELEMENTS // 2 :], heights[0])
+    half = half[np.isfinite(half)]
+    return kernel, half, line_bed(
+        kernel, half, reach, is_smooth=True, has_end=False, limit="closed"
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("thickness", [np.inf, 1e-3])
+@pytest.mark.parametrize("profile", ["parabola", "circle", "cosine"])
+def test_pressure_of_the_springs_solves_the_contact_problem(thickness, profile) -> None:
+    kernel, half, (bed, folded) = bed_of(thickness, profile=profile)
+    answer = bed.press(np.zeros(bed.size), 1.0, 2e-4, 0.0)
+    pressure = line_pressure(kernel, folded, answer.load)
+    surface = kernel.displacement(pressure)
+    contact = pressure > 0.0
+    centre = ELEMENTS // 2
+    gap = surface[centre : centre + bed.size] + half[: bed.size] - 2e-4
+    inside = contact[centre : centre + bed.size]
+    assert np.abs(gap[inside]).max() < 1e-15
+    assert gap[~inside].min() > 0.0
+    assert pressure.min() == 0.0
+    assert pressure == pytest.approx(np.roll(pressure[::-1], 1), abs=1e-12)
+
+
+@given(
+    st.lists(st.floats(0.0, 3.5e-4), min_size=2, max_size=6),
+    st.floats(1e-3, 1e3),
+)
+def test_force_rises_with_the_displacement_and_scales_with_the_compliance(depths, factor) -> None:
+    _, _, (bed, _) = bed_of()
+    rest = np.zeros(bed.size)
+    depths = sorted(depths)
+    forces = [bed.press(rest, 1.0, depth, 0.0).force for depth in depths]
+    assert all(b >= a for a, b in itertools.pairwise(forces))
+    softer = bed.press(rest, factor, depths[-1], 0.0)
+    assert softer.force == pytest.approx(forces[-1] / factor, rel=1e-12)
+
+
+@given(st.floats(1e-9, 3.0e-4))
+def test_push_inverts_press(depth) -> None:
+    _, _, (bed, _) = bed_of()
+    rest = np.zeros(bed.size)
+    pressed = bed.press(rest, 2.0, depth, 0.0)
+    pushed = bed.push(rest, 2.0, pressed.force, 0.0)
+    # Within the first strip the force is not resolved.
+    assert pushed.displacement == pytest.approx(depth, rel=1e-6, abs=2.0 * bed.gap[1])
+
+
+def test_force_and_width_have_no_staircase() -> None:
+    _, _, (bed, _) = bed_of()
+    rest = np.zeros(bed.size)
+    depth = np.linspace(1e-4, 1.2e-4, 400)
+    answers = [bed.press(rest, 1.0, d, 0.0) for d in depth]
+    force = np.array([a.force for a in answers])
+    width = np.array([a.half_width for a in answers])
+    smooth = np.polynomial.Polynomial.fit(depth, force, 4)(depth)
+    assert np.abs(force / smooth - 1.0).max() < 1e-5
+    smooth = np.polynomial.Polynomial.fit(depth, width, 4)(depth)
+    assert np.abs(width - smooth).max() < 0.01 * PERIOD / ELEMENTS
+
+
+def test_only_strips_that_can_be_touched_are_factored() -> None:
+    _, _, (near, _) = bed_of(reach=1e-5)
+    _, _, (far, _) = bed_of(reach=4e-4)
+    assert near.size < far.size < ELEMENTS // 2
+    assert near.gap == pytest.approx(far.gap[: near.size])
+
+
+def test_a_history_that_lifts_an_outer_spring_first_is_not_nested() -> None:
+    _, _, (bed, _) = bed_of()
+    history = np.zeros(bed.size)
+    history[:5] = 1e-4
+    with pytest.raises(NotNestedError):
+        bed.press(history, 1.0, 5e-5, 0.0)
+    with pytest.raises(NotNestedError):
+        bed.push(history, 1.0, 1e-5, 0.0)
+
+
+def test_contact_beyond_the_bed_is_refused() -> None:
+    _, _, (bed, _) = bed_of(reach=1e-4)
+    with pytest.raises(InputError, match="closed"):
+        bed.press(np.zeros(bed.size), 1.0, 1e-3, 0.0)
+
+
+@pytest.mark.parametrize("springs", [10, 50, 400])
+def test_hertz_at_any_edge(springs) -> None:
+    bed = sphere_bed(1.0, 0.1, springs)
+    rest = np.zeros(bed.size)
+    for width in np.linspace(0.06, 0.1, 23):
+        answer = bed.press(rest, 1.0, width**2, 0.0)
+        assert answer.force == pytest.approx(4 / 3 * width**3, rel=0.07 / springs**2)
+        assert answer.half_width == pytest.approx(width, rel=1e-12)
