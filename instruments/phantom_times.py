@@ -97,7 +97,7 @@ def time_axis(header: Header) -> TimeAxis:
         flag |= TimeFlag.CLOCK_UNSET
     nearest = good[np.clip(np.searchsorted(good, np.arange(header.count)) - 1, 0, None)]
     steps = np.arange(header.count) - nearest
-    time = np.where(bad, time[nearest] + steps * interval, time)
+    time = np.asarray(np.where(bad, time[nearest] + steps * interval, time), np.float64)
     missing = _missing(time, interval)
     flag[missing > 0] |= TimeFlag.AFTER_GAP
     return TimeAxis(time, flag, missing, interval)
@@ -107,7 +107,8 @@ def _from_frame_rate(header: Header, number: NDArray[np.int64]) -> TimeAxis:
     rate = header.setup.frame_rate or 1
     interval = (header.setup.decimation or 1.0) / rate
     flag = np.full(header.count, TimeFlag.NO_STAMPS, dtype=np.int64)
-    return TimeAxis(number * interval, flag, np.zeros(header.count, np.int64), interval)
+    time = np.asarray(number * interval, np.float64)
+    return TimeAxis(time, flag, np.zeros(header.count, np.int64), interval)
 
 
 def _median_interval(ticks: NDArray[np.int64]) -> float:
@@ -148,7 +149,7 @@ def exposure_times(header: Header, axis: TimeAxis) -> NDArray[np.float64] | None
     if header.exposures is None:
         shutter = header.setup.shutter
         return None if shutter is None else np.full(header.count, shutter)
-    exposure = header.exposures * _UNIT
+    exposure = np.asarray(header.exposures * _UNIT, np.float64)
     if header.count > 1:
         exposure = np.where(exposure > axis.interval * (1 + _SHARE), np.nan, exposure)
     return exposure
