@@ -4,6 +4,7 @@ A settings structure is a frozen ``msgspec.Struct``; a dimensional field is decl
 its quantity, and the user writes ``"9.525 mm"`` or ``"12.0 ± 0.2 deg"``:
 
 >>> import msgspec
+>>> from typing import Annotated
 >>> class Sphere(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 ...     radius: Annotated[Length, POSITIVE]
 ...     mass: Annotated[Mass, POSITIVE] | None = None

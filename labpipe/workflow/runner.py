@@ -179,21 +179,12 @@ def run(
         failures={},
     )
     state = _State(made, store, template, progress)
-    with store.writing():
-        state.log("run started", tasks=len(made.rows), to_run=len(made.to_run), jobs=jobs)
-        state.take_cached()
-        try:
-            if jobs:
-                state.in_processes(jobs)
-            else:
-                state.here()
-        except BaseException as error:
-            state.log("run interrupted", error=type(error).__name__)
-            raise
-        state.skip_rest()
-        result = state.result()
-        state.log("run finished", exit_code=result.exit_code)
-    return result
+    try:
+        with store.writing():
+            state.all(jobs)
+    finally:
+        store.clean()  # after an interrupt; otherwise there is nothing to remove
+    return state.result()
 
 
 def open_result(
@@ -293,6 +284,22 @@ class _State:
             self.progress(Event(kind, task, len(self.outcomes), total, message))
 
     # --- running ---
+
+    def all(self, jobs: int) -> None:
+        """Run everything, and write the beginning and the end into the log."""
+        to_run = len(self.plan.to_run)
+        self.log("run started", tasks=len(self.plan.rows), to_run=to_run, jobs=jobs)
+        try:
+            self.take_cached()
+            if jobs:
+                self.in_processes(jobs)
+            else:
+                self.here()
+            self.skip_rest()
+        except BaseException as error:
+            self.log("run interrupted", error=type(error).__name__)
+            raise
+        self.log("run finished", exit_code=self.result().exit_code)
 
     def take_cached(self) -> None:
         """Experiments with nothing to do need no process."""
