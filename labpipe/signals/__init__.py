@@ -1,9 +1,18 @@
 """Signals in time: derivative, events, oscillation, alignment, repeats, metrics."""
 
+from labpipe.signals.align import Lag, at_times, from_event, lag
 from labpipe.signals.cycles import Window, active_window, loops
 from labpipe.signals.derivative import velocity
 from labpipe.signals.events import PHASES, bounces, phases
-from labpipe.signals.metrics import agreement, compare, nrmse
+from labpipe.signals.metrics import (
+    Agreement,
+    agreement,
+    compare,
+    coverage,
+    determination,
+    independent_count,
+    nrmse,
+)
 from labpipe.signals.oscillation import (
     CommonFit,
     Damped,
@@ -16,18 +25,26 @@ from labpipe.signals.repeats import combine_repeats
 
 __all__ = [
     "PHASES",
+    "Agreement",
     "CommonFit",
     "Damped",
+    "Lag",
     "Sinusoid",
     "Window",
     "active_window",
     "agreement",
+    "at_times",
     "bounces",
     "combine_repeats",
     "common_fit",
     "compare",
+    "coverage",
     "damped_oscillation",
+    "determination",
     "fit_sinusoid",
+    "from_event",
+    "independent_count",
+    "lag",
     "loops",
     "nrmse",
     "phases",

@@ -30,7 +30,8 @@ def parameter_covariance(jacobian: Array, residual: Array) -> Array:
     Notes
     -----
     Sandwich ``(J'J)^-1 J'CJ (J'J)^-1`` with C the circulant covariance of the smoothed residual
-    spectrum, enlarged by n / (n - p). For white residuals it is the usual ``s^2 (J'J)^-1``.
+    spectrum. The fit has taken power out of the bins that it listens to; the spectrum is enlarged
+    by what it has taken. For white residuals this is the usual ``s^2 (J'J)^-1``.
 
     Examples
     --------
@@ -39,13 +40,14 @@ def parameter_covariance(jacobian: Array, residual: Array) -> Array:
     >>> bool(abs(cov[0, 0] ** 0.5 * 4000**0.5 - 1) < 0.3)
     True
     """
-    n, p = jacobian.shape
+    n = len(jacobian)
     scale = np.linalg.norm(jacobian, axis=0)
     columns = jacobian / np.where(scale > 0, scale, 1.0)
     inverse = np.linalg.pinv(columns.T @ columns, hermitian=True)
-    power = np.abs(np.fft.fft(residual)) ** 2 / n
-    smooth = uniform_filter1d(power, min(2 * _HALF_WIDTH + 1, n), mode="wrap")
     spectra = np.fft.fft(columns, axis=0)
-    middle = np.real(spectra.conj().T @ (smooth[:, None] * spectra)) / n
-    covariance = inverse @ middle @ inverse * n / max(n - p, 1)
-    return np.asarray(covariance / np.outer(scale, scale))
+    taken = np.real(np.sum((spectra.conj() @ inverse) * spectra, axis=1)) / n
+    width = min(2 * _HALF_WIDTH + 1, n)
+    power = uniform_filter1d(np.abs(np.fft.fft(residual)) ** 2 / n, width, mode="wrap")
+    left = np.maximum(1.0 - uniform_filter1d(taken, width, mode="wrap"), 1.0 / width)
+    middle = np.real(spectra.conj().T @ ((power / left)[:, None] * spectra)) / n
+    return np.asarray((inverse @ middle @ inverse) / np.outer(scale, scale))

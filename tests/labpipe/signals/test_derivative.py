@@ -92,10 +92,10 @@ def test_noise_of_the_difference_schemes_is_propagated_exactly(displacement_of, 
             window=window,
             noise=noise,
         )
-        for _ in range(1500)
+        for _ in range(500)
     ]
     spread = np.std([run.values for run in runs], axis=0)
-    np.testing.assert_allclose(runs[0]["u_velocity"], spread, rtol=0.1)
+    np.testing.assert_allclose(runs[0]["u_velocity"], spread, rtol=0.17)
 
 
 def test_result_is_labelled_and_inputs_are_not_touched(displacement_of):
@@ -292,7 +292,7 @@ def test_other_dimensions_are_refused():
         velocity(xr.DataArray(np.zeros((3, 2)), dims=("time", "point")))
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(
     scale=st.floats(1e-9, 1e6),
     shift=st.floats(-1e3, 1e3),

@@ -1,78 +1,68 @@
-"""Repeats on a common time: alignment, band, outliers, and what is refused."""
-
 import numpy as np
 import pytest
 import xarray as xr
 
 from labpipe.errors import InputError
-from labpipe.signals.repeats import combine_repeats
+from labpipe.signals import combine_repeats
 
 
-def record(start: float, offset: float = 0.0, length: int = 400) -> xr.DataArray:
-    time = np.arange(length) * 1e-3
-    values = np.sin(20 * (time - start)) + offset
-    attrs = {"units": "m", "long_name": "height"}
-    return xr.DataArray(values, dims="time", coords={"time": time}, attrs=attrs, name="x")
-
-
-def test_repeats_are_aligned_at_their_starts() -> None:
-    starts = [0.0503, 0.0811, 0.1207]
-    made = combine_repeats([record(s) for s in starts], starts)
-    shared = made["x"].dropna("time")
-    np.testing.assert_allclose(shared, np.broadcast_to(np.sin(20 * shared["time"]), shared.shape),
-                               atol=6e-5)  # fmt: skip
-    assert float(made["time"][np.argmin(np.abs(made["time"].values))]) == 0.0
-
-
-def test_mean_and_band_are_those_of_the_repeats() -> None:
-    made = combine_repeats([record(0.1, o) for o in (-1.0, 0.0, 1.0)], [0.1] * 3)
-    np.testing.assert_allclose(made["x_sd"], 1.0, atol=1e-12)
-    np.testing.assert_allclose(made["x_mean"], made["x"].sel(repeat=2), atol=1e-12)
-    assert set(made["n"].values) == {3.0}
-
-
-def test_where_a_repeat_is_missing_the_others_count() -> None:
-    made = combine_repeats([record(0.1), record(0.1, length=200)], [0.1, 0.1])
-    assert made["n"].values.max() == 2
-    assert made["n"].values.min() == 1
-    assert np.isnan(made["x_sd"].values[-1])
-    assert np.isfinite(made["x_mean"].values).all()
-
-
-def test_an_outlier_is_flagged_and_kept() -> None:
-    offsets = [0.001, -0.001, 0.0005, 0.3, -0.0004]
-    made = combine_repeats([record(0.1, o) for o in offsets], [0.1] * 5)
-    assert list(made["is_outlier"].values) == [False, False, False, True, False]
-    assert float(made["x_mean"].mean() - made["x"].sel(repeat=1).mean()) > 0.05  # not dropped
-
-
-def test_ordinary_scatter_is_no_outlier() -> None:
-    generator = np.random.default_rng(0)
-    flagged = sum(
-        combine_repeats([record(0.1, o) for o in generator.normal(0, 1e-3, 5)], [0.1] * 5)[
-            "is_outlier"
-        ].values.any()
-        for _ in range(40)
+def repeat(start, seed, scale=1.0, interval=1e-3, duration=0.2):
+    time = np.arange(0.0, duration, interval)
+    values = scale * np.cos(40 * (time - start)) + 1e-3 * np.random.default_rng(
+        seed
+    ).standard_normal(time.size)
+    return xr.DataArray(
+        values, {"time": time}, dims="time", name="displacement", attrs={"units": "m"}
     )
-    assert flagged <= 6
 
 
-def test_identical_repeats_are_no_outliers() -> None:
-    made = combine_repeats([record(0.1)] * 5, [0.1] * 5)
-    assert not made["is_outlier"].values.any()
+def five(bad=None):
+    starts = [0.05, 0.047, 0.0523, 0.05, 0.051]
+    records = [repeat(start, i, 1.3 if i == bad else 1.0) for i, start in enumerate(starts)]
+    return records, starts
 
 
-def test_inputs_stay_as_they_are() -> None:
-    one = record(0.1)
-    before = one.copy(deep=True)
-    combine_repeats([one, one], [0.1, 0.2])
-    xr.testing.assert_identical(one, before)
+def test_mean_and_band_of_aligned_repeats():
+    found = combine_repeats(*five())
+    full = found.n == 5
+    truth = np.cos(40 * found.time[full])
+    np.testing.assert_allclose(found.displacement_mean[full], truth, atol=3e-3)
+    assert float(found.displacement_sd[full].mean()) == pytest.approx(1e-3, rel=0.25)
+    assert 0.0 in found.time
 
 
-def test_what_does_not_belong_together_is_refused() -> None:
-    with pytest.raises(InputError, match="0 records"):
-        combine_repeats([], [])
-    with pytest.raises(InputError, match="one quantity"):
-        combine_repeats([record(0.1), record(0.1).rename("y")], [0.1, 0.1])
+def test_edges_that_some_repeats_lack_are_counted():
+    found = combine_repeats(*five())
+    assert int(found.n[0]) == 1
+    assert np.isnan(found.displacement_sd[0])
+    assert np.isfinite(found.displacement_mean).all()
+    assert np.isnan(found.displacement[0].values[0])
+
+
+def test_outlier_is_flagged_but_kept():
+    found = combine_repeats(*five(bad=3))
+    assert found.is_outlier.values.tolist() == [False, False, False, True, False]
+    centre = int(np.argmin(np.abs(found.time.values)))
+    assert float(found.displacement_mean[centre]) == pytest.approx((4 + 1.3) / 5, abs=3e-3)
+    assert not combine_repeats(*five()).is_outlier.any()
+
+
+def test_three_repeats_accuse_none():
+    records, starts = five(bad=0)
+    assert not combine_repeats(records[:3], starts[:3]).is_outlier.any()
+
+
+def test_repeats_of_different_rates_use_the_finest():
+    found = combine_repeats([repeat(0.05, 0), repeat(0.05, 1, interval=5e-4)], [0.05, 0.05])
+    assert np.diff(found.time.values) == pytest.approx(5e-4)
+
+
+def test_unlike_repeats_are_refused():
+    records, starts = five()
+    with pytest.raises(InputError, match="5 records with 4 starts"):
+        combine_repeats(records, starts[:4])
     with pytest.raises(InputError, match="no start"):
-        combine_repeats([record(0.1), record(0.1)], [0.1, np.nan])
+        combine_repeats(records, [*starts[:4], np.nan])
+    other = records[0].assign_attrs(units="mm")
+    with pytest.raises(InputError, match="one unit"):
+        combine_repeats([other, *records[1:]], starts)
