@@ -88,7 +88,7 @@ def time_axis(header: Header) -> TimeAxis:
         return _from_frame_rate(header, number)
     bad = _impossible(ticks, interval)
     flag[bad] |= TimeFlag.RECONSTRUCTED
-    time = ticks * _UNIT
+    time: NDArray[np.float64] = (ticks * _UNIT).astype(np.float64)
     good = np.flatnonzero(~bad)
     if abs(time[good[0]]) > _CLOCK_LIMIT:
         # keep the spacing of the stamps, give up their origin
@@ -97,7 +97,7 @@ def time_axis(header: Header) -> TimeAxis:
         flag |= TimeFlag.CLOCK_UNSET
     nearest = good[np.clip(np.searchsorted(good, np.arange(header.count)) - 1, 0, None)]
     steps = np.arange(header.count) - nearest
-    time = np.asarray(np.where(bad, time[nearest] + steps * interval, time), np.float64)
+    time = np.where(bad, time[nearest] + steps * interval, time)
     missing = _missing(time, interval)
     flag[missing > 0] |= TimeFlag.AFTER_GAP
     return TimeAxis(time, flag, missing, interval)

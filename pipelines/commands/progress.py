@@ -29,3 +29,16 @@ def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]"
             bar.update(overall, total=event.total, completed=event.done, description=text)
 
         yield show
+
+
+@contextmanager
+def fraction(text: str) -> "Iterator[Callable[[float], None]]":
+    """Give a function that shows a fraction of one long piece of work."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), Remaining())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        work = bar.add_task(text, total=1.0)
+        yield lambda done: bar.update(work, completed=done)
