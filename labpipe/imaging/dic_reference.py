@@ -140,25 +140,21 @@ def make_reference(
     low, high = centres - half[:, None], centres + half[:, None]
     is_outside = (low < 0).any(axis=1) | (high >= np.array([columns, rows])).any(axis=1)
     status[is_outside] = Status.OUTSIDE
-    inside = np.flatnonzero(~is_outside)
-    is_integer = frames[0].dtype.kind in "iu"
-    span = frames.levels[1] - frames.levels[0] if is_integer else float(np.ptp(mean))
-    for n in inside:
-        area = np.s_[low[n, 1] : high[n, 1] + 1, low[n, 0] : high[n, 0] + 1]
-        if is_integer and _is_saturated(mean[area], frames.levels):
-            status[n] = Status.SATURATED
-        elif _is_noise(mean[area], span):
-            status[n] = Status.TEXTURELESS
-    usable = np.flatnonzero(status == Status.OK)
+    usable = np.flatnonzero(~is_outside)
     subsets = _cut(grey, gradient_x, gradient_y, centres, half, is_rigid, usable)
-    variance = np.maximum(subsets.inverse[:, 0, 0], subsets.inverse[:, 3, 3])
-    floor = _ROUNDING if is_integer else 0.0
-    is_blind = (variance <= 0.0) | (floor * np.sqrt(variance) > _WORST_RESOLUTION)
-    if is_blind.any():
-        status[usable[is_blind]] = Status.TEXTURELESS
-        usable = usable[~is_blind]
+    is_integer = frames[0].dtype.kind in "iu"
+    found = _reference_status(mean, subsets, frames.levels if is_integer else None)
+    status[usable] = found
+    if found.any():
+        usable = usable[found == Status.OK]
         subsets = _cut(grey, gradient_x, gradient_y, centres, half, is_rigid, usable)
-    smoothing = _smoothing(subsets, gradient_x, gradient_y, blur)
+    smoothing = np.ones(len(usable))
+    if blur > 0.0:
+        # The noise of the motion is that of the slopes blurred once more.
+        slopes = smooth(gradient_x, blur), smooth(gradient_y, blur)
+        twice = _cut(grey, *slopes, centres, half, is_rigid, usable).normal
+        normal = subsets.normal
+        smoothing = (twice[:, 0, 0] + twice[:, 3, 3]) / (normal[:, 0, 0] + normal[:, 3, 3])
     return Reference(
         subsets,
         usable,
@@ -184,35 +180,45 @@ def _cut(
     )
 
 
-def _is_saturated(area: NDArray[np.float64], levels: tuple[float, float]) -> bool:
-    """Whether most of a subset lies at the black or at the white level."""
-    black, white = levels
-    return bool(max((area >= white - 0.5).mean(), (area <= black + 0.5).mean()) > _SATURATED_SHARE)
+def _reference_status(
+    mean: NDArray[np.float64], subsets: Subsets, levels: tuple[float, float] | None
+) -> NDArray[np.int8]:
+    """Tell saturated and textureless subsets from usable ones; levels of integer images only."""
+    status = np.zeros(len(subsets), np.int8)
+    variance = np.maximum(subsets.inverse[:, 0, 0], subsets.inverse[:, 3, 3])
+    floor = _ROUNDING if levels else 0.0
+    is_blind = (variance <= 0.0) | (floor * np.sqrt(variance) > _WORST_RESOLUTION)
+    status[is_blind] = Status.TEXTURELESS
+    span = levels[1] - levels[0] if levels else float(np.ptp(mean))
+    contrast = np.sqrt(subsets.level[:, 1]) / (2 * subsets.half + 1)
+    for n in np.flatnonzero(contrast < _WEAK_CONTRAST * span):
+        x, y, half = subsets.layout[n, :3]
+        if _is_noise(mean[y - half : y + half + 1, x - half : x + half + 1]):
+            status[n] = Status.TEXTURELESS
+    if levels is not None:
+        for clipped in (mean >= levels[1] - 0.5, mean <= levels[0] + 0.5):
+            if clipped.any():
+                status[_share(clipped, subsets) > _SATURATED_SHARE] = Status.SATURATED
+    return status
 
 
-def _is_noise(area: NDArray[np.float64], span: float) -> bool:
-    """Whether a subset is flat, or faint without likeness between neighbouring pixels."""
+def _share(flags: NDArray[np.bool_], subsets: Subsets) -> NDArray[np.float64]:
+    """Share of flagged pixels in every subset, from a table of sums."""
+    table = np.zeros((flags.shape[0] + 1, flags.shape[1] + 1), np.int64)
+    table[1:, 1:] = flags.cumsum(axis=0).cumsum(axis=1)
+    x, y, half = subsets.layout[:, :3].T
+    low_x, high_x, low_y, high_y = x - half, x + half + 1, y - half, y + half + 1
+    count = table[high_y, high_x] - table[low_y, high_x]
+    count += table[low_y, low_x] - table[high_y, low_x]
+    return np.asarray(count / (2 * half + 1) ** 2)
+
+
+def _is_noise(area: NDArray[np.float64]) -> bool:
+    """Whether a subset is flat or without likeness between neighbouring pixels."""
     deviation = area - area.mean()
     variance = float((deviation**2).mean())
     if variance == 0.0:
         return True
-    if variance > (_WEAK_CONTRAST * span) ** 2:
-        return False
     along_x = (deviation[:, 1:] * deviation[:, :-1]).mean() / variance
     along_y = (deviation[1:] * deviation[:-1]).mean() / variance
     return bool(max(along_x, along_y) < _NOISE_LIKENESS)
-
-
-def _smoothing(
-    subsets: Subsets, gradient_x: Image32, gradient_y: Image32, blur: float
-) -> NDArray[np.float64]:
-    """How far the blur lowers the noise of the motion, from the slopes blurred once more."""
-    if blur <= 0.0:
-        return np.ones(len(subsets))
-    twice_x, twice_y = smooth(gradient_x, blur), smooth(gradient_y, blur)
-    result = np.empty(len(subsets))
-    for n, (x, y, h) in enumerate(zip(subsets.x, subsets.y, subsets.half, strict=True)):
-        area = np.s_[y - h : y + h + 1, x - h : x + h + 1]
-        before = (gradient_x[area] ** 2).sum() + (gradient_y[area] ** 2).sum()
-        result[n] = ((twice_x[area] ** 2).sum() + (twice_y[area] ** 2).sum()) / before
-    return result

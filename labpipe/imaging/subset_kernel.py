@@ -276,7 +276,8 @@ def _sum_subset(
     """Interpolate a whole subset of the frame and sum what the normal equations need."""
     half, place, pitch = layout[2], layout[3], layout[4]
     width = 2 * half + 1
-    sums[:] = 0.0
+    for k in range(9):
+        sums[k] = 0.0
     for row in range(width):
         i = float(row - half)
         x = layout[0] - corner[0] - half + p[0] - p[1] * half + p[2] * i
@@ -357,7 +358,8 @@ def _iterate(
     start_x, start_y = p[0], p[3]
     last2 = 0.0
     relaxation = 1.0
-    before[:] = 0.0
+    for a in range(6):
+        before[a] = 0.0
     if inverse[0, 0] <= 0.0:
         return 0, NO_TEXTURE
     for iteration in range(max_iterations):
@@ -412,13 +414,15 @@ def solve_subsets(
     motion: Floats,
     quality: Floats,
     counts: Integers,
+    scratch: Floats,
+    values: Image32,
 ) -> None:
     """Iterate every chosen subset to convergence; ``motion`` holds the start and the result."""
-    values = np.zeros(2 * LANES + 2 * np.max(layout[:, 2]) + 1, np.float32)
-    work = (np.zeros(9), np.zeros(6), np.zeros(6), values)
+    # Work arrays come from outside and results are set one by one: that spares half the compiling.
+    work = (scratch[0, :9], scratch[1, :6], scratch[2, :6], values)
     for q in range(len(chosen)):
         n = chosen[q]
-        counts[q] = _iterate(
+        evaluations, code = _iterate(
             coefficients,
             order,
             corner,
@@ -436,3 +440,5 @@ def solve_subsets(
             quality[q],
             work,
         )
+        counts[q, 0] = evaluations
+        counts[q, 1] = code

@@ -359,6 +359,8 @@ def solve(
             found,
             quality,
             counts,
+            np.zeros((3, 9)),
+            np.zeros(2 * LANES + 2 * int(subsets.half.max()) + 1, np.float32),
         )
     return Solution(found, quality[:, 2], quality[:, 0], quality[:, 1], counts[:, 0], counts[:, 1])
 
