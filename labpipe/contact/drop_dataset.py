@@ -154,6 +154,20 @@ def dataset(
     return result
 
 
+def mislaid_energy(run: DropRun, setting: Setting) -> float:
+    """Largest energy that the discretisation mislaid, relative to that of the drop."""
+    values = columns(run.segments, run.body, None)
+    return float(np.abs(_ledger(values, setting)["numerical_energy"]).max()) / _energy_scale(
+        values, setting
+    )
+
+
+def _energy_scale(values: Columns, setting: Setting) -> float:
+    """Energy in J of the fall, or of the sinking in where that is more."""
+    deepest = float(np.max(np.abs(values.position)))
+    return setting.mass * setting.gravity * max(setting.height, deepest)
+
+
 def thesis_dataset(
     run: ThesisRun, setting: Setting, times: Array | None, seconds: float
 ) -> xr.Dataset:
@@ -250,9 +264,7 @@ def _identity_error(
     Returns the largest deviation relative to the energy of the drop. It is checked up to rest,
     where the motion has no inertia any more.
     """
-    weight = setting.mass * setting.gravity
-    deepest = float(np.max(np.abs(values.position)))
-    scale = max(weight * setting.height, weight * deepest)
+    scale = _energy_scale(values, setting)
     stop = run.rest_start if run.rest_start == run.rest_start else np.inf
     moving = values.time <= stop
     step = 0.5 * (values.force[1:] + values.force[:-1]) * np.diff(values.approach)

@@ -5,6 +5,7 @@
 surface keeps its dents: memory is never reset between bounces.
 """
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan, pi, sqrt
@@ -15,11 +16,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from labpipe.contact.bounce import Body, Record, RestTest, Springs, Stepper
-from labpipe.contact.drop_dataset import DropRun, Setting, dataset, thesis_dataset
+from labpipe.contact.bounce import MOST_RINGING, Body, Record, RestTest, Springs, Stepper
+from labpipe.contact.drop_dataset import DropRun, Setting, dataset, mislaid_energy, thesis_dataset
 from labpipe.contact.flight import time_to_touch, time_to_touch_plate
 from labpipe.contact.mdr import Profile, line_springs
-from labpipe.contact.memory import Array, Condensed, Creep, CreepMaterial, condense
+from labpipe.contact.memory import Array, Condensed, Creep, CreepMaterial, condense, step_weights
 from labpipe.contact.plate import Plate, PlateState
 from labpipe.contact.rings import ring_springs
 from labpipe.contact.thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
@@ -37,8 +38,12 @@ _RTOL_RANGE = (1e-8, 1e-2)
 _STEP_SHARE = 0.117
 # Springs per contact radius at rtol = 1e-4; their error falls with the square.
 _SPRINGS_PER_RADIUS = 80
+# Where the instantaneous compliance is too small to matter within one step, the pressure ends in a
+# step at the edge: the error then falls only with the number of springs, so take more.
+_FINER_FOR_A_STEP = 12.0
+_STEPS_LOOKED_AT = 8
 # Rings per radius of the first contact: later ones are smaller, so it takes more.
-_RINGS_PER_RADIUS = 120
+_RINGS_PER_RADIUS, _MOST_RINGS_PER_RADIUS = 120, 1200
 # Even spacing of the springs up to this part of the smallest contact expected.
 _CORE = 0.25
 # Terms may be folded away or frozen where that costs this part of rtol.
@@ -47,11 +52,17 @@ _CONDENSE_SHARE = 0.01
 _MARGIN = 1.1
 # Steps per decade of time at rest, at rtol = 1e-4.
 _STEPS_PER_DECADE = 12
-# Rest is an amplitude below rtol times the static sag, and below this in any case.
-_REST_LIMIT = 1e-3
+# A sphere that sinks in from a lower speed than this part of the speed at rest will not lift off
+# again unless its material is all but elastic; down to here its energy is followed closely enough.
+_SLOWEST_BOUNCE = 0.03
+# Rest is an amplitude below rtol times the static sag, within these bounds.
+_REST_RANGE = (1e-5, 1e-3)
 # Steps of one contact at a step tolerance: 1.7 tolerance^(-1/3), measured.
 _STEPS_PER_CONTACT = 1.7
 _PROGRESS_EVERY = 256
+# A run that mislays more than this times rtol of the drop's energy (usual are 0.4 for one impact
+# and 0.8 for a long train) is repeated once with rtol divided by the refinement, down to the limit.
+_ENERGY_LIMIT, _REFINEMENT, _FINEST = 5.0, 10.0, 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +86,19 @@ class Scales:
     rest_radius: float
     rest_period: float
     rest_speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How finely to simulate; ``rtol`` starts as asked for and is refined when that is too coarse.
+
+    The other fields are as in :func:`drop`.
+    """
+
+    rtol: float
+    ring_width: float | None
+    fold: bool
+    max_steps: int
 
 
 def scales(creep: Creep, radius: float, mass: float, gravity: float, speed: float) -> Scales:
@@ -225,11 +249,41 @@ def drop(
             observe=observe,
         )
         return thesis_dataset(thesis, setting, wanted, perf_counter() - started)
-    run = _simulate(setting, creep, ring_width, fold, max_steps, observe)
-    rigid = None
-    if plate is not None:
-        rigid = _rigid_restitution(setting, creep, ring_width, fold, max_steps)
-    return dataset(run, setting, wanted, rigid, perf_counter() - started)
+    effort = Effort(rtol, ring_width, fold, max_steps)
+    run, mislaid = _refined(setting, creep, effort, observe)
+    rigid = None if plate is None else _rigid_restitution(setting, creep, effort)
+    result = dataset(run, setting, wanted, rigid, perf_counter() - started)
+    result.attrs["energy_error"] = mislaid
+    return result
+
+
+def _refined(
+    setting: Setting,
+    creep: Creep,
+    effort: Effort,
+    observe: Callable[[float], None] | None,
+) -> tuple[DropRun, float]:
+    """Simulate, and again more finely when the energy mislaid says that it was too coarse.
+
+    It happens where the instantaneous compliance hardly matters (a modulus ratio beyond 1e3 with
+    few terms): the pressure then ends in a step at the edge. Returns also the energy mislaid,
+    relative to that of the drop.
+    """
+    run = _simulate(setting, creep, effort, observe)
+    mislaid = mislaid_energy(run, setting)
+    finer = effort.rtol / _REFINEMENT
+    if mislaid > _ENERGY_LIMIT * setting.rtol and finer >= _FINEST:
+        run = _simulate(setting, creep, replace(effort, rtol=finer), observe)
+        mislaid = mislaid_energy(run, setting)
+    if mislaid <= _ENERGY_LIMIT * setting.rtol:
+        return run, mislaid
+    message = (
+        f"the discretisation mislaid {mislaid:.1e} of the drop's energy, more than rtol = "
+        f"{setting.rtol:.0e} leads to expect; restitution and forces are about that uncertain. "
+        "A smaller rtol improves them"
+    )
+    warnings.warn(message, UserWarning, stacklevel=3)
+    return run, mislaid
 
 
 def _checked(setting: Setting) -> Setting:
@@ -283,11 +337,23 @@ class _Throttle:
             self.progress(min((self.setting.fall_time + time) / self.setting.duration, 1.0))
 
 
-def _springs(setting: Setting, expected: Scales, ring_width: float | None) -> Springs:
+def _ends_in_a_step(creep: Creep, expected: Scales) -> bool:
+    """Look whether steps of an impact, or of rest, are long against the fastest relaxation."""
+    shortest, longest = expected.duration / 400.0, expected.rest_period / 4.0
+    steps = np.geomspace(shortest, longest, _STEPS_LOOKED_AT).tolist()
+    looks = [step_weights(creep, dt) for dt in steps]
+    return any(look.old_total > MOST_RINGING * look.compliance for look in looks)
+
+
+def _springs(setting: Setting, creep: Creep, expected: Scales, effort: Effort) -> Springs:
     """Springs of the solver, as fine as rtol asks."""
-    finer = sqrt(1e-4 / setting.rtol)
+    finer = sqrt(1e-4 / effort.rtol)
+    finer *= _FINER_FOR_A_STEP if _ends_in_a_step(creep, expected) else 1.0
+    ring_width = effort.ring_width
     reach = _MARGIN * expected.radius
     if setting.solver == "rings":
+        # Rings cannot be made so fine: their number is limited.
+        finer = min(finer, _MOST_RINGS_PER_RADIUS / _RINGS_PER_RADIUS)
         width = expected.radius / (_RINGS_PER_RADIUS * finer) if ring_width is None else ring_width
         if not (isfinite(width) and width > 0.0):
             message = f"ring_width is {width} m, expected a positive number"
@@ -302,8 +368,7 @@ def _stepper(
     setting: Setting,
     creep: Creep,
     expected: Scales,
-    ring_width: float | None,
-    max_steps: int,
+    effort: Effort,
     observe: Callable[[float], None] | None,
 ) -> Stepper:
     if expected.radius > setting.radius:
@@ -315,29 +380,29 @@ def _stepper(
         raise InputError(message)
     return Stepper(
         creep=creep,
-        springs=_springs(setting, expected, ring_width),
+        springs=_springs(setting, creep, expected, effort),
         body=Body(setting.mass, setting.gravity, setting.plate),
-        tolerance=(_STEP_SHARE * setting.rtol) ** 1.5,
+        tolerance=(_STEP_SHARE * effort.rtol) ** 1.5,
         time_scale=expected.duration,
         speed_scale=max(setting.speed, expected.rest_speed),
         largest_radius=setting.radius,
         expected_radius=_MARGIN * expected.radius,
-        max_steps=max_steps,
+        max_steps=effort.max_steps,
         observe=observe,
     )
 
 
-def _refuse_endless(setting: Setting, creep: Creep, expected: Scales, max_steps: int) -> None:
+def _refuse_endless(setting: Setting, creep: Creep, expected: Scales, effort: Effort) -> None:
     """Refuse an elastic sphere that would bounce more often than there are steps."""
     is_damped = creep.n_terms or creep.fluidity or (setting.plate and setting.plate.damping_ratio)
-    per_contact = _STEPS_PER_CONTACT * (_STEP_SHARE * setting.rtol) ** -0.5
+    per_contact = _STEPS_PER_CONTACT * (_STEP_SHARE * effort.rtol) ** -0.5
     cycle = expected.duration + 2.0 * setting.speed / setting.gravity
     needed = per_contact * setting.duration / cycle
-    if not is_damped and needed > max_steps:
+    if not is_damped and needed > effort.max_steps:
         message = (
             f"an elastic sphere never stops: {setting.duration:.4g} s would take about "
-            f"{needed:.2g} steps, more than max_steps = {max_steps}; shorten the duration, raise "
-            "max_steps, or give the material a loss"
+            f"{needed:.2g} steps, more than max_steps = {effort.max_steps}; shorten the duration, "
+            "raise max_steps, or give the material a loss"
         )
         raise InputError(message)
 
@@ -345,9 +410,7 @@ def _refuse_endless(setting: Setting, creep: Creep, expected: Scales, max_steps:
 def _simulate(
     setting: Setting,
     creep: Creep,
-    ring_width: float | None,
-    fold: bool,
-    max_steps: int,
+    effort: Effort,
     observe: Callable[[float], None] | None,
     *,
     first_contact_only: bool = False,
@@ -355,11 +418,11 @@ def _simulate(
     """Fall, bounce, rest."""
     expected = scales(creep, setting.radius, setting.mass, setting.gravity, setting.speed)
     condensed = Condensed(creep, 0, 0)
-    if fold:
-        tolerance = _CONDENSE_SHARE * setting.rtol
+    if effort.fold:
+        tolerance = _CONDENSE_SHARE * effort.rtol
         condensed = condense(creep, expected.duration, setting.duration, tolerance)
-    _refuse_endless(setting, condensed.creep, expected, max_steps)
-    stepper = _stepper(setting, condensed.creep, expected, ring_width, max_steps, observe)
+    _refuse_endless(setting, condensed.creep, expected, effort)
+    stepper = _stepper(setting, condensed.creep, expected, effort, observe)
     end = setting.duration - setting.fall_time
     # Rings touch first at the middle of the innermost, a little after the pole would.
     touch = _fall_further(setting, float(stepper.springs.gap[0]))
@@ -371,12 +434,12 @@ def _simulate(
     if touch < end:
         stepper.fly(touch)
         rest = RestTest(
-            min(setting.rtol, _REST_LIMIT),
+            min(max(effort.rtol, _REST_RANGE[0]), _REST_RANGE[1]),
             max(expected.rest_period, 1.0 / setting.plate.frequency if setting.plate else 0.0),
             expected.rest_speed,
         )
         final_touch, rest_start = _bounce(
-            stepper, rest, end, segments, _growth(setting.rtol), first_contact_only
+            stepper, rest, end, segments, _growth(effort.rtol), first_contact_only
         )
     return DropRun(
         segments,
@@ -415,7 +478,7 @@ def _bounce(
 ) -> tuple[float, float]:
     """Alternate contacts and flights; return the last touch and the start of rest, or NaN."""
     reach = stepper.expected_radius
-    least_speed = rest.speed
+    least_speed = _SLOWEST_BOUNCE * rest.speed
     while True:
         touched = stepper.time
         stepper.speed_scale = max(stepper.velocity, least_speed)
@@ -465,12 +528,10 @@ def _time_of_flight(stepper: Stepper) -> float:
     )
 
 
-def _rigid_restitution(
-    setting: Setting, creep: Creep, ring_width: float | None, fold: bool, max_steps: int
-) -> float:
+def _rigid_restitution(setting: Setting, creep: Creep, effort: Effort) -> float:
     """Restitution of the first impact on a rigid substrate; NaN when it does not lift off."""
     rigid = replace(setting, plate=None)
-    run = _simulate(rigid, creep, ring_width, fold, max_steps, None, first_contact_only=True)
+    run = _simulate(rigid, creep, effort, None, first_contact_only=True)
     if len(run.segments) < 3 or not isinstance(run.segments[2], Flight):
         return nan
     contact = run.segments[1]

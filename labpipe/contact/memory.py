@@ -191,7 +191,7 @@ class StepWeights:
     old_total: float
 
 
-def step_weights(creep: Creep, dt: float, *, hold: bool = False) -> StepWeights:
+def step_weights(creep: Creep, dt: float, *, hold: bool = False, jump: float = 0.0) -> StepWeights:
     """Weights of one step.
 
     Parameters
@@ -204,6 +204,9 @@ def step_weights(creep: Creep, dt: float, *, hold: bool = False) -> StepWeights:
         False: the load is linear inside the step. True: it jumps to its new value at the start of
         the step and stays; use it for the first few steps after a jump of the displacement, where
         a linear load would overshoot (contact.md, pitfall 1).
+    jump : float
+        Share of the load's change that happens at the start of the step, the rest being linear; it
+        damps the ringing of a linear load. 0 is of second order, 1 is the same as ``hold``.
 
     Raises
     ------
@@ -221,12 +224,13 @@ def step_weights(creep: Creep, dt: float, *, hold: bool = False) -> StepWeights:
         raise InputError(message)
     x = dt / creep.tau
     loss = -np.expm1(-x)
-    share = loss if hold else _late_share(x, loss)
+    share = _late_share(x, loss)
     new, old = creep.C * share, creep.C * (loss - share)
     if creep.fluidity > 0.0:
-        flow = creep.fluidity * dt
-        late = flow if hold else 0.5 * flow
-        new, old = np.append(new, late), np.append(old, flow - late)
+        half = 0.5 * creep.fluidity * dt
+        new, old = np.append(new, half), np.append(old, half)
+    early = 1.0 if hold else jump
+    new, old = new + early * old, (1.0 - early) * old
     compliance = creep.instantaneous + float(new.sum())
     return StepWeights(float(dt), np.exp(-dt * creep.rate), old, new, compliance, float(old.sum()))
 
