@@ -82,6 +82,7 @@ class Tracker:
         self._zncc = np.ones(count)
         self.is_tracked = np.ones(count, bool)
         self.misses = np.zeros(count, np.int64)
+        self._prediction: tuple[int, Floats] | None = None
         self.work = Work()
 
     def start_from(self, shifts: Floats) -> None:
@@ -89,15 +90,17 @@ class Tracker:
         self._motion[:, [0, 3]] = shifts
         self._velocity[:] = 0.0
         self.is_tracked[:] = True
+        self._prediction = None
 
     def predict(self, index: int) -> Floats:
         """Motion (point, 6) expected in a frame, from constant velocity."""
-        motion = self._motion.copy()
-        gap = np.where(self._seen >= 0, index - self._seen, 0)
-        moves = self.is_tracked & (gap <= _STRETCH * self._step)
-        motion[moves, 0] += self._velocity[moves, 0] * gap[moves]
-        motion[moves, 3] += self._velocity[moves, 1] * gap[moves]
-        return motion
+        if self._prediction is None or self._prediction[0] != index:
+            motion = self._motion.copy()
+            gap = np.where(self._seen >= 0, index - self._seen, 0)
+            gap[~self.is_tracked | (gap > _STRETCH * self._step)] = 0
+            motion[:, [0, 3]] += self._velocity * gap[:, None]
+            self._prediction = (index, motion)
+        return self._prediction[1]
 
     def box(self, index: int) -> Box:
         """Rectangle of a frame that the tracked subsets will need."""
@@ -109,9 +112,14 @@ class Tracker:
         if not self.is_tracked.any():
             return True
         extent = self._extent(self.predict(index)[self.is_tracked], self.is_tracked)
-        left, right, top, bottom = loaded.box
-        need = self.film.box_around(extent)
-        return left <= need[0] and right >= need[1] and top <= need[2] and bottom >= need[3]
+        _, columns, _, rows = self.film.whole
+        left, right, top, bottom = loaded.window
+        return bool(
+            max(extent[0] - SURPRISE, 0.0) >= left
+            and min(extent[1] + SURPRISE, columns - 1.0) <= right
+            and max(extent[2] - SURPRISE, 0.0) >= top
+            and min(extent[3] + SURPRISE, rows - 1.0) <= bottom
+        )
 
     def _extent(self, motion: Floats, chosen: Flags) -> Floats:
         """(left, right, top, bottom) of moved subsets."""
@@ -202,4 +210,5 @@ class Tracker:
         self._seen[found] = index
         self._zncc[found] = attempt.zncc[found]
         self.is_tracked = found.copy()
+        self._prediction = None
         self.misses = np.where(found, 0, self.misses + 1)
