@@ -182,20 +182,30 @@ def _where_it_matters(time: Array, displacement: Array) -> NDArray[np.int64]:
 
 
 def _truth_of(part: _Part, force: Array, protocol: Harmonic, tester: Tester) -> dict[str, float]:
-    """Return amplitude, work and complex stiffness of the second half of an oscillation."""
+    """Return amplitude, work and complex stiffness of the second half of an oscillation.
+
+    The mean force still relaxes meanwhile; a parabola in time takes that out.
+    """
     period = 1 / part.frequency
-    cycles = protocol.cycles // 2
     end = protocol.rest + protocol.cycles * period
-    grid = np.linspace(end - cycles * period, end, cycles * 4000 + 1)
-    x = np.interp(grid, part.time, part.displacement)
-    f = np.interp(grid, part.time, force)
-    phase = np.exp(-2j * np.pi * part.frequency * (grid - end))[:-1]
-    stiffness = np.sum(f[:-1] * phase) / np.sum(x[:-1] * phase)
+    grid = np.linspace(end - (protocol.cycles // 2) * period, end, 20001)
+    since = (grid - end) * part.frequency
+    angle = 2 * np.pi * since
+    design = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(since), since, since**2])
+
+    def phasor(values: Array) -> complex:
+        sine, cosine, *_ = np.linalg.lstsq(design, values, rcond=None)[0]
+        return complex(sine, cosine)
+
+    x = phasor(np.interp(grid, part.time, part.displacement))
+    f = phasor(np.interp(grid, part.time, force))
+    stiffness = f / x
+    amplitude = protocol.amplitude * (1 + tester.amplitude_error)
     return {
         "frequency": part.frequency,
-        "amplitude": protocol.amplitude * (1 + tester.amplitude_error),
-        "force_amplitude": float(2 * abs(np.mean(f[:-1] * phase))),
-        "storage_stiffness": float(stiffness.real),
-        "loss_stiffness": float(stiffness.imag),
-        "work_per_cycle": float(np.trapezoid(f, x) / cycles),
+        "amplitude": amplitude,
+        "force_amplitude": abs(f),
+        "storage_stiffness": stiffness.real,
+        "loss_stiffness": stiffness.imag,
+        "work_per_cycle": float(np.pi * amplitude**2 * stiffness.imag),
     }

@@ -1,0 +1,224 @@
+"""The command line as a user meets it: outputs, exit codes, JSON, and what it does not import."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipelines.cli import COMMANDS, main
+
+HEAVY = ("numpy", "scipy", "xarray", "pandas", "matplotlib", "numba", "cv2", "netCDF4")
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as left:
+        main(list(arguments))
+    out, err = capsys.readouterr()
+    return int(left.value.code or 0), out, err
+
+
+def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "--help")
+    assert code == 0
+    assert all(name in out for name in COMMANDS)
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_every_command_has_help_with_an_example(
+    capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    code, out, _ = run(capsys, name, "--help")
+    assert code == 0
+    assert f"labpipe {name}" in out
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["plan", "SESSION"], ["process", "--help"]])
+def test_quick_commands_import_nothing_numerical(arguments: list[str], small_session: Path) -> None:
+    script = (
+        "import sys\n"
+        "from pipelines.cli import main\n"
+        "try:\n    main(sys.argv[1:])\n"
+        "except SystemExit as left:\n    assert not left.code, left.code\n"
+        f"heavy = sorted(set({HEAVY}) & set(sys.modules))\n"
+        "assert not heavy, heavy\n"
+    )
+    words = [str(small_session) if a == "SESSION" else a for a in arguments]
+    done = subprocess.run(
+        [sys.executable, "-c", script, *words], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_python_m_labpipe_is_the_same_command() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "labpipe", "--version"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0
+    assert "labpipe" in done.stdout
+
+
+def test_a_misspelt_command_is_answered_with_the_nearest(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    code, _, err = run(capsys, "proccess", "x")
+    assert code == 2
+    assert 'Did you mean "process"?' in err
+
+
+def test_plan_and_process_of_a_processed_session(
+    capsys: pytest.CaptureFixture[str], processed_session: Path
+) -> None:
+    code, out, _ = run(capsys, "plan", str(processed_session), "--json")
+    assert code == 0
+    assert json.loads(out)["to_run"] == 0
+    code, out, _ = run(capsys, "process", str(processed_session), "--jobs", "0", "--json")
+    document = json.loads(out)
+    assert code == document["exit_code"] == 0
+    assert set(document["reports"]) == {"drop", "nbr"}
+
+
+def test_bad_configuration_is_exit_3_and_says_so_in_json(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "session.toml").write_text("labpipe = 1\n[experiments.a]\nkind = 'nothing'\n")
+    code, out, _ = run(capsys, "plan", str(tmp_path), "--json")
+    assert code == 3
+    assert json.loads(out)["error"]["problems"]
+    code, out, err = run(capsys, "plan", str(tmp_path))
+    assert (code, out) == (3, "")
+    assert "session.toml:3" in err
+
+
+def test_a_newer_session_file_is_refused(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "session.toml").write_text("labpipe = 99\n")
+    code, _, err = run(capsys, "plan", str(tmp_path))
+    assert code == 3
+    assert "99" in err
+
+
+def test_inspect_says_what_a_file_is(
+    capsys: pytest.CaptureFixture[str], small_session: Path
+) -> None:
+    code, out, _ = run(capsys, "inspect", str(small_session / "laser/drop_1.csv"), "--json")
+    document = json.loads(out)
+    assert code == 0
+    assert document["reader"] == "keyence"
+    assert document["sampling_interval"] == pytest.approx(5e-5)
+    assert document["problems"] == []
+    code, out, _ = run(capsys, "inspect", str(small_session / "mach1/nbr.txt"))
+    assert "force_z" in out
+
+
+def test_inspect_of_an_unknown_file_is_exit_3(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    (tmp_path / "x.bin").write_bytes(bytes(range(256)))
+    code, _, err = run(capsys, "inspect", str(tmp_path / "x.bin"))
+    assert code == 3
+    assert "x.bin" in err
+
+
+def test_simulate_writes_what_is_asked_for(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    from labpipe import files
+
+    out = tmp_path / "drop.nc"
+    picture = tmp_path / "drop.png"
+    code, text, _ = run(
+        capsys, "simulate", "drop", "--duration", "0.03 s", "--out", str(out),
+        "--picture", str(picture), "--json",
+    )  # fmt: skip
+    document = json.loads(text)
+    assert code == 0
+    assert document["first restitution"] == pytest.approx(0.9386, abs=2e-4)
+    assert files.read_dataset(out)["restitution"].size == document["impacts"]
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_simulate_indent_states_its_solver(capsys: pytest.CaptureFixture[str]) -> None:
+    code, text, _ = run(
+        capsys, "simulate", "indent", "--cycles", "1", "--hold", "1 s", "--elements", "256",
+        "--json",
+    )  # fmt: skip
+    assert code == 0
+    assert json.loads(text)["solver"] == "springs"
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [("1.5", "expected for example"), ("1.5 s", "is in s"), ("1.5 cubits", "unknown unit")],
+)
+def test_a_length_without_a_right_unit_is_a_usage_error(
+    capsys: pytest.CaptureFixture[str], option: str, words: str
+) -> None:
+    code, _, err = run(capsys, "simulate", "drop", "--height", option)
+    assert code == 2
+    assert words in err
+
+
+def test_half_a_plate_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, err = run(capsys, "simulate", "drop", "--plate-mass", "5 kg")
+    assert code == 2
+    assert "together" in err
+
+
+def test_samples_are_listed_and_go_into_new_folders_only(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    code, out, _ = run(capsys, "sample")
+    assert code == 0
+    assert "core" in out
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine/notes.txt").write_text("precious")
+    code, _, err = run(capsys, "sample", "demo", str(tmp_path / "mine"))
+    assert code == 2
+    assert "not empty" in err
+    assert (tmp_path / "mine/notes.txt").read_text() == "precious"
+
+
+def test_doctor_finds_a_damaged_result(
+    capsys: pytest.CaptureFixture[str], session_copy: Path
+) -> None:
+    code, out, _ = run(capsys, "doctor", str(session_copy))
+    assert code == 0
+    assert "no problem found" in out
+    victim = sorted((session_copy / "labpipe/store").rglob("*.nc"))[0]
+    data = bytearray(victim.read_bytes())
+    data[len(data) // 2] ^= 0x10
+    victim.write_bytes(bytes(data))
+    code, out, _ = run(capsys, "doctor", str(session_copy), "--json")
+    assert code == 4
+    assert json.loads(out)["damaged_results"]
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_prints_a_script(capsys: pytest.CaptureFixture[str], shell: str) -> None:
+    code, out, _ = run(capsys, "completion", shell)
+    assert code == 0
+    assert "_LABPIPE_COMPLETE" in out
+
+
+def test_a_foreign_package_of_our_name_is_noticed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import instruments
+
+    monkeypatch.setattr(instruments, "BUILD", "somebody else's")
+    code, _, err = run(capsys, "--help")
+    assert code == 3
+    assert "separate environment" in err
+
+
+def test_control_characters_of_a_file_do_not_reach_the_terminal(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    text = 'labpipe = 1\n[session]\n"\\u001b[2Jevil" = 1\n'
+    (tmp_path / "session.toml").write_text(text)
+    code, _, err = run(capsys, "plan", str(tmp_path))
+    assert code == 3
+    assert "\x1b" not in err

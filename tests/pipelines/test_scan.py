@@ -1,0 +1,58 @@
+"""From a pile of files to a first session.toml."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from labpipe.errors import ConfigError, UsageError
+from pipelines.process import open_session
+from pipelines.scan import write_session_file
+
+
+@pytest.fixture
+def pile(small_session: Path, tmp_path: Path) -> Path:
+    for source, name in (
+        ("laser/drop_1.csv", "acrylic 7mm rep1.csv"),
+        ("laser/drop_2.csv", "acrylic 7mm rep2.csv"),
+        ("mach1/nbr.txt", "punch on nbr.txt"),
+        ("calibration/laser.toml", "laser.toml"),
+    ):
+        shutil.copy(small_session / source, tmp_path / name)
+    (tmp_path / "notes.txt").write_text("nothing of an instrument")
+    return tmp_path
+
+
+def test_instruments_are_recognised_and_repeats_grouped(pile: Path) -> None:
+    found = write_session_file(pile)
+    text = found.path.read_text("utf-8")
+    assert found.experiments == ["acrylic_7mm", "punch_on_nbr"]
+    assert '"acrylic 7mm rep1.csv",\n  "acrylic 7mm rep2.csv"' in text
+    assert 'height = "7 mm"' in text
+    assert 'material = "acrylic"' in text
+    assert 'calibration = "laser.toml"' in text
+
+
+def test_every_gap_is_listed_and_refused_until_it_is_filled(pile: Path) -> None:
+    found = write_session_file(pile)
+    assert len(found.gaps) == 2  # radius and mass
+    with pytest.raises(ConfigError) as caught:
+        open_session(pile)
+    assert len(caught.value.problems) == 2
+    text = found.path.read_text("utf-8")
+    filled = text.replace('"FILL mm"', '"9.525 mm"').replace('"FILL g"', '"505 g"')
+    found.path.write_text(filled, "utf-8")
+    assert set(open_session(pile).experiments) == {"acrylic_7mm", "punch_on_nbr"}
+
+
+def test_a_session_file_is_not_overwritten_unasked(pile: Path) -> None:
+    write_session_file(pile)
+    with pytest.raises(UsageError, match="--force"):
+        write_session_file(pile)
+    write_session_file(pile, replace=True)
+
+
+def test_a_folder_without_known_files_is_told_so(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("hello")
+    with pytest.raises(UsageError, match="no file of a known instrument"):
+        write_session_file(tmp_path)
