@@ -164,6 +164,20 @@ class RingSprings:
         edge = sqrt(squares[count - 1] + fraction * (squares[count] - squares[count - 1]))
         return max(edge - _EDGE_BIAS * self.width, 0.0)
 
+    def pressure(self, load: Array) -> Array:
+        """Pressure (spring,) in Pa on each ring, from the loads of the inner springs."""
+        _, upper = factors(self.position.size)
+        known = np.zeros(self.position.size)
+        known[: load.size] = load * self.unit[: load.size]
+        return solve_triangular(upper, known) / self.width
+
+    def surface(self, displacement: Array) -> Array:
+        """Displacement (spring,) in m of the surface at each ring, from that of the springs."""
+        lower, _ = factors(self.position.size)
+        known = np.zeros(self.position.size)
+        known[: displacement.size] = displacement * self.unit[: displacement.size]
+        return lower @ known
+
     def covering(self, radius: float) -> int:
         """Return how many springs reach out to a radius [m] (at least two)."""
         return max(2, ceil(radius / self.width) + 1)

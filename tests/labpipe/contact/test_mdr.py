@@ -1,0 +1,63 @@
+"""The springs of the method of dimensionality reduction against elastic closed forms."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labpipe.contact.mdr import line_springs
+from labpipe.errors import InputError
+
+R = 9.525e-3
+
+
+def elastic_force(springs, approach):
+    """Force, slope and contact radius for a unit contact modulus."""
+    moments = np.concatenate([[0.0], np.cumsum(springs.weight * springs.gap)])
+    force, slope = springs.force(approach, springs.gap, moments)
+    return force, slope, springs.contact_radius(approach, springs.gap)
+
+
+@settings(max_examples=40, deadline=None)
+@given(per_radius=st.floats(3, 200), a=st.floats(1e-9, 1.19e-3))
+def test_hertz_is_exact_at_any_resolution(per_radius, a):
+    springs = line_springs(R, 1.2e-3, 2e-4, per_radius)
+    force, slope, radius = elastic_force(springs, a**2 / R)
+    assert force == pytest.approx(4 / 3 * a**3 / R, rel=1e-9)
+    assert slope == pytest.approx(2 * a, rel=1e-9)
+    assert radius == pytest.approx(a, rel=1e-9)
+
+
+@pytest.mark.parametrize("a", [1e-4, 8e-4, 3e-3])
+def test_the_exact_sphere_follows_its_closed_form(a):
+    springs = line_springs(R, 4e-3, 1e-4, 200, "sphere")
+    logarithm = np.log((R + a) / (R - a))
+    force, _, radius = elastic_force(springs, 0.5 * a * logarithm)
+    assert force == pytest.approx(0.5 * (R**2 + a**2) * logarithm - R * a, rel=2e-5)
+    assert radius == pytest.approx(a, rel=1e-4)
+
+
+def test_parabola_and_sphere_differ_as_stated():
+    approach = (8e-4) ** 2 / R
+    parabola = elastic_force(line_springs(R, 2e-3, 1e-4, 200), approach)[0]
+    sphere = elastic_force(line_springs(R, 2e-3, 1e-4, 200, "sphere"), approach)[0]
+    assert 1 - sphere / parabola == pytest.approx(7e-4, rel=0.1)
+
+
+def test_extending_keeps_the_springs_that_were_there():
+    small = line_springs(R, 1e-3, 1e-4, 50)
+    large = small.extended(2e-3)
+    assert large.position[-1] > 2e-3
+    np.testing.assert_array_equal(large.position[: small.position.size], small.position)
+    np.testing.assert_array_equal(large.weight[: small.position.size - 1], small.weight[:-1])
+
+
+def test_springs_of_a_sphere_end_at_its_equator():
+    springs = line_springs(R, 1.0, 1e-3, 40, "sphere")
+    assert springs.position[-1] < R
+    assert np.all(np.isfinite(springs.gap))
+
+
+def test_an_unknown_profile_is_refused():
+    with pytest.raises(InputError, match='"cone"'):
+        line_springs(R, 1e-3, 1e-4, 50, "cone")
