@@ -38,3 +38,41 @@ def is_phantom(head: bytes, path: Path) -> bool:
     """Tell a Phantom .cine by its magic "CI" and the length of its first header."""
     del path
     return head[:4] == b"CI\x2c\x00"
+
+
+_ANTON_PAAR = re.compile(
+    r'^"?[^\t;,\n]{4,60}:"?[\t;,]+"?[0-9]{1,9}"?[\t;,]+"?[0-9]{1,9}"?[\t;,]*\r?$'
+    r"|^\"?(?:Data Series Information|Datenreihen ?-?Information)"
+    r"|Rheo\.Repository\.",
+    re.MULTILINE,
+)
+_ANTON_PAAR_SHEET = re.compile(r"interval[^<]{0,40}:|abschnitt[^<]{0,40}:", re.IGNORECASE)
+
+
+def is_anton_paar(head: bytes, path: Path) -> bool:
+    """Tell a RheoCompass or RheoPlus export by the line that begins a table, or its window XML."""
+    if head.startswith(b"PK\x03\x04"):
+        return _is_anton_paar_workbook(path)
+    text = _text(head)
+    return "\0" not in text and _ANTON_PAAR.search(text) is not None
+
+
+def _is_anton_paar_workbook(path: Path) -> bool:
+    """Look for the label of an interval in the beginning of the texts of a workbook."""
+    import zipfile
+    import zlib
+
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [
+                n for n in archive.namelist()
+                if n == "xl/sharedStrings.xml" or n.startswith("xl/worksheets/sheet1")
+            ]  # fmt: skip
+            for name in names:
+                with archive.open(name) as stream:
+                    text = stream.read(16 * HEAD_BYTES).decode("utf-8", errors="replace")
+                if _ANTON_PAAR_SHEET.search(text):
+                    return True
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError):
+        return False  # not told apart from any other archive; the reader says what is wrong
+    return False
