@@ -10,10 +10,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from calibration import load_cell
-from labpipe import contact
+from labpipe import contact, signals
 from labpipe.errors import InputError
-from labpipe.signals.metrics import nrmse
-from labpipe.signals.oscillation import CommonFit, common_fit, fit_sinusoid
+from labpipe.signals import CommonFit, common_fit, nrmse
 from pipelines.experiments import mach1_file
 from pipelines.experiments.material import resolve
 from pipelines.settings.harmonic import Harmonic
@@ -22,7 +21,6 @@ Array = NDArray[np.float64]
 
 _SINUSOID = "Sinusoid"
 _LOOP_POINTS = 200  # over one cycle
-_ACTIVE = 0.02  # of the amplitude; the stage counts as moving beyond it
 _FEWEST_CYCLES = 2
 
 _COLUMNS = {
@@ -76,17 +74,9 @@ def counted(
     InputError
         Fewer than two whole cycles are left.
     """
-    middle = 0.5 * (position.max() + position.min())
-    extent = 0.5 * float(np.ptp(position))
-    rest = float(np.median(np.concatenate([position[:10], position[-10:]])))
-    moving = np.flatnonzero(np.abs(position - rest) > _ACTIVE * max(extent, 1e-12))
-    if extent == 0 or moving.size < 8:
-        message = f"the stage does not move (extent {extent:.3g} m)"
-        raise InputError(message)
-    begin, end = float(time[moving[0]]), float(time[moving[-1]])
-    inside = (time >= begin) & (time <= end)
-    rough = fit_sinusoid(time[inside], position[inside] - middle, declared)
-    cycles = round((end - begin) * rough.frequency)
+    window = signals.active_window(time, position, declared)
+    period = 1 / window.frequency
+    cycles = round((window.end - window.start) / period)
     last = cycles - 1
     if last - skip < _FEWEST_CYCLES:
         message = (
@@ -94,8 +84,8 @@ def counted(
             f"cut: fewer than {_FEWEST_CYCLES} are left; lower cycles.skip"
         )
         raise InputError(message)
-    period = 1 / rough.frequency
-    return begin + skip * period, begin + last * period, rough.frequency, cycles
+    begin = window.start + skip * period
+    return begin, window.start + last * period, window.frequency, cycles
 
 
 def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
@@ -163,8 +153,8 @@ def _oscillation(
             return at.gain * complex(np.exp(-1j * at.phase))
 
     fit = common_fit(time[used], position[used], force[used], frequency, response=response)
-    counting = (begin, round((end - begin) * frequency))
-    areas = loop_areas(time, position, force, fit.position.frequency, *counting)
+    cut = signals.loops(time, position, force, fit.position.frequency, start=begin, end=end)
+    areas = cut["work"].values
     u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase if lag else 0.0))
     u_gain = lag.u_gain / lag.gain if lag else 0.0
     return _row(fit, areas, u_phase, u_gain) | {
@@ -204,24 +194,6 @@ def _row(fit: CommonFit, areas: Array, u_phase: float, u_gain: float) -> dict[st
         "work_per_cycle": work, "u_work_per_cycle": u_work,
         "work_sd": spread, "loop_area": float(areas.mean()), "n_cycles": float(areas.size),
     }  # fmt: skip
-
-
-def loop_areas(
-    time: Array, position: Array, force: Array, frequency: float, begin: float, count: int
-) -> Array:
-    """Return the area of each of ``count`` cycles from ``begin``, force over position.
-
-    Cycles are closed by interpolation, so a period need not be a whole number of samples.
-    """
-    period = 1 / frequency
-    areas = []
-    for k in range(count):
-        first, last = begin + k * period, begin + (k + 1) * period
-        inner = (time > first) & (time < last)
-        grid = np.concatenate([[first], time[inner], [last]])
-        x, f = np.interp(grid, time, position), np.interp(grid, time, force)
-        areas.append(np.trapezoid(f, x))
-    return np.array(areas)
 
 
 def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
