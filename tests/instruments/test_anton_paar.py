@@ -1,0 +1,259 @@
+"""Anton Paar exports: every locale and form gives the same numbers; what is written is read."""
+
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import instruments
+from instruments import anton_paar
+from instruments import anton_paar_words as words
+from instruments.anton_paar import assemble, make_column, make_interval
+from labpipe.errors import SourceError
+
+SAMPLES = Path(__file__).parents[2] / "../shared/samples/rheocompass"
+
+ROWS = [
+    ["1", "62.83", "2.5012E+09", "1.2500E+08", "0.050", "25.01", "0.010", "TruStrain™"],
+    ["2", "6.283", "2.4000E+09", "1.1000E+08", "0.046", "25.02", "0.010", "ME-,taD"],
+    ["3", "0.6283", "2.3001E+09", "9.9000E+07", "0.043", "25.00", "0.010", ""],
+]
+ENGLISH = ["Point No.", "Angular Frequency", "Storage Modulus", "Loss Modulus", "Loss Factor",
+           "Temperature", "Shear Strain", "Status"]  # fmt: skip
+UNITS = ["", "[rad/s]", "[Pa]", "[Pa]", "[1]", "[°C]", "[%]", ""]
+GERMAN = ["Punkt-Nr.", "Kreisfrequenz", "Speichermodul", "Verlustmodul", "Verlustfaktor",
+          "Temperatur", "Scherdeformation", "Status"]  # fmt: skip
+FRENCH = ["Point No.", "Fréquence angulaire", "Module de Stockage", "Module de Perte",
+          "Facteur de perte", "Température", "Déformation de cisaillement", "Etat"]  # fmt: skip
+PORTUGUESE = ["No. do Ponto", "Frequência angular", "Módulo de armazenamento", "Módulo de perda",
+              "Fator de perda", "Temperatura", "Deformação de cisalhamento", "Estado"]  # fmt: skip
+
+
+def rheocompass(
+    rows=ROWS, columns=ENGLISH, units=UNITS, language="en", delimiter="\t", declared=None
+):  # fmt: skip
+    labels = anton_paar.LANGUAGES[language]
+    lines = [
+        [labels[0], "Sweep | PC, 2/27/2020 | 2"], [],
+        [labels[1], "sample A 25C"], [],
+        [labels[2], "Frequency sweep 1"], [],
+        [labels[3], "1", str(len(rows) if declared is None else declared)],
+        [labels[4], *columns],
+        ["", *[""] * len(columns)],
+        ["", *units],
+        *(["", *row] for row in rows),
+    ]  # fmt: skip
+    def joined(cells):
+        return delimiter.join(f'"{c}"' if delimiter == "," and "," in c else c for c in cells)
+    return "\r\n".join(map(joined, lines)) + "\r\n"
+
+
+def rheoplus(rows=ROWS, delimiter="\t"):
+    lines = [
+        ["Data Series Information"],
+        ["Name:", "", "", "sample A 25C"],
+        ["Number of Intervals:", "", "", "1"],
+        ["Interval:", "", "", "1"],
+        ["Number of Data Points:", "", "", str(len(rows))],
+        ['"Meas. Pts."', *ENGLISH[1:]],
+        UNITS,
+        *rows,
+    ]  # fmt: skip
+    return "\r\n".join(delimiter.join(line) for line in lines) + "\r\n"
+
+
+def read_text(folder, text, encoding="utf-16", **options):
+    path = folder / "export.csv"
+    path.write_bytes(text.encode(encoding))
+    return anton_paar.read(path, **options)
+
+
+def assert_is_the_sweep(found):
+    assert found.sizes["sample"] == 3
+    np.testing.assert_allclose(found.angular_frequency, [62.83, 6.283, 0.6283], rtol=1e-12)
+    np.testing.assert_allclose(found.frequency * 2 * np.pi, found.angular_frequency, rtol=1e-12)
+    np.testing.assert_allclose(found.storage_modulus, [2.5012e9, 2.4e9, 2.3001e9], rtol=1e-12)
+    np.testing.assert_allclose(found.loss_modulus, [1.25e8, 1.1e8, 9.9e7], rtol=1e-12)
+    np.testing.assert_allclose(found.strain, [1e-4] * 3, rtol=1e-12)
+    np.testing.assert_allclose(found.temperature, [25.01, 25.02, 25.00])
+    assert found.status.values.tolist() == ["TruStrain™", "ME-,taD", ""]
+    assert found.storage_modulus.attrs["units"] == "Pa"
+    assert found.point.values.tolist() == [1, 2, 3]
+
+
+def commas(rows):
+    return [[c if i == 7 else c.replace(".", ",") for i, c in enumerate(row)] for row in rows]
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8", "utf-8-sig", "cp1252"])
+@pytest.mark.parametrize("delimiter", ["\t", ";", ","])
+def test_every_codec_and_delimiter_gives_the_same_numbers(tmp_path, encoding, delimiter):
+    assert_is_the_sweep(read_text(tmp_path, rheocompass(delimiter=delimiter), encoding))
+
+
+@pytest.mark.parametrize(
+    ("language", "columns"),
+    [("en", ENGLISH), ("de", GERMAN), ("fr", FRENCH), ("pt", PORTUGUESE)],
+)
+@pytest.mark.parametrize("rows", [ROWS, commas(ROWS)], ids=["dot", "comma"])
+def test_every_language_and_decimal_sign_gives_the_same_numbers(tmp_path, language, columns, rows):
+    found = read_text(tmp_path, rheocompass(rows, columns, language=language))
+    assert_is_the_sweep(found)
+    (entry,) = json.loads(found.attrs["tests"])
+    assert entry["test_name"] == "sample A 25C"
+    assert entry["result_name"] == "Frequency sweep 1"
+
+
+@pytest.mark.parametrize("delimiter", ["\t", ";"])
+def test_rheoplus_gives_the_same_numbers(tmp_path, delimiter):
+    found = read_text(tmp_path, rheoplus(delimiter=delimiter), "cp1252")
+    assert_is_the_sweep(found)
+    assert json.loads(found.attrs["tests"])[0]["test_name"] == "sample A 25C"
+
+
+def test_labels_of_an_unknown_language_are_read_by_their_place(tmp_path):
+    text = rheocompass().replace("Test:", "Prova:").replace("Result:", "Esito:")
+    text = text.replace("Interval and data points:", "Tratto e punti:")
+    text = text.replace("Interval data:", "Dati del tratto:")
+    with pytest.warns(UserWarning, match="no known language"):
+        found = read_text(tmp_path, text)
+    assert_is_the_sweep(found)
+    assert json.loads(found.attrs["tests"])[0]["result_name"] == "Frequency sweep 1"
+
+
+def test_a_workbook_gives_the_same_numbers(tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    sheet = book.active
+    for line in rheocompass().split("\r\n"):
+        cells = [float(c) if words.fold(c) and _is_float(c) else c for c in line.split("\t")]
+        sheet.append([c if c != "" else None for c in cells])
+    book.save(tmp_path / "export.xlsx")
+    assert instruments.identify(tmp_path / "export.xlsx") == "anton_paar"
+    assert_is_the_sweep(anton_paar.read(tmp_path / "export.xlsx"))
+
+
+def _is_float(text):
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def test_units_differ_from_table_to_table(tmp_path):
+    kilo = [[r[0], r[1], str(float(r[2]) / 1e3), str(float(r[3]) / 1e3), *r[4:]] for r in ROWS]
+    units = ["", "[rad/s]", "[kPa]", "[kPa]", "[1]", "[°C]", "[%]", ""]
+    text = rheocompass() + "\r\n" + rheocompass(kilo, units=units).split("2\r\n\r\n", 1)[1]
+    found = read_text(tmp_path, text)
+    assert found.sizes["sample"] == 6
+    np.testing.assert_allclose(found.storage_modulus[:3], found.storage_modulus[3:], rtol=1e-12)
+
+
+def test_a_clipped_loss_factor_is_recomputed_only_from_a_real_storage_modulus(tmp_path):
+    rows = [list(r) for r in ROWS]
+    rows[0][4] = "20000.000"  # G' is a reading
+    rows[1][2], rows[1][3], rows[1][4] = "1.0000E-03", "20.000", "20000.000"  # G' made from it
+    found = read_text(tmp_path, rheocompass(rows))
+    np.testing.assert_allclose(found.loss_factor[0], 1.25e8 / 2.5012e9)
+    assert np.isnan(found.loss_factor[1])
+    assert found.is_clipped.values.tolist() == [1, 1, 0]
+
+
+@pytest.mark.parametrize("mark", ["(invalid)", "(invalide)", "(ungültig)", "(inválido)"])
+def test_an_invalid_point_is_nan_and_keeps_its_row(tmp_path, mark):
+    rows = [list(r) for r in ROWS]
+    rows[1][0] = f"2 {mark}"
+    found = read_text(tmp_path, rheocompass(rows))
+    assert found.is_valid.values.tolist() == [1, 0, 1]
+    assert np.isnan(found.storage_modulus.values).tolist() == [False, True, False]
+    assert found.attrs["invalid_points"] == 1
+
+
+def test_fewer_points_than_declared_are_reported_and_kept(tmp_path):
+    with pytest.warns(UserWarning, match="declares 5 points and holds 3"):
+        assert_is_the_sweep(read_text(tmp_path, rheocompass(declared=5)))
+
+
+def test_letters_lost_in_saving_are_repaired(tmp_path):
+    text = rheocompass(units=["", "[rad/s]", "[Pa]", "[Pa]", "[1]", "[Â°C]", "[%]", ""])
+    assert_is_the_sweep(read_text(tmp_path, text, "utf-8"))
+
+
+def test_a_frequency_in_hertz_gives_the_angular_one(tmp_path):
+    columns = [c.replace("Angular Frequency", "Frequency") for c in ENGLISH]
+    units = [u.replace("rad/s", "Hz") for u in UNITS]
+    found = read_text(tmp_path, rheocompass(columns=columns, units=units))
+    np.testing.assert_allclose(found.angular_frequency, 2 * np.pi * found.frequency)
+    assert found.attrs["derived"] == "angular_frequency"
+
+
+@pytest.mark.parametrize("name", ["freqsweep.csv", "multiple_relaxation.csv",
+                                  "multiple_relaxation.xlsx", "viscosity_curves.csv"])  # fmt: skip
+def test_real_files_read_without_a_warning(name):
+    if not (SAMPLES / name).is_file():
+        pytest.skip("the real files lie outside the project")
+    found = instruments.read(SAMPLES / name)
+    entries = json.loads(found.attrs["tests"])
+    assert sum(e["rows"] for e in entries) == found.sizes["sample"]
+    assert all(e["rows"] == e["declared"] for e in entries)
+
+
+def test_the_real_workbook_equals_the_real_text():
+    if not (SAMPLES / "multiple_relaxation.csv").is_file():
+        pytest.skip("the real files lie outside the project")
+    text = instruments.read(SAMPLES / "multiple_relaxation.csv")
+    book = instruments.read(SAMPLES / "multiple_relaxation.xlsx")
+    for name in ("time", "stress", "relaxation_modulus", "torque"):
+        np.testing.assert_allclose(text[name], book[name], rtol=2e-3)
+
+
+def test_the_window_definition_is_refused_politely():
+    path = SAMPLES / "window_definition_not_data.xml"
+    if not path.is_file():
+        pytest.skip("the real files lie outside the project")
+    assert instruments.identify(path) == "anton_paar"
+    with pytest.raises(SourceError, match="layout of a table window"):
+        instruments.read(path)
+
+
+NUMBERS = st.floats(1e-9, 1e9).map(lambda x: float(f"{x:.5g}"))
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=5), min_size=1, max_size=4),
+    st.sampled_from(["en", "de", "fr", "pt"]),
+    st.sampled_from([("\t", "."), ("\t", ","), (";", ","), (",", ".")]),
+    st.sampled_from(["utf-16", "utf-8", "cp1252"]),
+)
+def test_what_is_written_is_read(tmp_path_factory, tables, language, signs, encoding):
+    intervals = [
+        make_interval("test, one", "sweep", number, [
+            make_column("Frequency", "[Hz]", [a for a, _ in table]),
+            make_column("Storage Modulus", "[MPa]", [b for _, b in table]),
+            make_column("Torque", "[µN·m]", [a * 1e-6 for a, _ in table]),
+            make_column("Status", "", ["ME-,taD"] * len(table)),
+        ])
+        for number, table in enumerate(tables, 1)
+    ]  # fmt: skip
+    made = assemble(intervals, project="p | x | 1")
+    path = tmp_path_factory.mktemp("round") / "x.csv"
+    delimiter, decimal = signs
+    anton_paar.write(
+        path, made, encoding=encoding, delimiter=delimiter, decimal=decimal, language=language
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = anton_paar.read(path, decimal=decimal)
+    assert found.attrs["tests"] == made.attrs["tests"]
+    assert found.attrs["project"] == "p | x | 1"
+    for name in made.variables:
+        if made[name].dtype.kind in "fi":
+            np.testing.assert_allclose(found[name], made[name], rtol=1e-12)
+        else:
+            assert found[name].values.tolist() == made[name].values.tolist()
