@@ -31,17 +31,30 @@ _EXPONENT = 1.5
 _N_SHAPES = 4
 _NODES = 4001  # linear interpolation between them is good to 1e-8 of the pulse
 
-# Prior of the shape, mean and standard deviation, as functions of the loss of speed 1 - e. A slow
-# body feels gravity inside the contact, which flattens the pulse: r2 falls with g T / v. A lossy
-# contact leans towards its beginning.
-_LEAN_PER_LOSS, _U_LEAN, _U_LEAN_PER_LOSS = -1.1, 0.05, 0.45
-_FLATNESS, _FLATNESS_BY_GRAVITY, _U_FLATNESS, _U_FLATNESS_PER_LOSS_SQUARED = (
-    -0.295,
-    -0.155,
-    0.03,
-    2.5,
-)
-_SKEWNESS_PER_LOSS, _U_SKEWNESS, _U_SKEWNESS_PER_LOSS = 0.25, 0.03, 0.35
+# A slow body feels gravity inside the contact, which flattens the pulse: r2 falls with g T / v.
+_FLATNESS, _FLATNESS_BY_GRAVITY, _HEAVIEST = -0.295, -0.155, 4.0
+
+
+class ShapePrior(NamedTuple):
+    """What is known beforehand of r1 (lean), r2 (flatness), r3 (skewness) of the pulse.
+
+    Each is ``per_loss (1 - e)``, plus the elastic value for r2, within a standard deviation of
+    ``spread + spread_per_loss (1 - e)^power``.
+    """
+
+    per_loss: tuple[float, float, float]
+    spread: tuple[float, float, float]
+    spread_per_loss: tuple[float, float, float]
+    power: tuple[int, int, int]
+
+
+PRIORS = {
+    "any": ShapePrior((-1.1, 0.0, 0.25), (0.05, 0.03, 0.03), (0.45, 2.5, 0.35), (1, 2, 1)),
+    "polymer": ShapePrior((-1.1, 0.3, 0.1), (0.01, 0.01, 0.006), (0.12, 0.1, 0.1), (1, 1, 1)),
+}
+"""``"any"`` covers all laws of the study. ``"polymer"`` is for solids with a broad relaxation
+spectrum, for which the three follow the loss closely: 91 simulated impacts of acrylic, PEEK, nylon
+and PTFE from 1.5 and 10 mm scatter by 0.011, 0.010 and 0.007 about it."""
 
 _WITH_PRIOR = [3, 4, 5, 8]  # lean, flatness, skewness, gravity
 _LOSS_UPDATES, _LOSS_SETTLED = 3, 0.02
@@ -121,6 +134,7 @@ def fit_impact(
     guess: tuple[float, float],
     gravity: float,
     u_gravity: float,
+    prior: ShapePrior = PRIORS["any"],
 ) -> ImpactFit:
     """Fit arcs and pulse to the samples around one impact.
 
@@ -134,6 +148,8 @@ def fit_impact(
         Touch and lift-off time, roughly.
     gravity, u_gravity : float
         Acceleration of the fall (> 0) and its standard uncertainty.
+    prior : ShapePrior
+        One of :data:`PRIORS`.
 
     Returns
     -------
@@ -150,11 +166,11 @@ def fit_impact(
     loss, weight = _character(start)
     n_evaluations = 0
     for _ in range(_LOSS_UPDATES):
-        mean, spread = _shape_prior(loss, weight)
+        mean, spread = _expected_shape(prior, loss, weight)
         if n_evaluations == 0:
             start[3:6] = mean
-        prior = _Prior(np.append(mean, gravity), np.append(spread, u_gravity))
-        p, normal, misfit, n = _minimise(t, y, sigma, prior, start, scale)
+        pull = _Pull(np.append(mean, gravity), np.append(spread, u_gravity))
+        p, normal, misfit, n = _minimise(t, y, sigma, pull, start, scale)
         n_evaluations += n
         previous, (loss, weight) = loss, _character(p)
         start = p
@@ -171,7 +187,7 @@ def fit_impact(
     return ImpactFit(value, gradient @ covariance @ gradient.T, chi_square, n_evaluations)
 
 
-class _Prior(NamedTuple):
+class _Pull(NamedTuple):
     """Mean and standard deviation of the parameters :data:`_WITH_PRIOR`."""
 
     mean: Array
@@ -179,19 +195,19 @@ class _Prior(NamedTuple):
 
 
 def _minimise(
-    t: Array, y: Array, sigma: float, prior: _Prior, start: Array, scale: Array
+    t: Array, y: Array, sigma: float, pull: _Pull, start: Array, scale: Array
 ) -> tuple[Array, Array, float, int]:
     """Parameters, normal matrix of the scaled ones, sum of squared misfits, evaluations."""
 
     def residual(scaled: Array) -> Array:
         p = scaled * scale
         misfit = (_position(t, p) - y) / sigma
-        return np.concatenate([misfit, (p[_WITH_PRIOR] - prior.mean) / prior.spread])
+        return np.concatenate([misfit, (p[_WITH_PRIOR] - pull.mean) / pull.spread])
 
     def jacobian(scaled: Array) -> Array:
         rows = _position_gradient(t, scaled * scale) / sigma
-        pull = np.eye(len(NAMES))[_WITH_PRIOR] / prior.spread[:, None]
-        return np.concatenate([rows, pull]) * scale
+        ties = np.eye(len(NAMES))[_WITH_PRIOR] / pull.spread[:, None]
+        return np.concatenate([rows, ties]) * scale
 
     found = least_squares(
         residual,
@@ -214,21 +230,12 @@ def _character(p: Array) -> tuple[float, float]:
     return loss, float(p[8] * (p[7] - p[6]) / incoming)
 
 
-def _shape_prior(loss: float, weight: float) -> tuple[Array, Array]:
+def _expected_shape(prior: ShapePrior, loss: float, weight: float) -> tuple[Array, Array]:
     """Mean and standard deviation of lean, flatness and skewness."""
-    mean = np.array(
-        [
-            _LEAN_PER_LOSS * loss,
-            _FLATNESS + _FLATNESS_BY_GRAVITY * min(weight, 4.0),
-            _SKEWNESS_PER_LOSS * loss,
-        ]
-    )
-    spread = np.array(
-        [
-            _U_LEAN + _U_LEAN_PER_LOSS * loss,
-            _U_FLATNESS + _U_FLATNESS_PER_LOSS_SQUARED * loss**2,
-            _U_SKEWNESS + _U_SKEWNESS_PER_LOSS * loss,
-        ]
+    elastic = np.array([0.0, _FLATNESS + _FLATNESS_BY_GRAVITY * min(weight, _HEAVIEST), 0.0])
+    mean = elastic + loss * np.array(prior.per_loss)
+    spread = np.array(prior.spread) + np.array(prior.spread_per_loss) * loss ** np.array(
+        prior.power
     )
     return mean, spread
 

@@ -2,8 +2,11 @@ import json
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicHermiteSpline
 
+from labpipe.contact import drop
 from labpipe.errors import InputError
+from labpipe.materials import load
 from labpipe.signals import PHASES, bounces, phases
 
 ACRYLIC = {"loss": 0.5}
@@ -158,6 +161,38 @@ def test_records_without_a_bounce_are_refused(displacement_of, shape, message):
     time = np.arange(4000) / 20e3
     with pytest.raises(InputError, match=message):
         bounces(displacement_of(time, shape(time)))
+
+
+@pytest.mark.filterwarnings(STILL_MOVING)
+@pytest.mark.parametrize("name", ["acrylic", "ptfe"])
+def test_polymers_are_known_twice_as_well(displacement_of, name):
+    # Truth from the package's own simulator, whose contact law these tests do not otherwise use.
+    truth = drop(load(name), 9.525e-3, 0.505, 1.5e-3, 0.2)
+    path = CubicHermiteSpline(*_strictly(truth["time"], truth["displacement"], truth["velocity"]))
+    time = np.arange(0.0, 0.21, 5e-5)
+    noise = 1e-6 * np.random.default_rng(3).standard_normal(len(time))
+    record = displacement_of(time, path(np.maximum(time - 0.01, 0.0)) + noise)
+    anything, polymer = bounces(record), bounces(record, contact="polymer")
+    n = min(polymer.sizes["impact"], truth.sizes["impact"])
+    for found in (anything, polymer):
+        z_touch = (found.touch_time[:n] - 0.01 - truth.impact_time.values[:n]) / found.u_touch_time[
+            :n
+        ]
+        z = (found.restitution[:n] - truth.restitution.values[:n]) / found.u_restitution[:n]
+        assert np.sqrt(np.mean(z_touch**2)) < 1.6
+        assert np.sqrt(np.mean(z**2)) < 1.6
+    assert float(polymer.u_restitution[0]) < 0.6 * float(anything.u_restitution[0])
+
+
+def _strictly(time, *columns):
+    """Both sides of an event share one time: keep the first."""
+    values, index = np.unique(time.values, return_index=True)
+    return values, *(column.values[index] for column in columns)
+
+
+def test_unknown_contact_law_is_refused(displacement_of):
+    with pytest.raises(InputError, match='any, polymer; found "steel"'):
+        bounces(displacement_of(np.arange(50.0), np.zeros(50)), contact="steel")
 
 
 def test_too_few_readings_are_refused(displacement_of):
