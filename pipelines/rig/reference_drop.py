@@ -32,6 +32,7 @@ Array = NDArray[np.float64]
 GRAVITY = 9.81  # m/s², as in the thesis
 CONTACT_STEP = 2e-6  # s; (ω Δt)²/24 is 1e-6 for a contact of 1 ms
 SPRINGS = 500
+_PRESSED = 1e-15  # m, rounding of the displacement of a pressed spring
 FLIGHT_GROWTH = 1.15  # ratio of successive recovery steps in flight; recovery is smooth in log t
 
 
@@ -42,6 +43,24 @@ class Floor:
     mass: float = np.inf
     frequency: float = 400.0
     damping_ratio: float = 0.03
+
+
+@dataclass(frozen=True, slots=True)
+class Springs:
+    """The state of all springs at chosen times.
+
+    ``position`` (spring,) is the distance from the axis; ``displacement`` (time, spring) the
+    surface displacement of the one-dimensional foundation; ``approach`` (time,) how far the
+    sphere's lowest point would reach into the floor (negative in flight); ``contact_radius``
+    (time,) is 0 in flight; ``resolution`` is half the distance of two springs.
+    """
+
+    time: Array
+    position: Array
+    displacement: Array
+    approach: Array
+    contact_radius: Array
+    resolution: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +82,7 @@ class Trajectory:
     liftoff: Array
     incoming_speed: Array
     outgoing_speed: Array
+    springs: Springs | None = None
 
     def at(self, time: Array) -> Array:
         """Height at any time by cubic Hermite interpolation; the start height before release."""
@@ -101,8 +121,14 @@ def _contact(
     step: float,
     n_max: int,
     record: Array,
+    kept: NDArray[np.int64],
+    states: Array,
 ) -> tuple[int, bool]:
-    """Integrate one contact; returns the number of steps and whether the sphere left."""
+    """Integrate one contact; returns the number of steps and whether the sphere left.
+
+    ``states`` receives the springs after each of the steps ``kept`` (increasing).
+    """
+    place = 0
     n_springs, n_terms = h.shape
     decay, phi = np.exp(-step / rho), np.empty(n_terms)
     for j in range(n_terms):
@@ -158,6 +184,9 @@ def _contact(
             floor_force_acceleration = new_floor
         record[n, 0], record[n, 1], record[n, 2] = height, speed, force
         record[n, 3], record[n, 4], record[n, 5] = edge, floor, floor_speed
+        if place < len(kept) and kept[place] == n:
+            states[place] = u
+            place += 1
         if not in_contact and n > 2:
             return n + 1, True
     return n_max, False
@@ -203,6 +232,7 @@ def reference_drop(
     height: float,
     duration: float,
     floor: Floor | None = None,
+    snapshots: Array | None = None,
 ) -> Trajectory:
     """Drop a viscoelastic sphere and record everything at the solver's own steps.
 
@@ -218,6 +248,8 @@ def reference_drop(
         Sphere, moving mass, fall from rest to first touch, time simulated after release.
     floor : Floor, optional
         A moving floor; rigid by default.
+    snapshots : array (time,), optional [s]
+        Increasing times at which the springs are handed out too; before ``duration``.
 
     Raises
     ------
@@ -250,6 +282,8 @@ def reference_drop(
     now, z, v, x, w = 0.0, height, 0.0, 0.0, 0.0
     pieces: list[Array] = [np.array([[0.0, z, 0.0, 0.0, 0.0, 0.0]])]
     touch, liftoff, incoming, outgoing = [], [], [], []
+    asked = np.empty(0) if snapshots is None else np.asarray(snapshots, float)
+    shots: list[tuple[Array, float, float]] = []
     while now < duration:
         flight = _flight_time(z, v, x, w, u, h, softest, branches, rho, floor)
         flight = min(flight, duration - now)
@@ -269,6 +303,10 @@ def reference_drop(
                 ]
             )
         )
+        shots += [
+            _in_flight(time - now, z, v, x, w, u, h, softest, branches, rho, floor)
+            for time in asked[(asked >= now) & (asked < now + flight)]
+        ]
         _recover(u, h, flight, softest, branches, rho)
         now += flight
         z, v, x, w = pieces[-1][-1, 1], pieces[-1][-1, 2], floor_x[-1], floor_w[-1]
@@ -278,12 +316,21 @@ def reference_drop(
         incoming.append(-v)
         n_max = int(np.ceil((duration - now) / CONTACT_STEP))
         record = np.empty((n_max, 6))
+        due = asked[asked >= now]
+        before = np.floor((due - now) / CONTACT_STEP).astype(np.int64) - 1
+        kept = np.unique(np.concatenate([before, before + 1]))
+        kept = kept[kept >= 0]
+        states, start = np.empty((len(kept), SPRINGS)), (u.copy(), x - z)
         n, left = _contact(
             x - z, v, x, w, u, h, gap, weight, softest, branches, rho, mass, GRAVITY,
             floor.mass, 2 * np.pi * floor.frequency, floor.damping_ratio, CONTACT_STEP, n_max,
-            record,
+            record, kept, states,
         )  # fmt: skip
         record = record[:n]
+        for time, step in zip(due, before, strict=True):
+            if step + 1 < n:
+                share = (time - now) / CONTACT_STEP - (step + 1)
+                shots.append(_in_contact(int(step), share, start, kept, states, record, gap, width))
         times = now + CONTACT_STEP * np.arange(1, n + 1)
         edge = np.sqrt(record[:, 3] * radius) + np.where(record[:, 3] > 0, width / 2, 0.0)
         pieces.append(
@@ -299,8 +346,68 @@ def reference_drop(
         time=table[:, 0], height=table[:, 1], velocity=table[:, 2], force=table[:, 3],
         contact_radius=table[:, 4], floor=table[:, 5], touch=np.array(touch),
         liftoff=np.array(liftoff), incoming_speed=np.array(incoming),
-        outgoing_speed=np.array(outgoing),
+        outgoing_speed=np.array(outgoing), springs=_handed_out(asked, shots, position),
     )  # fmt: skip
+
+
+def _handed_out(
+    asked: Array, shots: list[tuple[Array, float, float]], position: Array
+) -> Springs | None:
+    if not len(asked):
+        return None
+    if len(shots) != len(asked):
+        message = f"{len(asked)} states were asked for, {len(shots)} lie in the simulated time"
+        raise InputError(message)
+    u, approach, edge = (np.array(part) for part in zip(*shots, strict=True))
+    half = 0.5 * float(position[1] - position[0])
+    return Springs(asked, position, u, approach, edge, half)
+
+
+def _in_flight(
+    elapsed: float, z: float, v: float, x: float, w: float, u: Array, h: Array,
+    E_relaxed: float, E: Array, rho: Array, floor: Floor,
+) -> tuple[Array, float, float]:  # fmt: skip
+    """Springs and approach some time after the start of a flight."""
+    recovered, memory = u.copy(), h.copy()
+    _recover(recovered, memory, elapsed, E_relaxed, E, rho)
+    level = 0.0
+    if np.isfinite(floor.mass):
+        level = float(_floor_free(np.array([elapsed]), x, w, floor)[0][0])
+    return recovered, level - (z + v * elapsed - 0.5 * GRAVITY * elapsed**2), 0.0
+
+
+def _in_contact(
+    step: int, share: float, start: tuple[Array, float], kept: NDArray[np.int64],
+    states: Array, record: Array, gap: Array, width: float,
+) -> tuple[Array, float, float]:  # fmt: skip
+    """Springs and approach between two steps of a contact.
+
+    A spring that is pressed in at both ends follows the profile at the very time; a free one
+    moves smoothly.
+    """
+    second = states[np.searchsorted(kept, step + 1)]
+    end = float(record[step + 1, 4] - record[step + 1, 0])
+    if step < 0:
+        first, begin = start
+    else:
+        first = states[np.searchsorted(kept, step)]
+        begin = float(record[step, 4] - record[step, 0])
+    approach = begin + share * (end - begin)
+    u = first + share * (second - first)
+    profile = approach - gap
+    was_pressed = np.abs(first - (begin - gap)) < _PRESSED
+    is_pressed = np.abs(second - (end - gap)) < _PRESSED
+    u = np.where(is_pressed & ~was_pressed, first, u)  # it waits until the profile comes
+    u = np.where(was_pressed & ~is_pressed, second, u)  # it stays where the profile leaves it
+    u = np.maximum(u, profile)
+    pressed = np.flatnonzero(np.abs(u - profile) < _PRESSED)
+    if not len(pressed):
+        return u, approach, 0.0
+    edge = int(pressed[-1])
+    radius = (edge + 1) * width
+    if edge + 1 < len(u) and u[edge + 1] == 0.0:  # on a fresh surface the profile tells exactly
+        radius = float(np.sqrt(max(approach, 0.0) / gap[0]) * 0.5 * width)
+    return u, approach, radius
 
 
 def _flight_time(

@@ -1,0 +1,148 @@
+"""The front camera: a speckled holder that falls and bounces, written as a .cine with its truth."""
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments import phantom_writer
+from labpipe import files
+from pipelines.rig.reference_drop import Trajectory
+from pipelines.rig.speckle import Holder, Pose, draw, make_holder
+
+Array = NDArray[np.float64]
+
+PIXEL_SIZE = 30e-3 / 386  # m, the thesis's front view
+_STILL = 1e-5  # px of motion below which an image is not drawn again
+
+
+@dataclass(frozen=True, slots=True)
+class FrontCamera:
+    """The camera and what disturbs its images.
+
+    ``duration`` is the length of the film, ``release`` the time of release in it. ``exposure`` is
+    averaged over two moments, which is exact to second order in the motion. ``photons`` is the
+    number of electrons per grey level (shot noise), ``noise`` the read noise in grey levels.
+    ``rotation`` is the amplitude of a swing of the holder (rad) at ``swing`` Hz that begins with
+    the fall, ``drift`` the relative change of the light over the film.
+    """
+
+    rows: int = 128
+    columns: int = 96
+    frame_rate: int = 4000
+    duration: float = 0.14
+    release: float = 0.01
+    pixel_size: float = PIXEL_SIZE
+    exposure: float = 5e-6
+    defocus: float = 0.4
+    photons: float = 60.0
+    noise: float = 1.2
+    rotation: float = 1.5e-3
+    swing: float = 9.0
+    drift: float = 0.02
+    holder_width: float | None = None
+
+
+FULL_SIZE = FrontCamera(
+    rows=480, columns=1280, frame_rate=10_000, duration=0.9367, release=0.05, holder_width=1180.0
+)
+
+
+def write_front_film(
+    path: Path, trajectory: Trajectory, height: float, camera: FrontCamera, seed: int
+) -> dict[str, Any]:
+    """Write a film; its truth is returned and stands beside it under ``truth/``'s pattern.
+
+    Parameters
+    ----------
+    path : Path
+        The .cine file; the truth is written by the caller, outside of what the analysis reads.
+    trajectory : Trajectory
+        Motion of the holder from release on.
+    height : float [m]
+        From which it falls; the holder is there in the first image.
+    camera : FrontCamera
+    seed : int
+        Of speckle and noise.
+
+    Returns
+    -------
+    dict
+        ``time`` (s, trigger 0 at the first image), ``dx``, ``dy`` (px of the holder's pivot) and
+        ``rotation`` (rad) of every frame, and the camera's numbers.
+    """
+    count = round(camera.duration * camera.frame_rate)
+    time = np.arange(count) / camera.frame_rate
+    fall = height / camera.pixel_size
+    holder = make_holder(camera.rows, camera.columns, fall + 8, seed, camera.holder_width)
+    shape = (count, camera.rows, camera.columns)
+    recording = phantom_writer.Recording(
+        camera.frame_rate, camera.exposure, bits=8, camera="labpipe virtual camera",
+        description="SYNTHETIC: drawn by labpipe's virtual rig, front view",
+    )  # fmt: skip
+    images = _images(holder, trajectory, height, camera, time, seed + 1)
+    phantom_writer.write(path, images, shape, time, recording)
+    poses = [_pose(t, trajectory, height, camera) for t in time]
+    return {
+        "synthetic": True,
+        "view": "front",
+        "pixel_size": camera.pixel_size,
+        "release_time": camera.release,
+        "first_contact_time": camera.release + float(trajectory.touch[0]),
+        "touch_time": (camera.release + trajectory.touch).tolist(),
+        "pivot": list(poses[0].pivot),
+        "time": time.tolist(),
+        "dx": [round(p.dx, 6) for p in poses],
+        "dy": [round(p.dy, 6) for p in poses],
+        "rotation": [round(p.rotation, 9) for p in poses],
+    }
+
+
+def write_truth(path: Path, truth: dict[str, Any]) -> None:
+    """Write what really happened, where the analysis does not look."""
+    files.write_text(path, json.dumps(truth) + "\n")
+
+
+def _pose(time: float, trajectory: Trajectory, height: float, camera: FrontCamera) -> Pose:
+    since = time - camera.release
+    fallen = 0.0
+    rotation = 0.0
+    if since > 0:
+        fallen = height - float(trajectory.at(np.array([since]))[0])
+        # the swing begins without a jump of its rate
+        rotation = camera.rotation * (1 - np.cos(2 * np.pi * camera.swing * since)) / 2
+    pivot = (0.5 * (camera.columns - 1), 0.25 * (camera.rows - 1))
+    return Pose(0.0, fallen / camera.pixel_size, rotation, pivot)
+
+
+def _images(
+    holder: Holder,
+    trajectory: Trajectory,
+    height: float,
+    camera: FrontCamera,
+    time: Array,
+    seed: int,
+) -> Iterator[NDArray[np.uint8]]:
+    generator = np.random.default_rng(seed)
+    nodes = np.array([-1.0, 1.0]) * camera.exposure / (2 * np.sqrt(3.0))  # Gauss's two points
+    rows = np.linspace(-1.0, 1.0, camera.rows)[:, None]
+    last: tuple[Pose, Array] | None = None
+    for t in time:
+        poses = [_pose(t + n, trajectory, height, camera) for n in nodes]
+        if last is None or _distance(last[0], poses[0]) > _STILL:
+            clean = sum(draw(holder, camera.rows, camera.columns, p, camera.defocus) for p in poses)
+            last = poses[0], np.asarray(clean) / len(poses)
+        light = 1.0 + camera.drift * t / camera.duration + 0.03 * rows
+        grey = last[1] * light
+        sigma = np.sqrt(camera.noise**2 + grey / camera.photons)
+        noisy = grey + sigma * generator.standard_normal(grey.shape)
+        yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def _distance(a: Pose, b: Pose) -> float:
+    turn = 500.0 * abs(a.rotation - b.rotation)  # px at the far end of the image
+    return abs(a.dx - b.dx) + abs(a.dy - b.dy) + turn

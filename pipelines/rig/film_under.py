@@ -1,0 +1,236 @@
+"""The camera under the disc: interference of the true gap, written as a .cine with its truth.
+
+The gap is that of the rig's own reference contact. Its springs u(x, t) are turned into the
+surface displacement of the sphere by the inverse Abel transform of the method of dimensionality
+reduction, u_z(r) = (2/π) ∫₀^r u(x)/√(r² − x²) dx, so that dents that still recover show too. The
+closed formula of Hertz, by which the analysis measures, is used nowhere here.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from instruments import phantom_writer
+from labpipe.materials import Prony
+from pipelines.rig.reference_drop import Floor, Springs, reference_drop
+
+Array = NDArray[np.float64]
+
+PIXEL_SIZE = 1e-3 / 461  # m, the thesis's view under the disc
+_GRID = 0.2e-6  # m, spacing of the radial table: 1/50 of the finest fringe that matters
+
+
+@dataclass(frozen=True, slots=True)
+class UnderCamera:
+    """The camera, its light, and what disturbs the images.
+
+    ``centre`` is the contact's place relative to the middle of the image (px); ``tilt`` the
+    angle (rad) by which the camera looks aslant, which shortens x by its cosine; ``samples`` are
+    taken per pixel side, ``moments`` per exposure. ``release`` is the release in the film's time.
+    """
+
+    rows: int = 64
+    columns: int = 832
+    pixel_size: float = PIXEL_SIZE
+    exposure: float = 2e-6
+    release: float = 2e-3
+    wavelength: float = 633e-9
+    mean: float = 120.0
+    visibility: float = 0.8
+    vignette: float = 0.15
+    tilt: float = 0.02
+    blur: float = 0.5
+    noise: float = 3.0
+    centre: tuple[float, float] = (4.3, -2.6)
+    samples: int = 4
+    moments: int = 3
+
+
+FULL_SIZE = UnderCamera(rows=480, columns=1280)
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """What falls: radius and moving mass, height of fall, its material, the floor."""
+
+    material: Prony
+    height: float
+    radius: float = 9.525e-3
+    mass: float = 0.505
+    floor: Floor | None = None
+
+
+def write_under_film(
+    path: Path, body: Body, camera: UnderCamera, time: Array, seed: int
+) -> dict[str, Any]:
+    """Write the film of a drop as seen from below and return its truth.
+
+    Parameters
+    ----------
+    path : Path
+        The .cine file.
+    body : Body
+    camera : UnderCamera
+    time : array (frame,) [s]
+        Of the frames, increasing; they need not be evenly spaced.
+    seed : int
+        Of the noise.
+
+    Returns
+    -------
+    dict
+        ``time``, ``contact_radius`` (m; resolved to ``resolution``) of every frame, the centre
+        (px) and the optics.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(camera.moments)
+    moments = (time[:, None] - camera.release + 0.5 * camera.exposure * nodes).ravel()
+    held = int(np.count_nonzero(moments < 0))
+    solid = body.material
+    motion = reference_drop(
+        solid.E_relaxed, np.asarray(solid.E), np.asarray(solid.rho), float(solid.nu),
+        radius=body.radius, mass=body.mass, height=body.height,
+        duration=float(moments[-1]) + 1e-4, floor=body.floor, snapshots=moments[held:],
+    )  # fmt: skip
+    if motion.springs is None:
+        message = "the reference handed out no springs"
+        raise RuntimeError(message)
+    states = _with_hold(motion.springs, held, body.height)
+    shape = (len(time), camera.rows, camera.columns)
+    rate = round(1 / float(np.min(np.diff(time))))
+    recording = phantom_writer.Recording(
+        rate, camera.exposure, bits=8, camera="labpipe virtual camera",
+        description="SYNTHETIC: drawn by labpipe's virtual rig, view under the disc",
+    )  # fmt: skip
+    images = _images(states, body, camera, weights / 2, len(time), seed)
+    phantom_writer.write(path, images, shape, time, recording)
+    radius = states.contact_radius.reshape(len(time), -1)
+    return {
+        "synthetic": True,
+        "view": "under",
+        "pixel_size": camera.pixel_size,
+        "wavelength": camera.wavelength,
+        "exposure": camera.exposure,
+        "centre": list(_centre(camera)),
+        "release_time": camera.release,
+        "touch_time": (camera.release + motion.touch).tolist(),
+        "resolution": states.resolution,
+        "peak_contact_radius": float(motion.contact_radius.max()),
+        "time": time.tolist(),
+        "contact_radius": np.round(radius @ (weights / 2), 10).tolist(),
+    }
+
+
+def _with_hold(springs: Springs, held: int, height: float) -> Springs:
+    """Put the moments before release, with relaxed springs, in front."""
+    rest = np.zeros((held, springs.position.size))
+    return Springs(
+        np.concatenate([np.full(held, np.nan), springs.time]),
+        springs.position,
+        np.concatenate([rest, springs.displacement]),
+        np.concatenate([np.full(held, -height), springs.approach]),
+        np.concatenate([np.zeros(held), springs.contact_radius]),
+        springs.resolution,
+    )
+
+
+def _centre(camera: UnderCamera) -> tuple[float, float]:
+    """Contact's centre in px, x and y."""
+    dx, dy = camera.centre
+    return 0.5 * (camera.columns - 1) + dx, 0.5 * (camera.rows - 1) + dy
+
+
+def surface_matrix(position: Array, r: Array) -> Array:
+    """Return the matrix that turns springs into the surface displacement at the radii ``r``.
+
+    Parameters
+    ----------
+    position : array (spring,) [m]
+        Evenly spaced, the first half a spacing from the axis.
+    r : array (radius,) [m]
+
+    Returns
+    -------
+    array (radius, spring)
+        u is linear between springs, even across the axis, and 0 beyond the last one; the
+        integral of each piece is exact.
+    """
+    nodes = np.concatenate([[0.0], position])
+    low, high = nodes[:-1], nodes[1:]
+    ratio_low = np.minimum(low / np.maximum(r[:, None], 1e-12), 1.0)
+    ratio_high = np.minimum(high / np.maximum(r[:, None], 1e-12), 1.0)
+    angle = np.arcsin(ratio_high) - np.arcsin(ratio_low)
+    first = r[:, None] * (np.sqrt(1 - ratio_low**2) - np.sqrt(1 - ratio_high**2))
+    rising = (first - low * angle) / (high - low)  # weight of the piece's upper end
+    matrix = np.zeros((len(r), len(nodes)))
+    matrix[:, 1:] += rising
+    matrix[:, :-1] += angle - rising
+    matrix[:, 1] += matrix[:, 0]  # the axis has the displacement of the first spring
+    return 2.0 / np.pi * matrix[:, 1:]
+
+
+def _images(
+    springs: Springs, body: Body, camera: UnderCamera, weights: Array, count: int, seed: int
+) -> Iterator[NDArray[np.uint8]]:
+    generator = np.random.default_rng(seed)
+    x0, y0 = _centre(camera)
+    largest = camera.pixel_size * np.hypot(
+        max(x0, camera.columns - x0) + 2, max(y0, camera.rows - y0) + 2
+    )
+    coarse = np.linspace(0.0, largest, 2000)
+    matrix = surface_matrix(springs.position, coarse)
+    fine = np.arange(0.0, largest, _GRID)
+    light = _light(camera)
+    for frame in range(count):
+        table = np.zeros_like(fine)
+        for k, weight in enumerate(weights):
+            n = frame * len(weights) + k
+            dent = np.interp(fine, coarse, matrix @ springs.displacement[n])
+            gap = fine**2 / (2 * body.radius) - springs.approach[n] + dent
+            gap = np.maximum(gap, 0.0)
+            table += weight * np.cos(4 * np.pi * gap / camera.wavelength + np.pi)
+        relative = _pixels(
+            table, _GRID, camera.rows, camera.columns, x0, y0, camera.pixel_size,
+            np.cos(camera.tilt), camera.samples,
+        )  # fmt: skip
+        grey = camera.mean * (1 + camera.visibility * relative) * light
+        if camera.blur:
+            grey = gaussian_filter(grey, camera.blur, mode="nearest")
+        noisy = grey + camera.noise * generator.standard_normal(grey.shape)
+        yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def _light(camera: UnderCamera) -> Array:
+    """Illumination that falls off towards the corners of the image's long side."""
+    half = 0.5 * camera.columns
+    x = (np.arange(camera.columns) - half) / half
+    y = (np.arange(camera.rows)[:, None] - 0.5 * camera.rows) / half
+    return np.asarray(1.0 - camera.vignette * (x**2 + y**2))
+
+
+@numba.njit(cache=True)
+def _pixels(
+    table: Array, grid: float, rows: int, columns: int, x0: float, y0: float, size: float,
+    shortening: float, samples: int,
+) -> Array:  # fmt: skip
+    """Average the radial table over every pixel by samples x samples points."""
+    image = np.zeros((rows, columns))
+    last = len(table) - 2
+    for i in range(rows):
+        for j in range(columns):
+            total = 0.0
+            for p in range(samples):
+                y = (i - y0 + (p + 0.5) / samples - 0.5) * size
+                for q in range(samples):
+                    x = (j - x0 + (q + 0.5) / samples - 0.5) * size / shortening
+                    place = np.sqrt(x * x + y * y) / grid
+                    k = min(int(place), last)
+                    share = min(place - k, 1.0)
+                    total += table[k] + share * (table[k + 1] - table[k])
+            image[i, j] = total / (samples * samples)
+    return image

@@ -1,0 +1,131 @@
+"""A speckled holder as the front camera sees it, every pixel from a formula.
+
+Round blobs at random places are summed and sent through a saturating curve. Motion moves the
+blobs themselves, and defocus widens them, so nothing is ever interpolated: the analysis, which
+interpolates, meets images that know nothing of its method.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_REACH = 5.5  # blob widths after which exp(-r²/2) is below 3e-7
+_WIDTHS = (1.3, 2.2)  # px, blobs of the usual size for correlation
+_SPACING = 1.25  # mean distance of blobs over the sum of the two widths above
+_CONTRAST = 0.78  # argument of the curve per standard deviation of the sum
+_BLACK, _WHITE = 40.0, 215.0  # grey levels between which the curve saturates
+_EDGE = 1.2  # px, softness of the holder's edges
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """Where the blobs are, in px of the first image; ``left``, ``right`` bound the holder."""
+
+    x: Array
+    y: Array
+    width: Array
+    offset: float
+    gain: float
+    left: float
+    right: float
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Shift in px and rotation in rad (clockwise on the screen) about ``pivot``."""
+
+    dx: float = 0.0
+    dy: float = 0.0
+    rotation: float = 0.0
+    pivot: tuple[float, float] = (0.0, 0.0)
+
+    def moved(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Where points of the first image are now."""
+        c, s = math.cos(self.rotation), math.sin(self.rotation)
+        u, v = x - self.pivot[0], y - self.pivot[1]
+        return self.pivot[0] + self.dx + c * u - s * v, self.pivot[1] + self.dy + s * u + c * v
+
+
+def make_holder(
+    rows: int, columns: int, fall: float, seed: int, width: float | None = None
+) -> Holder:
+    """Scatter blobs over the image and everything that a fall of ``fall`` px brings into it.
+
+    Parameters
+    ----------
+    rows, columns : int
+        Of the image.
+    fall : float [px]
+        Largest downward motion.
+    seed : int
+        Of the places.
+    width : float, optional [px]
+        Of the holder, centred in the image; it fills the image by default.
+    """
+    generator = np.random.default_rng(seed)
+    margin = 16.0
+    area = (rows + fall + 2 * margin) * (columns + 2 * margin)
+    count = int(area / (_SPACING * sum(_WIDTHS)) ** 2)
+    x = generator.uniform(-margin, columns + margin, count)
+    y = generator.uniform(-fall - margin, rows + margin, count)
+    blobs = generator.uniform(*_WIDTHS, count)
+    field = np.zeros((min(rows, 200), min(columns, 200)))
+    _stamp(field, x, y, blobs)
+    half = 0.5 * columns + 2 * margin if width is None else 0.5 * width
+    middle = 0.5 * (columns - 1)
+    return Holder(
+        x, y, blobs, float(field.mean()), _CONTRAST / float(field.std()),
+        middle - half, middle + half,
+    )  # fmt: skip
+
+
+def draw(holder: Holder, rows: int, columns: int, pose: Pose, defocus: float = 0.0) -> Array:
+    """Return grey levels (row, column) of the holder in a pose.
+
+    Parameters
+    ----------
+    holder : Holder
+    rows, columns : int
+    pose : Pose
+    defocus : float [px]
+        Standard deviation of a Gaussian blur; it widens the blobs and weakens them as the same
+        light spreads.
+    """
+    x, y = pose.moved(holder.x, holder.y)
+    widened = np.hypot(holder.width, defocus)
+    field = np.zeros((rows, columns))
+    _stamp(field, x, y, widened, (holder.width / widened) ** 2)
+    level = 0.5 * (1.0 + np.tanh(holder.gain * (field - holder.offset)))
+    grey = _BLACK + (_WHITE - _BLACK) * level
+    across = np.arange(columns) - pose.dx
+    mask = 0.5 * (
+        np.tanh((across - holder.left) / _EDGE) - np.tanh((across - holder.right) / _EDGE)
+    )
+    return _BLACK / 2 + mask * (grey - _BLACK / 2)
+
+
+def _stamp(field: Array, x: Array, y: Array, width: Array, weight: Array | None = None) -> None:
+    _add_blobs(field, x, y, width, np.ones_like(x) if weight is None else weight)
+
+
+@numba.njit(cache=True)
+def _add_blobs(field: Array, x: Array, y: Array, width: Array, weight: Array) -> None:
+    """Add round Gaussians; one is the product of a row and a column, so exp is rarely needed."""
+    rows, columns = field.shape
+    across = np.empty(columns)
+    for k in range(len(x)):
+        reach = _REACH * width[k]
+        left, right = max(0, math.ceil(x[k] - reach)), min(columns - 1, math.floor(x[k] + reach))
+        top, bottom = max(0, math.ceil(y[k] - reach)), min(rows - 1, math.floor(y[k] + reach))
+        scale = -0.5 / width[k] ** 2
+        for j in range(left, right + 1):
+            across[j] = math.exp(scale * (j - x[k]) ** 2)
+        for i in range(top, bottom + 1):
+            down = weight[k] * math.exp(scale * (i - y[k]) ** 2)
+            for j in range(left, right + 1):
+                field[i, j] += down * across[j]

@@ -1,0 +1,77 @@
+"""The virtual cameras: what they draw agrees with the truth they hand out."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import instruments
+from labpipe import imaging
+from labpipe.materials import Prony
+from pipelines.rig.film_front import FrontCamera, write_front_film
+from pipelines.rig.film_under import Body, UnderCamera, surface_matrix, write_under_film
+from pipelines.rig.reference_drop import reference_drop
+
+ELASTIC = Prony(3.2e9, [], [], nu=0.35)
+R, MASS = 9.525e-3, 0.505
+
+
+def hertz_gap(r: np.ndarray, a: float) -> np.ndarray:
+    rho = np.maximum(r / a, 1.0)
+    shape = np.sqrt(rho**2 - 1) + (rho**2 - 2) * np.arccos(1 / rho)
+    return a * a / (np.pi * R) * shape
+
+
+def drop(duration: float, snapshots: np.ndarray | None = None):
+    return reference_drop(
+        3.2e9, np.array([0.0]), np.array([1.0]), 0.35, radius=R, mass=MASS, height=1.5e-3,
+        duration=duration, snapshots=snapshots,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("time", [0.0177, 0.0181, 0.0184])
+def test_the_gap_of_an_elastic_contact_is_that_of_hertz(time: float) -> None:
+    springs = drop(0.0186, np.array([time])).springs
+    a = np.sqrt(R * springs.approach[0])
+    assert springs.contact_radius[0] == pytest.approx(a, abs=2 * springs.resolution)
+    r = np.linspace(0, 1.2e-3, 300)
+    dent = surface_matrix(springs.position, r) @ springs.displacement[0]
+    gap = r**2 / (2 * R) - springs.approach[0] + dent
+    known = np.where(r > a, hertz_gap(r, a), 0.0)
+    assert np.abs(gap - known).max() < 3e-9  # 1/200 of a wavelength
+
+
+def test_a_moment_in_flight_has_no_contact_and_the_height_of_the_flight() -> None:
+    springs = drop(0.012, np.array([0.01])).springs
+    assert springs.contact_radius[0] == 0.0
+    assert -springs.approach[0] == pytest.approx(1.5e-3 - 0.5 * 9.81 * 0.01**2, rel=1e-9)
+
+
+def test_the_front_film_shows_the_motion_that_its_truth_tells(tmp_path: Path) -> None:
+    camera = FrontCamera(
+        rows=96, columns=64, frame_rate=1000, duration=0.024, release=0.004, pixel_size=1e-4
+    )
+    truth = write_front_film(tmp_path / "f.cine", drop(0.03), 1.5e-3, camera, 5)
+    film = instruments.read(tmp_path / "f.cine")
+    x, y = truth["pivot"]
+    found = imaging.track(film, [(x, y)], subset=31, static_frames=4)
+    expected = np.array(truth["dy"]) - np.mean(truth["dy"][:4])
+    assert truth["dy"][-1] > 10
+    assert np.abs(found["dy"].values[:, 0] - expected).max() < 0.03
+    assert np.abs(found["dx"].values[:, 0]).max() < 0.03
+
+
+def test_films_of_one_seed_are_equal(tmp_path: Path) -> None:
+    camera = UnderCamera(rows=16, columns=64, samples=2, moments=1)
+    body = Body(ELASTIC, 1.5e-3)
+    times = np.array([0.0, 0.001, 0.0201])
+    for name in ("a", "b"):
+        truth = write_under_film(tmp_path / name, body, camera, times, 4)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+    assert truth["contact_radius"][:2] == [0.0, 0.0]
+    assert truth["contact_radius"][2] > 0.6e-3
+    other = replace(camera, noise=0.0)
+    write_under_film(tmp_path / "c", body, other, times, 4)
+    inside = instruments.read(tmp_path / "c")[2]
+    assert inside.max() < 1.5 * inside.min()  # the view lies within the contact: dark, no fringe
