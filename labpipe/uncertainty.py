@@ -109,7 +109,7 @@ def budget(
     ...     {"reading": Input(1.5e-3, 1e-6, "m"), "inclination": Input(0.2094, 0.0035, "rad")},
     ... )
     >>> round(found.value * 1e3, 4), round(found.u * 1e6, 2)
-    (1.5335, 1.54)
+    (1.5335, 1.53)
     >>> [(row["source"], round(row["share"], 2)) for row in found.rows]
     [('inclination', 0.56), ('reading', 0.44)]
     """

@@ -15,13 +15,12 @@ from labpipe.signals.metrics import (
 )
 from labpipe.signals.oscillation import (
     CommonFit,
-    Damped,
     Sinusoid,
     common_fit,
-    damped_oscillation,
     fit_sinusoid,
 )
 from labpipe.signals.repeats import combine_repeats
+from labpipe.signals.vibration import Damped, damped_oscillation
 
 __all__ = [
     "PHASES",

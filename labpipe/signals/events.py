@@ -6,7 +6,6 @@ of free flight); :mod:`labpipe.signals.impact_fit` then fits each with its two b
 
 import json
 import warnings
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -18,19 +17,23 @@ from labpipe.signals.derivative import checked_record
 from labpipe.signals.impact_fit import OUTPUTS, PRIORS, ImpactFit, ShapePrior, fit_impact
 from labpipe.signals.noise import estimate_noise, is_spike
 from labpipe.signals.smoothing import Smooth, evaluate, smooth
+from labpipe.signals.turns import (
+    FEWEST_IN_FLIGHT,
+    SURE,
+    Turn,
+    common_fall,
+    curvature,
+    find_turns,
+    flights_after,
+)
 
 Array = NDArray[np.float64]
 
 PHASES = ("held", "falling", "bouncing", "vibration", "static")
 """Meanings of the integers that :func:`phases` returns."""
 
-_SURE = 4.0  # standard uncertainties by which a speed must differ from zero to have a direction
-_FEWEST_IN_FLIGHT = 6
 _LONGEST_ARC = 12e-3  # s of flight used on either side; longer adds less than the pulse costs
-_TENTH = 0.26  # of a Hertzian contact's duration, when a tenth of its impulse is done
-_MARGIN = 0.3  # of the rough duration that is left out around a contact when an arc is looked at
 _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the common one
-_STRONG = 0.3  # of the strongest change of speed: the first impact
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
 _REST_FRACTION = 0.01  # of the first impact speed, below which the body is at rest
 
@@ -49,23 +52,6 @@ _LABELS = {
     "apex_time": ("s", "time of the highest point after the bounce"),
     "apex_height": ("m", "height of the flight above lift-off"),
 }
-
-
-@dataclass(frozen=True, slots=True)
-class _Turn:
-    """One reversal from down to up: samples of the fastest descent and ascent, and around it."""
-
-    descent: int
-    ascent: int
-    before: int  # first sample of the descending stretch
-    end: int  # sample of the next fastest descent, or the end of the record
-    touch: float  # rough times of touch and lift-off
-    liftoff: float
-    jump: float  # change of speed
-
-    @property
-    def duration(self) -> float:
-        return self.liftoff - self.touch
 
 
 def bounces(
@@ -146,8 +132,8 @@ def bounces(
     time, values = checked_record(record)
     is_read = np.isfinite(values)
     time, values = time[is_read], values[is_read]
-    if len(time) < 4 * _FEWEST_IN_FLIGHT:
-        message = f"a drop needs at least {4 * _FEWEST_IN_FLIGHT} readings; found {len(time)}"
+    if len(time) < 4 * FEWEST_IN_FLIGHT:
+        message = f"a drop needs at least {4 * FEWEST_IN_FLIGHT} readings; found {len(time)}"
         raise InputError(message)
     sigma = noise if noise is not None else estimate_noise(values - values[0], time).sigma
     if not (np.isfinite(sigma) and sigma > 0.0):
@@ -160,8 +146,8 @@ def bounces(
     height = direction * values
     speed, u_speed = evaluate(fit, time, 1)
     speed *= direction
-    turns = _turns(time, speed, u_speed)
-    fall, u_fall = _fall(time, height, sigma, turns, gravity)
+    turns = find_turns(time, speed, u_speed)
+    fall, u_fall = common_fall(time, height, sigma, turns, gravity)
     if turns[0].jump < _IMPULSIVE * fall * turns[0].duration:
         message = (
             f"no bounce found: the strongest reversal changes the speed by {turns[0].jump:.3g} "
@@ -222,117 +208,23 @@ def phases(events: xr.Dataset, time: xr.DataArray) -> xr.DataArray:
 def _direction(fit: Smooth, time: Array) -> int:
     """+1 when upwards is positive: contact forces are far larger than gravity, and push up."""
     acceleration, u = evaluate(fit, time, 2)
-    excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - _SURE * u, 0.0)
+    excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - SURE * u, 0.0)
     return 1 if float(np.sum(excess**3)) >= 0.0 else -1
-
-
-def _turns(time: Array, speed: Array, u_speed: Array) -> list[_Turn]:
-    """Reversals from surely down to surely up, in order."""
-    sign = np.where(np.abs(speed) > _SURE * u_speed, np.sign(speed), 0.0)
-    known = np.flatnonzero(sign)
-    if len(known) == 0:
-        return []
-    starts = known[np.concatenate([[True], np.diff(sign[known]) != 0])]
-    stops = np.append(starts[1:], known[-1] + 1)
-    turns = []
-    for i in range(len(starts) - 1):
-        if sign[starts[i]] > 0:
-            continue
-        down, up = slice(starts[i], stops[i]), slice(starts[i + 1], stops[i + 1])
-        descent = starts[i] + int(np.argmin(speed[down]))
-        ascent = starts[i + 1] + int(np.argmax(speed[up]))
-        end = len(speed)
-        if i + 2 < len(starts):
-            end = starts[i + 2] + int(np.argmin(speed[starts[i + 2] : stops[i + 2]]))
-        touch, liftoff = _rough_contact(time, speed, descent, ascent)
-        jump = float(speed[ascent] - speed[descent])
-        turns.append(_Turn(descent, ascent, int(starts[i]), end, touch, liftoff, jump))
-    # The holder may tremble before the release; the first impact is among the strongest.
-    strongest = max([turn.jump for turn in turns], default=0.0)
-    first = next((i for i, turn in enumerate(turns) if turn.jump > _STRONG * strongest), 0)
-    return turns[first:]
-
-
-def _rough_contact(time: Array, speed: Array, descent: int, ascent: int) -> tuple[float, float]:
-    """Touch and lift-off from the times at which a tenth and nine tenths of the impulse are done.
-
-    The extremes of the speed themselves are flat and wander with the noise.
-    """
-    part = slice(descent, ascent + 1)
-    share = (speed[part] - speed[descent]) / (speed[ascent] - speed[descent])
-    early, late = np.interp([0.1, 0.9], np.maximum.accumulate(share), time[part])
-    duration = (late - early) / (1.0 - 2.0 * _TENTH)
-    return float(early - _TENTH * duration), float(late + _TENTH * duration)
-
-
-def _flights(time: Array, turns: list[_Turn]) -> list[slice]:
-    """List the samples of the flight after each turn, a margin away from the contacts."""
-    flights = []
-    for i, turn in enumerate(turns):
-        end = time[turn.end - 1]
-        if i + 1 < len(turns):
-            end = turns[i + 1].touch - _MARGIN * turns[i + 1].duration
-        first = int(np.searchsorted(time, turn.liftoff + _MARGIN * turn.duration))
-        flights.append(slice(first, max(int(np.searchsorted(time, end)), first)))
-    return flights
-
-
-def _curvature(time: Array, height: Array, sigma: float) -> tuple[float, float]:
-    """Downward acceleration of a parabola through the samples, and its standard uncertainty."""
-    if len(time) < _FEWEST_IN_FLIGHT:
-        return np.nan, np.inf
-    half = 0.5 * (time[-1] - time[0])
-    s = (time - time.mean()) / half
-    design = np.stack([np.ones_like(s), s, -0.5 * s**2], axis=1)
-    found, *_ = np.linalg.lstsq(design, height - height.mean(), rcond=None)
-    misfit = height - height.mean() - design @ found
-    scatter = max(sigma, float(np.sqrt(np.sum(misfit**2) / (len(time) - 3))))
-    u = scatter * float(np.sqrt(np.linalg.inv(design.T @ design)[2, 2]))
-    return float(found[2]) / half**2, u / half**2
-
-
-def _fall(
-    time: Array, height: Array, sigma: float, turns: list[_Turn], gravity: float | None
-) -> tuple[float, float]:
-    """Acceleration of the free fall, common to the longest flights."""
-    if not turns:
-        message = "no bounce found: the displacement never turns from down to up"
-        raise InputError(message)
-    first = turns[0]
-    # The first stretch begins with the release, whose jolt is not part of the fall.
-    start = first.before + (first.descent - first.before) // 3
-    end = int(np.searchsorted(time, first.touch - _MARGIN * first.duration))
-    stretches = [slice(start, max(end, start)), *_flights(time, turns)]
-    found = [_curvature(time[stretch], height[stretch], sigma) for stretch in stretches]
-    values = np.array([value for value, u in found if np.isfinite(u) and 0.0 < 3.0 * u < value])
-    spread = np.array([u for value, u in found if np.isfinite(u) and 0.0 < 3.0 * u < value])
-    if len(values) == 0:
-        message = "no bounce found: no stretch of constant downward acceleration around one"
-        raise InputError(message)
-    if gravity is not None:
-        return gravity, 1e-6 * gravity
-    # Vibration in contact looks like short flights with less acceleration: the longest decide.
-    best = float(values[np.argmin(spread)])
-    alike = np.abs(values - best) < np.maximum(5.0 * spread, 0.02 * best)
-    weight = 1.0 / spread[alike] ** 2
-    common = float(np.sum(weight * values[alike]) / np.sum(weight))
-    chi_square = float(np.mean(((values[alike] - common) / spread[alike]) ** 2))
-    return common, float(np.sqrt(max(chi_square, 1.0) / np.sum(weight)))
 
 
 def _fitted(
     time: Array,
     height: Array,
     sigma: float,
-    turns: list[_Turn],
+    turns: list[Turn],
     gravity: tuple[float, float],
     prior: ShapePrior,
 ) -> tuple[list[ImpactFit], float]:
     """Fit impact after impact until a flight can no longer be told from vibration."""
     impacts: list[ImpactFit] = []
     fall, _ = gravity
-    for turn, after in zip(turns, _flights(time, turns), strict=True):
-        value, u = _curvature(time[after], height[after], sigma)
+    for turn, after in zip(turns, flights_after(time, turns), strict=True):
+        value, u = curvature(time[after], height[after], sigma)
         tolerance = max(_FALL_TOLERANCE * fall, 3.0 * u)
         if u > _FALL_TOLERANCE * fall or abs(value - fall) > tolerance:
             return impacts, turn.touch
@@ -400,7 +292,7 @@ def _add_release(
     time: Array,
     height: Array,
     sigma: float,
-    turn: _Turn,
+    turn: Turn,
     impact: ImpactFit,
     gravity: tuple[float, float],
 ) -> None:
@@ -458,7 +350,7 @@ def _add_rest(
     # The envelope passes the limit somewhere between two extremes of the speed.
     crossings = np.flatnonzero(np.diff(np.signbit(speed[: last + 1])))
     period = 2.0 * float(np.median(np.diff(time[crossings[-5:]]))) if len(crossings) > 2 else 0.0
-    is_seen = time[-1] - time[last] > 2.0 * period and last < len(time) - _FEWEST_IN_FLIGHT
+    is_seen = time[-1] - time[last] > 2.0 * period and last < len(time) - FEWEST_IN_FLIGHT
     rest, u_rest, level, u_level = np.nan, np.nan, np.nan, np.nan
     if is_seen:
         rest, u_rest = float(time[last]), 0.5 * period

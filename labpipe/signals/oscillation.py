@@ -1,4 +1,4 @@
-"""Sinusoids and decaying vibrations: frequency, amplitude, phase, damping, with uncertainties.
+"""Sinusoids: frequency, amplitude, phase, stiffness and lag, with uncertainties.
 
 The frequency is always fitted, never taken from a header: instruments are off by up to a per cent,
 and a lock-in at the wrong frequency turns by tens of degrees over twenty cycles.
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import least_squares, minimize_scalar
+from scipy.optimize import minimize_scalar
 
 from labpipe.errors import InputError
 from labpipe.signals.residuals import parameter_covariance
@@ -78,29 +78,6 @@ class CommonFit:
     u_loss_stiffness: float
 
 
-@dataclass(frozen=True, slots=True)
-class Damped:
-    """``offset + drift s + amplitude exp(-2 pi zeta f0 s) sin(2 pi fd s + phase)``.
-
-    ``s`` counts from ``start_time``; ``frequency`` is the damped fd = f0 sqrt(1 - zeta^2) in Hz,
-    ``damping_ratio`` is zeta, ``amplitude`` the envelope at ``start_time``.
-    """
-
-    frequency: float
-    u_frequency: float
-    natural_frequency: float
-    damping_ratio: float
-    u_damping_ratio: float
-    amplitude: float
-    u_amplitude: float
-    phase: float
-    u_phase: float
-    offset: float
-    start_time: float
-    residual_rms: float
-    n_samples: int
-
-
 def fit_sinusoid(
     time: ArrayLike,
     signal: ArrayLike,
@@ -145,12 +122,12 @@ def fit_sinusoid(
     >>> round(fit.frequency, 6), round(fit.amplitude, 6), round(fit.offset, 6)
     (0.4972, 2.0, 5.0)
     """
-    t, y = _finite(time, signal)
+    t, y = readings_of(time, signal)
     reference = 0.5 * (t[0] + t[-1])
     s = t - reference
     span = float(t[-1] - t[0])
     nyquist = 0.5 / float(np.median(np.diff(t)))
-    guess = _line(s, y) if frequency_guess is None else float(frequency_guess)
+    guess = strongest_line(s, y) if frequency_guess is None else float(frequency_guess)
     if not 0.0 < guess < nyquist or guess * span < 1.0 - 1e-9:
         message = (
             f"a sinusoid of {guess:.6g} Hz cannot be fitted to {span:.6g} s at "
@@ -243,102 +220,19 @@ def common_fit(
     )
 
 
-def damped_oscillation(
-    time: ArrayLike, signal: ArrayLike, frequency_guess: float | None = None
-) -> Damped:
-    """Fit one decaying vibration about a slowly drifting rest position.
+def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Array, Array]:
+    """Return the finite readings of an oscillation, or say why there are none.
 
     Parameters
     ----------
-    time : array (n,) [s]
-        From the moment from which the vibration is free.
-    signal : array (n,)
-        NaN is left out.
-    frequency_guess : float, optional [Hz]
-        Default the strongest line of the spectrum.
-
-    Returns
-    -------
-    Damped
+    time, signal : array (n,)
+        NaN in the signal is left out.
 
     Raises
     ------
     InputError
-        Too few readings or cycles, or no vibration.
-
-    Examples
-    --------
-    >>> time = np.arange(0.0, 0.1, 5e-5)
-    >>> ring = 1e-5 * np.exp(-0.02 * 2 * np.pi * 300 * time) * np.cos(2 * np.pi * 299.94 * time)
-    >>> fit = damped_oscillation(time, ring)
-    >>> round(fit.frequency, 2), round(fit.damping_ratio, 4)
-    (299.94, 0.02)
+        Fewer than six readings, times that do not increase, or a signal that does not vary.
     """
-    t, y = _finite(time, signal)
-    s, span = t - t[0], float(t[-1] - t[0])
-    # A vibration that dies out early is all at the beginning, where a taper would hide it.
-    guess = _line(s, y, taper=False) if frequency_guess is None else float(frequency_guess)
-    if guess * span < 1.5 or len(t) < 14:
-        message = (
-            f"a vibration of {guess:.6g} Hz needs 1.5 cycles and 14 readings; found "
-            f"{guess * span:.3g} cycles in {len(t)} readings"
-        )
-        raise InputError(message)
-
-    def columns(frequency: float, rate: float) -> Array:
-        angle, decay = 2 * np.pi * frequency * s, np.exp(-rate * s)
-        return np.stack(
-            [decay * np.sin(angle), decay * np.cos(angle), np.ones_like(s), s / span], 1
-        )
-
-    def residual(p: Array) -> Array:
-        design = columns(guess * p[0], p[1] / span)
-        # In units of the signal, or the optimiser's absolute tolerances would end it at once.
-        return (y - design @ np.linalg.lstsq(design, y, rcond=None)[0]) / scatter
-
-    scatter = float(np.std(y))
-    trials = [
-        least_squares(
-            residual, [1.0, rate], bounds=([0.3, -1.0], [3.0, 200.0]), x_scale=[0.01, 1.0]
-        )
-        for rate in (0.1, 3.0, 30.0)
-    ]
-    best = min(trials, key=lambda trial: float(trial.cost))
-    frequency, rate = guess * float(best.x[0]), float(best.x[1]) / span
-    design = columns(frequency, rate)
-    sine, cosine, offset, _ = np.linalg.lstsq(design, y, rcond=None)[0]
-    left = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
-    wave = sine * design[:, 0] + cosine * design[:, 1]
-    turned = sine * design[:, 1] - cosine * design[:, 0]
-    jacobian = np.column_stack([design, 2 * np.pi * s * turned, -s * wave])
-    covariance = parameter_covariance(jacobian, left)
-    omega, amplitude = 2 * np.pi * frequency, float(np.hypot(sine, cosine))
-    natural = float(np.hypot(omega, rate))
-    to_zeta = np.zeros(6)
-    to_zeta[4], to_zeta[5] = -2 * np.pi * rate * omega / natural**3, omega**2 / natural**3
-    to_amplitude = np.array([sine, cosine, 0, 0, 0, 0]) / amplitude
-    to_phase = np.array([-cosine, sine, 0, 0, 0, 0]) / amplitude**2
-    u_zeta, u_amplitude, u_phase = (
-        float(np.sqrt(g @ covariance @ g)) for g in (to_zeta, to_amplitude, to_phase)
-    )
-    return Damped(
-        frequency,
-        float(np.sqrt(covariance[4, 4])),
-        natural / (2 * np.pi),
-        rate / natural,
-        u_zeta,
-        amplitude,
-        u_amplitude,
-        float(np.arctan2(cosine, sine)),
-        u_phase,
-        float(offset),
-        float(t[0]),
-        float(np.sqrt(np.mean(left**2))),
-        len(t),
-    )
-
-
-def _finite(time: ArrayLike, signal: ArrayLike) -> tuple[Array, Array]:
     t, y = np.array(time, float), np.array(signal, float)
     if t.ndim != 1 or t.shape != y.shape:
         message = f"time and signal must be one-dimensional and alike: {t.shape} and {y.shape}"
@@ -354,8 +248,16 @@ def _finite(time: ArrayLike, signal: ArrayLike) -> tuple[Array, Array]:
     return t, y
 
 
-def _line(s: Array, y: Array, *, taper: bool = True) -> float:
-    """Frequency of the strongest line, good to a fraction of 1/T."""
+def strongest_line(s: Array, y: Array, *, taper: bool = True) -> float:
+    """Return the frequency of the strongest spectral line, good to a fraction of 1/T.
+
+    Parameters
+    ----------
+    s, y : array (n,)
+        Times and finite readings.
+    taper : bool
+        Weigh the ends down, which tells close lines apart.
+    """
     even = np.linspace(s[0], s[-1], len(s))
     values = np.interp(even, s, y)
     values = values - np.polynomial.polynomial.polyval(

@@ -1,0 +1,138 @@
+"""Where a body turns from down to up, its flights between, and the acceleration of its fall."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+
+Array = NDArray[np.float64]
+
+SURE = 4.0  # standard uncertainties by which a speed must differ from zero to have a direction
+FEWEST_IN_FLIGHT = 6
+_TENTH = 0.26  # of a Hertzian contact's duration, when a tenth of its impulse is done
+_MARGIN = 0.3  # of the rough duration that is left out around a contact when an arc is looked at
+_STRONG = 0.3  # of the strongest change of speed: the first impact
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """One reversal from down to up: samples of the fastest descent and ascent, and around it."""
+
+    descent: int
+    ascent: int
+    before: int  # first sample of the descending stretch
+    end: int  # sample of the next fastest descent, or the end of the record
+    touch: float  # rough times of touch and lift-off
+    liftoff: float
+    jump: float  # change of speed
+
+    @property
+    def duration(self) -> float:
+        """Rough duration of the contact in s."""
+        return self.liftoff - self.touch
+
+
+def find_turns(time: Array, speed: Array, u_speed: Array) -> list[Turn]:
+    """Find the reversals from surely down to surely up, in order, from the first impact on.
+
+    Parameters
+    ----------
+    time, speed, u_speed : array (n,) [s, m/s]
+        Upwards positive, with its standard uncertainty.
+
+    Returns
+    -------
+    list of Turn
+    """
+    sign = np.where(np.abs(speed) > SURE * u_speed, np.sign(speed), 0.0)
+    known = np.flatnonzero(sign)
+    if len(known) == 0:
+        return []
+    starts = known[np.concatenate([[True], np.diff(sign[known]) != 0])]
+    stops = np.append(starts[1:], known[-1] + 1)
+    turns = []
+    for i in range(len(starts) - 1):
+        if sign[starts[i]] > 0:
+            continue
+        down, up = slice(starts[i], stops[i]), slice(starts[i + 1], stops[i + 1])
+        descent = starts[i] + int(np.argmin(speed[down]))
+        ascent = starts[i + 1] + int(np.argmax(speed[up]))
+        end = len(speed)
+        if i + 2 < len(starts):
+            end = starts[i + 2] + int(np.argmin(speed[starts[i + 2] : stops[i + 2]]))
+        touch, liftoff = _rough_contact(time, speed, descent, ascent)
+        jump = float(speed[ascent] - speed[descent])
+        turns.append(Turn(descent, ascent, int(starts[i]), end, touch, liftoff, jump))
+    # The holder may tremble before the release; the first impact is among the strongest.
+    strongest = max([turn.jump for turn in turns], default=0.0)
+    first = next((i for i, turn in enumerate(turns) if turn.jump > _STRONG * strongest), 0)
+    return turns[first:]
+
+
+def _rough_contact(time: Array, speed: Array, descent: int, ascent: int) -> tuple[float, float]:
+    """Touch and lift-off from the times at which a tenth and nine tenths of the impulse are done.
+
+    The extremes of the speed themselves are flat and wander with the noise.
+    """
+    part = slice(descent, ascent + 1)
+    share = (speed[part] - speed[descent]) / (speed[ascent] - speed[descent])
+    early, late = np.interp([0.1, 0.9], np.maximum.accumulate(share), time[part])
+    duration = (late - early) / (1.0 - 2.0 * _TENTH)
+    return float(early - _TENTH * duration), float(late + _TENTH * duration)
+
+
+def flights_after(time: Array, turns: list[Turn]) -> list[slice]:
+    """List the samples of the flight after each turn, a margin away from the contacts."""
+    flights = []
+    for i, turn in enumerate(turns):
+        end = time[turn.end - 1]
+        if i + 1 < len(turns):
+            end = turns[i + 1].touch - _MARGIN * turns[i + 1].duration
+        first = int(np.searchsorted(time, turn.liftoff + _MARGIN * turn.duration))
+        flights.append(slice(first, max(int(np.searchsorted(time, end)), first)))
+    return flights
+
+
+def curvature(time: Array, height: Array, sigma: float) -> tuple[float, float]:
+    """Downward acceleration of a parabola through the samples, and its standard uncertainty."""
+    if len(time) < FEWEST_IN_FLIGHT:
+        return np.nan, np.inf
+    half = 0.5 * (time[-1] - time[0])
+    s = (time - time.mean()) / half
+    design = np.stack([np.ones_like(s), s, -0.5 * s**2], axis=1)
+    found, *_ = np.linalg.lstsq(design, height - height.mean(), rcond=None)
+    misfit = height - height.mean() - design @ found
+    scatter = max(sigma, float(np.sqrt(np.sum(misfit**2) / (len(time) - 3))))
+    u = scatter * float(np.sqrt(np.linalg.inv(design.T @ design)[2, 2]))
+    return float(found[2]) / half**2, u / half**2
+
+
+def common_fall(
+    time: Array, height: Array, sigma: float, turns: list[Turn], gravity: float | None
+) -> tuple[float, float]:
+    """Acceleration of the free fall, common to the longest flights."""
+    if not turns:
+        message = "no bounce found: the displacement never turns from down to up"
+        raise InputError(message)
+    first = turns[0]
+    # The first stretch begins with the release, whose jolt is not part of the fall.
+    start = first.before + (first.descent - first.before) // 3
+    end = int(np.searchsorted(time, first.touch - _MARGIN * first.duration))
+    stretches = [slice(start, max(end, start)), *flights_after(time, turns)]
+    found = [curvature(time[stretch], height[stretch], sigma) for stretch in stretches]
+    values = np.array([value for value, u in found if np.isfinite(u) and 0.0 < 3.0 * u < value])
+    spread = np.array([u for value, u in found if np.isfinite(u) and 0.0 < 3.0 * u < value])
+    if len(values) == 0:
+        message = "no bounce found: no stretch of constant downward acceleration around one"
+        raise InputError(message)
+    if gravity is not None:
+        return gravity, 1e-6 * gravity
+    # Vibration in contact looks like short flights with less acceleration: the longest decide.
+    best = float(values[np.argmin(spread)])
+    alike = np.abs(values - best) < np.maximum(5.0 * spread, 0.02 * best)
+    weight = 1.0 / spread[alike] ** 2
+    common = float(np.sum(weight * values[alike]) / np.sum(weight))
+    chi_square = float(np.mean(((values[alike] - common) / spread[alike]) ** 2))
+    return common, float(np.sqrt(max(chi_square, 1.0) / np.sum(weight)))
