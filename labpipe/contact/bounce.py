@@ -308,7 +308,13 @@ class Stepper:
         while self.time < until:
             remaining = until - self.time
             rung = self._on_ladder(dt) if dt < remaining else _rung(self.creep, remaining)
-            self._accept_resting(self._attempt_resting(rung, weight), until)
+            trial = self._attempt_resting(rung, weight)
+            if trial is None:
+                # The surface would flow further in this step than the contact may spread.
+                self.counts.rejected_steps += 1
+                dt = 0.5 * rung.weights.dt
+                continue
+            self._accept_resting(trial, until)
             self.counts.rest_steps += 1
             dt *= growth
         self._give_back()
@@ -502,13 +508,17 @@ class Stepper:
 
     # -- rest ------------------------------------------------------------------------------------
 
-    def _attempt_resting(self, rung: _Rung, weight: float) -> _Trial:
+    def _attempt_resting(self, rung: _Rung, weight: float) -> _Trial | None:
+        """Find the approach that carries the weight; None when the step is too long for it."""
         wanted = weight * rung.weights.compliance
         while True:
             reach = self._past(rung)
-            approach = reach.item(int(np.count_nonzero(self._rows[_OLD])))
+            loaded = int(np.count_nonzero(self._rows[_OLD]))
+            approach = float(reach[: loaded + 1].max())
             for _ in range(_NEWTON_LIMIT):
                 scaled, slope = self.springs.force(approach, reach, self._moments)
+                if slope <= 0.0:
+                    return None
                 change = (scaled - wanted) / slope
                 approach -= change
                 self.counts.newton_iterations += 1
@@ -517,6 +527,8 @@ class Stepper:
             if approach < reach.item(-2):
                 break
             self._grow()
+        if np.count_nonzero(reach < approach) != reach.searchsorted(approach):
+            return None
         plate = PlateState()
         if self.body.plate is not None:
             plate = PlateState(weight / self.body.plate.stiffness)

@@ -337,9 +337,10 @@ class _Throttle:
             self.progress(min((self.setting.fall_time + time) / self.setting.duration, 1.0))
 
 
-def _ends_in_a_step(creep: Creep, expected: Scales) -> bool:
+def _ends_in_a_step(creep: Creep, expected: Scales, duration: float) -> bool:
     """Look whether steps of an impact, or of rest, are long against the fastest relaxation."""
-    shortest, longest = expected.duration / 400.0, expected.rest_period / 4.0
+    shortest = expected.duration / 400.0
+    longest = max(expected.rest_period / 4.0, duration / 10.0)
     steps = np.geomspace(shortest, longest, _STEPS_LOOKED_AT).tolist()
     looks = [step_weights(creep, dt) for dt in steps]
     return any(look.old_total > MOST_RINGING * look.compliance for look in looks)
@@ -348,7 +349,8 @@ def _ends_in_a_step(creep: Creep, expected: Scales) -> bool:
 def _springs(setting: Setting, creep: Creep, expected: Scales, effort: Effort) -> Springs:
     """Springs of the solver, as fine as rtol asks."""
     finer = sqrt(1e-4 / effort.rtol)
-    finer *= _FINER_FOR_A_STEP if _ends_in_a_step(creep, expected) else 1.0
+    after = setting.duration - setting.fall_time
+    finer *= _FINER_FOR_A_STEP if _ends_in_a_step(creep, expected, after) else 1.0
     ring_width = effort.ring_width
     reach = _MARGIN * expected.radius
     if setting.solver == "rings":

@@ -1,0 +1,101 @@
+"""The stepper of one contact: what it guards, and how its work counts."""
+
+import numpy as np
+import pytest
+
+from labpipe.contact.bounce import Body, RestTest, Stepper
+from labpipe.contact.mdr import line_springs
+from labpipe.contact.memory import Creep
+from labpipe.errors import LabpipeError
+
+R, MASS, GRAVITY, SPEED = 0.01, 0.5, 9.81, 0.2
+
+
+def stepper(creep, memory=None):
+    springs = line_springs(R, 2e-3, 1e-4, 60)
+    result = Stepper(
+        creep=creep,
+        springs=springs,
+        body=Body(MASS, GRAVITY, None),
+        tolerance=1e-7,
+        time_scale=1e-3,
+        speed_scale=SPEED,
+        largest_radius=R,
+        expected_radius=1e-3,
+        max_steps=100_000,
+    )
+    result.velocity, result.acceleration = SPEED, GRAVITY
+    if memory is not None:
+        result.memory[:] = memory(springs.position)
+    return result
+
+
+NEVER_RESTS = RestTest(0.0, 1.0, 1.0)
+
+
+def test_lift_off_ends_with_no_force_at_the_centre():
+    creep = Creep.from_terms(0.3e-9, [0.2e-9], [1e-3])
+    body = stepper(creep)
+    body.touch(1e-3)
+    assert body.run(1.0, NEVER_RESTS) == "lift-off"
+    assert body.force == 0.0
+    # The sphere leaves exactly where the central spring has recovered to.
+    assert body.approach == pytest.approx(float(body.memory[:, 0].sum()), rel=1e-13)
+    assert body.velocity < 0.0
+
+
+def test_a_contact_beyond_the_block_takes_more_springs_and_changes_nothing():
+    creep = Creep.from_terms(0.3e-9, [0.2e-9], [1e-3])
+    small, large = stepper(creep), stepper(creep)
+    small.touch(1e-4)
+    large.touch(1.5e-3)
+    small.run(1.0, NEVER_RESTS)
+    large.run(1.0, NEVER_RESTS)
+    assert small.velocity == pytest.approx(large.velocity, rel=1e-10)
+    assert small.time == pytest.approx(large.time, rel=1e-10)
+    np.testing.assert_allclose(small.memory, large.memory, rtol=1e-8, atol=1e-20)
+
+
+def test_a_surface_that_would_touch_in_a_ring_is_refused():
+    """A dent that is deeper at the centre than the sphere is curved cannot be one disc."""
+    creep = Creep.from_terms(0.3e-9, [0.2e-9], [1e3])
+    body = stepper(creep, lambda x: 3e-5 * np.exp(-((x / 1e-4) ** 2)))
+    body.position = body.approach = 3e-5 + 1e-9
+    body.touch(1e-3)
+    with pytest.raises(LabpipeError, match="ring around the axis"):
+        body.run(1.0, NEVER_RESTS)
+
+
+def test_work_per_step_does_not_grow_with_history():
+    creep = Creep.from_terms(0.3e-9, np.full(4, 0.05e-9), np.logspace(-5, -2, 4))
+    body = stepper(creep)
+    work = []
+    for _ in range(3):
+        before = (body.counts.solver_steps, body.counts.spring_updates)
+        body.touch(1e-3)
+        body.run(1.0, NEVER_RESTS)
+        body.fly(0.01)
+        body.velocity, body.acceleration = SPEED, GRAVITY
+        body.position = body.approach = float(body.memory[:, 0].sum())
+        steps = body.counts.solver_steps - before[0]
+        work.append((body.counts.spring_updates - before[1]) / steps)
+    np.testing.assert_allclose(work, work[0], rtol=0.05)
+
+
+def test_rest_is_told_from_a_turning_point_and_from_creep():
+    body = stepper(Creep.from_terms(1e-9, [], []))
+    test = RestTest(1e-4, period=1.0, speed=1.0)
+    test.restart(0.0)
+    body.force = MASS * GRAVITY
+    swinging, creeping = [], []
+    for i in range(400):
+        body.time = i * 0.01
+        body.velocity = 0.1 * np.cos(2 * np.pi * body.time)
+        swinging.append(test(body))
+    test.restart(body.time)
+    for i in range(400):
+        body.time = 4.0 + i * 0.01
+        body.velocity = 0.1 - 1e-6 * i
+        creeping.append(test(body))
+    assert not any(swinging)
+    assert any(creeping)

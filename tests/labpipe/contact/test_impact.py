@@ -1,0 +1,445 @@
+"""The drop against independent references: Ting's integral, Hertz, and the tables of contact.md."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from labpipe.contact import Plate, drop
+from labpipe.errors import InputError
+from labpipe.materials import Prony
+
+R, M, G, NU = 9.525e-3, 0.505, 9.81, 0.35
+SLS = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=NU)
+_TAU = np.logspace(-10, 2, 15)
+_C = np.full(15, (1 / 2e9 - 1 / 6e9) / 15)
+PMMA15 = Prony.from_creep(2e9, _C, _TAU, nu=NU)
+# The four modes below 1e-7 s put into the instantaneous compliance: a material of its own.
+PMMA11 = Prony.from_creep(2e9, _C[4:], _TAU[4:], nu=NU)
+
+# contact.md 3.7 (Ting, ten digits): e, F_max, delta_max, a_max, t_c
+FIRST = [
+    (SLS, 0.0015, 0.7288782966, 257.5063769, 6.721988329e-5, 8.001683500e-4, 1.115611844e-3),
+    (SLS, 0.005, 0.7470918873, 530.9392778, 1.072505593e-4, 1.010723294e-3, 9.765980559e-4),
+    (PMMA11, 0.0015, 0.938881646, 259.5168018, 7.243709307e-5, 8.306403021e-4, 1.234494800e-3),
+    (PMMA11, 0.005, 0.939395861, 527.4441732, 1.159230081e-4, 1.050793344e-3, 1.087620542e-3),
+]
+# contact.md 3.6 (Ting, no gravity): E0, rho, e, F_max, delta_max, t_c in scaled units
+SCALED = [
+    (0.0, 1.0, 0.236319011, 0.686561928, 1.305792728, 3.230946474),
+    (0.0, 10.0, 0.867753478, 1.074639140, 1.111128224, 3.184772133),
+    (0.0, 100.0, 0.985812406, 1.136041205, 1.095109836, 3.214306866),
+    (0.0, 1000.0, 0.998570906, 1.142536690, 1.093536567, 3.217685134),
+    (0.1, 1.0, 0.342073841, 0.733029313, 1.270957963, 3.374531842),
+    (0.1, 10.0, 0.881421075, 1.081506970, 1.109270307, 3.189504590),
+    (0.5, 0.1, 0.888301088, 0.817336991, 1.375703741, 4.187329810),
+    (0.5, 1.0, 0.693615257, 0.920431315, 1.172785021, 3.417446749),
+]
+# contact.md 3.8: touch, t_c, v_in, e, F_max, a_max, delta_max by number
+SLS_TRAIN = {
+    1: (0.0, 1.115616e-3, 0.17155174, 0.72887820, 257.50634, 8.00166e-4, 6.721988e-5),
+    2: (0.026442691, 1.203487e-3, 0.12341829, 0.71789195, 174.17621, 7.05549e-4, 5.226261e-5),
+    3: (0.045524494, 1.309883e-3, 0.08678528, 0.70453813, 115.40150, 6.18225e-4, 4.012629e-5),
+    5: (0.068560063, 1.637895e-3, 0.03816118, 0.65656622, 46.375808, 4.62386e-4, 2.244679e-5),
+    6: (0.075008460, 1.973401e-3, 0.02213569, 0.58239721, 27.273076, 3.91531e-4, 1.609783e-5),
+}
+PMMA_TRAIN = {
+    1: (0.0, 1.234555e-3, 0.17155174, 0.938866, 259.514693, 8.30597e-4, 7.243673e-5),
+    2: (0.034046427, 1.251440e-3, 0.16082037, 0.938783, 240.709239, 8.10348e-4, 6.894405e-5),
+    3: (0.066052398, 1.268939e-3, 0.15072645, 0.938675, 223.234283, 7.90465e-4, 6.560317e-5),
+    4: (0.096140314, 1.286661e-3, 0.14123097, 0.938567, 207.004401, 7.71021e-4, 6.241608e-5),
+    32: (0.484611580, 2.239088e-3, 0.01555337, 0.90733, 22.415490, 3.72224e-4, 1.463209e-5),
+}
+
+
+def fall_time(height):
+    return float(np.sqrt(2 * height / G))
+
+
+def first_impact(material, height, **options):
+    return drop(material, R, M, height, fall_time(height) + 2e-3, **options)
+
+
+def relative(result, name, expected, row=0):
+    return abs(float(result[name][row]) / expected - 1.0)
+
+
+def scaled_impact(E0, rho, **options):
+    """m = v = 1 and (4/3) sqrt(R) = 1 of contact.md, with a sphere far larger than the contact."""
+    material = Prony(E0, [1.0 - E0], [rho], nu=0.0) if rho else Prony(1.0, [], [], nu=0.0)
+    gravity, mass = 1e-8, 4 / 3 * 10.0
+    height = 0.5 / gravity
+    fall = np.sqrt(2 * height / gravity)
+    return drop(material, 100.0, mass, height, fall + 10.0, gravity=gravity, **options), mass
+
+
+@pytest.fixture(scope="module")
+def pmma_train():
+    return drop(PMMA15, R, M, 0.0015, 0.5 + fall_time(0.0015))
+
+
+@pytest.fixture(scope="module")
+def sls_train():
+    return drop(SLS, R, M, 0.0015, 0.5 + fall_time(0.0015), rtol=1e-5)
+
+
+@pytest.mark.parametrize(("material", "height", "e", "F", "delta", "a", "t_c"), FIRST)
+@pytest.mark.parametrize(("rtol", "factor"), [(1e-4, 1.0), (1e-5, 0.1)])
+def test_first_impact_agrees_with_ting(material, height, e, F, delta, a, t_c, rtol, factor):
+    """Goal: e, F, delta 2e-5, a 1e-4. Measured at the default rtol: 6e-6, 1e-5, 5e-7, 3e-7."""
+    result = first_impact(material, height, rtol=rtol)
+    assert relative(result, "restitution", e) < 2e-5 * factor
+    assert relative(result, "peak_force", F) < 2e-5 * factor
+    assert relative(result, "peak_approach", delta) < 2e-5 * factor
+    assert relative(result, "peak_contact_radius", a) < 1e-4 * factor
+    assert relative(result, "contact_duration", t_c) < 2e-5 * factor
+
+
+@pytest.mark.parametrize(("E0", "rho", "e", "F", "delta", "t_c"), SCALED)
+@pytest.mark.parametrize("solver", ["mdr", "rings"])
+def test_scaled_impacts_agree_with_ting(E0, rho, e, F, delta, t_c, solver):
+    result, unit = scaled_impact(E0, rho, solver=solver)
+    assert relative(result, "restitution", e) < 5e-5
+    assert relative(result, "peak_force", F * unit) < 5e-5
+    assert relative(result, "peak_approach", delta) < 5e-5
+    assert relative(result, "contact_duration", t_c) < 5e-5
+
+
+def test_elastic_impact_is_hertz():
+    result, unit = scaled_impact(1.0, None, rtol=1e-6)
+    assert relative(result, "peak_approach", 1.0933620739) < 1e-7
+    assert relative(result, "peak_force", 1.1432626298 * unit) < 1e-7
+    assert relative(result, "contact_duration", 3.2180654597) < 1e-7
+    assert relative(result, "restitution", 1.0) < 1e-8
+    assert float(result.dissipated_energy.max()) < 1e-12 * float(result.stored_energy.max())
+
+
+def test_the_loss_of_a_weakly_damped_sphere_is_hunters():
+    """Hunter (1960): (1 - e) rho / t_Hertz tends to 4/9; 0.4441 at rho = 1000."""
+    result, _ = scaled_impact(0.0, 1000.0, rtol=1e-6)
+    loss = (1.0 - float(result.restitution[0])) * 1000.0 / 3.2180654597
+    assert loss == pytest.approx(0.4441, abs=1e-4)
+
+
+def test_sls_train_comes_to_rest_on_its_static_sag(sls_train):
+    assert sls_train.sizes["impact"] == 6
+    for number, (touch, _, v_in, e, F, a, delta) in SLS_TRAIN.items():
+        row = number - 1
+        assert float(sls_train.impact_time[row]) - fall_time(0.0015) == pytest.approx(
+            touch, rel=1e-5, abs=1e-9
+        )
+        assert relative(sls_train, "impact_speed", v_in, row) < 3e-5
+        assert relative(sls_train, "restitution", e, row) < 5e-5
+        assert relative(sls_train, "peak_force", F, row) < 2e-5
+        # The table's own radii are good to some 1e-4 in a train (compare its first with 3.7).
+        assert relative(sls_train, "peak_contact_radius", a, row) < 2e-4
+        assert relative(sls_train, "peak_approach", delta, row) < 2e-5
+    assert float(sls_train.approach[-1]) == pytest.approx(6.534380e-6, rel=2e-6)
+    assert float(sls_train.force[-1]) == pytest.approx(M * G, rel=1e-12)
+    assert float(sls_train.rest_time) > float(sls_train.final_contact_time) > 0.09
+
+
+def test_pmma_train_of_34_bounces(pmma_train):
+    """Goal 4 of contact.md at the default rtol; measured 6e-5 in touch, 2e-4 in force (last)."""
+    assert pmma_train.sizes["impact"] == 34
+    for number, (touch, _, _, e, F, a, delta) in PMMA_TRAIN.items():
+        row = number - 1
+        found = float(pmma_train.impact_time[row]) - fall_time(0.0015)
+        assert found == pytest.approx(touch, rel=1e-4, abs=1e-9)
+        assert relative(pmma_train, "peak_force", F, row) < (1e-4 if number <= 10 else 5e-4)
+        assert relative(pmma_train, "peak_approach", delta, row) < (1e-4 if number <= 10 else 5e-4)
+        assert relative(pmma_train, "restitution", e, row) < 3e-4
+        assert relative(pmma_train, "peak_contact_radius", a, row) < 1e-3
+
+
+def test_work_of_the_pmma_train_is_bounded(pmma_train):
+    work = json.loads(pmma_train.attrs["work"])
+    assert work["flights"] == 34
+    assert work["terms"] + work["terms_folded"] + work["terms_frozen"] == 15
+    assert work["solver_steps"] / 34 < 600
+    assert work["kernel_products"] < 1.1 * work["solver_steps"]
+
+
+@pytest.mark.slow
+def test_pmma_train_converges_to_the_reference():
+    """Goal 5: touch times 1e-5, forces 1e-4; and 37 bounces in all, the last until 0.51031 s."""
+    result = drop(PMMA15, R, M, 0.0015, 0.53 + fall_time(0.0015), rtol=1e-5)
+    assert result.sizes["impact"] == 37
+    for number, (touch, _, _, _, F, _, _) in PMMA_TRAIN.items():
+        found = float(result.impact_time[number - 1]) - fall_time(0.0015)
+        assert found == pytest.approx(touch, rel=1e-5, abs=1e-9)
+        assert relative(result, "peak_force", F, number - 1) < 1e-4
+    last = float(result.lift_off_time[-1]) - fall_time(0.0015)
+    # 0.510277 is the limit here; the table says 0.51031 without an error for this one number.
+    assert last == pytest.approx(0.51031, abs=5e-5)
+
+
+def test_rings_and_springs_agree():
+    """Goal 6 at a ring width of 1e-5 m: 2e-4 in force, 1e-3 in radius."""
+    for material in (SLS, PMMA15):
+        mdr = drop(material, R, M, 0.0015, 0.1)
+        rings = drop(material, R, M, 0.0015, 0.1, "rings", ring_width=1e-5)
+        assert mdr.sizes["impact"] == rings.sizes["impact"] >= 3
+        for name, tolerance in (
+            ("peak_force", 2e-4),
+            ("peak_contact_radius", 1e-3),
+            ("restitution", 2e-4),
+            ("impact_time", 1e-5),
+        ):
+            np.testing.assert_allclose(rings[name], mdr[name], rtol=tolerance)
+
+
+def test_energy_ledger_closes_and_dissipation_only_grows(pmma_train, sls_train):
+    for result in (pmma_train, sls_train):
+        total = sum(
+            result[name]
+            for name in (
+                "kinetic_energy",
+                "potential_energy",
+                "stored_energy",
+                "dissipated_energy",
+                "numerical_energy",
+            )
+        )
+        energy = M * G * 0.0015
+        assert float(abs(total - energy).max()) < 1e-13 * energy
+        assert result.attrs["energy_identity_error"] < 1e-13
+        assert float(abs(result.numerical_energy).max()) < 1e-4 * energy
+        assert result.attrs["energy_error"] < 1e-4
+        assert np.all(np.diff(result.dissipated_energy) >= 0.0)
+        assert float(result.dissipated_energy[0]) == 0.0
+        assert float(result.force.min()) >= 0.0
+
+
+@pytest.mark.parametrize(
+    ("material", "lost", "held"), [(SLS, 0.386, 0.096), (PMMA11, 0.1065, 0.015)]
+)
+def test_energy_lost_and_held_at_lift_off(material, lost, held):
+    """contact.md, pitfall 13: SLS 38.6 % and 9.6 %, PMMA 10.65 % and 1.5 %."""
+    result = first_impact(material, 0.0015)
+    energy = M * G * 0.0015
+    assert float(result.energy_dissipated[0]) / energy == pytest.approx(lost, abs=5e-4)
+    assert float(result.energy_stored[0]) / energy == pytest.approx(held, abs=5e-4)
+
+
+def test_signs_and_origin():
+    result = first_impact(SLS, 0.0015)
+    assert float(result.displacement[0]) == 0.0015
+    assert float(result.time[0]) == 0.0
+    assert float(result.velocity[0]) == 0.0
+    touch = float(result.impact_time[0])
+    assert touch == pytest.approx(fall_time(0.0015), rel=1e-14)
+    assert float(result.displacement.min()) == pytest.approx(-6.722e-5, rel=1e-3)
+    assert float(result.velocity.min()) == pytest.approx(-0.1715, rel=1e-2)
+    assert np.all(np.diff(result.time) > 0.0)
+    for name in result.data_vars:
+        assert "units" in result[name].attrs
+        assert "long_name" in result[name].attrs
+
+
+def test_asked_times_agree_with_the_steps(sls_train):
+    times = np.linspace(0.0, 0.12, 1201)
+    asked = drop(SLS, R, M, 0.0015, 0.12, rtol=1e-5, times=times)
+    fine = sls_train
+    for name, scale in (("displacement", 7e-5), ("velocity", 0.17), ("force", 257.0)):
+        reference = np.interp(times, fine.time, fine[name])
+        # The reference is piecewise linear between its own steps: in flight only its nodes count.
+        in_contact = np.interp(times, fine.time, fine.force) > 1.0
+        error = np.abs(asked[name].values - reference)[in_contact]
+        assert error.max() < 3e-5 * scale
+    nodes = drop(SLS, R, M, 0.0015, 0.12).time.values[::7]
+    same = drop(SLS, R, M, 0.0015, 0.12)
+    at_nodes = drop(SLS, R, M, 0.0015, 0.12, times=nodes)
+    np.testing.assert_allclose(at_nodes.displacement, same.displacement[::7], atol=1e-16)
+    np.testing.assert_allclose(at_nodes.force, same.force[::7], atol=1e-10)
+
+
+def test_flights_are_parabolas():
+    result = drop(SLS, R, M, 0.0015, 0.03, times=np.linspace(0.019, 0.043, 50)[:14])
+    acceleration = np.diff(result.velocity, 2)
+    np.testing.assert_allclose(acceleration, 0.0, atol=1e-12)
+    second = np.diff(result.displacement, 2) / np.diff(result.time)[0] ** 2
+    np.testing.assert_allclose(second, -G, rtol=1e-6)
+
+
+def test_without_folding_the_answer_is_the_same():
+    folded = first_impact(PMMA15, 0.0015)
+    full = first_impact(PMMA15, 0.0015, fold=False)
+    assert json.loads(full.attrs["work"])["terms"] == 15
+    assert relative(full, "restitution", float(folded.restitution[0])) < 1e-6
+    assert relative(full, "peak_force", float(folded.peak_force[0])) < 1e-6
+
+
+def test_a_liquid_sinks_for_ever():
+    maxwell = Prony(0.0, [2e9], [1e-3], nu=NU)
+    result = drop(maxwell, R, M, 0.0005, 0.5)
+    late = result.sel(time=slice(0.3, None))
+    assert np.all(np.diff(late.displacement) < 0.0)
+    # F J(t) law of an advancing contact: a^3 grows as the load times the creep
+    cubes = late.contact_radius.values**3
+    rate = np.diff(cubes[[0, -1]])[0] / float(late.time[-1] - late.time[0])
+    expected = 0.75 * R * M * G * (1 - NU**2) * maxwell.fluidity
+    assert rate == pytest.approx(expected, rel=3e-4)
+
+
+def test_creep_at_rest_follows_the_compliance():
+    result = drop(PMMA15, R, M, 1e-6, 50.0, times=[1.0, 10.0, 50.0])
+    cubes = result.contact_radius.values**3
+    expected = 0.75 * R * M * G * PMMA15.creep(result.time.values) * (1 - NU**2)
+    np.testing.assert_allclose(cubes, expected, rtol=2e-3)
+    np.testing.assert_allclose(result.force, M * G, rtol=1e-12)
+
+
+def test_starting_in_touch_sinks_to_twice_the_load_first():
+    """An elastic sphere set down at zero speed swings to F = 5/2 W (delta^(3/2) work balance)."""
+    elastic = Prony(2e9, [], [], nu=NU)
+    result = drop(elastic, R, M, 0.0, 2.5e-3)
+    assert float(result.force.max()) == pytest.approx(2.5 * M * G, rel=1e-5)
+
+
+def test_the_exact_sphere_is_a_little_softer():
+    parabola = first_impact(SLS, 0.0015)
+    sphere = first_impact(SLS, 0.0015, profile="sphere")
+    difference = 1 - float(sphere.peak_force[0]) / float(parabola.peak_force[0])
+    assert 1e-4 < difference < 1e-3
+    rings = first_impact(SLS, 0.0015, profile="sphere", solver="rings")
+    assert relative(rings, "peak_force", float(sphere.peak_force[0])) < 5e-5
+
+
+def test_a_heavy_stiff_plate_is_rigid_and_a_light_one_takes_energy():
+    rigid = first_impact(SLS, 0.0015)
+    heavy = first_impact(SLS, 0.0015, plate=Plate(1e7, 50.0, 0.01))
+    light = first_impact(SLS, 0.0015, plate=Plate(5.0, 200.0, 0.01))
+    assert relative(heavy, "restitution", float(rigid.restitution[0])) < 1e-5
+    assert float(light.restitution[0]) < 0.95 * float(rigid.restitution[0])
+    assert float(light.rigid_restitution) == pytest.approx(float(rigid.restitution[0]))
+    total = sum(light[name] for name in light.data_vars if name.endswith("_energy"))
+    assert float(abs(total - M * G * 0.0015).max()) < 1e-12 * M * G * 0.0015
+    assert light.attrs["energy_identity_error"] < 1e-12
+
+
+def test_momentum_is_conserved_on_a_free_plate():
+    """A plate much heavier than soft is a free mass: the elastic two-body rebound."""
+    elastic = Prony(2e9, [], [], nu=NU)
+    plate = Plate(mass=2.0, frequency=0.5)
+    result = first_impact(elastic, 0.05, plate=plate)
+    expected = (2.0 - M) / (2.0 + M)
+    assert float(result.restitution[0]) == pytest.approx(expected, abs=3e-3)
+
+
+def test_bounces_on_a_ringing_plate_are_followed():
+    result = drop(PMMA15, R, M, 0.0015, 0.1, plate=Plate(20.0, 400.0, 0.02), times=None)
+    assert result.sizes["impact"] >= 2
+    assert np.all(np.diff(result.time) > 0.0)
+    assert float(result.force.min()) >= 0.0
+    touching = np.abs(result.force.values) > 0
+    assert touching.any()
+    free = result.approach.values[~touching]
+    assert free.max() < 1e-5
+
+
+def test_progress_is_reported():
+    seen = []
+    drop(SLS, R, M, 0.0015, 0.05, progress=seen.append)
+    assert seen == sorted(seen)
+    assert 0.0 < seen[0] < seen[-1] <= 1.0
+
+
+def test_the_contact_may_outgrow_its_springs():
+    """A soft solid under a heavy holder creeps far beyond the first estimate."""
+    soft = Prony.from_creep(1e6, np.full(7, 0.999e-6 / 7), np.logspace(-4, 2, 7), nu=0.45)
+    result = drop(soft, R, 0.01, 1e-4, 200.0)
+    expected = (0.75 * R * 0.01 * G * float(soft.creep(200.0)) * (1 - 0.45**2)) ** (1 / 3)
+    assert float(result.contact_radius[-1]) == pytest.approx(expected, rel=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"radius": 0.0}, "radius"),
+        ({"mass": -1.0}, "mass"),
+        ({"height": -1e-3}, "height"),
+        ({"height": np.nan}, "height"),
+        ({"duration": np.inf}, "duration"),
+        ({"gravity": 0.0}, "gravity"),
+        ({"solver": "fem"}, "mdr, rings, thesis"),
+        ({"profile": "cone"}, "parabola, sphere"),
+        ({"rtol": 1e-12}, "rtol"),
+        ({"rtol": 0.5}, "rtol"),
+        ({"times": [0.0, 0.0]}, "increase"),
+        ({"times": [0.0, 99.0]}, "within"),
+        ({"times": []}, "increase"),
+        ({"ring_width": -1.0, "solver": "rings"}, "ring_width"),
+        ({"solver": "thesis", "plate": Plate(1.0, 100.0)}, "rigid"),
+        ({"max_steps": 50}, "max_steps"),
+    ],
+)
+def test_bad_input_is_refused_with_the_reason(change, message):
+    arguments = {"radius": R, "mass": M, "height": 0.0015, "duration": 0.05} | change
+    with pytest.raises(InputError, match=message):
+        drop(SLS, **arguments)
+
+
+def test_a_contact_wider_than_the_sphere_is_refused():
+    with pytest.raises(InputError, match="wider than the sphere"):
+        drop(Prony(1e3, [], [], nu=NU), R, M, 0.0015, 0.1)
+
+
+def test_an_elastic_sphere_that_never_stops_is_refused_at_once():
+    with pytest.raises(InputError, match="elastic sphere never stops"):
+        drop(Prony(2e9, [], [], nu=NU), R, M, 1e-9, 100.0)
+
+
+def test_an_impact_cut_off_by_the_duration_is_no_bounce():
+    result = drop(SLS, R, M, 0.0015, fall_time(0.0015) + 5e-4)
+    assert result.sizes["impact"] == 0
+    assert float(result.force[-1]) > 100.0
+    assert np.isnan(float(result.final_contact_time))
+    assert float(result.time[-1]) == pytest.approx(fall_time(0.0015) + 5e-4, rel=1e-12)
+
+
+def test_a_duration_shorter_than_the_fall_is_a_fall():
+    result = drop(SLS, R, M, 0.0015, 0.01)
+    assert result.sizes["impact"] == 0
+    assert float(result.force.max()) == 0.0
+    assert float(result.displacement[-1]) == pytest.approx(0.0015 - 0.5 * G * 1e-4, rel=1e-12)
+
+
+def _weights(count):
+    return st.lists(st.floats(0.01, 1.0), min_size=count, max_size=count)
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    log_modulus=st.floats(6, 12),
+    log_ratio=st.floats(0.05, 4),
+    weights=st.integers(1, 6).flatmap(_weights),
+    log_tau=st.floats(-9, 1),
+    log_mass=st.floats(-6, 3),
+    log_height=st.floats(-9, 0),
+    nu=st.floats(0, 0.4999),
+)
+def test_any_drop_is_right_or_refused(
+    log_modulus, log_ratio, weights, log_tau, log_mass, log_height, nu
+):
+    """Energy bounds the error; nothing is negative, nothing hangs."""
+    relaxed, mass, height = 10**log_modulus, 10**log_mass, 10**log_height
+    share = np.array(weights) / np.sum(weights)
+    C = share / relaxed * (1 - 10**-log_ratio)
+    tau = 10 ** (log_tau + np.arange(len(weights)))
+    material = Prony.from_creep(relaxed, C, tau, nu=nu)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            result = drop(material, 0.05, mass, height, 1.5 * fall_time(height), max_steps=4000)
+        except InputError:
+            return
+    assert result.attrs["energy_error"] < 5e-4 or caught
+    assert result.attrs["energy_identity_error"] < 1e-11
+    assert np.all(np.diff(result.dissipated_energy) >= 0.0)
+    assert float(result.force.min()) >= 0.0
+    assert np.all(np.isfinite(result.displacement))
+    assert np.all(result.restitution < 1.0 + 1e-6)

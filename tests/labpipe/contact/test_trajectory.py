@@ -1,0 +1,37 @@
+"""Sampling of segments, and peaks between steps."""
+
+import numpy as np
+import pytest
+
+from labpipe.contact.bounce import Body, Record
+from labpipe.contact.plate import PlateState
+from labpipe.contact.trajectory import Contact, Flight, columns, peak
+
+BODY = Body(mass=2.0, gravity=10.0, plate=None)
+
+
+def record(time, position, velocity, force=0.0, radius=0.0):
+    return Record(time, position, velocity, position, force, radius, 0.0, 0.0, PlateState(), 0.0)
+
+
+def test_a_peak_between_unequal_steps_is_exact_for_a_parabola():
+    time = np.array([0.0, 0.3, 1.0, 1.1])
+    values = 5.0 - (time - 0.8) ** 2
+    assert peak(time, values) == pytest.approx(5.0, rel=1e-14)
+
+
+def test_a_peak_at_the_end_stays():
+    assert peak(np.array([0.0, 1.0]), np.array([1.0, 3.0])) == 3.0
+
+
+def test_segments_meet_without_repeating_an_instant():
+    fall = Flight(record(-1.0, -5.0, 0.0), 0.0, np.array([]), np.array([]))
+    contact = Contact((record(0.0, 0.0, 10.0), record(0.1, 0.9, 8.0, 40.0, 1e-3)))
+    rest = Contact((contact.records[-1], record(0.2, 1.0, 0.0, 20.0, 1e-3)), is_resting=True)
+    result = columns([fall, contact, rest], BODY, None)
+    assert np.all(np.diff(result.time) > 0)
+    assert result.time[-1] == 0.2
+    asked = columns([fall, contact, rest], BODY, np.array([-0.5, 0.0, 0.05, 0.1, 0.2]))
+    np.testing.assert_allclose(asked.position[[0, 1, 3, 4]], [-3.75, 0.0, 0.9, 1.0])
+    np.testing.assert_allclose(asked.velocity[[0, 1, 3]], [5.0, 10.0, 8.0])
+    assert asked.force[2] == pytest.approx(20.0)
