@@ -111,7 +111,7 @@ def budget(
     >>> round(found.value * 1e3, 4), round(found.u * 1e6, 2)
     (1.5335, 1.53)
     >>> [(row["source"], round(row["share"], 2)) for row in found.rows]
-    [('inclination', 0.56), ('reading', 0.44)]
+    [('inclination', 0.55), ('reading', 0.45)]
     """
     for name, given in inputs.items():
         if not (isfinite(given.value) and isfinite(given.u) and given.u >= 0.0):

@@ -91,7 +91,7 @@ def velocity(
     the propagated noise alone: their blunting of an impact is not in it.
 
     Measured on bouncing records of 0.5 s, 1 µm noise, 0.1 µm steps, noise not told, rms over the
-    record: spline 0.29-0.42 mm/s at 50 kHz and 0.43-0.60 at 20 kHz; differences 35 and 14;
+    record: spline 0.29-0.47 mm/s at 50 kHz and 0.43-0.61 at 20 kHz; differences 35 and 14;
     thesis scheme 10 and 4. Cost is linear: 25 000 samples take about 0.1 s.
 
     Examples
