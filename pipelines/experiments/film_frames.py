@@ -1,0 +1,136 @@
+"""What the experiments with films share: opening one, choosing frames of it, key frames."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+import instruments
+from labpipe.errors import InputError
+from labpipe.frames import FrameSource
+
+Array = NDArray[np.float64]
+
+_WIDEST = 640  # px of a stored key frame: what a page shows
+
+
+def open_film(path: Path) -> FrameSource:
+    """Open a film of any known format.
+
+    Raises
+    ------
+    InputError
+        The file holds readings, not images.
+    """
+    found = instruments.read(path)
+    if isinstance(found, xr.Dataset):
+        message = f"{path}: expected a film, found a table of readings"
+        raise InputError(message)
+    return found
+
+
+class ChosenFrames:
+    """Some frames of a film as a film of its own; the others are not read."""
+
+    def __init__(self, film: FrameSource, chosen: Sequence[int] | NDArray[np.integer]) -> None:
+        self._film = film
+        self._chosen = np.asarray(chosen, int)
+
+    @property
+    def time(self) -> Array:
+        """Time of every chosen frame in s."""
+        return self._film.time[self._chosen]
+
+    @property
+    def exposure(self) -> Array | None:
+        """Exposure of every chosen frame in s, or None."""
+        exposure = self._film.exposure
+        return None if exposure is None else exposure[self._chosen]
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of chosen frames, rows, columns."""
+        return len(self._chosen), *self._film.shape[1:]
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """False for frames that the file damaged."""
+        return self._film.valid[self._chosen]
+
+    @property
+    def levels(self) -> tuple[float, float]:
+        """Black and white level."""
+        return self._film.levels
+
+    def __len__(self) -> int:
+        """Return the number of chosen frames."""
+        return len(self._chosen)
+
+    def __getitem__(self, index: int) -> NDArray[np.integer]:
+        """Return one frame."""
+        return self._film[int(self._chosen[index])]
+
+    def __iter__(self) -> Iterator[NDArray[np.integer]]:
+        """Go through the chosen frames in order."""
+        return (self[i] for i in range(len(self)))
+
+    def roi(self, rows: slice, columns: slice) -> "ChosenFrames":
+        """Return a view of a rectangle."""
+        return ChosenFrames(self._film.roi(rows, columns), self._chosen)
+
+
+def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
+    """Copy a few frames for the page, reduced to 8 bit and to its width.
+
+    Returns
+    -------
+    Dataset
+        ``image`` (key, y, x) grey levels 0 to 255, ``frame`` (key,), ``key_time`` (key,) [s], and
+        the scalar ``reduction``, px of the film per px of the image.
+    """
+    sound = [i for i in chosen if film.valid[i]]
+    if not sound:
+        message = "none of the frames to be shown is whole in the film"
+        raise InputError(message)
+    low, high = film.levels
+    _, rows, columns = film.shape
+    factor = max(1.0, columns / _WIDEST)
+    size = (round(columns / factor), max(1, round(rows / factor)))
+    images = [
+        cv2.resize(_eight_bit(film[i], low, high), size, interpolation=cv2.INTER_AREA)
+        for i in sound
+    ]
+    return xr.Dataset(
+        {
+            "image": (("key", "y", "x"), np.stack(images),
+                      {"units": "1", "long_name": "grey level of a key frame"}),
+            "frame": ("key", np.array(sound), {"units": "1", "long_name": "frame of the film"}),
+            "key_time": ("key", film.time[sound], {"units": "s", "long_name": "time in the film"}),
+            "reduction": ((), columns / size[0],
+                          {"units": "1", "long_name": "px of the film per px of the image"}),
+        }
+    )  # fmt: skip
+
+
+def _eight_bit(image: NDArray[np.integer], low: float, high: float) -> NDArray[np.uint8]:
+    scaled = (image.astype(float) - low) * (255.0 / max(high - low, 1.0))
+    return np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+
+
+def png(image: NDArray[np.uint8]) -> bytes:
+    """Encode a grey or colour (BGR) image."""
+    is_done, data = cv2.imencode(".png", image)
+    if not is_done:
+        message = f"an image of shape {image.shape} cannot be written as PNG"
+        raise InputError(message)
+    return data.tobytes()
+
+
+def enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[Any]:
+    """Return a BGR copy, ``factor`` times as large, to draw on."""
+    colour = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_GRAY2BGR)
+    return cv2.resize(colour, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
