@@ -177,8 +177,14 @@ def _motion(
                        role="measured")]  # fmt: skip
     if laser is not None:
         inside = laser.sel(time=slice(time[0] * 1e-3, time[-1] * 1e-3))
-        position.append(Series("laser, mean of the repeats", inside["time"].values * 1e3,
-                               inside["displacement_mean"].values * 1e3, role="reference"))  # fmt: skip
+        position.append(
+            Series(
+                "laser, mean of the repeats",
+                inside["time"].values * 1e3,
+                inside["displacement_mean"].values * 1e3,
+                role="reference",
+            )
+        )
     charts: list[Block] = [
         LineChart("Displacement", _LABEL, "height over first contact / mm", tuple(position),
                   group="film", views=views)
@@ -194,8 +200,14 @@ def _motion(
     if velocity is not None:
         speed = [Series("film", time, velocity["velocity"].values, role="measured")]
         if laser is not None and "velocity_mean" in laser:
-            speed.append(Series("laser, mean of the repeats", inside["time"].values * 1e3,
-                                inside["velocity_mean"].values, role="reference"))  # fmt: skip
+            speed.append(
+                Series(
+                    "laser, mean of the repeats",
+                    inside["time"].values * 1e3,
+                    inside["velocity_mean"].values,
+                    role="reference",
+                )
+            )
         charts.append(LineChart("Velocity", _LABEL, "velocity / (m/s), upwards", tuple(speed),
                                 group="film", views=views))  # fmt: skip
     charts.append(
