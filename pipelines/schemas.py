@@ -44,6 +44,12 @@ SCHEMAS: dict[str, Schema] = {
             "restitution": Variable(_IMPACT, "1"),
             "impact_time": Variable(_IMPACT, "s"),
         }),
+        Schema("film_motion", {
+            "displacement": Variable(_TIME, "m"),
+            "u_displacement": Variable(_TIME, "m"),
+            "rotation": Variable(_TIME, "rad"),
+            "pixel_size": Variable((), "m/px"),
+        }),
         Schema("oscillations", {
             "frequency": Variable(("oscillation",), "Hz"),
             "storage_stiffness": Variable(("oscillation",), "N/m"),

@@ -10,6 +10,7 @@ import msgspec
 
 from labpipe.workflow.graph import Stage
 from pipelines.settings.ball_drop import BallDrop
+from pipelines.settings.dic_validation import DicValidation
 from pipelines.settings.harmonic import Harmonic
 
 BALL_DROP = (
@@ -97,6 +98,46 @@ HARMONIC = (
     ),
 )  # fmt: skip
 
+DIC_VALIDATION = (
+    Stage(
+        "track", "pipelines.experiments.dic_validation:track", 1, ("file:film",), ("tracking",),
+        shortcuts=True,
+        summary="follow the holder through the film",
+    ),
+    Stage(
+        "motion", "pipelines.experiments.dic_validation:motion", 1,
+        ("track", "file:camera"), ("view", "measured_on"), schema="film_motion",
+        summary="pixels to metres, with uncertainty",
+    ),
+    Stage(
+        "bounces", "pipelines.experiments.dic_validation:bounces", 1, ("motion",),
+        schema="bounces",
+        summary="find release, contacts, bounces and rest",
+    ),
+    Stage(
+        "velocity", "pipelines.experiments.dic_validation:velocity", 1, ("motion", "bounces"),
+        schema="velocity",
+        summary="differentiate, not blunting the impacts",
+    ),
+    Stage(
+        "keys", "pipelines.experiments.dic_validation:keys", 1,
+        ("file:film", "track", "bounces"),
+        summary="copy key frames for the page",
+    ),
+    Stage(
+        "comparison", "pipelines.experiments.dic_validation:comparison", 1,
+        ("motion", "bounces", "other:laser_experiment/repeats"),
+        summary="film against laser",
+    ),
+    Stage(
+        "report", "pipelines.experiments.dic_validation_page:page", 1,
+        ("track", "motion", "bounces", "velocity", "keys", "comparison",
+         "other:laser_experiment/repeats"), ("*",),
+        output="page", context=True,
+        summary="write the page",
+    ),
+)  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True)
 class Kind:
@@ -109,5 +150,8 @@ class Kind:
 
 KINDS: dict[str, Kind] = {
     "ball_drop": Kind(BallDrop, BALL_DROP, "drops of a sphere, seen by the laser"),
+    "dic_validation": Kind(
+        DicValidation, DIC_VALIDATION, "a film of the holder against the laser of other drops"
+    ),
     "harmonic": Kind(Harmonic, HARMONIC, "harmonic indentation by a periodic punch"),
 }
