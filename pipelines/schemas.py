@@ -44,6 +44,21 @@ SCHEMAS: dict[str, Schema] = {
             "restitution": Variable(_IMPACT, "1"),
             "impact_time": Variable(_IMPACT, "s"),
         }),
+        Schema("sweeps", {
+            "storage": Variable(("temperature", "frequency"), "Pa"),
+            "loss": Variable(("temperature", "frequency"), "Pa"),
+            "temperature": Variable(("temperature",), "degC"),
+            "frequency": Variable(("frequency",), "Hz"),
+        }),
+        Schema("master_curve", {
+            "E_relaxed": Variable((), "Pa"),
+            "nu": Variable((), "1"),
+            "E": Variable(("term",), "Pa"),
+            "rho": Variable(("term",), "s"),
+            "extrapolated": Variable(("term",), "1"),
+            "log10_aT": Variable(("temperature",), "1"),
+            "u_log10_aT": Variable(("temperature",), "1"),
+        }),
         Schema("film_motion", {
             "displacement": Variable(_TIME, "m"),
             "u_displacement": Variable(_TIME, "m"),

@@ -11,6 +11,7 @@ import msgspec
 from labpipe.workflow.graph import Stage
 from pipelines.settings.ball_drop import BallDrop
 from pipelines.settings.dic_validation import DicValidation
+from pipelines.settings.dma import Dma
 from pipelines.settings.harmonic import Harmonic
 
 BALL_DROP = (
@@ -98,6 +99,35 @@ HARMONIC = (
     ),
 )  # fmt: skip
 
+DMA = (
+    Stage(
+        "readings", "pipelines.experiments.dma:readings", 1, ("file:rheometer",), ("export",),
+        per="recording", over="rheometer",
+        summary="read the rheometer export",
+    ),
+    Stage(
+        "sweeps", "pipelines.experiments.dma:gathered", 1,
+        ("readings",), ("mode", "nu", "sweeps"), schema="sweeps",
+        summary="gather isothermal sweeps, in tension",
+    ),
+    Stage(
+        "master_curve", "pipelines.experiments.dma:master_curve", 1,
+        ("sweeps",), ("T_ref", "nu", "fit"), schema="master_curve",
+        summary="fit all shifts and one spectrum",
+    ),
+    Stage(
+        "temperature_sweep", "pipelines.experiments.dma:temperature_sweep", 1,
+        ("readings",), ("mode", "nu"),
+        summary="find the glass transition",
+    ),
+    Stage(
+        "report", "pipelines.experiments.dma_page:page", 1,
+        ("readings", "sweeps", "master_curve", "temperature_sweep"), ("*",),
+        output="page", context=True,
+        summary="write the page",
+    ),
+)  # fmt: skip
+
 DIC_VALIDATION = (
     Stage(
         "track", "pipelines.experiments.dic_validation:track", 1, ("file:film",), ("tracking",),
@@ -149,6 +179,7 @@ class Kind:
 
 
 KINDS: dict[str, Kind] = {
+    "dma": Kind(Dma, DMA, "sweeps of a rheometer to a master curve and its material"),
     "ball_drop": Kind(BallDrop, BALL_DROP, "drops of a sphere, seen by the laser"),
     "dic_validation": Kind(
         DicValidation, DIC_VALIDATION, "a film of the holder against the laser of other drops"

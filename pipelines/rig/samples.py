@@ -12,6 +12,7 @@ from pathlib import Path
 from labpipe import files, materials
 from labpipe.errors import UsageError
 from labpipe.workflow.session import VERSION
+from pipelines.rig.dma import SOLIDS, Protocol, Solid, write_dma
 from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
@@ -186,7 +187,33 @@ def _core(folder: Path, full_size: bool) -> list[str]:
     )
 
 
+def dma_section(name: str, export: str, solid: Solid) -> str:
+    """Return the table of one dynamic mechanical analysis in session.toml."""
+    return f"""
+[experiments.{name}]
+kind = "dma"
+rheometer = ["{export}"]
+mode = "{solid.mode}"  # what was loaded; the file does not say it
+nu = "{solid.nu:g}"
+T_ref = "{solid.T_ref:g} degC"
+"""
+
+
+def _dma(folder: Path, full_size: bool) -> list[str]:
+    del full_size  # this sample holds no film
+    names, sections = [], ""
+    for number, (material, solid) in enumerate(SOLIDS.items()):
+        name = f"{material}_dma"
+        export = write_dma(folder, name, solid, Protocol(), 500 + number)
+        names.append(name)
+        sections += dma_section(name, export, solid)
+    head = session_head("Rheometer sweeps of five materials (synthetic)")
+    files.write_text(folder / "session.toml", head + sections)
+    return names
+
+
 SAMPLES: dict[str, Sample] = {
+    "dma": Sample("rheometer sweeps of five materials over temperature", _dma),
     "demo": Sample("three drops of acrylic, one short harmonic indentation", _demo),
     "core": Sample("acrylic from four heights, five repeats; one harmonic indentation", _core),
 }

@@ -1,0 +1,148 @@
+"""Materials as texts for other programs: ANSYS, Abaqus, JSON; with the fewest terms that serve."""
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+Array = NDArray[np.float64]
+
+TOLERANCE = 0.01
+"""Largest root-mean-square relative error of the reduced series in both moduli."""
+_POINTS_PER_DECADE = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """A Prony series in tension, with the error that the reduction of its terms cost (rms)."""
+
+    relaxed: float
+    E: Array
+    rho: Array
+    nu: float
+    error: float
+
+    @property
+    def unrelaxed(self) -> float:
+        """Modulus after no time, Pa."""
+        return self.relaxed + float(self.E.sum())
+
+
+def fewest_terms(curve: xr.Dataset, tolerance: float = TOLERANCE) -> Series:
+    """Return the series with the fewest terms that reproduces a master curve.
+
+    Terms are equally spaced in log time over the covered window and their weights solve a
+    non-negative least squares problem of relative errors; their number rises until the rms error
+    of either modulus is below the tolerance, or the given series is reached.
+
+    Parameters
+    ----------
+    curve : Dataset
+        The result of the stage ``master_curve``.
+    tolerance : float
+        Root-mean-square relative error over the covered window.
+    """
+    E, rho, relaxed = curve["E"].values, curve["rho"].values, float(curve["E_relaxed"])
+    covered = curve["reduced_frequency"].values
+    low, high = float(covered.min()), float(covered.max())
+    decades = np.log10(high / low)
+    omega = 2 * np.pi * np.logspace(
+        np.log10(low), np.log10(high), max(int(decades * _POINTS_PER_DECADE), 2)
+    )  # fmt: skip
+    target = _moduli(omega, relaxed, E, rho)
+    for count in range(1, rho.size):
+        times = np.geomspace(1 / omega[-1], 1 / omega[0], count) if count > 1 else np.array(
+            [1 / np.sqrt(omega[0] * omega[-1])])  # fmt: skip
+        base, weights, error = _fitted(omega, target, times)
+        if error <= tolerance:
+            kept = weights > 0
+            return Series(base, weights[kept], times[kept], float(curve["nu"]), error)
+    return Series(relaxed, E, rho, float(curve["nu"]), 0.0)
+
+
+def _moduli(omega: Array, relaxed: float, E: Array, rho: Array) -> tuple[Array, Array]:
+    x = omega[:, None] * rho
+    return relaxed + (x**2 / (1 + x**2)) @ E, (x / (1 + x**2)) @ E
+
+
+def _fitted(omega: Array, target: tuple[Array, Array], times: Array) -> tuple[float, Array, float]:
+    """Return relaxed modulus, weights, and the larger rms relative error."""
+    x = omega[:, None] * times
+    ones = np.ones((omega.size, 1))
+    storage = np.hstack([ones, x**2 / (1 + x**2)]) / target[0][:, None]
+    loss = np.hstack([0 * ones, x / (1 + x**2)]) / target[1][:, None]
+    rows = np.vstack([storage, loss])
+    scale = 1 / np.linalg.norm(rows, axis=0)
+    found, _ = nnls(rows * scale, np.ones(rows.shape[0]), maxiter=50 * rows.shape[1])
+    residual = rows @ (found * scale) - 1
+    half = omega.size
+    error = max(float(np.sqrt(np.mean(r**2))) for r in (residual[:half], residual[half:]))
+    return float(found[0] * scale[0]), found[1:] * scale[1:], error
+
+
+def ansys(series: Series, law: dict[str, Any], T_ref: float) -> str:
+    """Return the series as APDL commands; shear and bulk relax alike because ν is constant."""
+    shares = series.E / series.unrelaxed
+    lines = [
+        "! linear viscoelastic solid; SI units (Pa, s)",
+        f"MP,EX,1,{series.unrelaxed:.8g}  ! modulus after no time",
+        f"MP,PRXY,1,{series.nu:.6g}",
+        *_ansys_table("SHEAR", shares, series.rho),
+        *_ansys_table("BULK", shares, series.rho),
+    ]
+    if law["name"] == "wlf" and law["C1"] is not None and law["C2"] is not None:
+        lines += [
+            "TB,SHIFT,1,,3,WLF",
+            f"TBDATA,1,{T_ref:.8g},{law['C1']:.8g},{law['C2']:.8g}  ! temperatures in degC",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _ansys_table(name: str, shares: Array, times: Array) -> list[str]:
+    lines = [f"TB,PRONY,1,,{shares.size},{name}"]
+    for i, (share, time) in enumerate(zip(shares, times, strict=True)):
+        lines.append(f"TBDATA,{2 * i + 1},{share:.8g},{time:.8g}")
+    return lines
+
+
+def abaqus(series: Series, law: dict[str, Any], T_ref: float, name: str) -> str:
+    """Return the series as Abaqus keywords; relative shear and bulk moduli are equal."""
+    lines = [
+        "** linear viscoelastic solid; SI units (Pa, s)",
+        f"*MATERIAL, NAME={name.upper()}",
+        "*ELASTIC, MODULI=INSTANTANEOUS",
+        f"{series.unrelaxed:.8g}, {series.nu:.6g}",
+        "*VISCOELASTIC, TIME=PRONY",
+    ]
+    for share, time in zip(series.E / series.unrelaxed, series.rho, strict=True):
+        lines.append(f"{share:.8g}, {share:.8g}, {time:.8g}")
+    if law["name"] == "wlf" and law["C1"] is not None and law["C2"] is not None:
+        lines += ["*TRS, DEFINITION=WLF", f"{T_ref:.8g}, {law['C1']:.8g}, {law['C2']:.8g}"]
+    return "\n".join(lines) + "\n"
+
+
+def as_json(curve: xr.Dataset, series: Series) -> str:
+    """Return the full and the reduced series with the shift law as JSON."""
+    document = {
+        "units": {"E": "Pa", "rho": "s", "temperature": "degC"},
+        "T_ref": float(curve["T_ref"]),
+        "nu": float(curve["nu"]),
+        "full": {
+            "E_relaxed": float(curve["E_relaxed"]),
+            "E": curve["E"].values.tolist(),
+            "rho": curve["rho"].values.tolist(),
+            "extrapolated": curve["extrapolated"].values.astype(bool).tolist(),
+        },
+        "reduced": {
+            "E_relaxed": series.relaxed,
+            "E": series.E.tolist(),
+            "rho": series.rho.tolist(),
+            "rms_relative_error": series.error,
+        },
+        "shift_law": json.loads(curve.attrs["law"]),
+    }
+    return json.dumps(document, indent=1)
