@@ -1,1 +1,91 @@
-"""Part of pipelines."""
+"""The figures of the thesis by number: which there are, what each needs, who draws it.
+
+One explicit tuple, :data:`FIGURES`; a figure names its function as text, so that listing imports
+no numerical library. :mod:`pipelines.figures.make` decides what to draw and writes it,
+:mod:`pipelines.figures.inputs` finds the experiments of a session that a figure shows,
+:mod:`pipelines.figures.drawing` holds what all figures share, and one or more modules per chapter
+draw. :mod:`pipelines.figures.check` compares the thesis's printed numbers with ours.
+"""
+
+from dataclasses import dataclass
+
+_HOME = "pipelines.figures"
+
+
+@dataclass(frozen=True, slots=True)
+class Need:
+    """Experiments that a figure shows.
+
+    Attributes
+    ----------
+    kind : str
+        Kind of experiment, as in session.toml.
+    stages : tuple of str
+        Stages whose results are read.
+    material : str or None
+        Only experiments on this material.
+    is_optional : bool
+        The figure is drawn without them too, and then says so.
+    """
+
+    kind: str
+    stages: tuple[str, ...]
+    material: str | None = None
+    is_optional: bool = False
+
+    def __str__(self) -> str:
+        """Say it in words, for example ``ball_drop of acrylic``."""
+        return self.kind if self.material is None else f"{self.kind} of {self.material}"
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One figure or table of the thesis.
+
+    Attributes
+    ----------
+    id : str
+        Its number, for example ``2.6``.
+    title : str
+        What it shows.
+    function : str
+        ``module:function`` that draws it; empty when it cannot be regenerated.
+    need : Need or None
+        What it needs of a session; None when it is computed.
+    materials : tuple of str
+        Library materials it computes with.
+    version : int
+        Raised when the drawing changes.
+    reason : str
+        Why it cannot be regenerated.
+    """
+
+    id: str
+    title: str
+    function: str = ""
+    need: Need | None = None
+    materials: tuple[str, ...] = ()
+    version: int = 1
+    reason: str = ""
+
+
+_PHOTOGRAPH = "a photograph or drawing of the apparatus; no computation makes it"
+
+
+def _c1(name: str) -> str:
+    return f"{_HOME}.chapter1:{name}"
+
+
+FIGURES: tuple[Figure, ...] = (
+    Figure("1.1", "Stress and strain under harmonic loading", _c1("harmonic_loading")),
+    Figure("1.2", "Complex modulus with one relaxation time", _c1("one_relaxation_time")),
+    Figure("1.3", "Relaxation processes of a polymer", _c1("relaxation_processes")),
+    Figure("1.4", "Four classes of polymers", _c1("polymer_classes")),
+    Figure("1.7", "Maxwell model", _c1("maxwell")),
+    Figure("1.9", "Standard linear solid", _c1("standard_linear_solid")),
+    Figure("2.1", "Dynamic mechanical analyser", reason=_PHOTOGRAPH),
+    Figure("2.2", "Indentation set-up", reason=_PHOTOGRAPH),
+    Figure("3.1", "Ball-drop set-up", reason=_PHOTOGRAPH),
+    Figure("3.2", "Heated sphere and its thermal image", reason=_PHOTOGRAPH),
+    Figure("B.1a", "Laser on the plate", reason=_PHOTOGRAPH),
+)

@@ -1,0 +1,94 @@
+"""The command figures: the thesis's figures by number, and its printed numbers checked."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pipelines.commands.options import echo, echo_json, json_option
+
+
+@click.command()
+@click.argument("ids", nargs=-1, metavar="[ID]...")
+@click.option("--list", "listed", is_flag=True, help="Say what each figure needs; draw nothing.")
+@click.option("--check", is_flag=True, help="Compare the thesis's printed numbers with ours.")
+@click.option("--session", type=click.Path(exists=True, file_okay=False, path_type=Path),
+              help="Session folder for the figures that show experiments.")  # fmt: skip
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default="figures",
+              show_default=True, help="Folder to write into.")  # fmt: skip
+@json_option
+def figures(
+    ids: tuple[str, ...],
+    listed: bool,
+    check: bool,
+    session: Path | None,
+    out: Path,
+    as_json: bool,
+) -> None:
+    r"""Draw the figures of the thesis by number: PDF, SVG, PNG and a caption each.
+
+    Without --session only those are drawn that are computed. What is up to date is not drawn
+    again; of the session only what the figures need is processed.
+
+    \b
+    Example:
+      labpipe figures 2.6 --out FIGURES
+      labpipe figures --session my-session --out FIGURES
+    """
+    if check:
+        _check(as_json)
+        return
+    from pipelines.figures import make
+
+    wanted = make.chosen(ids)
+    shelf = make.Shelf.of(out, session)
+    if listed:
+        _list(make.states(shelf, wanted), as_json)
+        return
+    outcomes = make.make(shelf, wanted, lambda o: None if as_json else _say(o))
+    if as_json:
+        echo_json({"out": str(out), "figures": [
+            {"id": o.id, "state": o.state, "detail": o.detail, "files": o.files} for o in outcomes
+        ]})  # fmt: skip
+    click.get_current_context().exit(any(o.state == make.FAILED for o in outcomes))
+
+
+def _say(outcome: Any) -> None:
+    detail = f": {outcome.detail}" if outcome.detail else ""
+    echo(f"{outcome.id:10} {outcome.state}{detail}")
+
+
+def _list(found: Any, as_json: bool) -> None:
+    rows = [
+        {
+            "id": s.figure.id,
+            "title": s.figure.title,
+            "needs": str(s.figure.need or "") if s.figure.function else "",
+            "optional": bool(s.figure.need and s.figure.need.is_optional),
+            "state": s.state,
+            "detail": s.detail,
+        }
+        for s in found
+    ]
+    if as_json:
+        echo_json({"figures": rows})
+        return
+    for row in rows:
+        needs = f"{row['needs']}{' (optional)' if row['optional'] else ''}" or "-"
+        detail = f": {row['detail']}" if row["detail"] else ""
+        echo(f"{row['id']:10} {row['title']:46} {needs:26} {row['state']}{detail}")
+
+
+def _check(as_json: bool) -> None:
+    from pipelines.figures.check import rows
+
+    found = rows()
+    if as_json:
+        echo_json({"rows": [row.document() for row in found]})
+        return
+    for row in found:
+        echo(row.line())
+    count: dict[str, int] = {}
+    for row in found:
+        count[row.verdict] = count.get(row.verdict, 0) + 1
+    echo("; ".join(f"{n} {verdict}" for verdict, n in sorted(count.items())))

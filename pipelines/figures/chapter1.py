@@ -1,0 +1,258 @@
+"""Figures of chapter 1: linear viscoelasticity, in the material functions of labpipe.materials.
+
+All moduli are in units of a reference modulus and all times in units of a relaxation time; the
+figures hold for any values of both.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from labpipe.materials import Prony
+from labpipe.report import line_arguments
+from pipelines.figures.drawing import Caption, Drawing, decades, legend_above, letter, panels
+
+_ZENER = Prony(1.0, [9.0], [1.0], nu=0.5)
+"""Standard linear solid, E_unrelaxed/E_relaxed = 10: the contrast of figures 1.2 and 1.9."""
+
+_DAMPER = Prony(1.0, [3.0], [1.0], nu=0.5)
+"""Its loss factor peaks at 3/4 (37 degrees): a lag that can be seen, figure 1.1 (b)."""
+
+_STORAGE = line_arguments("measured")
+_LOSS = line_arguments("model")
+_GUIDE: dict[str, Any] = line_arguments("reference")
+_OVER = _GUIDE | {"color": "black"}  # where it lies on another curve
+
+
+def harmonic_loading() -> Drawing:
+    """Figure 1.1: elastic, viscoelastic and viscous stress under a sinusoidal strain."""
+    omega = np.sqrt(_DAMPER.E_relaxed / _DAMPER.E_unrelaxed)  # where the loss factor peaks
+    lag = float(np.angle(_DAMPER.complex_modulus(omega)))
+    cases = (("a", "elastic", 0.0), ("b", "viscoelastic", lag), ("c", "viscous", np.pi / 2))
+    phase = np.linspace(0.0, 4.0 * np.pi, 721)
+    with panels(2, 3, width=2, aspect=0.56, sharey="all") as (figure, axes):
+        for column, (name, word, delta) in enumerate(cases):
+            strain, stress = np.sin(phase), np.sin(phase + delta)
+            top, bottom = axes[0, column], axes[1, column]
+            top.plot(phase / np.pi, stress, label="stress $\\sigma/\\sigma_A$", **_STORAGE)
+            top.plot(phase / np.pi, strain, label="strain $\\varepsilon/\\varepsilon_A$", **_OVER)
+            letter(top, name, f"{word}, $\\delta$ = {np.degrees(delta):.0f}°")
+            top.set(xlabel="phase $\\omega t/\\pi$ (1)", xticks=range(5))
+            bottom.plot(strain, stress, **_STORAGE)
+            bottom.set(xlabel="strain $\\varepsilon/\\varepsilon_A$ (1)")
+            bottom.set_box_aspect(0.8)
+        for row, label in enumerate(("strain, stress (1)", "stress $\\sigma/\\sigma_A$ (1)")):
+            axes[row, 0].set_ylabel(label)
+        legend_above(figure, axes[0, 0])
+    return Drawing(
+        Caption(
+            "Strain and stress over two cycles (top) and stress over strain (bottom), each over "
+            "its amplitude: (a) elastic, (b) viscoelastic, (c) viscous. The loop's area is the "
+            "work dissipated in a cycle, pi sin(delta) in these units: 0, "
+            f"{np.pi * np.sin(lag):.3f} and {np.pi:.3f}.",
+            computed=(
+                f"(b) is a standard linear solid, E_unrelaxed/E_relaxed = 4, at the frequency of "
+                f"its largest loss factor 3/4, so delta = {np.degrees(lag):.2f} degrees."
+            ),
+            difference=(
+                "the text writes sigma = sigma_A sin(omega t - delta); with the strain "
+                "eps_A sin(omega t) that would give energy. Stress leads: + delta, as in (1.15)."
+            ),
+        ),
+        figure,
+    )
+
+
+def one_relaxation_time() -> Drawing:
+    """Figure 1.2: storage and loss modulus of a standard linear solid."""
+    x = decades(-3, 3)
+    modulus = _ZENER.complex_modulus(x) / _ZENER.E_unrelaxed
+    with panels(aspect=0.72) as (figure, grid):
+        axes = grid[0, 0]
+        axes.semilogx(x, modulus.real, label="storage $G'$", **_STORAGE)
+        axes.semilogx(x, modulus.imag, label="loss $G''$", **_LOSS)
+        axes.axvline(1.0, label="$\\omega\\tau = 1$", **_GUIDE)
+        axes.set(xlabel="frequency $\\omega\\tau$ (1)", ylabel="modulus over $G_\\infty$ (1)")
+        axes.annotate("$G_0$", (x[0], modulus.real[0]), (0, 4), textcoords="offset points")
+        axes.set_ylim(0.0, 1.05)
+        legend_above(figure, axes)
+    return Drawing(
+        Caption(
+            "Complex modulus of a solid with one relaxation time tau, over its instantaneous "
+            "modulus; E_unrelaxed/E_relaxed = 10.",
+            computed=(
+                "eq. (1.42) with one term. The loss modulus peaks at omega tau = 1, at "
+                f"{modulus.imag.max():.4f} (closed form 0.45)."
+            ),
+            difference="none; the printed figure is qualitative and says omega tau = 1 too.",
+        ),
+        figure,
+    )
+
+
+def _process(centre: float, strength: float, width: float) -> tuple[Any, Any]:
+    """Terms of a process that is normal in log time: moduli and times, ``centre`` in decades."""
+    exponents = np.arange(centre - 4 * width, centre + 4 * width + 1e-9, 0.25)
+    weight = np.exp(-0.5 * ((exponents - centre) / width) ** 2)
+    return strength * weight / weight.sum(), 10.0**exponents
+
+
+def _polymer(E_relaxed: float, *processes: tuple[float, float, float]) -> Prony:
+    terms = [_process(*process) for process in processes]
+    moduli = np.concatenate([t[0] for t in terms])
+    times = np.concatenate([t[1] for t in terms])
+    order = np.argsort(times)
+    # Neighbouring processes overlap; equal times are merged by rounding to a quarter decade.
+    unique, where = np.unique(np.round(np.log10(times[order]), 6), return_inverse=True)
+    summed = np.bincount(where, weights=moduli[order])
+    return Prony(E_relaxed, summed, 10.0**unique, nu=0.5)
+
+
+def relaxation_processes() -> Drawing:
+    """Figure 1.3: glass, transition, rubber, flow, and the alpha, beta and gamma processes."""
+    # moduli in Pa: glass 3 GPa, rubber 1 MPa, as amorphous polymers have
+    solid = _polymer(0.0, (0.0, 2.2e9, 0.7), (-5.0, 5e8, 0.6), (-8.5, 3e8, 0.6), (6.0, 1e6, 0.35))
+    x = decades(-8, 11)
+    modulus, factor = solid.complex_modulus(x), solid.loss_factor(x)
+    peaks = x[1:-1][(factor[1:-1] > factor[:-2]) & (factor[1:-1] > factor[2:])]
+    with panels(aspect=0.78) as (figure, grid):
+        axes = grid[0, 0]
+        other = _second_axis(axes, "loss factor $\\tan\\delta$ (1)")
+        axes.loglog(x, modulus.real, label="storage $G'$", **_STORAGE)
+        other.loglog(x, factor, label="loss factor $\\tan\\delta$", **_LOSS)
+        axes.set(
+            xlabel="frequency $\\omega\\tau_\\alpha$ (1)  (falling temperature $\\rightarrow$)",
+            ylabel="storage modulus $G'$ (Pa)", ylim=(1e2, 1e11),
+        )  # fmt: skip
+        other.set_ylim(1e-3, 1e3)
+        for name, peak in zip(("\\alpha", "\\beta", "\\gamma"), peaks, strict=True):
+            axes.axvline(peak, **_GUIDE)
+            axes.text(peak, 4e10, f"$\\theta_{name}$", ha="center", va="bottom",
+                      backgroundcolor="white", fontsize=7)  # fmt: skip
+        for place, word in ((3e-8, "flow"), (2e-5, "rubber"), (1.0, "transition"), (1e7, "glass")):
+            axes.text(place, 2.2e2, word, ha="center", fontsize=7)
+        legend_above(figure, [axes, other])
+    return Drawing(
+        Caption(
+            "Storage modulus and loss factor of an uncrosslinked amorphous polymer over "
+            "frequency; the alpha process is the glass transition, beta and gamma are local. The "
+            "dotted lines mark the three peaks of the loss factor.",
+            computed=(
+                "generalised Maxwell model (1.42) without equilibrium modulus: processes that are "
+                "normal in log10 of time, centred at 1, 1e-5 and 10^-8.5 times the alpha time with "
+                "2.2, 0.5 and 0.3 GPa, and a flow process of 1 MPa at 1e6. The values are "
+                "illustrative; they are no material of the thesis."
+            ),
+            difference="the printed figure is a sketch without numbers.",
+        ),
+        figure,
+    )
+
+
+def _second_axis(axes: Any, label: str) -> Any:
+    """Open a right-hand axis whose colour is that of its curve."""
+    other = axes.twinx()
+    other.set_ylabel(label)
+    other.spines["right"].set_visible(True)
+    other.grid(visible=False)
+    return other
+
+
+def polymer_classes() -> Drawing:
+    """Figure 1.4: amorphous and semi-crystalline thermoplastics, elastomers, thermosets."""
+    classes = (
+        ("a", "amorphous thermoplastic",
+         _polymer(0.0, (0.0, 2.5e9, 0.7), (4.5, 1e6, 0.4))),
+        ("b", "semi-crystalline thermoplastic",
+         _polymer(0.0, (1.0, 1.8e9, 1.1), (6.0, 4e8, 0.4))),
+        ("c", "elastomer", _polymer(2e6, (-3.0, 1.5e9, 0.9))),
+        ("d", "thermoset", _polymer(1.2e9, (2.0, 1.3e9, 1.2))),
+    )  # fmt: skip
+    x = decades(-7, 7)
+    with panels(2, 2, width=2, aspect=0.56, sharex="all", sharey="all") as (figure, axes):
+        others = []
+        for place, (name, word, solid) in zip(axes.flat, classes, strict=True):
+            is_right = name in "bd"
+            other = _second_axis(place, "loss factor $\\tan\\delta$ (1)" if is_right else "")
+            other.tick_params(labelright=is_right)
+            place.loglog(x, solid.complex_modulus(x).real, label="storage $G'$", **_STORAGE)
+            other.loglog(x, solid.loss_factor(x), label="loss factor $\\tan\\delta$", **_LOSS)
+            letter(place, name, word)
+            place.set_ylim(1e4, 1e11)
+            other.set_ylim(1e-4, 1e3)
+            others.append(other)
+        for place in axes[1]:
+            place.set_xlabel("frequency $\\omega\\tau$ (1)")
+        for place in axes[:, 0]:
+            place.set_ylabel("storage modulus $G'$ (Pa)")
+        legend_above(figure, [axes[0, 0], others[0]])
+    return Drawing(
+        Caption(
+            "Storage modulus and loss factor of four classes of polymers over frequency: (a) "
+            "amorphous and (b) semi-crystalline thermoplastics flow in the end, (c) elastomers "
+            "and (d) thermosets keep an equilibrium modulus; the thermoset's transition is weak.",
+            computed=(
+                "generalised Maxwell models (1.42) with one or two processes that are normal in "
+                "log10 of time; the values are illustrative and no material of the thesis."
+            ),
+            difference="the printed figure is a sketch without numbers.",
+        ),
+        figure,
+    )
+
+
+def _three_panels(solid: Prony, creep_end: float, unit: float) -> tuple[Any, Any]:
+    """Relaxation and creep over time, complex modulus over frequency, in units of ``unit``."""
+    t = np.linspace(0.0, creep_end, 401)
+    x = decades(-3, 3)
+    modulus = solid.complex_modulus(x) / unit
+    with panels(1, 3, width=2, aspect=0.34) as (figure, axes):
+        first, second, third = axes[0]
+        first.plot(t, solid.relaxation(t) / unit, **_STORAGE)
+        first.set(xlabel="time $t/\\tau$ (1)", ylabel="relaxation modulus $G/E_\\infty$ (1)")
+        second.plot(t, solid.creep(t) * unit, **_STORAGE)
+        second.set(xlabel="time $t/\\tau$ (1)", ylabel="creep compliance $J E_\\infty$ (1)")
+        third.semilogx(x, modulus.real, label="storage $G'$", **_STORAGE)
+        third.semilogx(x, modulus.imag, label="loss $G''$", **_LOSS)
+        third.axvline(1.0, label="$\\omega\\tau = 1$", **_GUIDE)
+        third.set(xlabel="frequency $\\omega\\tau$ (1)", ylabel="modulus over $E_\\infty$ (1)")
+        for name, place in zip("abc", axes[0], strict=True):
+            letter(place, name)
+            place.set_ylim(bottom=0.0)
+        legend_above(figure, third)
+    return figure, modulus
+
+
+def maxwell() -> Drawing:
+    """Figure 1.7: relaxation, creep and complex modulus of a Maxwell element."""
+    figure, modulus = _three_panels(Prony(0.0, [1.0], [1.0], nu=0.5), 5.0, 1.0)
+    return Drawing(
+        Caption(
+            "Maxwell element with stiffness E and relaxation time tau = mu/E: (a) relaxation "
+            "modulus, (b) creep compliance, (c) complex modulus; E_inf = E.",
+            computed=(
+                "eqs. (1.33), (1.34), (1.36) as the special case of one term without equilibrium "
+                f"modulus; the loss modulus peaks at {modulus.imag.max():.4f} E (closed form 0.5)."
+            ),
+            difference="none.",
+        ),
+        figure,
+    )
+
+
+def standard_linear_solid() -> Drawing:
+    """Figure 1.9: relaxation, creep and complex modulus of a standard linear solid."""
+    figure, _ = _three_panels(_ZENER, 25.0, _ZENER.E_unrelaxed)
+    _, tau = _ZENER.creep_terms()
+    return Drawing(
+        Caption(
+            "Standard linear solid with E_inf/E_0 = beta = 10: (a) relaxation modulus, (b) creep "
+            "compliance, (c) complex modulus.",
+            computed=(
+                "eqs. (1.37), (1.40), (1.42); creep comes from the exact interconversion, whose "
+                f"retardation time is {tau[0]:.6f} tau (beta tau = 10 tau by (1.40))."
+            ),
+            difference="none.",
+        ),
+        figure,
+    )

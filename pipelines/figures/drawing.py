@@ -1,0 +1,118 @@
+"""What all figures share: the caption, the panels, and where a legend goes."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from labpipe.report import figure_style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+DOUBLE_COLUMN_LINE = 100
+"""Characters in a line of a caption file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Caption:
+    """What a reader must know about a figure.
+
+    Attributes
+    ----------
+    shows : str
+        What is drawn.
+    measured, synthetic, computed : str
+        Which curves come from where; empty is "nothing".
+    difference : str
+        Ours against what the thesis prints of this figure.
+    """
+
+    shows: str
+    measured: str = ""
+    synthetic: str = ""
+    computed: str = ""
+    difference: str = ""
+
+    def text(self, figure_id: str, title: str) -> str:
+        """Return the caption file's content."""
+        from textwrap import fill
+
+        rows = (
+            ("Measured", self.measured),
+            ("Synthetic", self.synthetic),
+            ("Computed", self.computed),
+            ("Against the printed text", self.difference),
+        )
+        paragraphs = [f"{figure_id}  {title}", self.shows]
+        paragraphs += [f"{name}: {text or 'nothing.'}" for name, text in rows]
+        return "\n\n".join(fill(p, DOUBLE_COLUMN_LINE) for p in paragraphs) + "\n"
+
+
+@dataclass(frozen=True, slots=True)
+class Drawing:
+    """A drawn figure, or a table as text, with its caption."""
+
+    caption: Caption
+    figure: Figure | None = None
+    table: str = ""
+
+
+@contextmanager
+def panels(
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    width: Literal[1, 2] = 1,
+    aspect: float = 0.68,
+    **options: Any,
+) -> Iterator[tuple[Figure, "NDArray[np.object_]"]]:
+    """Open a figure of journal width with its panels, in one style.
+
+    Parameters
+    ----------
+    rows, columns : int
+        Panels.
+    width : 1 or 2
+        Journal columns.
+    aspect : float
+        Height of the figure over its width.
+    options : Any
+        For ``Figure.subplots``.
+
+    Yields
+    ------
+    figure, axes : Figure, array (rows, columns) of Axes
+    """
+    with figure_style(columns=width, aspect=aspect):
+        figure = Figure(layout="constrained")
+        yield figure, figure.subplots(rows, columns, squeeze=False, **options)
+
+
+def letter(axes: "Axes", name: str, text: str = "") -> None:
+    """Name a panel above its frame, where it covers no data."""
+    axes.set_title(f"({name}) {text}".rstrip(), loc="left", fontsize=8.0)
+
+
+def legend_above(figure: Figure, axes: "Axes | Sequence[Axes]", columns: int = 4) -> None:
+    """Put one legend above all panels, where it covers no data."""
+    every = list(axes) if isinstance(axes, Sequence) else [axes]
+    handles: dict[str, Any] = {}
+    for one in every:
+        for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    figure.legend(
+        list(handles.values()), list(handles), loc="outside upper center", ncols=columns,
+        columnspacing=1.4,
+    )  # fmt: skip
+
+
+def decades(low: float, high: float, per_decade: int = 40) -> Array:
+    """Return points that are equally spaced on a logarithmic axis, exponents given."""
+    return np.logspace(low, high, int((high - low) * per_decade) + 1)

@@ -1,0 +1,90 @@
+"""The experiments of a session that a figure shows, and the keys of the results it reads."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labpipe.workflow.session import Experiment, Session
+from pipelines.figures import Need
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from labpipe.workflow.plan import Plan
+
+_BODIES = ("sphere", "substrate", "sample", "specimen")
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """What a drawing function is given: experiments by name and a way to read their results.
+
+    Attributes
+    ----------
+    folder : Path
+        The session.
+    is_synthetic : bool
+        The session says that its data were made, not measured.
+    experiments : mapping
+        Typed settings by name of experiment.
+    """
+
+    folder: Path
+    is_synthetic: bool
+    experiments: Mapping[str, Any]
+
+    def result(self, experiment: str, stage: str) -> "xr.Dataset":
+        """Return one stored result."""
+        from pipelines.process import result
+
+        return result(self.folder, experiment, stage)
+
+    @property
+    def origin(self) -> str:
+        """The word for the data: ``synthetic`` or ``measured``."""
+        return "synthetic" if self.is_synthetic else "measured"
+
+    def told(self, text: str) -> dict[str, str]:
+        """Return ``text`` as the caption's entry that fits the data's origin."""
+        return {self.origin: text}
+
+
+def material_of(settings: Any) -> str:
+    """Return the words by which an experiment names its material, in lower case."""
+    found = []
+    for holder in (settings, *(getattr(settings, body, None) for body in _BODIES)):
+        for name in ("material", "material_from", "material_file"):
+            text = getattr(holder, name, None)
+            if isinstance(text, str):
+                found.append(text)
+    return " ".join(found).lower()
+
+
+def matching(session: Session | None, need: Need) -> dict[str, Experiment]:
+    """Return the experiments of a session that fit, in the session's order."""
+    if session is None:
+        return {}
+    return {
+        name: experiment
+        for name, experiment in session.experiments.items()
+        if experiment.kind == need.kind and _fits(need, name, experiment)
+    }
+
+
+def _fits(need: Need, name: str, experiment: Experiment) -> bool:
+    if need.material is None:
+        return True
+    # An experiment that names no material (a DMA sweep) is told by its own name.
+    words = material_of(experiment.settings) or name.lower()
+    return need.material in re.split(r"[^a-z]+", words)
+
+
+def result_keys(plan: "Plan", names: Mapping[str, Any], need: Need) -> dict[str, str | None]:
+    """Return the content key of every result that a figure reads; None where a file is missing."""
+    return {
+        str(task): key.value
+        for task, key in plan.keys.items()
+        if task.experiment in names and task.stage in need.stages
+    }

@@ -1,0 +1,261 @@
+"""Decide which figures to draw, run what they need, draw, and write them.
+
+A figure is up to date when its key is the one in ``figures.json`` beside it and its files are as
+they were written. The key is made of the figure's id and version, the content keys of the results
+it reads, the files of the library materials it computes with, and the versions of the programs
+that draw. Nothing numerical is imported before a figure is drawn.
+"""
+
+import hashlib
+import importlib
+import json
+import logging
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib.metadata import version
+from importlib.resources import files as package_files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import labpipe
+from labpipe import files
+from labpipe.errors import LabpipeError, UsageError
+from labpipe.workflow.session import Session
+from pipelines.figures import FIGURES, Figure
+from pipelines.figures.inputs import Inputs, matching, result_keys
+
+if TYPE_CHECKING:
+    from labpipe.workflow.plan import Plan
+    from pipelines.figures.drawing import Drawing
+
+RECORD = "figures.json"
+"""Keys and digests of what was drawn, beside the figures."""
+
+READY = "ready"
+UP_TO_DATE = "up to date"
+NEEDS_SESSION = "needs a session"
+IMPOSSIBLE = "cannot be regenerated"
+DRAWN = "drawn"
+FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Whether a figure can be drawn, and why not.
+
+    Attributes
+    ----------
+    figure : Figure
+    state : str
+        ``ready``, ``up to date``, ``needs a session`` or ``cannot be regenerated``.
+    detail : str
+        What is missing, or the reason.
+    experiments : tuple of str
+        Experiments of the session that it shows.
+    """
+
+    figure: Figure
+    state: str
+    detail: str = ""
+    experiments: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of one figure."""
+
+    id: str
+    state: str
+    detail: str = ""
+    files: tuple[str, ...] = ()
+
+
+def chosen(names: Iterable[str]) -> tuple[Figure, ...]:
+    """Return the figures of the given numbers, all when there is none.
+
+    Raises
+    ------
+    UsageError
+        A number is unknown; the nearest is named.
+
+    Examples
+    --------
+    >>> [figure.id for figure in chosen(["figure 1.2"])]
+    ['1.2']
+    """
+    known = {figure.id.lower(): figure for figure in FIGURES}
+    found = []
+    for name in names:
+        key = name.lower().strip().removeprefix("figure").removeprefix("fig.").strip()
+        if key not in known:
+            near = get_close_matches(key, known, n=1, cutoff=0.4)
+            hint = f' Did you mean "{known[near[0]].id}"?' if near else ""
+            message = f'there is no figure "{name}".{hint} See `labpipe figures --list`.'
+            raise UsageError(message)
+        found.append(known[key])
+    return tuple(found) or FIGURES
+
+
+@dataclass(frozen=True, slots=True)
+class Shelf:
+    """A folder of figures and the session they are drawn from, if any."""
+
+    folder: Path
+    session: Session | None = None
+    plan: "Plan | None" = None
+
+    @classmethod
+    def of(cls, folder: Path, session: Path | None) -> "Shelf":
+        """Open a folder (which need not exist) and a session."""
+        if session is None:
+            return cls(folder)
+        from pipelines import process
+
+        made = process.plan(session)
+        return cls(folder, made.session, made)
+
+    def record(self) -> dict[str, Any]:
+        """Return what was drawn before; a damaged record is an empty one."""
+        try:
+            found = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
+            return dict(found["figures"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return {}
+
+    def state(self, figure: Figure, record: Mapping[str, Any]) -> State:
+        """Say whether a figure can be drawn."""
+        if not figure.function:
+            return State(figure, IMPOSSIBLE, figure.reason)
+        names: tuple[str, ...] = ()
+        if figure.need is not None:
+            names = tuple(matching(self.session, figure.need))
+            if not names and not figure.need.is_optional:
+                return State(figure, NEEDS_SESSION, f"with {figure.need}")
+        known = record.get(figure.id, {})
+        if known.get("key") == self.key(figure, names) and self._is_intact(known):
+            return State(figure, UP_TO_DATE, "", names)
+        return State(figure, READY, ", ".join(names), names)
+
+    def key(self, figure: Figure, names: tuple[str, ...]) -> str:
+        """Return the key of a figure: everything on which it depends, as one digest."""
+        results: dict[str, str | None] = {}
+        if self.plan is not None and figure.need is not None:
+            results = result_keys(self.plan, dict.fromkeys(names), figure.need)
+        library = package_files("labpipe.materials") / "library"
+        parts = {
+            "id": figure.id,
+            "version": figure.version,
+            "results": results,
+            "materials": {
+                name: hashlib.sha256((library / f"{name}.toml").read_bytes()).hexdigest()
+                for name in figure.materials
+            },
+            "programs": [labpipe.__version__, version("matplotlib")],
+        }
+        return hashlib.sha256(files.canonical(parts).encode()).hexdigest()
+
+    def _is_intact(self, known: Mapping[str, Any]) -> bool:
+        found = known.get("files", {})
+        return bool(found) and all(
+            (self.folder / name).is_file() and files.digest(self.folder / name) == digest
+            for name, digest in found.items()
+        )
+
+
+def states(shelf: Shelf, figures: Iterable[Figure]) -> tuple[State, ...]:
+    """Say of every figure whether it can be drawn."""
+    record = shelf.record()
+    return tuple(shelf.state(figure, record) for figure in figures)
+
+
+def make(
+    shelf: Shelf,
+    figures: Iterable[Figure],
+    progress: Callable[[Outcome], None] = lambda outcome: None,
+) -> tuple[Outcome, ...]:
+    """Draw what is not up to date; what the figures need of the session is processed first.
+
+    Parameters
+    ----------
+    shelf : Shelf
+        Where to, and from which session.
+    figures : iterable of Figure
+        Which.
+    progress : callable
+        Called with every outcome.
+
+    Returns
+    -------
+    tuple of Outcome
+        One per figure: drawn, up to date, needs a session, cannot be regenerated, failed.
+    """
+    # It remarks on the missing time stamps that make the same figure the same bytes.
+    logging.getLogger("fontTools").setLevel(logging.ERROR)
+    found = states(shelf, figures)
+    _process(shelf, [state for state in found if state.state == READY])
+    outcomes = []
+    for state in found:
+        if state.state == READY:
+            outcome = _drawn(shelf, state)
+        else:
+            outcome = Outcome(state.figure.id, state.state, state.detail)
+        progress(outcome)
+        outcomes.append(outcome)
+    return tuple(outcomes)
+
+
+def _process(shelf: Shelf, ready: list[State]) -> None:
+    """Run the stages behind the figures, and no other."""
+    targets = {
+        f"{name}/{stage}": name
+        for state in ready
+        if state.figure.need is not None
+        for name in state.experiments
+        for stage in state.figure.need.stages
+    }
+    if shelf.session is None or not targets:
+        return
+    from pipelines import process
+
+    # A failure shows again, with its figure, when the result is opened.
+    process.process(shelf.session.root, list(targets), sorted(set(targets.values())), jobs=0)
+
+
+def _drawn(shelf: Shelf, state: State) -> Outcome:
+    figure = state.figure
+    try:
+        written = _write(shelf, figure, _draw(shelf, state))
+    except LabpipeError as error:
+        return Outcome(figure.id, FAILED, str(error))
+    entry = {"key": shelf.key(figure, state.experiments), "files": written}
+    record = {"labpipe_figures": 1, "figures": shelf.record() | {figure.id: entry}}
+    files.write_text(shelf.folder / RECORD, json.dumps(record, indent=1, sort_keys=True) + "\n")
+    return Outcome(figure.id, DRAWN, "", tuple(written))
+
+
+def _draw(shelf: Shelf, state: State) -> "Drawing":
+    module, name = state.figure.function.split(":")
+    function = getattr(importlib.import_module(module), name)
+    if state.figure.need is None:
+        return function()
+    if shelf.session is None:
+        return function(None)
+    experiments = {n: shelf.session.experiments[n].settings for n in state.experiments}
+    inputs = Inputs(shelf.session.root, shelf.session.synthetic, experiments)
+    return function(inputs if experiments else None)
+
+
+def _write(shelf: Shelf, figure: Figure, drawing: "Drawing") -> dict[str, str]:
+    """Write a figure's files and return their digests by name."""
+    from labpipe.report import save_figure
+
+    paths: list[Path] = []
+    if drawing.figure is not None:
+        paths += save_figure(drawing.figure, shelf.folder / figure.id)
+    if drawing.table:
+        paths.append(shelf.folder / f"{figure.id}.csv")
+        files.write_text(paths[-1], drawing.table)
+    paths.append(shelf.folder / f"{figure.id}.txt")
+    files.write_text(paths[-1], drawing.caption.text(figure.id, figure.title))
+    return {path.name: files.digest(path) for path in paths}
