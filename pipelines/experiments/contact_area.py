@@ -1,0 +1,316 @@
+"""Contact area: the radius of the contact over time from a film under the disc, and the model.
+
+Each impact is counted from its largest radius (t_p = 0), as in the thesis; film and model are laid
+over each other there.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+import calibration
+from calibration import camera as camera_scale
+from labpipe import contact, imaging
+from labpipe.contact import hertz
+from labpipe.errors import InputError
+from labpipe.imaging.gating import worth_reading
+from pipelines.experiments.film_frames import ChosenFrames, key_frames, open_film
+from pipelines.experiments.material import resolve
+from pipelines.settings.contact_area import ContactArea
+
+Array = NDArray[np.float64]
+
+_IMPACTS = 3  # the thesis analyses the first three
+_STILL = 20e-3  # s of contact after which it is rest, not an impact
+_GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
+_STEP = 2e-5  # s, spacing of the model's curve
+_WINDOW = 3e-3  # s around the largest radius in which film and model are compared
+_PER_IMPACT = 3  # key frames: before, at and after the largest radius
+
+
+def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr.Dataset:
+    """Measure the contact radius in the frames that may show contact; in all of them if full."""
+    source = open_film(film)
+    known = calibration.load_record(record)
+    size, checked = camera_scale.image_scale(known, settings.view, measured=settings.measured_on)
+    everything = np.arange(len(source))
+    worth = None if full else worth_reading(source)
+    chosen = everything if worth is None else worth.frames
+    exposure = None if settings.exposure is None else settings.exposure.value
+    wavelength = None if settings.wavelength is None else settings.wavelength.value
+    options: dict[str, Any] = {"exposure": exposure} if exposure is not None else {}
+    found = imaging.contact_radius(
+        ChosenFrames(source, chosen), size.value, settings.sphere.radius.value, wavelength,
+        **options,
+    )  # fmt: skip
+    coordinates = {
+        "frame": ("frame", chosen, {"units": "1", "long_name": "frame of the film"}),
+        "time": ("frame", source.time[chosen], {"units": "s", "long_name": "time in the film"}),
+    }
+    found = found.drop_vars("time", errors="ignore").assign_coords(coordinates)
+    found["pixel_size"] = ((), size.value, {"units": "m/px", "long_name": "length of one pixel"})
+    found["u_pixel_size"] = (
+        (), size.u, {"units": "m/px", "long_name": "standard uncertainty: length of one pixel"},
+    )  # fmt: skip
+    attrs = {k: v for k, v in found.attrs.items() if isinstance(v, str | int | float)}
+    attrs["scale_budget"] = json.dumps(checked.pop("budget"))
+    attrs["calibration"] = json.dumps(checked, ensure_ascii=False)
+    attrs["u_systematic_relative"] = size.u / size.value
+    attrs["work"] = json.dumps(_work(found, source, chosen, worth))
+    return found.assign_attrs(attrs)
+
+
+def _work(
+    found: xr.Dataset, source: Any, chosen: NDArray[np.int64], worth: Any
+) -> dict[str, float]:
+    """Count frames and bytes; what the imaging function counted of itself stays."""
+    counts = json.loads(found.attrs.get("work", "{}"))
+    _, rows, columns = source.shape
+    size = np.asarray(source[int(chosen[0])]).dtype.itemsize
+    counts = {k: v for k, v in counts.items() if not k.startswith(("frames", "bytes", "pixels"))}
+    glanced = 0 if worth is None else worth.pixels_read
+    return {
+        **counts,
+        "frames_read": len(chosen), "frames_total": len(source),
+        "bytes_read": len(chosen) * rows * columns * size,
+        "bytes_total": len(source) * rows * columns * size,
+        "glance_bytes_read": glanced * size,
+    }  # fmt: skip
+
+
+def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
+    """Find the first three impacts with their largest radius, and the radius at rest."""
+    del settings
+    time, a = radius["time"].values, radius["radius"].values
+    u = radius["u_radius"].values
+    runs = _contacts(time, radius["in_contact"].values.astype(bool) & np.isfinite(a))
+    if not runs:
+        message = (
+            "no contact was found in the film; check the view under the disc, its scale and the "
+            "wavelength"
+        )
+        raise InputError(message)
+    brief = [run for run in runs if time[run[-1]] - time[run[0]] < _STILL][:_IMPACTS]
+    peaks = [_peak(time[run], a[run], u[run]) for run in brief]
+    relative = float(radius.attrs["u_systematic_relative"])
+    table: dict[str, Any] = {}
+    columns = list(zip(*peaks, strict=True)) if peaks else [(), (), ()]
+    for name, values, units, text in (
+        ("peak_time", columns[0], "s", "time of the largest radius"),
+        ("peak_radius", columns[1], "m", "largest contact radius"),
+    ):
+        table[name] = ("impact", np.array(values, float), {"units": units, "long_name": text})
+    table["u_peak_radius"] = (
+        "impact", np.hypot(np.array(columns[2], float), relative * np.array(columns[1], float)),
+        {"units": "m", "long_name": "standard uncertainty: largest contact radius"},
+    )  # fmt: skip
+    for name, place, text in (("first_seen", 0, "first"), ("last_seen", -1, "last")):
+        table[name] = (
+            "impact", np.array([time[run[place]] for run in brief], float),
+            {"units": "s", "long_name": f"{text} frame with contact"},
+        )  # fmt: skip
+    table |= _at_rest(time, a, u, runs, relative)
+    return xr.Dataset(table, coords={"impact": np.arange(1, len(brief) + 1)})
+
+
+def _contacts(time: Array, is_seen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """Group the frames with contact into contacts."""
+    seen = np.flatnonzero(is_seen)
+    if not len(seen):
+        return []
+    usual = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
+    is_new = (np.diff(seen) > 1) | (np.diff(time[seen]) > max(_GAP * usual, _STILL / 4))
+    return np.split(seen, np.flatnonzero(is_new) + 1)
+
+
+def _peak(time: Array, a: Array, u: Array) -> tuple[float, float, float]:
+    """Time, value and uncertainty of the largest radius: a parabola through a² near the top.
+
+    a² goes with the approach, which passes its largest value like a parabola; a itself does not.
+    """
+    top = int(np.argmax(a))
+    low, high = max(0, top - 2), min(len(a), top + 3)
+    if high - low < 4:
+        return float(time[top]), float(a[top]), float(u[top])
+    t = time[low:high] - time[top]
+    scale = float(np.max(np.abs(t)))
+    weights = 1 / np.maximum(2 * a[low:high] * u[low:high], 1e-18)
+    c2, c1, c0 = np.polyfit(t / scale, a[low:high] ** 2, 2, w=weights)
+    if c2 >= 0 or abs(c1 / (2 * c2)) > 1:
+        return float(time[top]), float(a[top]), float(u[top])
+    place = -c1 / (2 * c2)
+    largest = float(np.sqrt(c0 + c1 * place + c2 * place**2))
+    left = a[low:high] - np.sqrt(np.maximum(np.polyval([c2, c1, c0], t / scale), 0))
+    scatter = float(np.sqrt(np.sum(left**2) / max(high - low - 3, 1)))
+    return float(time[top] + place * scale), largest, max(float(u[top]), scatter)
+
+
+def _at_rest(
+    time: Array, a: Array, u: Array, runs: list[NDArray[np.int64]], relative: float
+) -> dict[str, Any]:
+    """Radius in the last half of the last contact when that is rest; NaN otherwise."""
+    last = runs[-1]
+    value, own, start = np.nan, np.nan, np.nan
+    if time[last[-1]] - time[last[0]] >= _STILL:
+        half = last[time[last] >= 0.5 * (time[last[0]] + time[last[-1]])]
+        value, start = float(np.median(a[half])), float(time[half[0]])
+        scatter = float(np.std(a[half])) if len(half) > 1 else 0.0
+        own = float(np.hypot(max(scatter, np.median(u[half])), relative * value))
+    return {
+        "static_radius": ((), value, {"units": "m", "long_name": "contact radius at rest"}),
+        "u_static_radius": (
+            (), own, {"units": "m", "long_name": "standard uncertainty: contact radius at rest"},
+        ),
+        "static_since": ((), start, {"units": "s", "long_name": "begin of the frames at rest"}),
+    }  # fmt: skip
+
+
+def model(
+    radius: xr.Dataset,
+    impacts: xr.Dataset,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: ContactArea,
+) -> xr.Dataset:
+    """Simulate the drop for as long as the film lasts after its first contact."""
+    sphere, chosen = settings.sphere, settings.model
+    solid = resolve(sphere, material_file, fitted)
+    gravity = chosen.gravity.value
+    fall = float(np.sqrt(2 * settings.height.value / gravity))
+    begun = float(impacts["first_seen"][0]) if impacts.sizes["impact"] else 0.0
+    duration = fall + float(radius["time"][-1]) - begun + 2 * _WINDOW
+    plate = None
+    if settings.plate is not None:
+        p = settings.plate
+        plate = contact.Plate(p.mass.value, p.frequency.value, p.damping_ratio.value)
+    made = contact.drop(
+        solid, sphere.radius.value, sphere.mass.value, settings.height.value, duration,
+        chosen.solver, chosen.profile, chosen.rtol, gravity=gravity, plate=plate,
+        times=np.arange(0.0, duration, _STEP),
+    )  # fmt: skip
+    # Exponents of Hertz's impact: a ~ R^0.4 (m h)^0.2.
+    relative = np.sqrt(
+        (0.4 * sphere.radius.u / sphere.radius.value) ** 2
+        + (0.2 * sphere.mass.u / sphere.mass.value) ** 2
+        + (0.2 * settings.height.u / settings.height.value) ** 2
+    )
+    made["u_peak_contact_radius"] = (
+        "impact", relative * made["peak_contact_radius"].values,
+        {"units": "m", "long_name": "standard uncertainty from height, radius and mass: peak"},
+    )  # fmt: skip
+    weight = sphere.mass.value * gravity
+    for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
+        reduced = float(modulus) / (1 - float(solid.nu) ** 2)
+        state = hertz.static_load(weight, sphere.radius.value, reduced)
+        made[f"static_radius_{name}"] = (
+            (), float(state.contact_radius),
+            {"units": "m", "long_name": f"Hertz radius at rest with the {name} modulus"},
+        )  # fmt: skip
+    work = json.loads(made.attrs["work"])
+    work.pop("seconds", None)  # the clock has no place in a stored result
+    made.attrs["work"] = json.dumps(work)
+    return made
+
+
+def comparison(
+    radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, settings: ContactArea
+) -> xr.Dataset:
+    """Compare film and model around the largest radius of each impact."""
+    del settings
+    count = min(impacts.sizes["impact"], model.sizes["impact"])
+    time, a = radius["time"].values, radius["radius"].values
+    seen = radius["in_contact"].values.astype(bool)
+    points: dict[str, list[Array]] = {"number": [], "since": [], "film": [], "model": []}
+    errors, peak_times = [], []
+    for i in range(count):
+        peak = _model_peak(model, i)
+        peak_times.append(peak)
+        since = time - float(impacts["peak_time"][i])
+        inside = (np.abs(since) < _WINDOW) & np.isfinite(a) & seen
+        theirs = np.interp(since[inside] + peak, model["time"], model["contact_radius"])
+        for key, values in (("number", np.full(inside.sum(), i + 1.0)), ("since", since[inside]),
+                            ("film", a[inside]), ("model", theirs)):  # fmt: skip
+            points[key].append(values)
+        spread = max(float(np.max(a[inside])), 1e-12)
+        errors.append(float(np.sqrt(np.mean((a[inside] - theirs) ** 2))) / spread)
+    joined = {k: np.concatenate(v) if v else np.empty(0) for k, v in points.items()}
+    ours, theirs = (
+        impacts["peak_radius"].values[:count],
+        model["peak_contact_radius"].values[:count],
+    )
+    u = np.hypot(impacts["u_peak_radius"].values[:count],
+                 model["u_peak_contact_radius"].values[:count])  # fmt: skip
+    return xr.Dataset(
+        {
+            "impact_number": ("sample", joined["number"],
+                              {"units": "1", "long_name": "impact of a compared frame"}),
+            "since_peak": ("sample", joined["since"],
+                           {"units": "s", "long_name": "time since the largest radius"}),
+            "film": ("sample", joined["film"],
+                     {"units": "m", "long_name": "contact radius, film"}),
+            "model": ("sample", joined["model"],
+                      {"units": "m", "long_name": "contact radius, model"}),
+            "nrmse": ("impact", np.array(errors),
+                      {"units": "1", "long_name": "root-mean-square error over largest radius"}),
+            "peak_radius_film": ("impact", ours,
+                                 {"units": "m", "long_name": "largest radius, film"}),
+            "peak_radius_model": ("impact", theirs,
+                                  {"units": "m", "long_name": "largest radius, model"}),
+            "peak_radius_difference": ("impact", ours - theirs,
+                                       {"units": "m", "long_name": "film minus model"}),
+            "u_peak_radius_difference": ("impact", u,
+                                         {"units": "m", "long_name": "standard uncertainty"}),
+            "model_peak_time": ("impact", np.array(peak_times),
+                                {"units": "s", "long_name": "time of the model's largest radius"}),
+        },
+        coords={"impact": np.arange(1, count + 1)},
+    )  # fmt: skip
+
+
+def _model_peak(model: xr.Dataset, impact: int) -> float:
+    """Time of the model's largest radius in one impact."""
+    time = model["time"].values
+    touch = model["impact_time"].values
+    end = touch[impact + 1] if impact + 1 < len(touch) else time[-1]
+    end = min(end, touch[impact] + _STILL)
+    inside = np.flatnonzero((time >= touch[impact]) & (time <= end))
+    a = model["contact_radius"].values
+    top = inside[int(np.argmax(a[inside]))]
+    low, high = max(top - 2, 0), min(top + 3, len(a))
+    peak, _, _ = _peak(time[low:high], a[low:high], np.full(high - low, 1e-9))
+    return peak
+
+
+def keys(
+    film: Path, radius: xr.Dataset, impacts: xr.Dataset, *, settings: ContactArea
+) -> xr.Dataset:
+    """Copy key frames with the fitted circles: around each largest radius, and at rest."""
+    del settings
+    source = open_film(film)
+    time, seen = radius["time"].values, radius["in_contact"].values.astype(bool)
+    wanted: set[int] = set()
+    for i in range(impacts.sizes["impact"]):
+        inside = np.flatnonzero(
+            seen & (time >= float(impacts["first_seen"][i]))
+            & (time <= float(impacts["last_seen"][i]))
+        )  # fmt: skip
+        top = int(inside[np.argmin(np.abs(time[inside] - float(impacts["peak_time"][i])))])
+        wanted |= {int(inside[0]), top, int(inside[-1])}
+    if np.isfinite(float(impacts["static_radius"])):
+        wanted.add(int(np.flatnonzero(seen)[-1]))
+    near = sorted(i for i in wanted if source.valid[int(radius["frame"][i])])
+    found = key_frames(source, [int(radius["frame"][i]) for i in near])
+    size = float(radius["pixel_size"])
+    at = radius.isel(frame=near)
+    for name, values, units, text in (
+        ("circle_x", at["centre_x"].values, "px", "column of the fitted centre"),
+        ("circle_y", at["centre_y"].values, "px", "row of the fitted centre"),
+        ("circle_radius", at["radius"].values / size, "px", "fitted radius"),
+    ):
+        found[name] = ("key", values, {"units": units, "long_name": text})
+    return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))

@@ -1,0 +1,254 @@
+"""The report of a contact area."""
+
+import json
+import math
+
+import cv2
+import numpy as np
+import xarray as xr
+
+from labpipe.report import (
+    Block,
+    Column,
+    Gallery,
+    KeyValues,
+    LineChart,
+    Notice,
+    Paragraph,
+    Picture,
+    Section,
+    Series,
+    Table,
+    value_with_uncertainty,
+)
+from labpipe.units import Quantity
+from labpipe.workflow.context import Context
+from pipelines import pages
+from pipelines.experiments.film_frames import enlarged, png
+from pipelines.settings.contact_area import ContactArea
+
+_CIRCLE = (60, 120, 255)  # BGR, orange
+_SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
+_VIEW = 1.5  # ms around the largest radius of an impact that a button shows
+_SUB_PIXEL = 4  # binary digits of the drawn circle's place
+
+
+def page(
+    radius: xr.Dataset | None,
+    impacts: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    keys: xr.Dataset | None,
+    *,
+    settings: ContactArea,
+    context: Context,
+) -> str:
+    """Write the page; a step that failed leaves its section out and its error in."""
+    sections = [_summary(settings, radius, impacts, model, comparison, context)]
+    if keys is not None:
+        sections.append(_key_frames(keys))
+    if radius is not None:
+        sections += [_calibration(radius), _over_time(radius, impacts, model, comparison)]
+    if impacts is not None:
+        sections.append(_impacts(impacts, comparison))
+    if radius is not None and impacts is not None:
+        sections.append(pages.methods(_methods(settings, radius, impacts)))
+    subtitle = f"Contact area, drop from {_show(settings.height)}"
+    return pages.document(context, subtitle, sections).render()
+
+
+def _show(quantity: Quantity) -> str:
+    return value_with_uncertainty(quantity.value, quantity.u, quantity.si)
+
+
+def _summary(
+    settings: ContactArea,
+    radius: xr.Dataset | None,
+    impacts: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    context: Context,
+) -> Section:
+    rows = [
+        ("film", settings.film, f'view "{settings.view}"'),
+        ("drop height", _show(settings.height), "from session.toml"),
+        ("wavelength", "not known" if settings.wavelength is None else _show(settings.wavelength),
+         "from session.toml"),
+    ]  # fmt: skip
+    if impacts is not None and impacts.sizes["impact"]:
+        rows.append(("largest contact radius, film", value_with_uncertainty(
+            float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0]), "m"),
+            "first impact; the scale's uncertainty included"))  # fmt: skip
+    if model is not None and model.sizes["impact"]:
+        rows.append(("largest contact radius, model", value_with_uncertainty(
+            float(model["peak_contact_radius"][0]), float(model["u_peak_contact_radius"][0]),
+            "m"), "first impact; from height, radius and mass"))  # fmt: skip
+    if comparison is not None and comparison.sizes["impact"]:
+        rows.append(("nRMSE of the radius", f"{float(comparison['nrmse'][0]) * 100:.2f} %",
+                     "first impact, over its largest radius"))  # fmt: skip
+    if impacts is not None and np.isfinite(float(impacts["static_radius"])):
+        rows.append(
+            (
+                "contact radius at rest, film",
+                value_with_uncertainty(
+                    float(impacts["static_radius"]), float(impacts["u_static_radius"]), "m"
+                ),
+                "",
+            )
+        )
+        if model is not None:
+            soft, stiff = (float(model[f"static_radius_{n}"]) for n in ("relaxed", "unrelaxed"))
+            rows.append(("Hertz radius at rest",
+                         f"{value_with_uncertainty(soft, 0.0, 'm')} relaxed, "
+                         f"{value_with_uncertainty(stiff, 0.0, 'm')} unrelaxed", ""))  # fmt: skip
+    blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
+    if settings.wavelength is None:
+        blocks.append(Notice("warning", "The wavelength is not known: only the edge of the dark "
+                             "spot was measured, not the fringes; the radius is uncertain by "
+                             "several micrometres."))  # fmt: skip
+    if radius is not None:
+        methods = radius["method"].values[radius["in_contact"].values.astype(bool)]
+        names, counts = np.unique(methods.astype(str), return_counts=True)
+        text = ", ".join(f"{n} frames by {name}" for name, n in zip(names, counts, strict=True))
+        if text:
+            blocks.append(Notice("info", f"Method: {text}."))
+    return Section("Summary", tuple(blocks))
+
+
+def _key_frames(keys: xr.Dataset) -> Section:
+    pictures = [_picture(keys.isel(key=i)) for i in range(keys.sizes["key"])]
+    top = int(np.nanargmax(keys["circle_radius"].values)) if pictures else 0
+    gallery = Gallery(
+        "Key frames with the fitted circle", pictures, start=top,
+        caption="First frame, largest radius and last frame of each impact, and rest.",
+    )  # fmt: skip
+    return Section("Film", (gallery,))
+
+
+def _picture(key: xr.Dataset) -> Picture:
+    image = key["image"].values
+    factor = max(1, math.ceil(_SMALLEST_PICTURE / image.shape[1]))
+    canvas = enlarged(image, factor)
+    scale = factor / float(key["reduction"])
+    x, y, r = (float(key[n]) for n in ("circle_x", "circle_y", "circle_radius"))
+    if all(map(math.isfinite, (x, y, r))):
+        unit = 1 << _SUB_PIXEL
+        shift = scale / 2 - 0.5  # the centre of an enlarged or reduced pixel
+        centre = tuple(round((v * scale + shift) * unit) for v in (x, y))
+        cv2.circle(canvas, centre, round(r * scale * unit), _CIRCLE, 1, cv2.LINE_AA, _SUB_PIXEL)
+    frame, time = int(key["frame"]), float(key["key_time"]) * 1e3
+    return Picture(
+        png(canvas), f"frame {frame} with the fitted contact circle",
+        f"frame {frame}, {time:.2f} ms in the film, radius {r:.1f} px",
+    )  # fmt: skip
+
+
+def _calibration(radius: xr.Dataset) -> Section:
+    size = value_with_uncertainty(
+        float(radius["pixel_size"]), float(radius["u_pixel_size"]), "m/px"
+    )
+    blocks: list[Block] = [
+        pages.calibration_rows(radius.attrs["calibration"]),
+        KeyValues([("length of one pixel", size, "in the plane of the disc")]),
+        *pages.budget_table(
+            json.loads(radius.attrs["scale_budget"]), "Budget of the image scale"
+        ),
+    ]  # fmt: skip
+    return Section("Calibration and its uncertainty", tuple(blocks))
+
+
+def _over_time(
+    radius: xr.Dataset,
+    impacts: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+) -> Section:
+    time = radius["time"].values * 1e3
+    seen = radius["in_contact"].values.astype(bool)
+    shown = np.where(seen, radius["radius"].values, 0.0) * 1e3
+    views: tuple[tuple[str, float, float], ...] = ()
+    if impacts is not None:
+        peaks = impacts["peak_time"].values * 1e3
+        views = tuple(
+            (f"impact {i + 1}", float(p - _VIEW), float(p + _VIEW)) for i, p in enumerate(peaks)
+        )
+    curves = [Series("film", time, shown, role="measured", style="points")]
+    if model is not None and impacts is not None and impacts.sizes["impact"]:
+        start = float(impacts["peak_time"][0])
+        if comparison is not None and comparison.sizes["impact"]:
+            start -= float(comparison["model_peak_time"][0])
+        when = (model["time"].values + start) * 1e3
+        inside = (when >= time[0]) & (when <= time[-1])
+        curves.append(
+            Series(
+                "model, aligned at the first impact",
+                when[inside],
+                model["contact_radius"].values[inside] * 1e3,
+                role="model",
+            )
+        )
+    charts: list[Block] = [
+        LineChart("Contact radius", "time in the film / ms", "contact radius / mm", tuple(curves),
+                  group="film", views=views,
+                  caption="Frames that were not read show no point; frames without contact, 0.")
+    ]  # fmt: skip
+    if comparison is not None:
+        charts += [_around(comparison, i) for i in range(comparison.sizes["impact"])]
+    return Section("Contact radius over time", tuple(charts))
+
+
+def _around(comparison: xr.Dataset, i: int) -> LineChart:
+    mine = comparison["impact_number"].values == i + 1
+    since = comparison["since_peak"].values[mine] * 1e3
+    return LineChart(
+        f"Impact {i + 1} around its largest radius", "time since the largest radius / ms",
+        "contact radius / mm",
+        (
+            Series("film", since, comparison["film"].values[mine] * 1e3, role="measured",
+                   style="points"),
+            Series("model", since, comparison["model"].values[mine] * 1e3, role="model"),
+        ),
+        height_px=260,
+    )  # fmt: skip
+
+
+def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None) -> Section:
+    columns = [
+        Column("impact"), Column("t_p in the film", unit="s"),
+        Column("largest radius, film", unit="m", u=3), Column("u"),
+    ]  # fmt: skip
+    if comparison is not None:
+        columns += [Column("model", unit="m"), Column("film − model", unit="m", u=6), Column("u"),
+                    Column("nRMSE")]  # fmt: skip
+    rows: list[list[float | int | str | bool | None]] = []
+    for i in range(impacts.sizes["impact"]):
+        row: list[float | int | str | bool | None] = [i + 1]
+        row += [float(impacts[n][i]) for n in ("peak_time", "peak_radius", "u_peak_radius")]
+        if comparison is not None:
+            names = ("peak_radius_model", "peak_radius_difference", "u_peak_radius_difference",
+                     "nrmse")  # fmt: skip
+            has = i < comparison.sizes["impact"]
+            row += [float(comparison[n][i]) if has else None for n in names]
+        rows.append(row)
+    text = "Impacts are counted from their largest radius (t_p = 0), as the alignment is."
+    return Section("Impacts", (Paragraph(text), Table(tuple(columns), rows)))
+
+
+def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> str:
+    how = (
+        "by fitting the interference phase of Hertz's gap to the first fringes "
+        f"(wavelength {_show(settings.wavelength)})"
+        if settings.wavelength is not None
+        else "from the edge of the dark spot, as the wavelength is not known"
+    )
+    text = (
+        f"The contact radius of a sphere of radius {_show(settings.sphere.radius)} was measured in "
+        f"{radius.sizes['frame']} frames {how}, with the exposure's smear modelled. "
+    )
+    if impacts.sizes["impact"]:
+        a, u = float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])
+        text += (
+            f"The largest radius of the first impact was {value_with_uncertainty(a, u, 'm')} "
+            "(standard uncertainty)."
+        )
+    return text

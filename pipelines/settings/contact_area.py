@@ -1,0 +1,29 @@
+"""Settings of a contact area: a film through the transparent disc, lit by one wavelength."""
+
+from datetime import date
+from typing import Annotated, Literal
+
+from labpipe.workflow.config import POSITIVE, File, Length, Time
+from pipelines.settings.common import DropModel, Plate, Sphere, Table
+
+
+class ContactArea(Table, frozen=True, kw_only=True):
+    """A film of the contact between sphere and disc during one drop.
+
+    ``camera`` is the calibration record of the film's ``view``. ``wavelength`` is that of the
+    light; without it (white light) only the edge of the dark spot can be measured, which is
+    several micrometres worse. ``exposure`` replaces that in the film's file. ``measured_on`` is
+    the day of the film, for the validity of the record.
+    """
+
+    kind: Literal["contact_area"]
+    film: File
+    camera: File
+    view: str = "under"
+    height: Annotated[Length, POSITIVE]
+    sphere: Sphere
+    wavelength: Annotated[Length, POSITIVE] | None = None
+    exposure: Annotated[Time, POSITIVE] | None = None
+    measured_on: date | None = None
+    model: DropModel = DropModel()
+    plate: Plate | None = None
