@@ -10,6 +10,7 @@ import msgspec
 
 from labpipe.workflow.graph import Stage
 from pipelines.settings.ball_drop import BallDrop
+from pipelines.settings.contact_area import ContactArea
 from pipelines.settings.dic_validation import DicValidation
 from pipelines.settings.dma import Dma
 from pipelines.settings.harmonic import Harmonic
@@ -168,6 +169,42 @@ DIC_VALIDATION = (
     ),
 )  # fmt: skip
 
+CONTACT_AREA = (
+    Stage(
+        "radius", "pipelines.experiments.contact_area:radius", 1, ("file:film", "file:camera"),
+        ("view", "measured_on", "sphere.radius", "wavelength", "exposure"),
+        shortcuts=True,
+        summary="fit the fringes around the contact",
+    ),
+    Stage(
+        "impacts", "pipelines.experiments.contact_area:impacts", 1, ("radius",),
+        summary="find the largest radius of each impact, and that at rest",
+    ),
+    Stage(
+        "model", "pipelines.experiments.contact_area:model", 1,
+        ("radius", "impacts", "file:sphere.material_file",
+         "other:sphere.material_from/master_curve"),
+        ("height", "sphere", "model", "plate"), schema="drop",
+        summary="simulate the drop",
+    ),
+    Stage(
+        "comparison", "pipelines.experiments.contact_area:comparison", 1,
+        ("radius", "impacts", "model"),
+        summary="measurement against model",
+    ),
+    Stage(
+        "keys", "pipelines.experiments.contact_area:keys", 1,
+        ("file:film", "radius", "impacts"),
+        summary="copy key frames for the page",
+    ),
+    Stage(
+        "report", "pipelines.experiments.contact_area_page:page", 1,
+        ("radius", "impacts", "model", "comparison", "keys"), ("*",),
+        output="page", context=True,
+        summary="write the page",
+    ),
+)  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True)
 class Kind:
@@ -181,6 +218,7 @@ class Kind:
 KINDS: dict[str, Kind] = {
     "dma": Kind(Dma, DMA, "sweeps of a rheometer to a master curve and its material"),
     "ball_drop": Kind(BallDrop, BALL_DROP, "drops of a sphere, seen by the laser"),
+    "contact_area": Kind(ContactArea, CONTACT_AREA, "a film of the contact through the disc"),
     "dic_validation": Kind(
         DicValidation, DIC_VALIDATION, "a film of the holder against the laser of other drops"
     ),
