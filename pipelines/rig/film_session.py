@@ -1,0 +1,177 @@
+"""A synthetic session with films: the front view beside the laser, and the view under the disc."""
+
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe import materials
+from labpipe.materials import Prony
+from pipelines.rig import film_front, film_under
+from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.film_front import FrontCamera, write_front_film, write_truth
+from pipelines.rig.film_under import Body, UnderCamera, write_under_film
+from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
+
+Array = NDArray[np.float64]
+
+FRONT_HEIGHT, UNDER_HEIGHT = 7e-3, 1.5e-3  # m
+_BURST = 1e-4  # s between frames around an impact, as at 10,000 frames a second
+_SLOW = 4e-3  # s between the other frames of the small film
+_BEFORE, _AFTER = 0.5e-3, 1.7e-3  # s around a touch filmed in a burst
+_REST = 0.3  # s after the third impact at which the small film shows rest
+_REST_FRAMES = 12
+_IMPACTS = 3
+_FULL_FRAMES = 9367  # as the thesis's films
+
+
+def front_record(width: str = "386 ± 1.5 px") -> str:
+    """Return the calibration record of the front view (appendix D of the thesis)."""
+    return _record("front", "30.00 ± 0.02 mm", width, "distance of the holder's edges")
+
+
+def under_record(width: str = "461 ± 1 px") -> str:
+    """Return the calibration record of the view under the disc (appendix D of the thesis)."""
+    return _record("under", "1.0000 ± 0.0005 mm", width, "graduations of a glass ruler")
+
+
+def _record(view: str, length: str, pixels: str, how: str) -> str:
+    return f"""# SYNTHETIC: made by labpipe's virtual rig, not measured.
+version = 1
+kind = "camera"
+id = "camera-{view}-2024-05"
+instrument = "labpipe virtual camera"
+view = "{view}"
+valid_from = 2024-05-01
+valid_until = 2025-04-30
+who = "the virtual rig"
+when = 2024-05-02
+how = "{how} (synthetic)"
+
+[values]
+reference_length = "{length}"
+pixel_length = "{pixels}"
+"""
+
+
+def write_front(folder: Path, material: str, height: float, camera: FrontCamera, seed: int) -> str:
+    """Film a drop from the front; returns the film's name in the session."""
+    solid = materials.load(material)
+    motion = trajectory(solid, height, camera.duration - camera.release + 1e-3)
+    name = f"film/{material}_front.cine"
+    truth = write_front_film(folder / name, motion, height, camera, seed)
+    write_truth(folder / f"truth/{material}_front.json", truth)
+    return name
+
+
+def trajectory(solid: Prony, height: float, duration: float) -> Trajectory:
+    """Motion of the rig's sphere on its floor."""
+    rig = DropRig()
+    return reference_drop(
+        solid.E_relaxed, np.asarray(solid.E), np.asarray(solid.rho), float(solid.nu),
+        radius=rig.radius, mass=rig.mass, height=height, duration=duration, floor=rig.floor,
+    )  # fmt: skip
+
+
+def write_under(
+    folder: Path, material: str, height: float, camera: UnderCamera, time: Array, seed: int
+) -> str:
+    """Film a drop through a rigid disc; returns the film's name in the session."""
+    body = Body(materials.load(material), height, floor=Floor())
+    name = f"film/{material}_under.cine"
+    truth = write_under_film(folder / name, body, camera, time, seed)
+    write_truth(folder / f"truth/{material}_under.json", truth)
+    return name
+
+
+def burst_times(material: str, height: float, release: float, rest: float = _REST) -> Array:
+    """Choose the times of a small film: bursts around the first impacts, few frames else, and rest.
+
+    Real cameras record so too (image-based triggering, or a film cut to the impacts).
+    """
+    solid = materials.load(material)
+    rig = DropRig()
+    longest = 1.2 * _IMPACTS * np.sqrt(8 * height / 9.81)  # each flight is shorter than the first
+    motion = reference_drop(
+        solid.E_relaxed, np.asarray(solid.E), np.asarray(solid.rho), float(solid.nu),
+        radius=rig.radius, mass=rig.mass, height=height, duration=float(longest), floor=Floor(),
+    )  # fmt: skip
+    touches = release + motion.touch[:_IMPACTS]
+    pieces = [np.arange(t - _BEFORE, t + _AFTER, _BURST) for t in touches]
+    slow = np.arange(0.0, touches[-1], _SLOW)
+    apart = np.min(np.abs(slow[:, None] - touches[None, :]), axis=1) > _AFTER
+    last = touches[-1] + rest + _SLOW * np.arange(_REST_FRAMES)
+    times = np.unique(np.concatenate([*pieces, slow[apart], last]).round(7))
+    return np.asarray(times)
+
+
+def write_films(folder: Path, start: datetime, *, full_size: bool = False) -> tuple[list[str], str]:
+    """Write both films and the laser's drops; returns experiment names and their sections.
+
+    Parameters
+    ----------
+    folder : Path
+        The session folder.
+    start : datetime
+        Clock time of the first drop of the laser.
+    full_size : bool
+        1280 × 480 px and 9,367 frames (5.8 GB each) instead of a few megabytes.
+    """
+    laser = write_drops(
+        folder, "ptfe_7mm", DropRig(), materials.load("ptfe"), FRONT_HEIGHT, 3, 4711, start
+    )
+    front = film_front.FULL_SIZE if full_size else FrontCamera(rows=144, columns=64, duration=0.125)
+    under = film_under.FULL_SIZE if full_size else UnderCamera()
+    if full_size:
+        times: Array = np.arange(_FULL_FRAMES) * _BURST
+        under = replace(under, release=5e-3)
+    else:
+        times = burst_times("acrylic", UNDER_HEIGHT, under.release)
+    front_film = write_front(folder, "ptfe", FRONT_HEIGHT, front, 31)
+    under_film = write_under(folder, "acrylic", UNDER_HEIGHT, under, times, 37)
+    sections = _front_section(front_film, front) + _under_section(under_film)
+    return laser, sections
+
+
+def _front_section(film: str, camera: FrontCamera) -> str:
+    row = 0.15 * camera.rows if camera.rows < 200 else 0.3 * camera.rows
+    subset = 2 * int(min(row - 3, 100)) + 1
+    middle = 0.5 * (camera.columns - 1)
+    small = 31 if camera.rows > 200 else 21
+    left, right = small, camera.columns - 1 - small
+    return f"""
+[experiments.ptfe_film]
+kind = "dic_validation"
+film = "{film}"
+camera = "calibration/camera_front.toml"
+view = "front"
+laser_experiment = "ptfe_7mm"
+measured_on = 2024-05-14
+
+[experiments.ptfe_film.tracking]
+body = [{middle}, {row:.1f}]  # px in the first image, on the holder
+body_subset = {subset}
+line = [[{left}, {row:.1f}], [{right}, {row:.1f}]]
+points = {50 if camera.rows > 200 else 6}
+subset = {small}
+"""
+
+
+def _under_section(film: str) -> str:
+    return f"""
+[experiments.acrylic_film]
+kind = "contact_area"
+film = "{film}"
+camera = "calibration/camera_under.toml"
+view = "under"
+height = "{UNDER_HEIGHT * 1e3:g} ± 0.005 mm"
+wavelength = "633 nm"
+measured_on = 2024-05-14
+
+[experiments.acrylic_film.sphere]
+radius = "9.525 ± 0.005 mm"
+mass = "505.0 ± 0.5 g"
+material = "acrylic"
+"""
