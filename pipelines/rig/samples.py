@@ -14,6 +14,7 @@ from labpipe.errors import UsageError
 from labpipe.workflow.session import VERSION
 from pipelines.rig.dma import SOLIDS, Protocol, Solid, write_dma
 from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.film_session import FRONT_HEIGHT, front_record, under_record, write_films
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
 
@@ -212,8 +213,24 @@ def _dma(folder: Path, full_size: bool) -> list[str]:
     return names
 
 
+def _films(folder: Path, full_size: bool) -> list[str]:
+    laser, sections = write_films(folder, _START, full_size=full_size)
+    sections = drop_section("ptfe_7mm", laser, FRONT_HEIGHT, "ptfe") + sections
+    records = {
+        "laser": laser_record(),
+        "camera_front": front_record(),
+        "camera_under": under_record(),
+    }
+    for name, text in records.items():
+        files.write_text(folder / f"calibration/{name}.toml", text)
+    title = "Films of PTFE and acrylic (synthetic)"
+    files.write_text(folder / "session.toml", session_head(title) + sections)
+    return ["ptfe_7mm", "ptfe_film", "acrylic_film"]
+
+
 SAMPLES: dict[str, Sample] = {
     "dma": Sample("rheometer sweeps of five materials over temperature", _dma),
     "demo": Sample("three drops of acrylic, one short harmonic indentation", _demo),
+    "films": Sample("PTFE by laser and front camera; acrylic filmed through the disc", _films),
     "core": Sample("acrylic from four heights, five repeats; one harmonic indentation", _core),
 }
