@@ -85,7 +85,16 @@ FIGURES: tuple[Figure, ...] = (
     Figure("1.9", "Standard linear solid", _c1("standard_linear_solid")),
     Figure("2.1", "Dynamic mechanical analyser", reason=_PHOTOGRAPH),
     Figure("2.2", "Indentation set-up", reason=_PHOTOGRAPH),
+    Figure("2.6", "Dissipated work and the tapping front", f"{_HOME}.chapter2:dissipation_map",
+           materials=("nbr",)),
+    Figure("2.7", "Pressure and surface of a large oscillation", f"{_HOME}.chapter2:tapping_cycle",
+           materials=("nbr",)),
     Figure("3.1", "Ball-drop set-up", reason=_PHOTOGRAPH),
     Figure("3.2", "Heated sphere and its thermal image", reason=_PHOTOGRAPH),
+    Figure("3.3", "Reduced gap and quantities of an impact", f"{_HOME}.chapter3:reduced_gap",
+           materials=("acrylic",)),
+    Figure("A.1", "Collision model of appendix A", f"{_HOME}.appendix:collision_model",
+           Need("ball_drop", ("repeats",), "acrylic", is_optional=True)),
     Figure("B.1a", "Laser on the plate", reason=_PHOTOGRAPH),
-)
+    Figure("table-D.1", "Pixel sizes of both cameras", f"{_HOME}.appendix:camera_table"),
+)  # fmt: skip

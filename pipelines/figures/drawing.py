@@ -72,7 +72,7 @@ def panels(
     width: Literal[1, 2] = 1,
     aspect: float = 0.68,
     **options: Any,
-) -> Iterator[tuple[Figure, "NDArray[np.object_]"]]:
+) -> Iterator[tuple[Figure, Any]]:
     """Open a figure of journal width with its panels, in one style.
 
     Parameters

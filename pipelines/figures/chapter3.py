@@ -1,0 +1,102 @@
+"""Figures of chapter 3 that are computed: the reduced gap and the quantities of an impact."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.patches import Circle, Rectangle
+
+from labpipe import contact, materials
+from labpipe.report import line_arguments
+from pipelines.figures.drawing import Caption, Drawing, letter, panels
+
+SPHERE_RADIUS, MASS, GRAVITY = 9.525e-3, 0.505, 9.81
+HEIGHTS = (1.5e-3, 5e-3, 7e-3, 10e-3)
+
+_SHOWN_IMPACTS = 3
+
+
+def reduced_gap() -> Drawing:
+    """Figure 3.3: reduced gap and contact radius of a drop, and what its symbols mean."""
+    solid, height = materials.load("acrylic"), HEIGHTS[0]
+    made = contact.drop(solid, SPHERE_RADIUS, MASS, height, 0.35)
+    first = float(made["impact_time"][0])
+    t = (made["time"].values - first) * 1e3
+    rest = _static_radius(MASS)
+    with panels(2, 2, width=2, aspect=0.52, width_ratios=(2.0, 1.0)) as (figure, axes):
+        gap, radius, sketch, near = axes[0, 0], axes[1, 0], axes[0, 1], axes[1, 1]
+        gap.plot(t, made["displacement"].values * 1e3, **line_arguments("measured"))
+        gap.axhline(0.0, **line_arguments("reference"))
+        gap.set(ylabel="reduced gap $g_r$ (mm)", xlabel="time since first contact $t_c$ (ms)")
+        letter(gap, "a", f"$h_0$ = {height * 1e3:g} mm")
+        radius.plot(t, made["contact_radius"].values * 1e6, **line_arguments("measured"))
+        radius.axhline(rest * 1e6, label="Hertz at rest", **line_arguments("reference"))
+        radius.set(ylabel="contact radius $a$ (µm)", xlabel=gap.get_xlabel(), ylim=(0, 950))
+        radius.legend(loc="upper right")
+        peaks = _near_peaks(near, made)
+        for number in range(_SHOWN_IMPACTS):
+            start = (float(made["impact_time"][number]) - first) * 1e3
+            radius.annotate("I" * (number + 1), (start, peaks[number] * 1e6), (-2, 2),
+                            textcoords="offset points", ha="right", fontsize=7)  # fmt: skip
+        _sketch(sketch)
+        letter(sketch, "b")
+    return Drawing(
+        Caption(
+            "(a) Reduced gap at the centre and contact radius of an acrylic sphere dropped from "
+            "1.5 mm; I, II, III are the impacts that are analysed, each shown over t_p = 0 at its "
+            "largest contact radius (below right). (b) The quantities: drop height h_0, centre O, "
+            "contact radius a.",
+            computed=(
+                "drop simulation with the library's acrylic, R = 9.525 mm, 505 g; drawn is the "
+                "height of the sphere's underside without its deformation (z_O - R), to which the "
+                "remaining dent in flight would add less than a line width. Dotted: Hertz radius "
+                f"under the weight with E = 3.2 GPa, nu = 0.35: {rest * 1e6:.0f} µm."
+            ),
+            difference="the printed figure is a sketch without numbers.",
+        ),
+        figure,
+    )
+
+
+def _static_radius(mass: float) -> float:
+    modulus = 3.2e9 / (1 - 0.35**2)
+    return float(np.cbrt(0.75 * mass * GRAVITY * SPHERE_RADIUS / modulus))
+
+
+def _near_peaks(axes: Any, made: Any) -> list[float]:
+    """Draw the contact radius of the first impacts over the time from its largest value."""
+    time, radius = made["time"].values, made["contact_radius"].values
+    found = []
+    for number in range(_SHOWN_IMPACTS):
+        start = float(made["impact_time"][number])
+        inside = (time >= start) & (time <= float(made["lift_off_time"][number]))
+        peak = time[inside][np.argmax(radius[inside])]
+        found.append(float(radius[inside].max()))
+        axes.plot(
+            (time[inside] - peak) * 1e3, radius[inside] * 1e6, label="I" * (number + 1),
+            **line_arguments("measured", count=number)
+            | {"linestyle": ("-", (0, (5, 2)), (0, (1.5, 1.5)))[number]},
+        )  # fmt: skip
+    axes.set(xlabel="time from largest radius $t_p$ (ms)", ylabel="contact radius $a$ (µm)")
+    axes.set_ylim(0, 1150)
+    axes.legend(loc="upper center", ncols=_SHOWN_IMPACTS)
+    return found
+
+
+def _sketch(axes: Any) -> None:
+    """Draw the sphere before, in and after contact; not to scale."""
+    axes.set(xlim=(-0.2, 8.2), ylim=(-0.9, 4.4), aspect="equal")
+    axes.axis("off")
+    axes.add_patch(Rectangle((-0.2, -0.6), 8.4, 0.6, facecolor="#d5d5d5", edgecolor="none"))
+    places = ((1.0, 1.9, "falling"), (4.0, 0.8, "contact"), (7.0, 1.5, "rebound"))
+    for x, height, word in places:
+        sphere = Circle((x, height), 1.0, facecolor="#cfe3f1", edgecolor="#0066a6", linewidth=1.0)
+        axes.add_patch(sphere)
+        sphere.set_clip_path(Rectangle((-0.2, 0.0), 8.4, 9.0, transform=axes.transData))
+        axes.plot([x], [height], ".", color="black", markersize=3)
+        axes.text(x, 3.6, word, ha="center", fontsize=7)
+    axes.text(1.15, 1.95, "$O$", fontsize=7)
+    arrow = {"arrowstyle": "<->", "linewidth": 0.7, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", (1.0, 0.9), (1.0, 0.0), arrowprops=arrow)
+    axes.text(1.15, 0.25, "$h_0$", fontsize=7)
+    axes.annotate("", (3.4, -0.15), (4.6, -0.15), arrowprops=arrow)
+    axes.text(4.0, -0.78, "$2a$", fontsize=7, ha="center")
