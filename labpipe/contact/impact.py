@@ -59,7 +59,7 @@ _SLOWEST_BOUNCE = 0.03
 _REST_RANGE = (1e-5, 1e-3)
 # Steps of one contact at a step tolerance: 1.7 tolerance^(-1/3), measured.
 _STEPS_PER_CONTACT = 1.7
-_PROGRESS_EVERY = 256
+_PROGRESS_EVERY = 0.01
 # A run that mislays more than this times rtol of the drop's energy (usual are 0.4 for one impact
 # and 0.8 for a long train) is repeated once with rtol divided by the refinement, down to the limit.
 _ENERGY_LIMIT, _REFINEMENT, _FINEST = 5.0, 10.0, 1e-6
@@ -98,6 +98,7 @@ class Effort:
     rtol: float
     ring_width: float | None
     fold: bool
+    compiled: bool
     max_steps: int
 
 
@@ -144,6 +145,7 @@ def drop(
     ring_width: float | None = None,
     time_step: float | None = None,
     fold: bool = True,
+    compiled: bool = True,
     max_steps: int = 1_000_000,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
@@ -182,6 +184,8 @@ def drop(
     fold : bool
         Fold terms far below the contact's time scale into one, and freeze those far above
         ``duration``, where this costs less than a hundredth of ``rtol``.
+    compiled : bool
+        Take the steps in compiled code (numba); False takes them in numpy, to the same answer.
     max_steps : int
         Refuse rather than take more steps.
     progress : callable, optional
@@ -249,7 +253,7 @@ def drop(
             observe=observe,
         )
         return thesis_dataset(thesis, setting, wanted, perf_counter() - started)
-    effort = Effort(rtol, ring_width, fold, max_steps)
+    effort = Effort(rtol, ring_width, fold, compiled, max_steps)
     run, mislaid = _refined(setting, creep, effort, observe)
     rigid = None if plate is None else _rigid_restitution(setting, creep, effort)
     result = dataset(run, setting, wanted, rigid, perf_counter() - started)
@@ -325,16 +329,17 @@ def _checked_times(times: ArrayLike, duration: float) -> Array:
 
 @dataclass(slots=True)
 class _Throttle:
-    """Hand on the progress once in so many steps."""
+    """Hand on the progress whenever another part of the duration is done."""
 
     progress: Callable[[float], None]
     setting: Setting
-    count: int = 0
+    told: float = 0.0
 
     def __call__(self, time: float) -> None:
-        self.count += 1
-        if self.count % _PROGRESS_EVERY == 0:
-            self.progress(min((self.setting.fall_time + time) / self.setting.duration, 1.0))
+        done = min((self.setting.fall_time + time) / self.setting.duration, 1.0)
+        if done >= self.told + _PROGRESS_EVERY:
+            self.told = done
+            self.progress(done)
 
 
 def _ends_in_a_step(creep: Creep, expected: Scales, duration: float) -> bool:
@@ -390,6 +395,7 @@ def _stepper(
         largest_radius=setting.radius,
         expected_radius=_MARGIN * expected.radius,
         max_steps=effort.max_steps,
+        is_compiled=effort.compiled,
         observe=observe,
     )
 

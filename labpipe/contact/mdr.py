@@ -22,6 +22,7 @@ from typing import Literal
 
 import numpy as np
 
+from labpipe.contact.bounce import PlainSprings
 from labpipe.contact.memory import Array
 from labpipe.errors import InputError
 
@@ -110,6 +111,11 @@ class LineSprings:
     def covering(self, radius: float) -> int:
         """Return how many springs reach out to a radius [m] (at least two)."""
         return max(2, int(np.searchsorted(self.position, radius)) + 1)
+
+    def plain(self, count: int) -> PlainSprings:
+        """Return the inner springs as plain arrays."""
+        inner, total = np.array(self._inner[:count]), np.array(self._totals[: count + 1])
+        return PlainSprings(inner, total, True, 0.0)
 
     def extended(self, radius: float) -> "LineSprings":
         """Return the same springs and further ones out to a radius [m]."""

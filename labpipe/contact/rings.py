@@ -25,6 +25,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import ellipe, ellipk
 
+from labpipe.contact.bounce import PlainSprings
 from labpipe.contact.mdr import Profile
 from labpipe.contact.memory import Array
 from labpipe.errors import InputError
@@ -181,6 +182,11 @@ class RingSprings:
     def covering(self, radius: float) -> int:
         """Return how many springs reach out to a radius [m] (at least two)."""
         return max(2, ceil(radius / self.width) + 1)
+
+    def plain(self, count: int) -> PlainSprings:
+        """Return the inner springs as plain arrays."""
+        total = np.array(self._totals[: count + 1])
+        return PlainSprings(self.weight[:count], total, False, _EDGE_BIAS * self.width)
 
     def extended(self, radius: float) -> "RingSprings":
         """Return the same springs and further ones out to a radius [m]."""

@@ -1,0 +1,363 @@
+"""The plain steps of :mod:`labpipe.contact.bounce`, compiled: many of them without Python between.
+
+A step here is, line by line, what ``Stepper`` does with numpy, and the two are tested against each
+other. Whatever is not a plain step is handed back to numpy before anything has changed: lift-off,
+the end of time, a contact that outgrows its springs, a step off the ladder, a plate.
+"""
+
+from math import floor, log2, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from labpipe.contact.memory import Array
+
+# Why the loop came back.
+HAND_OVER, BUFFER_FULL, RESTING = range(3)
+# Places in the vector of the state.
+TIME, POSITION, VELOCITY, ACCELERATION, APPROACH, FORCE, WORK = range(7)
+BEFORE, DT_BEFORE, DT, LENIENCY = range(7, 11)
+REST_START, SLOWEST, FASTEST, LARGEST = range(11, 15)
+N_STATE = 15
+# Places in the vector of counts.
+STEPS, REJECTED, NEWTON, PRODUCTS = range(4)
+# Columns of the buffer of records: those of ``Record`` up to the work.
+N_RECORD = 8
+
+
+class Ladder(NamedTuple):
+    """Weights of every step length on the ladder, by rung (rung,) or (rung, element)."""
+
+    lowest: int
+    decay: Array
+    dwell: Array
+    old: Array
+    new: Array
+    scalars: Array
+
+
+class Line(NamedTuple):
+    """The springs of a contact as plain arrays (spring,)."""
+
+    gap: Array
+    weight: Array
+    position: Array
+    inner: Array
+    total: Array
+    is_cut: bool
+    edge_bias: float
+
+
+class Rules(NamedTuple):
+    """Numbers that stay the same during a contact."""
+
+    mass: float
+    gravity: float
+    instantaneous: float
+    until: float
+    base: float
+    rungs: float
+    longest: float
+    allowed: float
+    late_leniency: float
+    lenient_from: float
+    growth: float
+    shrink: float
+    safety: float
+    newton_limit: int
+    newton_tolerance: float
+    rest_tolerance: float
+    rest_period: float
+    rest_speed: float
+
+
+@njit(cache=True)
+def _edge(line: Line, last: int, approach: float, reach: Array) -> float:
+    start = reach[last]
+    fraction = (approach - start) / (reach[last + 1] - start)
+    inner, outer = line.position[last] ** 2, line.position[last + 1] ** 2
+    return sqrt(inner + fraction * (outer - inner))
+
+
+@njit(cache=True)
+def _force(line: Line, approach: float, reach: Array, moments: Array) -> tuple[float, float]:
+    """Force and slope times the compliance; the approach lies below the last reach."""
+    count = int(np.searchsorted(reach, approach))
+    if count == 0:
+        return 0.0, 0.0
+    if not line.is_cut:
+        return approach * line.total[count] - moments[count], line.total[count]
+    last = count - 1
+    excess = approach - reach[last]
+    x = line.position[last]
+    edge = x if count == reach.size else _edge(line, last, approach, reach)
+    partial = 0.0
+    if edge + x > 0.0:
+        partial = 2.0 * (edge - x) * (2.0 * edge + x) / (3.0 * (edge + x))
+    inside = approach * line.total[last] - moments[last]
+    return inside + excess * (line.inner[last] + partial), 2.0 * edge
+
+
+@njit(cache=True)
+def _radius(line: Line, approach: float, reach: Array) -> float:
+    count = int(np.searchsorted(reach, approach))
+    if count == 0:
+        return 0.0
+    between = _edge(line, count - 1, approach, reach)
+    if not line.is_cut:
+        return max(between - line.edge_bias, 0.0)
+    if count + 1 >= reach.size:
+        return between
+    square, beyond = line.position[count] ** 2, line.position[count + 1] ** 2
+    slope = (reach[count + 1] - reach[count]) / (beyond - square)
+    return sqrt(max(square - (reach[count] - approach) / slope, between**2))
+
+
+@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
+def _look_ahead(
+    ladder: Ladder, rung: int, line: Line, block: Array, load: Array, reach: Array, moments: Array
+) -> None:
+    """Fill the approach that would leave each spring unloaded, and its running moment."""
+    n = load.size
+    old_total = ladder.scalars[rung, 2]
+    for j in range(n):
+        reach[j] = line.gap[j] + old_total * load[j]
+    for k in range(block.shape[0]):
+        kept = ladder.decay[rung, k]
+        for j in range(n):
+            reach[j] += kept * block[k, j]
+    for j in range(n):
+        moments[j + 1] = moments[j] + line.weight[j] * reach[j]
+
+
+@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
+def _remember(
+    ladder: Ladder, rung: int, line: Line, block: Array, load: Array, new: Array, inverse: Array
+) -> tuple[float, float]:
+    """Update the memory; return its weighted dwell on the change of load, and its energy."""
+    dwelt, held = 0.0, 0.0
+    n = load.size
+    for k in range(block.shape[0]):
+        kept, dwell = ladder.decay[rung, k], ladder.dwell[rung, k]
+        early, late = ladder.old[rung, k], ladder.new[rung, k]
+        moved, squared = 0.0, 0.0
+        for j in range(n):
+            w = block[k, j]
+            moved += line.weight[j] * (new[j] - load[j]) * w
+            w = kept * w + early * load[j] + late * new[j]
+            block[k, j] = w
+            squared += line.weight[j] * w * w
+        dwelt += dwell * moved
+        held += inverse[k] * squared
+    return dwelt, held
+
+
+@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
+def _sums(line: Line, load: Array, new: Array, before: Array, after: Array) -> Array:
+    """Weighted sums over springs that the ledger needs."""
+    result = np.zeros(6)
+    for j in range(load.size):
+        weight = line.weight[j]
+        change = weight * (new[j] - load[j])
+        result[0] += weight * new[j] * after[j]
+        result[1] += weight * load[j] * before[j]
+        result[2] += change * before[j]
+        result[3] += change * load[j]
+        result[4] += change * new[j]
+        result[5] += weight * new[j] * new[j]
+    return result
+
+
+@njit(cache=True)
+def _is_resting(state: Array, rules: Rules) -> bool:
+    unbalanced = abs(state[FORCE] / (rules.mass * rules.gravity) - 1.0)
+    state[SLOWEST] = min(state[SLOWEST], state[VELOCITY])
+    state[FASTEST] = max(state[FASTEST], state[VELOCITY])
+    state[LARGEST] = max(state[LARGEST], unbalanced)
+    if state[TIME] - state[REST_START] < rules.rest_period:
+        return False
+    swing = 0.5 * (state[FASTEST] - state[SLOWEST]) / rules.rest_speed
+    resting = max(state[LARGEST], swing) < rules.rest_tolerance
+    state[REST_START], state[LARGEST] = state[TIME], unbalanced
+    state[SLOWEST] = state[FASTEST] = state[VELOCITY]
+    return resting
+
+
+@njit(cache=True)
+def _solve(
+    line: Line,
+    target: float,
+    answer: float,
+    compliance: float,
+    force: float,
+    reach: Array,
+    moments: Array,
+    rules: Rules,
+    counts: NDArray[np.int64],
+) -> tuple[float, float]:
+    """Newton for the approach; a convex, increasing equation. Returns approach and force."""
+    softness = answer / compliance
+    approach = target - answer * force
+    for _ in range(rules.newton_limit):
+        scaled, slope = _force(line, approach, reach, moments)
+        change = (approach - target + softness * scaled) / (1.0 + softness * slope)
+        approach -= change
+        counts[NEWTON] += 1
+        if abs(change) <= rules.newton_tolerance * abs(approach - reach[0]):
+            break
+    force = _force(line, approach, reach, moments)[0] / compliance
+    return target - answer * force, force
+
+
+@njit(cache=True)
+def _error(state: Array, rules: Rules, acceleration: float, dt: float) -> float:
+    """Error in velocity of a trial step over what is allowed."""
+    slope = (acceleration - state[ACCELERATION]) / dt
+    earlier = 0.0
+    if state[DT_BEFORE] > 0.0:
+        earlier = (state[ACCELERATION] - state[BEFORE]) / state[DT_BEFORE]
+    curvature = abs(slope - earlier) * 2.0 / (dt + state[DT_BEFORE])
+    return dt**3 * curvature / (12.0 * state[LENIENCY] * rules.allowed)
+
+
+@njit(cache=True)
+def _trial(
+    state: Array,
+    counts: NDArray[np.int64],
+    rules: Rules,
+    ladder: Ladder,
+    line: Line,
+    block: Array,
+    load: Array,
+    reach: Array,
+    moments: Array,
+) -> tuple[int, float, float, float]:
+    """Find a step within the tolerance: its rung, or -1 to hand over; approach, force, error."""
+    while True:
+        length = min(state[DT], rules.longest)
+        rung = floor(rules.rungs * log2(length / rules.base)) - ladder.lowest
+        if rung < 0 or rung >= ladder.decay.shape[0]:
+            return -1, 0.0, 0.0, 0.0
+        dt = ladder.scalars[rung, 0]
+        if dt >= rules.until - state[TIME]:
+            return -1, 0.0, 0.0, 0.0
+        quarter = 0.25 * dt * dt
+        target = state[POSITION] + dt * state[VELOCITY]
+        target += quarter * (state[ACCELERATION] + rules.gravity)
+        _look_ahead(ladder, rung, line, block, load, reach, moments)
+        counts[PRODUCTS] += 1
+        if target <= reach[0]:
+            return -1, 0.0, 0.0, 0.0
+        approach, force = _solve(
+            line,
+            target,
+            quarter / rules.mass,
+            ladder.scalars[rung, 1],
+            state[FORCE],
+            reach,
+            moments,
+            rules,
+            counts,
+        )
+        if force <= 0.0 or approach >= reach[load.size - 2]:
+            return -1, 0.0, 0.0, 0.0
+        error = _error(state, rules, rules.gravity - force / rules.mass, dt)
+        if error <= 1.0:
+            return rung, approach, force, error
+        counts[REJECTED] += 1
+        state[DT] = dt * max(rules.shrink, rules.safety * error ** (-1.0 / 3.0))
+
+
+@njit(cache=True)
+def _loads(
+    line: Line, approach: float, compliance: float, reach: Array, new: Array, after: Array
+) -> bool:
+    """Fill loads and displacements at the end of a step; false unless the inner ones carry."""
+    loaded = 0
+    for j in range(reach.size):
+        new[j] = max(approach - reach[j], 0.0) / compliance
+        loaded += new[j] > 0.0
+        after[j] = reach[j] - line.gap[j] + compliance * new[j]
+    return loaded == np.searchsorted(reach, approach)
+
+
+@njit(cache=True)
+def plain_steps(
+    state: Array,
+    counts: NDArray[np.int64],
+    rules: Rules,
+    ladder: Ladder,
+    line: Line,
+    block: Array,
+    load: Array,
+    displacement: Array,
+    inverse: Array,
+    records: Array,
+) -> tuple[int, int]:
+    """Step on as long as steps are plain.
+
+    Parameters
+    ----------
+    state, counts : array
+        Changed in place; see the places above.
+    rules, ladder, line
+        What does not change.
+    block : array (element, spring) [m]
+        Memory, changed in place.
+    load, displacement : array (spring,)
+        Of each spring at the last step, changed in place.
+    inverse : array (element,) [Pa]
+        Half of ``1/C``.
+    records : array (step, 8)
+        Filled with one row per step; its energy leaves out the springs beyond the block.
+
+    Returns
+    -------
+    (int, int)
+        Rows filled, and why it came back.
+    """
+    n = load.size
+    reach, new, after, moments = np.empty(n), np.empty(n), np.empty(n), np.zeros(n + 1)
+    for row in range(records.shape[0]):
+        rung, approach, force, error = _trial(
+            state, counts, rules, ladder, line, block, load, reach, moments
+        )
+        if rung < 0 or not _loads(line, approach, ladder.scalars[rung, 1], reach, new, after):
+            return row, HAND_OVER
+        dt, _, _, jump, early, late, jumped = ladder.scalars[rung]
+        acceleration = rules.gravity - force / rules.mass
+        state[BEFORE], state[DT_BEFORE] = state[ACCELERATION], dt
+        state[VELOCITY] += 0.5 * dt * (state[ACCELERATION] + acceleration)
+        state[ACCELERATION], state[FORCE] = acceleration, force
+        sums = _sums(line, load, new, displacement, after)
+        dwelt, held = _remember(ladder, rung, line, block, load, new, inverse)
+        integral = dwelt + early * sums[3] + late * sums[4]
+        work = sums[0] - sums[1] - (1.0 - jump) * integral / dt
+        state[WORK] += work - jump * sums[2] - jumped * (sums[4] - sums[3])
+        load[:] = new
+        displacement[:] = after
+        state[TIME] += dt
+        state[POSITION] = approach
+        state[APPROACH] = approach
+        counts[STEPS] += 1
+        records[row, :] = (
+            state[TIME],
+            approach,
+            state[VELOCITY],
+            approach,
+            force,
+            _radius(line, approach, reach),
+            held + 0.5 * rules.instantaneous * sums[5],
+            state[WORK],
+        )
+        factor = rules.growth
+        if error > 0.0:
+            factor = min(factor, rules.safety * error ** (-1.0 / 3.0))
+        state[DT] = dt * factor
+        if _is_resting(state, rules):
+            return row + 1, RESTING
+        if state[TIME] > rules.lenient_from:
+            state[LENIENCY] = rules.late_leniency
+    return records.shape[0], BUFFER_FULL
