@@ -210,10 +210,30 @@ mach1 = "{_quoted(names[0])}"
 """
 
 
+def _dma(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str | None:
+    del found
+    try:
+        readings = instruments.read(folder / names[0])
+    except LabpipeError:
+        return None  # the layout of a table window, or an export that is damaged
+    if not {"storage_modulus", "temperature", "frequency"} <= set(
+        getattr(readings, "data_vars", ())
+    ):
+        return None
+    return f"""[experiments.{name}]
+kind = "dma"
+rheometer = {_list(names)}
+mode = "{GAP}"  # tension, bending, shear or torsion; the file does not say it
+nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"
+# T_ref = "20 degC"  # of the master curve; by default the middle temperature\
+"""
+
+
 REPEATED = {"keyence"}
 """Instruments whose files come as repeats of one experiment; others hold one experiment each."""
 
 PROPOSALS: dict[str, Callable[[Path, str, list[str], dict[str, list[str]]], str | None]] = {
     "keyence": _ball_drop,
     "mach1": _harmonic,
+    "anton_paar": _dma,
 }

@@ -173,7 +173,7 @@ def _trusted(run: _Run, skip_first: bool) -> NDArray[np.bool_]:
         good &= part["is_clipped"].values == 0
     if "status" in part:
         tokens = [str(text).replace(" ", "").split(",") for text in part["status"].values]
-        good &= np.array([not any(t in _UNTRUSTED for t in row) for row in tokens])
+        good &= np.array([not any(t in _UNTRUSTED for t in row) for row in tokens], dtype=bool)
     good &= np.isfinite(part["storage_modulus"].values) & np.isfinite(part["loss_modulus"].values)
     if skip_first and good.size:
         good[0] = False
@@ -307,7 +307,7 @@ def _stored(made: MasterCurve, sweeps: xr.Dataset) -> xr.Dataset:
         result.attrs.pop(name, None)
         result[name] = ((), float(value), {"units": units, "long_name": text})
     curves = made.kramers_kronig.curves
-    for name in curves.data_vars:
+    for name in map(str, curves.data_vars):
         result[f"kk_{name}"] = (
             "kk_frequency", curves[name].values, dict(curves[name].attrs),
         )  # fmt: skip
@@ -352,6 +352,7 @@ def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Datase
     factor = modulus_factor(settings.mode, settings.nu.value)
     ramps = []
     for dataset in readings:
+        _check_columns(dataset)
         for rows in _tables(dataset):
             run = _Run(dataset, rows[_trusted(_Run(dataset, rows), False)])
             if run.rows.size and _is_ramp(run):

@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 TOLERANCE = 0.01
 """Largest root-mean-square relative error of the reduced series in both moduli."""
 _POINTS_PER_DECADE = 10
+_HOLDS = 4.0  # chi-square per degree of freedom: twice the stated uncertainty on the whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +85,21 @@ def _fitted(omega: Array, target: tuple[Array, Array], times: Array) -> tuple[fl
     return float(found[0] * scale[0]), found[1:] * scale[1:], error
 
 
+def holds(law: dict[str, Any]) -> bool:
+    """Tell whether a shift law describes the shifts within their uncertainty.
+
+    A law that was fitted to the moduli themselves has no free shifts to be judged by.
+    """
+    if law["chi_square"] is None or not law["freedom"]:
+        return True
+    return bool(law["chi_square"] / law["freedom"] <= _HOLDS)
+
+
+def _is_wlf(law: dict[str, Any]) -> bool:
+    constants = [law.get("C1"), law.get("C2")]
+    return law["name"] == "wlf" and None not in constants and holds(law)
+
+
 def ansys(series: Series, law: dict[str, Any], T_ref: float) -> str:
     """Return the series as APDL commands; shear and bulk relax alike because ν is constant."""
     shares = series.E / series.unrelaxed
@@ -94,7 +110,7 @@ def ansys(series: Series, law: dict[str, Any], T_ref: float) -> str:
         *_ansys_table("SHEAR", shares, series.rho),
         *_ansys_table("BULK", shares, series.rho),
     ]
-    if law["name"] == "wlf" and law["C1"] is not None and law["C2"] is not None:
+    if _is_wlf(law):
         lines += [
             "TB,SHIFT,1,,3,WLF",
             f"TBDATA,1,{T_ref:.8g},{law['C1']:.8g},{law['C2']:.8g}  ! temperatures in degC",
@@ -120,7 +136,7 @@ def abaqus(series: Series, law: dict[str, Any], T_ref: float, name: str) -> str:
     ]
     for share, time in zip(series.E / series.unrelaxed, series.rho, strict=True):
         lines.append(f"{share:.8g}, {share:.8g}, {time:.8g}")
-    if law["name"] == "wlf" and law["C1"] is not None and law["C2"] is not None:
+    if _is_wlf(law):
         lines += ["*TRS, DEFINITION=WLF", f"{T_ref:.8g}, {law['C1']:.8g}, {law['C2']:.8g}"]
     return "\n".join(lines) + "\n"
 

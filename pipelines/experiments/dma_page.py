@@ -19,6 +19,7 @@ from labpipe.report import (
     Section,
     Series,
     Table,
+    display_unit,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
@@ -72,7 +73,13 @@ def _summary(
     blocks: list[Block] = [*pages.failed_notice(context)]
     if sweeps is not None:
         T = sweeps["temperature"].values
-        rows.append(("isothermal sweeps", str(T.size), f"{T.min():.1f} to {T.max():.1f} °C"))
+        rows.append(
+            (
+                "isothermal sweeps",
+                str(T.size),
+                f"{T.min():.1f} to {T.max():.1f} °C".replace("-", "\N{MINUS SIGN}"),
+            )
+        )
     if curve is not None:
         rows += _curve_rows(curve)
         verdict = json.loads(curve.attrs["kramers_kronig"])["verdict"]
@@ -95,16 +102,30 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
         ("reference temperature", value_with_uncertainty(float(curve["T_ref"]), 0.0, "degC"), ""),
         ("covered frequencies", f"{covered[0]:.2g} to {covered[-1]:.2g} Hz",
          f"{np.log10(covered[-1] / covered[0]):.1f} decades at the reference temperature"),
-        ("relaxed modulus", value_with_uncertainty(float(curve["E_relaxed"]), 0.0, "Pa"),
+        ("relaxed modulus", _modulus(float(curve["E_relaxed"])),
          "after an infinite time; beyond the window it is extrapolation"),
-        ("unrelaxed modulus", value_with_uncertainty(float(curve["E_unrelaxed"]), 0.0, "Pa"),
+        ("unrelaxed modulus", _modulus(float(curve["E_unrelaxed"])),
          "after no time; beyond the window it is extrapolation"),
         ("relaxation terms", str(curve.sizes["term"]), f"{outside} outside the covered window"),
-        ("shift law", _law_text(json.loads(curve.attrs["law"])), "the better of both"),
+        _law_row(json.loads(curve.attrs["law"])),
         ("vertical shift", str(curve.attrs["vertical_law"]).replace("rho_T", "∝ T"), ""),
         ("residual of E′", f"{_rms(curve['storage_residual'].values) * 100:.2f} %", "rms"),
         ("residual of E″", f"{_rms(curve['loss_residual'].values) * 100:.2f} %", "rms"),
     ]  # fmt: skip
+
+
+def _modulus(value: float) -> str:
+    shown = display_unit([value], "Pa")
+    return f"{value / shown.factor:.4g} {shown.text}"
+
+
+def _law_row(law: dict[str, Any]) -> tuple[str, str, str]:
+    if dma_export.holds(law):
+        return "shift law", _law_text(law), _law_quality(law)
+    return (
+        "shift law", "neither WLF nor Arrhenius holds over all temperatures",
+        "the shifts are free; a kink in them is a transition",
+    )  # fmt: skip
 
 
 def _law_text(law: dict[str, Any]) -> str:
@@ -146,7 +167,11 @@ def _isotherms(
         good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         good = good[np.argsort(x[good], kind="stable")]
         if good.size:
-            series.append(Series(f"{T:.0f} °C", x[good], y[good], style="points"))
+            series.append(
+                Series(
+                    f"{T:.0f} °C".replace("-", "\N{MINUS SIGN}"), x[good], y[good], style="points"
+                )
+            )
     return series
 
 
@@ -255,7 +280,8 @@ def _law_quality(law: dict[str, Any]) -> str:
     if law["chi_square"] is None or not law["freedom"]:
         return ""
     ratio = law["chi_square"] / law["freedom"]
-    return f"χ² / degrees of freedom = {ratio:.3g}" + (": does not hold" if ratio > 4 else "")
+    verdict = "" if dma_export.holds(law) else ": does not hold"
+    return f"χ² / degrees of freedom = {ratio:.3g}{verdict}"
 
 
 def _neighbour(curve: xr.Dataset, T: float) -> list[float | str | None]:
@@ -424,7 +450,7 @@ def _methods(settings: Dma, curve: xr.Dataset) -> str:
         "shifts and one non-negative relaxation spectrum to both moduli (variable projection, "
         f"regularisation by generalised cross-validation); {shifts}. "
         f"The reference temperature is {float(curve['T_ref']):.4g} °C; vertical law: "
-        f"{curve.attrs['vertical_law']}. {_law_text(law)}. "
+        f"{curve.attrs['vertical_law']}. {_law_row(law)[1]}. "
         f"The fit left {_rms(curve['storage_residual'].values) * 100:.2f} % (E′) and "
         f"{_rms(curve['loss_residual'].values) * 100:.2f} % (E″) rms."
     )

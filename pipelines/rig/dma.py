@@ -123,7 +123,7 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
         frequency = np.asarray(protocol.frequencies)
         T = np.full(frequency.size, temperature + protocol.offset_temperature)
         clock += _SETTLE
-        time = clock + np.cumsum(3.0 / frequency)
+        time = np.asarray(clock + np.cumsum(3.0 / frequency), dtype=np.float64)
         clock = float(time[-1])
         columns = _columns(solid, protocol, generator, time, frequency, T)
         intervals.append(
@@ -131,7 +131,7 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
         )
     T = np.asarray(protocol.ramp)
     columns = _columns(
-        solid, protocol, generator, 30.0 * np.arange(1, T.size + 1),
+        solid, protocol, generator, 30.0 * np.arange(1.0, T.size + 1.0, dtype=np.float64),
         np.full(T.size, protocol.ramp_frequency), T,
     )  # fmt: skip
     intervals.append(
