@@ -1,5 +1,23 @@
 """Linear viscoelastic materials: Prony series, interconversion, master curves, library."""
 
+from labpipe.materials.kramers_kronig import KramersKronig, kramers_kronig
+from labpipe.materials.library import Material, describe, load, load_file, read_material
+from labpipe.materials.master_curve import MasterCurve, master_curve
 from labpipe.materials.prony import Prony
+from labpipe.materials.shift_law import ShiftLaw, arrhenius, wlf
 
-__all__ = ["Prony"]
+__all__ = [
+    "KramersKronig",
+    "MasterCurve",
+    "Material",
+    "Prony",
+    "ShiftLaw",
+    "arrhenius",
+    "describe",
+    "kramers_kronig",
+    "load",
+    "load_file",
+    "master_curve",
+    "read_material",
+    "wlf",
+]

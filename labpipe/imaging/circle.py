@@ -1,0 +1,68 @@
+"""A circle through scattered points."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+
+Floats = NDArray[np.float64]
+
+
+def fit_circle(points: Floats) -> tuple[float, float, float]:
+    """Fit a circle to points, also when they cover only an arc.
+
+    Parameters
+    ----------
+    points : array (point, 2)
+        Coordinates (x, y) of three or more points that are not on one line.
+
+    Returns
+    -------
+    x, y, radius : float
+        Centre and radius in the unit of the points.
+
+    Raises
+    ------
+    InputError
+        Fewer than three points, or points on one line.
+
+    Notes
+    -----
+    Taubin's fit: the algebraic distance is normalised by the mean of its squared gradient, which
+    takes away most of the pull to small circles that short arcs have. Solved as a generalised
+    singular value problem in centred coordinates.
+
+    References
+    ----------
+    G. Taubin, IEEE Trans. PAMI 13 (1991) 1115-1138, https://doi.org/10.1109/34.103273;
+    N. Chernov, Circular and Linear Regression (2010), https://doi.org/10.1201/EBK1439835906
+
+    Examples
+    --------
+    >>> angle = np.linspace(0.0, 1.0, 20)
+    >>> arc = np.column_stack([3.0 + 5.0 * np.cos(angle), 5.0 * np.sin(angle) - 1.0])
+    >>> [round(float(value), 6) for value in fit_circle(arc)]
+    [3.0, -1.0, 5.0]
+    """
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
+        message = f"a circle needs three or more points (x, y), found shape {points.shape}"
+        raise InputError(message)
+    middle = points.mean(axis=0)
+    centred = points - middle
+    square = (centred**2).sum(axis=1)
+    mean_square = float(square.mean())
+    if mean_square == 0.0:
+        message = "the points are all the same; a circle needs three different ones"
+        raise InputError(message)
+    root = np.sqrt(mean_square)
+    columns = np.column_stack([(square - mean_square) / (2.0 * root), centred])
+    *_, vectors = np.linalg.svd(columns, full_matrices=False)
+    curvature, slope_x, slope_y = vectors[-1]
+    curvature /= 2.0 * root
+    if abs(curvature) * root < 1e-9 * np.hypot(slope_x, slope_y):
+        message = "the points lie on one line; no circle passes through them"
+        raise InputError(message)
+    offset = -mean_square * curvature
+    x, y = -np.array([slope_x, slope_y]) / (2.0 * curvature) + middle
+    gradient = slope_x**2 + slope_y**2 - 4.0 * curvature * offset
+    return float(x), float(y), float(np.sqrt(gradient) / (2.0 * abs(curvature)))

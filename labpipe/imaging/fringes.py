@@ -1,0 +1,290 @@
+"""Interference of light in the gap around a Hertz contact: gap, phase, radial tables.
+
+Lengths in this module are in one unit of the caller's choice (the fit uses pixels); the strength
+of the interference is one number, ``phase_scale`` = 4π px² / (λ R), which turns the square of a
+length in pixels into a phase.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from labpipe.errors import InputError
+
+Floats = NDArray[np.float64]
+
+#: Samples of the radial tables per pixel: fringes are at least three pixels wide, so that linear
+#: interpolation between samples is right to 0.05 % of the modulation.
+SAMPLES_PER_PIXEL = 16
+#: Gaussian blur reaches this many standard deviations.
+_BLUR_REACH = 3.5
+#: Gauss–Legendre nodes of the exposure average: at least, at most, and per fringe passed.
+_LEAST_NODES, _MOST_NODES, _NODES_PER_FRINGE = 4, 24, 5
+#: Halvings that locate a gap to 1e-12 of the bracket.
+_HALVINGS = 40
+
+
+@dataclass(frozen=True)
+class Optics:
+    """What the interference pattern of a contact depends on besides the contact.
+
+    Attributes
+    ----------
+    phase_scale : float [1/px²]
+        4π px² / (λ R).
+    phase : float [rad]
+        Phase in the contact: π where the contact is dark, 0 where it is bright.
+    blur : float [px]
+        Standard deviation of the image of a point.
+    """
+
+    phase_scale: float
+    phase: float = math.pi
+    blur: float = 0.0
+
+
+def make_optics(
+    pixel_size: float, sphere_radius: float, wavelength: float, phase: float = math.pi
+) -> Optics:
+    """Optics of a sphere on a flat in air, at normal incidence.
+
+    Parameters
+    ----------
+    pixel_size : float [m]
+        Width of a pixel in the plane of the contact.
+    sphere_radius : float [m]
+        Effective radius of the sphere.
+    wavelength : float [m]
+        Wavelength of the light in the gap.
+    phase : float, optional [rad]
+        Phase in the contact.
+    """
+    return Optics(4.0 * math.pi * pixel_size**2 / (wavelength * sphere_radius), phase)
+
+
+def hertz_gap(distance: ArrayLike, contact_radius: float, sphere_radius: float) -> Floats:
+    """Gap between a sphere and a flat around their Hertz contact.
+
+    Parameters
+    ----------
+    distance : array [m]
+        Distance from the centre of the contact.
+    contact_radius : float [m]
+        Radius of the contact; 0 for a sphere that touches without load.
+    sphere_radius : float [m]
+        Effective radius of the sphere.
+
+    Returns
+    -------
+    array [m]
+        The gap; 0 inside the contact.
+
+    Raises
+    ------
+    InputError
+        A negative contact radius, or a sphere radius that is not positive.
+
+    Notes
+    -----
+    g = [a √(r² - a²) - (2a² - r²) arccos(a/r)] / (π R) for r > a: it opens like (r - a)^(3/2),
+    so that the image shows no edge at r = a. For a = 0 it is the parabola r²/2R.
+
+    References
+    ----------
+    K. L. Johnson, Contact Mechanics (1985), section 4.2, https://doi.org/10.1017/CBO9781139171731
+
+    Examples
+    --------
+    >>> gap = hertz_gap([0.0, 800e-6, 807.9e-6], 800e-6, 9.525e-3)
+    >>> [float(value) for value in (gap * 1e9).round(1)]
+    [0.0, 0.0, 79.2]
+    """
+    if contact_radius < 0.0 or sphere_radius <= 0.0:
+        message = (
+            "contact_radius must be 0 or more and sphere_radius positive, found "
+            f"{contact_radius} m and {sphere_radius} m"
+        )
+        raise InputError(message)
+    return scaled_gap(np.asarray(distance, float), contact_radius) / sphere_radius
+
+
+def scaled_gap(distance: Floats, contact_radius: ArrayLike) -> Floats:
+    """Gap times the sphere's radius, in the square of the unit of length."""
+    a = np.asarray(contact_radius, float)
+    r = np.maximum(distance, a)
+    root = np.sqrt(r * r - a * a)
+    angle = np.arctan2(root, a)
+    return np.where(r > a, (a * root - (2.0 * a * a - r * r) * angle) / np.pi, 0.0)
+
+
+def scaled_slopes(distance: Floats, contact_radius: ArrayLike) -> tuple[Floats, Floats]:
+    """Differentiate :func:`scaled_gap` by distance and by contact radius."""
+    a = np.asarray(contact_radius, float)
+    r = np.maximum(distance, a)
+    root = np.sqrt(r * r - a * a)
+    angle = np.arctan2(root, a)
+    by_distance = 2.0 * (a * root / np.where(r > 0.0, r, 1.0) + r * angle) / np.pi
+    return np.where(r > a, by_distance, 0.0), np.where(r > a, -4.0 * a * angle / np.pi, 0.0)
+
+
+def distance_at_phase(phase_change: float, contact_radius: float, optics: Optics) -> float:
+    """Distance from the centre (px) where the gap has changed the phase by ``phase_change``.
+
+    2π is one fringe: half a wavelength of gap.
+    """
+    wanted = phase_change / optics.phase_scale
+    low = contact_radius
+    # The gap is never below that of the sphere less its approach a²/R.
+    high = math.sqrt(2.0 * wanted + 2.0 * contact_radius**2) + contact_radius + 1.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _gap(middle, contact_radius) < wanted else (low, middle)
+    return 0.5 * (low + high)
+
+
+def _gap(r: float, a: float) -> float:
+    """:func:`scaled_gap` of one distance beyond the contact, without the cost of an array."""
+    root = math.sqrt(max(r * r - a * a, 0.0))
+    return (a * root - (2.0 * a * a - r * r) * math.atan2(root, a)) / math.pi
+
+
+def outer_distance(
+    contact_radius: float, optics: Optics, fringes: float, least_spacing: float
+) -> float:
+    """Distance from the centre up to which fringes are used.
+
+    Parameters
+    ----------
+    contact_radius : float [px]
+        Radius of the contact.
+    optics : Optics
+        The interference.
+    fringes : float
+        Number of fringes wanted, half a wavelength of gap each.
+    least_spacing : float [px]
+        Finest fringes that may be used; the slope of the phase grows outwards.
+    """
+    outer = distance_at_phase(2.0 * math.pi * fringes, contact_radius, optics)
+    steepest = 2.0 * math.pi / least_spacing
+    if phase_slope(outer, contact_radius, optics) <= steepest:
+        return outer
+    low, high = contact_radius, outer
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        is_coarse = phase_slope(middle, contact_radius, optics) < steepest
+        low, high = (middle, high) if is_coarse else (low, middle)
+    return low
+
+
+def phase_slope(distance: float, contact_radius: float, optics: Optics) -> float:
+    """Change of the phase per pixel outwards [rad/px]."""
+    r, a = distance, contact_radius
+    if r <= a:
+        return 0.0
+    root = math.sqrt(r * r - a * a)
+    return optics.phase_scale * 2.0 * (a * root / r + r * math.atan2(root, a)) / math.pi
+
+
+@dataclass(frozen=True)
+class RadialTable:
+    """The interference term at equal steps of distance, as a pixel sees it.
+
+    Attributes
+    ----------
+    start : float [px]
+        Distance of the first sample; the following are 1 / :data:`SAMPLES_PER_PIXEL` apart.
+    values : array (5, sample)
+        The term (cosine), its derivatives by distance, contact radius and phase, and by the
+        travel of the contact radius during the exposure.
+    """
+
+    start: float
+    values: Floats
+
+
+def exposure_nodes(travel: float, spacing: float) -> tuple[Floats, Floats]:
+    """Positions (-1 .. 1) and weights that average over the exposure.
+
+    Parameters
+    ----------
+    travel : float [px]
+        How far the contact radius moves in the exposure.
+    spacing : float [px]
+        Finest fringes in the table.
+    """
+    if travel == 0.0:
+        return np.zeros(1), np.ones(1)
+    wanted = _LEAST_NODES + math.ceil(_NODES_PER_FRINGE * abs(travel) / spacing)
+    nodes, weights = np.polynomial.legendre.leggauss(min(wanted, _MOST_NODES))
+    return nodes, 0.5 * weights
+
+
+def pixel_weights(blur: float) -> Floats:
+    """Weights over samples of a radial table: one pixel wide, convolved with the blur."""
+    half = SAMPLES_PER_PIXEL // 2
+    box = np.ones(2 * half + 1)
+    box[[0, -1]] = 0.5
+    box /= box.sum()
+    if blur <= 0.0:
+        return box
+    reach = math.ceil(_BLUR_REACH * blur * SAMPLES_PER_PIXEL)
+    steps = np.arange(-reach, reach + 1) / SAMPLES_PER_PIXEL
+    bell = np.exp(-0.5 * (steps / blur) ** 2)
+    return np.convolve(box, bell / bell.sum())
+
+
+def table_distances(inner: float, outer: float, blur: float) -> tuple[float, Floats]:
+    """First distance of a table that covers ``inner .. outer``, and the samples it is made of.
+
+    The samples start before and end after the table by half the width of the pixel weights. They
+    are moved outwards by the curvature of the rings: the mean over a pixel of a function of the
+    distance r is its mean along the radius at r + 1/24r (blur: + σ²/2r).
+    """
+    step = 1.0 / SAMPLES_PER_PIXEL
+    first = math.floor(inner * SAMPLES_PER_PIXEL) - 1
+    last = math.ceil(outer * SAMPLES_PER_PIXEL) + 1
+    margin = len(pixel_weights(blur)) // 2
+    samples = step * np.arange(first - margin, last + margin + 1)
+    shift = (1.0 / 24.0 + 0.5 * blur**2) / np.maximum(np.abs(samples), 1.0)
+    return first * step, np.abs(samples + np.copysign(shift, samples))
+
+
+def radial_table(
+    inner: float, outer: float, contact_radius: float, travel: float, optics: Optics
+) -> RadialTable:
+    """Tabulate the interference term between two distances.
+
+    Parameters
+    ----------
+    inner, outer : float [px]
+        Distances from the centre.
+    contact_radius : float [px]
+        Contact radius in the middle of the exposure.
+    travel : float [px]
+        Change of the contact radius during the exposure; its square changes evenly with time,
+        as the approach of the bodies does.
+    optics : Optics
+        The interference.
+    """
+    start, distance = table_distances(inner, outer, optics.blur)
+    spacing = 2.0 * math.pi / max(phase_slope(outer, contact_radius, optics), 1e-12)
+    nodes, weights = exposure_nodes(travel, spacing)
+    squares = contact_radius**2 + nodes * contact_radius * travel
+    radii = np.sqrt(np.maximum(squares, 0.0))
+    raw = np.zeros((5, len(distance)))
+    for node, weight, radius in zip(nodes, weights, radii, strict=True):
+        phase = optics.phase_scale * scaled_gap(distance, radius) + optics.phase
+        by_distance, by_radius = scaled_slopes(distance, radius)
+        sine = -weight * np.sin(phase)
+        change = optics.phase_scale * by_radius * sine
+        divisor = 2.0 * max(radius, 1e-6)
+        raw[0] += weight * np.cos(phase)
+        raw[1] += optics.phase_scale * by_distance * sine
+        raw[2] += change * (2.0 * contact_radius + node * travel) / divisor
+        raw[3] += sine
+        raw[4] += change * node * contact_radius / divisor
+    kernel = pixel_weights(optics.blur)
+    averaged = np.stack([np.convolve(line, kernel, mode="valid") for line in raw])
+    return RadialTable(start, averaged)

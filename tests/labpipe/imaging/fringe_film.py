@@ -1,0 +1,161 @@
+"""Films of a contact seen through interference, with truth: every pixel is supersampled.
+
+Nothing here uses the package: the gap is the closed form of Hertz's contact (written anew), a
+rigid sphere above the flat, or integrated numerically from a pressure distribution.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ellipe, ellipk
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The optics of a film: lengths in m, grey levels as the camera counts them."""
+
+    pixel_size: float = 2.17e-6
+    sphere_radius: float = 9.525e-3
+    wavelength: float = 633e-9
+    rows: int = 480
+    columns: int = 1280
+    mean: float = 120.0
+    visibility: float = 0.8
+    phase: float = np.pi
+    slope_x: float = 0.0
+    slope_y: float = 0.0
+    vignette: float = 0.0
+    gamma: float = 1.0
+    blur: float = 0.0
+    coherence: float = np.inf
+    stretch: float = 0.0
+    noise: float = 5.0
+    shot_noise: float = 0.0
+    white: float = 255.0
+
+    def change(self, **values: float) -> "Scene":
+        """Return the scene with some values changed."""
+        return replace(self, **values)
+
+
+def gap_of_hertz(r: Floats, a: float, radius: float) -> Floats:
+    """Gap outside a Hertz contact (Johnson 1985), 0 inside; a parabola for a = 0."""
+    if a == 0.0:
+        return r * r / (2.0 * radius)
+    rho = np.maximum(r / a, 1.0)
+    return a * a / radius * (np.sqrt(rho**2 - 1.0) + (rho**2 - 2.0) * np.arccos(1.0 / rho)) / np.pi
+
+
+def gap_of_pressure(a: float, radius: float, count: int = 1500, reach: float = 3.0) -> tuple[Floats, Floats]:
+    """Gap on a grid of r from rings of constant pressure that sum to Hertz's pressure.
+
+    Surface displacement of a ring is the difference of two discs of uniform pressure; the
+    modulus cancels, because the pressure that belongs to a is proportional to it.
+    """
+    edges = a * np.sin(np.linspace(0.0, 0.5 * np.pi, count + 1))
+    r = np.concatenate([np.linspace(0.0, 0.98 * a, 50), a * (1.0 + np.linspace(0.0, 1.0, 3000) ** 2 * (reach - 1.0))])
+
+    def disc(c: float) -> Floats:
+        inside = np.minimum(r, c)
+        outside = np.maximum(r, c)
+        k = c / outside
+        far = outside * (ellipe(k**2) - (1.0 - k**2) * ellipk(np.minimum(k**2, 1.0 - 1e-14)))
+        return np.where(r <= c, c * ellipe((inside / c) ** 2), far)
+
+    displacement = np.zeros_like(r)
+    for low, high in zip(edges[:-1], edges[1:], strict=True):
+        # Hertz: p = 2 E* sqrt(a² - r²) / (pi R); mean over the ring by area, in closed form.
+        mean = (2.0 / 3.0) * ((a**2 - low**2) ** 1.5 - (a**2 - high**2) ** 1.5) / (high**2 - low**2)
+        displacement += 2.0 / (np.pi * radius) * mean * 4.0 / np.pi * (disc(high) - (disc(low) if low > 0.0 else 0.0))
+    gap = displacement - a * a / radius + r * r / (2.0 * radius)
+    return r, gap
+
+
+def intensity_of_gap(gap: Floats, scene: Scene) -> Floats:
+    """Relative intensity of a gap."""
+    envelope = np.exp(-((gap / scene.coherence) ** 2))
+    return 1.0 + scene.visibility * envelope * np.cos(4.0 * np.pi * gap / scene.wavelength + scene.phase)
+
+
+def clean_image(
+    scene: Scene,
+    a: float,
+    centre: tuple[float, float],
+    gap: float = 0.0,
+    travel: float = 0.0,
+    sideways: float = 0.0,
+    samples: int = 5,
+    exposures: int = 1,
+    profile: tuple[Floats, Floats] | None = None,
+) -> Floats:
+    """Mean grey level of every pixel.
+
+    ``centre`` in px; ``gap`` lifts a rigid sphere (a = 0); ``travel`` is the change of a (m) during
+    the exposure, ``sideways`` that of the centre (px).
+    """
+    if travel or sideways:
+        steps = (np.arange(exposures) + 0.5) / exposures - 0.5
+        images = [
+            clean_image(scene, a + step * travel, (centre[0] + step * sideways, centre[1]), gap, samples=samples)
+            for step in steps
+        ]
+        return np.mean(images, axis=0)
+    # The pattern is a function of the distance: sample it finely once, to 1/200 px.
+    largest = np.hypot(scene.columns + abs(centre[0]), scene.rows + abs(centre[1])) + 2.0
+    fine = np.arange(0.0, largest, 0.005)
+    metres = fine * scene.pixel_size
+    gaps = gap_of_hertz(metres, a, scene.sphere_radius) + gap
+    if profile is not None:
+        gaps = np.interp(metres, *profile)
+    line = intensity_of_gap(gaps, scene)
+    total = np.zeros((scene.rows, scene.columns))
+    offsets = (np.arange(samples) + 0.5) / samples - 0.5
+    x = np.arange(scene.columns) - centre[0]
+    y = np.arange(scene.rows)[:, None] - centre[1]
+    for oy in offsets:
+        for ox in offsets:
+            r = np.hypot((x + ox) / (1.0 + scene.stretch), y + oy)
+            total += line[np.round(r / 0.005).astype(np.int64)]
+    total /= samples**2
+    return lit(total, scene)
+
+
+def lit(relative: Floats, scene: Scene) -> Floats:
+    """Apply illumination, blur and the camera's curve to relative intensities."""
+    from scipy.ndimage import gaussian_filter
+
+    across = (np.arange(scene.columns) - 0.5 * scene.columns) / (0.5 * scene.columns)
+    down = ((np.arange(scene.rows) - 0.5 * scene.rows) / (0.5 * scene.rows))[:, None]
+    light = 1.0 + scene.slope_x * across + scene.slope_y * down
+    square = across**2 + (down * scene.rows / scene.columns) ** 2
+    light = light * (1.0 - scene.vignette * square)
+    grey = scene.mean * relative * light
+    if scene.blur:
+        grey = gaussian_filter(grey, scene.blur, mode="nearest")
+    if scene.gamma != 1.0:
+        grey = scene.white * (grey / scene.white) ** scene.gamma
+    return grey
+
+
+def expose(grey: Floats, scene: Scene, rng: np.random.Generator) -> NDArray[np.integer]:
+    """Add noise and digitise."""
+    deviation = np.sqrt(scene.noise**2 + scene.shot_noise * np.maximum(grey, 0.0))
+    noisy = grey + deviation * rng.standard_normal(grey.shape)
+    kind = np.uint8 if scene.white <= 255.0 else np.uint16
+    return np.clip(np.rint(noisy), 0.0, scene.white).astype(kind)
+
+
+def fringe_film(
+    scene: Scene,
+    radii: list[float],
+    centres: list[tuple[float, float]],
+    seed: int = 0,
+) -> NDArray[np.integer]:
+    """A film (frame, row, column) of contacts at rest."""
+    rng = np.random.default_rng(seed)
+    return np.stack(
+        [expose(clean_image(scene, a, c), scene, rng) for a, c in zip(radii, centres, strict=True)]
+    )
