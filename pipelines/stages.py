@@ -23,13 +23,14 @@ BALL_DROP = (
     ),
     Stage(
         "displacement", "pipelines.experiments.ball_drop:displacement", 1,
-        ("readings", "file:calibration"), ("sensor", "analysis.inclination_from_height", "height"),
+        ("readings", "file:calibration"),
+        ("sensor", "measured_on", "analysis.inclination_from_height", "analysis.contact", "height"),
         per="recording", over="laser", schema="displacement",
         summary="correct the inclination, with uncertainty",
     ),
     Stage(
         "bounces", "pipelines.experiments.ball_drop:bounces", 1,
-        ("displacement",), (), per="recording", over="laser", schema="bounces",
+        ("displacement",), ("analysis.contact",), per="recording", over="laser", schema="bounces",
         summary="find release, contacts, bounces and rest",
     ),
     Stage(

@@ -59,24 +59,24 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> x
     moved = laser.displacement(readings, known, **options)
     if not settings.analysis.inclination_from_height:
         return moved
-    found = _inclination(moved, settings.height)
+    found = _inclination(moved, settings)
     again = laser.displacement(readings, known, inclination=found, **options)
     recorded = {"value": float(moved["inclination"]), "u": float(moved["u_inclination"])}
     return again.assign_attrs(inclination_of_record=json.dumps(recorded))
 
 
-def _inclination(moved: xr.Dataset, height: Quantity) -> Quantity:
+def _inclination(moved: xr.Dataset, settings: BallDrop) -> Quantity:
     """Fit the inclination from the fall of known height, along the line of sight."""
     gain = float(moved["gain"])
-    fall = signals.bounces(moved["displacement_raw"] * gain)
+    along = moved["displacement_raw"] * gain
+    fall = signals.bounces(along, contact=settings.analysis.contact)
     travel = Quantity(float(fall["drop_height"]), float(fall["u_drop_height"]), "m")
-    return laser.inclination_from_drop(travel, height)
+    return laser.inclination_from_drop(travel, settings.height)
 
 
 def bounces(displacement: xr.Dataset, *, settings: BallDrop) -> xr.Dataset:
     """Find release, contacts and rest; speeds carry the inclination's uncertainty too."""
-    del settings
-    found = signals.bounces(displacement)
+    found = signals.bounces(displacement, contact=settings.analysis.contact)
     relative = float(displacement.attrs["u_systematic_relative"])
     for name in ("incoming_speed", "outgoing_speed", "drop_height"):
         own, scale = found[f"u_{name}"], relative * found[name].values
@@ -94,6 +94,8 @@ def velocity(displacement: xr.Dataset, bounces: xr.Dataset, *, settings: BallDro
     if chosen.velocity == "spline":
         edges = np.concatenate([bounces["touch_time"].values, bounces["liftoff_time"].values])
         options["breaks"] = np.sort(edges[np.isfinite(edges)])
+        release = float(bounces["release_time"])
+        options["releases"] = [release] if np.isfinite(release) else []
     found = signals.velocity(displacement["displacement"], **options)
     return xr.Dataset(
         {"velocity": found.drop_vars("u_velocity"), "u_velocity": found["u_velocity"].variable},

@@ -169,7 +169,8 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Sec
             Notice(
                 "info",
                 f"The load cell's low-pass (order {declared['order']:g}, "
-                f"{declared['cutoff']:g} Hz) delays the force by {np.degrees(lag.min()):.1f} to {np.degrees(lag.max()):.1f}°. "
+                f"{declared['cutoff']:g} Hz) delays the force by "
+                f"{np.degrees(lag.min()):.1f} to {np.degrees(lag.max()):.1f}°. "
                 "This was removed, assuming a causal Butterworth filter; the uncertainty holds the "
                 "other usual types. Switch it off with load_cell.correct_filter_lag = false.",
             )

@@ -429,7 +429,8 @@ def _flight_time(
     grid = np.linspace(0.0, span * 1.02 + 1e-4, 20001)[1:]
     floor_x, _ = _floor_free(grid, x, w, floor)
     clearance = z + v * grid - 0.5 * GRAVITY * grid**2 - floor_x + level
-    below = np.flatnonzero((clearance <= 0) & (grid > 0.05 * span))
+    # before the apex the dent is still deeper than ``level``, and the two cannot meet
+    below = np.flatnonzero((clearance <= 0) & (grid > apex))
     if not len(below):
         return float(span)
     k = int(below[0])

@@ -26,12 +26,15 @@ class Analysis(Table, frozen=True, kw_only=True):
 
     ``velocity`` is the smoothing spline, or the central differences and moving average of the
     thesis, ``window`` long. ``inclination_from_height`` fits the sensor's inclination from the
-    known drop height; the calibration record is then only compared.
+    known drop height; the calibration record is then only compared. ``contact`` is what is known
+    of the contact's pulse when an impact is fitted: "polymer" for spheres that return more than
+    half of their speed, "any" for a wider prior and wider intervals.
     """
 
     velocity: Literal["spline", "thesis"] = "spline"
     window: Annotated[Time, POSITIVE] | None = None
     inclination_from_height: bool = False
+    contact: Literal["polymer", "any"] = "polymer"
 
 
 class BallDrop(Table, frozen=True, kw_only=True):

@@ -34,7 +34,7 @@ def test_intervals_of_restitution_and_contact_cover_the_truth_in_200_drops() -> 
             name="displacement",
         )  # fmt: skip
         with pytest.warns(UserWarning, match="before the body is at rest"):
-            found = signals.bounces(record)
+            found = signals.bounces(record, contact="polymer")
         motion = drop.trajectory
         count = min(found.sizes["impact"], motion.liftoff.size, 3)
         true_e = motion.outgoing_speed[:count] / motion.incoming_speed[:count]
