@@ -95,6 +95,12 @@ class Springs(Protocol):
     def covering(self, radius: float) -> int:
         """Return how many springs reach out to a radius."""
 
+    def pressure(self, load: Array, edge: float, radius: Array) -> Array:
+        """Pressure in Pa at given radii in m, from loads and the contact radius."""
+
+    def surface(self, displacement: Array, radius: Array) -> Array:
+        """Displacement in m of the surface at given radii in m."""
+
     def plain(self, count: int) -> "PlainSprings":
         """Return the inner springs as plain arrays."""
 
@@ -123,6 +129,15 @@ class Record(NamedTuple):
     spring_work: float
     plate: PlateState
     plate_loss: float
+
+
+class Snapshot(NamedTuple):
+    """The springs at one instant; ``load`` in Pa m and ``displacement`` in m, (spring,)."""
+
+    time: float
+    load: Array
+    displacement: Array
+    contact_radius: float
 
 
 @dataclass(slots=True)
@@ -212,6 +227,8 @@ class Stepper:
         Beyond this contact radius the half-space theory is refused.
     max_steps : int
         Refuse to go on after so many steps.
+    wanted : list of float [s]
+        Instants, ascending, of which to keep a snapshot; steps end there.
     is_compiled : bool
         Take plain steps with :mod:`labpipe.contact.bounce_compiled`.
     """
@@ -238,6 +255,8 @@ class Stepper:
     counts: Counts = field(default_factory=Counts)
     observe: Callable[[float], None] | None = None
     trail: list[Record] = field(default_factory=list)
+    wanted: list[float] = field(default_factory=list)
+    snapshots: list[Snapshot] = field(default_factory=list)
     memory: Array = field(init=False)
     _block: Array = field(init=False)
     _rows: Array = field(init=False)
@@ -263,8 +282,16 @@ class Stepper:
         """Energy (element,) in J that the unloaded springs hold now."""
         return self._inverse * ((self.memory * self.memory) @ self.springs.weight)
 
+    def look_at_dent(self, until: float) -> None:
+        """Keep the snapshots that are wanted of the free surface, up to a time [s]."""
+        while self.wanted and self.wanted[0] <= until:
+            time = self.wanted.pop(0)
+            left = np.exp(-max(time - self.time, 0.0) * self.creep.rate)
+            self.snapshots.append(Snapshot(time, np.zeros(1), left @ self.memory, 0.0))
+
     def fly(self, dt: float) -> None:
         """Move on without contact: ballistic, the dent and the plate relax, exactly."""
+        self.look_at_dent(self.time + dt)
         gravity = self.body.gravity
         self.position += (self.velocity + 0.5 * gravity * dt) * dt
         self.velocity += gravity * dt
@@ -309,9 +336,12 @@ class Stepper:
             shortest_look = 1.0 / (_STEPS_PER_PLATE_PERIOD * self.body.plate.frequency)
             pace.longest = min(pace.longest, shortest_look)
         while True:
-            if is_plain and self._plain_steps(pace, until, is_resting):
+            stop = min([until, *self.wanted[:1]])
+            if is_plain and self._plain_steps(pace, stop, is_resting):
                 return "rest"
-            outcome = self._step(pace, until)
+            outcome = self._step(pace, stop)
+            if outcome == "end" and stop < until:
+                outcome = ""
             if outcome:
                 self._give_back()
                 return outcome
@@ -447,7 +477,7 @@ class Stepper:
         dt = _LONGEST * self.time_scale
         weight = self.body.mass * self.body.gravity
         while self.time < until:
-            remaining = until - self.time
+            remaining = min([until, *self.wanted[:1]]) - self.time
             rung = self._on_ladder(dt) if dt < remaining else _rung(self.creep, remaining)
             trial = self._attempt_resting(rung, weight)
             if trial is None:
@@ -606,7 +636,17 @@ class Stepper:
         self.force, self.plate = trial.force, trial.plate
         radius = self.springs.contact_radius(trial.approach, trial.reach)
         self.trail.append(self._record(self._stored(squared), radius))
+        self._look_at_springs(radius)
         self._count_step()
+
+    def _look_at_springs(self, radius: float) -> None:
+        """Keep a snapshot when this is the instant that is wanted."""
+        # The last step before it ends there to rounding.
+        if not self.wanted or self.time < self.wanted[0] * (1.0 - 1e-15) - 1e-300:
+            return
+        time = self.wanted.pop(0)
+        load, displacement = self._rows[_OLD].copy(), self._rows[_DISPLACEMENT].copy()
+        self.snapshots.append(Snapshot(time, load, displacement, radius))
 
     def _work(self, rung: _Rung, sums: Array, before: list[float]) -> float:
         """Exact work ``int q dw`` on the springs in one step, for the loads inside it.

@@ -7,7 +7,7 @@ from math import nan, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.contact.bounce import Body, Counts
+from labpipe.contact.bounce import Body, Counts, Snapshot, Springs
 from labpipe.contact.mdr import Profile
 from labpipe.contact.memory import Array, Condensed
 from labpipe.contact.plate import Plate
@@ -25,6 +25,9 @@ from labpipe.errors import LabpipeError
 
 # Average acceleration conserves energy to rounding; more than this is a defect of the program.
 _IDENTITY_LIMIT = 1e-10
+
+# Maps reach so far beyond the largest contact radius, with so many points.
+_MAP_REACH, _MAP_POINTS = 1.25, 201
 
 _SERIES = {
     "displacement": ("m", "displacement of the sphere, upwards, 0 at first touch"),
@@ -97,7 +100,8 @@ class DropRun:
     body: Body
     counts: Counts
     condensed: Condensed
-    n_springs: int
+    springs: Springs
+    snapshots: tuple[Snapshot, ...]
     final_touch: float
     rest_start: float
 
@@ -137,7 +141,7 @@ def dataset(
     series = _series(values, _ledger(values, setting), has_plate=setting.plate is not None)
     time = values.time + setting.fall_time if times is None else times
     work = asdict(run.counts) | {
-        "springs": run.n_springs,
+        "springs": int(run.springs.position.size),
         "terms": run.condensed.creep.n_terms,
         "terms_folded": run.condensed.n_folded,
         "terms_frozen": run.condensed.n_frozen,
@@ -151,7 +155,38 @@ def dataset(
         scalars["rigid_restitution"] = rigid_restitution
     result = _assemble(time, series, _rows(run, setting), scalars, setting, work)
     result.attrs["energy_identity_error"] = error
+    if run.snapshots:
+        result = result.assign(_maps(run, setting))
     return result
+
+
+def _maps(run: DropRun, setting: Setting) -> dict[str, xr.DataArray]:
+    """Pressure and surface at the instants that were asked for."""
+    records = [
+        r for segment in run.segments if isinstance(segment, Contact) for r in segment.records
+    ]
+    largest = max((record.contact_radius for record in records), default=0.0)
+    reach = min(_MAP_REACH * largest, float(run.springs.position[-1]))
+    radius = np.linspace(0.0, reach or float(run.springs.position[-1]), _MAP_POINTS)
+    pressure = [run.springs.pressure(s.load, s.contact_radius, radius) for s in run.snapshots]
+    surface = [run.springs.surface(s.displacement, radius) for s in run.snapshots]
+    time = np.array([s.time for s in run.snapshots]) + setting.fall_time
+    coords = {
+        "map_time": ("map_time", time, {"units": "s", "long_name": "time since the release"}),
+        "r": ("r", radius, {"units": "m", "long_name": "distance from the axis"}),
+    }
+    return {
+        name: xr.DataArray(
+            np.array(values),
+            dims=("map_time", "r"),
+            coords=coords,
+            attrs={"units": units, "long_name": long_name},
+        )
+        for name, values, units, long_name in (
+            ("pressure", pressure, "Pa", "contact pressure"),
+            ("surface", surface, "m", "displacement of the surface, into the sphere"),
+        )
+    }
 
 
 def mislaid_energy(run: DropRun, setting: Setting) -> float:

@@ -142,6 +142,7 @@ def drop(
     gravity: float = 9.81,
     plate: Plate | None = None,
     times: ArrayLike | None = None,
+    maps: ArrayLike | None = None,
     ring_width: float | None = None,
     time_step: float | None = None,
     fold: bool = True,
@@ -177,6 +178,8 @@ def drop(
         Lets the substrate ring; by default it is rigid.
     times : array (time,) [s], optional
         Where to report; by default every step in contact, and samples of every flight.
+    maps : array (map_time,) [s], optional
+        Instants at which to give the pressure and the shape of the surface.
     ring_width : float [m], optional
         Of "rings" and "thesis"; by default from ``rtol``, and 4e-5.
     time_step : float [s], optional
@@ -207,6 +210,9 @@ def drop(
         Scalars: ``final_contact_time``, the touch after which it never lifts off again, and
         ``rest_time``, after which it only creeps; NaN if ``duration`` ends before. With a plate
         ``rigid_restitution``, that of the first impact on a rigid substrate.
+        With ``maps``, over (``map_time``, ``r``): ``pressure`` [Pa] and ``surface`` [m], the
+        displacement of the sphere's surface towards its centre, up to 1.25 times the largest
+        contact radius.
         ``attrs["work"]`` is JSON: steps, kernel products, flights, terms and springs used, seconds.
 
     Raises
@@ -234,11 +240,15 @@ def drop(
     setting = _checked(
         Setting(radius, mass, height, duration, solver, profile, rtol, gravity, plate)
     )
-    wanted = None if times is None else _checked_times(times, duration)
+    wanted = None if times is None else _checked_times("times", times, duration)
+    looks = None if maps is None else _checked_times("maps", maps, duration)
     creep = Creep.of(material)
     speed = sqrt(2.0 * gravity * height)
     observe = None if progress is None else _Throttle(progress, setting)
     if solver == "thesis":
+        if looks is not None:
+            message = 'the thesis\'s scheme draws no maps; use solver "rings" or "mdr"'
+            raise InputError(message)
         thesis = drop_thesis(
             creep,
             radius,
@@ -254,7 +264,7 @@ def drop(
         )
         return thesis_dataset(thesis, setting, wanted, perf_counter() - started)
     effort = Effort(rtol, ring_width, fold, compiled, max_steps)
-    run, mislaid = _refined(setting, creep, effort, observe)
+    run, mislaid = _refined(setting, creep, effort, looks, observe)
     rigid = None if plate is None else _rigid_restitution(setting, creep, effort)
     result = dataset(run, setting, wanted, rigid, perf_counter() - started)
     result.attrs["energy_error"] = mislaid
@@ -265,6 +275,7 @@ def _refined(
     setting: Setting,
     creep: Creep,
     effort: Effort,
+    looks: Array | None,
     observe: Callable[[float], None] | None,
 ) -> tuple[DropRun, float]:
     """Simulate, and again more finely when the energy mislaid says that it was too coarse.
@@ -273,11 +284,11 @@ def _refined(
     few terms): the pressure then ends in a step at the edge. Returns also the energy mislaid,
     relative to that of the drop.
     """
-    run = _simulate(setting, creep, effort, observe)
+    run = _simulate(setting, creep, effort, looks, observe)
     mislaid = mislaid_energy(run, setting)
     finer = effort.rtol / _REFINEMENT
     if mislaid > _ENERGY_LIMIT * setting.rtol and finer >= _FINEST:
-        run = _simulate(setting, creep, replace(effort, rtol=finer), observe)
+        run = _simulate(setting, creep, replace(effort, rtol=finer), looks, observe)
         mislaid = mislaid_energy(run, setting)
     if mislaid <= _ENERGY_LIMIT * setting.rtol:
         return run, mislaid
@@ -318,11 +329,11 @@ def _checked(setting: Setting) -> Setting:
     return setting
 
 
-def _checked_times(times: ArrayLike, duration: float) -> Array:
+def _checked_times(name: str, times: ArrayLike, duration: float) -> Array:
     wanted = np.atleast_1d(np.asarray(times, dtype=float))
     is_inside = np.all((wanted >= 0.0) & (wanted <= duration))
     if wanted.ndim != 1 or not wanted.size or not is_inside or np.any(np.diff(wanted) <= 0.0):
-        message = f"times must increase strictly and lie within 0 and {duration} s"
+        message = f"{name} must increase strictly and lie within 0 and {duration} s"
         raise InputError(message)
     return wanted
 
@@ -419,6 +430,7 @@ def _simulate(
     setting: Setting,
     creep: Creep,
     effort: Effort,
+    looks: Array | None,
     observe: Callable[[float], None] | None,
     *,
     first_contact_only: bool = False,
@@ -432,6 +444,8 @@ def _simulate(
     _refuse_endless(setting, condensed.creep, expected, effort)
     stepper = _stepper(setting, condensed.creep, expected, effort, observe)
     end = setting.duration - setting.fall_time
+    if looks is not None:
+        stepper.wanted = np.minimum(looks - setting.fall_time, end).tolist()
     # Rings touch first at the middle of the innermost, a little after the pole would.
     touch = _fall_further(setting, float(stepper.springs.gap[0]))
     fall = _at_release(setting)
@@ -449,12 +463,15 @@ def _simulate(
         final_touch, rest_start = _bounce(
             stepper, rest, end, segments, _growth(effort.rtol), first_contact_only
         )
+    else:
+        stepper.look_at_dent(end)
     return DropRun(
         segments,
         stepper.body,
         stepper.counts,
         condensed,
-        int(stepper.springs.position.size),
+        stepper.springs,
+        tuple(stepper.snapshots),
         final_touch,
         rest_start,
     )
@@ -507,6 +524,7 @@ def _bounce(
         stored = stepper.free_stored()
         segments.append(Flight(records[-1], stop, stored, stepper.creep.rate))
         if stop >= end or first_contact_only:
+            stepper.look_at_dent(end)
             return nan, nan
         stepper.fly(flight)
         stepper.counts.flights += 1
@@ -539,7 +557,7 @@ def _time_of_flight(stepper: Stepper) -> float:
 def _rigid_restitution(setting: Setting, creep: Creep, effort: Effort) -> float:
     """Restitution of the first impact on a rigid substrate; NaN when it does not lift off."""
     rigid = replace(setting, plate=None)
-    run = _simulate(rigid, creep, effort, None, first_contact_only=True)
+    run = _simulate(rigid, creep, effort, None, None, first_contact_only=True)
     if len(run.segments) < 3 or not isinstance(run.segments[2], Flight):
         return nan
     contact = run.segments[1]

@@ -17,7 +17,7 @@ References
 """
 
 from dataclasses import dataclass
-from math import sqrt
+from math import pi, sqrt
 from typing import Literal
 
 import numpy as np
@@ -111,6 +111,33 @@ class LineSprings:
     def covering(self, radius: float) -> int:
         """Return how many springs reach out to a radius [m] (at least two)."""
         return max(2, int(np.searchsorted(self.position, radius)) + 1)
+
+    def pressure(self, load: Array, edge: float, radius: Array) -> Array:
+        """Pressure (radius,) in Pa at given radii, from the loads (spring,) of the inner springs.
+
+        ``p(r) = -1/pi int_r^a q'(x) / sqrt(x^2 - r^2) dx`` with ``q`` linear in ``x^2`` up to the
+        edge, cell by cell in closed form.
+        """
+        loaded = int(np.count_nonzero(load))
+        squares = np.append(self.position[:loaded] ** 2, edge**2)
+        slopes = np.diff(np.append(load[:loaded], 0.0)) / np.maximum(np.diff(squares), 1e-300)
+        roots = np.sqrt(np.maximum(squares - radius[:, None] ** 2, 0.0))
+        return -2.0 / pi * np.diff(roots, axis=1) @ slopes
+
+    def surface(self, displacement: Array, radius: Array) -> Array:
+        """Displacement (radius,) in m of the surface, from that of the inner springs.
+
+        ``u(r) = 2/pi int_0^r w(x) / sqrt(r^2 - x^2) dx`` with ``w`` linear in ``x^2``.
+        """
+        squares = self.position[: displacement.size] ** 2
+        slopes = np.diff(displacement) / np.diff(squares)
+        starts = displacement[:-1] - slopes * squares[:-1]
+        r = np.maximum(radius, 1e-300)[:, None]
+        share = np.minimum(self.position[: displacement.size] / r, 1.0)
+        angle = np.arcsin(share)
+        moment = 0.5 * r**2 * (angle - share * np.sqrt(1.0 - share**2))
+        inside = np.diff(angle, axis=1) @ starts + np.diff(moment, axis=1) @ slopes
+        return np.where(radius > 0.0, 2.0 / pi * inside, displacement[0])
 
     def plain(self, count: int) -> PlainSprings:
         """Return the inner springs as plain arrays."""

@@ -165,19 +165,23 @@ class RingSprings:
         edge = sqrt(squares[count - 1] + fraction * (squares[count] - squares[count - 1]))
         return max(edge - _EDGE_BIAS * self.width, 0.0)
 
-    def pressure(self, load: Array) -> Array:
-        """Pressure (spring,) in Pa on each ring, from the loads of the inner springs."""
+    def pressure(self, load: Array, edge: float, radius: Array) -> Array:
+        """Pressure (radius,) in Pa at given radii, from the loads (spring,) of the inner springs.
+
+        Linear between the middles of the rings, and zero beyond the edge.
+        """
         _, upper = factors(self.position.size)
         known = np.zeros(self.position.size)
         known[: load.size] = load * self.unit[: load.size]
-        return solve_triangular(upper, known) / self.width
+        on_rings = solve_triangular(upper, known) / self.width
+        return np.where(radius < edge, np.interp(radius, self.position, on_rings), 0.0)
 
-    def surface(self, displacement: Array) -> Array:
-        """Displacement (spring,) in m of the surface at each ring, from that of the springs."""
+    def surface(self, displacement: Array, radius: Array) -> Array:
+        """Displacement (radius,) in m of the surface, from that of the inner springs."""
         lower, _ = factors(self.position.size)
         known = np.zeros(self.position.size)
         known[: displacement.size] = displacement * self.unit[: displacement.size]
-        return lower @ known
+        return np.asarray(np.interp(radius, self.position, lower @ known))
 
     def covering(self, radius: float) -> int:
         """Return how many springs reach out to a radius [m] (at least two)."""

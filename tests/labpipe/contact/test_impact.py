@@ -341,6 +341,35 @@ def test_bounces_on_a_ringing_plate_are_followed():
     assert free.max() < 1e-5
 
 
+@pytest.mark.parametrize("compiled", [True, False])
+def test_maps_show_pressure_that_carries_the_force(compiled):
+    touch = fall_time(0.0015)
+    instants = [0.0, touch + 2e-4, touch + 9e-4, touch + 5e-3]
+    mdr = drop(SLS, R, M, 0.0015, touch + 0.03, maps=instants, times=instants, compiled=compiled)
+    rings = drop(
+        SLS, R, M, 0.0015, touch + 0.03, "rings", ring_width=5e-6, maps=instants, times=instants
+    )
+    np.testing.assert_allclose(mdr.map_time, instants, rtol=1e-14)
+    for result, tolerance in ((mdr, 2e-3), (rings, 5e-3)):
+        for i in (1, 2):
+            inside = result.r <= float(result.contact_radius[i])
+            force = np.trapezoid(2 * np.pi * result.r * result.pressure[i], result.r)
+            assert float(force) == pytest.approx(float(result.force[i]), rel=tolerance)
+            flat = result.surface[i] + result.r**2 / (2 * R)
+            spread = flat.where(result.r < 0.95 * float(result.contact_radius[i]))
+            assert float(abs(spread / float(result.approach[i]) - 1).max()) < 2e-3
+            assert float(result.pressure[i].where(~inside, 0.0).max()) < 1e-3 * float(
+                result.pressure[i].max()
+            )
+        assert float(abs(result.pressure[[0, 3]]).max()) == 0.0
+        assert float(abs(result.surface[0]).max()) == 0.0
+        # In flight the dent is still there, and shallower than the contact was.
+        assert 0.0 < float(result.surface[3, 0]) < 1e-5
+    both = rings.interp(r=mdr.r, kwargs={"fill_value": "extrapolate"})
+    error = abs(both.pressure - mdr.pressure).where(mdr.r < 0.8 * mdr.contact_radius.values[2])
+    assert float(error.max()) < 0.02 * float(mdr.pressure.max())
+
+
 def test_progress_is_reported():
     seen = []
     drop(SLS, R, M, 0.0015, 0.05, progress=seen.append)
@@ -372,6 +401,8 @@ def test_the_contact_may_outgrow_its_springs():
         ({"times": [0.0, 0.0]}, "increase"),
         ({"times": [0.0, 99.0]}, "within"),
         ({"times": []}, "increase"),
+        ({"maps": [0.02, 0.01]}, "maps must increase"),
+        ({"maps": [0.02], "solver": "thesis"}, "maps"),
         ({"ring_width": -1.0, "solver": "rings"}, "ring_width"),
         ({"solver": "thesis", "plate": Plate(1.0, 100.0)}, "rigid"),
         ({"max_steps": 50}, "max_steps"),

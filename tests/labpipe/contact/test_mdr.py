@@ -61,3 +61,19 @@ def test_springs_of_a_sphere_end_at_its_equator():
 def test_an_unknown_profile_is_refused():
     with pytest.raises(InputError, match='"cone"'):
         line_springs(R, 1e-3, 1e-4, 50, "cone")
+
+
+def test_pressure_and_surface_of_the_parabola_are_hertzian():
+    a = 8e-4
+    springs = line_springs(R, 2e-3, 1e-4, 80)
+    free = a**2 / R - springs.gap
+    r = np.linspace(0.0, 1.5, 151) * a
+    pressure = springs.pressure(np.maximum(free, 0.0), a, r)
+    expected = 2 / (np.pi * R) * np.sqrt(np.maximum(a**2 - r**2, 0.0))
+    np.testing.assert_allclose(pressure, expected, rtol=1e-9, atol=1e-12 * expected[0])
+    surface = springs.surface(np.maximum(free, 0.0), r)
+    inside, outside = r < 0.98 * a, r > 1.02 * a
+    np.testing.assert_allclose(surface[inside], a**2 / R - r[inside] ** 2 / (2 * R), rtol=1e-4)
+    s = r[outside]
+    hertz = ((2 * a**2 - s**2) * np.arcsin(a / s) + a * np.sqrt(s**2 - a**2)) / (np.pi * R)
+    np.testing.assert_allclose(surface[outside], hertz, rtol=1e-3)

@@ -63,11 +63,13 @@ def test_pressure_of_the_sphere_is_hertzian():
     springs = ring_springs(R, a, a / n)
     approach = a**2 / R
     load = np.maximum(approach - springs.gap, 0.0)
-    pressure = springs.pressure(load)
-    expected = 2 / (np.pi * R) * np.sqrt(np.maximum(a**2 - springs.position**2, 0.0))
-    inside = springs.position < 0.9 * a
-    np.testing.assert_allclose(pressure[inside], expected[inside], rtol=2e-3)
+    r = np.linspace(0.01, 1.0, 100) * a
+    pressure = springs.pressure(load, a, r)
+    expected = 2 / (np.pi * R) * np.sqrt(a**2 - r**2)
+    np.testing.assert_allclose(pressure[:90], expected[:90], rtol=2e-3)
     assert np.all(pressure >= 0.0)
+    surface = springs.surface(approach - springs.gap, r)
+    np.testing.assert_allclose(surface[:90], approach - r[:90] ** 2 / (2 * R), rtol=1e-4)
 
 
 def test_too_many_rings_are_refused():
