@@ -1,0 +1,248 @@
+"""The thesis's printed numbers against ours, with a verdict each.
+
+A row agrees when ours lies within the stated distance of the printed value: half of the last
+printed digit, or what the text's "about" allows. Otherwise it carries a reason: a misprint, or
+data that only the thesis's author has (the DMA spectra, the recordings).
+"""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from itertools import pairwise
+from math import pi, sqrt
+from typing import Any, Literal
+
+import numpy as np
+
+from calibration.camera import pixel_size
+from labpipe import contact, materials
+from labpipe.contact import hertz, westergaard
+from labpipe.contact.collision import contact_stiffness
+from labpipe.contact.dissipation import (
+    dimensionless_frequency,
+    dimensionless_length,
+)
+from labpipe.units import Quantity
+from pipelines.figures.chapter2 import CHARACTERISTIC_TIME, DEPTH, PERIOD, TIP_RADIUS
+from pipelines.figures.chapter3 import GRAVITY, HEIGHTS, MASS, SPHERE_RADIUS
+
+Verdict = Literal["agrees", "misprint", "depends on unavailable data"]
+
+_RELAXED_CONTACT_MODULUS = 10.14e6
+"""Pa; the one modulus that gives the three plateaus of section 2.3.2."""
+
+_INDENTATIONS = (0.1e-3, 0.2e-3, 0.3e-3)
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One printed number.
+
+    Attributes
+    ----------
+    place : str
+        Section, figure, table or equation of the thesis; "reference" for a number that follows
+        from the thesis's inputs but is not printed.
+    quantity : str
+        What it is.
+    printed, ours : float
+        In ``unit``.
+    unit : str
+    within : float
+        Distance that still counts as agreement, in ``unit``.
+    misprint, unavailable : str
+        Why ours differs: one of the two, where it does.
+    """
+
+    place: str
+    quantity: str
+    printed: float
+    ours: float
+    unit: str
+    within: float
+    misprint: str = ""
+    unavailable: str = ""
+
+    @property
+    def difference(self) -> float:
+        """Ours minus printed."""
+        return self.ours - self.printed
+
+    @property
+    def verdict(self) -> Verdict:
+        """What to make of the difference."""
+        # The last digits of a decimal number are not exact in binary.
+        if abs(self.difference) <= self.within * (1 + 1e-9):
+            return "agrees"
+        return "depends on unavailable data" if self.unavailable else "misprint"
+
+    @property
+    def reason(self) -> str:
+        """Why it differs; empty when it agrees."""
+        return "" if self.verdict == "agrees" else self.misprint or self.unavailable
+
+    def document(self) -> dict[str, Any]:
+        """Return the row for JSON."""
+        return asdict(self) | {
+            "difference": self.difference, "verdict": self.verdict, "reason": self.reason,
+        }  # fmt: skip
+
+    def line(self) -> str:
+        """Return the row as one line of text."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        numbers = f"{self.printed:.4g} | {self.ours:.4g} | {self.difference:+.2g}{unit}"
+        why = f" ({self.reason})" if self.reason else ""
+        return f"{self.place:14} {self.quantity:48} {numbers:36} {self.verdict}{why}"
+
+
+def rows() -> tuple[Row, ...]:
+    """Return the whole check table."""
+    parts = (_conventions, _indenter, _plateaus, _peaks, _tapping, _impacts, _loads, _cameras,
+             _clocks)  # fmt: skip
+    return tuple(row for part in parts for row in part())
+
+
+def _conventions() -> Iterator[Row]:
+    """Signs and factors of equations, as numbers."""
+    solid = materials.Prony(1.0, [3.0], [1.0], nu=0.5)
+    lead = float(np.sign(np.angle(solid.complex_modulus(0.5))))
+    yield Row("1.1", "sign of delta in sigma_A sin(omega t - delta)", -1, lead, "1", 0,
+              misprint="with a minus sign a cycle would give energy; (1.15) has plus")  # fmt: skip
+    ratio = contact_stiffness(1.0, 1.0, 0.0) * 3
+    yield Row("A.1", "factor of E sqrt(a)/(3(1-nu^2)) in chi", 2, ratio, "1", 1e-9,
+              misprint="2 is for two equal spheres; a sphere on a rigid flat has 4")  # fmt: skip
+    yield Row("A.1 text", "is the 'yield stress of 2.0e-5 m' a stress? (1 yes)", 1, 0, "1", 0,
+              misprint="the unit is m: it is the yield depth of 20 um, not a stress")  # fmt: skip
+    yield Row("3.14 (eq.)", "velocity unit before /1000, in m/s", 1e-6, 1e-3, "m/s", 0,
+              misprint="mm over s is mm/s, not um/s; the /1000 is right")  # fmt: skip
+    yield Row("1.40", "retardation over relaxation time, beta = 4", 4,
+              float(solid.creep_terms()[1][0]), "1", 1e-12)  # fmt: skip
+
+
+def _indenter() -> Iterator[Row]:
+    for depth, printed in zip(_INDENTATIONS, (0.05, 0.10, 0.15), strict=True):
+        yield Row("2.4", f"Delta/R at {depth * 1e3:g} mm", printed,
+                  float(dimensionless_length(depth, TIP_RADIUS)), "1", 1e-9)  # fmt: skip
+    for frequency, printed in ((0.5, 0.78e-10), (2.0, 3.12e-10)):
+        yield Row("2.5" if frequency < 1 else "2.7", f"f tau_0 at {frequency:g} Hz", printed,
+                  float(dimensionless_frequency(frequency, CHARACTERISTIC_TIME)), "1",
+                  5e-13)  # fmt: skip
+    yield Row("2.7 caption", "amplitude over R", 3.12e-10, 0.15, "1", 1e-3,
+              misprint="the frequency f tau_0 is printed as an amplitude")  # fmt: skip
+    yield Row("2.1", "width that three tips of R = 2 mm span", 20.0,
+              (2 * PERIOD + 2 * TIP_RADIUS) * 1e3, "mm", 0.5)  # fmt: skip
+    shortest = float(materials.load("nbr").creep_terms()[1][0])
+    yield Row("2.38", "shortest retardation time of nbr", CHARACTERISTIC_TIME, shortest, "s",
+              5e-13, unavailable="the DMA spectrum; ours is one term per decade")  # fmt: skip
+
+
+def _plateaus() -> Iterator[Row]:
+    for depth, printed in zip(_INDENTATIONS, (12.2, 31.0, 55.5), strict=True):
+        state = westergaard.from_displacement(
+            depth, TIP_RADIUS, PERIOD, _RELAXED_CONTACT_MODULUS, "cosine"
+        )
+        # One modulus for three plateaus; 3 % covers the tips' shape and the force's calibration.
+        yield Row("2.3.2", f"plateau force at {depth * 1e3:g} mm", printed,
+                  float(state.force) * DEPTH, "N", 0.03 * printed)  # fmt: skip
+
+
+@lru_cache(maxsize=1)
+def _peak_forces() -> tuple[float, ...]:
+    rubber = materials.load("nbr")
+    found = []
+    for depth in _INDENTATIONS:
+        time = np.linspace(0.0, depth / 1e-3, 81)
+        made = contact.indent(rubber, TIP_RADIUS, PERIOD, DEPTH, time, time * 1e-3, "circle",
+                              elements=512)  # fmt: skip
+        found.append(float(made["force"].max()))
+    return tuple(found)
+
+
+def _peaks() -> Iterator[Row]:
+    for depth, printed, ours in zip(_INDENTATIONS, (23.1, 44.7, 80.6), _peak_forces(), strict=True):
+        yield Row("2.3.2", f"peak force at {depth * 1e3:g} mm", printed, ours, "N",
+                  0.03 * printed, unavailable="the DMA spectrum; ours is fitted to these ratios")  # fmt: skip
+
+
+def _tapping() -> Iterator[Row]:
+    rubber = materials.load("nbr")
+    mean = 0.05 * TIP_RADIUS
+    slow, fast = contact.tapping_amplitude(rubber, [0.0, 1e15], mean, TIP_RADIUS, PERIOD)
+    yield Row("2.34 text", "sign of d alpha / d frequency", 1, float(np.sign(fast - slow)), "1", 0,
+              misprint="|E| rises with frequency, so the critical amplitude falls")  # fmt: skip
+    yield Row("2.34 text", "alpha(0)/Delta_0, 'about'", 1.0, float(slow) / mean, "1", 0.25)
+    yield Row("2.34 text", "alpha(inf) beta/Delta_0, 'about'", 1.0,
+              float(fast) / mean * rubber.E_unrelaxed / rubber.E_relaxed, "1", 0.25)  # fmt: skip
+
+
+def _impacts() -> Iterator[Row]:
+    for height, printed in zip(HEIGHTS, (0.1715, 0.3132, 0.3706, 0.4429), strict=True):
+        yield Row("reference", f"impact speed from {height * 1e3:g} mm", printed,
+                  float(hertz.drop_speed(height, GRAVITY)), "m/s", 1e-4)  # fmt: skip
+    ptfe = contact.drop(materials.load("ptfe"), SPHERE_RADIUS, MASS, 7e-3, 0.3)
+    yield Row("3.3.2", "first contact of PTFE from 7 mm", 0.04, float(ptfe["impact_time"][0]),
+              "s", 5e-3)  # fmt: skip
+    yield Row("3.3.2", "last lift-off is over, PTFE from 7 mm", 0.15,
+              float(ptfe["final_contact_time"]), "s", 0.01)  # fmt: skip
+    yield Row("3.3.2", "position at rest, PTFE from 7 mm", -7.1,
+              -7.0 + float(ptfe["displacement"][-1]) * 1e3, "mm", 0.05,
+              unavailable="the recording: zero of the laser, permanent set of PTFE")  # fmt: skip
+    acrylic = contact.drop(materials.load("acrylic"), SPHERE_RADIUS, MASS, HEIGHTS[0], 0.03)
+    yield Row("3.3.3", "duration of an impact, 'about 10^-3 s'", 1e-3,
+              float(acrylic["contact_duration"][0]), "s", 5e-4)  # fmt: skip
+    modulus = 3.2e9 / (1 - 0.35**2)
+    load = hertz.static_load(MASS * GRAVITY, SPHERE_RADIUS, modulus)
+    yield Row("reference", "Hertz radius at rest, E = 3.2 GPa", 0.213,
+              float(load.contact_radius) * 1e3, "mm", 5e-4)  # fmt: skip
+    elastic = hertz.impact(sqrt(2 * GRAVITY * HEIGHTS[0]), SPHERE_RADIUS, MASS, modulus)
+    yield Row("reference", "Hertz approach, acrylic from 1.5 mm", 69.0,
+              float(elastic.peak_approach) * 1e6, "um", 0.5)  # fmt: skip
+    yield Row("3.1", "radius of a 3/4 inch sphere", 9.525, 0.75 * 25.4 / 2, "mm", 1e-9)
+    sphere = 1180 * 4 / 3 * pi * SPHERE_RADIUS**3
+    yield Row("3.9 text", "mass of the sphere, acrylic 1180 kg/m3", 5.0, sphere * 1e3, "g", 0.5,
+              unavailable="weighing; one value for four spheres, 0.15 % of all")  # fmt: skip
+
+
+def _loads() -> Iterator[Row]:
+    load = 0.5
+    yield Row("3.3.4", "load 1", 0.5, load, "kg", 1e-9)
+    for number, (added, printed) in enumerate(
+        zip((2.0, 1.0, 1.0, 1.0), (2.5, 3.5, 4.5, 5.5), strict=True), start=2
+    ):
+        load += added
+        yield Row("3.3.4", f"load {number} from the masses of 3.1", printed, load, "kg", 1e-9)
+    times = (2.55, 18.20, 33.10, 47.55)
+    yield Row("3.1, 3.3.4", "first hold", 3.0, times[0], "min", 0.2,
+              misprint="3 min in 3.1: 2.55 read as min.s is 2 min 55 s")  # fmt: skip
+    for number, (before, after) in enumerate(pairwise(times), start=2):
+        yield Row("3.1, 3.3.4", f"hold {number}, 'about every 15 min'", 15.0, after - before,
+                  "min", 1.0)  # fmt: skip
+
+
+def _size(length: float, pixels: float, u_pixels: float) -> Quantity:
+    return pixel_size(Quantity(length, 0.0, "m"), Quantity(pixels, u_pixels, "px"))
+
+
+def _cameras() -> Iterator[Row]:
+    front, disc = _size(30e-3, 386, 1), _size(1e-3, 461, 1)
+    yield Row("D.2", "front camera", 0.07772, front.value * 1e3, "mm/px", 5e-6)
+    yield Row("D.2", "front camera", 77.7, front.value * 1e6, "um/px", 0.05)
+    yield Row("3.8 caption", "front camera", 77.7, front.value * 1e6, "um/px", 0.05)
+    yield Row("D.3", "camera under the disc", 0.00217, disc.value * 1e3, "mm/px", 5e-6)
+    yield Row("3.1", "camera under the disc", 2.17, disc.value * 1e6, "um/px", 5e-3)
+    yield Row("3.14 caption", "camera under the disc", 2.17, disc.value * 1e3, "mm/px", 5e-3,
+              misprint="printed in mm; 1 mm = 461 px gives 2.17 um")  # fmt: skip
+    for u_pixels, printed in ((1, 0.3), (2, 0.5)):
+        size = _size(30e-3, 386, u_pixels)
+        yield Row("table D.1", f"uncertainty of the front camera, {u_pixels} px", printed,
+                  100 * size.u / size.value, "%", 0.05)  # fmt: skip
+    yield Row("table D.1", "uncertainty of the disc camera, 1 px", 0.2,
+              100 * disc.u / disc.value, "%", 0.05)  # fmt: skip
+    yield Row("D.2 text", "front over disc, 'two orders of magnitude'", 100.0,
+              front.value / disc.value, "1", 50.0,
+              misprint="the scales differ by a factor 36, one and a half orders")  # fmt: skip
+
+
+def _clocks() -> Iterator[Row]:
+    yield Row("D.1 text", "time between frames at 10,000 per second", 0.1, 1e3 / 10_000, "ms", 1e-9)
+    yield Row("3.1", "time step of the laser at 20 kHz", 50.0, 1e6 / 20_000, "us", 1e-9)
