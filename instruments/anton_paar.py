@@ -158,13 +158,17 @@ def _check_last(source: TextFile, export: Export, allow: bool) -> None:
     if source.is_ended or allow:
         return
     last = export.intervals[-1]
-    if not (last.rows and last.rows[-1].line == source.n_lines and _is_whole(last)):
-        raise SourceError(
-            source.path,
-            "the last line is cut, it has no line end",
-            line=source.n_lines,
-            hint="Export the file again, or drop this line with allow_incomplete=True.",
+    if last.rows and last.rows[-1].line == source.n_lines and _is_whole(last):
+        export.notes.append(
+            "the last line has no line end; its table is complete, but further ones may be lost"
         )
+        return
+    raise SourceError(
+        source.path,
+        "the last line is cut, it has no line end",
+        line=source.n_lines,
+        hint="Export the file again, or drop this line with allow_incomplete=True.",
+    )
 
 
 def _is_whole(interval: RawInterval) -> bool:

@@ -84,19 +84,18 @@ def workbook_rows(path: Path) -> Iterator[Row]:
     """
     _check_sizes(path)
     import openpyxl
+    from openpyxl.utils.exceptions import InvalidFileException
 
     try:
-        with warnings.catch_warnings():
+        # A stream, because the library would go by the file's extension.
+        with path.open("rb") as stream, warnings.catch_warnings():
             warnings.filterwarnings("ignore", module="openpyxl")
-            book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-            try:
-                for sheet in book.worksheets:
-                    yield from _sheet_rows(path, sheet)
-            finally:
-                book.close()
+            book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
+            for sheet in book.worksheets:
+                yield from _sheet_rows(path, sheet)
     except SourceError:
         raise
-    except _DAMAGE as error:
+    except (*_DAMAGE, InvalidFileException) as error:
         raise _damaged(path, error) from None
 
 

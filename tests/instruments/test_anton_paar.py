@@ -47,8 +47,10 @@ def rheocompass(
         ["", *units],
         *(["", *row] for row in rows),
     ]  # fmt: skip
+
     def joined(cells):
         return delimiter.join(f'"{c}"' if delimiter == "," and "," in c else c for c in cells)
+
     return "\r\n".join(map(joined, lines)) + "\r\n"
 
 

@@ -1,0 +1,366 @@
+"""Damaged Anton Paar exports: a clear error or a warning, never a shorter result in silence."""
+
+import io
+import random
+import re
+import warnings
+import zipfile
+
+import numpy as np
+import pytest
+
+from instruments import anton_paar
+from instruments.anton_paar import assemble, make_column, make_interval
+from labpipe.errors import LabpipeError, SourceError
+from labpipe.text import Limits
+
+
+def recording():
+    frequency = np.array([10.0, 1.0, 0.1])
+    intervals = [
+        make_interval(test, "Frequency sweep 1", number, [
+            make_column("Angular Frequency", "[rad/s]", frequency),
+            make_column("Storage Modulus", "[MPa]", 1e6 * (number + frequency)),
+            make_column("Loss Modulus", "[MPa]", 1e5 * (number + frequency)),
+            make_column("Loss Factor", "[1]", np.full(3, 0.1)),
+            make_column("Temperature", "[°C]", np.full(3, 20.5 + number)),
+            make_column("Torque", "[mN·m]", 1e-4 * frequency),
+            make_column("Status", "", ["TruStrain™", "ME-,taD", "TruStrain™"]),
+        ])
+        for test, number in (("sample A", 1), ("sample A", 2), ("sample B", 1))
+    ]  # fmt: skip
+    return assemble(intervals, project="Sweep | PC, 2/27/2020 | 2")
+
+
+WHOLE = recording()
+TEXT = anton_paar.encode(WHOLE).decode("utf-16")
+COMMA = anton_paar.encode(WHOLE, decimal=",").decode("utf-16")
+
+
+def outcome(folder, data, **options):
+    """Return the Dataset or the error, and the texts of the warnings."""
+    path = folder / "export.csv"
+    path.write_bytes(data)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            found = anton_paar.read(path, **options)
+        except LabpipeError as error:
+            found = error
+    return found, [str(w.message) for w in caught]
+
+
+def utf16(text):
+    return b"\xff\xfe" + text.encode("utf-16-le")
+
+
+def replaced(old, new, count=1):
+    assert old in TEXT
+    return TEXT.replace(old, new, count)
+
+
+ROW = TEXT.split("\r\n")[10]  # the first row of data
+SECOND = TEXT.split("\r\n")[11]
+assert ROW.startswith("\t1\t10.0")
+
+REFUSED = {
+    "empty": ("", "empty"),
+    "blank_lines_only": ("\r\n\r\n", "no line such as"),
+    "prose": ("Dear Sir,\r\nI measured it.\r\n", "no line such as"),
+    "header_only": (TEXT.split("Interval and")[0], "no line such as|no table"),
+    "no_units_row": (replaced("\t\t[rad/s]\t[MPa]\t[MPa]\t[1]\t[°C]\t[mN·m]\t\r\n", ""), "units"),
+    "unknown_unit": (replaced("[MPa]", "[blob]"), "unit"),
+    "unit_of_another_quantity": (replaced("[MPa]", "[mm]"), "expected a unit of Pa"),
+    "temperature_in_kelvin": (replaced("[°C]", "[K]"), "expected a unit of degC"),
+    "torque_without_unit": (replaced("[mN·m]", ""), "expected a unit of N m"),
+    "more_units_than_columns": (replaced("[mN·m]\t\r\n", "[mN·m]\t\t[Pa]\r\n"), "units for"),
+    "letters_in_a_number": (replaced("\t10.0\t", "\t1O.0\t"), "expected a number"),
+    "nan_as_a_number": (replaced("\t10.0\t", "\tnan\t"), "expected a number"),
+    "infinity_as_a_number": (replaced("\t10.0\t", "\tinf\t"), "expected a number"),
+    "two_numbers_in_a_cell": (replaced("\t10.0\t", "\t10.0 11.0\t"), "expected a number"),
+    "two_decimal_signs": (replaced("\t10.0\t", "\t10.0.1\t"), "expected a number"),
+    "hexadecimal": (replaced("\t10.0\t", "\t0x10\t"), "expected a number"),
+    "underscore": (replaced("\t10.0\t", "\t1_0.0\t"), "expected a number"),
+    "unicode_minus": (replaced("\t10.0\t", "\t\N{MINUS SIGN}10.0\t"), "expected a number"),
+    "a_cell_lost": (replaced("\t10.0\t", "\t"), "cell|number"),
+    "a_cell_added": (replaced("\t10.0\t", "\t10.0\t10.0\t"), "cells"),
+    "first_cell_filled": (TEXT.replace(ROW, "x" + ROW, 1), "first cell"),
+    "row_moved_left": (TEXT.replace(ROW, ROW[1:], 1), "first cell|cells"),
+    "point_repeated": (TEXT.replace(ROW, ROW + "\r\n" + ROW, 1), "expected a number above"),
+    "points_swapped": (
+        TEXT.replace(f"{ROW}\r\n{SECOND}", f"{SECOND}\r\n{ROW}", 1), "expected a number above",
+    ),
+    "point_number_negative": (replaced("\t1\t10.0", "\t-1\t10.0"), "point number"),
+    "point_number_is_text": (replaced("\t1\t10.0", "\tone\t10.0"), "point number"),
+    "point_mark_unknown": (replaced("\t1\t10.0", "\t1 (perhaps)\t10.0"), "point number"),
+    "blank_line_inside_a_table": (TEXT.replace(SECOND, "\r\n" + SECOND, 1), "outside a table"),
+    "header_of_a_table_lost": (
+        "\r\n".join(x for i, x in enumerate(TEXT.split("\r\n")) if i != 7), "names of the columns",
+    ),
+    "column_name_lost": (replaced("Loss Modulus", ""), "no name"),
+    "nul_inside": (replaced("10.0", "1\0.0"), "control character"),
+    "control_character_inside": (replaced("10.0", "1\x07.0"), "control character"),
+    "both_decimal_signs": (replaced("\t10.0\t", "\t10,05\t"), "decimal sign"),
+    "last_line_without_end": (TEXT.removesuffix("\r\n")[:-4], "last line is cut"),
+    "window_definition": ("<?xml version='1.0'?><Export Version='1'/>\r\n", "layout of a table"),
+    "mach1_instead": ("<Mach-1 File>\r\n<INFO>\r\n", "layout of a table|no line such as"),
+    "same_column_in_two_units": (
+        replaced("Torque", "Foo").replace("[mN·m]", "[s]", 1).replace("Torque", "Foo"),
+        "in another table",
+    ),
+    "strain_unit_is_a_force": (replaced("Torque", "Shear Strain"), "expected a unit of 1"),
+    "text_in_the_modulus": (replaced("\t11.0\t", "\tTruStrain™\t"), "expected a number"),
+    "huge_number": (replaced("\t11.0\t", "\t1E999\t"), "expected a number"),
+    "row_joined_with_the_next": (replaced(ROW + "\r\n", ROW), "cells|number"),
+}  # fmt: skip
+
+REPORTED = {
+    "declared_more_points": (replaced("points:\t1\t3", "points:\t1\t11"), "declares 11 points"),
+    "declared_fewer_points": (replaced("points:\t1\t3", "points:\t1\t2"), "declares 2 points"),
+    "declared_none": (replaced("points:\t1\t3", "points:\t1\t0"), "declares 0 points"),
+    "second_project": (TEXT + "\r\n" + TEXT, "second project"),
+    "count_line_lost": (
+        replaced("Interval and data points:\t1\t3\r\n", ""), "without the line that states",
+    ),
+    "header_word_lost_its_dot": (replaced("Point No.", "Point No,"), "taken as the column point"),
+    "ends_after_a_label": (TEXT + "\r\nTest:\tsample C\r\n", "ends after a label"),
+    "ends_with_a_blank_line": (TEXT + "\r\n", "empty line"),
+    "ends_after_a_count_line": (
+        TEXT + "\r\nInterval and data points:\t2\t7\r\n", "declares 7 points and holds 0",
+    ),
+    "ends_after_the_units": (
+        TEXT + "\r\n" + "\r\n".join(TEXT.split("\r\n")[6:10]) + "\r\n", "declares 3 points",
+    ),
+}  # fmt: skip
+
+HARMLESS = {
+    "trailing_tabs": TEXT.replace("\r\n", "\t\t\r\n"),
+    "line_feeds_only": TEXT.replace("\r\n", "\n"),
+    "sub_label_row_lost": TEXT.replace("\t" * 8 + "\r\n", ""),
+    "quotes_on_the_project": TEXT.replace("Sweep | PC, 2/27/2020 | 2",
+                                          '"Sweep | PC, 2/27/2020 | 2"'),
+    "spaces_around_numbers": TEXT.replace("\t10.0\t", "\t 10.0 \t"),
+    "micro_as_mu": TEXT.replace("[mN·m]", "[mN\N{DOT OPERATOR}m]"),
+    "utf8_read_as_cp1252": TEXT.encode().decode("cp1252"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", sorted(REFUSED))
+def test_damage_is_refused_with_its_place(tmp_path, name):
+    text, message = REFUSED[name]
+    found, _ = outcome(tmp_path, utf16(text) if text else b"")
+    assert isinstance(found, SourceError), found
+    assert found.path is not None
+    assert re.search(message, str(found)), str(found)
+
+
+@pytest.mark.parametrize("name", sorted(REPORTED))
+def test_doubtful_files_are_read_with_a_warning(tmp_path, name):
+    text, message = REPORTED[name]
+    found, said = outcome(tmp_path, utf16(text))
+    assert not isinstance(found, Exception), found
+    assert found.sizes["sample"] >= WHOLE.sizes["sample"]
+    assert any(message in s for s in said), said
+
+
+@pytest.mark.parametrize("name", sorted(HARMLESS))
+def test_harmless_changes_change_nothing(tmp_path, name):
+    found, said = outcome(tmp_path, utf16(HARMLESS[name]))
+    assert not isinstance(found, Exception), found
+    assert said == []
+    for column in ("storage_modulus", "torque", "temperature"):
+        np.testing.assert_allclose(found[column], WHOLE[column], rtol=1e-12)
+
+
+def test_a_comma_that_may_be_either_is_asked_about(tmp_path):
+    text = "\r\n".join(
+        line if not line.startswith("\t") or "[" in line else f"\t{i}\t1,234\t2,345\t3,456\t1,000"
+        "\t25,125\t1,111\tok"
+        for i, line in enumerate(TEXT.split("Interval and data points:\t2")[0].split("\r\n"), -9)
+        if line.strip("\t") or not line
+    )  # fmt: skip
+    found, _ = outcome(tmp_path, utf16(text))
+    assert "decimal" in str(found)
+    found, _ = outcome(tmp_path, utf16(text), decimal=",")
+    assert float(found.angular_frequency[0]) == 1.234
+
+
+def test_a_decimal_comma_before_an_exponent_is_evidence(tmp_path):
+    found, _ = outcome(tmp_path, utf16(COMMA.replace("11,0", "1,100E1")))
+    np.testing.assert_allclose(found.storage_modulus, WHOLE.storage_modulus)
+
+
+def test_an_odd_number_of_bytes_in_utf16_is_refused(tmp_path):
+    found, _ = outcome(tmp_path, utf16(TEXT)[:-1])
+    assert isinstance(found, SourceError)
+
+
+def test_utf16_without_its_mark_is_refused(tmp_path):
+    found, _ = outcome(tmp_path, TEXT.encode("utf-16-le"))
+    assert isinstance(found, SourceError)
+
+
+def complete_ends(data):
+    """Offsets where the file ends with a whole table: no reader can know of tables after it."""
+    ends = set()
+    for stop in (2, 3):
+        head = "Interval and data points:".join(TEXT.split("Interval and data points:")[:stop])
+        rows = head[: head.rindex("TruStrain™") + len("TruStrain™")]
+        ends |= {len(utf16(rows)) + extra for extra in (2, 4)}
+    return ends | {len(data), len(data) - 2}
+
+
+def check_cut(folder, data, cut, allowed):
+    found, said = outcome(folder, data[:cut])
+    if isinstance(found, Exception) or said:
+        return
+    assert cut in allowed, cut
+    assert found.sizes["sample"] % 3 == 0
+
+
+CUT_DATA = utf16(TEXT)
+
+
+def test_a_cut_at_any_hundredth_byte_and_any_line_end_is_noticed(tmp_path):
+    allowed = complete_ends(CUT_DATA)
+    for cut in range(0, len(CUT_DATA), 97):
+        check_cut(tmp_path, CUT_DATA, cut, allowed)
+    position = 0
+    for line in TEXT.split("\r\n")[:-1]:
+        position += len(line) + 2
+        check_cut(tmp_path, CUT_DATA, len(utf16(TEXT[:position])), allowed)
+
+
+@pytest.mark.slow
+def test_a_cut_at_every_byte_is_noticed(tmp_path):
+    allowed = complete_ends(CUT_DATA)
+    assert len(CUT_DATA) < 4096
+    for cut in range(len(CUT_DATA)):
+        check_cut(tmp_path, CUT_DATA, cut, allowed)
+
+
+@pytest.mark.parametrize("seed", range(150))
+def test_a_mutated_file_is_never_shorter_in_silence(tmp_path, seed):
+    source = random.Random(seed)
+    data = bytearray(TEXT.encode("utf-8"))
+    for _ in range(source.choice((1, 1, 1, 3, 10))):
+        at = source.randrange(len(data))
+        action = source.randrange(3)
+        if action == 0:
+            data[at] = source.randrange(256)
+        elif action == 1:
+            del data[at : at + source.randrange(1, 40)]
+        else:
+            data[at:at] = bytes(source.choices(b"\t\r\n,;\"'0159Ee-:[] ", k=source.randrange(1, 5)))
+    found, said = outcome(tmp_path, bytes(data))
+    if not isinstance(found, Exception):
+        assert found.sizes["sample"] >= WHOLE.sizes["sample"] or said
+
+
+def test_a_row_deleted_whole_is_reported(tmp_path):
+    found, said = outcome(tmp_path, utf16(TEXT.replace(SECOND + "\r\n", "", 1)))
+    assert found.sizes["sample"] == 8
+    assert any("declares 3 points and holds 2" in s for s in said)
+
+
+def test_large_files_and_long_lines_are_refused_first(tmp_path):
+    found, _ = outcome(tmp_path, utf16(TEXT), limits=Limits(max_bytes=100))
+    assert "at most 100 are read" in str(found)
+    found, _ = outcome(tmp_path, utf16(TEXT), limits=Limits(max_line=20))
+    assert "longer than 20" in str(found)
+
+
+def workbook():
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    for line in TEXT.split("\r\n"):
+        book.active.append([_typed(c) for c in line.split("\t")])
+    stream = io.BytesIO()
+    book.save(stream)
+    return stream.getvalue()
+
+
+def _typed(cell):
+    try:
+        return float(cell)
+    except ValueError:
+        return cell or None
+
+
+BOOK = workbook()
+SHEET = "xl/worksheets/sheet1.xml"
+
+
+def test_a_workbook_equals_the_text(tmp_path):
+    found, said = outcome(tmp_path, BOOK)
+    assert said == []
+    np.testing.assert_allclose(found.storage_modulus, WHOLE.storage_modulus, rtol=1e-12)
+
+
+@pytest.mark.parametrize("part", range(1, 40))
+def test_a_cut_workbook_is_refused(tmp_path, part):
+    found, _ = outcome(tmp_path, BOOK[: len(BOOK) * part // 40])
+    assert isinstance(found, SourceError)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_mutated_workbook_is_refused_or_read_whole(tmp_path, seed):
+    source = random.Random(seed)
+    data = bytearray(BOOK)
+    for _ in range(source.choice((1, 3, 30))):
+        data[source.randrange(len(data))] = source.randrange(256)
+    found, said = outcome(tmp_path, bytes(data))
+    if not isinstance(found, Exception):
+        assert found.sizes["sample"] == WHOLE.sizes["sample"] or said
+
+
+def repacked(changes):
+    stream = io.BytesIO()
+    with (
+        zipfile.ZipFile(io.BytesIO(BOOK)) as source,
+        zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as target,
+    ):
+        for name in source.namelist():
+            target.writestr(name, changes.get(name, source.read(name)))
+    return stream.getvalue()
+
+
+def test_a_workbook_that_unpacks_to_much_is_refused_before_it_is_unpacked(tmp_path):
+    bomb = repacked({SHEET: b" " * (257 << 20)})
+    assert len(bomb) < 1 << 20
+    found, _ = outcome(tmp_path, bomb)
+    assert "at most" in str(found)
+
+
+def test_a_workbook_of_too_many_parts_is_refused(tmp_path):
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as target:
+        for i in range(2001):
+            target.writestr(f"part{i}", b"")
+    found, _ = outcome(tmp_path, stream.getvalue())
+    assert "parts" in str(found)
+
+
+def test_an_archive_that_is_no_workbook_is_refused(tmp_path):
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as target:
+        target.writestr("a.txt", b"hello")
+    found, _ = outcome(tmp_path, stream.getvalue())
+    assert "holds no workbook" in str(found)
+
+
+def test_nested_entities_in_a_workbook_are_refused(tmp_path):
+    lines = "".join(f'<!ENTITY a{i} "{f"&a{i - 1};" * 10}">' for i in range(1, 10))
+    bomb = f'<!DOCTYPE x [<!ENTITY a0 "{"x" * 1000}">{lines}]><worksheet>&a9;</worksheet>'.encode()
+    found, _ = outcome(tmp_path, repacked({SHEET: bomb}))
+    assert isinstance(found, SourceError)
+
+
+def test_a_spreadsheet_error_in_a_cell_is_refused(tmp_path):
+    with zipfile.ZipFile(io.BytesIO(BOOK)) as archive:
+        sheet = archive.read(SHEET).decode()
+    assert "<v>11</v>" in sheet
+    broken = sheet.replace('t="n"><v>11</v>', 't="e"><v>#REF!</v>', 1)
+    found, _ = outcome(tmp_path, repacked({SHEET: broken.encode()}))
+    assert "#REF!" in str(found)
