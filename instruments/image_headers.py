@@ -1,0 +1,180 @@
+"""What an image file says of itself, read before a decoder sees it.
+
+A few bytes can declare an image of any size; sizes are therefore checked against limits and
+against the file first. Only what the films of a laboratory need is accepted: grey PNG and TIFF.
+"""
+
+import os
+import struct
+from pathlib import Path
+from typing import NamedTuple
+
+from labpipe.errors import SourceError
+
+MOST_PIXELS = 1 << 26  # of one image: four times the largest camera
+MOST_PAGES = 1 << 20  # of one TIFF
+_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
+_TIFF_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 16: 8, 13: 4}
+_WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS = (
+    256,
+    257,
+    258,
+    262,
+    273,
+    277,
+    279,
+)
+_TILE_OFFSETS, _TILE_COUNTS = 324, 325
+_WANTED = (_WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS, _TILE_OFFSETS,
+           _TILE_COUNTS)  # fmt: skip
+
+
+class ImageHeader(NamedTuple):
+    """Size and depth of one image; ``fault`` says why it cannot be decoded completely, or ""."""
+
+    rows: int
+    columns: int
+    bits: int
+    fault: str = ""
+
+
+def is_tiff(head: bytes) -> bool:
+    """Tell a TIFF or BigTIFF by its first bytes."""
+    return head[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+
+
+def is_png(head: bytes) -> bool:
+    """Tell a PNG by its first bytes."""
+    return head[:8] == _PNG
+
+
+def read_headers(path: Path) -> list[ImageHeader]:
+    """Return the header of every image in a PNG or TIFF file.
+
+    Raises
+    ------
+    SourceError
+        The file is neither, is colour, or declares what it cannot hold.
+    """
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(33)
+            if is_png(head):
+                stream.seek(-min(12, os.fstat(stream.fileno()).st_size), os.SEEK_END)
+                return [_png(path, head, stream.read(12))]
+        if is_tiff(head):
+            return _tiff(path, path.read_bytes() if path.stat().st_size < 1 << 20 else None)
+    except OSError as error:
+        raise SourceError(path, f"cannot be opened: {error.strerror}") from None
+    raise SourceError(
+        path, f"is neither PNG nor TIFF: it starts with {head[:8]!r}",
+        hint="Export the film as PNG or TIFF images, or give the camera's own file.",
+    )  # fmt: skip
+
+
+def _png(path: Path, head: bytes, tail: bytes) -> ImageHeader:
+    if len(head) < 33 or head[12:16] != b"IHDR":
+        raise SourceError(path, "the PNG ends within its header")
+    columns, rows, bits, colour = struct.unpack(">IIBB", head[16:26])
+    if colour != 0:
+        raise SourceError(
+            path, f"the PNG is of colour type {colour}, expected 0 (grey)", offset=25,
+            hint="A colour image has no single intensity; export the film as grey.",
+        )  # fmt: skip
+    _check_size(path, rows, columns, bits)
+    fault = "" if tail == _PNG_END else "the PNG is cut off: its end mark is missing"
+    return ImageHeader(rows, columns, bits, fault)
+
+
+def _check_size(path: Path, rows: int, columns: int, bits: int) -> None:
+    if min(rows, columns) < 1 or rows * columns > MOST_PIXELS:
+        raise SourceError(
+            path,
+            f"declares {columns} × {rows} px; expected at least one and at most {MOST_PIXELS}",
+            hint="A film of this project is far smaller: the header is damaged.",
+        )
+    if bits not in (8, 16):
+        raise SourceError(path, f"holds {bits} bits per pixel; expected 8 or 16")
+
+
+def _tiff(path: Path, data: bytes | None) -> list[ImageHeader]:
+    import mmap
+
+    if data is not None:
+        return _Tiff(path, data).pages()
+    with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as view:
+        return _Tiff(path, view).pages()
+
+
+class _Tiff:
+    """The chain of directories of a TIFF; no pixel is touched."""
+
+    def __init__(self, path: Path, data: "bytes | object") -> None:
+        self.path = path
+        self.data: bytes = data  # type: ignore[assignment]  # a mapped file is read as bytes are
+        self.order = "<" if self.data[:2] == b"II" else ">"
+        self.is_big = self.unpack("H", 2) == 43
+
+    def unpack(self, layout: str, at: int) -> int:
+        size = struct.calcsize(self.order + layout)
+        if not 0 <= at <= len(self.data) - size:
+            raise SourceError(self.path, "the TIFF points outside of itself", offset=at)
+        return int(struct.unpack(self.order + layout, self.data[at : at + size])[0])
+
+    def pages(self) -> list[ImageHeader]:
+        word, start = ("Q", 8) if self.is_big else ("I", 4)
+        at = self.unpack(word, start)
+        seen: set[int] = set()
+        found = []
+        while at:
+            if at in seen or len(seen) >= MOST_PAGES:
+                raise SourceError(self.path, "the TIFF's pages form a circle", offset=at)
+            seen.add(at)
+            header, at = self._page(at)
+            found.append(header)
+        if not found:
+            raise SourceError(self.path, "the TIFF holds no image")
+        return found
+
+    def _page(self, at: int) -> tuple[ImageHeader, int]:
+        count = self.unpack("Q" if self.is_big else "H", at)
+        first, size = (at + 8, 20) if self.is_big else (at + 2, 12)
+        tags = {}
+        for i in range(min(count, 4096)):
+            entry = first + i * size
+            tag = self.unpack("H", entry)
+            if tag in _WANTED:
+                tags[tag] = self._values(entry)
+        following = self.unpack("Q" if self.is_big else "I", first + count * size)
+        return self._header(tags, at), following
+
+    def _values(self, entry: int) -> list[int]:
+        kind = self.unpack("H", entry + 2)
+        count = self.unpack("Q" if self.is_big else "I", entry + 4)
+        size = _TIFF_SIZES.get(kind, 0)
+        layout = {1: "B", 2: "B", 4: "I", 8: "Q"}.get(size)
+        if layout is None or kind == 3:
+            layout = "H" if kind == 3 else None
+        if layout is None or count * size > len(self.data):
+            raise SourceError(self.path, f"a TIFF field of type {kind} and {count} values",
+                              offset=entry)  # fmt: skip
+        room, place = (8, entry + 12) if self.is_big else (4, entry + 8)
+        if count * size > room:
+            place = self.unpack("Q" if self.is_big else "I", place)
+        return [self.unpack(layout, place + i * size) for i in range(count)]
+
+    def _header(self, tags: dict[int, list[int]], at: int) -> ImageHeader:
+        rows, columns = (tags.get(tag, [0])[0] for tag in (_LENGTH, _WIDTH))
+        bits, samples = tags.get(_BITS, [1])[0], tags.get(_SAMPLES, [1])[0]
+        if samples != 1 or tags.get(_PHOTOMETRIC, [1])[0] not in (0, 1):
+            raise SourceError(
+                self.path, f"a page has {samples} samples per pixel or a palette; expected grey",
+                offset=at, hint="A colour image has no single intensity; export the film as grey.",
+            )  # fmt: skip
+        _check_size(self.path, rows, columns, bits)
+        starts = tags.get(_OFFSETS) or tags.get(_TILE_OFFSETS, [])
+        sizes = tags.get(_COUNTS) or tags.get(_TILE_COUNTS, [])
+        ends = [s + n for s, n in zip(starts, sizes, strict=False)]
+        is_whole = ends and len(starts) == len(sizes) and max(ends) <= len(self.data)
+        return ImageHeader(rows, columns, bits, "" if is_whole else "the TIFF page is cut off")

@@ -1,0 +1,137 @@
+"""Exported films: order, gaps, times, damage and bombs."""
+
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+import instruments
+from labpipe.errors import InputError, SourceError
+from labpipe.frames import FrameSource
+
+
+def images(count: int, dtype: type = np.uint8) -> np.ndarray:
+    generator = np.random.default_rng(3)
+    return generator.integers(0, np.iinfo(dtype).max, (count, 12, 20)).astype(dtype)
+
+
+def write_folder(folder: Path, names: list[str], dtype: type = np.uint8) -> np.ndarray:
+    folder.mkdir(exist_ok=True)
+    film = images(len(names), dtype)
+    for name, image in zip(names, film, strict=True):
+        assert cv2.imwrite(str(folder / name), image)
+    return film
+
+
+def test_images_are_sorted_by_number_not_by_name(tmp_path: Path) -> None:
+    film = write_folder(tmp_path / "f", ["a9.png", "a10.png", "a11.png"])
+    found = instruments.read(tmp_path / "f", fps=1000.0)
+    assert isinstance(found, FrameSource)
+    assert instruments.identify(tmp_path / "f") == "image_stack"
+    np.testing.assert_array_equal(np.stack(list(found)), film)
+    np.testing.assert_allclose(found.time, [0, 1e-3, 2e-3])
+    np.testing.assert_array_equal(found.roi(slice(2, 5), slice(3, 9))[-1], film[-1, 2:5, 3:9])
+
+
+def test_numbers_with_a_minus_sign_come_before_the_trigger(tmp_path: Path) -> None:
+    film = write_folder(tmp_path / "f", ["img_-2.tif", "img_-1.tif", "img_0.tif"], np.uint16)
+    found = instruments.read(tmp_path / "f", fps=10.0, exposure=1e-3)
+    np.testing.assert_array_equal(found[0], film[0])
+    assert found.levels == (0.0, 65535.0)
+    assert found.exposure.tolist() == [1e-3] * 3
+
+
+def test_a_gap_in_the_numbers_is_a_gap_in_time_and_is_said(tmp_path: Path) -> None:
+    write_folder(tmp_path / "f", ["a1.png", "a2.png", "a5.png"])
+    with pytest.warns(UserWarning, match="2 images are missing, the first after number 2"):
+        found = instruments.read(tmp_path / "f", fps=1.0)
+    assert found.time.tolist() == [0.0, 1.0, 4.0]
+
+
+def test_without_a_frame_rate_there_is_no_time_and_no_film(tmp_path: Path) -> None:
+    write_folder(tmp_path / "f", ["a1.png", "a2.png"])
+    with pytest.raises(InputError, match="fps=10000"):
+        instruments.read(tmp_path / "f")
+
+
+def test_pages_of_a_tiff_are_frames(tmp_path: Path) -> None:
+    film = images(4, np.uint16)
+    assert cv2.imwritemulti(str(tmp_path / "f.tif"), list(film))
+    found = instruments.read(tmp_path / "f.tif", fps=100.0)
+    np.testing.assert_array_equal(np.stack(list(found)), film)
+    assert found.valid.all()
+
+
+def test_an_image_of_another_size_is_named(tmp_path: Path) -> None:
+    write_folder(tmp_path / "f", ["a1.png", "a2.png"])
+    cv2.imwrite(str(tmp_path / "f/a3.png"), np.zeros((5, 5), np.uint8))
+    with pytest.raises(SourceError, match=r"a3\.png: image 0: 5 × 5 px"):
+        instruments.read(tmp_path / "f", fps=1.0)
+
+
+@pytest.mark.parametrize("cut", [20, 60, -4])
+def test_a_cut_png_is_refused_or_flagged(tmp_path: Path, cut: int) -> None:
+    film = write_folder(tmp_path / "f", ["a1.png", "a2.png", "a3.png"])
+    path = tmp_path / "f/a2.png"
+    path.write_bytes(path.read_bytes()[:cut])
+    if cut == 20:
+        with pytest.raises(SourceError, match="ends within its header"):
+            instruments.read(tmp_path / "f", fps=1.0)
+        return
+    found = instruments.read(tmp_path / "f", fps=1.0)
+    assert found.valid.tolist() == [True, False, True]
+    np.testing.assert_array_equal(found[2], film[2])
+    with pytest.raises(SourceError, match="cut off"):
+        found[1]
+
+
+def test_a_cut_tiff_page_is_flagged(tmp_path: Path) -> None:
+    path = tmp_path / "f.tif"
+    assert cv2.imwrite(str(path), images(1, np.uint16)[0], [cv2.IMWRITE_TIFF_COMPRESSION, 1])
+    data = bytearray(path.read_bytes())
+    at = struct.unpack("<I", data[4:8])[0]
+    for i in range(struct.unpack("<H", data[at : at + 2])[0]):
+        entry = at + 2 + 12 * i
+        if struct.unpack("<H", data[entry : entry + 2])[0] == 279:
+            data[entry + 8 : entry + 12] = struct.pack("<I", 10**6)
+            data[entry + 4 : entry + 8] = struct.pack("<I", 1)
+            data[entry + 2 : entry + 4] = struct.pack("<H", 4)
+    path.write_bytes(bytes(data))
+    assert not instruments.read(path, fps=1.0).valid.all()
+
+
+def test_a_bomb_is_refused_before_it_is_decoded(tmp_path: Path) -> None:
+    header = struct.pack(">IIBBBBB", 60000, 60000, 8, 0, 0, 0, 0)
+    chunk = b"IHDR" + header
+    data = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk
+    data += struct.pack(">I", zlib.crc32(chunk)) + b"\0\0\0\0IEND\xaeB`\x82"
+    (tmp_path / "f").mkdir()
+    (tmp_path / "f/a1.png").write_bytes(data)
+    with pytest.raises(SourceError, match="60000 × 60000 px"):
+        instruments.read(tmp_path / "f", fps=1.0)
+
+
+def test_colour_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "f").mkdir()
+    cv2.imwrite(str(tmp_path / "f/a1.png"), np.zeros((4, 4, 3), np.uint8))
+    with pytest.raises(SourceError, match="grey"):
+        instruments.read(tmp_path / "f", fps=1.0)
+
+
+def test_a_video_is_read_with_a_warning(tmp_path: Path) -> None:
+    path = tmp_path / "f.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25, (64, 48), False)
+    if not writer.isOpened():
+        pytest.skip("this OpenCV writes no MJPG")
+    for level in (20, 120, 220):
+        writer.write(np.full((48, 64), level, np.uint8))
+    writer.release()
+    with pytest.warns(UserWarning, match="levels baked in"):
+        found = instruments.read(path, fps=10_000.0)
+    assert found.shape == (3, 48, 64)
+    assert found.time[1] == pytest.approx(1e-4)
+    assert [round(float(found[i].mean()), -1) for i in (2, 0, 1)] == [220, 20, 120]
+    assert found.roi(slice(0, 4), slice(0, 6))[1].shape == (4, 6)
