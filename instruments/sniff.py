@@ -76,3 +76,18 @@ def _is_anton_paar_workbook(path: Path) -> bool:
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError):
         return False  # not told apart from any other archive; the reader says what is wrong
     return False
+
+
+def is_dice(head: bytes, path: Path) -> bool:
+    """Tell results of DICe by the names in the folder, or by the fields of one file."""
+    if path.is_dir():
+        return any(path.glob("DICe_solution_*.txt"))
+    return b"COORDINATE_X" in head and b"DISPLACEMENT_X" in head
+
+
+def is_image_stack(head: bytes, path: Path) -> bool:
+    """Tell a folder of PNG or TIFF images, a TIFF, or an AVI."""
+    if path.is_dir():
+        return any(p.suffix.lower() in {".png", ".tif", ".tiff"} for p in path.iterdir())
+    is_tiff = head[:4] in {b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"}
+    return is_tiff or (head[:4] == b"RIFF" and head[8:12] == b"AVI ")
