@@ -34,7 +34,7 @@ _PER_IMPACT = 3  # key frames: before, at and after the largest radius
 
 def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr.Dataset:
     """Measure the contact radius in the frames that may show contact; in all of them if full."""
-    source = open_film(film)
+    source = open_film(film, settings.frame_rate)
     known = calibration.load_record(record)
     size, checked = camera_scale.image_scale(known, settings.view, measured=settings.measured_on)
     everything = np.arange(len(source))
@@ -290,8 +290,7 @@ def keys(
     film: Path, radius: xr.Dataset, impacts: xr.Dataset, *, settings: ContactArea
 ) -> xr.Dataset:
     """Copy key frames with the fitted circles: around each largest radius, and at rest."""
-    del settings
-    source = open_film(film)
+    source = open_film(film, settings.frame_rate)
     time, seen = radius["time"].values, radius["in_contact"].values.astype(bool)
     wanted: set[int] = set()
     for i in range(impacts.sizes["impact"]):

@@ -36,7 +36,7 @@ _KEYS = 9
 
 def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     """Follow the holder through the film; after rest, only every eighth frame is read."""
-    source = open_film(film)
+    source = open_film(film, settings.frame_rate)
     chosen = settings.tracking
     points, subsets = _points(source, chosen)
     static = chosen.static_frames or _static_frames(source, points[0], subsets[0])
@@ -183,7 +183,7 @@ def keys(
     film: Path, track: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation
 ) -> xr.Dataset:
     """Copy key frames with the places of the tracked points: release, contacts, tops, rest."""
-    source = open_film(film)
+    source = open_film(film, settings.frame_rate)
     events = [float(bounces["release_time"]), float(bounces["rest_time"])]
     for name in ("touch_time", "liftoff_time", "apex_time"):
         events += list(bounces[name].values[:3])
@@ -203,7 +203,6 @@ def keys(
         ("key", "point"), at["rotation"].values, {"units": "rad", "long_name": "rotation"},
     )  # fmt: skip
     found["subset"] = ("point", at["subset"].values, {"units": "px", "long_name": "subset"})
-    del settings
     return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))
 
 

@@ -122,7 +122,7 @@ def _key_frames(keys: xr.Dataset) -> Section:
 
 def _picture(key: xr.Dataset) -> Picture:
     image = key["image"].values
-    factor = max(1, math.ceil(_SMALLEST_PICTURE / image.shape[1]))
+    factor = max(1, math.ceil(_SMALLEST_PICTURE / max(image.shape)))
     canvas = enlarged(image, factor)
     scale = factor / float(key["reduction"])
     half = factor / 2 - 0.5  # the centre of an enlarged pixel

@@ -12,21 +12,25 @@ from numpy.typing import NDArray
 import instruments
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
+from labpipe.units import Quantity
 
 Array = NDArray[np.float64]
 
 _WIDEST = 640  # px of a stored key frame: what a page shows
 
 
-def open_film(path: Path) -> FrameSource:
-    """Open a film of any known format.
+def open_film(path: Path, frame_rate: Quantity | None = None) -> FrameSource:
+    """Open a film of any known format; exported images need the frame rate.
 
     Raises
     ------
     InputError
         The file holds readings, not images.
     """
-    found = instruments.read(path)
+    options: dict[str, Any] = {}
+    if instruments.identify(path) == "image_stack":
+        options["fps"] = None if frame_rate is None else frame_rate.value
+    found = instruments.read(path, **options)
     if isinstance(found, xr.Dataset):
         message = f"{path}: expected a film, found a table of readings"
         raise InputError(message)

@@ -122,10 +122,10 @@ def write_films(folder: Path, start: datetime, *, full_size: bool = False) -> tu
     laser = write_drops(
         folder, "ptfe_7mm", DropRig(), materials.load("ptfe"), FRONT_HEIGHT, 3, 4711, start
     )
-    front = film_front.FULL_SIZE if full_size else FrontCamera(rows=144, columns=64, duration=0.125)
+    front = film_front.FULL_SIZE if full_size else FrontCamera(rows=144, columns=64, duration=0.14)
     under = film_under.FULL_SIZE if full_size else UnderCamera()
     if full_size:
-        times: Array = np.arange(_FULL_FRAMES) * _BURST
+        times = np.arange(_FULL_FRAMES, dtype=np.float64) * _BURST
         under = replace(under, release=5e-3)
     else:
         times = burst_times("acrylic", UNDER_HEIGHT, under.release)

@@ -3,7 +3,7 @@
 from datetime import date
 from typing import Annotated, Literal
 
-from labpipe.workflow.config import POSITIVE, File, Length, Time
+from labpipe.workflow.config import POSITIVE, File, Frequency, Length, Time
 from pipelines.settings.common import DropModel, Plate, Sphere, Table
 
 
@@ -12,7 +12,8 @@ class ContactArea(Table, frozen=True, kw_only=True):
 
     ``camera`` is the calibration record of the film's ``view``. ``wavelength`` is that of the
     light; without it (white light) only the edge of the dark spot can be measured, which is
-    several micrometres worse. ``exposure`` replaces that in the film's file. ``measured_on`` is
+    several micrometres worse. ``exposure`` replaces that in the film's file. ``frame_rate``
+    is needed for exported images, which hold no time. ``measured_on`` is
     the day of the film, for the validity of the record.
     """
 
@@ -25,5 +26,6 @@ class ContactArea(Table, frozen=True, kw_only=True):
     wavelength: Annotated[Length, POSITIVE] | None = None
     exposure: Annotated[Time, POSITIVE] | None = None
     measured_on: date | None = None
+    frame_rate: Annotated[Frequency, POSITIVE] | None = None
     model: DropModel = DropModel()
     plate: Plate | None = None

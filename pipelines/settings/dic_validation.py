@@ -3,7 +3,7 @@
 from datetime import date
 from typing import Annotated, Literal
 
-from labpipe.workflow.config import ExperimentName, File, Range
+from labpipe.workflow.config import POSITIVE, ExperimentName, File, Frequency, Range
 from pipelines.settings.common import Table
 
 Pixel = Annotated[float, Range(at_least=-1e5, at_most=1e5)]
@@ -31,7 +31,8 @@ class Tracking(Table, frozen=True, kw_only=True):
 class DicValidation(Table, frozen=True, kw_only=True):
     """A film of the holder, and the ball drop whose laser saw the same motion another day.
 
-    ``camera`` is the calibration record of the film's ``view``. ``measured_on`` is the day of the
+    ``camera`` is the calibration record of the film's ``view``. ``frame_rate`` is needed for
+    exported images, which hold no time. ``measured_on`` is the day of the
     film, for the validity of the record.
     """
 
@@ -41,4 +42,5 @@ class DicValidation(Table, frozen=True, kw_only=True):
     view: str = "front"
     laser_experiment: ExperimentName | None = None
     measured_on: date | None = None
+    frame_rate: Annotated[Frequency, POSITIVE] | None = None
     tracking: Tracking = Tracking()
