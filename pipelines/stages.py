@@ -132,7 +132,8 @@ DMA = (
 
 DIC_VALIDATION = (
     Stage(
-        "track", "pipelines.experiments.dic_validation:track", 1, ("file:film",), ("tracking",),
+        "track", "pipelines.experiments.dic_validation:track", 1, ("file:film",),
+        ("tracking", "frame_rate"),
         shortcuts=True,
         summary="follow the holder through the film",
     ),
@@ -153,7 +154,7 @@ DIC_VALIDATION = (
     ),
     Stage(
         "keys", "pipelines.experiments.dic_validation:keys", 1,
-        ("file:film", "track", "bounces"),
+        ("file:film", "track", "bounces"), ("frame_rate",),
         summary="copy key frames for the page",
     ),
     Stage(
@@ -173,7 +174,7 @@ DIC_VALIDATION = (
 CONTACT_AREA = (
     Stage(
         "radius", "pipelines.experiments.contact_area:radius", 1, ("file:film", "file:camera"),
-        ("view", "measured_on", "sphere.radius", "wavelength", "exposure"),
+        ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate"),
         shortcuts=True,
         summary="fit the fringes around the contact",
     ),
@@ -195,7 +196,7 @@ CONTACT_AREA = (
     ),
     Stage(
         "keys", "pipelines.experiments.contact_area:keys", 1,
-        ("file:film", "radius", "impacts"),
+        ("file:film", "radius", "impacts"), ("frame_rate",),
         summary="copy key frames for the page",
     ),
     Stage(
