@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from labpipe import materials
 from labpipe.materials import Prony
 from pipelines.rig import film_front, film_under
+from pipelines.rig.calibration_images import write_calibration_images
 from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.film_front import FrontCamera, write_front_film, write_truth
 from pipelines.rig.film_under import Body, UnderCamera, write_under_film
@@ -131,11 +132,13 @@ def write_films(folder: Path, start: datetime, *, full_size: bool = False) -> tu
         times = burst_times("acrylic", UNDER_HEIGHT, under.release)
     front_film = write_front(folder, "ptfe", FRONT_HEIGHT, front, 31)
     under_film = write_under(folder, "acrylic", UNDER_HEIGHT, under, times, 37)
-    sections = _front_section(front_film, front) + _under_section(under_film)
+    write_calibration_images(folder)
+    sections = front_section(front_film, front) + under_section(under_film)
     return laser, sections
 
 
-def _front_section(film: str, camera: FrontCamera) -> str:
+def front_section(film: str, camera: FrontCamera) -> str:
+    """Return the table of the front film in session.toml."""
     row = 0.15 * camera.rows if camera.rows < 200 else 0.3 * camera.rows
     subset = 2 * int(min(row - 3, 100)) + 1
     middle = 0.5 * (camera.columns - 1)
@@ -159,7 +162,8 @@ subset = {small}
 """
 
 
-def _under_section(film: str) -> str:
+def under_section(film: str) -> str:
+    """Return the table of the film under the disc in session.toml."""
     return f"""
 [experiments.acrylic_film]
 kind = "contact_area"

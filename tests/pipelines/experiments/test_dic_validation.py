@@ -1,0 +1,81 @@
+"""A film of the holder against the laser's drops: results against the truth of both."""
+
+import json
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labpipe import files, materials
+from pipelines.process import process, result
+from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.film_front import FrontCamera
+from pipelines.rig.film_session import front_record, front_section, under_record, write_front
+from pipelines.rig.samples import drop_section, laser_record, session_head
+
+CAMERA = FrontCamera(rows=72, columns=48, frame_rate=4000, duration=0.075, release=0.006)
+HEIGHT = 1.5e-3
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("film")
+    acrylic = materials.load("acrylic")
+    start = datetime(2024, 5, 14, 9, 30)
+    laser = write_drops(folder, "drop", DropRig(duration=0.1), acrylic, HEIGHT, 2, 5, start)
+    film = write_front(folder, "acrylic", HEIGHT, CAMERA, 9)
+    files.write_text(folder / "calibration/laser.toml", laser_record())
+    files.write_text(folder / "calibration/camera_front.toml", front_record())
+    text = session_head("Film (synthetic)") + drop_section("drop", laser, HEIGHT, "acrylic")
+    text += front_section(film, CAMERA).replace("ptfe_7mm", "drop").replace("ptfe_film", "film")
+    files.write_text(folder / "session.toml", text)
+    outcome = process(folder, only=["film"], jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    return folder
+
+
+def truth(session: Path) -> dict:
+    return json.loads((session / "truth/acrylic_front.json").read_text())
+
+
+def test_the_track_is_the_true_one_within_its_own_uncertainty(session: Path) -> None:
+    found = result(session, "film", "track").isel(point=0)
+    known = truth(session)
+    expected = np.array(known["dy"])[found["frame"].values]
+    error = found["dy"].values - expected
+    assert np.abs(error).max() < 0.03
+    assert error.std() < 1.5 * float(found["u_dy"].median())
+
+
+def test_contact_is_found_to_a_tenth_of_a_frame(session: Path) -> None:
+    found = result(session, "film", "bounces")
+    gap = float(found["first_contact_time"]) - truth(session)["first_contact_time"]
+    assert abs(gap) < 0.1 / CAMERA.frame_rate
+
+
+def test_film_and_laser_agree_within_the_calibrations(session: Path) -> None:
+    found = result(session, "film", "comparison")
+    assert float(found["nrmse"]) < 0.02
+    allowed = 3 * float(np.hypot(found["u_gain"], found["expected_u_gain"]))
+    assert abs(float(found["gain"]) - 1) < allowed
+    z = found["restitution_difference"] / found["u_restitution_difference"]
+    assert np.all(np.abs(z) < 3.5)
+
+
+def test_the_page_shows_key_frames_and_counts_what_was_read(session: Path) -> None:
+    page = (session / "labpipe/reports/film.html").read_text("utf-8")
+    assert "Key frames with the tracked subsets" in page
+    assert "bytes read" in page
+    assert len(page.encode()) < 3_000_000
+
+
+def test_another_views_record_is_refused(session: Path, tmp_path: Path) -> None:
+    import shutil
+
+    folder = tmp_path / "session"
+    shutil.copytree(session, folder)
+    (folder / "calibration/camera_front.toml").write_text(under_record(), "utf-8")
+    outcome = process(folder, ["motion"], ["film"], jobs=0)
+    assert outcome.exit_code == 3  # bad input, and nothing else was asked for
+    assert "view" in outcome.failures[0].message
