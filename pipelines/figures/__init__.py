@@ -71,6 +71,8 @@ class Figure:
 
 _PHOTOGRAPH = "a photograph or drawing of the apparatus; no computation makes it"
 
+_DROP = ("repeats", "model", "comparison")
+
 
 def _c1(name: str) -> str:
     return f"{_HOME}.chapter1:{name}"
@@ -85,14 +87,24 @@ FIGURES: tuple[Figure, ...] = (
     Figure("1.9", "Standard linear solid", _c1("standard_linear_solid")),
     Figure("2.1", "Dynamic mechanical analyser", reason=_PHOTOGRAPH),
     Figure("2.2", "Indentation set-up", reason=_PHOTOGRAPH),
+    Figure("2.5", "Harmonic indentation: force and loops", f"{_HOME}.oscillations:loops",
+           Need("harmonic", ("loads", "oscillations", "loops", "model", "comparison"))),
     Figure("2.6", "Dissipated work and the tapping front", f"{_HOME}.chapter2:dissipation_map",
            materials=("nbr",)),
     Figure("2.7", "Pressure and surface of a large oscillation", f"{_HOME}.chapter2:tapping_cycle",
            materials=("nbr",)),
+    Figure("2.8", "Dissipated work over frequency", f"{_HOME}.oscillations:dissipated_work",
+           Need("harmonic", ("oscillations", "model"))),
     Figure("3.1", "Ball-drop set-up", reason=_PHOTOGRAPH),
     Figure("3.2", "Heated sphere and its thermal image", reason=_PHOTOGRAPH),
     Figure("3.3", "Reduced gap and quantities of an impact", f"{_HOME}.chapter3:reduced_gap",
            materials=("acrylic",)),
+    Figure("3.10", "Acrylic sphere from four heights", f"{_HOME}.drops:acrylic",
+           Need("ball_drop", _DROP, "acrylic")),
+    Figure("3.11", "Nylon sphere from four heights", f"{_HOME}.drops:nylon",
+           Need("ball_drop", _DROP, "nylon")),
+    Figure("3.12", "PEEK sphere from four heights", f"{_HOME}.drops:peek",
+           Need("ball_drop", _DROP, "peek")),
     Figure("A.1", "Collision model of appendix A", f"{_HOME}.appendix:collision_model",
            Need("ball_drop", ("repeats",), "acrylic", is_optional=True)),
     Figure("B.1a", "Laser on the plate", reason=_PHOTOGRAPH),

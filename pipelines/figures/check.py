@@ -161,7 +161,7 @@ def _peak_forces() -> tuple[float, ...]:
 def _peaks() -> Iterator[Row]:
     for depth, printed, ours in zip(_INDENTATIONS, (23.1, 44.7, 80.6), _peak_forces(), strict=True):
         yield Row("2.3.2", f"peak force at {depth * 1e3:g} mm", printed, ours, "N",
-                  0.03 * printed, unavailable="the DMA spectrum; ours fits these ratios")  # fmt: skip
+                  0.03 * printed, unavailable="the DMA spectrum; ours fits ratios")  # fmt: skip
 
 
 def _tapping() -> Iterator[Row]:

@@ -1,0 +1,161 @@
+"""Figures 2.5 and 2.8: harmonic indentation, loops and dissipated work against model and theory."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from labpipe import contact
+from labpipe.contact import dissipation
+from labpipe.materials import Prony
+from labpipe.report import line_arguments
+from pipelines.experiments.material import resolve
+from pipelines.figures.chapter2 import CHARACTERISTIC_TIME
+from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.inputs import Inputs
+
+_SHOWN_CYCLES = 3
+
+
+def _only(inputs: Inputs) -> tuple[str, Any, Prony]:
+    """Return name, settings and solid of the first harmonic experiment that has a model."""
+    name, settings = next(
+        (n, s) for n, s in inputs.experiments.items() if s.punch is not None and s.substrate
+    )
+    chosen = settings.substrate
+    file = None if chosen.material_file is None else inputs.folder / chosen.material_file
+    fitted = None
+    if chosen.material_from is not None:
+        fitted = inputs.result(chosen.material_from, "master_curve")
+    return name, settings, resolve(chosen, file, fitted)
+
+
+def loops(inputs: Inputs) -> Drawing:
+    """Figure 2.5: displacement and force over time, and force over displacement."""
+    name, settings, solid = _only(inputs)
+    parts = {stage: inputs.result(name, stage)
+             for stage in ("loads", "oscillations", "loops", "comparison", "model")}  # fmt: skip
+    punch = settings.punch
+    depth = punch.depth.value * punch.tips
+    scale = solid.E_relaxed * punch.period.value * depth
+    touch = float(parts["model"]["contact_position"])
+    with panels(1, 2, width=2, aspect=0.46) as (figure, axes):
+        below, right = axes[0]
+        frequency = _slowest(below, parts, scale, inputs.origin)
+        _loop_panel(right, parts["loops"], parts["oscillations"], touch, punch.radius.value, scale)
+        letter(below, "a", f"$\\tilde f$ = {frequency * CHARACTERISTIC_TIME:.2e}")
+        letter(right, "b", "mean loops")
+        legend_above(figure, below)
+    error = parts["comparison"]["nrmse"].values
+    return Drawing(
+        Caption(
+            "(a) Dimensionless force over time at the lowest frequency, the transient cycles left "
+            "out. (b) Mean loop of force over indentation at each frequency, f tau_0.",
+            computed=(
+                "simulation with the displacement of the record as input; its force runs through "
+                f"the load cell's filter. nRMSE {100 * np.nanmin(error):.2f} to "
+                f"{100 * np.nanmax(error):.2f} % over {error.size} frequencies."
+            ),
+            difference="f tau_0 = 0.78e-10 is 0.5 Hz; the agreement is printed without a number.",
+            **inputs.told("force and displacement of the Mach-1 tester, force tared."),
+        ),
+        figure,
+    )
+
+
+def _slowest(axes: Any, parts: dict[str, xr.Dataset], scale: float, origin: str) -> float:
+    """Draw some cycles of the lowest frequency; return it."""
+    table, loads = parts["oscillations"], parts["loads"]
+    number = int(np.argmin(table["frequency"].values))
+    row = table.isel(oscillation=number)
+    frequency = float(row["frequency"])
+    block = json_rows(loads, int(row["block"]))
+    time = loads["time"].values[block]
+    time = time - time[0] - float(row["begin"])
+    inside = (time >= 0) & (time <= _SHOWN_CYCLES / frequency)
+    force = loads["force"].values[block][inside] / scale
+    model = parts["comparison"]["simulated_force"].values[block][inside] / scale
+    cycles = time[inside] * frequency
+    every = max(1, inside.sum() // (30 * _SHOWN_CYCLES))
+    axes.plot(cycles[::every], force[::every], label=f"force, {origin}",
+              **line_arguments("measured", style="points"))  # fmt: skip
+    axes.plot(cycles, model, label="model", **line_arguments("model"))
+    axes.set(xlabel="time $t f$ (1)", ylabel="force $\\tilde F = F/(E_0\\lambda d)$ (1)")
+    return frequency
+
+
+def json_rows(loads: xr.Dataset, block: int) -> slice:
+    """Return the rows of one block of a Mach-1 file."""
+    from pipelines.experiments import mach1_file
+
+    return mach1_file.rows(loads, block)
+
+
+def _loop_panel(
+    axes: Any, loops_: xr.Dataset, table: xr.Dataset, touch: float, radius: float, scale: float
+) -> None:
+    # Compression-positive force; the stage counts downwards, so that it grows into the sample.
+    position = loops_["position"].values
+    for number, frequency in enumerate(table["frequency"].values):
+        axes.plot(
+            (position[number] - touch) / radius, loops_["force"].values[number] / scale,
+            label=f"{frequency * CHARACTERISTIC_TIME:.2e}",
+            **line_arguments("measured", count=number)
+            | {"linestyle": ("-", (0, (6, 2)), (0, (2, 1)), (0, (6, 2, 1, 2)))[number % 4]},
+        )  # fmt: skip
+    axes.set(xlabel="indentation $\\Delta/R$ (1)", ylabel="force $\\tilde F$ (1)")
+    axes.legend(title="$\\tilde f$ (1)", loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def dissipated_work(inputs: Inputs) -> Drawing:
+    """Figure 2.8: dissipated work over frequency, measured, simulated and by eq. (2.31)."""
+    name, settings, solid = _only(inputs)
+    table, model = inputs.result(name, "oscillations"), inputs.result(name, "model")
+    punch = settings.punch
+    radius, period = punch.radius.value, punch.period.value
+    depth = punch.depth.value * punch.tips
+    scale = (solid, radius, period, depth)
+    mean = float(np.mean(table["mean_position"])) - float(model["contact_position"])
+    frequency = table["frequency"].values
+    order = np.argsort(frequency)
+    fine = np.geomspace(frequency.min(), frequency.max(), 60)
+    amplitude = np.interp(fine, frequency[order], table["amplitude"].values[order])
+    theory = contact.dissipated_work(solid, fine, amplitude, abs(mean), radius, period, depth)
+    with panels(aspect=0.8) as (figure, grid):
+        axes = grid[0, 0]
+        axes.plot(fine * CHARACTERISTIC_TIME, dissipation.dimensionless_work(theory, *scale),
+                  label="eq. (2.31)", **line_arguments("reference"))  # fmt: skip
+        for source, role, word in ((model, "model", "simulated"),
+                                   (table, "measured", inputs.origin)):  # fmt: skip
+            work = dissipation.dimensionless_work(source["work_per_cycle"].values[order], *scale)
+            u = dissipation.dimensionless_work(source["u_work_per_cycle"].values[order], *scale)
+            axes.errorbar(frequency[order] * CHARACTERISTIC_TIME, work, 2 * u, label=word,
+                          capsize=2, **line_arguments(role, style="both"))  # type: ignore[arg-type]  # fmt: skip
+        axes.set(xscale="log", xlabel="frequency $\\tilde f = f\\tau_0$ (1)",
+                 ylabel="dissipated work $\\tilde W$ (1)")  # fmt: skip
+        axes.set_ylim(bottom=0.0)
+        legend_above(figure, axes)
+    gap = model["work_per_cycle"].values / table["work_per_cycle"].values - 1
+    at = contact.dissipated_work(
+        solid, frequency, table["amplitude"].values, abs(mean), radius, period, depth
+    )
+    theory_gap = at / table["work_per_cycle"].values - 1
+    return Drawing(
+        Caption(
+            "Work dissipated in a cycle over frequency, with two standard uncertainties; "
+            "dimensionless as eq. (2.40) per depth.",
+            computed=(
+                "simulation with the displacement of the record, and eq. (2.31) with the fitted "
+                f"amplitudes at mean indentation {abs(mean) * 1e6:.1f} µm. Simulated over "
+                f"{inputs.origin}: {100 * gap.min():+.1f} to {100 * gap.max():+.1f} %; eq. (2.31) "
+                f"over {inputs.origin}: {100 * theory_gap.min():+.1f} to "
+                f"{100 * theory_gap.max():+.1f} %."
+            ),
+            difference=(
+                "the printed legend says the simulation is 'based on Eq. 2.31'; it is not, the two "
+                "are independent."
+            ),
+            **inputs.told(f"work of the mean loops at {frequency.size} frequencies."),
+        ),
+        figure,
+    )
