@@ -18,7 +18,7 @@ from labpipe import contact, imaging
 from labpipe.contact import hertz
 from labpipe.errors import InputError
 from labpipe.imaging.gating import worth_reading
-from pipelines.experiments.film_frames import ChosenFrames, key_frames, open_film
+from pipelines.experiments.film_frames import ChosenFrames, key_frames, open_film, recorded_on
 from pipelines.experiments.material import resolve
 from pipelines.settings.contact_area import ContactArea
 
@@ -36,7 +36,8 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     """Measure the contact radius in the frames that may show contact; in all of them if full."""
     source = open_film(film, settings.frame_rate)
     known = calibration.load_record(record)
-    size, checked = camera_scale.image_scale(known, settings.view, measured=settings.measured_on)
+    day = settings.measured_on or recorded_on(source) or None
+    size, checked = camera_scale.image_scale(known, settings.view, measured=day)
     everything = np.arange(len(source))
     worth = None if full else worth_reading(source)
     chosen = everything if worth is None else worth.frames

@@ -18,7 +18,7 @@ from calibration import camera as camera_scale
 from labpipe import imaging, signals
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
-from pipelines.experiments.film_frames import key_frames, open_film
+from pipelines.experiments.film_frames import key_frames, open_film, recorded_on
 from pipelines.settings.dic_validation import DicValidation, Tracking
 
 Array = NDArray[np.float64]
@@ -116,7 +116,7 @@ def _with_bytes(found: xr.Dataset, source: FrameSource, coarse: dict[str, int]) 
     work["frames_read"] = found.sizes["frame"]  # the static ones are read twice, counted once
     work["coarse_frames_read"] = coarse.get("frames_read", 0)
     work["coarse_bytes_read"] = coarse.get("pixels_read", 0) * size
-    return found.assign_attrs(work=json.dumps(work))
+    return found.assign_attrs(work=json.dumps(work), recorded=recorded_on(source))
 
 
 def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Dataset:

@@ -1,6 +1,7 @@
 """What the experiments with films share: opening one, choosing frames of it, key frames."""
 
 from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from labpipe.units import Quantity
 
 Array = NDArray[np.float64]
 
+_FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
 _WIDEST = 640  # px of a stored key frame: what a page shows
 
 
@@ -35,6 +37,16 @@ def open_film(path: Path, frame_rate: Quantity | None = None) -> FrameSource:
         message = f"{path}: expected a film, found a table of readings"
         raise InputError(message)
     return found
+
+
+def recorded_on(film: FrameSource) -> str:
+    """Return the day of the film's trigger (UTC) as text, "" when the file does not know it."""
+    header = getattr(film, "header", None)
+    if header is None:
+        return ""
+    seconds = int(header.trigger) >> 32
+    # a camera whose clock was never set counts from 1970 or from its own first day
+    return "" if seconds < _FIRST_DAY else str(datetime.fromtimestamp(seconds, UTC).date())
 
 
 class ChosenFrames:

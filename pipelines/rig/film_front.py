@@ -16,6 +16,7 @@ from pipelines.rig.speckle import Holder, Pose, draw, make_holder
 
 Array = NDArray[np.float64]
 
+TRIGGER = 1_715_679_000  # s since 1970: 2024-05-14 09:30 UTC
 PIXEL_SIZE = 30e-3 / 386  # m, the thesis's front view
 _STILL = 1e-5  # px of motion below which an image is not drawn again
 
@@ -81,7 +82,7 @@ def write_front_film(
     holder = make_holder(camera.rows, camera.columns, fall + 8, seed, camera.holder_width)
     shape = (count, camera.rows, camera.columns)
     recording = phantom_writer.Recording(
-        camera.frame_rate, camera.exposure, bits=8, camera="labpipe virtual camera",
+        camera.frame_rate, camera.exposure, bits=8, camera="labpipe virtual camera", trigger=TRIGGER,
         description="SYNTHETIC: drawn by labpipe's virtual rig, front view",
     )  # fmt: skip
     images = _images(holder, trajectory, height, camera, time, seed + 1)

@@ -151,7 +151,6 @@ film = "{film}"
 camera = "calibration/camera_front.toml"
 view = "front"
 laser_experiment = "ptfe_7mm"
-measured_on = 2024-05-14
 
 [experiments.ptfe_film.tracking]
 body = [{middle}, {row:.1f}]  # px in the first image, on the holder
@@ -172,7 +171,6 @@ camera = "calibration/camera_under.toml"
 view = "under"
 height = "{UNDER_HEIGHT * 1e3:g} ± 0.005 mm"
 wavelength = "633 nm"
-measured_on = 2024-05-14
 
 [experiments.acrylic_film.sphere]
 radius = "9.525 ± 0.005 mm"

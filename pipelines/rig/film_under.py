@@ -18,6 +18,7 @@ from scipy.ndimage import gaussian_filter
 
 from instruments import phantom_writer
 from labpipe.materials import Prony
+from pipelines.rig.film_front import TRIGGER
 from pipelines.rig.reference_drop import Floor, Springs, reference_drop
 
 Array = NDArray[np.float64]
@@ -104,7 +105,7 @@ def write_under_film(
     shape = (len(time), camera.rows, camera.columns)
     rate = round(1 / float(np.min(np.diff(time))))
     recording = phantom_writer.Recording(
-        rate, camera.exposure, bits=8, camera="labpipe virtual camera",
+        rate, camera.exposure, bits=8, camera="labpipe virtual camera", trigger=TRIGGER,
         description="SYNTHETIC: drawn by labpipe's virtual rig, view under the disc",
     )  # fmt: skip
     images = _images(states, body, camera, weights / 2, len(time), seed)

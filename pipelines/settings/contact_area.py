@@ -14,7 +14,7 @@ class ContactArea(Table, frozen=True, kw_only=True):
     light; without it (white light) only the edge of the dark spot can be measured, which is
     several micrometres worse. ``exposure`` replaces that in the film's file. ``frame_rate``
     is needed for exported images, which hold no time. ``measured_on`` is
-    the day of the film, for the validity of the record.
+    the day of the film, for the validity of the record; by default that of its trigger.
     """
 
     kind: Literal["contact_area"]

@@ -33,7 +33,7 @@ class DicValidation(Table, frozen=True, kw_only=True):
 
     ``camera`` is the calibration record of the film's ``view``. ``frame_rate`` is needed for
     exported images, which hold no time. ``measured_on`` is the day of the
-    film, for the validity of the record.
+    film, for the validity of the record; by default that of its trigger.
     """
 
     kind: Literal["dic_validation"]
