@@ -19,6 +19,7 @@ GAP = "FILL"
 _HEIGHT = re.compile(r"(?<![\d.])(\d+(?:[.p]\d+)?)\s*mm", re.IGNORECASE)
 _SHORT_HEIGHT = re.compile(r"(?:^|[_-])h(\d+(?:[.p]\d+)?)(?=$|[_-])", re.IGNORECASE)
 _REPEAT = re.compile(r"[_\- ]*(?:r|rep|run|repeat|test)?[_\- ]*\d+$", re.IGNORECASE)
+_UNDER = re.compile(r"under|disc|contact|below", re.IGNORECASE)
 _MATERIALS = ("acrylic", "pmma", "peek", "nylon", "ptfe", "nbr")
 
 
@@ -229,11 +230,38 @@ nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"
 """
 
 
+def _film(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str:
+    """Propose what a film shows by its name; a person knows better."""
+    del folder
+    is_under = _UNDER.search(names[0]) is not None
+    word = "under" if is_under else "front"
+    records = found.get("record:camera", [])
+    record = next((r for r in records if word in r), f"calibration/{GAP}.toml")
+    head = f"""[experiments.{name}]
+kind = "{"contact_area" if is_under else "dic_validation"}"  # proposed from the file name
+film = "{_quoted(names[0])}"
+camera = "{record}"  # image scale of this view, with its uncertainty
+view = "{word}"  # as the record says"""
+    if not is_under:
+        return f"""{head}
+# laser_experiment = "NAME"  # the ball drop whose laser saw the same motion
+# tracking = {{ body = [x, y], body_subset = 101 }}  # px in the first image, on the holder"""
+    return f"""{head}
+wavelength = "{GAP} nm"  # of the light; leave the line out for white light
+{_height(name)}
+
+[experiments.{name}.sphere]
+radius = "{GAP} mm"  # of the sphere, e.g. "9.525 ± 0.005 mm"
+mass = "{GAP} g"  # of all that moves: sphere and holder
+{_material(name)}"""
+
+
 REPEATED = {"keyence"}
 """Instruments whose files come as repeats of one experiment; others hold one experiment each."""
 
 PROPOSALS: dict[str, Callable[[Path, str, list[str], dict[str, list[str]]], str | None]] = {
     "keyence": _ball_drop,
     "mach1": _harmonic,
+    "phantom": _film,
     "anton_paar": _dma,
 }
