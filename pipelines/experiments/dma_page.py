@@ -77,7 +77,7 @@ def _summary(
             (
                 "isothermal sweeps",
                 str(T.size),
-                f"{T.min():.1f} to {T.max():.1f} °C".replace("-", "\N{MINUS SIGN}"),
+                _celsius(T),
             )
         )
     if curve is not None:
@@ -108,10 +108,24 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
          "after no time; beyond the window it is extrapolation"),
         ("relaxation terms", str(curve.sizes["term"]), f"{outside} outside the covered window"),
         _law_row(json.loads(curve.attrs["law"])),
-        ("vertical shift", str(curve.attrs["vertical_law"]).replace("rho_T", "∝ T"), ""),
+        ("vertical shift", _vertical(curve), ""),
         ("residual of E′", f"{_rms(curve['storage_residual'].values) * 100:.2f} %", "rms"),
         ("residual of E″", f"{_rms(curve['loss_residual'].values) * 100:.2f} %", "rms"),
     ]  # fmt: skip
+
+
+def _vertical(curve: xr.Dataset) -> str:
+    """Name the vertical law for a reader."""
+    return {
+        "none": "none",
+        "rho_T": "b_T ∝ absolute temperature",
+        "linear": "ln b_T linear in temperature",
+        "quadratic": "ln b_T quadratic in temperature",
+    }[str(curve.attrs["vertical_law"])]
+
+
+def _celsius(T: Array) -> str:
+    return f"{T.min():.1f} to {T.max():.1f} °C".replace("-", "\N{MINUS SIGN}")
 
 
 def _modulus(value: float) -> str:
@@ -247,7 +261,7 @@ def _shifts(curve: xr.Dataset) -> Section:
         for i in order
     ]  # fmt: skip
     table = Table(
-        (Column("temperature", unit="degC"), Column("log₁₀ a_T", u=2), Column("u"),
+        (Column("temperature / °C", digits=3), Column("log₁₀ a_T", u=2), Column("u"),
          Column("b_T", u=4), Column("u"), Column("level", digits=4),
          Column("overlap with the next / decades", digits=3), Column("step")),
         rows,
@@ -358,7 +372,7 @@ def _residuals(curve: xr.Dataset) -> Section:
         rows.append([float(T), int(np.isfinite(storage).sum()), 100 * _rms(storage),
                      100 * _largest(storage), 100 * _rms(loss), 100 * _largest(loss)])  # fmt: skip
     blocks.append(
-        Table((Column("temperature", unit="degC"), Column("points"),
+        Table((Column("temperature / °C", digits=3), Column("points"),
                Column("E′ rms / %", digits=3), Column("E′ max / %", digits=3),
                Column("E″ rms / %", digits=3), Column("E″ max / %", digits=3)), rows)
     )  # fmt: skip
@@ -408,27 +422,45 @@ def _transition(ramp: xr.Dataset) -> Section:
 
 
 def _terms(curve: xr.Dataset, name: str) -> Section:
-    rows = [
-        [i + 1, float(curve["rho"][i]), float(curve["E"][i]),
-         "extrapolated" if int(curve["extrapolated"][i]) else ""]
-        for i in range(curve.sizes["term"])
-    ]  # fmt: skip
+    outside = curve["extrapolated"].values.astype(bool)
     reduced = dma_export.fewest_terms(curve)
     law, T_ref = json.loads(curve.attrs["law"]), float(curve["T_ref"])
     text = (
         f"E(t) = E∞ + Σ E_i exp(−t/ρ_i) at {T_ref:.4g} °C, in tension. For simulation codes the "
-        f"series was reduced to {reduced.E.size} terms; within the covered window this costs "
-        f"{reduced.error * 100:.2g} % (rms of the worse modulus)."
+        f"series was reduced to {reduced.E.size} terms with E∞ = {_modulus(reduced.relaxed)}; "
+        f"within the covered window this costs {reduced.error * 100:.2g} % (rms of the worse "
+        "modulus). Other experiments of this session take the full series."
+    )
+    full = _term_table(
+        curve["rho"].values, curve["E"].values, outside,
+        f"All terms; E∞ = {_modulus(float(curve['E_relaxed']))}. Terms outside the covered window "
+        "are extrapolation.",
+    )  # fmt: skip
+    few = _term_table(
+        reduced.rho, reduced.E, np.zeros(reduced.E.size, dtype=bool), "The reduced series."
     )
     blocks: tuple[Block, ...] = (
         Paragraph(text),
-        Table((Column("term"), Column("ρ", unit="s"), Column("E", unit="Pa"), Column("remark")),
-              rows, caption="Terms outside the covered window are extrapolation."),
+        few,
+        Details(f"All {outside.size} terms", (full,)),
         Details("For ANSYS (APDL)", text=dma_export.ansys(reduced, law, T_ref)),
         Details("For Abaqus", text=dma_export.abaqus(reduced, law, T_ref, name)),
         Details("JSON, all terms and the shift law", text=dma_export.as_json(curve, reduced)),
-    )  # fmt: skip
+    )
     return Section("Terms", blocks)
+
+
+def _term_table(rho: Array, E: Array, outside: NDArray[np.bool_], caption: str) -> Table:
+    rows = [
+        [i + 1, time, weight * _MPA, "extrapolated" if is_outside else ""]
+        for i, (time, weight, is_outside) in enumerate(
+            zip(rho.tolist(), E.tolist(), outside.tolist(), strict=True)
+        )
+    ]
+    columns = [Column("term"), Column("ρ / s"), Column("E / MPa")]
+    if outside.any():
+        return Table((*columns, Column("remark")), rows, caption=caption)
+    return Table(tuple(columns), [row[:3] for row in rows], caption=caption)
 
 
 def _methods(settings: Dma, curve: xr.Dataset) -> str:
@@ -441,7 +473,7 @@ def _methods(settings: Dma, curve: xr.Dataset) -> str:
     )  # fmt: skip
     text = (
         f"Storage and loss modulus were measured in {settings.mode} at {T.size} temperatures from "
-        f"{T.min():.1f} to {T.max():.1f} °C. "
+        f"{_celsius(T)}. "
     )
     if settings.mode in ("shear", "torsion"):
         text += f"Tension moduli follow from E = 2 (1 + ν) G with ν = {settings.nu.value:g}. "
@@ -450,7 +482,7 @@ def _methods(settings: Dma, curve: xr.Dataset) -> str:
         "shifts and one non-negative relaxation spectrum to both moduli (variable projection, "
         f"regularisation by generalised cross-validation); {shifts}. "
         f"The reference temperature is {float(curve['T_ref']):.4g} °C; vertical law: "
-        f"{curve.attrs['vertical_law']}. {_law_row(law)[1]}. "
+        f"{_vertical(curve)}. {_law_row(law)[1]}. "
         f"The fit left {_rms(curve['storage_residual'].values) * 100:.2f} % (E′) and "
         f"{_rms(curve['loss_residual'].values) * 100:.2f} % (E″) rms."
     )

@@ -13,8 +13,8 @@ Array = NDArray[np.float64]
 FEWEST = 9  # points of a temperature sweep in which a transition is looked for
 _HALF_WINDOW = 6.0  # K to either side in which a slope is fitted
 _MEAN_OF = 5  # points of the moving mean that finds a maximum
-_CREST = 0.75  # of a maximum's height above the lowest value; a parabola fits the part above
-_LEAST_IN_WINDOW = 5
+_CREST = 0.75  # of a maximum's height above the lowest value; a cubic fits the part above
+_LEAST_IN_WINDOW, _LEAST_ON_A_SIDE = 5, 2
 _LEAST_DROP = 2.0  # a storage modulus that falls by less over the sweep shows no glass transition
 _SIGNIFICANT = 3.0  # standard uncertainties by which a peak must stand out of its ends
 
@@ -96,7 +96,14 @@ def _transition(ramp: Ramp) -> list[tuple[float, float]]:
     if ramp.storage[0] / ramp.storage[-1] < _LEAST_DROP or np.any(ramp.storage <= 0):
         return [(np.nan, np.nan)] * 3
     slope = -_smooth_slope(T, np.log(ramp.storage))
-    return [peak(T, ramp.loss / ramp.storage), peak(T, ramp.loss), peak(T, slope)]
+    return [peak(T, ramp.loss / ramp.storage), peak(T, ramp.loss), _of_slope(T, slope)]
+
+
+def _of_slope(T: Array, slope: Array) -> tuple[float, float]:
+    """Return the steepest fall; neighbouring slopes share readings, so their noise is common."""
+    where, u = peak(T, slope)
+    shared = 2 * _HALF_WINDOW / max(float(np.median(np.diff(T))), 1e-3)
+    return where, u * float(np.sqrt(max(shared, 1.0)))
 
 
 def _smooth_slope(T: Array, y: Array) -> Array:
@@ -104,13 +111,14 @@ def _smooth_slope(T: Array, y: Array) -> Array:
     slope = np.full(T.size, np.nan)
     for i, centre in enumerate(T):
         near = np.abs(T - centre) <= _HALF_WINDOW
-        if near.sum() >= _LEAST_IN_WINDOW:
+        is_inside = min(centre - T[0], T[-1] - centre) >= _HALF_WINDOW
+        if is_inside and near.sum() >= _LEAST_IN_WINDOW:
             slope[i] = np.polyfit(T[near] - centre, y[near], 2)[1]
     return slope
 
 
 def peak(T: Array, y: Array) -> tuple[float, float]:
-    """Return where a curve has its maximum, by a parabola about it, with the uncertainty.
+    """Return where a curve has its maximum, by a cubic about it, with the uncertainty.
 
     NaN when the maximum lies at an end of the sweep or does not stand out.
 
@@ -130,21 +138,37 @@ def peak(T: Array, y: Array) -> tuple[float, float]:
     top = int(np.argmax(smooth)) + edge
     centre = float(T[top])
     near = _crest(T, smooth, top - edge, edge)
-    if near.sum() < _LEAST_IN_WINDOW or near[edge] or near[-1 - edge]:
+    below, above = int((T[near] - centre < 0).sum()), int((T[near] - centre > 0).sum())
+    if near.sum() < _LEAST_IN_WINDOW or min(below, above) < _LEAST_ON_A_SIDE:
         return np.nan, np.nan  # the maximum lies at an end of the sweep, or beyond
-    design = np.vander(T[near] - centre, 3)
-    coefficient, *_ = np.linalg.lstsq(design, y[near], rcond=None)
-    residual = y[near] - design @ coefficient
-    freedom = max(int(near.sum()) - 3, 1)
+    cubic, parabola = (_summit(T[near] - centre, y[near], degree) for degree in (3, 2))
+    if cubic is None or parabola is None:
+        return np.nan, np.nan
+    # What the form of the curve contributes: half the difference between both.
+    return centre + cubic[0], float(np.hypot(cubic[1], 0.5 * (cubic[0] - parabola[0])))
+
+
+def _summit(x: Array, y: Array, degree: int) -> tuple[float, float] | None:
+    """Return where a fitted polynomial has its maximum, with its uncertainty from the noise."""
+    design = np.vander(x, degree + 1)
+    coefficient, *_ = np.linalg.lstsq(design, y, rcond=None)
+    slope = np.polyder(coefficient)
+    bend = np.polyder(slope)
+    roots = [float(r.real) for r in np.roots(slope) if abs(r.imag) < 1e-9]
+    tops = [r for r in roots if np.polyval(bend, r) < 0 and x.min() <= r <= x.max()]
+    if not tops:
+        return None
+    top = min(tops, key=abs)
+    residual = y - design @ coefficient
+    freedom = max(x.size - degree - 1, 1)
     covariance = np.linalg.inv(design.T @ design) * float(residual @ residual) / freedom
-    a, b, _ = (float(c) for c in coefficient)
-    if a >= 0 or abs(a) < _SIGNIFICANT * np.sqrt(covariance[0, 0]):
-        return np.nan, np.nan
-    shift = -b / (2 * a)
-    if abs(shift) > float(np.ptp(T[near])) / 2:
-        return np.nan, np.nan
-    gradient = np.array([b / (2 * a**2), -1 / (2 * a), 0.0])
-    return float(centre + shift), float(np.sqrt(gradient @ covariance @ gradient))
+    # The slope at the top is zero, so its uncertainty over the bend is that of the place.
+    gradient = np.array([k * top ** (k - 1) if k else 0.0 for k in range(degree, -1, -1)])
+    curvature = float(np.polyval(bend, top))
+    rows = np.array([k * (k - 1) * top ** max(k - 2, 0) for k in range(degree, -1, -1)])
+    if abs(curvature) < _SIGNIFICANT * np.sqrt(rows @ covariance @ rows):
+        return None
+    return top, float(np.sqrt(gradient @ covariance @ gradient)) / abs(curvature)
 
 
 def _crest(T: Array, smooth: Array, top: int, edge: int) -> NDArray[np.bool_]:
@@ -158,5 +182,8 @@ def _crest(T: Array, smooth: Array, top: int, edge: int) -> NDArray[np.bool_]:
     while last < smooth.size - 1 and is_high[last + 1]:
         last += 1
     near = np.zeros(T.size, dtype=bool)
-    near[first + edge : last + edge + 1] = True
+    # The moving mean does not reach the ends of the sweep; a crest that does goes on to them.
+    begin = 0 if first == 0 else first + edge
+    end = T.size if last == smooth.size - 1 else last + edge + 1
+    near[begin:end] = True
     return near

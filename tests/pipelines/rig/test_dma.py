@@ -1,0 +1,54 @@
+"""The virtual rheometer's materials obey causality and are no sums of exponentials."""
+
+import json
+
+import numpy as np
+import pytest
+
+import instruments
+from labpipe.materials import Prony, kramers_kronig
+from pipelines.rig.dma import SOLIDS, Element, Protocol, Solid, write_dma
+
+FREQUENCY = np.logspace(-4, 4, 120)
+
+
+@pytest.mark.parametrize("name", sorted(SOLIDS))
+def test_a_solid_is_causal_and_stiffens_with_frequency(name):
+    solid = SOLIDS[name]
+    modulus = solid.modulus(FREQUENCY, np.full(FREQUENCY.size, solid.T_ref))
+    assert (np.diff(modulus.real) > 0).all()
+    assert (modulus.imag > 0).all()
+    assert kramers_kronig(FREQUENCY, modulus.real, modulus.imag).verdict == "pass"
+
+
+def test_an_element_of_width_one_is_the_maxwell_element():
+    solid = Solid((Element(2e9, 0.3, 1.0),), 1e9, 0.3)
+    maxwell = Prony(1e9, np.array([2e9]), np.array([0.3]), nu=0.3)
+    found = solid.modulus(FREQUENCY, np.full(FREQUENCY.size, 20.0))
+    np.testing.assert_allclose(found, maxwell.complex_modulus(2 * np.pi * FREQUENCY), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", sorted(SOLIDS))
+def test_shifts_are_zero_at_the_reference_and_fall_without_a_jump(name):
+    solid = SOLIDS[name]
+    T = np.linspace(-40, 120, 1601)
+    shift = solid.log10_aT(T)
+    assert float(solid.log10_aT(solid.T_ref)) == 0.0
+    assert (np.diff(shift) < 0).all()
+    assert np.abs(np.diff(shift)).max() < 0.05
+
+
+def test_an_export_says_that_it_is_synthetic_and_repeats_itself(tmp_path):
+    protocol = Protocol(temperatures=(20.0, 40.0), ramp=(0.0, 10.0))
+    for folder in ("a", "b"):
+        write_dma(tmp_path / folder, "nbr", SOLIDS["nbr"], protocol, 5)
+    first, second = (tmp_path / f / "dma/nbr.csv" for f in ("a", "b"))
+    assert first.read_bytes() == second.read_bytes()
+    readings = instruments.read(first)
+    assert "SYNTHETIC" in readings.attrs["project"]
+    assert readings.sizes["sample"] == 24
+    truth = json.loads((tmp_path / "a/truth/nbr.json").read_text("utf-8"))
+    assert truth["synthetic"] is True
+    shear = readings.storage_modulus.values[0]
+    true = SOLIDS["nbr"].modulus(10.0, 20.2).real / (2 * 1.49)
+    assert abs(shear / true - 1) < 0.05
