@@ -122,9 +122,8 @@ def _with_bytes(found: xr.Dataset, source: FrameSource, coarse: dict[str, int]) 
 def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Dataset:
     """Turn the tracks into metres with the view's calibration: the holder's height over time."""
     known = calibration.load_record(record)
-    moved = camera_scale.motion(
-        track, known, view=settings.view, measured=settings.measured_on
-    )  # fmt: skip
+    day = settings.measured_on or track.attrs["recorded"] or None
+    moved = camera_scale.motion(track, known, view=settings.view, measured=day)
     body = moved.isel(point=0)
     share = float(body["valid"].mean())
     if share < 0.5:

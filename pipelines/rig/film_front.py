@@ -82,7 +82,8 @@ def write_front_film(
     holder = make_holder(camera.rows, camera.columns, fall + 8, seed, camera.holder_width)
     shape = (count, camera.rows, camera.columns)
     recording = phantom_writer.Recording(
-        camera.frame_rate, camera.exposure, bits=8, camera="labpipe virtual camera", trigger=TRIGGER,
+        camera.frame_rate, camera.exposure, bits=8, trigger=TRIGGER,
+        camera="labpipe virtual camera",
         description="SYNTHETIC: drawn by labpipe's virtual rig, front view",
     )  # fmt: skip
     images = _images(holder, trajectory, height, camera, time, seed + 1)

@@ -105,7 +105,7 @@ def write_under_film(
     shape = (len(time), camera.rows, camera.columns)
     rate = round(1 / float(np.min(np.diff(time))))
     recording = phantom_writer.Recording(
-        rate, camera.exposure, bits=8, camera="labpipe virtual camera", trigger=TRIGGER,
+        rate, camera.exposure, bits=8, trigger=TRIGGER, camera="labpipe virtual camera",
         description="SYNTHETIC: drawn by labpipe's virtual rig, view under the disc",
     )  # fmt: skip
     images = _images(states, body, camera, weights / 2, len(time), seed)
