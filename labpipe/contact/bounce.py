@@ -18,21 +18,22 @@ a sweep or a fit by an order of magnitude: plain steps are compiled by default.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import floor, inf, log2
-from typing import TYPE_CHECKING, NamedTuple, Protocol, Self
+from math import floor, log2
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
 
-from labpipe.contact.memory import Array, Creep, StepWeights, step_weights
-from labpipe.contact.plate import Plate, PlateState
+from labpipe.contact.memory import Array, Creep
+from labpipe.contact.motion import Body, Counts, Record, Snapshot, Springs
+from labpipe.contact.plate import PlateState
+from labpipe.contact.rest import RestTest
+from labpipe.contact.rungs import RUNGS, Ladder, Rung, rung_of
 from labpipe.errors import InputError, LabpipeError
 
 if TYPE_CHECKING:
-    from labpipe.contact.bounce_compiled import Ladder
+    from labpipe.contact.bounce_compiled import Table
 
-# Rungs of the ladder of step lengths per factor of two.
-_RUNGS = 4
 # The step grows and shrinks by at most these factors; the safety factor is on the step length.
 _GROWTH, _SHRINK, _SAFETY = 2.0, 0.3, 0.9
 # First step after touch, and longest step, as fractions of the time scale of the contact.
@@ -44,10 +45,6 @@ _LENIENCY = 8.0
 # Steps that the compiled loop takes before their records are fetched, and the rungs it knows: down
 # to 2^-32 of the longest step.
 _BUFFER, _RUNGS_IN_TABLE = 4096, 128
-# A load that is linear in time rings from step to step when the step is long against the fastest
-# relaxation. Where one step would leave more than this part of the ringing, a share of the load's
-# change is put at the start of the step, which damps it to this part.
-MOST_RINGING = 0.6
 _NEWTON_LIMIT = 60
 # Displacements in m below this are forgotten.
 _FORGOTTEN = 1e-200
@@ -57,146 +54,10 @@ _NEWTON_TOLERANCE = 1e-8
 _BLOCK_GROWTH = 1.3
 
 
-class PlainSprings(NamedTuple):
-    """What the force of a row of springs is made of; for the compiled steps.
-
-    ``inner`` is the weight of the last spring without its outer cell, ``total`` the running sum of
-    weights from 0; ``is_cut`` tells that the edge is found inside a cell, ``edge_bias`` [m] what is
-    taken off its radius otherwise.
-    """
-
-    inner: Array
-    total: Array
-    is_cut: bool
-    edge_bias: float
-
-
-class Springs(Protocol):
-    """Nested springs: the common shape of the method of dimensionality reduction and of rings."""
-
-    @property
-    def position(self) -> Array:
-        """Distance from the axis (spring,) in m."""
-
-    @property
-    def gap(self) -> Array:
-        """Approach at which each unloaded spring touches (spring,) in m."""
-
-    @property
-    def weight(self) -> Array:
-        """Force per load of each spring (spring,)."""
-
-    def force(self, approach: float, reach: Array, moments: Array) -> tuple[float, float]:
-        """Force and its slope, both times the step compliance."""
-
-    def contact_radius(self, approach: float, reach: Array) -> float:
-        """Radius in m where the load falls to zero."""
-
-    def covering(self, radius: float) -> int:
-        """Return how many springs reach out to a radius."""
-
-    def pressure(self, load: Array, edge: float, radius: Array) -> Array:
-        """Pressure in Pa at given radii in m, from loads and the contact radius."""
-
-    def surface(self, displacement: Array, radius: Array) -> Array:
-        """Displacement in m of the surface at given radii in m."""
-
-    def plain(self, count: int) -> "PlainSprings":
-        """Return the inner springs as plain arrays."""
-
-    def extended(self, radius: float) -> Self:
-        """Return the same springs and further ones out to a radius."""
-
-
-class Body(NamedTuple):
-    """What falls, and onto what."""
-
-    mass: float
-    gravity: float
-    plate: Plate | None
-
-
-class Record(NamedTuple):
-    """One instant of the motion; lengths in m, downwards positive, first touch at 0."""
-
-    time: float
-    position: float
-    velocity: float
-    approach: float
-    force: float
-    contact_radius: float
-    stored: float
-    spring_work: float
-    plate: PlateState
-    plate_loss: float
-
-
-class Snapshot(NamedTuple):
-    """The springs at one instant; ``load`` in Pa m and ``displacement`` in m, (spring,)."""
-
-    time: float
-    load: Array
-    displacement: Array
-    contact_radius: float
-
-
-@dataclass(slots=True)
-class Counts:
-    """Work done; counts only, so that they do not depend on the machine."""
-
-    solver_steps: int = 0
-    rejected_steps: int = 0
-    newton_iterations: int = 0
-    kernel_products: int = 0
-    spring_updates: int = 0
-    rest_steps: int = 0
-    flights: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class _Rung:
-    """The weights of one step length, arranged for the two matrix products of a step."""
-
-    weights: StepWeights
-    rows: Array
-    pair: Array
-    jump: float
-    old_integral: float
-    new_integral: float
-    jump_compliance: float
-
-
-def _rung(creep: Creep, dt: float) -> _Rung:
-    """Weights of a step, and those of the time integral of the displacement for its work."""
-    weights = step_weights(creep, dt)
-    plain_old, plain_new = weights.old, weights.new
-    excess = weights.old_total - MOST_RINGING * weights.compliance
-    jump = max(0.0, excess / (weights.old_total * (1.0 + MOST_RINGING))) if excess > 0.0 else 0.0
-    if jump > 0.0:
-        weights = step_weights(creep, dt, jump=jump)
-    n_terms = creep.n_terms
-    dwell = -np.expm1(-dt * creep.rate)
-    dwell[:n_terms] *= creep.tau
-    dwell[n_terms:] = dt
-    half = 0.5 * dt * (creep.instantaneous + float(creep.C.sum()))
-    flow = creep.fluidity * dt**2
-    old_integral = half - float(creep.tau @ plain_old[:n_terms]) + flow / 3.0
-    new_integral = half - float(creep.tau @ plain_new[:n_terms]) + flow / 6.0
-    return _Rung(
-        weights,
-        np.stack([weights.decay, dwell]),
-        np.stack([weights.old, weights.new], axis=1),
-        jump,
-        (1.0 - jump) * old_integral,
-        new_integral + jump * old_integral,
-        0.5 * creep.instantaneous * jump**2,
-    )
-
-
 class _Trial(NamedTuple):
     """A step that was computed and not yet accepted."""
 
-    rung: _Rung
+    rung: Rung
     approach: float
     force: float
     position: float
@@ -268,13 +129,14 @@ class Stepper:
     _outer_stored: Array = field(init=False)
     _outer_time: float = 0.0
     _leniency: float = 1.0
-    _ladder: dict[int, _Rung] = field(default_factory=dict)
-    _table: "Ladder | None" = None
+    _ladder: Ladder = field(init=False)
+    _table: "Table | None" = None
     _previous: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         self.memory = self.creep.rest(self.springs.position.size)
         self._inverse = 0.5 * self.creep.inverse
+        self._ladder = Ladder(self.creep, self.time_scale)
 
     # -- the free sphere -------------------------------------------------------------------------
 
@@ -323,7 +185,7 @@ class Stepper:
         self.trail.clear()
         return records
 
-    def run(self, until: float, is_resting: "RestTest") -> str:
+    def run(self, until: float, is_resting: RestTest) -> str:
         """Step until "lift-off", "rest" or the "end" of time."""
         pace = _Pace(
             _FIRST * self.time_scale,
@@ -353,11 +215,11 @@ class Stepper:
     def _step(self, pace: "_Pace", until: float) -> str:
         """Take one step; return how it ends the contact, or nothing."""
         while True:
-            rung = self._on_ladder(min(pace.dt, pace.longest))
+            rung = self._ladder.below(min(pace.dt, pace.longest))
             remaining = until - self.time
             is_last = rung.weights.dt >= remaining
             if is_last:
-                rung = _rung(self.creep, remaining)
+                rung = rung_of(self.creep, remaining)
             trial = self._attempt(rung)
             lifted = trial.force <= 0.0
             if lifted and self._rows[_OLD, 0] > 0.0:
@@ -375,12 +237,13 @@ class Stepper:
             return "lift-off"
         return "end" if is_last else ""
 
-    def _plain_steps(self, pace: "_Pace", until: float, is_resting: "RestTest") -> bool:
+    def _plain_steps(self, pace: "_Pace", until: float, is_resting: RestTest) -> bool:
         """Take plain steps, compiled; true at rest, else the next one is for :meth:`_step`."""
         from labpipe.contact import bounce_compiled as compiled
 
         if self._table is None:
-            self._table = self._tabulate()
+            top = floor(RUNGS * log2(_LONGEST))
+            self._table = compiled.tabulate(self._ladder, top - _RUNGS_IN_TABLE, top)
         n, rows = self._gap.size, self._rows
         plain = self.springs.plain(n)
         line = compiled.Line(self._gap, self._weight, self.springs.position[:n], *plain)
@@ -390,7 +253,7 @@ class Stepper:
             self.creep.instantaneous,
             until,
             self.time_scale,
-            _RUNGS,
+            RUNGS,
             pace.longest,
             self.tolerance * self.speed_scale,
             pace.leniency,
@@ -447,38 +310,13 @@ class Stepper:
         if len(rows):
             self._look_at_limits(float(rows[-1, 0]))
 
-    def _tabulate(self) -> "Ladder":
-        """Put the rungs that plain steps use into arrays."""
-        from labpipe.contact.bounce_compiled import Ladder
-
-        top = floor(_RUNGS * log2(_LONGEST))
-        lowest = top - _RUNGS_IN_TABLE
-        rungs = [
-            _rung(self.creep, self.time_scale * 2.0 ** (i / _RUNGS)) for i in range(lowest, top + 1)
-        ]
-        scalars = [
-            (
-                *(rung.weights.dt, rung.weights.compliance, rung.weights.old_total, rung.jump),
-                *(rung.old_integral, rung.new_integral, rung.jump_compliance),
-            )
-            for rung in rungs
-        ]
-        return Ladder(
-            lowest,
-            np.array([rung.rows[0] for rung in rungs]),
-            np.array([rung.rows[1] for rung in rungs]),
-            np.array([rung.pair[:, 0] for rung in rungs]),
-            np.array([rung.pair[:, 1] for rung in rungs]),
-            np.array(scalars),
-        )
-
     def settle(self, until: float, growth: float) -> None:
         """Creep on under the weight alone, in steps that grow by a factor each."""
         dt = _LONGEST * self.time_scale
         weight = self.body.mass * self.body.gravity
         while self.time < until:
             remaining = min([until, *self.wanted[:1]]) - self.time
-            rung = self._on_ladder(dt) if dt < remaining else _rung(self.creep, remaining)
+            rung = self._ladder.below(dt) if dt < remaining else rung_of(self.creep, remaining)
             trial = self._attempt_resting(rung, weight)
             if trial is None:
                 # The surface would flow further in this step than the contact may spread.
@@ -492,12 +330,6 @@ class Stepper:
 
     # -- one step --------------------------------------------------------------------------------
 
-    def _on_ladder(self, dt: float) -> _Rung:
-        rung = floor(_RUNGS * log2(dt / self.time_scale))
-        if rung not in self._ladder:
-            self._ladder[rung] = _rung(self.creep, self.time_scale * 2.0 ** (rung / _RUNGS))
-        return self._ladder[rung]
-
     def _predict(self, dt: float) -> tuple[float, float, float, float]:
         """Position and plate displacement after ``dt`` without force, and their answers to it."""
         quarter = 0.25 * dt * dt
@@ -508,7 +340,7 @@ class Stepper:
             return position, answer, 0.0, 0.0
         return position, answer, *self.body.plate.predict(self.plate, dt)
 
-    def _past(self, rung: _Rung) -> Array:
+    def _past(self, rung: Rung) -> Array:
         """Memory products of a step: the approach (spring,) that would leave each unloaded."""
         rows = self._rows
         np.matmul(rung.rows, self._block, out=rows[:2])
@@ -520,7 +352,7 @@ class Stepper:
         self.counts.spring_updates += self._block.size
         return reach
 
-    def _attempt(self, rung: _Rung) -> _Trial:
+    def _attempt(self, rung: Rung) -> _Trial:
         dt, compliance = rung.weights.dt, rung.weights.compliance
         free, answer, plate_free, plate_answer = self._predict(dt)
         target, total = free - plate_free, answer + plate_answer
@@ -582,13 +414,13 @@ class Stepper:
         def clearance(dt: float) -> float:
             if dt == 0.0:
                 return self.creep.instantaneous * load
-            weights = step_weights(self.creep, dt)
+            weights = rung_of(self.creep, dt).weights
             free, _, plate, _ = self._predict(dt)
             past = float(weights.decay @ central) + weights.old_total * load
             return free - plate - gap - past
 
         dt = brentq(clearance, 0.0, longest, xtol=1e-15 * self.time_scale, rtol=1e-14)
-        rung = _rung(self.creep, dt)
+        rung = rung_of(self.creep, dt)
         free, _, plate_free, _ = self._predict(dt)
         plate = self.plate
         if self.body.plate is not None:
@@ -648,7 +480,7 @@ class Stepper:
         load, displacement = self._rows[_OLD].copy(), self._rows[_DISPLACEMENT].copy()
         self.snapshots.append(Snapshot(time, load, displacement, radius))
 
-    def _work(self, rung: _Rung, sums: Array, before: list[float]) -> float:
+    def _work(self, rung: Rung, sums: Array, before: list[float]) -> float:
         """Exact work ``int q dw`` on the springs in one step, for the loads inside it.
 
         ``before`` holds the sums of the displacements at the start with the old and new loads.
@@ -693,7 +525,7 @@ class Stepper:
 
     # -- rest ------------------------------------------------------------------------------------
 
-    def _attempt_resting(self, rung: _Rung, weight: float) -> _Trial | None:
+    def _attempt_resting(self, rung: Rung, weight: float) -> _Trial | None:
         """Find the approach that carries the weight; None when the step is too long for it."""
         wanted = weight * rung.weights.compliance
         while True:
@@ -788,52 +620,3 @@ class _Pace:
     longest: float
     lenient_from: float
     leniency: float
-
-
-@dataclass(slots=True)
-class RestTest:
-    """True when speed and force have swung no more than allowed over a whole period.
-
-    Speed alone will not do: it vanishes at every turn. Its swing is taken, not its size, because a
-    contact at rest still creeps.
-
-    Parameters
-    ----------
-    tolerance : float
-        Amplitude relative to the static sag.
-    period : float [s]
-        Of the sphere on its static sag.
-    speed : float [m/s]
-        Gravity times period over 2 pi: the speed that belongs to an amplitude of one sag.
-    start, slowest, fastest, largest : float
-        What the current period has seen.
-    """
-
-    tolerance: float
-    period: float
-    speed: float
-    start: float = 0.0
-    slowest: float = -inf
-    fastest: float = inf
-    largest: float = inf
-
-    def restart(self, time: float) -> None:
-        """Forget the past: a new contact begins."""
-        self.start, self.largest = time, inf
-
-    def __call__(self, stepper: Stepper) -> bool:
-        """Look at the state after a step."""
-        weight = stepper.body.mass * stepper.body.gravity
-        unbalanced = abs(stepper.force / weight - 1.0)
-        if stepper.body.plate is not None:
-            unbalanced = max(unbalanced, abs(stepper.plate.velocity) / self.speed)
-        velocity = stepper.velocity
-        self.slowest, self.fastest = min(self.slowest, velocity), max(self.fastest, velocity)
-        self.largest = max(self.largest, unbalanced)
-        if stepper.time - self.start < self.period:
-            return False
-        swing = 0.5 * (self.fastest - self.slowest) / self.speed
-        is_resting = max(self.largest, swing) < self.tolerance
-        self.start, self.largest = stepper.time, unbalanced
-        self.slowest = self.fastest = velocity
-        return is_resting

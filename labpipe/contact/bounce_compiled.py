@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from labpipe.contact.memory import Array
+from labpipe.contact.rungs import Ladder
 
 # Why the loop came back.
 HAND_OVER, BUFFER_FULL, RESTING = range(3)
@@ -27,7 +28,7 @@ STEPS, REJECTED, NEWTON, PRODUCTS = range(4)
 N_RECORD = 8
 
 
-class Ladder(NamedTuple):
+class Table(NamedTuple):
     """Weights of every step length on the ladder, by rung (rung,) or (rung, element)."""
 
     lowest: int
@@ -36,6 +37,26 @@ class Ladder(NamedTuple):
     old: Array
     new: Array
     scalars: Array
+
+
+def tabulate(ladder: Ladder, lowest: int, top: int) -> Table:
+    """Put the rungs from ``lowest`` to ``top`` into arrays."""
+    rungs = [ladder.at(i) for i in range(lowest, top + 1)]
+    scalars = [
+        (
+            *(rung.weights.dt, rung.weights.compliance, rung.weights.old_total, rung.jump),
+            *(rung.old_integral, rung.new_integral, rung.jump_compliance),
+        )
+        for rung in rungs
+    ]
+    return Table(
+        lowest,
+        np.array([rung.rows[0] for rung in rungs]),
+        np.array([rung.rows[1] for rung in rungs]),
+        np.array([rung.pair[:, 0] for rung in rungs]),
+        np.array([rung.pair[:, 1] for rung in rungs]),
+        np.array(scalars),
+    )
 
 
 class Line(NamedTuple):
@@ -117,7 +138,7 @@ def _radius(line: Line, approach: float, reach: Array) -> float:
 
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
 def _look_ahead(
-    ladder: Ladder, rung: int, line: Line, block: Array, load: Array, reach: Array, moments: Array
+    ladder: Table, rung: int, line: Line, block: Array, load: Array, reach: Array, moments: Array
 ) -> None:
     """Fill the approach that would leave each spring unloaded, and its running moment."""
     n = load.size
@@ -134,7 +155,7 @@ def _look_ahead(
 
 @njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
 def _remember(
-    ladder: Ladder, rung: int, line: Line, block: Array, load: Array, new: Array, inverse: Array
+    ladder: Table, rung: int, line: Line, block: Array, load: Array, new: Array, inverse: Array
 ) -> tuple[float, float]:
     """Update the memory; return its weighted dwell on the change of load, and its energy."""
     dwelt, held = 0.0, 0.0
@@ -227,7 +248,7 @@ def _trial(
     state: Array,
     counts: NDArray[np.int64],
     rules: Rules,
-    ladder: Ladder,
+    ladder: Table,
     line: Line,
     block: Array,
     load: Array,
@@ -288,7 +309,7 @@ def plain_steps(
     state: Array,
     counts: NDArray[np.int64],
     rules: Rules,
-    ladder: Ladder,
+    ladder: Table,
     line: Line,
     block: Array,
     load: Array,

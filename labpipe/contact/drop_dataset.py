@@ -7,9 +7,9 @@ from math import nan, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.contact.bounce import Body, Counts, Snapshot, Springs
 from labpipe.contact.mdr import Profile
 from labpipe.contact.memory import Array, Condensed
+from labpipe.contact.motion import Body, Counts, Snapshot, Springs
 from labpipe.contact.plate import Plate
 from labpipe.contact.thesis_scheme import ThesisRun
 from labpipe.contact.trajectory import (

@@ -8,7 +8,7 @@ surface keeps its dents: memory is never reset between bounces.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import inf, isfinite, nan, pi, sqrt
+from math import isfinite, nan, sqrt
 from time import perf_counter
 from typing import Literal, get_args
 
@@ -16,117 +16,50 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from labpipe.contact.bounce import MOST_RINGING, Body, Record, RestTest, Springs, Stepper
-from labpipe.contact.drop_dataset import DropRun, Setting, dataset, mislaid_energy, thesis_dataset
+from labpipe.contact.bounce import Stepper
+from labpipe.contact.drop_dataset import (
+    DropRun,
+    Setting,
+    dataset,
+    mislaid_energy,
+    thesis_dataset,
+)
+from labpipe.contact.drop_setup import (
+    MARGIN,
+    Effort,
+    Scales,
+    growth,
+    scales,
+    springs_for,
+    step_tolerance,
+    steps_per_contact,
+)
 from labpipe.contact.flight import time_to_touch, time_to_touch_plate
-from labpipe.contact.mdr import Profile, line_springs
-from labpipe.contact.memory import Array, Condensed, Creep, CreepMaterial, condense, step_weights
+from labpipe.contact.mdr import Profile
+from labpipe.contact.memory import Array, Condensed, Creep, CreepMaterial, condense
+from labpipe.contact.motion import Body, Record
 from labpipe.contact.plate import Plate, PlateState
-from labpipe.contact.rings import ring_springs
+from labpipe.contact.rest import RestTest
 from labpipe.contact.thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.trajectory import Contact, Flight, Segment
 from labpipe.errors import InputError
 
 Solver = Literal["mdr", "rings", "thesis"]
 
-# Hertz impact: duration = 2.943 approach / speed.
-_HERTZ_DURATION = 2.9432751843
 # Where rtol may lie: below, rounding; above, the estimates of the error mean nothing.
 _RTOL_RANGE = (1e-8, 1e-2)
-# Step error for an error of rtol: restitution errs by 0.55 (step error)^(2/3), of which a whole
-# train of bounces may add up some ten; all three constants are measured on contact.md 3.7 and 3.8.
-_STEP_SHARE = 0.117
-# Springs per contact radius at rtol = 1e-4; their error falls with the square.
-_SPRINGS_PER_RADIUS = 80
-# Where the instantaneous compliance is too small to matter within one step, the pressure ends in a
-# step at the edge: the error then falls only with the number of springs, so take more.
-_FINER_FOR_A_STEP = 12.0
-_STEPS_LOOKED_AT = 8
-# Rings per radius of the first contact: later ones are smaller, so it takes more.
-_RINGS_PER_RADIUS, _MOST_RINGS_PER_RADIUS = 120, 1200
-# Even spacing of the springs up to this part of the smallest contact expected.
-_CORE = 0.25
 # Terms may be folded away or frozen where that costs this part of rtol.
 _CONDENSE_SHARE = 0.01
-# Springs are laid out and taken into a contact this far beyond the radius expected.
-_MARGIN = 1.1
-# Steps per decade of time at rest, at rtol = 1e-4.
-_STEPS_PER_DECADE = 12
 # A sphere that sinks in from a lower speed than this part of the speed at rest will not lift off
 # again unless its material is all but elastic; down to here its energy is followed closely enough.
 _SLOWEST_BOUNCE = 0.03
 # Rest is an amplitude below rtol times the static sag, within these bounds.
 _REST_RANGE = (1e-5, 1e-3)
-# Steps of one contact at a step tolerance: 1.7 tolerance^(-1/3), measured.
-_STEPS_PER_CONTACT = 1.7
+# Progress is told at steps of this part of the duration.
 _PROGRESS_EVERY = 0.01
 # A run that mislays more than this times rtol of the drop's energy (usual are 0.4 for one impact
 # and 0.8 for a long train) is repeated once with rtol divided by the refinement, down to the limit.
 _ENERGY_LIMIT, _REFINEMENT, _FINEST = 5.0, 10.0, 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class Scales:
-    """What an impact and a rest of this sphere look like, before anything is computed.
-
-    Attributes
-    ----------
-    duration : float [s]
-        Of the first contact.
-    radius : float [m]
-        Largest contact radius.
-    rest_radius : float [m]
-        Contact radius under the weight, at first.
-    rest_period, rest_speed : float [s, m/s]
-        Of small oscillations on the static sag, and the speed of an amplitude of one sag.
-    """
-
-    duration: float
-    radius: float
-    rest_radius: float
-    rest_period: float
-    rest_speed: float
-
-
-@dataclass(frozen=True, slots=True)
-class Effort:
-    """How finely to simulate; ``rtol`` starts as asked for and is refined when that is too coarse.
-
-    The other fields are as in :func:`drop`.
-    """
-
-    rtol: float
-    ring_width: float | None
-    fold: bool
-    compiled: bool
-    max_steps: int
-
-
-def scales(creep: Creep, radius: float, mass: float, gravity: float, speed: float) -> Scales:
-    """Estimate the scales from Hertz, with the compliance at the time scale itself."""
-    weight = mass * gravity
-
-    def at_rest(compliance: float) -> tuple[float, float]:
-        contact = (0.75 * weight * radius * compliance) ** (1 / 3)
-        return contact, 2.0 * pi * sqrt(0.5 * mass * compliance / contact)
-
-    period = at_rest(creep.instantaneous)[1]
-    for _ in range(3):
-        period = at_rest(float(creep.compliance(period / 4)))[1]
-    duration, approach, compliance = period, 0.0, creep.instantaneous
-    for _ in range(4):
-        compliance = float(creep.compliance(duration / 2))
-        approach = (15.0 / 16.0 * mass * speed**2 * compliance / sqrt(radius)) ** 0.4
-        ballistic = _HERTZ_DURATION * approach / speed if speed > 0.0 else inf
-        duration = 1.0 / (1.0 / ballistic + 2.0 / period)
-    rest_approach = at_rest(compliance)[0] ** 2 / radius
-    return Scales(
-        duration=duration,
-        radius=sqrt(radius * (approach + 2.0 * rest_approach)),
-        rest_radius=at_rest(creep.instantaneous)[0],
-        rest_period=period,
-        rest_speed=gravity * period / (2.0 * pi),
-    )
 
 
 def drop(
@@ -256,7 +189,7 @@ def drop(
             gravity,
             speed,
             max(duration - setting.fall_time, 0.0),
-            _MARGIN * 2.0 * scales(creep, radius, mass, gravity, speed).radius,
+            MARGIN * 2.0 * scales(creep, radius, mass, gravity, speed).radius,
             ring_width=RING_WIDTH if ring_width is None else ring_width,
             time_step=TIME_STEP if time_step is None else time_step,
             profile=profile,
@@ -353,35 +286,6 @@ class _Throttle:
             self.progress(done)
 
 
-def _ends_in_a_step(creep: Creep, expected: Scales, duration: float) -> bool:
-    """Look whether steps of an impact, or of rest, are long against the fastest relaxation."""
-    shortest = expected.duration / 400.0
-    longest = max(expected.rest_period / 4.0, duration / 10.0)
-    steps = np.geomspace(shortest, longest, _STEPS_LOOKED_AT).tolist()
-    looks = [step_weights(creep, dt) for dt in steps]
-    return any(look.old_total > MOST_RINGING * look.compliance for look in looks)
-
-
-def _springs(setting: Setting, creep: Creep, expected: Scales, effort: Effort) -> Springs:
-    """Springs of the solver, as fine as rtol asks."""
-    finer = sqrt(1e-4 / effort.rtol)
-    after = setting.duration - setting.fall_time
-    finer *= _FINER_FOR_A_STEP if _ends_in_a_step(creep, expected, after) else 1.0
-    ring_width = effort.ring_width
-    reach = _MARGIN * expected.radius
-    if setting.solver == "rings":
-        # Rings cannot be made so fine: their number is limited.
-        finer = min(finer, _MOST_RINGS_PER_RADIUS / _RINGS_PER_RADIUS)
-        width = expected.radius / (_RINGS_PER_RADIUS * finer) if ring_width is None else ring_width
-        if not (isfinite(width) and width > 0.0):
-            message = f"ring_width is {width} m, expected a positive number"
-            raise InputError(message)
-        return ring_springs(setting.radius, reach, width, setting.profile)
-    core = _CORE * min(expected.rest_radius, expected.radius)
-    per_radius = _SPRINGS_PER_RADIUS * finer
-    return line_springs(setting.radius, reach, core, per_radius, setting.profile)
-
-
 def _stepper(
     setting: Setting,
     creep: Creep,
@@ -398,13 +302,13 @@ def _stepper(
         raise InputError(message)
     return Stepper(
         creep=creep,
-        springs=_springs(setting, creep, expected, effort),
+        springs=springs_for(setting, creep, expected, effort),
         body=Body(setting.mass, setting.gravity, setting.plate),
-        tolerance=(_STEP_SHARE * effort.rtol) ** 1.5,
+        tolerance=step_tolerance(effort.rtol),
         time_scale=expected.duration,
         speed_scale=max(setting.speed, expected.rest_speed),
         largest_radius=setting.radius,
-        expected_radius=_MARGIN * expected.radius,
+        expected_radius=MARGIN * expected.radius,
         max_steps=effort.max_steps,
         is_compiled=effort.compiled,
         observe=observe,
@@ -414,9 +318,8 @@ def _stepper(
 def _refuse_endless(setting: Setting, creep: Creep, expected: Scales, effort: Effort) -> None:
     """Refuse an elastic sphere that would bounce more often than there are steps."""
     is_damped = creep.n_terms or creep.fluidity or (setting.plate and setting.plate.damping_ratio)
-    per_contact = _STEPS_PER_CONTACT * (_STEP_SHARE * effort.rtol) ** -0.5
     cycle = expected.duration + 2.0 * setting.speed / setting.gravity
-    needed = per_contact * setting.duration / cycle
+    needed = steps_per_contact(effort.rtol) * setting.duration / cycle
     if not is_damped and needed > effort.max_steps:
         message = (
             f"an elastic sphere never stops: {setting.duration:.4g} s would take about "
@@ -461,7 +364,7 @@ def _simulate(
             expected.rest_speed,
         )
         final_touch, rest_start = _bounce(
-            stepper, rest, end, segments, _growth(effort.rtol), first_contact_only
+            stepper, rest, end, segments, growth(effort.rtol), first_contact_only
         )
     else:
         stepper.look_at_dent(end)
@@ -488,17 +391,12 @@ def _at_release(setting: Setting) -> Record:
     return Record(-setting.fall_time, height, 0.0, height, 0.0, 0.0, 0.0, 0.0, rest, 0.0)
 
 
-def _growth(rtol: float) -> float:
-    """Factor between steps at rest."""
-    return 10.0 ** (sqrt(rtol / 1e-4) / _STEPS_PER_DECADE)
-
-
 def _bounce(
     stepper: Stepper,
     rest: RestTest,
     end: float,
     segments: list[Segment],
-    growth: float,
+    factor: float,
     first_contact_only: bool,
 ) -> tuple[float, float]:
     """Alternate contacts and flights; return the last touch and the start of rest, or NaN."""
@@ -513,7 +411,7 @@ def _bounce(
         segments.append(Contact(records))
         if outcome == "rest":
             settled = stepper.time
-            stepper.settle(end, growth)
+            stepper.settle(end, factor)
             creeping = stepper.take_trail()
             if creeping:
                 segments.append(Contact((records[-1], *creeping), is_resting=True))
@@ -528,7 +426,7 @@ def _bounce(
             return nan, nan
         stepper.fly(flight)
         stepper.counts.flights += 1
-        reach = _MARGIN * max(record.contact_radius for record in records)
+        reach = MARGIN * max(record.contact_radius for record in records)
 
 
 def _one_contact(stepper: Stepper, rest: RestTest, end: float, reach: float) -> tuple[str, float]:

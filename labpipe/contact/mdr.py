@@ -22,8 +22,8 @@ from typing import Literal
 
 import numpy as np
 
-from labpipe.contact.bounce import PlainSprings
 from labpipe.contact.memory import Array
+from labpipe.contact.motion import PlainSprings
 from labpipe.errors import InputError
 
 Profile = Literal["parabola", "sphere"]

@@ -203,7 +203,7 @@ def step_weights(creep: Creep, dt: float, *, hold: bool = False, jump: float = 0
     hold : bool
         False: the load is linear inside the step. True: it jumps to its new value at the start of
         the step and stays; use it for the first few steps after a jump of the displacement, where
-        a linear load would overshoot (contact.md, pitfall 1).
+        a linear load would overshoot.
     jump : float
         Share of the load's change that happens at the start of the step, the rest being linear; it
         damps the ringing of a linear load. 0 is of second order, 1 is the same as ``hold``.

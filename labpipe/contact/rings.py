@@ -25,9 +25,9 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import ellipe, ellipk
 
-from labpipe.contact.bounce import PlainSprings
 from labpipe.contact.mdr import Profile
 from labpipe.contact.memory import Array
+from labpipe.contact.motion import PlainSprings
 from labpipe.errors import InputError
 
 # The edge between the last loaded and the next ring, found by the sign of the load, lies outside

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-from labpipe.contact.bounce import Body, Record
 from labpipe.contact.memory import Array
+from labpipe.contact.motion import Body, Record
 from labpipe.contact.plate import Plate, PlateState
 
 # Samples of a flight when no times are asked for: enough for a smooth parabola.

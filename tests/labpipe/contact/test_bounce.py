@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from labpipe.contact import drop
-from labpipe.contact.bounce import Body, RestTest, Stepper
+from labpipe.contact.bounce import Stepper
 from labpipe.contact.mdr import line_springs
 from labpipe.contact.memory import Creep
+from labpipe.contact.motion import Body
+from labpipe.contact.rest import RestTest
 from labpipe.errors import LabpipeError
 from labpipe.materials import Prony
 

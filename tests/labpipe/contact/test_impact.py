@@ -1,4 +1,4 @@
-"""The drop against independent references: Ting's integral, Hertz, and the tables of contact.md."""
+"""The drop against independent references: Ting's integral, Hertz, and trains of bounces."""
 
 import json
 import warnings
@@ -20,14 +20,14 @@ PMMA15 = Prony.from_creep(2e9, _C, _TAU, nu=NU)
 # The four modes below 1e-7 s put into the instantaneous compliance: a material of its own.
 PMMA11 = Prony.from_creep(2e9, _C[4:], _TAU[4:], nu=NU)
 
-# contact.md 3.7 (Ting, ten digits): e, F_max, delta_max, a_max, t_c
+# Ting's integral, ten digits: e, F_max, delta_max, a_max, t_c
 FIRST = [
     (SLS, 0.0015, 0.7288782966, 257.5063769, 6.721988329e-5, 8.001683500e-4, 1.115611844e-3),
     (SLS, 0.005, 0.7470918873, 530.9392778, 1.072505593e-4, 1.010723294e-3, 9.765980559e-4),
     (PMMA11, 0.0015, 0.938881646, 259.5168018, 7.243709307e-5, 8.306403021e-4, 1.234494800e-3),
     (PMMA11, 0.005, 0.939395861, 527.4441732, 1.159230081e-4, 1.050793344e-3, 1.087620542e-3),
 ]
-# contact.md 3.6 (Ting, no gravity): E0, rho, e, F_max, delta_max, t_c in scaled units
+# Ting's integral without gravity, scaled units: E0, rho, e, F_max, delta_max, t_c
 SCALED = [
     (0.0, 1.0, 0.236319011, 0.686561928, 1.305792728, 3.230946474),
     (0.0, 10.0, 0.867753478, 1.074639140, 1.111128224, 3.184772133),
@@ -38,7 +38,8 @@ SCALED = [
     (0.5, 0.1, 0.888301088, 0.817336991, 1.375703741, 4.187329810),
     (0.5, 1.0, 0.693615257, 0.920431315, 1.172785021, 3.417446749),
 ]
-# contact.md 3.8: touch, t_c, v_in, e, F_max, a_max, delta_max by number
+# Trains by a prototype with 1600 even springs and a step tolerance of 1e-10, by number of bounce:
+# touch, t_c, v_in, e, F_max, a_max, delta_max
 SLS_TRAIN = {
     1: (0.0, 1.115616e-3, 0.17155174, 0.72887820, 257.50634, 8.00166e-4, 6.721988e-5),
     2: (0.026442691, 1.203487e-3, 0.12341829, 0.71789195, 174.17621, 7.05549e-4, 5.226261e-5),
@@ -68,7 +69,7 @@ def relative(result, name, expected, row=0):
 
 
 def scaled_impact(E0, rho, **options):
-    """m = v = 1 and (4/3) sqrt(R) = 1 of contact.md, with a sphere far larger than the contact."""
+    """m = v = 1 and (4/3) sqrt(R) = 1, with a sphere far larger than the contact."""
     material = Prony(E0, [1.0 - E0], [rho], nu=0.0) if rho else Prony(1.0, [], [], nu=0.0)
     gravity, mass = 1e-8, 4 / 3 * 10.0
     height = 0.5 / gravity
@@ -89,7 +90,7 @@ def sls_train():
 @pytest.mark.parametrize(("material", "height", "e", "F", "delta", "a", "t_c"), FIRST)
 @pytest.mark.parametrize(("rtol", "factor"), [(1e-4, 1.0), (1e-5, 0.1)])
 def test_first_impact_agrees_with_ting(material, height, e, F, delta, a, t_c, rtol, factor):
-    """Goal: e, F, delta 2e-5, a 1e-4. Measured at the default rtol: 6e-6, 1e-5, 5e-7, 3e-7."""
+    """Wanted: e, F, delta 2e-5, a 1e-4. Measured at the default rtol: 6e-6, 1e-5, 5e-7, 3e-7."""
     result = first_impact(material, height, rtol=rtol)
     assert relative(result, "restitution", e) < 2e-5 * factor
     assert relative(result, "peak_force", F) < 2e-5 * factor
@@ -143,7 +144,7 @@ def test_sls_train_comes_to_rest_on_its_static_sag(sls_train):
 
 
 def test_pmma_train_of_34_bounces(pmma_train):
-    """Goal 4 of contact.md at the default rtol; measured 6e-5 in touch, 2e-4 in force (last)."""
+    """At the default rtol; measured 6e-5 in touch, 2e-4 in force (last)."""
     assert pmma_train.sizes["impact"] == 34
     for number, (touch, _, _, e, F, a, delta) in PMMA_TRAIN.items():
         row = number - 1
@@ -165,7 +166,7 @@ def test_work_of_the_pmma_train_is_bounded(pmma_train):
 
 @pytest.mark.slow
 def test_pmma_train_converges_to_the_reference():
-    """Goal 5: touch times 1e-5, forces 1e-4; and 37 bounces in all, the last until 0.51031 s."""
+    """Touch times 1e-5, forces 1e-4; and 37 bounces in all, the last until 0.51031 s."""
     result = drop(PMMA15, R, M, 0.0015, 0.53 + fall_time(0.0015), rtol=1e-5)
     assert result.sizes["impact"] == 37
     for number, (touch, _, _, _, F, _, _) in PMMA_TRAIN.items():
@@ -178,7 +179,7 @@ def test_pmma_train_converges_to_the_reference():
 
 
 def test_rings_and_springs_agree():
-    """Goal 6 at a ring width of 1e-5 m: 2e-4 in force, 1e-3 in radius."""
+    """At a ring width of 1e-5 m: 2e-4 in force, 1e-3 in radius."""
     for material in (SLS, PMMA15):
         mdr = drop(material, R, M, 0.0015, 0.1)
         rings = drop(material, R, M, 0.0015, 0.1, "rings", ring_width=1e-5)
@@ -218,7 +219,7 @@ def test_energy_ledger_closes_and_dissipation_only_grows(pmma_train, sls_train):
     ("material", "lost", "held"), [(SLS, 0.386, 0.096), (PMMA11, 0.1065, 0.015)]
 )
 def test_energy_lost_and_held_at_lift_off(material, lost, held):
-    """contact.md, pitfall 13: SLS 38.6 % and 9.6 %, PMMA 10.65 % and 1.5 %."""
+    """Of the kinetic energy: SLS 38.6 % and 9.6 %, PMMA 10.65 % and 1.5 %."""
     result = first_impact(material, 0.0015)
     energy = M * G * 0.0015
     assert float(result.energy_dissipated[0]) / energy == pytest.approx(lost, abs=5e-4)

@@ -52,7 +52,7 @@ def test_hertz_within_the_staircase(rings_per_radius):
         force, _ = springs.force(trial**2 / R, springs.gap, moments)
         errors.append(force / (4 / 3 * trial**3 / R) - 1)
         radii.append((springs.contact_radius(trial**2 / R, springs.gap) - trial) / springs.width)
-    # contact.md, section 2: mean 4.2e-5, 1.1e-5, 2.7e-6 and peak to peak 2e-4, 5.1e-5, 1.3e-5
+    # Measured with a prototype: mean 4.2e-5, 1.1e-5, 2.7e-6 and peak to peak 2e-4, 5.1e-5, 1.3e-5
     assert abs(np.mean(errors)) < 5e-5 * (40 / rings_per_radius) ** 2
     assert np.ptp(errors) < 3e-4 * (40 / rings_per_radius) ** 2
     assert np.max(np.abs(radii)) < 0.01

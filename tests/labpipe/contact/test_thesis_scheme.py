@@ -26,7 +26,7 @@ def first_impact(time_step, ring_width=4e-5):
 
 
 def test_it_converges_to_the_exact_impact():
-    """contact.md 3.7: e 0.7288782966, F 257.5063769 N, t_c 1.115611844 ms."""
+    """Ting's integral: e 0.7288782966, F 257.5063769 N, t_c 1.115611844 ms."""
     errors = []
     for time_step in (2e-5, 4e-6):
         result = first_impact(time_step)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.contact.bounce import Body, Record
+from labpipe.contact.motion import Body, Record
 from labpipe.contact.plate import PlateState
 from labpipe.contact.trajectory import Contact, Flight, columns, peak
 
