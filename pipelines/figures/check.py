@@ -225,8 +225,8 @@ def _size(length: float, pixels: float, u_pixels: float) -> Quantity:
 
 def _cameras() -> Iterator[Row]:
     front, disc = _size(30e-3, 386, 1), _size(1e-3, 461, 1)
-    yield Row("D.2", "front camera", 0.07772, front.value * 1e3, "mm/px", 5e-6)
-    yield Row("D.2", "front camera", 77.7, front.value * 1e6, "um/px", 0.05)
+    yield Row("D.2", "front camera, in mm", 0.07772, front.value * 1e3, "mm/px", 5e-6)
+    yield Row("D.2", "front camera, in um", 77.7, front.value * 1e6, "um/px", 0.05)
     yield Row("3.8 caption", "front camera", 77.7, front.value * 1e6, "um/px", 0.05)
     yield Row("D.3", "camera under the disc", 0.00217, disc.value * 1e3, "mm/px", 5e-6)
     yield Row("3.1", "camera under the disc", 2.17, disc.value * 1e6, "um/px", 5e-3)
@@ -244,5 +244,7 @@ def _cameras() -> Iterator[Row]:
 
 
 def _clocks() -> Iterator[Row]:
+    yield Row("3.3.1", "PEEK's T_0 against the hottest sweep", 129.93, 120.0, "degC", 1.0,
+              misprint="T_0 lies outside the stated sweeps")  # fmt: skip
     yield Row("D.1 text", "time between frames at 10,000 per second", 0.1, 1e3 / 10_000, "ms", 1e-9)
     yield Row("3.1", "time step of the laser at 20 kHz", 50.0, 1e6 / 20_000, "us", 1e-9)

@@ -15,6 +15,8 @@ from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, pa
 from pipelines.figures.inputs import Inputs
 
 _SHOWN_CYCLES = 3
+_AXIS = CHARACTERISTIC_TIME * 1e10
+"""From Hz to f tau_0 in units of 1e-10, which makes short tick labels."""
 
 
 def _only(inputs: Inputs) -> tuple[str, Any, Prony]:
@@ -50,7 +52,9 @@ def loops(inputs: Inputs) -> Drawing:
     return Drawing(
         Caption(
             "(a) Dimensionless force over time at the lowest frequency, the transient cycles left "
-            "out. (b) Mean loop of force over indentation at each frequency, f tau_0.",
+            "out. (b) Mean loop of force over indentation at each frequency, f tau_0, as recorded: "
+            "the lag of the load cell's filter grows with frequency and narrows the loops; the "
+            "works of figure 2.8 are free of it.",
             computed=(
                 "simulation with the displacement of the record as input; its force runs through "
                 f"the load cell's filter. nRMSE {100 * np.nanmin(error):.2f} to "
@@ -123,15 +127,15 @@ def dissipated_work(inputs: Inputs) -> Drawing:
     theory = contact.dissipated_work(solid, fine, amplitude, abs(mean), radius, period, depth)
     with panels(aspect=0.8) as (figure, grid):
         axes = grid[0, 0]
-        axes.plot(fine * CHARACTERISTIC_TIME, dissipation.dimensionless_work(theory, *scale),
+        axes.plot(fine * _AXIS, dissipation.dimensionless_work(theory, *scale),
                   label="eq. (2.31)", **line_arguments("reference"))  # fmt: skip
-        for source, role, word in ((model, "model", "simulated"),
-                                   (table, "measured", inputs.origin)):  # fmt: skip
+        for source, role, style, word in ((table, "measured", "points", inputs.origin),
+                                          (model, "model", "both", "simulated")):  # fmt: skip
             work = dissipation.dimensionless_work(source["work_per_cycle"].values[order], *scale)
             u = dissipation.dimensionless_work(source["u_work_per_cycle"].values[order], *scale)
-            axes.errorbar(frequency[order] * CHARACTERISTIC_TIME, work, 2 * u, label=word,
-                          capsize=2, **line_arguments(role, style="both"))  # type: ignore[arg-type]  # fmt: skip
-        axes.set(xscale="log", xlabel="frequency $\\tilde f = f\\tau_0$ (1)",
+            axes.errorbar(frequency[order] * _AXIS, work, 2 * u, label=word,
+                          capsize=2, **line_arguments(role, style=style))  # type: ignore[arg-type]  # fmt: skip
+        axes.set(xlabel="frequency $\\tilde f = f\\tau_0$ ($10^{-10}$)",
                  ylabel="dissipated work $\\tilde W$ (1)")  # fmt: skip
         axes.set_ylim(bottom=0.0)
         legend_above(figure, axes)

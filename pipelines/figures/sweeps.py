@@ -1,0 +1,134 @@
+"""Figures 2.3 and 3.4 to 3.7: master curves, shift factors and spectrum from a rheometer."""
+
+import json
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from labpipe.report import line_arguments
+from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.inputs import Inputs
+
+_COVERAGE = 2.0
+
+
+def nbr(inputs: Inputs) -> Drawing:
+    """Figure 2.3, with the spectrum."""
+    return master_curve(inputs, 20.0, with_spectrum=True)
+
+
+def peek(inputs: Inputs) -> Drawing:
+    """Figure 3.4."""
+    note = "T_0 = 129.93 degC lies outside the stated sweeps (-40 to 120 degC)"
+    return master_curve(inputs, 129.93, note)
+
+
+def nylon(inputs: Inputs) -> Drawing:
+    """Figure 3.5."""
+    return master_curve(inputs, 20.16)
+
+
+def acrylic(inputs: Inputs) -> Drawing:
+    """Figure 3.6."""
+    return master_curve(inputs, 20.042)
+
+
+def ptfe(inputs: Inputs) -> Drawing:
+    """Figure 3.7."""
+    return master_curve(inputs, 20.031)
+
+
+def master_curve(
+    inputs: Inputs, printed_T_ref: float, note: str = "", *, with_spectrum: bool = False
+) -> Drawing:
+    """Draw the master curve and the shift factors of the first fitting experiment.
+
+    Parameters
+    ----------
+    inputs : Inputs
+        DMA experiments.
+    printed_T_ref : float [degC]
+        Reference temperature in the thesis's caption.
+    note : str
+        A remark on the printed figure.
+    with_spectrum : bool
+        Whether to show the compliances over the retardation times too.
+    """
+    name = next(iter(inputs.experiments))
+    made = inputs.result(name, "master_curve")
+    count = 3 if with_spectrum else 2
+    with panels(1, count, width=2, aspect=0.4) as (figure, axes):
+        _moduli(axes[0, 0], made, inputs.origin)
+        _shifts(axes[0, 1], made)
+        if with_spectrum:
+            _spectrum(axes[0, 2], made)
+        for place, letter_ in zip(axes[0], "abc", strict=False):
+            letter(place, letter_)
+        legend_above(figure, axes[0, 0])
+    verdict = json.loads(made.attrs["kramers_kronig"])["verdict"]
+    residual = [100 * float(np.sqrt(np.nanmean(made[f"{part}_residual"] ** 2)))
+                for part in ("storage", "loss")]  # fmt: skip
+    reference = float(made["T_ref"])
+    difference = (
+        f"printed reference temperature {printed_T_ref:g} degC, here {reference:g} degC; the "
+        "printed curves are of other specimens, so levels cannot be compared"
+    )
+    return Drawing(
+        Caption(
+            "(a) Storage and loss modulus in tension, shifted to the reference temperature "
+            f"{reference:g} degC, with the fitted generalised Maxwell model; (b) horizontal shift "
+            "factors with two standard uncertainties"
+            + ("; (c) creep compliances over retardation times." if with_spectrum else "."),
+            computed=(
+                "shifts and spectrum from one joint fit to both moduli; residuals "
+                f"{residual[0]:.2f} % (storage) and {residual[1]:.2f} % (loss) rms over "
+                f"{made.sizes['temperature']} isotherms; Kramers-Kronig: {verdict}. Band: two "
+                "standard uncertainties."
+            ),
+            difference=difference + (f"; {note}." if note else "."),
+            **inputs.told(f"isothermal frequency sweeps of {name}."),
+        ),
+        figure,
+    )
+
+
+def _moduli(axes: Any, made: xr.Dataset, origin: str) -> None:
+    f = made["point_reduced_frequency"].values.ravel()
+    x = made["reduced_frequency"].values
+    for part, role in (("storage", "measured"), ("loss", "model")):
+        look = line_arguments(role)  # type: ignore[arg-type]
+        points = line_arguments(role, style="points")  # type: ignore[arg-type]
+        axes.loglog(
+            f, made[f"{part}_reduced"].values.ravel(), label=f"{part}, {origin}",
+            **(points | {"markersize": 2.2, "markerfacecolor": "white", "markeredgewidth": 0.5}),
+        )  # fmt: skip
+        centre = made[f"master_{part}"].values
+        half = _COVERAGE * made[f"u_master_{part}"].values
+        axes.fill_between(x, np.maximum(centre - half, centre / 10), centre + half,
+                          color=look["color"], alpha=0.25, linewidth=0)  # fmt: skip
+        axes.loglog(x, centre, label=f"{part}, fit", **look)
+    low = float(np.nanmin(made["loss_reduced"]))
+    high = float(np.nanmax(made["storage_reduced"]))
+    axes.set(xlabel="frequency $a_T f$ (Hz)", ylabel="modulus $E'$, $E''$ (Pa)",
+             ylim=(low / 3, high * 3))  # fmt: skip
+
+
+def _shifts(axes: Any, made: xr.Dataset) -> None:
+    axes.errorbar(
+        made["temperature"].values, made["log10_aT"].values,
+        _COVERAGE * made["u_log10_aT"].values, capsize=1.5,
+        **line_arguments("measured", style="both"),
+    )  # fmt: skip
+    axes.axvline(float(made["T_ref"]), **line_arguments("reference"))
+    axes.set(xlabel="temperature (°C)", ylabel="shift factor $\\log_{10} a_T$ (1)")
+
+
+def _spectrum(axes: Any, made: xr.Dataset) -> None:
+    weight, tau = made["C"].values, made["tau"].values
+    shown = weight > 0
+    axes.vlines(tau[shown], weight[shown].min() / 3, weight[shown],
+                color=line_arguments("repeat")["color"], linewidth=0.7)  # fmt: skip
+    axes.loglog(tau[shown], weight[shown], **line_arguments("measured", style="points"))
+    axes.set(xlabel="retardation time $\\tau_k$ (s)", ylabel="compliance $C_k$ (1/Pa)",
+             ylim=(weight[shown].min() / 3, weight.max() * 3))  # fmt: skip

@@ -1,0 +1,120 @@
+"""Which figures there are, what is drawn and what is not, and that it is the same every time."""
+
+import json
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+from labpipe.errors import UsageError
+from pipelines.cli import main
+from pipelines.figures import FIGURES, make
+from pipelines.stages import KINDS
+
+CHEAP = "1.2"
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as left:
+        main(list(arguments))
+    out, err = capsys.readouterr()
+    return int(left.value.code or 0), out, err
+
+
+def drawn(folder: Path, *names: str) -> dict[str, str]:
+    outcomes = make.make(make.Shelf.of(folder, None), make.chosen(names))
+    return {outcome.id: outcome.state for outcome in outcomes}
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_every_figure_names_a_function_that_exists_or_a_reason() -> None:
+    assert len({figure.id for figure in FIGURES}) == len(FIGURES)
+    for figure in FIGURES:
+        assert bool(figure.function) != bool(figure.reason), figure.id
+        if figure.function:
+            module, name = figure.function.split(":")
+            assert callable(getattr(import_module(module), name))
+
+
+def test_every_need_names_stages_of_a_known_kind() -> None:
+    for figure in FIGURES:
+        if figure.need is not None:
+            known = {stage.name for stage in KINDS[figure.need.kind].stages}
+            assert set(figure.need.stages) <= known, figure.id
+
+
+def test_photographs_are_listed_with_the_reason(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "figures", "--list", "--json")
+    assert code == 0
+    rows = {row["id"]: row for row in json.loads(out)["figures"]}
+    for name in ("2.1", "2.2", "3.1", "3.2", "B.1a"):
+        assert rows[name]["state"] == make.IMPOSSIBLE
+        assert "photograph" in rows[name]["detail"]
+    assert rows["3.10"]["state"] == make.NEEDS_SESSION
+    assert rows["3.10"]["detail"] == "with ball_drop of acrylic"
+    assert rows[CHEAP]["state"] == make.READY
+
+
+def test_an_unknown_number_is_answered_with_the_nearest(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    code, _, err = run(capsys, "figures", "2.66")
+    assert code == 2
+    assert 'Did you mean "2.6"?' in err
+    with pytest.raises(UsageError, match=r'no figure "2\.66"'):
+        make.chosen(["2.66"])
+
+
+def test_a_figure_has_three_formats_and_a_caption_and_the_same_bytes_each_time(
+    tmp_path: Path,
+) -> None:
+    for name in ("first", "second"):
+        assert drawn(tmp_path / name, CHEAP) == {CHEAP: make.DRAWN}
+    first, second = contents(tmp_path / "first"), contents(tmp_path / "second")
+    assert set(first) == {f"{CHEAP}.{kind}" for kind in ("pdf", "svg", "png", "txt")} | {
+        make.RECORD
+    }
+    assert first == second
+
+
+def test_a_second_run_draws_nothing_and_a_changed_file_only_itself(tmp_path: Path) -> None:
+    both = (CHEAP, "table-D.1")
+    assert set(drawn(tmp_path, *both).values()) == {make.DRAWN}
+    assert set(drawn(tmp_path, *both).values()) == {make.UP_TO_DATE}
+    before = contents(tmp_path)
+    (tmp_path / f"{CHEAP}.svg").write_text("damaged")
+    assert drawn(tmp_path, *both) == {CHEAP: make.DRAWN, "table-D.1": make.UP_TO_DATE}
+    assert contents(tmp_path) == before
+
+
+def test_a_damaged_record_costs_a_drawing_and_nothing_else(tmp_path: Path) -> None:
+    drawn(tmp_path, CHEAP)
+    (tmp_path / make.RECORD).write_text('{"figures": [')
+    assert drawn(tmp_path, CHEAP) == {CHEAP: make.DRAWN}
+
+
+def test_captions_say_what_is_measured_synthetic_and_computed(tmp_path: Path) -> None:
+    drawn(tmp_path, CHEAP, "table-D.1")
+    for name in (CHEAP, "table-D.1"):
+        text = (tmp_path / f"{name}.txt").read_text(encoding="utf-8")
+        for word in ("Measured:", "Synthetic:", "Computed:", "Against the printed text:"):
+            assert word in text
+
+
+def test_figures_of_a_session_read_its_results_and_follow_its_keys(
+    processed_session: Path, tmp_path: Path
+) -> None:
+    shelf = make.Shelf.of(tmp_path, processed_session)
+    outcomes = make.make(shelf, make.chosen(["2.8", "3.10", "3.11"]))
+    states = {outcome.id: outcome.state for outcome in outcomes}
+    assert states == {"2.8": make.DRAWN, "3.10": make.DRAWN, "3.11": make.NEEDS_SESSION}
+    text = (tmp_path / "3.10.txt").read_text(encoding="utf-8")
+    assert "Measured: nothing." in text
+    assert "2 laser recordings per height" in text
+    again = make.states(make.Shelf.of(tmp_path, processed_session), make.chosen(["3.10"]))
+    assert again[0].state == make.UP_TO_DATE
+    key = shelf.key(again[0].figure, again[0].experiments)
+    assert key != shelf.key(again[0].figure, ())
