@@ -9,6 +9,7 @@ from labpipe import contact
 from labpipe.contact import dissipation
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
+from labpipe.workflow.fields import REFERENCE
 from pipelines.experiments.material import resolve
 from pipelines.figures.chapter2 import CHARACTERISTIC_TIME
 from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
@@ -28,7 +29,7 @@ def _only(inputs: Inputs) -> tuple[str, Any, Prony]:
     file = None if chosen.material_file is None else inputs.folder / chosen.material_file
     fitted = None
     if chosen.material_from is not None:
-        fitted = inputs.result(chosen.material_from, "master_curve")
+        fitted = inputs.result(chosen.material_from.removeprefix(REFERENCE), "master_curve")
     return name, settings, resolve(chosen, file, fitted)
 
 

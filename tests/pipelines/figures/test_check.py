@@ -27,7 +27,7 @@ def test_every_stated_misprint_and_only_those() -> None:
     [
         ("reference", "impact speed from 10 mm", (2 * 9.81 * 0.010) ** 0.5),
         ("3.3.2", "first contact of PTFE from 7 mm", (2 * 0.007 / 9.81) ** 0.5),
-        ("D.2", "front camera", 30e3 / 386),
+        ("D.2", "front camera, in um", 30e3 / 386),
         ("3.1", "camera under the disc", 1e3 / 461),
         ("table D.1", "uncertainty of the front camera, 2 px", 200 / 386),
         ("2.5", "f tau_0 at 0.5 Hz", 0.5 * 1.56e-10),
