@@ -9,6 +9,7 @@ from labpipe.workflow.config import (
     POSITIVE,
     Acceleration,
     Dimensionless,
+    ExperimentName,
     File,
     Frequency,
     Length,
@@ -33,7 +34,7 @@ class MaterialChoice(Table, frozen=True, kw_only=True):
 
     material: str | None = None
     material_file: File | None = None
-    material_from: str | None = None
+    material_from: ExperimentName | None = None
     temperature: Temperature | None = None
 
     def __post_init__(self) -> None:

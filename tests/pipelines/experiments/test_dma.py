@@ -266,3 +266,35 @@ def test_the_sample_holds_five_materials(tmp_path):
     names = SAMPLES["dma"].write(tmp_path, False)
     assert len(names) == 5
     assert set(open_session(tmp_path).experiments) == set(names)
+
+
+HARMONIC = """
+[experiments.punch]
+kind = "harmonic"
+mach1 = "punch.txt"
+
+[experiments.punch.punch]
+radius = "2 mm"
+period = "8 mm"
+depth = "6 mm"
+
+[experiments.punch.substrate]
+material_from = "{name}"
+"""
+
+
+@pytest.mark.parametrize("name", ["ptfe", "experiment:ptfe"])
+def test_another_experiment_names_the_material_with_or_without_prefix(session, name):
+    (session / "punch.txt").write_text("x", "utf-8")
+    with (session / "session.toml").open("a", encoding="utf-8") as stream:
+        stream.write(HARMONIC.format(name=name))
+    opened = open_session(session)
+    assert opened.experiments["punch"].settings.substrate.material_from == "experiment:ptfe"
+
+
+def test_a_material_of_an_unknown_experiment_is_refused(session):
+    (session / "punch.txt").write_text("x", "utf-8")
+    with (session / "session.toml").open("a", encoding="utf-8") as stream:
+        stream.write(HARMONIC.format(name="pfte"))
+    with pytest.raises(ConfigError, match="ptfe"):
+        open_session(session)
