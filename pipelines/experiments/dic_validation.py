@@ -111,9 +111,11 @@ def _with_bytes(found: xr.Dataset, source: FrameSource, coarse: dict[str, int]) 
     size = np.asarray(source[int(np.flatnonzero(source.valid)[0])]).dtype.itemsize
     for name in ("subsets_solved", "iterations", "reseeds"):
         work[name] += coarse.get(name, 0)
-    work["bytes_read"] = work.pop("pixels_read") * size
-    work["bytes_total"] = work.pop("pixels_total") * size
-    work["frames_read"] = found.sizes["frame"]  # the static ones are read twice, counted once
+    total = work.pop("pixels_total")
+    # the static frames are read twice, for the reference and as frames, but counted once
+    work["bytes_read"] = min(work.pop("pixels_read"), total) * size
+    work["bytes_total"] = total * size
+    work["frames_read"] = found.sizes["frame"]
     work["coarse_frames_read"] = coarse.get("frames_read", 0)
     work["coarse_bytes_read"] = coarse.get("pixels_read", 0) * size
     return found.assign_attrs(work=json.dumps(work), recorded=recorded_on(source))

@@ -28,7 +28,7 @@ class FrontCamera:
     ``duration`` is the length of the film, ``release`` the time of release in it. ``exposure`` is
     averaged over two moments, which is exact to second order in the motion. ``photons`` is the
     number of electrons per grey level (shot noise), ``noise`` the read noise in grey levels.
-    ``rotation`` is the amplitude of a swing of the holder (rad) at ``swing`` Hz that begins with
+    ``rotation`` is the amplitude of one swing of the holder (rad) at ``swing`` Hz that begins with
     the fall, ``drift`` the relative change of the light over the film.
     """
 
@@ -115,7 +115,8 @@ def _pose(time: float, trajectory: Trajectory, height: float, camera: FrontCamer
     rotation = 0.0
     if since > 0:
         fallen = height - float(trajectory.at(np.array([since]))[0])
-        # the swing begins without a jump of its rate
+    if 0 < since < 1 / camera.swing:
+        # the swing begins and ends without a jump of its rate
         rotation = camera.rotation * (1 - np.cos(2 * np.pi * camera.swing * since)) / 2
     pivot = (0.5 * (camera.columns - 1), 0.25 * (camera.rows - 1))
     return Pose(0.0, fallen / camera.pixel_size, rotation, pivot)
