@@ -79,3 +79,25 @@ def test_another_views_record_is_refused(session: Path, tmp_path: Path) -> None:
     outcome = process(folder, ["motion"], ["film"], jobs=0)
     assert outcome.exit_code == 3  # bad input, and nothing else was asked for
     assert "view" in outcome.failures[0].message
+
+
+def test_skipping_frames_at_rest_changes_nothing_that_is_kept(tmp_path: Path) -> None:
+    from pipelines.experiments.dic_validation import track
+    from pipelines.settings.dic_validation import DicValidation, Tracking
+
+    camera = FrontCamera(rows=56, columns=48, frame_rate=2000, duration=0.3, release=0.006)
+    film = tmp_path / write_front(tmp_path, "ptfe", 0.5e-3, camera, 3)
+    settings = DicValidation(
+        kind="dic_validation", film="f", camera="c",
+        tracking=Tracking(body=(23.5, 22.0), body_subset=31),
+    )  # fmt: skip
+    full = track(film, settings=settings, full=True)
+    short = track(film, settings=settings, full=False)
+    assert short.sizes["frame"] < 0.6 * full.sizes["frame"]
+    same = full.sel(frame=short["frame"])
+    assert np.abs(same["dy"] - short["dy"]).max() < 1e-3
+    work = json.loads(short.attrs["work"])
+    assert work["frames_read"] == short.sizes["frame"]
+    assert work["frames_total"] == full.sizes["frame"]
+    known = np.array(json.loads((tmp_path / "truth/ptfe_front.json").read_text())["dy"])
+    assert np.abs(full["dy"].values[:, 0] - known).max() < 0.03
