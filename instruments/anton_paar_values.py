@@ -223,7 +223,9 @@ def _unit(raw: RawInterval, plan: _Plan, path: Path) -> tuple[float, str]:
             line=raw.line + 1,
             hint="Correct the row of units, or export again; nothing is guessed.",
         )
-    return found.factor, found.si
+    # The radian is often left out; "angular" in the heading says it.
+    is_angular = found.si == "1/s" and words.column(plan.header) == "angular_frequency"
+    return found.factor, "rad/s" if is_angular else found.si
 
 
 def _by_unit(name: str, si: str) -> str:
@@ -238,7 +240,8 @@ def _numbers(
 ) -> Array:
     values = np.full(len(raw.rows), np.nan)
     for i, row in enumerate(raw.rows):
-        value = _number(row.cells[plan.index], signs if not row.sheet else DOT, signs)
+        # A workbook may hold numbers as text, with a dot whatever the country.
+        value = _number(row.cells[plan.index], (DOT, signs) if row.sheet else (signs,))
         if value is None:
             column = sum(len(text_of(c)) + 1 for c in row.cells[: plan.index]) + raw.first + 1
             raise not_a_number(
@@ -249,12 +252,11 @@ def _numbers(
     return values
 
 
-def _number(cell: Cell, *signs: Separators) -> float | None:
+def _number(cell: Cell, signs: Sequence[Separators]) -> float | None:
     """Return a number, NaN for an absent one, None for anything else."""
     if isinstance(cell, float):
         return cell
     text = (cell or "").strip()
     if text in _ABSENT:
         return float("nan")
-    tried: Sequence[float | None] = [plain_number(text, s) for s in signs]
-    return next((v for v in tried if v is not None), None)
+    return next((v for s in signs if (v := plain_number(text, s)) is not None), None)

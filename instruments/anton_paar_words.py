@@ -83,7 +83,7 @@ TEXT_COLUMNS = ("status", "time_of_day")
 
 #: SI unit that a known column must become; another is a mistake in the file, not a conversion.
 SI_OF: dict[str, tuple[str, ...]] = {
-    "time": ("s",), "interval_time": ("s",), "angular_frequency": ("rad/s", "Hz"),
+    "time": ("s",), "interval_time": ("s",), "angular_frequency": ("rad/s", "Hz", "1/s"),
     "frequency": ("Hz", "rad/s"), "temperature": ("degC",), "temperature_set": ("degC",),
     "storage_modulus": ("Pa",), "loss_modulus": ("Pa",), "complex_modulus": ("Pa",),
     "loss_factor": ("1",), "complex_viscosity": ("Pa s",), "complex_viscosity_real": ("Pa s",),

@@ -194,6 +194,14 @@ def test_a_frequency_in_hertz_gives_the_angular_one(tmp_path):
     assert found.attrs["derived"] == "angular_frequency"
 
 
+def test_an_angular_frequency_may_leave_the_radian_out_but_a_frequency_may_not(tmp_path):
+    units = [u.replace("rad/s", "1/s") for u in UNITS]
+    assert_is_the_sweep(read_text(tmp_path, rheocompass(units=units)))
+    columns = [c.replace("Angular Frequency", "Frequency") for c in ENGLISH]
+    with pytest.raises(SourceError, match="expected a unit of Hz or rad/s"):
+        read_text(tmp_path, rheocompass(columns=columns, units=units))
+
+
 @pytest.mark.parametrize("name", ["freqsweep.csv", "multiple_relaxation.csv",
                                   "multiple_relaxation.xlsx", "viscosity_curves.csv"])  # fmt: skip
 def test_real_files_read_without_a_warning(name):
