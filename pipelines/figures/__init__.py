@@ -49,7 +49,7 @@ class Figure:
     title : str
         What it shows.
     function : str
-        ``module:function`` that draws it; empty when it cannot be regenerated.
+        ``module:function`` that draws it; empty when none does.
     need : Need or None
         What it needs of a session; None when it is computed.
     materials : tuple of str
@@ -57,7 +57,7 @@ class Figure:
     version : int
         Raised when the drawing changes.
     reason : str
-        Why it cannot be regenerated.
+        Why it cannot be regenerated; empty for one that this version does not draw.
     """
 
     id: str
@@ -83,12 +83,19 @@ FIGURES: tuple[Figure, ...] = (
     Figure("1.2", "Complex modulus with one relaxation time", _c1("one_relaxation_time")),
     Figure("1.3", "Relaxation processes of a polymer", _c1("relaxation_processes")),
     Figure("1.4", "Four classes of polymers", _c1("polymer_classes")),
+    Figure("1.5", "Glass transition by volume and molecules"),
+    Figure("1.6", "Maxwell element", f"{_HOME}.schematics:maxwell_element"),
     Figure("1.7", "Maxwell model", _c1("maxwell")),
+    Figure("1.8", "Springs and dashpot of the linear solid",
+           f"{_HOME}.schematics:standard_linear_solid"),
     Figure("1.9", "Standard linear solid", _c1("standard_linear_solid")),
+    Figure("1.10", "Generalised Maxwell model", f"{_HOME}.schematics:generalised_maxwell"),
     Figure("2.1", "Dynamic mechanical analyser", reason=_PHOTOGRAPH),
     Figure("2.2", "Indentation set-up", reason=_PHOTOGRAPH),
     Figure("2.3", "Master curve of NBR", f"{_HOME}.sweeps:nbr",
            Need("dma", ("master_curve",), "nbr")),
+    Figure("2.4", "Relaxation at three depths", f"{_HOME}.holds:relaxation",
+           materials=("nbr",)),
     Figure("2.5", "Harmonic indentation: force and loops", f"{_HOME}.oscillations:loops",
            Need("harmonic", ("loads", "oscillations", "loops", "model", "comparison"))),
     Figure("2.6", "Dissipated work and the tapping front", f"{_HOME}.chapter2:dissipation_map",
@@ -109,14 +116,29 @@ FIGURES: tuple[Figure, ...] = (
            Need("dma", ("master_curve",), "acrylic")),
     Figure("3.7", "Master curve of PTFE", f"{_HOME}.sweeps:ptfe",
            Need("dma", ("master_curve",), "ptfe")),
+    Figure("3.8", "Line of subsets on the falling holder"),
+    Figure("3.9", "Laser against image correlation", f"{_HOME}.films:laser_and_film",
+           Need("dic_validation", ("bounces", "velocity", "comparison"))),
     Figure("3.10", "Acrylic sphere from four heights", f"{_HOME}.drops:acrylic",
            Need("ball_drop", _DROP, "acrylic")),
     Figure("3.11", "Nylon sphere from four heights", f"{_HOME}.drops:nylon",
            Need("ball_drop", _DROP, "nylon")),
     Figure("3.12", "PEEK sphere from four heights", f"{_HOME}.drops:peek",
            Need("ball_drop", _DROP, "peek")),
+    Figure("3.13", "Bouncing, vibration and rest"),
+    Figure("3.14", "Contact spots and simulated circles"),
+    Figure("3.15", "Contact radius of the first impacts", f"{_HOME}.films:contact_radius",
+           Need("contact_area", ("comparison",), "acrylic")),
+    Figure("3.16", "Heated sphere against room temperature"),
+    Figure("3.17", "Sphere under stepwise load", f"{_HOME}.holds:stepwise_load",
+           materials=("ptfe",)),
     Figure("A.1", "Collision model of appendix A", f"{_HOME}.appendix:collision_model",
            Need("ball_drop", ("repeats",), "acrylic", is_optional=True)),
     Figure("B.1a", "Laser on the plate", reason=_PHOTOGRAPH),
+    Figure("B.1b", "Ringing of the plate, qualitatively", f"{_HOME}.schematics:ringing_plate"),
+    Figure("B.2", "Vibration of the plate"),
+    Figure("C.1", "Displacement and contact radius at four heights"),
+    Figure("D.1", "Subsets on the reference frame"),
+    Figure("D.2", "Ruler on the disc"),
     Figure("table-D.1", "Pixel sizes of both cameras", f"{_HOME}.appendix:camera_table"),
 )  # fmt: skip

@@ -51,6 +51,17 @@ class Inputs:
         return {self.origin: text}
 
 
+def referred(text: str) -> str:
+    """Return the name behind a reference of session.toml, ``experiment:NAME``.
+
+    Examples
+    --------
+    >>> referred("experiment:ptfe_7mm")
+    'ptfe_7mm'
+    """
+    return text.removeprefix("experiment:")
+
+
 def material_of(settings: Any) -> str:
     """Return the words by which an experiment names its material, in lower case."""
     found = []

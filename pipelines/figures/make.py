@@ -36,6 +36,7 @@ READY = "ready"
 UP_TO_DATE = "up to date"
 NEEDS_SESSION = "needs a session"
 IMPOSSIBLE = "cannot be regenerated"
+NOT_DRAWN = "not drawn by this version"
 DRAWN = "drawn"
 FAILED = "failed"
 
@@ -48,7 +49,8 @@ class State:
     ----------
     figure : Figure
     state : str
-        ``ready``, ``up to date``, ``needs a session`` or ``cannot be regenerated``.
+        ``ready``, ``up to date``, ``needs a session``, ``cannot be regenerated`` or ``not drawn
+        by this version``.
     detail : str
         What is missing, or the reason.
     experiments : tuple of str
@@ -126,7 +128,7 @@ class Shelf:
     def state(self, figure: Figure, record: Mapping[str, Any]) -> State:
         """Say whether a figure can be drawn."""
         if not figure.function:
-            return State(figure, IMPOSSIBLE, figure.reason)
+            return State(figure, IMPOSSIBLE if figure.reason else NOT_DRAWN, figure.reason)
         names: tuple[str, ...] = ()
         if figure.need is not None:
             names = tuple(matching(self.session, figure.need))

@@ -1,0 +1,104 @@
+"""Figures 3.9 and 3.15: the film of the holder, and the film of the contact."""
+
+from typing import Any
+
+import numpy as np
+
+from labpipe.report import line_arguments
+from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.inputs import Inputs, referred
+
+_IMPACTS = 3
+_MOST_HEIGHTS = 4
+
+
+def laser_and_film(inputs: Inputs) -> Drawing:
+    """Figure 3.9: displacement and velocity by image correlation and by laser."""
+    name = next(n for n, s in inputs.experiments.items() if s.laser_experiment)
+    drop = referred(inputs.experiments[name].laser_experiment)
+    made, speed = inputs.result(name, "comparison"), inputs.result(name, "velocity")
+    bounces = inputs.result(name, "bounces")
+    repeats = inputs.result(drop, "repeats")
+    t = made["time"].values * 1e3
+    with panels(1, 2, width=2, aspect=0.42) as (figure, axes):
+        first, second = axes[0]
+        film, laser = line_arguments("measured", style="points"), line_arguments("model")
+        film |= {"markersize": 1.8}
+        first.plot(t, made["film"].values * 1e3, label=f"film, {inputs.origin}", **film)
+        first.plot(t, made["laser"].values * 1e3, label=f"laser, {inputs.origin}", **laser)
+        first.set(ylabel="displacement (mm)")
+        # The film's velocity counts from its trigger, the laser's from first contact.
+        touch = float(bounces["first_contact_time"])
+        t_laser = repeats["time"].values * 1e3
+        inside = (t_laser >= t.min()) & (t_laser <= t.max())
+        second.plot((speed["time"].values - touch) * 1e3, speed["velocity"].values, **film)
+        second.plot(t_laser[inside], repeats["velocity_mean"].values[inside], **laser)
+        second.set(ylabel="velocity (m/s)")
+        for place, one in zip(axes[0], "ab", strict=True):
+            letter(place, one)
+            place.set(xlabel="time $t_c$ (ms)", xlim=(t.min(), t.max()))
+        legend_above(figure, first)
+    return Drawing(
+        Caption(
+            "(a) Displacement of the holder by digital image correlation of a film and by laser, "
+            "aligned at first contact; (b) velocity by a smoothing spline.",
+            computed=(
+                f"film minus laser: mean {float(made['bias']) * 1e6:+.1f} ± "
+                f"{float(made['u_bias']) * 1e6:.1f} µm, 95 % limits of agreement "
+                f"{float(made['limit_low']) * 1e6:+.1f} to {float(made['limit_high']) * 1e6:+.1f} "
+                f"µm; lag {float(made['lag']) * 1e6:+.0f} µs; nRMSE "
+                f"{100 * float(made['nrmse']):.2f} %."
+            ),
+            difference=(
+                "the agreement is printed without a number. First contact is printed as 0.04 s "
+                "from release (37.8 ms by free fall); here time counts from first contact."
+            ),
+            **inputs.told(f"the film {name} and the laser recordings {drop}."),
+        ),
+        figure,
+    )
+
+
+def contact_radius(inputs: Inputs) -> Drawing:
+    """Figure 3.15: contact radius of the first impacts at each height, film and model."""
+    chosen = sorted(inputs.experiments, key=lambda n: inputs.experiments[n].height.value)
+    chosen = chosen[:_MOST_HEIGHTS]
+    notes = []
+    with panels(len(chosen), _IMPACTS, width=2, aspect=0.1 + 0.26 * len(chosen),
+                sharex="all", sharey="row") as (figure, axes):  # fmt: skip
+        for row, name in enumerate(chosen):
+            made = inputs.result(name, "comparison")
+            _impact_row(axes[row], made, inputs.origin)
+            height = inputs.experiments[name].height.value * 1e3
+            letter(axes[row, 0], "abcd"[row], f"$h_0$ = {height:g} mm")
+            gap = made["peak_radius_difference"].values[:_IMPACTS] * 1e6
+            u = made["u_peak_radius_difference"].values[:_IMPACTS] * 1e6
+            pairs = ", ".join(f"{g:+.1f} ± {s:.1f}" for g, s in zip(gap, u, strict=True))
+            notes.append(f"{height:g} mm: {pairs} µm")
+        for place in axes[-1]:
+            place.set_xlabel("time from largest radius $t_p$ (ms)")
+        for place in axes[:, 0]:
+            place.set_ylabel("contact radius (µm)")
+        legend_above(figure, axes[0, 0])
+    return Drawing(
+        Caption(
+            "Contact radius of the first impacts (left to right) at each drop height, t_p = 0 at "
+            "the largest radius.",
+            computed=f"simulated drops; largest radius, film minus model: {'; '.join(notes)}.",
+            difference="the agreement is printed without a number.",
+            **inputs.told("contact radius from the interference fringes of films."),
+        ),
+        figure,
+    )
+
+
+def _impact_row(places: Any, made: Any, origin: str) -> None:
+    for number, place in enumerate(places, start=1):
+        inside = made["impact_number"].values == number
+        t = made["since_peak"].values[inside] * 1e3
+        order = np.argsort(t)
+        place.plot(t, made["film"].values[inside] * 1e6, label=f"film, {origin}",
+                   **line_arguments("measured", style="points"))  # fmt: skip
+        place.plot(t[order], made["model"].values[inside][order] * 1e6, label="model",
+                   **line_arguments("model"))  # fmt: skip
+        place.set_ylim(bottom=0.0)

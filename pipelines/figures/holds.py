@@ -1,0 +1,143 @@
+"""Figures 2.4 and 3.17: relaxation after a ramp, and a sphere under stepwise load."""
+
+from typing import Any
+
+import numpy as np
+
+from labpipe import contact, materials
+from labpipe.contact import hertz, westergaard
+from labpipe.report import line_arguments
+from pipelines.figures.chapter2 import DEPTH, PERIOD, TIP_RADIUS
+from pipelines.figures.chapter3 import GRAVITY, SPHERE_RADIUS
+from pipelines.figures.drawing import Array, Caption, Drawing, legend_above, letter, panels
+
+_PRINTED = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
+"""Depth [m], peak and plateau force [N] of section 2.3.2."""
+
+_LOADS = (0.5, 2.5, 3.5, 4.5, 5.5)
+_STARTS_MIN = (0.0, 2.55, 18.20, 33.10, 47.55)
+_END_MIN = 63.0
+
+
+def relaxation() -> Drawing:
+    """Figure 2.4: force of a ramp and a hold at three depths, beside the printed numbers."""
+    rubber = materials.load("nbr")
+    notes = []
+    with panels(1, 3, width=2, aspect=0.38) as (figure, axes):
+        others = []
+        for place, name, (depth, peak, plateau) in zip(axes[0], "abc", _PRINTED, strict=True):
+            ramp = np.linspace(0.0, depth / 1e-3, 81)
+            time = np.concatenate([ramp, ramp[-1] + np.geomspace(1e-3, 600.0, 160)])
+            moved = np.minimum(time * 1e-3, depth)
+            made = contact.indent(rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, "circle",
+                                  elements=512)  # fmt: skip
+            force = made["force"].values
+            place.semilogx(time[1:], force[1:], label="force, model", **line_arguments("model"))
+            place.plot([ramp[-1], 600.0], [peak, plateau], label="peak, plateau, printed",
+                       **line_arguments("measured", style="points"))  # fmt: skip
+            others.append(_depth_axis(place, time[1:], moved[1:] * 1e3, is_last=name == "c"))
+            place.set(xlabel="time (s)", ylim=(0.0, 1.3 * peak))
+            letter(place, name, f"$\\Delta/R$ = {depth / TIP_RADIUS:g}")
+            closed = DEPTH * float(westergaard.from_displacement(
+                depth, TIP_RADIUS, PERIOD, 10.14e6, "cosine").force)  # fmt: skip
+            notes.append(
+                f"{depth * 1e3:g} mm: peak {force.max():.1f} N (printed {peak:g}), after 600 s "
+                f"{force[-1]:.1f} N, fully relaxed {closed:.1f} N (printed {plateau:g})"
+            )
+        axes[0, 0].set_ylabel("force (N)")
+        legend_above(figure, [axes[0, 0], others[0]])
+    return Drawing(
+        Caption(
+            "Force while the punch is pressed in at 1 mm/s and held for 600 s, at three depths; "
+            "right axis: imposed indentation. Points: the peak and the plateau that the thesis "
+            "prints.",
+            measured="the six printed forces.",
+            computed=(
+                "boundary-element simulation, circular tips, the library's nbr; it was tuned on "
+                "these plateaus and peak ratios, so this is a check of the geometry, not of the "
+                "material."
+            ),
+            difference="; ".join(notes) + ".",
+        ),
+        figure,
+    )
+
+
+def _depth_axis(axes: Any, time: Array, moved: Array, *, is_last: bool) -> Any:
+    other = axes.twinx()
+    other.semilogx(time, moved, label="indentation (right axis)", **line_arguments("reference"))
+    other.set_ylim(0.0, 0.42)
+    other.grid(visible=False)
+    other.spines["right"].set_visible(True)
+    other.tick_params(labelright=is_last)
+    if is_last:
+        other.set_ylabel("indentation (mm)")
+    return other
+
+
+def stepwise_load() -> Drawing:
+    """Figure 3.17: contact radius of a PTFE sphere under five loads, Hertz and viscoelastic."""
+    solid = materials.load("ptfe")
+    starts = np.array([*_STARTS_MIN, _END_MIN]) * 60.0
+    time, load, steps = [], [], []
+    for mass, start, end in zip(_LOADS, starts[:-1], starts[1:], strict=True):
+        inside = start + np.concatenate([[0.0], np.geomspace(0.05, end - start, 120)])
+        time.append(inside)
+        load.append(np.full(inside.size, mass * GRAVITY))
+    made = contact.load_sphere(
+        solid, SPHERE_RADIUS, np.concatenate(time), np.concatenate(load), profile="sphere"
+    )
+    modulus = solid.E_relaxed * solid.factor("contact")
+    radii = hertz.static_load(np.array(_LOADS) * GRAVITY, SPHERE_RADIUS, modulus).contact_radius
+    ours = np.interp(starts[1:] - 1.0, made["time"].values, made["contact_radius"].values)
+    with panels(2, 1, width=1, aspect=1.25, height_ratios=(2.0, 1.0)) as (figure, grid):
+        axes, circles = grid[:, 0]
+        axes.plot(made["time"].values / 60, made["contact_radius"].values * 1e6,
+                  label="viscoelastic", **line_arguments("model"))  # fmt: skip
+        axes.stairs(np.asarray(radii) * 1e6, starts / 60, baseline=None, label="Hertz, relaxed",
+                    color=line_arguments("reference")["color"],
+                    linestyle=line_arguments("reference")["linestyle"])  # fmt: skip
+        axes.set(xlabel="time (min)", ylabel="contact radius (µm)", ylim=(0, 1000))
+        for mass, start, radius in zip(_LOADS, starts, np.asarray(radii) * 1e6, strict=False):
+            # Below its step; the first step is too short for its label, which stands beside it.
+            axes.text(
+                max(start / 60, _STARTS_MIN[1]) + 0.8, radius - 75, f"{mass:g} kg", fontsize=7
+            )
+        letter(axes, "a")
+        _circles(circles, np.asarray(radii) * 1e6)
+        letter(circles, "b")
+        legend_above(figure, axes)
+    steps = [f"{m:g} kg: {1e6 * h:.0f} and {1e6 * o:.0f} µm"
+             for m, h, o in zip(_LOADS, radii, ours, strict=True)]  # fmt: skip
+    return Drawing(
+        Caption(
+            "(a) Contact radius of a PTFE sphere, R = 9.525 mm, on a rigid flat while masses are "
+            "added at 2.55, 18.20, 33.10 and 47.55 min; (b) Hertz contact circles to scale.",
+            computed=(
+                "quasi-static viscoelastic contact with the library's ptfe, and Hertz with its "
+                f"relaxed modulus {solid.E_relaxed / 1e6:.0f} MPa; radius by Hertz and at the end "
+                f"of each step: {'; '.join(steps)}."
+            ),
+            difference=(
+                "the thesis prints the loads and times, not the radii. The first load is held 3 "
+                "min by section 3.1 and 2.55 min by 3.3.4 (as minutes and seconds, 2 min 55 s)."
+            ),
+        ),
+        figure,
+    )
+
+
+def _circles(axes: Any, radii: Array) -> None:
+    """Draw the contact circles side by side, in µm."""
+    from matplotlib.patches import Circle
+
+    gap = 120.0
+    x = 0.0
+    for radius in radii:
+        x += radius
+        axes.add_patch(Circle((x, 0.0), radius, facecolor="#cfe3f1", edgecolor="#0066a6"))
+        axes.text(x, 0.0, f"{radius:.0f}", ha="center", va="center", fontsize=7)
+        x += radius + gap
+    axes.set(xlim=(-gap, x), ylim=(-1.15 * radii.max(), 1.15 * radii.max()), aspect="equal",
+             yticks=[], xlabel="width (µm)")  # fmt: skip
+    axes.grid(visible=False)
