@@ -1,4 +1,4 @@
-"""Which frames of a film under the disc are worth reading, from a glance at a few pixels.
+"""When there may be contact in a film under the disc, from a glance at a few pixels.
 
 Contact is dark. A coarse pass over every few frames, in a band of rows, finds where the dark spot
 lies; a second pass reads a few pixels there in all frames. Both err on the side of reading too
@@ -20,44 +20,38 @@ _BAND = 64  # rows of the coarse pass
 _BLOCK = 16  # px; below the diameter of the smallest contact that is to be found
 _DARK = 0.6  # of the plain light: the middle of a fringe is below, the mean of fringes above
 _AROUND = 3  # frames kept before and after a dark one
-_LONG = 60  # frames of one contact after which it counts as rest
-_THIN = 8  # of a contact at rest one frame in so many is kept
 
 
 @dataclass(frozen=True)
-class Worth:
-    """Frames worth reading, and what finding them took.
+class Glance:
+    """Times in which there may be contact, and what finding them took.
 
-    ``frames`` are increasing indices; ``pixels_read`` counts the glances.
+    ``windows`` are (start, end) in s, or None when the glance excludes nothing; ``frames`` the
+    indices inside; ``pixels_read`` counts the glances.
     """
 
+    windows: tuple[tuple[float, float], ...] | None
     frames: Indices
     pixels_read: int
-    frames_glanced: int
 
 
-def worth_reading(film: FrameSource) -> Worth:
-    """Choose the frames of a film in which there may be contact.
+def contact_windows(film: FrameSource) -> Glance:
+    """Find the times of a film in which there may be contact.
 
     Parameters
     ----------
     film : FrameSource
-        Of the view under the disc.
+        Of the view under the disc; the contact is darker than its surroundings.
 
     Returns
     -------
-    Worth
-        All frames when nothing dark is seen in the glance, or nothing else.
-
-    Notes
-    -----
-    A contact at rest (longer than 60 frames) is thinned to every eighth frame; its radius only
-    creeps.
+    Glance
+        ``windows`` is None when nothing dark is seen, when all is dark, or for a short film.
     """
-    sound = np.flatnonzero(film.valid)
     everything = np.arange(len(film))
+    sound = np.flatnonzero(film.valid)
     if len(sound) < 4 * _EVERY:
-        return Worth(everything, 0, 0)
+        return Glance(None, everything, 0)
     _, rows, columns = film.shape
     top = max(0, (rows - _BAND) // 2)
     band = film.roi(slice(top, min(rows, top + _BAND)), slice(0, columns))
@@ -68,7 +62,7 @@ def worth_reading(film: FrameSource) -> Worth:
     dark = blocks - film.levels[0] < _DARK * light
     share = dark.reshape(len(coarse), -1).mean(axis=1)
     if light <= 0 or not dark.any() or share.min() > 0.5:
-        return Worth(everything, pixels, len(coarse))
+        return Glance(None, everything, pixels)
     place = _centre(dark[int(np.argmax(share))])
     y, x = (top + place[0] * _BLOCK, place[1] * _BLOCK)
     spot = film.roi(slice(y, min(rows, y + _BLOCK)), slice(x, min(columns, x + _BLOCK)))
@@ -79,7 +73,13 @@ def worth_reading(film: FrameSource) -> Worth:
     is_dark[coarse[share > 0.25 * share.max()]] = True
     pixels += len(sound) * int(np.prod(spot.shape[1:]))
     kept = np.convolve(is_dark, np.ones(2 * _AROUND + 1), "same") > 0
-    return Worth(_thinned(kept), pixels, len(sound))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], kept.astype(int), [0]])))
+    time = film.time
+    windows = tuple(
+        (float(time[start]), float(time[stop - 1]))
+        for start, stop in zip(edges[::2], edges[1::2], strict=True)
+    )
+    return Glance(windows, np.flatnonzero(kept), pixels)
 
 
 def _block_means(image: NDArray[np.generic]) -> Floats:
@@ -96,14 +96,3 @@ def _centre(dark: NDArray[np.bool_]) -> tuple[int, int]:
     nearest = np.argmin(((places - places.mean(axis=0)) ** 2).sum(axis=1))
     row, column = places[nearest]
     return int(row), int(column)
-
-
-def _thinned(kept: NDArray[np.bool_]) -> Indices:
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], kept.astype(int), [0]])))
-    chosen = []
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        long = start + _LONG
-        chosen.append(np.arange(start, min(stop, long)))
-        if stop > long:
-            chosen.append(np.unique(np.append(np.arange(long, stop, _THIN), stop - 1)))
-    return np.concatenate(chosen).astype(np.int64)

@@ -17,8 +17,8 @@ from calibration import camera as camera_scale
 from labpipe import contact, imaging
 from labpipe.contact import hertz
 from labpipe.errors import InputError
-from labpipe.imaging.gating import worth_reading
-from pipelines.experiments.film_frames import ChosenFrames, key_frames, open_film, recorded_on
+from labpipe.imaging.gating import contact_windows
+from pipelines.experiments.film_frames import key_frames, open_film, recorded_on
 from pipelines.experiments.material import resolve
 from pipelines.settings.contact_area import ContactArea
 
@@ -33,54 +33,35 @@ _PER_IMPACT = 3  # key frames: before, at and after the largest radius
 
 
 def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr.Dataset:
-    """Measure the contact radius in the frames that may show contact; in all of them if full."""
+    """Measure the contact radius while there may be contact; in every frame if full."""
     source = open_film(film, settings.frame_rate)
     known = calibration.load_record(record)
     day = settings.measured_on or recorded_on(source) or None
     size, checked = camera_scale.image_scale(known, settings.view, measured=day)
-    everything = np.arange(len(source))
-    worth = None if full else worth_reading(source)
-    chosen = everything if worth is None else worth.frames
-    exposure = None if settings.exposure is None else settings.exposure.value
-    wavelength = None if settings.wavelength is None else settings.wavelength.value
-    options: dict[str, Any] = {"exposure": exposure} if exposure is not None else {}
+    sphere, light = settings.sphere.radius, settings.wavelength
+    glance = None if full else contact_windows(source)
     found = imaging.contact_radius(
-        ChosenFrames(source, chosen), size.value, settings.sphere.radius.value, wavelength,
-        **options,
+        source, size.value, sphere.value, None if light is None else light.value,
+        None if settings.exposure is None else settings.exposure.value,
+        full=full, windows=None if glance is None else glance.windows,
+        u_pixel_size=size.u, u_sphere_radius=sphere.u,
+        u_wavelength=0.0 if light is None else light.u,
     )  # fmt: skip
-    coordinates = {
-        "frame": ("frame", chosen, {"units": "1", "long_name": "frame of the film"}),
-        "time": ("frame", source.time[chosen], {"units": "s", "long_name": "time in the film"}),
-    }
-    found = found.drop_vars("time", errors="ignore").assign_coords(coordinates)
+    time = ("frame", source.time, {"units": "s", "long_name": "time in the film"})
+    found = found.assign_coords(time=time)
     found["pixel_size"] = ((), size.value, {"units": "m/px", "long_name": "length of one pixel"})
     found["u_pixel_size"] = (
         (), size.u, {"units": "m/px", "long_name": "standard uncertainty: length of one pixel"},
     )  # fmt: skip
-    attrs = {k: v for k, v in found.attrs.items() if isinstance(v, str | int | float)}
-    attrs["scale_budget"] = json.dumps(checked.pop("budget"))
-    attrs["calibration"] = json.dumps(checked, ensure_ascii=False)
-    attrs["u_systematic_relative"] = size.u / size.value
-    attrs["work"] = json.dumps(_work(found, source, chosen, worth))
-    return found.assign_attrs(attrs)
-
-
-def _work(
-    found: xr.Dataset, source: Any, chosen: NDArray[np.int64], worth: Any
-) -> dict[str, float]:
-    """Count frames and bytes; what the imaging function counted of itself stays."""
-    counts = json.loads(found.attrs.get("work", "{}"))
-    _, rows, columns = source.shape
-    size = np.asarray(source[int(chosen[0])]).dtype.itemsize
-    counts = {k: v for k, v in counts.items() if not k.startswith(("frames", "bytes", "pixels"))}
-    glanced = 0 if worth is None else worth.pixels_read
-    return {
-        **counts,
-        "frames_read": len(chosen), "frames_total": len(source),
-        "bytes_read": len(chosen) * rows * columns * size,
-        "bytes_total": len(source) * rows * columns * size,
-        "glance_bytes_read": glanced * size,
-    }  # fmt: skip
+    counts = json.loads(found.attrs["work"])
+    if glance is not None:
+        counts["glance_bytes_read"] = glance.pixels_read * source[int(found["frame"][0])].itemsize
+    return found.assign_attrs(
+        scale_budget=json.dumps(checked.pop("budget")),
+        calibration=json.dumps(checked, ensure_ascii=False),
+        u_systematic_relative=size.u / size.value,
+        work=json.dumps(counts),
+    )
 
 
 def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
@@ -97,7 +78,8 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
         raise InputError(message)
     brief = [run for run in runs if time[run[-1]] - time[run[0]] < _STILL][:_IMPACTS]
     peaks = [_peak(time[run], a[run], u[run]) for run in brief]
-    relative = float(radius.attrs["u_systematic_relative"])
+    shared = radius["radius_systematic"].values / a
+    relative = float(np.nanmedian(shared)) if np.isfinite(shared).any() else 0.0
     table: dict[str, Any] = {}
     columns = list(zip(*peaks, strict=True)) if peaks else [(), (), ()]
     for name, values, units, text in (

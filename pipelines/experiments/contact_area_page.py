@@ -30,6 +30,7 @@ from pipelines.settings.contact_area import ContactArea
 _CIRCLE = (60, 120, 255)  # BGR, orange
 _SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
 _VIEW = 1.5  # ms around the largest radius of an impact that a button shows
+_METHODS = {1: "fringe fit", 2: "edge", 3: "interpolation between equal frames at rest"}
 _SUB_PIXEL = 4  # binary digits of the drawn circle's place
 
 
@@ -108,8 +109,8 @@ def _summary(
                              "several micrometres."))  # fmt: skip
     if radius is not None:
         methods = radius["method"].values[radius["in_contact"].values.astype(bool)]
-        names, counts = np.unique(methods.astype(str), return_counts=True)
-        text = ", ".join(f"{n} frames by {name}" for name, n in zip(names, counts, strict=True))
+        counts = [(name, int(np.sum(methods == code))) for code, name in _METHODS.items()]
+        text = ", ".join(f"{count} frames by {name}" for name, count in counts if count)
         if text:
             blocks.append(Notice("info", f"Method: {text}."))
     return Section("Summary", tuple(blocks))
@@ -190,7 +191,7 @@ def _over_time(
     charts: list[Block] = [
         LineChart("Contact radius", "time in the film / ms", "contact radius / mm", tuple(curves),
                   group="film", views=views,
-                  caption="Frames that were not read show no point; frames without contact, 0.")
+                  caption="Frames without contact, or in which a glance saw none, stand at 0.")
     ]  # fmt: skip
     if comparison is not None:
         charts += [_around(comparison, i) for i in range(comparison.sizes["impact"])]

@@ -1,6 +1,6 @@
-"""What the experiments with films share: opening one, choosing frames of it, key frames."""
+"""What the experiments with films share: opening one, its day, key frames."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -47,56 +47,6 @@ def recorded_on(film: FrameSource) -> str:
     seconds = int(header.trigger) >> 32
     # a camera whose clock was never set counts from 1970 or from its own first day
     return "" if seconds < _FIRST_DAY else str(datetime.fromtimestamp(seconds, UTC).date())
-
-
-class ChosenFrames:
-    """Some frames of a film as a film of its own; the others are not read."""
-
-    def __init__(self, film: FrameSource, chosen: Sequence[int] | NDArray[np.integer]) -> None:
-        self._film = film
-        self._chosen = np.asarray(chosen, int)
-
-    @property
-    def time(self) -> Array:
-        """Time of every chosen frame in s."""
-        return self._film.time[self._chosen]
-
-    @property
-    def exposure(self) -> Array | None:
-        """Exposure of every chosen frame in s, or None."""
-        exposure = self._film.exposure
-        return None if exposure is None else exposure[self._chosen]
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Number of chosen frames, rows, columns."""
-        return len(self._chosen), *self._film.shape[1:]
-
-    @property
-    def valid(self) -> NDArray[np.bool_]:
-        """False for frames that the file damaged."""
-        return self._film.valid[self._chosen]
-
-    @property
-    def levels(self) -> tuple[float, float]:
-        """Black and white level."""
-        return self._film.levels
-
-    def __len__(self) -> int:
-        """Return the number of chosen frames."""
-        return len(self._chosen)
-
-    def __getitem__(self, index: int) -> NDArray[np.integer]:
-        """Return one frame."""
-        return self._film[int(self._chosen[index])]
-
-    def __iter__(self) -> Iterator[NDArray[np.integer]]:
-        """Go through the chosen frames in order."""
-        return (self[i] for i in range(len(self)))
-
-    def roi(self, rows: slice, columns: slice) -> "ChosenFrames":
-        """Return a view of a rectangle."""
-        return ChosenFrames(self._film.roi(rows, columns), self._chosen)
 
 
 def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:

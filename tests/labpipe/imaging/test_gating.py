@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labpipe.frames import ArrayFrames
-from labpipe.imaging.gating import worth_reading
+from labpipe.imaging.gating import contact_windows
 
 
 def film(contacts: list[tuple[int, int]], count: int = 400, radius: int = 20) -> ArrayFrames:
@@ -20,27 +20,30 @@ def film(contacts: list[tuple[int, int]], count: int = 400, radius: int = 20) ->
 
 @pytest.mark.parametrize("start", range(40, 48))
 def test_an_impact_of_a_few_frames_is_found_whenever_it_falls(start: int) -> None:
-    found = worth_reading(film([(start, start + 6), (200, 212)]))
+    found = contact_windows(film([(start, start + 6), (200, 212)]))
     assert set(range(start, start + 6)) | set(range(200, 212)) <= set(found.frames.tolist())
     assert len(found.frames) < 50
 
 
 def test_the_glance_reads_a_small_part_of_the_film() -> None:
     source = film([(50, 60)])
-    found = worth_reading(source)
+    found = contact_windows(source)
     assert found.pixels_read < 0.3 * np.prod(source.shape)
 
 
-def test_contact_at_rest_is_thinned() -> None:
-    found = worth_reading(film([(100, 400)]))
-    at_rest = found.frames[found.frames > 170]
-    assert np.all(np.diff(at_rest[:-1]) == 8)
-    assert found.frames[-1] == 399
+def test_windows_are_times_around_the_contacts() -> None:
+    found = contact_windows(film([(50, 60), (300, 400)]))
+    assert len(found.windows) == 2
+    (start, end), (rest, last) = found.windows
+    assert 40 < start <= 48
+    assert 61 <= end < 70
+    assert rest <= 298
+    assert last == 399
 
 
 def test_without_anything_dark_every_frame_is_read() -> None:
-    assert len(worth_reading(film([])).frames) == 400
+    assert contact_windows(film([])).windows is None
 
 
 def test_a_film_of_few_frames_is_read_whole() -> None:
-    assert worth_reading(film([(2, 4)], count=9)).frames.tolist() == list(range(9))
+    assert contact_windows(film([(2, 4)], count=9)).windows is None
