@@ -98,8 +98,9 @@ def _sentence(text: str) -> str:
 def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
     covered = curve["reduced_frequency"].values
     outside = int(curve["extrapolated"].sum())
+    reference = f"{float(curve['T_ref']):.1f} °C".replace("-", "\N{MINUS SIGN}")
     return [
-        ("reference temperature", value_with_uncertainty(float(curve["T_ref"]), 0.0, "degC"), ""),
+        ("reference temperature", reference, ""),
         ("covered frequencies", f"{covered[0]:.2g} to {covered[-1]:.2g} Hz",
          f"{np.log10(covered[-1] / covered[0]):.1f} decades at the reference temperature"),
         ("relaxed modulus", _modulus(float(curve["E_relaxed"])),
@@ -134,6 +135,8 @@ def _modulus(value: float) -> str:
 
 
 def _law_row(law: dict[str, Any]) -> tuple[str, str, str]:
+    if law["name"] == "arrhenius" and law["u_activation_energy"] is None:
+        return "shift law", "none: one temperature cannot tell a shift", ""
     if dma_export.holds(law):
         return "shift law", _law_text(law), _law_quality(law)
     return (

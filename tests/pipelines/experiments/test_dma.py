@@ -298,3 +298,23 @@ def test_a_material_of_an_unknown_experiment_is_refused(session):
         stream.write(HARMONIC.format(name="pfte"))
     with pytest.raises(ConfigError, match="ptfe"):
         open_session(session)
+
+
+def test_one_temperature_gives_a_page_that_claims_no_shift_law(session):
+    solid = SOLIDS["ptfe"]
+    write_dma(session, "ptfe", solid, Protocol(temperatures=(20.0,), ramp=(0.0, 5.0)), 1)
+    path = session / "session.toml"
+    path.write_text(path.read_text("utf-8").replace('T_ref = "20 degC"\n', ""), "utf-8")
+    assert not process(session).failures
+    page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
+    assert "one temperature cannot tell a shift" in page
+    assert "One temperature only" in page
+
+
+def test_an_export_without_temperature_gives_a_page_with_the_reason(session):
+    made = make([([1.0, 2.0, 4.0], [20.0] * 3, [""] * 3)])
+    text = anton_paar.encode(made).decode("utf-16").replace("Temperature", "Some Other")
+    (session / "dma/ptfe.csv").write_bytes(text.encode("utf-16"))
+    assert {f.task.stage for f in process(session).failures} == {"sweeps", "temperature_sweep"}
+    page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
+    assert "no column for: temperature" in page
