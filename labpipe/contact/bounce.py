@@ -46,6 +46,8 @@ _LENIENCY = 8.0
 # to 2^-32 of the longest step.
 _BUFFER, _RUNGS_IN_TABLE = 4096, 128
 _NEWTON_LIMIT = 60
+# Work that a step may take on average, in updates of one element of one spring.
+_UPDATES_PER_STEP = 20_000
 # Displacements in m below this are forgotten.
 _FORGOTTEN = 1e-200
 # Newton converges quadratically: one more evaluation after this relative change is exact.
@@ -500,10 +502,13 @@ class Stepper:
         self._look_at_limits(self.time)
 
     def _look_at_limits(self, time: float) -> None:
-        if self.counts.solver_steps > self.max_steps:
+        counts = self.counts
+        most_updates = _UPDATES_PER_STEP * self.max_steps
+        if counts.solver_steps > self.max_steps or counts.spring_updates > most_updates:
             message = (
-                f"{self.max_steps} steps reached only {time:.6g} s: the material damps too "
-                "little for so long a duration; shorten the duration or raise max_steps"
+                f"{counts.solver_steps} steps of {self._gap.size} springs reached only {time:.6g} "
+                "s: the material damps too little for so long a duration, or hardly has an "
+                "instantaneous compliance; shorten the duration, raise max_steps or rtol"
             )
             raise InputError(message)
         if self.observe is not None:
