@@ -161,7 +161,7 @@ def _evaluate(
 def _differentiate(
     count: int, dy: float, down: float, parameters: Floats, work: Floats, slopes: Floats
 ) -> None:
-    """Derivatives of the model by every parameter at the listed pixels."""
+    """Differentiate the model by every parameter at the listed pixels."""
     radius, modulation = parameters[0], parameters[4]
     stretch, shear = parameters[9], parameters[10]
     for i in range(count):
@@ -290,13 +290,13 @@ def accumulate(
     return normal, right, weighted, totals
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def radial_sums(
     image: Image32, x: float, y: float, row_step: float, width: float, bins: int
 ) -> tuple[Floats, Floats]:
     """Sum grey levels and count pixels in rings of equal width around a point.
 
-    The rows of the image stand ``row_step`` apart; the last pixel columns are one apart.
+    The rows of the image stand ``row_step`` pixels apart.
     """
     sums, counts = np.zeros(bins), np.zeros(bins)
     rows, columns = image.shape
@@ -314,3 +314,36 @@ def radial_sums(
                 sums[place] += image[row, column]
                 counts[place] += 1.0
     return sums, counts
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def fill_templates(
+    radii: Floats,
+    first_bins: Integers,
+    lengths: Integers,
+    width: float,
+    travel: float,
+    nodes: Floats,
+    weights: Floats,
+    phase_scale: float,
+    phase: float,
+    samples: int,
+) -> Image32:
+    """Interference term in rings of equal width for many contact radii, one row each."""
+    result = np.zeros((len(radii), lengths.max()), np.float32)
+    for row in range(len(radii)):
+        for k in range(len(nodes)):
+            square = max(radii[row] * radii[row] + nodes[k] * radii[row] * travel, 0.0)
+            a = math.sqrt(square)
+            for j in range(lengths[row]):
+                total = 0.0
+                for m in range(samples):
+                    r = (first_bins[row] + j + (m + 0.5) / samples) * width
+                    gap = 0.0
+                    if r > a:
+                        root = math.sqrt(r * r - square)
+                        angle = math.atan2(root, a)
+                        gap = (a * root - (2.0 * square - r * r) * angle) / math.pi
+                    total += math.cos(phase_scale * gap + phase)
+                result[row, j] += weights[k] * total / samples
+    return result

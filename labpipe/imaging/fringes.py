@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 SAMPLES_PER_PIXEL = 16
 #: Gaussian blur reaches this many standard deviations.
 _BLUR_REACH = 3.5
+#: Least width (px) of the part of a ring inside the contact.
+_LEAST_INSIDE = 8.0
 #: Gauss–Legendre nodes of the exposure average: at least, at most, and per fringe passed.
 _LEAST_NODES, _MOST_NODES, _NODES_PER_FRINGE = 4, 24, 5
 #: Halvings that locate a gap to 1e-12 of the bracket.
@@ -176,6 +178,17 @@ def outer_distance(
         is_coarse = phase_slope(middle, contact_radius, optics) < steepest
         low, high = (middle, high) if is_coarse else (low, middle)
     return low
+
+
+def ring_limits(
+    contact_radius: float, optics: Optics, fringes: float, least_spacing: float
+) -> tuple[float, float]:
+    """Inner and outer distance (px) of the ring around a contact that is compared with fringes.
+
+    Inside the contact it is as wide as outside: the dark there tells the visibility.
+    """
+    outer = outer_distance(contact_radius, optics, fringes, least_spacing)
+    return max(0.0, contact_radius - max(outer - contact_radius, _LEAST_INSIDE)), outer
 
 
 def phase_slope(distance: float, contact_radius: float, optics: Optics) -> float:

@@ -1,98 +1,305 @@
-"""When there may be contact in a film under the disc, from a glance at a few pixels.
+"""Which frames and rows of a film are worth reading.
 
-Contact is dark. A coarse pass over every few frames, in a band of rows, finds where the dark spot
-lies; a second pass reads a few pixels there in all frames. Both err on the side of reading too
-much: Newton's rings of a near sphere are dark now and then too.
+Looking at a thin band of rows costs a few per cent of reading a frame. Frames whose band looks
+like that of a frame already known need not be read whole; all others are. So a shortcut can only
+leave out what looks the same.
 """
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.frames import FrameSource
+from labpipe.errors import InputError
+from labpipe.frames import FrameSource, as_frames
 
 Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
 
-_EVERY = 4  # frames of the coarse pass: an impact that lasts four frames is not missed
-_BAND = 64  # rows of the coarse pass
-_BLOCK = 16  # px; below the diameter of the smallest contact that is to be found
-_DARK = 0.6  # of the plain light: the middle of a fringe is below, the mean of fringes above
-_AROUND = 3  # frames kept before and after a dark one
+#: Rows of a band.
+BAND_ROWS = 16
+#: Standard deviations of the sum of squared differences from which two bands differ.
+_DIFFERENT = 6.0
+#: Standard deviations of a mean over columns from which a band differs in one place.
+_LOCALLY_DIFFERENT = 8.0
+#: Width (px) of the place.
+_PLACE = 24
+#: Frames between two that are read whole at least, also where nothing changes.
+_LONGEST_REST = 64
 
 
-@dataclass(frozen=True)
-class Glance:
-    """Times in which there may be contact, and what finding them took.
+@dataclass
+class FilmReader:
+    """Reads frames and counts them.
 
-    ``windows`` are (start, end) in s, or None when the glance excludes nothing; ``frames`` the
-    indices inside; ``pixels_read`` counts the glances.
+    Attributes
+    ----------
+    film : FrameSource
+        The film.
+    frames_read, bands_read : int
+        Frames read whole, and bands of rows.
+    pixels_read, bytes_read : int
+        What that amounts to, decoded.
     """
 
-    windows: tuple[tuple[float, float], ...] | None
-    frames: Indices
-    pixels_read: int
+    film: FrameSource
+    frames_read: int = 0
+    bands_read: int = 0
+    pixels_read: int = 0
+    bytes_read: int = 0
+    _seen: set[int] = field(default_factory=set)
+    _parts: dict[tuple[int, int], FrameSource] = field(default_factory=dict)
+
+    def whole(self, index: int) -> NDArray[np.generic]:
+        """Read a frame."""
+        image = np.asarray(self.film[index])
+        if index not in self._seen:
+            self._seen.add(index)
+            self.frames_read += 1
+        self.pixels_read += image.size
+        self.bytes_read += image.nbytes
+        return image
+
+    def band(self, index: int, top: int, bottom: int) -> NDArray[np.float32]:
+        """Read rows ``top`` to ``bottom - 1`` of a frame."""
+        if (top, bottom) not in self._parts:
+            self._parts[top, bottom] = self.film.roi(
+                slice(top, bottom), slice(0, self.film.shape[2])
+            )
+        image = np.asarray(self._parts[top, bottom][index])
+        self.bands_read += 1
+        self.pixels_read += image.size
+        self.bytes_read += image.nbytes
+        return image.astype(np.float32)
+
+    def work(self) -> dict[str, int]:
+        """Return counts for a Dataset's attribute ``work``."""
+        count, rows, columns = self.film.shape
+        return {
+            "frames_read": self.frames_read,
+            "frames_total": count,
+            "bands_read": self.bands_read,
+            "pixels_read": self.pixels_read,
+            "pixels_total": count * rows * columns,
+            "bytes_read": self.bytes_read,
+        }
 
 
-def contact_windows(film: FrameSource) -> Glance:
-    """Find the times of a film in which there may be contact.
+def frames_in_windows(time: Floats, windows: Sequence[tuple[float, float]]) -> Flags:
+    """Tell which frames lie in one of several windows of time.
 
     Parameters
     ----------
-    film : FrameSource
-        Of the view under the disc; the contact is darker than its surroundings.
+    time : array (frame,) [s]
+        Time of every frame.
+    windows : sequence of (start, end) [s]
+        Both ends belong to a window.
 
     Returns
     -------
-    Glance
-        ``windows`` is None when nothing dark is seen, when all is dark, or for a short film.
+    bool array (frame,)
+
+    Raises
+    ------
+    InputError
+        A window ends before it starts, or is not a pair of numbers.
+
+    Examples
+    --------
+    >>> frames_in_windows(np.array([0.0, 1.0, 2.0, 3.0]), [(0.5, 2.0)])
+    array([False,  True,  True, False])
     """
-    everything = np.arange(len(film))
-    sound = np.flatnonzero(film.valid)
-    if len(sound) < 4 * _EVERY:
-        return Glance(None, everything, 0)
-    _, rows, columns = film.shape
-    top = max(0, (rows - _BAND) // 2)
-    band = film.roi(slice(top, min(rows, top + _BAND)), slice(0, columns))
-    coarse = sound[::_EVERY]
-    blocks = np.stack([_block_means(band[int(i)]) for i in coarse])
-    pixels = len(coarse) * int(np.prod(band.shape[1:]))
-    light = float(np.percentile(blocks, 75)) - film.levels[0]
-    dark = blocks - film.levels[0] < _DARK * light
-    share = dark.reshape(len(coarse), -1).mean(axis=1)
-    if light <= 0 or not dark.any() or share.min() > 0.5:
-        return Glance(None, everything, pixels)
-    place = _centre(dark[int(np.argmax(share))])
-    y, x = (top + place[0] * _BLOCK, place[1] * _BLOCK)
-    spot = film.roi(slice(y, min(rows, y + _BLOCK)), slice(x, min(columns, x + _BLOCK)))
-    is_dark = np.zeros(len(film), dtype=bool)
-    for index in sound:
-        level = float(np.mean(spot[int(index)])) - film.levels[0]
-        is_dark[index] = level < _DARK * light
-    is_dark[coarse[share > 0.25 * share.max()]] = True
-    pixels += len(sound) * int(np.prod(spot.shape[1:]))
-    kept = np.convolve(is_dark, np.ones(2 * _AROUND + 1), "same") > 0
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], kept.astype(int), [0]])))
-    time = film.time
-    windows = tuple(
-        (float(time[start]), float(time[stop - 1]))
-        for start, stop in zip(edges[::2], edges[1::2], strict=True)
+    found = np.zeros(len(time), bool)
+    for start, end in windows:
+        if not (math.isfinite(start) and math.isfinite(end) and start <= end):
+            message = f"windows must be (start, end) in s with start <= end, found ({start}, {end})"
+            raise InputError(message)
+        found |= (time >= start) & (time <= end)
+    return found
+
+
+def band_about(row: float, rows: int) -> tuple[int, int]:
+    """First row of the band around a row, and the row after its last, inside the frame."""
+    height = min(BAND_ROWS, rows)
+    top = min(max(round(row) - height // 2, 0), rows - height)
+    return top, top + height
+
+
+def band_noise(bands: Sequence[NDArray[np.float32]]) -> float:
+    """Noise of a pixel (grey levels), from differences of neighbours; fringes raise it a little."""
+    steps = [np.abs(np.diff(band, axis=0)) for band in bands]
+    return max(float(np.median(np.concatenate(steps))) / 0.954, 0.3)
+
+
+def is_different(one: NDArray[np.float32], other: NDArray[np.float32], noise: float) -> bool:
+    """Tell whether two bands show more than different noise.
+
+    Parameters
+    ----------
+    one, other : arrays (row, column)
+        Grey levels.
+    noise : float [grey levels]
+        Noise of a pixel.
+    """
+    difference = (one - other).mean(axis=0, dtype=np.float64)
+    deviation = noise * math.sqrt(2.0 / len(one))
+    columns = len(difference)
+    squares = float((difference**2).sum()) / deviation**2
+    if squares > columns + _DIFFERENT * math.sqrt(2.0 * columns):
+        return True
+    width = min(_PLACE, columns)
+    sums = np.concatenate([[0.0], np.cumsum(difference)])
+    places = np.abs(sums[width:] - sums[:-width]) / (math.sqrt(width) * deviation)
+    return float(places.max()) > _LOCALLY_DIFFERENT
+
+
+@dataclass(frozen=True)
+class ReadingPlan:
+    """Which frames to read whole.
+
+    Attributes
+    ----------
+    read : bool array (frame,)
+        Frames to read.
+    is_resting : bool array (frame,)
+        Frames that are not read because they look like the contact frames before and after.
+    """
+
+    read: Flags
+    is_resting: Flags
+
+
+def plan_reading(
+    reader: FilmReader, wanted: Flags, is_contact: dict[int, bool], rows: Sequence[float]
+) -> ReadingPlan:
+    """Choose the frames to read from their bands and from frames already known.
+
+    Parameters
+    ----------
+    reader : FilmReader
+        The film.
+    wanted : bool array (frame,)
+        Frames that may be read.
+    is_contact : dict
+        Frames that have been looked at, with and without contact.
+    rows : sequence of float [px]
+        Rows of the centres of the contacts found.
+
+    Returns
+    -------
+    ReadingPlan
+        A frame is left out when its band looks like that of a known frame without contact, or
+        like that of the frame last read while in contact.
+    """
+    tops = {band_about(row, reader.film.shape[1]) for row in rows}
+    count = len(wanted)
+    read, resting = np.zeros(count, bool), np.zeros(count, bool)
+    if not tops:
+        return ReadingPlan(wanted.copy(), resting)
+
+    def bands(index: int) -> list[NDArray[np.float32]]:
+        return [reader.band(index, *top) for top in sorted(tops)]
+
+    empty = [bands(index) for index, contact in is_contact.items() if not contact]
+    noise = band_noise([band for index in is_contact for band in bands(index)])
+    last: list[NDArray[np.float32]] = []
+    last_index = -_LONGEST_REST
+    for index in np.flatnonzero(wanted):
+        now = bands(int(index))
+        if _looks_like_any(now, empty, noise):
+            continue
+        is_same = index - last_index < _LONGEST_REST and _looks_like_any(now, [last], noise)
+        if is_same and int(index) not in is_contact:
+            resting[index] = True
+            continue
+        read[index] = True
+        last, last_index = now, int(index)
+    _read_around(read, resting, wanted)
+    return ReadingPlan(read, resting)
+
+
+def _looks_like_any(
+    now: list[NDArray[np.float32]], known: list[list[NDArray[np.float32]]], noise: float
+) -> bool:
+    """Tell whether bands show nothing that one of several known sets does not show."""
+    return any(
+        bool(other) and not any(is_different(a, b, noise) for a, b in zip(now, other, strict=True))
+        for other in known
     )
-    return Glance(windows, np.flatnonzero(kept), pixels)
 
 
-def _block_means(image: NDArray[np.generic]) -> Floats:
-    rows, columns = (n // _BLOCK for n in image.shape)
-    rows, columns = max(rows, 1), max(columns, 1)
-    part = image[: rows * _BLOCK, : columns * _BLOCK].astype(float)
-    high, wide = min(_BLOCK, image.shape[0]), min(_BLOCK, image.shape[1])
-    return np.asarray(part.reshape(rows, high, columns, wide).mean(axis=(1, 3)))
+def _read_around(read: Flags, resting: Flags, wanted: Flags) -> None:
+    """Read the frames next to a change as well: the last one before it and the first after."""
+    for index in np.flatnonzero(read):
+        for beside in (index - 1, index + 1):
+            is_left_out = 0 <= beside < len(read) and wanted[beside] and not read[beside]
+            if is_left_out and not resting[beside]:
+                read[beside] = True
+    # A stretch of rest needs a frame that is read at both ends.
+    edges = np.flatnonzero(resting[:-1] & ~resting[1:] & ~read[1:])
+    read[edges] = True
+    resting[edges] = False
+    if resting[-1]:
+        read[-1], resting[-1] = True, False
 
 
-def _centre(dark: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return the dark block nearest to the middle of all dark ones."""
-    places = np.argwhere(dark)
-    nearest = np.argmin(((places - places.mean(axis=0)) ** 2).sum(axis=1))
-    row, column = places[nearest]
-    return int(row), int(column)
+def last_moving_frame(
+    frames: FrameSource | NDArray[np.generic], rows: slice | None = None, step: int = 16
+) -> int:
+    """Last frame that differs from the end of a film: after it everything is at rest.
+
+    Parameters
+    ----------
+    frames : FrameSource or array (frame, row, column)
+        The film; a front view, say.
+    rows : slice, optional
+        Rows that are looked at; by default 16 about the middle.
+    step : int
+        Frames from one look to the next while going back from the end.
+
+    Returns
+    -------
+    int
+        Index of the frame, -1 when nothing moves in the whole film. Brightness that drifts
+        counts as motion, so that no motion is missed.
+
+    Raises
+    ------
+    InputError
+        An empty film, or a step below 1.
+
+    Examples
+    --------
+    >>> film = np.zeros((40, 32, 32), np.uint8)
+    >>> film[:25, 10:20, 10:20] = 200
+    >>> last_moving_frame(film)
+    24
+    """
+    film = as_frames(frames)
+    if len(film) == 0 or step < 1:
+        message = f"the film must hold frames and step be 1 or more, found {len(film)} and {step}"
+        raise InputError(message)
+    top, bottom = band_about(0.5 * film.shape[1], film.shape[1])
+    if rows is not None:
+        top, bottom, _ = rows.indices(film.shape[1])
+    valid = np.flatnonzero(film.valid)
+    if not len(valid):
+        return -1
+    reader = FilmReader(film)
+    end = reader.band(int(valid[-1]), top, bottom)
+    noise = band_noise([end])
+
+    def moves(place: int) -> bool:
+        return is_different(reader.band(int(valid[place]), top, bottom), end, noise)
+
+    places = [*range(len(valid) - 1, 0, -step), 0]
+    for later, place in zip([len(valid) - 1, *places], places, strict=False):
+        if moves(place):
+            still = next((k for k in range(place + 1, later) if not moves(k)), later)
+            # Motion may pause; the last frame that moves is wanted.
+            moving = [k for k in range(place, later) if k < still or moves(k)]
+            return int(valid[max(moving)])
+    return -1

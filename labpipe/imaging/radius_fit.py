@@ -13,10 +13,10 @@ from labpipe.imaging.fringes import (
     Optics,
     RadialTable,
     exposure_nodes,
-    outer_distance,
     phase_slope,
     pixel_weights,
     radial_table,
+    ring_limits,
     table_distances,
 )
 
@@ -185,12 +185,6 @@ class Sums:
     pixels: int
     differences: float
     pairs: int
-
-
-def ring_limits(radius: float, optics: Optics, settings: FitSettings) -> tuple[float, float]:
-    """Inner and outer distance (px) of the ring that is fitted around a contact."""
-    outer = outer_distance(radius, optics, settings.fringes, settings.least_spacing)
-    return max(0.0, radius - (outer - radius)), outer
 
 
 def pixels_in_ring(shape: tuple[int, int], x: float, y: float, inner: float, outer: float) -> int:
@@ -474,6 +468,7 @@ def fit_contact(
     RingFit or None
         None when the ring lies outside the frame.
     """
-    inner, outer = ring_limits(float(start[Parameter.RADIUS]), optics, settings)
+    radius = float(start[Parameter.RADIUS])
+    inner, outer = ring_limits(radius, optics, settings.fringes, settings.least_spacing)
     ring = cut_ring(frame, start, inner, outer, ceiling, settings.max_pixels)
     return None if ring is None else fit_ring(ring, start, optics, settings)

@@ -4,6 +4,7 @@ Nothing here uses the package: the gap is the closed form of Hertz's contact (wr
 rigid sphere above the flat, or integrated numerically from a pressure distribution.
 """
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,14 +50,21 @@ def gap_of_hertz(r: Floats, a: float, radius: float) -> Floats:
     return a * a / radius * (np.sqrt(rho**2 - 1.0) + (rho**2 - 2.0) * np.arccos(1.0 / rho)) / np.pi
 
 
-def gap_of_pressure(a: float, radius: float, count: int = 1500, reach: float = 3.0) -> tuple[Floats, Floats]:
+def gap_of_pressure(
+    a: float, radius: float, count: int = 1500, reach: float = 3.0
+) -> tuple[Floats, Floats]:
     """Gap on a grid of r from rings of constant pressure that sum to Hertz's pressure.
 
     Surface displacement of a ring is the difference of two discs of uniform pressure; the
     modulus cancels, because the pressure that belongs to a is proportional to it.
     """
     edges = a * np.sin(np.linspace(0.0, 0.5 * np.pi, count + 1))
-    r = np.concatenate([np.linspace(0.0, 0.98 * a, 50), a * (1.0 + np.linspace(0.0, 1.0, 3000) ** 2 * (reach - 1.0))])
+    r = np.concatenate(
+        [
+            np.linspace(0.0, 0.98 * a, 50),
+            a * (1.0 + np.linspace(0.0, 1.0, 3000) ** 2 * (reach - 1.0)),
+        ]
+    )
 
     def disc(c: float) -> Floats:
         inside = np.minimum(r, c)
@@ -66,10 +74,17 @@ def gap_of_pressure(a: float, radius: float, count: int = 1500, reach: float = 3
         return np.where(r <= c, c * ellipe((inside / c) ** 2), far)
 
     displacement = np.zeros_like(r)
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in itertools.pairwise(edges):
         # Hertz: p = 2 E* sqrt(a² - r²) / (pi R); mean over the ring by area, in closed form.
         mean = (2.0 / 3.0) * ((a**2 - low**2) ** 1.5 - (a**2 - high**2) ** 1.5) / (high**2 - low**2)
-        displacement += 2.0 / (np.pi * radius) * mean * 4.0 / np.pi * (disc(high) - (disc(low) if low > 0.0 else 0.0))
+        displacement += (
+            2.0
+            / (np.pi * radius)
+            * mean
+            * 4.0
+            / np.pi
+            * (disc(high) - (disc(low) if low > 0.0 else 0.0))
+        )
     gap = displacement - a * a / radius + r * r / (2.0 * radius)
     return r, gap
 
@@ -77,7 +92,9 @@ def gap_of_pressure(a: float, radius: float, count: int = 1500, reach: float = 3
 def intensity_of_gap(gap: Floats, scene: Scene) -> Floats:
     """Relative intensity of a gap."""
     envelope = np.exp(-((gap / scene.coherence) ** 2))
-    return 1.0 + scene.visibility * envelope * np.cos(4.0 * np.pi * gap / scene.wavelength + scene.phase)
+    return 1.0 + scene.visibility * envelope * np.cos(
+        4.0 * np.pi * gap / scene.wavelength + scene.phase
+    )
 
 
 def clean_image(
@@ -99,7 +116,13 @@ def clean_image(
     if travel or sideways:
         steps = (np.arange(exposures) + 0.5) / exposures - 0.5
         images = [
-            clean_image(scene, a + step * travel, (centre[0] + step * sideways, centre[1]), gap, samples=samples)
+            clean_image(
+                scene,
+                a + step * travel,
+                (centre[0] + step * sideways, centre[1]),
+                gap,
+                samples=samples,
+            )
             for step in steps
         ]
         return np.mean(images, axis=0)

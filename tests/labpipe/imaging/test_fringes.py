@@ -1,0 +1,155 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labpipe.errors import InputError
+from labpipe.imaging import hertz_gap
+from labpipe.imaging.fringe_kernel import fill_table
+from labpipe.imaging.fringes import (
+    SAMPLES_PER_PIXEL,
+    Optics,
+    distance_at_phase,
+    exposure_nodes,
+    make_optics,
+    outer_distance,
+    phase_slope,
+    pixel_weights,
+    radial_table,
+    ring_limits,
+    scaled_gap,
+    scaled_slopes,
+    table_distances,
+)
+from tests.labpipe.imaging.fringe_film import gap_of_hertz, gap_of_pressure
+
+PIXEL, SPHERE, WAVELENGTH = 2.17e-6, 9.525e-3, 633e-9
+OPTICS = make_optics(PIXEL, SPHERE, WAVELENGTH)
+
+
+def test_gap_is_that_of_hertz_pressure_on_an_elastic_body() -> None:
+    for a in (213e-6, 1194e-6):
+        r, gap = gap_of_pressure(a, SPHERE)
+        assert np.abs(hertz_gap(r, a, SPHERE) - gap).max() < 2e-11  # 0.02 nm of 100 um
+
+
+def test_gap_agrees_with_the_closed_form_written_anew() -> None:
+    r = np.linspace(0.0, 2e-3, 4001)
+    for a in (0.0, 60e-6, 800e-6):
+        assert hertz_gap(r, a, SPHERE) == pytest.approx(gap_of_hertz(r, a, SPHERE), abs=1e-15)
+
+
+def test_gap_opens_with_the_power_three_halves() -> None:
+    a, beyond = 800e-6, np.array([1e-8, 1e-7])
+    expected = 8.0 * math.sqrt(2.0) / (3.0 * math.pi) * a**2 / SPHERE * (beyond / a) ** 1.5
+    assert hertz_gap(a + beyond, a, SPHERE) == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.parametrize(("a", "R"), [(-1e-6, 1e-2), (1e-4, 0.0), (1e-4, -1.0)])
+def test_gap_refuses_lengths_that_cannot_be(a: float, R: float) -> None:
+    with pytest.raises(InputError, match="found"):
+        hertz_gap([0.0], a, R)
+
+
+# Distances from the contact edge in um: half intensity, first bright, first dark, third dark.
+PUBLISHED = {
+    434: (9.7, 15.4, 24.4, 50.9),
+    800: (7.9, 12.5, 19.9, 41.5),
+    1194: (6.9, 11, 17.4, 36.3),
+}
+
+
+@pytest.mark.parametrize("micrometres", sorted(PUBLISHED))
+def test_fringes_stand_where_they_were_tabulated(micrometres: int) -> None:
+    a = micrometres * 1e-6 / PIXEL
+    phases = (0.5 * math.pi, math.pi, 2.0 * math.pi, 6.0 * math.pi)
+    found = [(distance_at_phase(phase, a, OPTICS) - a) * PIXEL * 1e6 for phase in phases]
+    assert found == pytest.approx(PUBLISHED[micrometres], abs=0.06)
+
+
+@given(st.floats(0.0, 900.0), st.floats(0.01, 60.0))
+def test_distance_at_phase_inverts_the_gap(a: float, phase: float) -> None:
+    r = distance_at_phase(phase, a, OPTICS)
+    assert OPTICS.phase_scale * float(scaled_gap(np.float64(r), a)) == pytest.approx(
+        phase, rel=1e-6
+    )
+
+
+@given(st.floats(5.0, 900.0), st.floats(2.0, 8.0))
+def test_ring_ends_where_fringes_become_too_fine(a: float, spacing: float) -> None:
+    inner, outer = ring_limits(a, OPTICS, 20.0, spacing)
+    assert 0.0 <= inner < a < outer
+    assert phase_slope(outer, a, OPTICS) <= 2.0 * math.pi / spacing * (1.0 + 1e-9)
+    assert outer <= distance_at_phase(40.0 * math.pi, a, OPTICS) + 1e-6
+    assert outer_distance(a, OPTICS, 0.5, spacing) <= outer + 1e-6
+
+
+@settings(max_examples=50)
+@given(st.floats(3.0, 700.0), st.floats(1e-3, 2.0))
+def test_slopes_are_the_derivatives_of_the_gap(a: float, beyond: float) -> None:
+    r, step = a * (1.0 + beyond), 1e-5 * a
+    by_r, by_a = scaled_slopes(np.float64(r), a)
+    assert float(by_r) == pytest.approx(
+        float(scaled_gap(np.float64(r + step), a) - scaled_gap(np.float64(r - step), a))
+        / (2.0 * step),
+        rel=1e-4,
+    )
+    assert float(by_a) == pytest.approx(
+        float(scaled_gap(np.float64(r), a + step) - scaled_gap(np.float64(r), a - step))
+        / (2.0 * step),
+        rel=1e-4,
+    )
+
+
+@pytest.mark.parametrize("blur", [0.0, 0.8])
+@pytest.mark.parametrize("travel", [0.0, 1.5, 12.0])
+def test_compiled_table_equals_the_plain_one(travel: float, blur: float) -> None:
+    a, optics = 120.3, Optics(OPTICS.phase_scale, 2.9, blur)
+    inner, outer = ring_limits(a, optics, 3.0, 3.0)
+    plain = radial_table(inner, outer, a, travel, optics)
+    start, distance = table_distances(inner, outer, blur)
+    spacing = 2.0 * math.pi / phase_slope(outer, a, optics)
+    nodes, weights = exposure_nodes(travel, spacing)
+    compiled = fill_table(
+        distance, a, travel, nodes, weights, optics.phase_scale, 2.9, pixel_weights(blur)
+    )
+    assert start == plain.start
+    assert compiled == pytest.approx(plain.values, abs=1e-12)
+
+
+def test_table_is_the_mean_over_square_pixels() -> None:
+    a = 98.2
+    inner, outer = ring_limits(a, OPTICS, 3.0, 3.0)
+    table = radial_table(inner, outer, a, 0.0, OPTICS)
+    rng = np.random.default_rng(0)
+    r = rng.uniform(inner + 1.0, outer - 1.0, 200)
+    angle = rng.uniform(0.0, 2.0 * math.pi, 200)
+    steps = (np.arange(41) + 0.5) / 41 - 0.5
+    x = r[:, None, None] * np.cos(angle)[:, None, None] + steps[:, None]
+    y = r[:, None, None] * np.sin(angle)[:, None, None] + steps
+    phase = OPTICS.phase_scale * scaled_gap(np.hypot(x, y), a) + OPTICS.phase
+    expected = np.cos(phase).mean(axis=(1, 2))
+    places = (r - table.start) * SAMPLES_PER_PIXEL
+    found = np.interp(places, np.arange(table.values.shape[1]), table.values[0])
+    assert np.abs(found - expected).max() < 0.012
+    assert abs((found - expected).mean()) < 3e-4
+
+
+def test_derivatives_of_the_table_follow_from_differences() -> None:
+    a, travel, step = 200.0, 4.0, 1e-4
+    limits = ring_limits(a, OPTICS, 3.0, 3.0)
+
+    def values(radius: float, moved: float, phase: float) -> np.ndarray:
+        optics = Optics(OPTICS.phase_scale, phase)
+        return radial_table(*limits, radius, moved, optics).values[0]
+
+    table = radial_table(*limits, a, travel, OPTICS).values
+    for line, (one, other) in {
+        2: ((a + step, travel, math.pi), (a - step, travel, math.pi)),
+        3: ((a, travel, math.pi + step), (a, travel, math.pi - step)),
+        4: ((a, travel + step, math.pi), (a, travel - step, math.pi)),
+    }.items():
+        expected = (values(*one) - values(*other)) / (2.0 * step)
+        assert table[line] == pytest.approx(expected, abs=1e-7)
