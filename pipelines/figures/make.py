@@ -195,11 +195,11 @@ def make(
     # It remarks on the missing time stamps that make the same figure the same bytes.
     logging.getLogger("fontTools").setLevel(logging.ERROR)
     found = states(shelf, figures)
-    _process(shelf, [state for state in found if state.state == READY])
+    failures = _process(shelf, [state for state in found if state.state == READY])
     outcomes = []
     for state in found:
         if state.state == READY:
-            outcome = _drawn(shelf, state)
+            outcome = _drawn(shelf, state, failures)
         else:
             outcome = Outcome(state.figure.id, state.state, state.detail)
         progress(outcome)
@@ -207,8 +207,8 @@ def make(
     return tuple(outcomes)
 
 
-def _process(shelf: Shelf, ready: list[State]) -> None:
-    """Run the stages behind the figures, and no other."""
+def _process(shelf: Shelf, ready: list[State]) -> dict[str, str]:
+    """Run the stages behind the figures, and no other; return what failed, by experiment."""
     targets = {
         f"{name}/{stage}": name
         for state in ready
@@ -217,19 +217,21 @@ def _process(shelf: Shelf, ready: list[State]) -> None:
         for stage in state.figure.need.stages
     }
     if shelf.session is None or not targets:
-        return
+        return {}
     from pipelines import process
 
-    # A failure shows again, with its figure, when the result is opened.
-    process.process(shelf.session.root, list(targets), sorted(set(targets.values())), jobs=0)
+    experiments = sorted(set(targets.values()))
+    run = process.process(shelf.session.root, list(targets), experiments, jobs=0)
+    return {o.task.experiment: f"{o.task}: {o.message}" for o in run.failures}
 
 
-def _drawn(shelf: Shelf, state: State) -> Outcome:
+def _drawn(shelf: Shelf, state: State, failures: Mapping[str, str]) -> Outcome:
     figure = state.figure
     try:
         written = _write(shelf, figure, _draw(shelf, state))
     except LabpipeError as error:
-        return Outcome(figure.id, FAILED, str(error))
+        why = next((failures[n] for n in state.experiments if n in failures), str(error))
+        return Outcome(figure.id, FAILED, why)
     entry = {"key": shelf.key(figure, state.experiments), "files": written}
     record = {"labpipe_figures": 1, "figures": shelf.record() | {figure.id: entry}}
     files.write_text(shelf.folder / RECORD, json.dumps(record, indent=1, sort_keys=True) + "\n")

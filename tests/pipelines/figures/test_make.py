@@ -118,3 +118,13 @@ def test_figures_of_a_session_read_its_results_and_follow_its_keys(
     assert again[0].state == make.UP_TO_DATE
     key = shelf.key(again[0].figure, again[0].experiments)
     assert key != shelf.key(again[0].figure, ())
+
+
+def test_a_failed_experiment_is_named_with_its_reason(session_copy: Path, tmp_path: Path) -> None:
+    laser = sorted((session_copy / "laser").iterdir())[0]
+    laser.write_bytes(b"\x00damaged")
+    shelf = make.Shelf.of(tmp_path / "figures", session_copy)
+    (outcome,) = make.make(shelf, make.chosen(["3.10"]))
+    assert outcome.state == make.FAILED
+    assert laser.name in outcome.detail
+    assert not list((tmp_path / "figures").glob("3.10*"))
