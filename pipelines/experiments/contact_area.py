@@ -17,7 +17,6 @@ from calibration import camera as camera_scale
 from labpipe import contact, imaging
 from labpipe.contact import hertz
 from labpipe.errors import InputError
-from labpipe.imaging.gating import contact_windows
 from pipelines.experiments.film_frames import key_frames, open_film, recorded_on
 from pipelines.experiments.material import resolve
 from pipelines.settings.contact_area import ContactArea
@@ -39,12 +38,10 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     day = settings.measured_on or recorded_on(source) or None
     size, checked = camera_scale.image_scale(known, settings.view, measured=day)
     sphere, light = settings.sphere.radius, settings.wavelength
-    glance = None if full else contact_windows(source)
     found = imaging.contact_radius(
         source, size.value, sphere.value, None if light is None else light.value,
         None if settings.exposure is None else settings.exposure.value,
-        full=full, windows=None if glance is None else glance.windows,
-        u_pixel_size=size.u, u_sphere_radius=sphere.u,
+        full=full, u_pixel_size=size.u, u_sphere_radius=sphere.u,
         u_wavelength=0.0 if light is None else light.u,
     )  # fmt: skip
     time = ("frame", source.time, {"units": "s", "long_name": "time in the film"})
@@ -53,14 +50,10 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     found["u_pixel_size"] = (
         (), size.u, {"units": "m/px", "long_name": "standard uncertainty: length of one pixel"},
     )  # fmt: skip
-    counts = json.loads(found.attrs["work"])
-    if glance is not None:
-        counts["glance_bytes_read"] = glance.pixels_read * source[int(found["frame"][0])].itemsize
     return found.assign_attrs(
         scale_budget=json.dumps(checked.pop("budget")),
         calibration=json.dumps(checked, ensure_ascii=False),
         u_systematic_relative=size.u / size.value,
-        work=json.dumps(counts),
     )
 
 
@@ -106,7 +99,7 @@ def _contacts(time: Array, is_seen: NDArray[np.bool_]) -> list[NDArray[np.int64]
     if not len(seen):
         return []
     usual = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
-    is_new = (np.diff(seen) > 1) | (np.diff(time[seen]) > max(_GAP * usual, _STILL / 4))
+    is_new = (np.diff(seen) > 1) | (np.diff(time[seen]) > max(_GAP * usual, _STILL / 2))
     return np.split(seen, np.flatnonzero(is_new) + 1)
 
 

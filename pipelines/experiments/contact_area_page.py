@@ -191,7 +191,7 @@ def _over_time(
     charts: list[Block] = [
         LineChart("Contact radius", "time in the film / ms", "contact radius / mm", tuple(curves),
                   group="film", views=views,
-                  caption="Frames without contact, or in which a glance saw none, stand at 0.")
+                  caption="Frames without contact stand at 0.")
     ]  # fmt: skip
     if comparison is not None:
         charts += [_around(comparison, i) for i in range(comparison.sizes["impact"])]

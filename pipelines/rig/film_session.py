@@ -20,22 +20,26 @@ Array = NDArray[np.float64]
 
 FRONT_HEIGHT, UNDER_HEIGHT = 7e-3, 1.5e-3  # m
 _BURST = 1e-4  # s between frames around an impact, as at 10,000 frames a second
-_SLOW = 4e-3  # s between the other frames of the small film
-_BEFORE, _AFTER = 0.5e-3, 1.7e-3  # s around a touch filmed in a burst
+_SLOW = 5e-3  # s between the other frames of the small film
+_BEFORE, _AFTER = 0.4e-3, 1.4e-3  # s around a touch filmed in a burst
 _REST = 0.62  # s after the third impact: the last bounces of acrylic from 1.5 mm are over
-_REST_FRAMES = 12
+_REST_FRAMES = 8
 _IMPACTS = 3
 _FULL_FRAMES = 9367  # as the thesis's films
 
 
-def front_record(width: str = "386 ± 1.5 px") -> str:
+def front_record() -> str:
     """Return the calibration record of the front view (appendix D of the thesis)."""
-    return _record("front", "30.00 ± 0.02 mm", width, "distance of the holder's edges")
+    return _record("front", "30.00 ± 0.02 mm", "386 ± 1.5 px", "distance of the holder's edges")
 
 
-def under_record(width: str = "461 ± 1 px") -> str:
-    """Return the calibration record of the view under the disc (appendix D of the thesis)."""
-    return _record("under", "1.0000 ± 0.0005 mm", width, "graduations of a glass ruler")
+def under_record(*, is_binned: bool = True) -> str:
+    """Return the calibration record of the view under the disc (appendix D of the thesis).
+
+    The small film is binned two by two: 461 px of it span 2 mm.
+    """
+    length = "2.0000 ± 0.0005 mm" if is_binned else "1.0000 ± 0.0005 mm"
+    return _record("under", length, "461 ± 1 px", "graduations of a glass ruler")
 
 
 def _record(view: str, length: str, pixels: str, how: str) -> str:
@@ -123,7 +127,7 @@ def write_films(folder: Path, start: datetime, *, full_size: bool = False) -> tu
     laser = write_drops(
         folder, "ptfe_7mm", DropRig(), materials.load("ptfe"), FRONT_HEIGHT, 3, 4711, start
     )
-    front = film_front.FULL_SIZE if full_size else FrontCamera(rows=144, columns=64, duration=0.14)
+    front = film_front.FULL_SIZE if full_size else FrontCamera(rows=144, columns=64, duration=0.138)
     under = film_under.FULL_SIZE if full_size else UnderCamera()
     if full_size:
         times = np.arange(_FULL_FRAMES, dtype=np.float64) * _BURST

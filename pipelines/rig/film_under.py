@@ -36,9 +36,9 @@ class UnderCamera:
     taken per pixel side, ``moments`` per exposure. ``release`` is the release in the film's time.
     """
 
-    rows: int = 64
-    columns: int = 832
-    pixel_size: float = PIXEL_SIZE
+    rows: int = 160
+    columns: int = 416
+    pixel_size: float = 2 * PIXEL_SIZE
     exposure: float = 2e-6
     release: float = 2e-3
     wavelength: float = 633e-9
@@ -53,7 +53,7 @@ class UnderCamera:
     moments: int = 3
 
 
-FULL_SIZE = UnderCamera(rows=480, columns=1280)
+FULL_SIZE = UnderCamera(rows=480, columns=1280, pixel_size=PIXEL_SIZE)
 
 
 @dataclass(frozen=True, slots=True)
