@@ -219,7 +219,7 @@ def _films(folder: Path, full_size: bool) -> list[str]:
     records = {
         "laser": laser_record(),
         "camera_front": front_record(),
-        "camera_under": under_record(),
+        "camera_under": under_record(is_binned=not full_size),
     }
     for name, text in records.items():
         files.write_text(folder / f"calibration/{name}.toml", text)
