@@ -144,7 +144,8 @@ class Shelf:
         results: dict[str, str | None] = {}
         if self.plan is not None and figure.need is not None:
             results = result_keys(self.plan, dict.fromkeys(names), figure.need)
-        library = package_files("labpipe.materials") / "library"
+        # Asking for the sub-package itself would import it, and numpy with it.
+        library = package_files("labpipe") / "materials/library"
         parts = {
             "id": figure.id,
             "version": figure.version,

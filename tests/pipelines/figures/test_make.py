@@ -1,6 +1,8 @@
 """Which figures there are, what is drawn and what is not, and that it is the same every time."""
 
 import json
+import subprocess
+import sys
 from importlib import import_module
 from pathlib import Path
 
@@ -44,6 +46,20 @@ def test_every_need_names_stages_of_a_known_kind() -> None:
         if figure.need is not None:
             known = {stage.name for stage in KINDS[figure.need.kind].stages}
             assert set(figure.need.stages) <= known, figure.id
+
+
+def test_listing_imports_nothing_numerical() -> None:
+    script = (
+        "import sys\n"
+        "from pipelines.cli import main\n"
+        "try:\n    main(['figures', '--list'])\n"
+        "except SystemExit as left:\n    assert not left.code, left.code\n"
+        "assert not {'numpy', 'xarray', 'matplotlib'} & set(sys.modules)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_photographs_are_listed_with_the_reason(capsys: pytest.CaptureFixture[str]) -> None:
