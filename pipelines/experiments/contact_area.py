@@ -28,7 +28,6 @@ _STILL = 20e-3  # s of contact after which it is rest, not an impact
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
 _STEP = 2e-5  # s, spacing of the model's curve
 _WINDOW = 3e-3  # s around the largest radius in which film and model are compared
-_PER_IMPACT = 3  # key frames: before, at and after the largest radius
 
 
 def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr.Dataset:
