@@ -2,7 +2,14 @@
 
 from labpipe.materials.kramers_kronig import KramersKronig, kramers_kronig
 from labpipe.materials.library import Material, describe, load, load_file, read_material
-from labpipe.materials.master_curve import MasterCurve, master_curve
+from labpipe.materials.master_curve import master_curve
+from labpipe.materials.master_curve_result import MasterCurve
+from labpipe.materials.models import (
+    generalised_maxwell,
+    kelvin_voigt,
+    maxwell,
+    standard_linear_solid,
+)
 from labpipe.materials.prony import Prony
 from labpipe.materials.shift_law import ShiftLaw, arrhenius, wlf
 
@@ -14,10 +21,14 @@ __all__ = [
     "ShiftLaw",
     "arrhenius",
     "describe",
+    "generalised_maxwell",
+    "kelvin_voigt",
     "kramers_kronig",
     "load",
     "load_file",
     "master_curve",
+    "maxwell",
     "read_material",
+    "standard_linear_solid",
     "wlf",
 ]

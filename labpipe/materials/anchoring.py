@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.errors import InputError
+from labpipe.materials.settling import Superposition
 from labpipe.materials.shift_law import fit_law
-from labpipe.materials.superposition import Superposition
 
 Array = NDArray[np.float64]
 
@@ -58,6 +58,9 @@ def anchor_at(found: Superposition) -> Anchor:
         interpolation = _interpolation_error(model.temperature, deviation, model.T_ref)
         moves = moves - share @ moves
     covariance = moves @ found.covariance @ moves.T if model.size else np.zeros((count, count))
+    if found.probe is not None:
+        groups = found.probe.directions - (found.probe.directions @ share)[:, None]
+        covariance = covariance + (groups.T * found.probe.variance) @ groups
     # An error of the interpolation moves all shifts together.
     covariance = covariance + interpolation**2
     return Anchor(offset, share, moves, covariance)

@@ -33,6 +33,8 @@ from labpipe.materials.spectrum import (
     maxwell_shapes,
     solve,
     solve_by_cross_validation,
+    solve_nearby,
+    solve_normal,
 )
 
 Array = NDArray[np.float64]
@@ -128,10 +130,12 @@ def evaluate(
     state: State,
     strength: float | None,
     near: float | None = None,
+    guess: Solution | None = None,
 ) -> Fit:
     """Find the best spectrum for one state.
 
     ``strength`` None chooses the smoothing by cross-validation, walking from ``near`` if given.
+    A ``guess`` is the solution at a nearby state, with the strength to keep.
     """
     storage, loss = maxwell_shapes(reduced(points, state), grid.ln_time)
     scale, relaxed_scale = grid.scale[:-1], grid.scale[-1]
@@ -143,13 +147,14 @@ def evaluate(
     design = np.vstack([turn * plain - lean * lossy, lean * plain + turn * lossy])
     measured = np.concatenate([points.storage, points.loss])
     rows = design * weight[:, None]
-    triangle, projected, remainder = compress(rows, measured * weight)
-    if strength is None:
-        solution = solve_by_cross_validation(
-            triangle, projected, remainder, grid.penalty, measured.size, near
-        )
-    else:
-        solution = solve(triangle, projected, remainder, grid.penalty, strength)
+    target = measured * weight
+    solution = solve_nearby(rows, target, grid.penalty, guess) if guess is not None else None
+    if solution is None:
+        system = compress(rows, target)
+        if strength is None:
+            solution = solve_by_cross_validation(*system, grid.penalty, measured.size, near)
+        else:
+            solution = solve(*system, grid.penalty, strength)
     coefficient = solution.coefficient
     active = coefficient > 0
     predicted = design @ coefficient
@@ -165,7 +170,8 @@ def evaluate(
         ]
     )
     by_delay = np.concatenate([-points.omega * predicted[half:], points.omega * predicted[:half]])
-    normal = triangle[:, active].T @ triangle[:, active]
+    used = rows[:, active]
+    normal = used.T @ used
     normal += solution.strength * grid.penalty[:, active].T @ grid.penalty[:, active]
     return Fit(
         state=state,
@@ -173,7 +179,7 @@ def evaluate(
         solution=solution,
         residual=(measured - predicted) * weight,
         predicted=predicted,
-        rows=rows[:, active],
+        rows=used,
         normal=normal,
         by_shift=by_shift * weight,
         by_vertical=predicted * weight,
@@ -195,7 +201,7 @@ def sensitivity(points: Points, fit: Fit, model: OuterModel) -> Array:
 def projected_normal(fit: Fit, change: Array) -> tuple[Array, Array]:
     """Return the outer normal matrix once the spectrum has followed, and the gradient."""
     coupling = fit.rows.T @ change
-    followed = np.linalg.solve(fit.normal, coupling)
+    followed = solve_normal(fit.normal, coupling)
     return change.T @ change - coupling.T @ followed, change.T @ fit.residual
 
 
@@ -246,10 +252,11 @@ def _damped_step(
     diagonal[diagonal <= 0] = 1.0
     least = total_cost(fit, model)
     while damping < _MAX_DAMPING:
-        step = np.linalg.solve(normal + damping * np.diag(diagonal), gradient)
+        step = solve_normal(normal + damping * np.diag(diagonal), gradient)
         state = model.state(fit.state.parameters + step)
         if state is not None and _is_near(fit.state, state):
-            trial = evaluate(points, weight, fit.grid, state, fit.solution.strength)
+            strength = fit.solution.strength
+            trial = evaluate(points, weight, fit.grid, state, strength, guess=fit.solution)
             if total_cost(trial, model) < least:
                 return trial, max(damping * _DAMPING_DOWN, _LEAST_DAMPING)
         damping *= _DAMPING_UP

@@ -11,22 +11,24 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.materials.shift_law import ZERO_CELSIUS, fit_law, law_slopes, law_values
+from labpipe.materials.shift_law import fit_law, law_slopes, law_values
+from labpipe.materials.vertical_law import (
+    VERTICAL_SIZE,
+    Vertical,
+    fit_vertical,
+    vertical_slopes,
+    vertical_values,
+)
 
 Array = NDArray[np.float64]
 Horizontal = Literal["free", "wlf", "arrhenius", "fixed"]
-Vertical = Literal["none", "rho_T", "linear", "quadratic"]
 
-#: Number of parameters of each vertical law.
-VERTICAL_SIZE: dict[str, int] = {"none": 0, "rho_T": 0, "linear": 1, "quadratic": 2}
 #: Steps of polymers: 0.03 to 0.3 decades per kelvin, hardly known beforehand.
 STEP_PER_KELVIN, STEP_SPREAD, STEP_SPREAD_PER_KELVIN = 0.08, 0.5, 0.12
 # The step per isotherm changes from one to the next by this much (decades), plus this share.
 _CHANGE, _CHANGE_SHARE = 0.4, 0.5
 # Closer isotherms than this (K) are repeats; their spacing is not resolved.
 _LEAST_SPACING = 1.0
-# ln b is a polynomial in ΔT per 100 K, so that its coefficients are of order one.
-_TEMPERATURE_UNIT = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,14 +161,16 @@ class OuterModel:
         shifts = self.given if state is None else state.log10_aT
         ln_bT = np.zeros(shifts.size) if state is None else state.ln_bT
         delay = 0.0 if state is None else state.delay
-        rest = ln_bT - self.fixed_ln_bT()
-        law = self._vertical_law()
-        vertical = np.linalg.lstsq(law, rest, rcond=None)[0] if law.size else np.empty(0)
+        frame = (self.temperature, self.T_ref)
+        vertical = fit_vertical(self.vertical, ln_bT, *frame)
+        law = vertical_values(self.vertical, vertical, *frame)
+        if law is None:
+            vertical = np.zeros(vertical.size)
+            law = np.zeros(shifts.size)
         if self.level_spread > 0:
             # What the law leaves, shrunk into the spread that levels may have.
-            left = rest - law @ vertical
             limit = 2.0 * self.level_spread
-            vertical = np.concatenate([vertical, np.clip(left, -limit, limit)])
+            vertical = np.concatenate([vertical, np.clip(ln_bT - law, -limit, limit)])
         tail = [delay / self.delay_unit] if self.has_delay else []
         head = self._horizontal_from(shifts)
         started = self.state(np.concatenate([head, vertical, tail]))
@@ -183,7 +187,11 @@ class OuterModel:
         shifts = self._shifts(head)
         if shifts is None:
             return None
-        ln_bT = self.fixed_ln_bT() + self._vertical_basis() @ vertical
+        numbers = vertical[: VERTICAL_SIZE[self.vertical]]
+        law = vertical_values(self.vertical, numbers, self.temperature, self.T_ref)
+        if law is None:
+            return None
+        ln_bT = law + self.levels(parameters)
         delay = float(tail[0]) * self.delay_unit if self.has_delay else 0.0
         return State(parameters, shifts, ln_bT, delay)
 
@@ -214,8 +222,12 @@ class OuterModel:
         elif self.horizontal != "fixed":
             head = state.parameters[:n]
             shift[:, :n] = law_slopes(self.horizontal, head, self.temperature, self.T_ref)
-        basis = self._vertical_basis()
-        vertical[:, n : n + basis.shape[1]] = basis
+        at = self.level_slice
+        vertical[:, n : at.start] = vertical_slopes(
+            self.vertical, state.parameters[n : at.start], self.temperature, self.T_ref
+        )
+        if self.level_spread > 0:
+            vertical[:, at] = np.eye(count)
         if self.has_delay:
             delay[-1] = self.delay_unit
         return shift, vertical, delay
@@ -239,17 +251,3 @@ class OuterModel:
     def _ascending(self, shifts: Array) -> tuple[Array, Array]:
         order = np.argsort(self.temperature)
         return self.temperature[order], shifts[order]
-
-    def fixed_ln_bT(self) -> Array:
-        if self.vertical != "rho_T":
-            return np.zeros(self.temperature.size)
-        kelvin = self.temperature + ZERO_CELSIUS
-        return np.asarray(np.log(kelvin / (self.T_ref + ZERO_CELSIUS)))
-
-    def _vertical_law(self) -> Array:
-        step = (self.temperature - self.T_ref) / _TEMPERATURE_UNIT
-        return np.stack([step, step**2], axis=1)[:, : VERTICAL_SIZE[self.vertical]]
-
-    def _vertical_basis(self) -> Array:
-        law = self._vertical_law()
-        return np.hstack([law, np.eye(law.shape[0])]) if self.level_spread > 0 else law

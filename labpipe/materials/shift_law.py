@@ -201,7 +201,12 @@ def fit_law(
         parameters = best + np.linalg.lstsq(raised, gradient, rcond=None)[0]
     freedom = int(np.linalg.matrix_rank(covariance)) - best.size
     return ShiftLaw(
-        name, T_ref, tuple(float(p) for p in best), np.linalg.inv(normal), cost, max(freedom, 0)
+        name,
+        T_ref,
+        tuple(float(p) for p in best),
+        np.asarray(np.linalg.inv(normal)),
+        cost,
+        max(freedom, 0),
     )
 
 

@@ -9,7 +9,9 @@ Two independent ways, because the joint objective can have several minima in a g
   loss modulus and with it every fault of the phase.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,11 +59,14 @@ def overlapped_shifts(points: Points, temperature: Array, ln_bT: Array) -> Array
     return _chained(points, temperature, ln_bT, _overlapped_step)
 
 
-def _chained(points: Points, temperature: Array, ln_bT: Array, step) -> Array:  # type: ignore[no-untyped-def]
+def _chained(
+    points: Points, temperature: Array, ln_bT: Array, step: "Callable[[_Pair], float]"
+) -> Array:
+    """Add up the steps from the warmest isotherm to colder ones."""
     order = np.argsort(temperature)
     steps = [
-        step(_pair(points, temperature, ln_bT, int(cold), int(warm)))
-        for cold, warm in zip(order[:-1], order[1:], strict=True)
+        step(_pair(points, temperature, ln_bT, cold, warm))
+        for cold, warm in pairwise(order.tolist())
     ]
     shifts = np.zeros(temperature.size)
     shifts[order[:-1]] = np.cumsum(steps[::-1])[::-1]

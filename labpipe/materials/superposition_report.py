@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from labpipe.materials.anchoring import Anchor
 from labpipe.materials.joint_fit import Points, sensitivity
 from labpipe.materials.prony import Prony
-from labpipe.materials.spectrum import maxwell_shapes
-from labpipe.materials.superposition import Superposition
+from labpipe.materials.settling import Superposition
+from labpipe.materials.spectrum import maxwell_shapes, solve_normal
 from labpipe.materials.sweep_data import SweepData
 
 Array = NDArray[np.float64]
@@ -129,7 +129,7 @@ def bands(
     ]
     active = fit.solution.coefficient > 0
     variables = {}
-    spread_of_spectrum = np.linalg.inv(fit.normal)
+    spread_of_spectrum = np.linalg.pinv(fit.normal, hermitian=True)
     for name, design in zip(("storage", "loss"), designs, strict=True):
         used = design[:, active]
         variance = np.einsum("ij,jk,ik->i", used, spread_of_spectrum, used)
@@ -168,7 +168,7 @@ def _from_outer(
     if not model.size:
         return np.zeros(frequency.size)
     coupling = fit.rows.T @ sensitivity(points, fit, model)
-    by_parameter = -used @ np.linalg.solve(fit.normal, coupling)
+    by_parameter = -used @ solve_normal(fit.normal, coupling)
     # The reference itself moves along the curve with the shifts that define it.
     value = design @ fit.solution.coefficient
     slope = np.gradient(value, np.log10(frequency)) if frequency.size > 1 else np.zeros(1)

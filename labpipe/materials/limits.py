@@ -1,0 +1,81 @@
+"""Everything that limits a master curve, said in one sentence each."""
+
+import numpy as np
+import xarray as xr
+
+from labpipe.materials.kramers_kronig import KramersKronig
+from labpipe.materials.law_choice import free_shifts_gain
+from labpipe.materials.settling import Superposition
+from labpipe.materials.shift_law import LawName, ShiftLaw
+from labpipe.materials.sweep_data import SweepData
+
+#: A step between neighbours known worse than this (decades) is called barely determined.
+BARELY_DETERMINED = 0.15
+# Another start that ends this far away (decades) at nearly the same cost (in units of twice the
+# log-likelihood) is a second solution.
+_OTHER_SOLUTION, _NEARLY_SAME_COST = 0.15, 6.0
+# A law holds when free shifts lower the misfit by less than this per parameter (F statistic).
+_LAW_HOLDS = 4.0
+
+
+def limits_of(
+    data: SweepData,
+    found: Superposition,
+    law: LawName | None,
+    chosen: ShiftLaw,
+    overlap: xr.Dataset,
+    kk: KramersKronig,
+) -> list[str]:
+    """Say everything that limits the result, one sentence each."""
+    notes: list[str] = []
+    if data.points.count == 1:
+        notes.append("one temperature only: there is nothing to shift, the spectrum is its own")
+    if found.model.horizontal == "free":
+        notes += _identifiability(overlap)
+        notes += _other_solutions(found)
+    for k in np.flatnonzero(overlap["overlap"].values <= 0):
+        pair = overlap.isel(pair=int(k))
+        notes.append(
+            f"{float(pair['colder']):g} and {float(pair['warmer']):g} °C do not overlap "
+            f"({-float(pair['overlap']):.2f} decades apart); their step rests on the link between "
+            "storage and loss alone"
+        )
+    if law is not None and data.points.count > len(chosen.parameters) + 1:
+        gain = free_shifts_gain(data.points, found)
+        if gain > _LAW_HOLDS:
+            notes.append(
+                f"the {law} law does not hold over these temperatures: free shifts fit better "
+                f"(F = {gain:.1f}); use law=None and look for a transition"
+            )
+    if kk.verdict != "pass":
+        notes.append(f"Kramers-Kronig {kk.verdict}: {kk.reason}")
+    return notes
+
+
+def _identifiability(overlap: xr.Dataset) -> list[str]:
+    loose = overlap.isel(pair=np.flatnonzero(~overlap["determined"].values))
+    if not loose.sizes["pair"]:
+        return []
+    pairs = ", ".join(
+        f"{float(a):g}/{float(b):g} °C (±{float(u):.2f})"
+        for a, b, u in zip(loose["colder"], loose["warmer"], loose["u_step"], strict=True)
+    )
+    return [
+        f"the data barely determine the step of log10 a_T between {pairs}; there the shifts rest "
+        "on the expected continuation. Smaller temperature steps, a wider frequency range or a "
+        "shift law would help"
+    ]
+
+
+def _other_solutions(found: Superposition) -> list[str]:
+    best = found.starts[0][1]
+    others = [
+        (name, distance)
+        for name, cost, distance in found.starts[1:]
+        if distance > _OTHER_SOLUTION and cost - best < _NEARLY_SAME_COST
+    ]
+    return [
+        f'the start "{name}" ends {distance:.2f} decades away at nearly the same misfit: the '
+        "shifts have a second solution"
+        for name, distance in others
+    ]
