@@ -78,7 +78,8 @@ def contact_radius(
         ``centre_x``, ``centre_y`` [px] with ``u_``;
         ``in_contact`` : whether there is a contact;
         ``method`` : 0 none, 1 fringe fit, 2 edge, 3 between equal frames (a frame at rest that
-        was not read whole; the radius is interpolated) ;
+        was not read whole; the radius is interpolated), 4 wider than the frame (in contact, without
+        a radius);
         ``travel`` : change of the radius during the exposure as the blur shows it, without
         sign [m];
         ``misfit`` : residual beyond noise as a share of the modulation [1];
@@ -125,7 +126,8 @@ def contact_radius(
     A. Ovcharenko et al., Tribol. Lett. 23 (2006) 55-63,
     https://doi.org/10.1007/s11249-006-9113-9
     """
-    from labpipe.imaging.radius_film import FilmOptions, check_film, measure_film
+    from labpipe.imaging.radius_film import measure_film
+    from labpipe.imaging.radius_options import FilmOptions, check_film
     from labpipe.imaging.radius_results import make_dataset
 
     film = as_frames(frames)

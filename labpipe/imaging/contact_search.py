@@ -44,6 +44,8 @@ _LEAST_STRUCTURE = 8.0
 MOST_MISFIT = 0.2
 #: Misfit from which another explanation is looked for.
 GOOD_MISFIT = 0.04
+#: Greatest travel in the exposure as a share of the radius: at 2 there is no contact at first.
+MOST_TRAVEL = 1.5
 #: Travel in the exposure, in widths of the first bright ring, from which fringes may be mistaken
 #: for a soft edge.
 _LONG_TRAVEL = 0.5
@@ -52,7 +54,7 @@ _LEAST_VISIBILITY, _LEAST_SIGNIFICANCE = 0.1, 10.0
 #: Contacts smaller than this many Newton spots are compared with a sphere that does not press.
 _SMALL_CONTACT = 4.0
 #: A contact is at least this share of a Newton spot; smaller ones are not told from touching.
-_LEAST_RADIUS = 0.4
+_LEAST_RADIUS = 0.8
 #: A sphere without load must fit worse than a contact by this factor in the squared misfit, and by
 #: this many variances.
 _WORSE, _WORSE_VARIANCES = 2.0, 50.0
@@ -226,6 +228,8 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     if not is_clear:
         return False
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
+    if travel > MOST_TRAVEL * radius:
+        return False
     if travel > _LONG_TRAVEL * edge_width(radius, view.optics) and _is_edge(frame, view, found):
         return False
     return radius > _SMALL_CONTACT * view.newton_spot or not _is_sphere(frame, view, found)

@@ -1,8 +1,8 @@
 """Which frames and rows of a film are worth reading.
 
-Looking at a thin band of rows costs a few per cent of reading a frame. Frames whose band looks
-like that of a frame already known need not be read whole; all others are. So a shortcut can only
-leave out what looks the same.
+Looking at a thin band of rows costs a few per cent of reading a frame. A frame whose band through
+the centres of the known contacts is nowhere as dark as a contact shows none; one whose band equals
+that of a contact frame before and after shows the same contact. All others are read.
 """
 
 import math
@@ -25,8 +25,8 @@ BAND_ROWS = 16
 _DIFFERENT = 6.0
 #: Standard deviations of a mean over columns from which a band differs in one place.
 _LOCALLY_DIFFERENT = 8.0
-#: Width (px) of the place.
-_PLACE = 24
+#: Width (px) of the place, and how far from a known centre (px) a contact is looked for.
+_PLACE, _REACH = 24, 60
 #: Frames between two that are read whole at least, also where nothing changes.
 _LONGEST_REST = 64
 
@@ -157,6 +157,36 @@ def is_different(one: NDArray[np.float32], other: NDArray[np.float32], noise: fl
 
 
 @dataclass(frozen=True)
+class Place:
+    """Where a contact was seen, and how bright.
+
+    Attributes
+    ----------
+    x, y : float [px]
+        Centre.
+    inside, beside : float [grey levels]
+        Brightness of the contact, and half way up to the fringes around it.
+    """
+
+    x: float
+    y: float
+    inside: float
+    beside: float
+
+    def is_lit_in(self, band: NDArray[np.float32]) -> bool:
+        """Tell whether a band through the centre is as bright as a contact near the centre."""
+        first = min(max(round(self.x) - _REACH, 0), max(band.shape[1] - _PLACE, 0))
+        last = min(max(round(self.x) + _REACH, first + _PLACE), band.shape[1])
+        line = band[:, first:last].mean(axis=0, dtype=np.float64)
+        width = min(_PLACE, len(line))
+        sums = np.concatenate([[0.0], np.cumsum(line)])
+        means = (sums[width:] - sums[:-width]) / width
+        if self.inside < self.beside:
+            return float(means.min()) < self.beside
+        return float(means.max()) > self.beside
+
+
+@dataclass(frozen=True)
 class ReadingPlan:
     """Which frames to read whole.
 
@@ -173,7 +203,7 @@ class ReadingPlan:
 
 
 def plan_reading(
-    reader: FilmReader, wanted: Flags, is_contact: dict[int, bool], rows: Sequence[float]
+    reader: FilmReader, wanted: Flags, known: dict[int, bool], places: Sequence[Place]
 ) -> ReadingPlan:
     """Choose the frames to read from their bands and from frames already known.
 
@@ -183,51 +213,54 @@ def plan_reading(
         The film.
     wanted : bool array (frame,)
         Frames that may be read.
-    is_contact : dict
+    known : dict
         Frames that have been looked at, with and without contact.
-    rows : sequence of float [px]
-        Rows of the centres of the contacts found.
+    places : sequence of Place
+        The contacts found in them.
 
     Returns
     -------
     ReadingPlan
-        A frame is left out when its band looks like that of a known frame without contact, or
+        A frame is left out when its band is nowhere near a centre as bright as a contact, or
         like that of the frame last read while in contact.
     """
-    tops = {band_about(row, reader.film.shape[1]) for row in rows}
     count = len(wanted)
     read, resting = np.zeros(count, bool), np.zeros(count, bool)
-    if not tops:
+    if not places:
         return ReadingPlan(wanted.copy(), resting)
+    rows = reader.film.shape[1]
+    tops = sorted({band_about(place.y, rows) for place in places})
+    through = [[place for place in places if band_about(place.y, rows) == top] for top in tops]
 
     def bands(index: int) -> list[NDArray[np.float32]]:
-        return [reader.band(index, *top) for top in sorted(tops)]
+        return [reader.band(index, *top) for top in tops]
 
-    empty = [bands(index) for index, contact in is_contact.items() if not contact]
-    noise = band_noise([band for index in is_contact for band in bands(index)])
+    noise = band_noise([band for index in known for band in bands(index)])
     last: list[NDArray[np.float32]] = []
     last_index = -_LONGEST_REST
-    for index in np.flatnonzero(wanted):
-        now = bands(int(index))
-        if _looks_like_any(now, empty, noise):
+    for index in map(int, np.flatnonzero(wanted)):
+        now = bands(index)
+        is_lit = any(
+            place.is_lit_in(band) for band, some in zip(now, through, strict=True) for place in some
+        )
+        if not is_lit and not known.get(index, False):
             continue
-        is_same = index - last_index < _LONGEST_REST and _looks_like_any(now, [last], noise)
-        if is_same and int(index) not in is_contact:
+        is_same = index - last_index < _LONGEST_REST and _looks_like(now, last, noise)
+        if is_same and index not in known:
             resting[index] = True
             continue
         read[index] = True
-        last, last_index = now, int(index)
+        last, last_index = now, index
     _read_around(read, resting, wanted)
     return ReadingPlan(read, resting)
 
 
-def _looks_like_any(
-    now: list[NDArray[np.float32]], known: list[list[NDArray[np.float32]]], noise: float
+def _looks_like(
+    now: list[NDArray[np.float32]], other: list[NDArray[np.float32]], noise: float
 ) -> bool:
-    """Tell whether bands show nothing that one of several known sets does not show."""
-    return any(
-        bool(other) and not any(is_different(a, b, noise) for a, b in zip(now, other, strict=True))
-        for other in known
+    """Tell whether bands show nothing but noise that others do not show."""
+    return bool(other) and not any(
+        is_different(a, b, noise) for a, b in zip(now, other, strict=True)
     )
 
 

@@ -1,30 +1,34 @@
 """Measure the contact in every frame of a film: which frames, from where, and what to believe."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.errors import InputError
 from labpipe.frames import FrameSource
-from labpipe.imaging.contact_edge import Edge, find_edge
+from labpipe.imaging.blank_frames import (
+    FilmResult,
+    choose_edges,
+    find_filled,
+    look_without_fringes,
+)
 from labpipe.imaging.contact_search import (
     GOOD_MISFIT,
     MOST_MISFIT,
+    MOST_TRAVEL,
     View,
     fit_at,
     fit_from,
-    has_structure,
     is_contact,
     search_contact,
 )
-from labpipe.imaging.contact_spot import find_spots
-from labpipe.imaging.fringe_calibration import Calibration, calibrate
+from labpipe.imaging.fringe_calibration import calibrate
 from labpipe.imaging.fringes import make_optics
-from labpipe.imaging.gating import FilmReader, frames_in_windows, plan_reading
+from labpipe.imaging.gating import FilmReader, Place, frames_in_windows, plan_reading
 from labpipe.imaging.radial_scan import edge_width
 from labpipe.imaging.radius_fit import USUAL, FitSettings, Parameter, RingFit, fit_contact
+from labpipe.imaging.radius_options import FilmOptions, exposure_times
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -35,112 +39,18 @@ NOMINAL_WAVELENGTH = 550e-9
 LEAST_SPACING = 3.0
 #: Shorter films are read whole; of longer ones, frames this far apart are looked at first.
 _SHORT_FILM, _FIRST_STEPS = 96, (64, 16, 4)
+#: Distance (px) below which two contacts count as in one place.
+_SAME_PLACE = 8.0
+#: Change of the radius over a stretch of rest, as a share of it, above which it is no rest.
+_REST_CHANGE = 0.01
 #: Frames looked at for a contact of unusual phase.
 _PHASE_FRAMES = 24
 #: Jump of the radius (px) up to which a fit is started from the frame before.
 _SMALL_JUMP = 2.0
 #: Frames before and after from which motion is estimated.
 _NEIGHBOURS = 3
-#: A spot without fringes next to a contact with fringes has an edge softer than this share of the
-#: radius at most; one alone must be as sharp as this many widths of the first bright ring.
-_SOFT_BESIDE, _SOFT_ALONE = 0.4, 1.5
-#: Least radius, in Newton spots, of a spot without fringes: touching alone shows a smaller one.
-_LEAST_SPOT = 1.5
 #: Travel in the exposure, in widths of the first bright ring, tried when nothing tells it.
 _UNKNOWN_TRAVELS = (1.5, 4.0)
-
-
-@dataclass(frozen=True)
-class FilmOptions:
-    """Arguments of :func:`labpipe.imaging.contact_radius`, under the same names."""
-
-    pixel_size: float
-    sphere_radius: float
-    wavelength: float | None
-    exposure: float | NDArray[np.float64] | None = None
-    phase: float | None = None
-    shape: str = "auto"
-    fringes: float = 3.0
-    full: bool = False
-    windows: tuple[tuple[float, float], ...] | None = None
-
-
-@dataclass
-class FilmResult:
-    """What was found in a film.
-
-    Attributes
-    ----------
-    view : View
-        Optics as used.
-    fits, edges : dict
-        By frame: fits of the fringes, and edges where there are none.
-    resting : bool array (frame,)
-        Frames that look like the contacts before and after and were not read.
-    calibration : Calibration
-        What the film told about its optics.
-    has_fringes : bool
-        False when the wavelength is unknown or pixels are too coarse.
-    work : dict
-        Counts.
-    """
-
-    view: View
-    resting: Flags
-    fits: dict[int, RingFit] = field(default_factory=dict)
-    edges: dict[int, Edge] = field(default_factory=dict)
-    calibration: Calibration = field(default_factory=Calibration)
-    has_fringes: bool = True
-    work: dict[str, int] = field(default_factory=dict)
-
-
-def check_film(film: FrameSource, options: FilmOptions) -> None:
-    """Refuse arguments outside their range.
-
-    Raises
-    ------
-    InputError
-        With what was found and what was expected.
-    """
-    lengths = {
-        "pixel_size": (options.pixel_size, 1e-9, 1e-3),
-        "sphere_radius": (options.sphere_radius, 1e-6, 10.0),
-    }
-    if options.wavelength is not None:
-        lengths["wavelength"] = (options.wavelength, 100e-9, 20e-6)
-    for name, (value, low, high) in lengths.items():
-        if not low <= value <= high:
-            message = f"{name} must lie between {low:g} and {high:g} m, found {value} m"
-            raise InputError(message)
-    if options.shape not in {"auto", "circle", "ellipse"}:
-        message = f'shape must be "auto", "circle" or "ellipse", found {options.shape!r}'
-        raise InputError(message)
-    if not 0.5 <= options.fringes <= 20.0:
-        message = f"fringes must be between 0.5 and 20, found {options.fringes}"
-        raise InputError(message)
-    if options.phase is not None and not math.isfinite(options.phase):
-        message = f"phase must be a finite angle in rad, found {options.phase}"
-        raise InputError(message)
-    if len(film.shape) != 3 or min(film.shape[1:]) < 16:
-        message = f"frames must be grey images of 16 x 16 px or more, found {film.shape}"
-        raise InputError(message)
-    if options.exposure is not None:
-        exposure = np.asarray(options.exposure, float)
-        is_shaped = exposure.shape in {(), (len(film),)}
-        if not is_shaped or not (np.isfinite(exposure) & (exposure >= 0.0)).all():
-            message = (
-                f"exposure must be one time in s or one per frame ({len(film)}), not negative; "
-                f"found {options.exposure}"
-            )
-            raise InputError(message)
-
-
-def exposure_times(film: FrameSource, options: FilmOptions) -> Floats | None:
-    """Exposure time of every frame in s, from the caller or the film; None when unknown."""
-    exposure = film.exposure if options.exposure is None else options.exposure
-    if exposure is None:
-        return None
-    return np.broadcast_to(np.asarray(exposure, float), (len(film),))
 
 
 def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
@@ -164,8 +74,10 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
         read = _follow_film(reader, result, options, wanted)
         _repair(reader, result, film.time, exposure_times(film, options), read)
     else:
-        read = wanted
-    _find_edges(reader, result, read)
+        for index in map(int, np.flatnonzero(wanted)):
+            result.blanks[index] = look_without_fringes(reader.whole(index), view)
+    choose_edges(result)
+    find_filled(result)
     result.work = reader.work() | {
         "fits": len(result.fits),
         "evaluations": sum(fit.evaluations for fit in result.fits.values()),
@@ -201,7 +113,7 @@ def _follow_film(
     fits: dict[int, RingFit] = {}
     if not options.full and wanted.sum() > _SHORT_FILM:
         read, fits = _gate(reader, result, wanted)
-    fits = _follow(reader, result.view, read, fits)
+    fits = _follow(reader, result, read, fits)
     if not fits and options.phase is None:
         fits = _other_phase(reader, result, read)
     result.calibration = calibrate(
@@ -209,9 +121,27 @@ def _follow_film(
     )
     if not result.calibration.is_usual or result.view.optics.phase != _make_phase(options):
         result.view = result.calibration.applied(result.view)
-        fits = _refit(reader, result.view, read, fits)
+        fits = _refit(reader, result, read, fits)
     result.fits = fits
-    return read
+    opened = _doubtful_rest(result)
+    if opened.any():
+        result.resting &= ~opened
+        result.fits |= _follow(reader, result, opened, {})
+    return read | opened
+
+
+def _doubtful_rest(result: FilmResult) -> Flags:
+    """Frames taken for rest that do not lie between two contacts of nearly the same radius."""
+    doubtful = np.zeros(len(result.resting), bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], result.resting.astype(np.int8), [0]])))
+    for first, end in edges.reshape(-1, 2):
+        before, after = result.fits.get(int(first) - 1), result.fits.get(int(end))
+        is_rest = False
+        if before is not None and after is not None:
+            one, other = (float(fit.parameters[Parameter.RADIUS]) for fit in (before, after))
+            is_rest = abs(one - other) < _REST_CHANGE * one
+        doubtful[first:end] = not is_rest
+    return doubtful
 
 
 def _make_phase(options: FilmOptions) -> float:
@@ -223,35 +153,58 @@ def _gate(
 ) -> tuple[Flags, dict[int, RingFit]]:
     """Look at frames far apart, then at thin bands of all others; return what to read whole."""
     known: dict[int, RingFit | None] = {}
-    places = np.flatnonzero(wanted)
+    frames = np.flatnonzero(wanted)
     for step in _FIRST_STEPS:
-        for index in map(int, places[::step]):
+        for index in map(int, frames[::step]):
             if index not in known:
                 known[index] = search_contact(reader.whole(index), result.view)
         if any(fit is not None for fit in known.values()):
             break
     fits = {index: fit for index, fit in known.items() if fit is not None}
-    rows = [float(fit.parameters[Parameter.Y]) for fit in fits.values()]
     contact = {index: fit is not None for index, fit in known.items()}
-    plan = plan_reading(reader, wanted, contact, rows)
+    places = [_place_of(fit, result.view) for fit in fits.values()]
+    plan = plan_reading(reader, wanted, contact, _distinct(places))
     result.resting = plan.is_resting
     return plan.read, fits
 
 
+def _place_of(fit: RingFit, view: View) -> Place:
+    """Where and how bright a contact is."""
+    p = fit.parameters
+    light, modulation = float(p[Parameter.GAIN]), float(p[Parameter.MODULATION])
+    inside = light + modulation * math.cos(view.optics.phase)
+    return Place(float(p[Parameter.X]), float(p[Parameter.Y]), inside, 0.5 * (inside + light))
+
+
+def _distinct(places: list[Place]) -> list[Place]:
+    """Leave out places that lie close to one before: a few bands see all contacts."""
+    chosen: list[Place] = []
+    for place in places:
+        near = (abs(place.x - old.x) + abs(place.y - old.y) < _SAME_PLACE for old in chosen)
+        if not any(near):
+            chosen.append(place)
+    return chosen
+
+
 def _follow(
-    reader: FilmReader, view: View, read: Flags, known: dict[int, RingFit]
+    reader: FilmReader, result: FilmResult, read: Flags, known: dict[int, RingFit]
 ) -> dict[int, RingFit]:
     """Fit frame after frame, each from what the frames before it showed."""
+    view = result.view
     fits: dict[int, RingFit] = {}
     last: RingFit | None = None
     before: RingFit | None = None
     for index in map(int, np.flatnonzero(read)):
-        fit = known.get(index) or _next_fit(reader.whole(index), view, last, before)
-        if fit is not None:
+        fit = known.get(index)
+        if fit is None:
+            frame = reader.whole(index)
+            fit = _next_fit(frame, view, last, before)
+        if fit is None:
+            result.blanks[index] = look_without_fringes(frame, view)
+            before = None
+        else:
             fits[index] = fit
             last, before = fit, fits.get(index - 1)
-        else:
-            before = None
     return fits
 
 
@@ -297,9 +250,11 @@ def _other_phase(reader: FilmReader, result: FilmResult, read: Flags) -> dict[in
 
 
 def _refit(
-    reader: FilmReader, view: View, read: Flags, fits: dict[int, RingFit]
+    reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, RingFit]
 ) -> dict[int, RingFit]:
     """Fit all frames again with the optics that the film has told."""
+    view = result.view
+    result.blanks.clear()
     found: dict[int, RingFit] = {}
     last: RingFit | None = None
     for index in map(int, np.flatnonzero(read)):
@@ -314,7 +269,9 @@ def _refit(
             if fit is not None and (fit.misfit > GOOD_MISFIT or not is_contact(frame, view, fit)):
                 fit = None
         fit = fit or _next_fit(frame, view, last, None)
-        if fit is not None:
+        if fit is None:
+            result.blanks[index] = look_without_fringes(frame, view)
+        else:
             found[index] = last = fit
     return found
 
@@ -386,6 +343,7 @@ def _fit_blurred(
             and fit.misfit <= MOST_MISFIT
             and fit.is_converged
             and abs(float(fit.parameters[Parameter.RADIUS]) - radius) < 0.5 * radius
+            and fit.parameters[Parameter.SMEAR] < (MOST_TRAVEL * radius) ** 2
         )
         if fit is not None and is_right and (best is None or fit.residual < best.residual):
             best = fit
@@ -411,51 +369,3 @@ def expected_radius(near: dict[int, RingFit], index: int, time: Floats) -> tuple
     if radius == 0.0:
         return 0.0, math.nan
     return radius, float(bend.deriv()(0.0)) / span / (2.0 * radius)
-
-
-def _find_edges(reader: FilmReader, result: FilmResult, read: Flags) -> None:
-    """Measure the edge of spots in frames whose fringes could not be fitted."""
-    for index in map(int, np.flatnonzero(read)):
-        if index in result.fits:
-            continue
-        frame = reader.whole(index)
-        if has_structure(frame):
-            edge = _edge_in(frame, result, index)
-            if edge is not None:
-                result.edges[index] = edge
-
-
-def _edge_in(frame: NDArray[np.generic], result: FilmResult, index: int) -> Edge | None:
-    """Edge of the contact in a frame without usable fringes, or None when there is no contact."""
-    view = result.view
-    beside = result.fits.get(index - 1) or result.fits.get(index + 1)
-    circles = [(spot.x, spot.y, spot.radius, spot.polarity) for spot in find_spots(frame)]
-    wanted = -1
-    if result.fits:
-        known = beside or next(iter(result.fits.values()))
-        wanted = -1 if known.parameters[Parameter.MODULATION] > 0.0 else 1
-    for x, y, radius, polarity in circles:
-        if polarity != wanted or radius < view.newton_spot:
-            continue
-        edge = find_edge(frame, x, y, radius, view.black)
-        if edge is not None and _is_contact_edge(edge, view, result, beside):
-            return edge
-    return None
-
-
-def _is_contact_edge(edge: Edge, view: View, result: FilmResult, beside: RingFit | None) -> bool:
-    """Decide whether a round spot without fringes is a contact."""
-    is_dark = edge.inside < edge.outside
-    expected = not result.fits or is_dark == (
-        next(iter(result.fits.values())).parameters[Parameter.MODULATION] > 0.0
-    )
-    if edge.half_radius < _LEAST_SPOT * view.newton_spot or not expected:
-        return False
-    if beside is None:
-        sharp = _SOFT_ALONE * max(edge_width(edge.half_radius, view.optics), 1.0)
-        return edge.softness <= max(sharp, 2.0)
-    away = math.hypot(
-        edge.x - float(beside.parameters[Parameter.X]),
-        edge.y - float(beside.parameters[Parameter.Y]),
-    )
-    return edge.softness <= _SOFT_BESIDE * edge.half_radius and away < 0.3 * edge.half_radius

@@ -69,8 +69,9 @@ USUAL = (
 #: What is taken for granted in a frame; the fit tells how the radius depends on it.
 ASSUMED = (Parameter.PHASE, Parameter.SCALE)
 
-#: Damping at the start of the iteration, and its change after a good and a bad step.
-_DAMPING, _LESS, _MORE, _MOST_DAMPING = 1e-4, 0.1, 10.0, 1e6
+#: Damping at the start (so small that a radius which hardly differs from a shift of the centre is
+#: not held back), least after a bad step, and its change after good and bad steps.
+_DAMPING, _BAD_DAMPING, _LESS, _MORE, _MOST_DAMPING = 1e-8, 1e-3, 0.01, 10.0, 1e6
 #: Travel (px) below which the effect of the smear is taken as proportional to its square, so that
 #: noise may also make it negative.
 _LEAST_TRAVEL = 0.3
@@ -375,10 +376,10 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
         trial = best.copy()
         trial[free] += step
         if trial[Parameter.RADIUS] < 0.0 or not np.isfinite(trial).all():
-            damping *= _MORE
+            damping = max(damping * _MORE, _BAD_DAMPING)
             continue
         gain = float(sums.right @ step) * sums.pixels
-        is_small = damping <= _DAMPING and (
+        is_small = damping < _BAD_DAMPING and (
             gain < _SMALL_GAIN * sums.squares or np.abs(step[moves]).max() < settings.tolerance
         )
         tried = sums_of(ring, trial, reported if is_small else free, optics, is_small)
@@ -391,7 +392,7 @@ def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -
             is_settled = True
             break
         else:
-            damping *= _MORE
+            damping = max(damping * _MORE, _BAD_DAMPING)
         if is_small:
             return _result(best, sums, settings.free, True, evaluations)
     sums = sums_of(ring, best, reported, optics, True)

@@ -9,17 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.frames import FrameSource
+from labpipe.imaging.blank_frames import FilmResult
 from labpipe.imaging.contact_edge import corrected_radius
-from labpipe.imaging.radius_film import NOMINAL_WAVELENGTH, FilmOptions, FilmResult
+from labpipe.imaging.radius_film import NOMINAL_WAVELENGTH
 from labpipe.imaging.radius_fit import Parameter, RingFit
+from labpipe.imaging.radius_options import FilmOptions
 
 if TYPE_CHECKING:
     import xarray as xr
 
 Floats = NDArray[np.float64]
 
-NONE, FRINGES, EDGE, RESTING = 0, 1, 2, 3
-_METHODS = {NONE: "none", FRINGES: "fringe_fit", EDGE: "edge", RESTING: "between_equal_frames"}
+NONE, FRINGES, EDGE, RESTING, FILLED = 0, 1, 2, 3, 4
+_METHODS = {
+    NONE: "none",
+    FRINGES: "fringe_fit",
+    EDGE: "edge",
+    RESTING: "between_equal_frames",
+    FILLED: "wider_than_frame",
+}
 #: Sources of the systematic budget, in the order of the coordinate.
 SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase")
 #: Deviation of the fringes' scale from R, wavelength and pixel size that is worth a warning.
@@ -82,6 +90,7 @@ def make_dataset(
         parts[index] = _edge_systematic(radius, result, options, uncertainties)
     values["radius_systematic"] = np.sqrt((parts**2).sum(axis=1))
     method[result.resting] = RESTING
+    method[list(result.filled)] = FILLED
     _interpolate(values, parts, method, film.time)
     _warn(film, options, result)
     static, u_static = _static_radius(values["radius"], values["u_radius"], method)
