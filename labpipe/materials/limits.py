@@ -33,13 +33,7 @@ def limits_of(
     if found.model.horizontal == "free":
         notes += _identifiability(overlap)
         notes += _other_solutions(found)
-    for k in np.flatnonzero(overlap["overlap"].values <= 0):
-        pair = overlap.isel(pair=int(k))
-        notes.append(
-            f"{float(pair['colder']):g} and {float(pair['warmer']):g} °C do not overlap "
-            f"({-float(pair['overlap']):.2f} decades apart); their step rests on the link between "
-            "storage and loss alone"
-        )
+    notes += _gaps(overlap)
     if law is not None and data.points.count > len(chosen.parameters) + 1:
         gain = free_shifts_gain(data.points, found)
         if gain > _LAW_HOLDS:
@@ -50,6 +44,20 @@ def limits_of(
     if kk.verdict != "pass":
         notes.append(f"Kramers-Kronig {kk.verdict}: {kk.reason}")
     return notes
+
+
+def _gaps(overlap: xr.Dataset) -> list[str]:
+    apart = overlap.isel(pair=np.flatnonzero(overlap["overlap"].values <= 0))
+    if not apart.sizes["pair"]:
+        return []
+    pairs = ", ".join(
+        f"{float(a):g} and {float(b):g} °C (by {-float(shared):.2f} decades)"
+        for a, b, shared in zip(apart["colder"], apart["warmer"], apart["overlap"], strict=True)
+    )
+    return [
+        f"no overlap between {pairs}; the step there rests on the link between storage and loss "
+        "and on a smooth spectrum across the gap"
+    ]
 
 
 def _identifiability(overlap: xr.Dataset) -> list[str]:

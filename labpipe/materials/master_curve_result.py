@@ -146,7 +146,7 @@ def assembled(
 ) -> MasterCurve:
     """Move the reference to T_ref and put the result into Datasets."""
     model, state = found.model, found.fit.state
-    anchor = anchor_at(found)
+    anchor = anchor_at(data.points, found)
     log10_aT = state.log10_aT - anchor.offset
     covariance = anchor.covariance
     scale = found.fit.grid.scale
@@ -173,7 +173,11 @@ def assembled(
         T_ref=model.T_ref,
         log10_aT=_over(temperature, data, log10_aT, "1", "log10 of the horizontal shift factor"),
         u_log10_aT=_over(
-            temperature, data, np.sqrt(np.diag(covariance)), "1", "standard uncertainty of log10_aT"
+            temperature,
+            data,
+            np.sqrt(np.maximum(np.diag(covariance), 0.0)),
+            "1",
+            "standard uncertainty of log10_aT",
         ),
         covariance=_matrix_over(temperature, data, covariance),
         b_T=_over(temperature, data, law_b_T, "1", "vertical shift factor"),
@@ -189,7 +193,7 @@ def assembled(
         ),
         vertical=model.vertical,
         delay=state.delay,
-        u_delay=float(np.sqrt(tail)) * model.delay_unit,
+        u_delay=float(np.sqrt(max(tail, 0.0))) * model.delay_unit,
         law=chosen,
         laws=laws,
         prony=prony,
@@ -215,15 +219,15 @@ def _u_ln_bT(found: Superposition) -> Array:
         return np.zeros(found.model.temperature.size)
     rows = found.model.directions(found.fit.state)[1]
     rows[:, found.model.level_slice] = 0.0
-    return np.sqrt(np.einsum("kp,pq,kq->k", rows, found.covariance, rows))
+    variance = np.einsum("kp,pq,kq->k", rows, found.covariance, rows)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def _laws(model: OuterModel, log10_aT: Array, covariance: Array) -> dict[str, ShiftLaw]:
     """Fit both laws through the shifts; the weights come from their covariance."""
-    names: tuple[LawName, ...] = (
-        ("wlf", "arrhenius") if model.temperature.size > 2 else ("arrhenius",)
-    )
-    if model.temperature.size < 2:
+    distinct = np.unique(model.temperature).size
+    names: tuple[LawName, ...] = ("wlf", "arrhenius") if distinct > 2 else ("arrhenius",)
+    if distinct < 2:
         names = ()
     usable = covariance if np.any(covariance) else np.eye(log10_aT.size)
     return {name: fit_law(name, model.temperature, log10_aT, usable, model.T_ref) for name in names}

@@ -88,22 +88,22 @@ def settled(points: Points, candidate: Candidate, noise: Noise, options: Options
     fit, model = candidate.fit, candidate.model
     expected = fit.predicted
     near: float | None = None
-    standardised = np.zeros(expected.size)
+    measured = np.concatenate([points.storage, points.loss])
+    standardised = (measured - expected) * weights_of(points, noise, expected)
     for _ in range(_MAX_PASSES):
-        weight = weights_of(points, noise, expected)
-        if options.robust:
-            weight = weight * np.sqrt(
-                np.minimum(1.0, _HUBER / np.maximum(np.abs(standardised), _HUBER))
-            )
+        plain = weights_of(points, noise, expected)
+        weight = plain * _root_of_influence(standardised, options)
         model = replace(model, expectation=expected_shifts(model.temperature, fit.state.log10_aT))
         grid = grid_for(points, fit.state, TERMS_PER_DECADE, MARGIN_DECADES)
         fit = evaluate(points, weight, grid, fit.state, None, near)
         fit = minimise(points, weight, fit, model)
         near, expected = fit.solution.strength, fit.predicted
-        covariance, factors = _covariance_and_noise(points, fit, model)
+        residual = (measured - expected) * plain
+        if options.robust:
+            residual = np.clip(residual, -_HUBER, _HUBER)
+        covariance, factors = _covariance_and_noise(points, fit, model, residual)
         model = _with_spread(model, fit, covariance)
         last, noise = noise, next_noise(noise, factors, options.scatter, options.noise_ratio)
-        measured = np.concatenate([points.storage, points.loss])
         standardised = (measured - expected) * weights_of(points, noise, expected)
         change = np.abs(np.log([noise.storage / last.storage, noise.loss / last.loss]))
         if np.max(change) < _NOISE_SETTLED:
@@ -134,15 +134,19 @@ def weights_of(points: Points, noise: Noise, expected: Array | None = None) -> A
 
 
 def huber(current: Superposition, options: Options) -> Array:
-    """Square root of the weight of every residual: one, less beyond the limit."""
-    size = np.abs(current.standardised)
+    """Square root of the weight of every residual of a settled fit."""
+    return _root_of_influence(current.standardised, options)
+
+
+def _root_of_influence(standardised: Array, options: Options) -> Array:
+    """One within the limit, beyond it such that the squared residual counts linearly."""
     if not options.robust:
-        return np.ones(size.size)
-    return np.asarray(np.sqrt(np.minimum(1.0, _HUBER / np.maximum(size, _HUBER))))
+        return np.ones(standardised.size)
+    return np.asarray(np.sqrt(_HUBER / np.maximum(np.abs(standardised), _HUBER)))
 
 
 def _covariance_and_noise(
-    points: Points, fit: Fit, model: OuterModel
+    points: Points, fit: Fit, model: OuterModel, residual: Array
 ) -> tuple[Array, tuple[float, float]]:
     """Return the covariance of the outer parameters and the factors on both noise levels.
 
@@ -162,5 +166,5 @@ def _covariance_and_noise(
     factors = []
     for part in (slice(0, half), slice(half, None)):
         freedom = max(half - float(np.sum(leverage[part])), 1.0)
-        factors.append(float(np.sqrt(np.sum(fit.residual[part] ** 2) / freedom)))
+        factors.append(float(np.sqrt(np.sum(residual[part] ** 2) / freedom)))
     return covariance, (factors[0], factors[1])

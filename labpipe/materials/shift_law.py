@@ -204,7 +204,7 @@ def fit_law(
         name,
         T_ref,
         tuple(float(p) for p in best),
-        np.asarray(np.linalg.inv(normal)),
+        np.asarray(np.linalg.pinv(normal, hermitian=True)),
         cost,
         max(freedom, 0),
     )

@@ -21,8 +21,9 @@ LOOSE = 0.1
 # Walked offsets in decades, and the reach of the spectrum that they need.
 _OFFSETS = np.arange(-3.25, 3.26, 0.25)
 _MARGIN = 4.0
-# A lower misfit (in units of twice the log-likelihood) by more than this is a better minimum.
-_BETTER = 1.0
+# The walk is coarse and holds the other shifts: a dip that comes within this misfit (in units of
+# twice the log-likelihood) of the present minimum may be a better one.
+_PROMISING = 30.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,17 +32,17 @@ class Probe:
 
     Attributes
     ----------
-    better : array (isotherm,) or None
-        Shifts with less misfit than the present ones, to be fitted from.
-    directions : array (step, isotherm)
-        The group of isotherms that moves with every walked step: one, others zero.
+    groups : array (step, isotherm)
+        The isotherms that move with every walked step: one, others zero.
     variance : array (step,)
         Spread of every walked step by its likelihood, beyond what its covariance said.
+    dips : tuple of (int, array (isotherm,))
+        Other promising minima: the step and the shifts to fit from.
     """
 
-    better: Array | None
-    directions: Array
+    groups: Array
     variance: Array
+    dips: tuple[tuple[int, Array], ...]
 
 
 def probe_steps(points: Points, weight: Array, fit: Fit, model: OuterModel, known: Array) -> Probe:
@@ -54,26 +55,33 @@ def probe_steps(points: Points, weight: Array, fit: Fit, model: OuterModel, know
     """
     order = np.argsort(model.temperature, kind="stable")
     at = int(np.flatnonzero(order == model.reference)[0])
-    better: Array | None = None
-    least = -_BETTER
-    directions, variances = [], []
+    groups: list[Array] = []
+    variances: list[float] = []
+    dips: list[tuple[int, Array]] = []
     for k in range(order.size - 1):
         cold, warm = order[k], order[k + 1]
-        variance = known[cold, cold] + known[warm, warm] - 2.0 * known[cold, warm]
+        variance = float(known[cold, cold] + known[warm, warm] - 2.0 * known[cold, warm])
         if variance <= LOOSE**2:
             continue
         # The side of the gap away from the reference moves.
         group = np.zeros(order.size)
         group[order[: k + 1] if k < at else order[k + 1 :]] = 1.0
         costs = _walk(points, weight, fit, model, group)
-        if costs.min() < least:
-            least = float(costs.min())
-            better = fit.state.log10_aT + _OFFSETS[np.argmin(costs)] * group
         likelihood = np.exp(-0.5 * (costs - costs.min()))
         found = float(np.sum(likelihood * _OFFSETS**2) / np.sum(likelihood))
-        directions.append(group)
-        variances.append(max(found - float(variance), 0.0))
-    return Probe(better, np.array(directions).reshape(-1, order.size), np.array(variances))
+        dips += [
+            (len(groups), fit.state.log10_aT + _OFFSETS[i] * group) for i in _other_minima(costs)
+        ]
+        groups.append(group)
+        variances.append(max(found - variance, 0.0))
+    return Probe(np.array(groups).reshape(-1, order.size), np.array(variances), tuple(dips))
+
+
+def _other_minima(costs: Array) -> NDArray[np.intp]:
+    """Return the promising dips of a walk away from its middle."""
+    inner = (costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:]) & (costs[1:-1] < _PROMISING)
+    at = np.flatnonzero(inner) + 1
+    return at[np.abs(at - costs.size // 2) > 1]
 
 
 def _walk(points: Points, weight: Array, fit: Fit, model: OuterModel, group: Array) -> Array:

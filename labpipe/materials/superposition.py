@@ -120,7 +120,11 @@ def _best_start(
         )
     weight = weights_of(points, noise)
     runs = [_run(points, weight, model, name, shifts) for name, shifts in starts]
-    if len(runs) > 1 and model.horizontal == "free" and model.temperature.size > _LAW_NEEDS:
+    if (
+        len(runs) > 1
+        and model.horizontal == "free"
+        and np.unique(model.temperature).size > _LAW_NEEDS
+    ):
         best = min(runs, key=lambda run: run.cost)
         runs.append(_run(points, weight, model, "law", _smoothed(points, best)))
     runs.sort(key=lambda run: run.cost)
@@ -168,7 +172,7 @@ def _smoothed(points: Points, run: _Run) -> Array:
 
 
 def _probed(points: Points, current: Superposition, options: Options) -> Superposition:
-    """Walk the loose steps; settle anew from better ones, and keep what the walk says."""
+    """Walk the loose steps; settle anew from a better one, and keep what the walk says."""
     for _ in range(_MAX_PROBES):
         if current.model.horizontal != "free":
             return current
@@ -177,16 +181,31 @@ def _probed(points: Points, current: Superposition, options: Options) -> Superpo
         weight = weights_of(points, current.noise, current.fit.predicted)
         weight = weight * huber(current, options)
         probe = probe_steps(points, weight, current.fit, current.model, known)
-        current = replace(current, probe=probe)
-        if probe.better is None:
+        present = _refitted(points, weight, current, current.fit.state.log10_aT)
+        least = total_cost(present, current.model)
+        variance = probe.variance.copy()
+        better: Fit | None = None
+        for step, shifts in probe.dips:
+            fit = _refitted(points, weight, current, shifts)
+            excess = total_cost(fit, current.model) - least
+            if excess < 0:
+                better, least = fit, least + excess
+                continue
+            # A second minimum widens the step by its distance, as likely as it is.
+            away = float(np.max(np.abs(fit.state.log10_aT - present.state.log10_aT)))
+            variance[step] += away**2 * float(np.exp(-0.5 * excess))
+        current = replace(current, probe=replace(probe, variance=variance))
+        if better is None:
             return current
-        shifts = probe.better - probe.better[current.model.reference]
-        state = current.model.start(replace(current.fit.state, log10_aT=shifts))
-        grid = grid_for(points, state, TERMS_PER_DECADE, MARGIN_DECADES)
-        fit = evaluate(points, weight, grid, state, current.fit.solution.strength)
-        fit = minimise(points, weight, fit, current.model)
-        if total_cost(fit, current.model) >= total_cost(current.fit, current.model):
-            return current
-        candidate = Candidate(current.model, fit, current.starts)
+        candidate = Candidate(current.model, better, current.starts)
         current = settled(points, candidate, current.noise, options)
     return current
+
+
+def _refitted(points: Points, weight: Array, current: Superposition, shifts: Array) -> Fit:
+    """Fit anew from other shifts with the present smoothing."""
+    model, strength = current.model, current.fit.solution.strength
+    anchored = shifts - shifts[model.reference]
+    state = model.start(replace(current.fit.state, log10_aT=anchored))
+    grid = grid_for(points, state, TERMS_PER_DECADE, MARGIN_DECADES)
+    return minimise(points, weight, evaluate(points, weight, grid, state, strength), model)

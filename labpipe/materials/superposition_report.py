@@ -136,7 +136,10 @@ def bands(
         variance += _from_outer(points, found, anchor, design, frequency, used)
         value = design @ fit.solution.coefficient
         variables[name] = (value, f"{name} modulus at the reference temperature")
-        variables[f"u_{name}"] = (np.sqrt(variance), f"standard uncertainty of the {name} modulus")
+        variables[f"u_{name}"] = (
+            np.sqrt(np.maximum(variance, 0.0)),
+            f"standard uncertainty of the {name} modulus",
+        )
     dataset = xr.Dataset(
         {
             name: ("reduced_frequency", values, {"units": "Pa", "long_name": text})
