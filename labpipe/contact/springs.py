@@ -49,10 +49,10 @@ _NESTED_TOLERANCE = 1e-9
 _OPEN_STRIPS = 3
 # Springs beyond the reach: two locate the edge, the others are for comfort.
 _SPARE_SPRINGS = 16
-_EDGE_ITERATIONS = 12
+_EDGE_ITERATIONS = 100
 _EDGE_TOLERANCE = 1e-13
-# Share of a strip below which the force of a contact of one strip is taken as linear.
-_FIRST_SHARE = 0.25
+# The edge's share of the force needs so many springs in contact.
+_EDGE_SPRINGS = 2
 
 
 class NotNestedError(Exception):
@@ -171,8 +171,9 @@ class SpringBed:
         force = float(self.stiffness[:touched] @ load[:touched])
         if touched == self.size:
             return Answer(load, force, displacement, self.full_width)
-        width = self._width(trial, touched, shrinks=displacement < before)
-        return Answer(load, force + self._edge_force(trial, touched, width), displacement, width)
+        share = self._share(trial, touched, shrinks=displacement < before)
+        force += self._edge_force(trial, touched, share)
+        return Answer(load, force, displacement, self._width(touched, share))
 
     def push(self, history: Array, compliance: float, force: float, before: float) -> Answer:
         """Solve at a prescribed force; at zero force the indenter just touches.
@@ -189,62 +190,103 @@ class SpringBed:
             return Answer(np.zeros(self.size), 0.0, float(threshold.min()), 0.0)
         if np.any(np.diff(threshold) < -_NESTED_TOLERANCE * np.abs(threshold).max()):
             raise NotNestedError
-        # The force of the plain sum is piecewise linear in the displacement: invert it exactly.
         threshold = np.maximum.accumulate(threshold)
+        answer = self.press(
+            history, compliance, self._inverse(threshold, compliance, force), before
+        )
+        return answer._replace(force=force)
+
+    def _inverse(self, threshold: Array, compliance: float, force: float) -> float:
+        """Displacement at which springs with these thresholds carry the force.
+
+        Newton's method within a bracket; the force is continuous and made of a plain sum, which is
+        piecewise linear, and the edge's small part.
+        """
         stiffness = np.cumsum(self.stiffness)
-        at_next = np.cumsum(stiffness[:-1] * np.diff(threshold))
+        moment = np.cumsum(self.stiffness * threshold)
         target = force * compliance
-        inner = int(np.searchsorted(at_next, target))
-        start = float(at_next[inner - 1]) if inner else 0.0
-        displacement = float(threshold[inner] + (target - start) / stiffness[inner])
-        # The edge adds a little; its slope is small against the stiffness.
-        answer = self.press(history, compliance, displacement, before)
-        best, miss = answer, abs(answer.force - force)
+
+        def excess(displacement: float) -> tuple[float, float]:
+            touched = max(int(np.searchsorted(threshold, displacement)), 1)
+            slope = float(stiffness[touched - 1])
+            plain = slope * displacement - float(moment[touched - 1])
+            if touched < self.size:
+                trial = displacement - threshold
+                share = self._smooth_share(trial, touched)
+                plain += self._edge_force(trial, touched, share)
+            return plain - target, slope
+
+        low, high = float(threshold[0]), np.inf
+        displacement = low + target / float(stiffness[-1])
         for _ in range(_EDGE_ITERATIONS):
-            if miss <= _EDGE_TOLERANCE * force:
+            miss, slope = excess(displacement)
+            if abs(miss) <= _EDGE_TOLERANCE * target:
                 break
-            displacement += (force - answer.force) * compliance / float(stiffness[inner])
-            answer = self.press(history, compliance, displacement, before)
-            if abs(answer.force - force) < miss:
-                best, miss = answer, abs(answer.force - force)
-        return best._replace(force=force)
+            low, high = (displacement, high) if miss < 0.0 else (low, displacement)
+            displacement -= miss / slope
+            if not low < displacement < high:
+                displacement = 0.5 * (low + high) if np.isfinite(high) else 2.0 * low
+            if np.isfinite(high) and high - low <= _EDGE_TOLERANCE * abs(high):
+                break
+        return displacement
 
-    def _edge_force(self, trial: Array, touched: int, width: float) -> float:
-        """Force between the plain sum over the springs and the integral up to the edge."""
-        if not self.is_smooth:
-            return 0.0
+    def _smooth_share(self, trial: Array, touched: int) -> float:
+        """Where between two springs the edge lies, continuous as springs come and go.
+
+        The distances from the inner and the outer spring to where the loads of either side, linear
+        in the gap, reach zero; they add up to the cell in a contact that neither relaxes nor
+        recovers. Less accurate than :meth:`_share`, which jumps where springs come and go.
+        """
         inner, outer = touched - 1, touched
-        place = (width - float(self.edge[inner])) / float(self.edge[outer] - self.edge[inner])
-        weight = (1.0 - place) * self.stiffness[inner] + place * self.stiffness[outer]
-        bernoulli = place * (place - 1.0) + _B2
-        if inner == 0:
-            # The first spring comes in without a jump of force.
-            return 0.5 * float(bernoulli * weight * trial[0] * place / max(place, _FIRST_SHARE))
-        # Loads inside, continued outwards: springs outside answer with the step's own compliance.
-        cell = float(self.gap[outer] - self.gap[inner])
-        slope = (trial[inner - 1] - trial[inner]) / float(self.gap[inner] - self.gap[inner - 1])
-        return 0.5 * float(bernoulli * weight * slope) * cell
+        if touched < _EDGE_SPRINGS or outer + 1 == self.size:
+            return float(trial[inner] / (trial[inner] - trial[outer]))
+        inside = self._rest(trial, inner - 1, inner)
+        outside = -self._rest(trial, outer, outer + 1)
+        return inside / max(inside + outside, 1e-300)
 
-    def _width(self, trial: Array, touched: int, *, shrinks: bool) -> float:
-        """Contact half width: where the load, linear in the gap, reaches zero.
+    def _share(self, trial: Array, touched: int, *, shrinks: bool) -> float:
+        """Where between two springs (0 to 1 in the gap) the load, linear in the gap, reaches zero.
 
         While the contact grows, the springs outside tell (those inside have just begun to relax,
         at different rates); while it shrinks, the springs inside do (those outside have just begun
         to recover).
         """
         inner, outer = touched - 1, touched
-        square = self.edge[inner : outer + 1] ** 2
         cell = float(self.gap[outer] - self.gap[inner])
         if not self.is_smooth or cell <= 0.0:
-            beyond = float(trial[inner] / (trial[inner] - trial[outer]))
+            share = float(trial[inner] / (trial[inner] - trial[outer]))
         elif shrinks and inner > 0:
-            beyond = self._rest(trial, inner - 1, inner) / cell
+            share = self._rest(trial, inner - 1, inner) / cell
         elif outer + 1 < self.size:
-            beyond = 1.0 + self._rest(trial, outer, outer + 1) / cell
+            share = 1.0 + self._rest(trial, outer, outer + 1) / cell
         else:
-            beyond = self._rest(trial, inner, outer) / cell
-        beyond = min(max(beyond, 0.0), 1.0)
-        return float(np.sqrt(square[0] + beyond * (square[1] - square[0])))
+            share = self._rest(trial, inner, outer) / cell
+        return min(max(share, 0.0), 1.0)
+
+    def _width(self, touched: int, share: float) -> float:
+        """Contact half width of an edge between two springs; the gap grows with its square."""
+        inner, outer = self.edge[touched - 1 : touched + 1] ** 2
+        return float(np.sqrt(inner + share * (outer - inner)))
+
+    def _edge_force(self, trial: Array, touched: int, share: float) -> float:
+        """Force between the plain sum over the springs and the integral up to the edge.
+
+        Continuous as springs come and go, if ``share`` is.
+        """
+        if not self.is_smooth or touched < _EDGE_SPRINGS:
+            return 0.0
+        inner, outer = touched - 1, touched
+        length = float(self.edge[outer] - self.edge[inner])
+        place = (self._width(touched, share) - float(self.edge[inner])) / length
+        weight = (1.0 - place) * self.stiffness[inner] + place * self.stiffness[outer]
+        half_bernoulli = 0.5 * (place * (place - 1.0) + _B2) * float(weight)
+        if touched == _EDGE_SPRINGS:
+            # It comes in without a jump of force.
+            half_bernoulli *= share
+        # Loads inside, continued outwards: springs outside answer with the step's own compliance.
+        cell = float(self.gap[outer] - self.gap[inner])
+        slope = (trial[inner - 1] - trial[inner]) / float(self.gap[inner] - self.gap[inner - 1])
+        return half_bernoulli * ((1.0 - share) * float(slope) * cell + float(trial[inner]))
 
     def _rest(self, trial: Array, first: int, second: int) -> float:
         """Gap (m) from the pair's nearer end to where its loads, on one line, are zero."""

@@ -42,7 +42,7 @@ _SHRINK, _GROW = 0.1, 4.0
 _UNNESTED_STEPS = 8
 # A last step shorter than this part of the one before is merged into it.
 _MERGE = 1.001
-_MAX_STEPS_PER_INTERVAL = 200_000
+_MAX_STEPS_PER_INTERVAL = 50_000
 _CACHED_WEIGHTS = 256
 
 
@@ -99,6 +99,7 @@ class March:
     _scale: float = 0.0
     _softest: float = np.nan
     _highest: float = -np.inf
+    _deepest: float = 1e-300
     _held: int = 0
 
     def run(self, time: Array, value: Array) -> Iterator[State]:
@@ -267,8 +268,9 @@ class March:
         force = max(halves.force, self._scale, 1e-300)
         error = float(self.contact.weights @ difference) / force
         if self.control == "force":
-            approach = max(abs(halves.displacement), 1e-300)
-            error = max(error, abs(whole.displacement - halves.displacement) / approach)
+            # Against the deepest approach: without load the surface recovers towards none.
+            self._deepest = max(self._deepest, halves.displacement)
+            error = max(error, abs(whole.displacement - halves.displacement) / self._deepest)
         return error / (self.rtol or 1.0)
 
     def _raise_scale(self, value: float) -> None:
