@@ -1,0 +1,115 @@
+"""Known materials that sweeps are made from, shared by the tests of this folder."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import xarray as xr
+
+GAS_LN10 = 8.314462618 * np.log(10.0)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A material with its shift law: E(ω, T) = b_T E(a_T ω, T_ref), and what a rig makes of it."""
+
+    T_ref: float
+    modulus: Callable[[np.ndarray], np.ndarray]
+    shift: Callable[[np.ndarray], np.ndarray]
+    lognormal: bool = False
+    delay: float = 0.0
+    is_entropic: bool = False
+    temperature: tuple[float, ...] = tuple(np.linspace(-40.0, 120.0, 12))
+    frequency: tuple[float, ...] = tuple(np.logspace(-1, 1, 11))
+
+    @property
+    def log10_aT(self) -> np.ndarray:
+        return self.shift(np.array(self.temperature)) - self.shift(np.array(self.T_ref))
+
+    @property
+    def b_T(self) -> np.ndarray:
+        kelvin = np.array(self.temperature) + 273.15
+        return kelvin / (self.T_ref + 273.15) if self.is_entropic else np.ones(kelvin.size)
+
+    def clean(self) -> np.ndarray:
+        """Complex modulus over (temperature, frequency), without the instrument."""
+        omega = 2 * np.pi * np.array(self.frequency)
+        return self.b_T[:, None] * self.modulus(omega * 10.0 ** self.log10_aT[:, None])
+
+    def sweeps(self, seed: int, storage: float = 0.02, loss: float = 0.02) -> xr.Dataset:
+        """Dataset with relative noise on either modulus."""
+        rng = np.random.default_rng(seed)
+        phase = 2 * np.pi * np.array(self.frequency) * self.delay
+        measured = self.clean() * np.exp(1j * phase)
+        noise = [level * rng.standard_normal(measured.shape) for level in (storage, loss)]
+        factors = [np.exp(n) if self.lognormal else 1 + n for n in noise]
+        dims = ("temperature", "frequency")
+        return xr.Dataset(
+            {
+                "storage": (dims, measured.real * factors[0], {"units": "Pa"}),
+                "loss": (dims, measured.imag * factors[1], {"units": "Pa"}),
+            },
+            coords={
+                "temperature": ("temperature", np.array(self.temperature), {"units": "degC"}),
+                "frequency": ("frequency", np.array(self.frequency), {"units": "Hz"}),
+            },
+        )
+
+
+def maxwell_sum(omega):
+    """Twenty terms, 1e-10 to 1e2 s, 8 MPa to 3 GPa, two loss peaks."""
+    rho = np.logspace(-10, 2, 20)
+    x = np.log10(rho)
+    weight = np.exp(-0.5 * ((x + 6.0) / 1.6) ** 2)
+    weight = weight + 0.12 * np.exp(-0.5 * ((x + 0.5) / 1.1) ** 2) + 0.004
+    weight = weight / weight.sum() * (3e9 - 8e6)
+    z = 1j * omega[..., None] * rho
+    return 8e6 + (z / (1 + z)) @ weight
+
+
+def wlf_law(T):
+    return -15.0 * (T - 40.0) / (250.0 + T - 40.0)
+
+
+def fractional_elements(omega):
+    """Two fractional Zener elements: not a sum of exponentials."""
+    total = 12e6 + 0j
+    for strength, time, exponent in ((1.9e9, 3e-5, 0.32), (7e8, 2e-1, 0.55)):
+        z = (1j * omega * time) ** exponent
+        total = total + strength * z / (1 + z)
+    return total
+
+
+def kinked_law(T):
+    """Arrhenius below 30 °C, WLF above."""
+    cold = 150e3 / GAS_LN10 * (1 / (T + 273.15) - 1 / 303.15)
+    return np.where(T < 30, cold, -11.0 * (T - 30) / (130.0 + np.maximum(T, 30) - 30))
+
+
+@pytest.fixture(scope="session")
+def maxwell_truth():
+    return Truth(60.0, maxwell_sum, wlf_law)
+
+
+@pytest.fixture(scope="session")
+def fractional_truth():
+    return Truth(40.0, fractional_elements, kinked_law, lognormal=True)
+
+
+@pytest.fixture(scope="session")
+def melt_truth():
+    """A liquid: power-law spectrum that ends, no relaxed modulus."""
+    rho = np.logspace(-10, 1, 23)
+    weight = 10 ** (-0.3 * (np.log10(rho) + 10))
+    weight = weight / weight.sum() * 2e9
+
+    def modulus(omega):
+        z = 1j * omega[..., None] * rho
+        return (z / (1 + z)) @ weight
+
+    return Truth(60.0, modulus, wlf_law)
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,446 @@
+"""Master curves against materials that are known, and against sweeps that are spoilt."""
+
+import pickle
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe.errors import InputError
+from labpipe.materials import master_curve
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def error(curve, truth):
+    return rms(curve.log10_aT.values - truth.log10_aT)
+
+
+@pytest.fixture(scope="module")
+def curve(maxwell_truth):
+    return master_curve(maxwell_truth.sweeps(5), T_ref=60.0)
+
+
+def test_shifts_and_spectrum_of_a_known_material(curve, maxwell_truth):
+    assert error(curve, maxwell_truth) < 0.034
+    z = (curve.log10_aT.values - maxwell_truth.log10_aT) / curve.u_log10_aT.values
+    assert rms(z) < 2
+    omega = 2 * np.pi * curve.curve["reduced_frequency"].values
+    exact = maxwell_truth.modulus(omega)
+    assert rms(curve.curve["storage"].values / exact.real - 1) < 0.02
+    assert rms(curve.curve["loss"].values / exact.imag - 1) < 0.03
+    assert (curve.vertical, curve.delay, float(curve.level.max())) == ("none", 0.0, 1.0)
+    assert curve.kramers_kronig.verdict == "pass"
+    assert curve.warnings == ()
+    assert curve.noise["storage"] == pytest.approx(0.02, rel=0.25)
+
+
+def test_fit_in_the_frame_of_the_measurement(curve, maxwell_truth):
+    exact = maxwell_truth.clean()
+    storage = curve.data["storage_fitted"].values / exact.real - 1
+    loss = curve.data["loss_fitted"].values / exact.imag - 1
+    assert (rms(storage), rms(loss)) < (0.007, 0.010)
+    assert np.abs(storage).max() < 0.03
+    assert np.abs(loss).max() < 0.05
+    omega = 2 * np.pi * np.array(maxwell_truth.frequency)
+    shifted = curve.prony.shifted(10.0 ** float(curve.log10_aT[3])).complex_modulus(omega)
+    np.testing.assert_allclose(shifted.real, curve.data["storage_fitted"][3], rtol=1e-9)
+
+
+def test_bands_hold_the_truth(curve, maxwell_truth):
+    omega = 2 * np.pi * curve.curve["reduced_frequency"].values
+    exact = maxwell_truth.modulus(omega)
+    z = (curve.curve["storage"].values - exact.real) / curve.curve["u_storage"].values
+    assert np.mean(np.abs(z) < 1.96) > 0.8
+
+
+def test_terms_outside_the_covered_window_are_marked(curve):
+    covered = curve.data["reduced_frequency"]
+    low, high = 1 / (2 * np.pi * float(covered.max())), 1 / (2 * np.pi * float(covered.min()))
+    rho = curve.terms["rho"].values
+    np.testing.assert_array_equal(curve.terms["extrapolated"], (rho < low) | (rho > high))
+    assert curve.terms["extrapolated"].any()
+    assert not curve.terms["extrapolated"].all()
+
+
+def test_reference_temperature_may_lie_between_isotherms(curve, maxwell_truth):
+    assert 60.0 not in maxwell_truth.temperature
+    moved = master_curve(maxwell_truth.sweeps(5), T_ref=maxwell_truth.temperature[4])
+    assert float(moved.log10_aT[4]) == 0
+    assert float(moved.u_log10_aT[4]) == 0
+    difference = moved.log10_aT.values - curve.log10_aT.values
+    assert np.ptp(difference) < 1e-3
+
+
+def test_order_of_temperatures_and_frequencies_does_not_matter(curve, maxwell_truth):
+    order = np.random.default_rng(0).permutation(12)
+    sweeps = maxwell_truth.sweeps(5).isel(temperature=order, frequency=slice(None, None, -1))
+    shuffled = master_curve(sweeps.transpose("frequency", "temperature"), T_ref=60.0)
+    np.testing.assert_allclose(shuffled.log10_aT.values, curve.log10_aT.values[order], atol=2e-4)
+
+
+def test_other_truth_that_is_no_sum_of_exponentials(fractional_truth):
+    for seed in (1, 2):
+        found = quiet(fractional_truth.sweeps(seed), T_ref=40.0)
+        assert error(found, fractional_truth) < 0.06
+        exact = fractional_truth.clean()
+        assert rms(found.data["storage_fitted"].values / exact.real - 1) < 0.007
+        assert rms(found.data["loss_fitted"].values / exact.imag - 1) < 0.011
+
+
+def test_liquid_has_no_relaxed_modulus(melt_truth):
+    found = quiet(melt_truth.sweeps(3), T_ref=60.0)
+    assert error(found, melt_truth) < 0.03
+    assert found.prony.E_relaxed < 1e-3 * found.prony.E_unrelaxed
+
+
+def test_law_inside_the_fit_is_sharper_and_returns_its_constants(maxwell_truth):
+    runs = [master_curve(maxwell_truth.sweeps(k), T_ref=60.0, law="wlf") for k in range(5, 9)]
+    assert np.mean([error(run, maxwell_truth) for run in runs]) < 0.018
+    found = runs[0]
+    # The law about 40 °C with C1 = 15, C2 = 250 is the one about 60 °C with C2 = 270.
+    assert pytest.approx(270.0, abs=4 * found.law.u_C2) == found.law.C2
+    assert pytest.approx(15 * 250 / 270, abs=4 * found.law.u_C1) == found.law.C1
+    assert 0 < found.law.u_C2 < 10
+
+
+def test_law_reaches_beyond_the_measured_temperatures(maxwell_truth):
+    found = master_curve(maxwell_truth.sweeps(5), T_ref=140.0, law="wlf")
+    expected = maxwell_truth.log10_aT - (maxwell_truth.shift(140.0) - maxwell_truth.shift(60.0))
+    assert rms(found.log10_aT.values - expected) < 0.06
+
+
+def test_law_that_does_not_hold_is_named(maxwell_truth):
+    with pytest.warns(UserWarning, match="the arrhenius law does not hold"):
+        master_curve(maxwell_truth.sweeps(5), T_ref=60.0, law="arrhenius", vertical="none")
+
+
+def test_both_laws_are_fitted_to_free_shifts(curve):
+    assert set(curve.laws) == {"wlf", "arrhenius"}
+    assert curve.law.name == "wlf"
+    wlf, arrhenius = curve.laws["wlf"], curve.laws["arrhenius"]
+    assert wlf.chi_square / wlf.freedom < 4
+    assert arrhenius.chi_square / arrhenius.freedom > 20
+
+
+def test_noise_levels_are_estimated_apart(maxwell_truth):
+    sweeps = maxwell_truth.sweeps(7, storage=0.01, loss=0.08)
+    found = quiet(sweeps, T_ref=60.0)
+    assert found.noise["storage"] == pytest.approx(0.01, rel=0.3)
+    assert found.noise["loss"] == pytest.approx(0.08, rel=0.3)
+    assert error(found, maxwell_truth) < 0.04
+    equal = quiet(sweeps, T_ref=60.0, noise_ratio=1.0)
+    assert equal.noise["storage"] == pytest.approx(equal.noise["loss"])
+
+
+def test_delay_of_the_instrument_is_found_and_taken_out(maxwell_truth):
+    late = replace(maxwell_truth, delay=200e-6)
+    found = master_curve(late.sweeps(4), T_ref=60.0)
+    assert found.delay == pytest.approx(200e-6, abs=4 * found.u_delay)
+    assert found.u_delay < 40e-6
+    assert error(found, late) < 0.04
+    without = quiet(late.sweeps(4), T_ref=60.0, delay=False, vertical="none", levels=False)
+    assert without.delay == 0
+    assert error(without, late) > error(found, late)
+
+
+def test_entropic_factor_is_found(maxwell_truth):
+    rubber = replace(maxwell_truth, is_entropic=True)
+    found = master_curve(rubber.sweeps(4), T_ref=60.0)
+    assert found.vertical in ("rho_T", "linear")
+    np.testing.assert_allclose(found.b_T.values, rubber.b_T, atol=0.02)
+    assert error(found, rubber) < 0.06
+    without = quiet(rubber.sweeps(4), T_ref=60.0, vertical="none", levels=False)
+    assert error(without, rubber) > 0.2
+
+
+def test_levels_of_sweeps_are_kept_apart_from_the_law(maxwell_truth):
+    sweeps = maxwell_truth.sweeps(8, storage=0.005, loss=0.005)
+    levels = np.exp(0.04 * np.random.default_rng(1).standard_normal(12))
+    for name in ("storage", "loss"):
+        sweeps[name] = (sweeps[name] * levels[:, None]).assign_attrs(units="Pa")
+    found = quiet(sweeps, T_ref=60.0)
+    assert np.corrcoef(found.level.values, levels)[0, 1] > 0.9
+    assert error(found, maxwell_truth) < 0.1
+    blind = quiet(sweeps, T_ref=60.0, levels=False)
+    assert error(found, maxwell_truth) < error(blind, maxwell_truth)
+
+
+def test_single_outliers_do_not_matter(maxwell_truth):
+    sweeps = maxwell_truth.sweeps(5)
+    sweeps["storage"][4, 5] *= 1.5
+    sweeps["loss"][8, 2] *= 0.2
+    sweeps["storage"][0, 0] *= 0.8
+    assert error(quiet(sweeps, T_ref=60.0), maxwell_truth) < 0.034
+    assert error(quiet(sweeps, T_ref=60.0, robust=False), maxwell_truth) > 0.034
+
+
+def test_hand_set_shifts_are_refined_or_kept(curve, maxwell_truth):
+    rough = maxwell_truth.log10_aT + 0.3 * np.random.default_rng(2).standard_normal(12)
+    refined = master_curve(maxwell_truth.sweeps(5), T_ref=60.0, shifts=rough + 7.0)
+    np.testing.assert_allclose(refined.log10_aT, curve.log10_aT, atol=0.02)
+    kept = quiet(maxwell_truth.sweeps(5), T_ref=60.0, shifts=rough, refine=False)
+    assert np.ptp(kept.log10_aT.values - rough) < 1e-12
+    assert float(kept.u_log10_aT.max()) < 0.2
+
+
+def test_material_at_another_temperature(curve, maxwell_truth):
+    omega = np.array([1.0, 10.0])
+    exact = maxwell_truth.modulus(
+        omega * 10.0 ** (maxwell_truth.shift(39.0) - maxwell_truth.shift(60.0))
+    )
+    found = curve.at(39.0).complex_modulus(omega)
+    np.testing.assert_allclose(found.real, exact.real, rtol=0.03)
+    np.testing.assert_allclose(found.imag, exact.imag, rtol=0.04)
+
+
+def test_result_is_one_dataset_with_units(curve, tmp_path):
+    stored = curve.to_dataset()
+    for name in stored.data_vars:
+        assert "units" in stored[name].attrs, name
+        assert "long_name" in stored[name].attrs, name
+    stored.to_netcdf(tmp_path / "curve.nc")
+    with xr.open_dataset(tmp_path / "curve.nc") as again:
+        np.testing.assert_array_equal(again["log10_aT"], curve.log10_aT)
+
+
+def test_result_is_deterministic_and_travels(curve, maxwell_truth):
+    again = master_curve(maxwell_truth.sweeps(5), T_ref=60.0)
+    np.testing.assert_array_equal(again.log10_aT, curve.log10_aT)
+    assert pickle.loads(pickle.dumps(curve)).prony == curve.prony  # noqa: S301
+
+
+def test_units_of_the_modulus_do_not_change_the_shifts(curve, maxwell_truth):
+    sweeps = maxwell_truth.sweeps(5)
+    for name in ("storage", "loss"):
+        sweeps[name] = (sweeps[name] * 1e-9).assign_attrs(units="Pa")
+    small = master_curve(sweeps, T_ref=60.0)
+    np.testing.assert_allclose(small.log10_aT, curve.log10_aT, atol=1e-6)
+
+
+def quiet(sweeps, **options):
+    """Run with the limits of the data expected; they are tested by name elsewhere."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        return master_curve(sweeps, **options)
+
+
+def changed(truth, change):
+    sweeps = truth.sweeps(5)
+    change(sweeps)
+    return sweeps
+
+
+def test_repeated_temperature_keeps_two_shifts_and_says_so(maxwell_truth):
+    twice = xr.concat(
+        [maxwell_truth.sweeps(5), maxwell_truth.sweeps(6).isel(temperature=[4])], "temperature"
+    )
+    with pytest.warns(UserWarning, match="measured more than once"):
+        found = master_curve(twice, T_ref=60.0)
+    assert found.log10_aT.sizes["temperature"] == 13
+    first, second = float(found.log10_aT[4]), float(found.log10_aT[12])
+    assert abs(first - second) < 0.1
+    assert abs(first - second) > 0
+
+
+def test_same_temperature_throughout_is_no_master_curve_but_fits(maxwell_truth):
+    same = xr.concat(
+        [maxwell_truth.sweeps(seed).isel(temperature=[4]) for seed in range(3)], "temperature"
+    )
+    with pytest.warns(UserWarning, match="measured more than once"):
+        found = master_curve(same)
+    assert np.abs(found.log10_aT.values).max() < 0.1
+
+
+def test_one_temperature_fits_its_own_spectrum(maxwell_truth):
+    one = maxwell_truth.sweeps(5).isel(temperature=[4])
+    with pytest.warns(UserWarning, match="one temperature only"):
+        found = master_curve(one)
+    assert (float(found.log10_aT[0]), float(found.u_log10_aT[0])) == (0, 0)
+    omega = 2 * np.pi * one["frequency"].values
+    exact = maxwell_truth.clean()[4]
+    np.testing.assert_allclose(found.prony.complex_modulus(omega).real, exact.real, rtol=0.03)
+    with pytest.raises(InputError, match="cannot be shifted"):
+        master_curve(one, T_ref=60.0)
+
+
+def test_two_temperatures_give_their_step(maxwell_truth):
+    found = quiet(maxwell_truth.sweeps(5).isel(temperature=[4, 5]))
+    step = float(found.log10_aT[0] - found.log10_aT[1])
+    assert step == pytest.approx(maxwell_truth.log10_aT[4] - maxwell_truth.log10_aT[5], abs=0.06)
+
+
+def test_sweeps_without_overlap_are_said_and_doubted(maxwell_truth):
+    far = maxwell_truth.sweeps(5).isel(temperature=[2, 9])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = master_curve(far)
+    assert any("no overlap between -10.9091 and 90.9091 °C" in str(w.message) for w in caught)
+    step = float(found.overlap["step"][0])
+    exact = maxwell_truth.log10_aT[2] - maxwell_truth.log10_aT[9]
+    assert float(found.overlap["overlap"][0]) < -1
+    assert abs(step - exact) < 3 * float(found.overlap["u_step"][0])
+
+
+def test_stiff_glass_is_barely_determined_and_says_so(maxwell_truth):
+    flat = maxwell_truth.sweeps(5)
+    rng = np.random.default_rng(0)
+    for k in range(3):
+        flat["storage"][k] = 3e9 * (1 + 0.02 * rng.standard_normal(11))
+        flat["loss"][k] = 2e7 * (1 + 0.2 * rng.standard_normal(11))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = master_curve(flat, T_ref=60.0)
+    assert any("barely determine" in str(w.message) for w in caught)
+    assert float(found.u_log10_aT[0]) > 0.15
+    assert not bool(found.overlap["determined"][0])
+
+
+def test_missing_points_are_left_out(maxwell_truth):
+    sweeps = maxwell_truth.sweeps(5)
+    missing = np.random.default_rng(1).random(sweeps["storage"].shape) < 0.4
+    for name in ("storage", "loss"):
+        sweeps[name] = sweeps[name].where(~missing)
+    found = quiet(sweeps, T_ref=60.0)
+    assert error(found, maxwell_truth) < 0.06
+    assert found.work["points"] == int((~missing).sum())
+    np.testing.assert_array_equal(np.isnan(found.data["storage_fitted"]), missing)
+
+
+def test_sweep_without_a_valid_point_has_no_shift(maxwell_truth):
+    def blank(sweeps):
+        sweeps["storage"][0] = np.nan
+        sweeps["loss"][0] = np.nan
+
+    with pytest.warns(UserWarning, match="no valid point at -40 °C"):
+        found = master_curve(changed(maxwell_truth, blank), T_ref=60.0)
+    assert np.isnan(found.log10_aT.values).tolist() == [True] + 11 * [False]
+    assert np.isnan(found.covariance.values[0]).all()
+
+
+def test_half_a_point_is_left_out_and_said(maxwell_truth):
+    def half(sweeps):
+        sweeps["loss"][3, 2] = np.nan
+
+    with pytest.warns(UserWarning, match=r"only one of the two moduli.*3.63636 °C, 0.2512 Hz"):
+        found = master_curve(changed(maxwell_truth, half), T_ref=60.0)
+    assert found.work["points"] == 131
+
+
+def test_single_negative_loss_is_left_out_and_said(maxwell_truth):
+    def negative(sweeps):
+        sweeps["loss"][2, 3] = -1.0
+
+    with pytest.warns(UserWarning, match="loss modulus zero or negative at 1 points"):
+        found = master_curve(changed(maxwell_truth, negative), T_ref=60.0)
+    assert error(found, maxwell_truth) < 0.034
+
+
+def test_storage_that_falls_with_frequency_is_named(maxwell_truth):
+    def resonance(sweeps):
+        sweeps["storage"][5, -3:] *= np.array([0.9, 0.7, 0.5])
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        master_curve(changed(maxwell_truth, resonance), T_ref=60.0)
+    assert any(
+        "falls with frequency" in str(w.message) and "32.7" in str(w.message) for w in caught
+    )
+
+
+def set_value(name, value):
+    def change(sweeps):
+        sweeps[name][2, 3] = value
+
+    return change
+
+
+def set_unit(name, unit):
+    return lambda sweeps: sweeps[name].attrs.update(units=unit)
+
+
+def negate_loss(sweeps):
+    sweeps["loss"] = (-sweeps["loss"]).assign_attrs(units="Pa")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (set_value("storage", -1.0), r"storage modulus zero, negative.*-10.9091 °C, 0.3981 Hz"),
+        (set_value("storage", np.inf), "infinite at 1 points"),
+        (negate_loss, "132 of 132 points.*sign convention"),
+        (set_unit("storage", "MPa"), '"storage" is in "MPa", expected "Pa"'),
+        (set_unit("temperature", "K"), '"temperature" is in "K", expected "degC"'),
+        (set_unit("frequency", "rad/s"), '"frequency" is in "rad/s", expected "Hz"'),
+    ],
+)
+def test_unusable_sweeps_are_refused(maxwell_truth, change, message):
+    with pytest.raises(InputError, match=message):
+        master_curve(changed(maxwell_truth, change))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"T_ref": 200.0}, r"T_ref = 200 °C lies outside the measured -40 to 120 °C.*law"),
+        ({"T_ref": np.nan}, "T_ref = nan"),
+        ({"law": "vogel"}, "law = 'vogel' is unknown"),
+        ({"vertical": "free"}, "vertical = 'free' is unknown"),
+        ({"delay": 3}, "delay = 3 is unknown"),
+        ({"levels": "yes"}, "levels = 'yes' is unknown"),
+        ({"noise_ratio": -1.0}, "noise_ratio = -1.0"),
+        ({"shifts": [1.0, 2.0]}, "each of the 12 temperatures"),
+    ],
+)
+def test_unknown_options_are_refused(maxwell_truth, options, message):
+    with pytest.raises(InputError, match=message):
+        master_curve(maxwell_truth.sweeps(5), **options)
+
+
+def test_missing_variables_and_dimensions_are_named(maxwell_truth):
+    sweeps = maxwell_truth.sweeps(5)
+    with pytest.raises(InputError, match="lack loss"):
+        master_curve(sweeps.drop_vars("loss"))
+    with pytest.raises(InputError, match="has dimensions"):
+        master_curve(sweeps.isel(frequency=0))
+    with pytest.raises(InputError, match="only 1 points"):
+        master_curve(sweeps.isel(frequency=[0], temperature=[0]))
+    with pytest.raises(InputError, match="positive, finite"):
+        master_curve(sweeps.assign_coords(frequency=-sweeps["frequency"]).assign_attrs())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("truth", "limits"),
+    [("maxwell_truth", (0.034, 0.075)), ("fractional_truth", (0.027, 0.095))],
+)
+def test_goals_over_many_seeds(truth, limits, request):
+    known = request.getfixturevalue(truth)
+    errors, z = [], []
+    for seed in range(2000, 2200):
+        found = quiet(known.sweeps(seed), T_ref=known.T_ref)
+        errors.append(error(found, known))
+        z.append((found.log10_aT.values - known.log10_aT) / found.u_log10_aT.values)
+        assert (found.vertical, found.delay) == ("none", 0.0)
+    assert np.mean(errors) < limits[0]
+    assert np.max(errors) < limits[1]
+    assert 0.93 <= np.mean(np.abs(z) < 1.96) <= 0.985
+
+
+@pytest.mark.slow
+def test_goals_of_the_law_and_the_variants(maxwell_truth):
+    def mean_error(truth, seeds=range(3000, 3030), **options):
+        noise = options.pop("noise", (0.02, 0.02))
+        return np.mean(
+            [error(quiet(truth.sweeps(s, *noise), T_ref=60.0, **options), truth) for s in seeds]
+        )
+
+    assert mean_error(maxwell_truth, law="wlf") < 0.018
+    assert mean_error(maxwell_truth, noise=(0.01, 0.08)) < 0.035
+    assert mean_error(replace(maxwell_truth, delay=200e-6)) < 0.04
+    assert mean_error(replace(maxwell_truth, is_entropic=True)) < 0.06
+    assert mean_error(replace(maxwell_truth, is_entropic=True), vertical="linear") < 0.06
