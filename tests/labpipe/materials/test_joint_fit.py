@@ -1,0 +1,117 @@
+"""Derivatives of the joint fit against differences, and noise levels against known ones."""
+
+import numpy as np
+import pytest
+
+from labpipe.materials.joint_fit import evaluate, grid_for, minimise, sensitivity, total_cost
+from labpipe.materials.noise import Noise, next_noise, scatter_of_sweeps
+from labpipe.materials.outer_model import OuterModel, expected_shifts
+from labpipe.materials.shift_start import overlapped_shifts, scanned_shifts
+from labpipe.materials.sweep_data import read_sweeps
+
+
+@pytest.fixture(scope="module")
+def points(maxwell_truth):
+    return read_sweeps(maxwell_truth.sweeps(5)).points
+
+
+def model_of(truth, **options):
+    shifts = truth.log10_aT
+    reference = 7
+    return OuterModel(
+        temperature=np.array(truth.temperature),
+        T_ref=60.0,
+        reference=reference,
+        given=shifts - shifts[reference],
+        delay_unit=1 / 63.0,
+        **options,
+    )
+
+
+@pytest.mark.parametrize("horizontal", ["free", "wlf", "arrhenius"])
+@pytest.mark.parametrize("vertical", ["none", "rho_T", "quadratic"])
+def test_sensitivity_is_the_derivative_of_the_prediction(
+    points, maxwell_truth, horizontal, vertical
+):
+    model = model_of(
+        maxwell_truth, horizontal=horizontal, vertical=vertical, has_delay=True, level_spread=0.02
+    )
+    state = model.start()
+    weight = 1 / np.concatenate([points.storage, points.loss])
+    grid = grid_for(points, state, 3, 0.7)
+    fit = evaluate(points, weight, grid, state, 10.0)
+    change = sensitivity(points, fit, model)
+    assert change.shape == (264, model.size)
+    rng = np.random.default_rng(0)
+    direction = rng.standard_normal(model.size) * (1e-6 if horizontal == "wlf" else 1e-5)
+    if horizontal == "arrhenius":
+        direction[0] = 1.0
+
+    up = held(points, fit, model.state(state.parameters + direction), weight)
+    down = held(points, fit, model.state(state.parameters - direction), weight)
+    np.testing.assert_allclose((up - down) / 2, change @ direction, rtol=1e-4, atol=1e-9)
+
+
+def held(points, fit, state, weight):
+    """Weighted prediction of a fit's spectrum at another state, written out."""
+    times = np.exp(fit.grid.ln_time)
+    weights = fit.solution.coefficient * fit.grid.scale
+    omega = points.omega * 10.0 ** state.log10_aT[points.isotherm]
+    x = 1j * omega[:, None] * times
+    value = weights[-1] + (x / (1 + x)) @ weights[:-1]
+    value = value * np.exp(state.ln_bT[points.isotherm] + 1j * points.omega * state.delay)
+    return np.concatenate([value.real, value.imag]) * weight
+
+
+def test_both_starts_are_near_and_the_fit_improves_them(points, maxwell_truth):
+    model = model_of(maxwell_truth)
+    zero = np.zeros(12)
+    exact = maxwell_truth.log10_aT - maxwell_truth.log10_aT[-1]
+    weight = 50 / np.concatenate([points.storage, points.loss])
+    for start in (scanned_shifts, overlapped_shifts):
+        shifts = start(points, model.temperature, zero)
+        assert np.abs(shifts - exact).max() < 0.5
+        state = model.state(np.delete(shifts - shifts[7], 7))
+        first = evaluate(points, weight, grid_for(points, state, 3, 1.5), state, 100.0)
+        fit = minimise(points, weight, first, model)
+        assert total_cost(fit, model) < total_cost(first, model)
+        truth = exact - exact[7]
+        assert np.sqrt(np.mean((fit.state.log10_aT - truth) ** 2)) < 0.05
+
+
+def test_expectation_is_weak_and_scales_with_the_spacing(maxwell_truth):
+    temperature = np.array(maxwell_truth.temperature)
+    exact = maxwell_truth.log10_aT
+    known = expected_shifts(temperature, exact)
+    assert known.cost(exact) < 12
+    shuffled = np.random.default_rng(0).permutation(12)
+    again = expected_shifts(temperature[shuffled], exact[shuffled])
+    assert again.cost(exact[shuffled]) == pytest.approx(known.cost(exact))
+    # A hundredth of a decade costs next to nothing against data that know it to 0.03.
+    curvature = np.diag(known.rows.T @ known.rows)
+    assert curvature.max() < 0.05 / 0.03**2
+
+
+def test_scatter_of_sweeps_is_the_noise(maxwell_truth, fractional_truth):
+    for truth in (maxwell_truth, fractional_truth):
+        levels = [
+            scatter_of_sweeps(read_sweeps(truth.sweeps(seed, 0.01, 0.05)).points)
+            for seed in range(10)
+        ]
+        assert np.mean([n.storage for n in levels]) == pytest.approx(0.01, rel=0.15)
+        assert np.mean([n.loss for n in levels]) == pytest.approx(0.05, rel=0.15)
+
+
+def test_misfit_beyond_the_scatter_counts_the_same_in_both_moduli():
+    scatter = Noise(0.003, 0.02)
+    exact = next_noise(scatter, (1.0, 1.0), scatter, None)
+    assert (exact.storage, exact.loss) == pytest.approx((0.003, 0.02))
+    poor = next_noise(scatter, (5.0, 2.0), scatter, None)
+    misfit = poor.storage**2 - 0.003**2
+    assert poor.loss**2 - 0.02**2 == pytest.approx(misfit)
+    v_storage, v_loss = (5 * 0.003) ** 2, (2 * 0.02) ** 2
+    assert v_storage / poor.storage**2 + v_loss / poor.loss**2 == pytest.approx(2)
+    better = next_noise(scatter, (0.5, 0.5), scatter, None)
+    assert (better.storage, better.loss) == pytest.approx((0.0015, 0.01))
+    fixed = next_noise(Noise(0.01, 0.02), (1.0, 2.0), scatter, 2.0)
+    assert fixed.loss / fixed.storage == pytest.approx(2)

@@ -1,0 +1,75 @@
+"""The Kramers-Kronig verdict on moduli that belong together, and on moduli that do not."""
+
+import numpy as np
+import pytest
+
+from labpipe.errors import InputError
+from labpipe.materials import kramers_kronig
+
+FREQUENCY = np.logspace(-3, 5, 60)
+
+
+def moduli(truth, noise, seed=1):
+    rng = np.random.default_rng(seed)
+    exact = truth.modulus(2 * np.pi * FREQUENCY)
+    factors = 1 + noise * rng.standard_normal((2, FREQUENCY.size))
+    return exact.real * factors[0], exact.imag * factors[1]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.005, 0.025])
+@pytest.mark.parametrize("name", ["maxwell_truth", "fractional_truth", "melt_truth"])
+def test_moduli_of_one_material_pass(name, noise, request):
+    found = kramers_kronig(FREQUENCY, *moduli(request.getfixturevalue(name), noise))
+    assert found.verdict == "pass"
+    assert found.error_of_loss < 0.01 + 2 * noise
+    assert found.error_of_storage < 0.01 + 2 * noise
+
+
+@pytest.mark.parametrize("name", ["maxwell_truth", "fractional_truth", "melt_truth"])
+@pytest.mark.parametrize(("factor", "verdict"), [(1.1, "warn"), (1.3, "fail"), (0.7, "fail")])
+def test_wrong_calibration_of_the_phase_does_not_pass(name, factor, verdict, request):
+    storage, loss = moduli(request.getfixturevalue(name), 0.025)
+    assert kramers_kronig(FREQUENCY, storage, factor * loss).verdict == verdict
+
+
+def test_rippled_loss_fails(maxwell_truth):
+    storage, loss = moduli(maxwell_truth, 0.01)
+    rippled = loss * (1 + 0.3 * np.sin(np.log(FREQUENCY)))
+    found = kramers_kronig(FREQUENCY, storage, rippled)
+    assert found.verdict == "fail"
+    assert "times what either modulus reaches alone" in found.reason
+
+
+def test_order_does_not_matter(maxwell_truth):
+    storage, loss = moduli(maxwell_truth, 0.01)
+    order = np.random.default_rng(0).permutation(FREQUENCY.size)
+    first = kramers_kronig(FREQUENCY, storage, loss)
+    second = kramers_kronig(FREQUENCY[order], storage[order], loss[order])
+    assert second.ratio == pytest.approx(first.ratio, rel=1e-9)
+
+
+def test_slope_rule_is_close_on_a_broad_clean_material(fractional_truth):
+    curves = kramers_kronig(FREQUENCY, *moduli(fractional_truth, 0.0)).curves
+    ratio = (curves["loss_from_slope"] / curves["loss"]).values[10:-10]
+    assert np.median(np.abs(ratio - 1)) < 0.2
+
+
+def test_too_few_points_are_never_a_pass(maxwell_truth):
+    exact = maxwell_truth.modulus(2 * np.pi * FREQUENCY[:5])
+    found = kramers_kronig(FREQUENCY[:5], exact.real, exact.imag)
+    assert found.verdict == "warn"
+    assert "only 5 points" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        (([1.0, 2.0], [1.0], [1.0, 2.0]), "one length"),
+        (([1.0], [-1.0], [1.0]), "storage: found -1.0"),
+        (([1.0], [1.0], [np.nan]), "loss: found nan"),
+        (([], [], []), "frequency: found nothing"),
+    ],
+)
+def test_bad_arrays_are_refused(arrays, message):
+    with pytest.raises(InputError, match=message):
+        kramers_kronig(*arrays)
