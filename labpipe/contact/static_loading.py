@@ -13,8 +13,8 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from labpipe.contact.hertz import static_approach, static_load
+from labpipe.contact.histories import checked_history
 from labpipe.contact.memory import Creep
-from labpipe.contact.profiles import checked_history
 from labpipe.contact.springs import SpringBed, sphere_bed
 from labpipe.contact.stepping import Control, March
 from labpipe.errors import InputError

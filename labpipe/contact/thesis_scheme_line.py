@@ -20,8 +20,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from labpipe.contact.histories import checked_history
 from labpipe.contact.kernels import LineKernel, line_kernel
-from labpipe.contact.profiles import checked_history, tip_height
+from labpipe.contact.profiles import tip_height
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 

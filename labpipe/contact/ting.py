@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from labpipe.contact.profiles import checked_history
+from labpipe.contact.histories import checked_history
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from labpipe.contact.kernels import line_kernel
 from labpipe.contact.profiles import strip_heights
-from labpipe.contact.springs import NotNestedError, line_bed, line_pressure, sphere_bed
+from labpipe.contact.springs import NotNestedError, sphere_bed
+from labpipe.contact.strips import line_bed, line_pressure
 from labpipe.errors import InputError
 
 PERIOD, RADIUS, ELEMENTS = 8e-3, 2e-3, 256

@@ -1,0 +1,51 @@
+"""The check of a history that a user hands in: which sample is wrong, and what to do."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from labpipe.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+def checked_history(time: ArrayLike, value: ArrayLike, name: str) -> tuple[Array, Array]:
+    """Return a history as two arrays (time,), or say where it is wrong.
+
+    Raises
+    ------
+    InputError
+        Lengths differ, a number is missing or infinite, or time runs backwards.
+
+    Examples
+    --------
+    >>> checked_history([0.0, 1.0], [0.0, float("nan")], "displacement")
+    Traceback (most recent call last):
+    labpipe.errors.InputError: displacement[1] is nan (at 1 s); fill or cut the gap before simulating
+    """  # noqa: E501
+    times, values = np.asarray(time, dtype=float), np.asarray(value, dtype=float)
+    if times.ndim != 1 or times.shape != values.shape or times.size == 0:
+        message = (
+            f"time has the shape {times.shape} and {name} {values.shape}; expected two rows of the "
+            "same length with at least one sample"
+        )
+        raise InputError(message)
+    bad = np.flatnonzero(~np.isfinite(times))
+    if bad.size:
+        message = f"time[{bad[0]}] is {times[bad[0]]}; every sample needs a finite time"
+        raise InputError(message)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        n = bad[0]
+        message = (
+            f"{name}[{n}] is {values[n]} (at {times[n]:g} s); fill or cut the gap before simulating"
+        )
+        raise InputError(message)
+    back = np.flatnonzero(np.diff(times) < 0.0)
+    if back.size:
+        n = back[0] + 1
+        message = (
+            f"time runs backwards at sample {n}: {times[n]:g} s after {times[n - 1]:g} s; "
+            "sort the history (two samples at one time are a jump)"
+        )
+        raise InputError(message)
+    return times, values
