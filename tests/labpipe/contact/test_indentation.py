@@ -161,3 +161,140 @@ def test_work_does_not_depend_on_the_length_of_the_history() -> None:
 def test_bad_histories_are_refused_with_the_place(time, displacement, match) -> None:
     with pytest.raises(InputError, match=match):
         indent(SLS, RADIUS, PERIOD, 1.0, time, displacement)
+
+
+def force_of_profile(slope, half_width: float) -> float:
+    """P/E* of any symmetric profile on the half-plane: ∫ tG(t)/√(s²−t²) λ/π, G = f′/cos(πx/λ)."""
+    s = np.sin(np.pi * half_width / PERIOD)
+    angle = 0.5 * np.pi * (np.arange(4000) + 0.5) / 4000
+    t = s * np.sin(angle)
+    x = PERIOD / np.pi * np.arcsin(t)
+    integrand = t * slope(x) / np.cos(np.pi * x / PERIOD)
+    return float(PERIOD / np.pi * integrand.sum() * 0.5 * np.pi / 4000)
+
+
+@pytest.mark.parametrize(
+    ("profile", "slope"),
+    [
+        ("circle", lambda x: x / np.sqrt(RADIUS**2 - x**2)),
+        ("parabola", lambda x: x / RADIUS),
+        ("cosine", lambda x: PERIOD / (2 * np.pi * RADIUS) * np.sin(2 * np.pi * x / PERIOD)),
+    ],
+)
+@pytest.mark.parametrize("depth", [2e-5, 2e-4, 6e-4])
+def test_force_and_width_of_every_profile_fit_together(profile, slope, depth) -> None:
+    found = indent(elastic(), RADIUS, PERIOD, 1.0, [0.0], [depth], profile=profile)
+    expected = force_of_profile(slope, float(found.contact_half_width[0]))
+    assert float(found.force[0]) == pytest.approx(expected, rel=3e-4 * (2e-5 / depth) ** 0.5)
+
+
+def test_circle_and_parabola_differ_as_stated() -> None:
+    depths = np.array([2e-5, 2e-4])
+    time = np.arange(2.0)
+    circle = indent(elastic(), RADIUS, PERIOD, 1.0, time, depths, profile="circle")
+    parabola = indent(elastic(), RADIUS, PERIOD, 1.0, time, depths)
+    # The circle is the steeper one, so its contact is smaller at the same depth.
+    assert (1.0 - circle.force / parabola.force).values == pytest.approx([2e-4, 7e-3], rel=0.3)
+
+
+@pytest.mark.parametrize(("share", "bound"), [(0.45, 5e-7), (0.48, 5e-6), (0.49, 3e-5)])
+def test_nearly_full_contact_is_right_within_a_bound(share, bound) -> None:
+    angle = np.pi * share
+    force = -(PERIOD**2) / (2 * np.pi * RADIUS) * np.log(np.cos(angle))
+    found = indent_load(elastic(), RADIUS, PERIOD, 1.0, [0.0], [force])
+    assert float(found.contact_half_width[0]) == pytest.approx(share * PERIOD, rel=1e-4)
+    pressed = indent(elastic(), RADIUS, PERIOD, 1.0, [0.0], found.displacement)
+    assert float(pressed.force[0]) == pytest.approx(force, rel=bound)
+
+
+@pytest.mark.parametrize("depth", [PERIOD**2 / (24 * RADIUS) * (1 - 1e-9), 2e-3])
+def test_full_contact_of_a_half_plane_is_refused(depth) -> None:
+    with pytest.raises(InputError, match="closes over the whole period"):
+        indent(SLS, RADIUS, PERIOD, 1.0, [0.0], [depth])
+
+
+def test_full_contact_of_a_layer_is_computed() -> None:
+    found = indent(
+        SLS, RADIUS, PERIOD, 1.0, [0.0], [8e-4], np.zeros(64), thickness=1e-3, outputs=["pressure"]
+    )
+    oedometer = SLS.E_unrelaxed * 0.65 / (1.35 * 0.3)
+    assert float(found.force[0]) == pytest.approx(oedometer * 0.8 * PERIOD, rel=1e-9)
+    assert float(found.contact_half_width[0]) == PERIOD / 2
+
+
+@pytest.mark.parametrize("thickness", [np.inf, 1e-3])
+def test_growing_contact_obeys_lee_and_radok(thickness) -> None:
+    """F = ∫E(t−s) dF_el on any geometry whose contact grows; the width is the elastic one."""
+    time = np.linspace(0.0, 0.2, 401)
+    depth = 1e-3 * time
+    shape = indent(elastic(0.35), RADIUS, PERIOD, 1.0, time, depth, thickness=thickness)
+    found = indent(SLS, RADIUS, PERIOD, 1.0, time, depth, thickness=thickness)
+    steps = np.diff(shape.force.values)
+    middle = 0.5 * (time[1:] + time[:-1])
+    exact = [steps[:n] @ SLS.relaxation(time[n] - middle[:n]) for n in range(401)]
+    assert found.force.values == pytest.approx(exact, abs=2e-5 * exact[-1])
+    assert found.contact_half_width.values == pytest.approx(shape.contact_half_width.values)
+
+
+@pytest.mark.parametrize("thickness", [np.inf, 1e-3])
+def test_step_in_load_creeps_along_the_elastic_curve(thickness) -> None:
+    time = np.array([0.0, 1e-3, 0.01, 0.1, 1.0])
+    found = indent_load(
+        SLS, RADIUS, PERIOD, 1.0, time, np.full(5, 2e5), thickness=thickness, rtol=1e-6
+    )
+    shape = indent(
+        elastic(0.35), RADIUS, PERIOD, 1.0, time, found.displacement, thickness=thickness
+    )
+    assert shape.force.values == pytest.approx(2e5 * SLS.creep(time), rel=2e-5)
+
+
+def test_maps_add_up_to_the_force_and_touch_the_indenter() -> None:
+    time = np.linspace(0.0, 0.5, 11)
+    found = indent(
+        SLS, RADIUS, PERIOD, 18e-3, time, 2e-4 * np.sin(2 * np.pi * time),
+        outputs=["pressure", "surface"],
+    )  # fmt: skip
+    assert found.pressure.dims == ("time", "x")
+    total = found.pressure.sum("x") * PERIOD / 1024 * 18e-3
+    assert total.values == pytest.approx(found.force.values, abs=1e-4 * float(found.force.max()))
+    gap = found.surface + found.x**2 / (2 * RADIUS) - found.displacement
+    assert float(np.abs(gap.where(found.pressure > 0)).max()) < 1e-8
+    assert float(gap.min()) > -1e-8
+    for name in found.data_vars:
+        assert {"units", "long_name"} <= set(found[name].attrs)
+
+
+def test_maps_that_would_not_fit_are_refused() -> None:
+    time = np.linspace(0.0, 1.0, 400_000)
+    with pytest.raises(InputError, match="GiB"):
+        indent(SLS, RADIUS, PERIOD, 1.0, time, 0 * time, outputs=["pressure"])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "match"),
+    [
+        ({"depth": 0.0}, "depth"), ({"period": -1.0}, "period"), ({"tip_radius": 0.0}, "radius"),
+        ({"profile": "square"}, "square"), ({"elements": 33}, "even"),
+        ({"thickness": 0.0}, "thick"),
+        ({"outputs": ["colour"]}, "colour"), ({"solver": "magic"}, "magic"),
+        ({"thickness": 5e-5}, "thickness"),
+    ],
+)  # fmt: skip
+def test_arguments_outside_their_domain_are_refused(wrong, match) -> None:
+    arguments = {"tip_radius": RADIUS, "period": PERIOD, "depth": 1.0} | wrong
+    with pytest.raises(InputError, match=match):
+        indent(SLS, time=[0.0, 1.0], displacement=[0.0, 1e-4], **arguments)
+
+
+def test_circle_is_refused_where_it_ends() -> None:
+    with pytest.raises(InputError, match="end of the indenter"):
+        indent(SLS, 2e-4, PERIOD, 1.0, [0.0], [6e-4], profile="circle")
+
+
+def test_liquid_flows_as_its_relaxation_says() -> None:
+    liquid = Prony(0.0, [2e6, 1e6], [0.1, 5.0], nu=0.3)
+    time = np.array([0.0, 0.01, 0.1, 1.0, 10.0])
+    found = indent(liquid, RADIUS, PERIOD, 1.0, time, np.full(5, 1e-4))
+    unit = indent(elastic(0.3), RADIUS, PERIOD, 1.0, [0.0], [1e-4])
+    exact = float(unit.force[0]) * liquid.relaxation(time)
+    assert found.force.values == pytest.approx(exact, rel=1e-4)
