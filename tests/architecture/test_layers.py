@@ -146,9 +146,9 @@ def test_nothing_loads_code_or_pickles_from_data() -> None:
     for package in PACKAGES:
         for path in sources(package):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-                    if node.func.id in {"eval", "exec"}:
-                        wrong.append(f"{path.relative_to(ROOT)}:{node.lineno} {node.func.id}")
+                is_call = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+                if is_call and node.func.id in {"eval", "exec"}:
+                    wrong.append(f"{path.relative_to(ROOT)}:{node.lineno} {node.func.id}")
                 if isinstance(node, ast.keyword) and node.arg == "allow_pickle":
                     wrong.append(f"{path.relative_to(ROOT)} allow_pickle")
     assert wrong == []
