@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import spence
+from scipy.special import zeta
 
 from labpipe.errors import InputError
 
@@ -33,6 +33,7 @@ _DEEP = 25.0
 _MAX_MODES = 20_000_000
 # sinh(2z) - 2z loses digits below this z; its series does not.
 _SHALLOW = 0.5
+_CLAUSEN_TERMS = 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,16 +187,24 @@ def clausen(angle: Array) -> Array:
     >>> float(np.round(clausen(np.array(np.pi / 2)), 12))  # Catalan's constant
     0.915965594177
     """
-    return np.asarray(spence(1.0 - np.exp(1j * np.asarray(angle))).imag)
+    # Odd and periodic: fold onto |θ| <= π, where the series gains a factor 4 a term.
+    theta = np.remainder(np.asarray(angle, dtype=float) + np.pi, 2.0 * np.pi) - np.pi
+    square = (theta / (2.0 * np.pi)) ** 2
+    series = np.zeros_like(theta)
+    for n in range(_CLAUSEN_TERMS, 0, -1):
+        series = square * (series + float(zeta(2 * n)) / (n * (2 * n + 1)))
+    logarithm = np.log(np.maximum(np.abs(theta), np.finfo(float).tiny))
+    return np.asarray(theta * (1.0 - logarithm + series))
 
 
 def _half_plane(period: float, elements: int) -> Array:
     """−(2/π) ∫ ln|2 sin(πx/λ)| over one strip, seen from the centre of every strip."""
-    edges = 2.0 * np.pi * (np.arange(elements) + 0.5) / elements
+    half = elements // 2
+    edges = 2.0 * np.pi * (np.arange(half + 1) + 0.5) / elements
     antiderivative = clausen(edges)
-    values = antiderivative - np.roll(antiderivative, 1)
-    # The kernel is even: the average with its mirror image removes the rounding of the roll.
-    return period / np.pi**2 * 0.5 * (values + np.roll(values[::-1], 1))
+    # Odd about 0; even about half a period, where the last two edges mirror each other.
+    values = np.append(2.0 * antiderivative[0], np.diff(antiderivative))
+    return period / np.pi**2 * np.concatenate([values, values[half - 1 : 0 : -1]])
 
 
 def _layer_excess(period: float, elements: int, thickness: float, nu: float) -> Array:
