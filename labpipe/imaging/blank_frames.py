@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from labpipe.imaging.contact_edge import Edge, find_edge
 from labpipe.imaging.contact_search import View, has_structure
-from labpipe.imaging.contact_spot import find_spots
+from labpipe.imaging.contact_spot import find_spots, reduce_frame
 from labpipe.imaging.fringe_calibration import Calibration
 from labpipe.imaging.radial_scan import edge_width
 from labpipe.imaging.radius_fit import Parameter, RingFit
@@ -66,6 +66,8 @@ class FilmResult:
         False when the wavelength is unknown or pixels are too coarse.
     work : dict
         Counts.
+    damaged : set
+        Frames that could not be used.
     """
 
     view: View
@@ -77,6 +79,7 @@ class FilmResult:
     calibration: Calibration = field(default_factory=Calibration)
     has_fringes: bool = True
     work: dict[str, int] = field(default_factory=dict)
+    damaged: set[int] = field(default_factory=set)
 
 
 def look_without_fringes(frame: NDArray[np.generic], view: View) -> Blank:
@@ -90,7 +93,7 @@ def look_without_fringes(frame: NDArray[np.generic], view: View) -> Blank:
         Optics; its phase tells whether contacts are dark or bright.
     """
     if not has_structure(frame):
-        return Blank(level=float(np.median(frame.astype(np.float64))))
+        return Blank(level=float(np.median(reduce_frame(frame)[0])))
     edges = []
     for spot in find_spots(frame):
         if spot.radius < view.newton_spot:

@@ -77,6 +77,7 @@ def contact_radius(
         ``systematic_part`` (frame, source) its parts, from the uncertainties given [m];
         ``centre_x``, ``centre_y`` [px] with ``u_``;
         ``in_contact`` : whether there is a contact;
+        ``valid`` : False for damaged frames;
         ``method`` : 0 none, 1 fringe fit, 2 edge, 3 between equal frames (a frame at rest that
         was not read whole; the radius is interpolated), 4 wider than the frame (in contact, without
         a radius);

@@ -12,36 +12,37 @@ from labpipe.imaging.fringes import SAMPLES_PER_PIXEL, Optics, radial_table, rin
 from labpipe.imaging.radial_scan import (
     Match,
     Templates,
+    Window,
     best_matches,
     edge_width,
     is_edge,
+    is_sphere,
     make_templates,
     radial_profile,
-    sphere_score,
+    template_of,
 )
 from labpipe.imaging.radius_fit import (
     PARAMETERS,
     FitSettings,
     Parameter,
     RingFit,
-    cut_ring,
     fit_contact,
-    fit_ring,
 )
 
 Floats = NDArray[np.float64]
 
 #: Share of the profile's variance that fringes must explain before a frame is fitted.
 _LEAST_SCORE = 0.5
-#: Circles tried in one frame.
-_MOST_SPOTS = 4
+#: Circles looked at in one frame, and how many of them are fitted, the likeliest first.
+_MOST_SPOTS, _MOST_FITS = 4, 3
 #: Pixels and evaluations of the fits that find out what a frame shows.
 _QUICK_PIXELS, _QUICK_ITERATIONS = 12_000, 12
 #: Least ratio of the structure in a reduced frame to its noise.
 _LEAST_STRUCTURE = 8.0
 #: Residual beyond the noise, as a share of the modulation, from which a fit is not believed:
-#: measured 0.03 for R 2 % wrong, 0.04 for light of low coherence, 0.3 for a disc without fringes.
-MOST_MISFIT = 0.2
+#: measured 0.03 for R 2 % wrong, 0.04 for light of low coherence; 0.1 and more for fits of
+#: something else.
+MOST_MISFIT = 0.1
 #: Misfit from which another explanation is looked for.
 GOOD_MISFIT = 0.04
 #: Greatest travel in the exposure as a share of the radius: at 2 there is no contact at first.
@@ -49,15 +50,17 @@ MOST_TRAVEL = 1.5
 #: Travel in the exposure, in widths of the first bright ring, from which fringes may be mistaken
 #: for a soft edge.
 _LONG_TRAVEL = 0.5
+#: A plain edge is believed at once when it leaves less than this share of the squares that the
+#: nearest template leaves, and against a fit when it leaves less than this multiple.
+_EDGE_SURE, _FRINGES_SURE = 0.4, 2.0
 #: Least visibility, and least modulation in units of its uncertainty.
 _LEAST_VISIBILITY, _LEAST_SIGNIFICANCE = 0.1, 10.0
 #: Contacts smaller than this many Newton spots are compared with a sphere that does not press.
 _SMALL_CONTACT = 4.0
 #: A contact is at least this share of a Newton spot; smaller ones are not told from touching.
 _LEAST_RADIUS = 0.8
-#: A sphere without load must fit worse than a contact by this factor in the squared misfit, and by
-#: this many variances.
-_WORSE, _WORSE_VARIANCES = 2.0, 50.0
+#: Least number of rings in which a fit is compared with edges and spheres.
+_LEAST_RINGS = 24
 #: Greatest uncertainty of a radius as a share of it.
 _MOST_UNCERTAINTY = 0.1
 #: Share of the ring's pixels that must lie in the frame.
@@ -80,8 +83,8 @@ class View:
         Grey level of darkness, and from which pixels are saturated.
     ellipse : (float, float)
         Stretch and shear of circles.
-    may_be_elliptic : bool
-        Whether ellipses may be tried where circles do not fit.
+    alternatives : tuple of tuples of Parameter
+        What else may be freed where the usual fit fails.
     """
 
     optics: Optics
@@ -90,7 +93,7 @@ class View:
     black: float
     white: float
     ellipse: tuple[float, float] = (0.0, 0.0)
-    may_be_elliptic: bool = True
+    alternatives: tuple[tuple[Parameter, ...], ...] = ()
 
     @property
     def newton_spot(self) -> float:
@@ -129,8 +132,14 @@ def search_contact(
         found = fit_at(frame, view, *centre)
         if found is not None:
             return found
-    for spot in find_spots(frame)[:_MOST_SPOTS]:
-        found = fit_at(frame, view, spot.x, spot.y)
+    sights = [
+        sight
+        for spot in find_spots(frame)[:_MOST_SPOTS]
+        for sight in look_at(frame, view, spot.x, spot.y)
+    ]
+    sights.sort(key=lambda sight: -sight[0].score)
+    for match, x, y in sights[:_MOST_FITS]:
+        found = fit_match(frame, view, match, x, y)
         if found is not None:
             return found
     return None
@@ -146,31 +155,48 @@ def has_structure(frame: NDArray[np.generic]) -> bool:
     return float(high - low) > _LEAST_STRUCTURE * max(noise, 0.3) / (2.0 * factor)
 
 
-def fit_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> RingFit | None:
-    """Fit the contact around a known centre (to about a pixel), of whatever radius."""
+def look_at(
+    frame: NDArray[np.generic], view: View, x: float, y: float
+) -> list[tuple[Match, float, float]]:
+    """Contacts that the rings around a point resemble, with that point."""
     templates = view.templates
     if templates is None:
-        return None
+        return []
     profile, counts = radial_profile(frame, x, y, templates.width, templates.bins)
-    best: RingFit | None = None
+    matches = []
     for match in best_matches(profile, counts, templates):
         if match.score < _LEAST_SCORE or match.radius < _LEAST_RADIUS * view.newton_spot:
             continue
-        if match.radius < _SMALL_CONTACT * view.newton_spot:
-            left = 1.0 - sphere_score(profile, counts, match, templates)
-            if _WORSE * left < 1.0 - match.score:
-                continue
-        found = fit_from(frame, view, start_of(match, view, x, y))
-        if found is None or not is_contact(frame, view, found):
+        term, first = template_of(match, templates)
+        window = Window(profile, counts, first, len(term))
+        distance = (np.arange(len(term), dtype=np.float64) + first + 0.5) * templates.width
+        if window.is_seen and is_edge(window, term, _EDGE_SURE):
             continue
-        if best is None or found.misfit < best.misfit:
-            best = found
-        if best.misfit < GOOD_MISFIT:
-            break
-    if best is None:
+        is_small = match.radius < _SMALL_CONTACT * view.newton_spot
+        if is_small and is_sphere(window, term, distance, view.optics):
+            continue
+        matches.append((match, x, y))
+    return matches
+
+
+def fit_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> RingFit | None:
+    """Fit the contact around a known centre (to about a pixel), of whatever radius."""
+    for match, *_ in look_at(frame, view, x, y):
+        found = fit_match(frame, view, match, x, y)
+        if found is not None:
+            return found
+    return None
+
+
+def fit_match(
+    frame: NDArray[np.generic], view: View, match: Match, x: float, y: float
+) -> RingFit | None:
+    """Fit from a match, with some of the pixels until it proves to be a contact."""
+    found = fit_from(frame, view, start_of(match, view, x, y))
+    if found is None or not is_contact(frame, view, found):
         return None
-    settings = replace(view.settings, free=best.free)
-    return fit_contact(frame, best.parameters, view.optics, settings, view.white)
+    settings = replace(view.settings, free=found.free)
+    return fit_contact(frame, found.parameters, view.optics, settings, view.white)
 
 
 def start_of(match: Match, view: View, x: float, y: float) -> Floats:
@@ -196,19 +222,22 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
     if first is None or first.pixels < _LEAST_PIXELS:
         return None
     found = fit_contact(frame, first.parameters, view.optics, quick, view.white)
-    axes = (Parameter.STRETCH, Parameter.SHEAR)
-    is_settled = found is not None and found.misfit < GOOD_MISFIT
-    if is_settled or not view.may_be_elliptic or axes[0] in view.settings.free:
+    if found is None or found.misfit < GOOD_MISFIT:
         return found
-    # Circles do not fit: perhaps the view is oblique.
-    free = view.settings.free + axes
-    first = fit_contact(frame, start, view.optics, replace(near, free=free), view.white)
-    if first is None:
-        return found
-    ellipse = fit_contact(
-        frame, first.parameters, view.optics, replace(quick, free=free), view.white
-    )
-    return ellipse if ellipse is not None and ellipse.misfit < GOOD_MISFIT else found
+    # Perhaps the view is oblique, or R or the wavelength is not what it is said to be.
+    for extra in view.alternatives:
+        free = (*view.settings.free, *extra)
+        other = start.copy()
+        other[Parameter.SMEAR] = 0.0
+        first = fit_contact(frame, other, view.optics, replace(near, free=free), view.white)
+        if first is None:
+            continue
+        trial = fit_contact(
+            frame, first.parameters, view.optics, replace(quick, free=free), view.white
+        )
+        if trial is not None and trial.misfit < min(GOOD_MISFIT, found.misfit):
+            return trial
+    return found
 
 
 def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
@@ -230,55 +259,33 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
     if travel > MOST_TRAVEL * radius:
         return False
-    if travel > _LONG_TRAVEL * edge_width(radius, view.optics) and _is_edge(frame, view, found):
+    may_be_edge = travel > _LONG_TRAVEL * edge_width(radius, view.optics)
+    is_small = radius < _SMALL_CONTACT * view.newton_spot
+    if not may_be_edge and not is_small:
+        return True
+    window, term, distance = _profile_of(frame, view, found)
+    if not window.is_seen:
+        return not may_be_edge
+    if may_be_edge and is_edge(window, term, _FRINGES_SURE):
         return False
-    return radius > _SMALL_CONTACT * view.newton_spot or not _is_sphere(frame, view, found)
+    return not (is_small and is_sphere(window, term, distance, view.optics))
 
 
-def _is_edge(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
-    """Tell whether what looks like smeared fringes is just a soft edge."""
+def _profile_of(
+    frame: NDArray[np.generic], view: View, found: RingFit
+) -> tuple[Window, Floats, Floats]:
+    """Profile about the centre of a fit, the term that was fitted, and its distances."""
     x, y, radius = (
         float(found.parameters[p]) for p in (Parameter.X, Parameter.Y, Parameter.RADIUS)
     )
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
     settings = view.settings
     inner, outer = ring_limits(radius, view.optics, settings.fringes, settings.least_spacing)
-    first, last = math.ceil(inner), math.floor(outer)
-    profile, counts = radial_profile(frame, x, y, 1.0, last)
-    if not (counts[first:last] > 0).all():
-        return False
-    table = radial_table(first, last, radius, travel, view.optics)
-    places = first + 0.5 + np.arange(last - first)
-    index = (places - table.start) * SAMPLES_PER_PIXEL
-    template = np.interp(index, np.arange(table.values.shape[1]), table.values[0])
-    return is_edge(profile, counts, template, first)
-
-
-def _is_sphere(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
-    """Tell whether a sphere that touches or hovers fits nearly as well as a contact.
-
-    It is the contact of radius 0; its height shifts the phase.
-    """
-    others = tuple(p for p in found.free if p not in (Parameter.RADIUS, Parameter.SMEAR))
-    settings = replace(view.settings, free=(*others, Parameter.PHASE), max_iterations=8)
-    radius = float(found.parameters[Parameter.RADIUS])
-    inner, outer = ring_limits(
-        radius, view.optics, view.settings.fringes, view.settings.least_spacing
-    )
-    ring = cut_ring(frame, found.parameters, inner, outer, view.white, view.settings.max_pixels)
-    if ring is None:
-        return False
-    best = math.inf
-    for shift in (0.0, 0.5 * math.pi, math.pi, 1.5 * math.pi):
-        start = found.parameters.copy()
-        start[Parameter.RADIUS] = 0.0
-        start[Parameter.SMEAR] = 0.0
-        start[Parameter.PHASE] += shift
-        best = min(best, fit_ring(ring, start, view.optics, settings).residual)
-    noise = found.noise**2
-    contact_excess = max(found.residual**2 - noise, 0.0)
-    sphere_excess = best**2 - noise
-    is_worse = sphere_excess > _WORSE * contact_excess
-    return not (
-        is_worse and (best**2 - found.residual**2) * found.pixels > _WORSE_VARIANCES * noise
-    )
+    width = min(1.0, (outer - inner) / _LEAST_RINGS)
+    first, last = math.ceil(inner / width), math.floor(outer / width)
+    profile, counts = radial_profile(frame, x, y, width, last)
+    table = radial_table(inner, outer, radius, travel, view.optics)
+    distance = (np.arange(last - first, dtype=np.float64) + first + 0.5) * width
+    index = (distance - table.start) * SAMPLES_PER_PIXEL
+    term = np.interp(index, np.arange(table.values.shape[1]), table.values[0])
+    return Window(profile, counts, first, last - first), term, distance

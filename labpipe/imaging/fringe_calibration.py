@@ -65,7 +65,7 @@ class Calibration:
             phase=view.optics.phase + self.phase_shift,
             phase_scale=view.optics.phase_scale * math.exp(self.log_scale),
         )
-        return replace(view, optics=optics, ellipse=self.ellipse, may_be_elliptic=False)
+        return replace(view, optics=optics, ellipse=self.ellipse, alternatives=())
 
 
 @dataclass(frozen=True)

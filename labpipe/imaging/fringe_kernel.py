@@ -218,23 +218,28 @@ def _add(
 
 @njit(cache=True, nogil=True)
 def _add_differences(
-    count: int, dy: float, work: Floats, above: Floats, here: Floats, totals: Floats
+    count: int, dy: float, stride: int, work: Floats, above: Floats, here: Floats, totals: Floats
 ) -> None:
     """Add squared differences of residuals between neighbours along the rings.
 
     Errors of the model change across the rings, hardly along them; noise changes everywhere.
-    Above and below the centre the neighbour stands in the row, elsewhere in the row above.
+    Above and below the centre the neighbour stands in the row, beside it in the row above, and
+    on the diagonals in the row above as many columns outwards as that row is away.
     """
     here[:] = np.nan
     for i in range(count):
         column = int(work[_COLUMN, i])
-        residual = work[_RESIDUAL, i]
+        dx, residual = work[_DX, i], work[_RESIDUAL, i]
         here[column] = residual
         difference = math.nan
-        if abs(work[_DX, i]) >= abs(dy):
-            difference = residual - above[column]
-        elif i > 0 and work[_COLUMN, i - 1] == column - 1:
-            difference = residual - work[_RESIDUAL, i - 1]
+        if abs(dy) > 2.0 * abs(dx):
+            if i > 0 and work[_COLUMN, i - 1] == column - 1:
+                difference = residual - work[_RESIDUAL, i - 1]
+        else:
+            if abs(dx) <= 2.0 * abs(dy):
+                column += stride if dx * dy > 0.0 else -stride
+            if 0 <= column < len(above):
+                difference = residual - above[column]
         if not math.isnan(difference):
             totals[2] += difference * difference
             totals[3] += 1.0
@@ -282,7 +287,7 @@ def accumulate(
             totals[0] += residual[i] * residual[i]
         totals[1] += count
         if is_last:
-            _add_differences(count, dy, work, above, here, totals)
+            _add_differences(count, dy, stride, work, above, here, totals)
     for p in range(size):
         for q in range(p):
             normal[q, p] = normal[p, q]

@@ -43,6 +43,8 @@ class FilmReader:
         Frames read whole, and bands of rows.
     pixels_read, bytes_read : int
         What that amounts to, decoded.
+    damaged : set of int
+        Frames that hold numbers that are not finite; they are returned all black.
     """
 
     film: FrameSource
@@ -50,6 +52,7 @@ class FilmReader:
     bands_read: int = 0
     pixels_read: int = 0
     bytes_read: int = 0
+    damaged: set[int] = field(default_factory=set)
     _seen: set[int] = field(default_factory=set)
     _parts: dict[tuple[int, int], FrameSource] = field(default_factory=dict)
 
@@ -59,6 +62,9 @@ class FilmReader:
         if index not in self._seen:
             self._seen.add(index)
             self.frames_read += 1
+        if image.dtype.kind == "f" and not np.isfinite(image).all():
+            self.damaged.add(index)
+            image = np.zeros_like(image)
         self.pixels_read += image.size
         self.bytes_read += image.nbytes
         return image
@@ -73,7 +79,7 @@ class FilmReader:
         self.bands_read += 1
         self.pixels_read += image.size
         self.bytes_read += image.nbytes
-        return image.astype(np.float32)
+        return np.nan_to_num(image.astype(np.float32))
 
     def work(self) -> dict[str, int]:
         """Return counts for a Dataset's attribute ``work``."""

@@ -26,14 +26,16 @@ _SAMPLES = 2
 _LEAST_WIDTH = 0.5
 #: Fringes count as resolved when the phase changes by this within those that are used (rad).
 _LEAST_PHASE = 0.9 * math.pi
+#: Radii of the templates are this many rings apart: a third of the first bright ring.
+_RINGS_PER_RADIUS = 2
 #: Rows read for a profile: every so many that about this many pixels are summed.
 _PROFILE_PIXELS = 150_000
 #: Travels of the radius in the exposure that are tried, in widths of the first bright ring.
 _TRAVELS = (0.0, 1.5, 4.0)
 #: Share of the rings of a template that must lie in the frame.
 _LEAST_SEEN = 0.75
-#: A plain edge must leave this many times the squares that fringes leave.
-_FRINGES_BETTER = 2.0
+#: A sphere without load must leave this many times the squares that a contact leaves.
+_CONTACT_BETTER = 2.0
 #: The contact of the other brightness is a match too from this share of the better score.
 _NEARLY = 0.8
 #: Variance below which a window counts as even.
@@ -57,8 +59,6 @@ class Templates:
         Change of the radius in the exposure.
     values : float32 array (travel, template, ring)
         Zero beyond the length.
-    phase_scale : float [1/px²]
-        As in :class:`labpipe.imaging.fringes.Optics`.
     """
 
     width: float
@@ -68,7 +68,6 @@ class Templates:
     length: Integers
     travels: Floats
     values: NDArray[np.float32]
-    phase_scale: float
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ def make_templates(
     width = max(_LEAST_WIDTH, 0.5 * math.floor(2.0 * edge / _RINGS_PER_EDGE))
     radii = np.array([
         a
-        for a in width * np.arange(math.ceil(2.0 / width), reach / width)
+        for a in width * np.arange(math.ceil(2.0 / width), reach / width, _RINGS_PER_RADIUS)
         if has_resolved_fringes(a, optics, least_spacing)
     ])  # fmt: skip
     if not len(radii):
@@ -143,16 +142,7 @@ def make_templates(
         )
         for travel in travels
     ])  # fmt: skip
-    return Templates(
-        width,
-        int((first + length).max()),
-        radii,
-        first,
-        length,
-        travels,
-        values,
-        optics.phase_scale,
-    )
+    return Templates(width, int((first + length).max()), radii, first, length, travels, values)
 
 
 def radial_profile(
@@ -233,53 +223,84 @@ def best_matches(profile: Floats, counts: Floats, templates: Templates) -> list[
     return [match for match in matches if match.score >= _NEARLY * matches[0].score]
 
 
-def sphere_score(profile: Floats, counts: Floats, match: Match, templates: Templates) -> float:
-    """Share of the profile's variance that a sphere above the flat explains, at any height.
-
-    The window, and the trend taken off, are those of the match.
-    """
+def template_of(match: Match, templates: Templates) -> tuple[Floats, int]:
+    """Interference term of a match, and the ring it starts with."""
     row = int(np.argmin(np.abs(templates.radii - match.radius)))
-    first = int(templates.first[row])
-    ring = slice(first, first + int(templates.length[row]))
-    grey, root = profile[ring], np.sqrt(counts[ring])
-    r = (np.arange(first, first + len(grey)) + 0.5) * templates.width
-    phase = 0.5 * templates.phase_scale * r**2
-    columns = np.stack([np.ones_like(r), r, np.cos(phase), np.sin(phase)], axis=1) * root[:, None]
-    left = [
-        float(
-            (
-                (columns[:, :n] @ np.linalg.lstsq(columns[:, :n], grey * root)[0] - grey * root)
-                ** 2
-            ).sum()
-        )
-        for n in (2, 4)
-    ]
-    return 1.0 - left[1] / left[0] if left[0] > 0.0 else 0.0
+    travel = int(np.argmin(np.abs(templates.travels - match.travel)))
+    values = templates.values[travel, row, : templates.length[row]]
+    return values.astype(np.float64), int(templates.first[row])
 
 
-def is_edge(profile: Floats, counts: Floats, template: Floats, first: int) -> bool:
-    """Tell whether a plain edge, sharp or soft, explains a profile as well as fringes do.
+class Window:
+    """Part of a profile, its mean and trend taken off, to be explained by one term or two.
 
     Parameters
     ----------
     profile, counts : arrays (ring,)
         From :func:`radial_profile`.
-    template : array (ring,)
-        Interference term that was fitted, from ring ``first`` on.
-    first : int
-        First ring of the window.
+    first, length : int
+        The rings.
     """
-    ring = slice(first, first + len(template))
-    root = np.sqrt(counts[ring])
-    grey, template = profile[ring], template[: len(root)]
-    step = np.arange(len(grey), dtype=float)
 
-    def left(term: Floats) -> float:
-        columns = np.stack([np.ones_like(step), step, term], axis=1) * root[:, None]
-        error = columns @ np.linalg.lstsq(columns, grey * root)[0] - grey * root
-        return float((error**2).sum())
+    def __init__(self, profile: Floats, counts: Floats, first: int, length: int) -> None:
+        ring = slice(first, first + length)
+        self._root = np.sqrt(counts[ring])
+        step = np.arange(len(self._root), dtype=float)
+        base, _ = np.linalg.qr(np.stack([self._root, self._root * step], axis=1))
+        self._base = base
+        self._grey = self._off(profile[ring] * self._root)
+        self.squares = float(self._grey @ self._grey)
+        self.is_seen = bool((counts[ring] > 0.0).all()) and len(step) > 4
 
-    places = step[2:-2:2]
+    def _off(self, values: Floats) -> Floats:
+        return values - values @ self._base @ self._base.T
+
+    def left_by(self, terms: Floats) -> Floats:
+        """Sum of squares that each of several terms (term, ring) leaves."""
+        columns = self._off(np.atleast_2d(terms)[:, : len(self._root)] * self._root)
+        norm = np.maximum((columns**2).sum(axis=1), _TINY)
+        return self.squares - (columns @ self._grey) ** 2 / norm
+
+    def left_by_both(self, one: Floats, other: Floats) -> float:
+        """Sum of squares that two terms (ring,) leave together."""
+        columns = self._off(np.stack([one, other])[:, : len(self._root)] * self._root)
+        base, _ = np.linalg.qr(columns.T)
+        return self.squares - float(((self._grey @ base) ** 2).sum())
+
+
+def is_edge(window: Window, term: Floats, factor: float) -> bool:
+    """Tell whether a plain edge, sharp or soft, explains a profile as well as fringes do.
+
+    Parameters
+    ----------
+    window : Window
+        The profile.
+    term : array (ring,)
+        Interference term over the window.
+    factor : float
+        Multiple of the squares left by the fringes that the edge may leave.
+    """
+    step = np.arange(len(term), dtype=float)
     softness = 2.0 ** np.arange(-1.0, math.log2(max(len(step), 4)))
-    edges = [left(np.tanh((step - place) / soft)) for place in places for soft in softness]
-    return min(edges, default=math.inf) < _FRINGES_BETTER * left(template)
+    places = step[2:-2:2]
+    edges = np.tanh((step - places[:, None, None]) / softness[:, None]).reshape(-1, len(step))
+    return bool(window.left_by(edges).min() < factor * window.left_by(term)[0])
+
+
+def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics) -> bool:
+    """Tell whether a sphere that touches or hovers explains a profile nearly as well as a contact.
+
+    Parameters
+    ----------
+    window : Window
+        The profile.
+    term : array (ring,)
+        Interference term of the contact over the window.
+    distance : array (ring,) [px]
+        Distances of the rings from the centre.
+    optics : Optics
+        The interference.
+    """
+    phase = 0.5 * optics.phase_scale * (distance**2 + 1.0 / 6.0)
+    sphere = window.left_by_both(np.cos(phase), np.sin(phase))
+    return sphere < _CONTACT_BETTER * float(window.left_by(term)[0])

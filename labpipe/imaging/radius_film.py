@@ -76,6 +76,10 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     else:
         for index in map(int, np.flatnonzero(wanted)):
             result.blanks[index] = look_without_fringes(reader.whole(index), view)
+    broken = np.flatnonzero(~np.asarray(film.valid, bool))
+    result.damaged = reader.damaged | set(map(int, broken))
+    for index in reader.damaged:
+        result.blanks.pop(index, None)
     choose_edges(result)
     find_filled(result)
     result.work = reader.work() | {
@@ -93,6 +97,8 @@ def _make_view(film: FrameSource, options: FilmOptions) -> View:
     free: tuple[Parameter, ...] = USUAL
     if options.shape == "ellipse":
         free = (*USUAL, Parameter.STRETCH, Parameter.SHEAR)
+    oblique = ((Parameter.STRETCH, Parameter.SHEAR),) if options.shape == "auto" else ()
+    alternatives = (*oblique, (Parameter.SCALE,))
     settings = FitSettings(options.fringes, LEAST_SPACING, free)
     black, white = film.levels
     return View(
@@ -101,7 +107,7 @@ def _make_view(film: FrameSource, options: FilmOptions) -> View:
         (film.shape[1], film.shape[2]),
         black,
         white,
-        may_be_elliptic=options.shape == "auto",
+        alternatives=alternatives,
     )
 
 
@@ -219,6 +225,9 @@ def _next_fit(
         if fit is not None:
             return fit
     centre = (float(last.parameters[Parameter.X]), float(last.parameters[Parameter.Y]))
+    if last.free == view.settings.free:
+        # The usual fit serves this film: what it cannot fit is something else.
+        view = replace(view, alternatives=())
     return search_contact(frame, view, centre)
 
 

@@ -331,11 +331,9 @@ def plain_sums(
     if is_last:
         whole = np.full(r.shape, np.nan)
         whole[used] = residual
-        is_flat = np.abs(x + ring.first_column - x_centre) < np.abs(y + ring.first_row - y_centre)
-        steps = np.concatenate([
-            np.diff(whole, axis=1)[is_flat[:, 1:]], np.diff(whole, axis=0)[~is_flat[1:]]
-        ])  # fmt: skip
-        steps = steps[np.isfinite(steps)]
+        wide = x + ring.first_column - x_centre
+        high = y + ring.first_row - y_centre
+        steps = _steps_along(whole, wide, high, ring.stride)
         differences, pairs = float((steps**2).sum()), len(steps)
     return Sums(
         slopes @ slopes.T,
@@ -346,6 +344,19 @@ def plain_sums(
         differences,
         pairs,
     )
+
+
+def _steps_along(whole: Floats, dx: Floats, dy: Floats, stride: int) -> Floats:
+    """Differences of residuals between neighbours along the rings."""
+    is_flat = np.abs(dy) > 2.0 * np.abs(dx)
+    is_upright = np.abs(dx) > 2.0 * np.abs(dy)
+    padded = np.pad(whole, ((1, 0), (stride, stride)), constant_values=np.nan)
+    above = padded[:-1, stride:-stride]
+    diagonal = np.where(dx * dy > 0.0, padded[:-1, 2 * stride :], padded[:-1, : -2 * stride])
+    before = np.pad(whole, ((0, 0), (1, 0)), constant_values=np.nan)[:, :-1]
+    beside = np.where(is_flat, before, np.where(is_upright, above, diagonal))
+    steps = whole - beside
+    return np.asarray(steps[np.isfinite(steps)])
 
 
 def fit_ring(ring: Ring, start: Floats, optics: Optics, settings: FitSettings) -> RingFit:

@@ -92,7 +92,7 @@ def make_dataset(
     method[result.resting] = RESTING
     method[list(result.filled)] = FILLED
     _interpolate(values, parts, method, film.time)
-    _warn(film, options, result)
+    _warn(options, result)
     static, u_static = _static_radius(values["radius"], values["u_radius"], method)
     data: dict[str, tuple[object, ...]] = {
         name: ("frame", values[name], {"units": units, "long_name": text})
@@ -105,6 +105,9 @@ def make_dataset(
     data["in_contact"] = (
         "frame", method != NONE, {"units": "1", "long_name": "whether there is a contact"},
     )  # fmt: skip
+    valid = np.ones(count, bool)
+    valid[list(result.damaged)] = False
+    data["valid"] = ("frame", valid, {"units": "1", "long_name": "whether the frame was usable"})
     data["systematic_part"] = (("frame", "source"), parts, {
         "units": "m", "long_name": "part of the systematic uncertainty of the contact radius",
     })  # fmt: skip
@@ -191,11 +194,10 @@ def _static_radius(
 ) -> tuple[float, float]:
     """Mean radius over the last frames that hardly change, and its standard uncertainty."""
     used = np.flatnonzero(np.isfinite(radius))
-    is_open = not len(used) or used[-1] < np.flatnonzero(method >= 0)[-1]
-    if is_open:
+    if not len(used) or used[-1] < len(radius) - 1:
         return math.nan, math.nan
     end = float(np.median(radius[used[-_LEAST_REST:]]))
-    is_still = np.abs(radius - end) < _REST_CHANGE * end
+    is_still = np.abs(radius - end) < _REST_CHANGE * end  # NaN: not in contact, not still
     moving = np.flatnonzero(~is_still)
     rest = np.arange(moving[-1] + 1 if len(moving) else 0, len(radius))
     if len(rest) < _LEAST_REST:
@@ -208,12 +210,11 @@ def _static_radius(
     return mean, max(scatter, float(np.median(deviation[rest]))) / math.sqrt(count)
 
 
-def _warn(film: FrameSource, options: FilmOptions, result: FilmResult) -> None:
+def _warn(options: FilmOptions, result: FilmResult) -> None:
     """Tell what a reader of the results must know."""
     texts = []
-    damaged = int((~np.asarray(film.valid, bool)).sum())
-    if damaged:
-        texts.append(f"{damaged} damaged frames were left out")
+    if result.damaged:
+        texts.append(f"{len(result.damaged)} damaged frames were left out")
     if options.wavelength is None:
         texts.append(
             "the wavelength is not known: the contact radius is measured by the edge of the spot, "

@@ -1,0 +1,180 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labpipe.imaging.fringes import make_optics, ring_limits
+from labpipe.imaging.radius_fit import (
+    PARAMETERS,
+    USUAL,
+    FitSettings,
+    Parameter,
+    RingFit,
+    compiled_sums,
+    cut_ring,
+    fit_contact,
+    pixels_in_ring,
+    plain_sums,
+)
+from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose, gap_of_pressure
+
+SCENE = Scene(rows=240, columns=320)
+PIXEL = SCENE.pixel_size
+OPTICS = make_optics(PIXEL, SCENE.sphere_radius, SCENE.wavelength)
+
+
+def start_at(a: float, x: float, y: float, scene: Scene = SCENE) -> np.ndarray:
+    start = np.zeros(PARAMETERS)
+    start[:5] = a / scene.pixel_size, x, y, scene.mean, scene.mean * scene.visibility
+    start[Parameter.PHASE] = np.pi
+    return start
+
+
+def radius_of(fit: RingFit | None) -> float:
+    assert fit is not None
+    assert fit.is_converged
+    return float(fit.parameters[Parameter.RADIUS]) * PIXEL
+
+
+def test_compiled_sums_equal_the_plain_ones() -> None:
+    rng = np.random.default_rng(0)
+    frame = expose(clean_image(SCENE, 180e-6, (150.3, 130.2), samples=2), SCENE, rng)
+    parameters = start_at(180.5e-6, 150.0, 130.5)
+    parameters[5:] = 0.02, -0.03, 0.05, 3.0, 0.004, -0.003, 2.3, 0.01
+    free = np.arange(PARAMETERS)
+    inner, outer = ring_limits(parameters[0], OPTICS, 3.0, 3.0)
+    for max_pixels in (100_000, 5_000):
+        ring = cut_ring(frame, parameters, inner, outer, 215.0, max_pixels)
+        assert ring is not None
+        one = compiled_sums(ring, parameters, free, OPTICS, True)
+        other = plain_sums(ring, parameters, free, OPTICS, True)
+        assert one.pixels == other.pixels
+        assert one.pairs == other.pairs
+        for name in ("normal", "right", "weighted", "squares", "differences"):
+            expected = getattr(other, name)
+            scale = np.abs(expected).max()
+            assert np.abs(getattr(one, name) - expected).max() < 1e-10 * scale, name
+
+
+def test_both_ways_end_at_the_same_radius() -> None:
+    rng = np.random.default_rng(1)
+    frame = expose(clean_image(SCENE, 150e-6, (160.3, 120.2), samples=2), SCENE, rng)
+    start = start_at(151e-6, 160.0, 120.6)
+    settings = FitSettings()
+    fast = fit_contact(frame, start, OPTICS, settings)
+    plain = fit_contact(frame, start, OPTICS, replace(settings, is_compiled=False))
+    assert fast is not None
+    assert plain is not None
+    assert fast.parameters == pytest.approx(plain.parameters, abs=1e-8)
+    assert fast.noise == pytest.approx(plain.noise, rel=1e-9)
+
+
+@pytest.mark.parametrize("a", [60e-6, 150e-6, 230e-6])
+def test_noise_free_image_gives_the_radius_to_a_nanometre(a: float) -> None:
+    image = clean_image(SCENE, a, (155.3, 118.2), samples=9)
+    fit = fit_contact(image, start_at(a + 0.6e-6, 155.0, 118.6), OPTICS, FitSettings())
+    assert radius_of(fit) == pytest.approx(a, abs=1e-9)
+
+
+def test_gap_from_a_pressure_distribution_gives_the_same_radius() -> None:
+    a = 150e-6
+    profile = gap_of_pressure(a, SCENE.sphere_radius, reach=6.0)
+    image = clean_image(SCENE, a, (155.3, 118.2), profile=profile)
+    fit = fit_contact(image, start_at(a, 155.0, 118.6), OPTICS, FitSettings())
+    assert radius_of(fit) == pytest.approx(a, abs=2e-9)
+
+
+@pytest.mark.parametrize(
+    ("centre", "a"), [((10.0, 230.0), 200e-6), ((160.0, -40.0), 260e-6), ((340.0, 120.0), 150e-6)]
+)
+def test_cut_contacts_keep_their_radius(centre: tuple[float, float], a: float) -> None:
+    image = clean_image(SCENE, a, centre, samples=7)
+    fit = fit_contact(image, start_at(a + 0.3e-6, *centre), OPTICS, FitSettings())
+    assert radius_of(fit) == pytest.approx(a, abs=3e-9)
+
+
+def test_start_a_third_of_a_fringe_off_converges_to_the_same_radius() -> None:
+    image = clean_image(SCENE, 150e-6, (155.3, 118.2), samples=3)
+    near = fit_contact(image, start_at(150e-6, 155.3, 118.2), OPTICS, FitSettings())
+    for dx, dy, da in ((1.2, 0.0, 0.0), (0.0, -1.2, 1e-6), (0.8, 0.8, -2e-6)):
+        start = start_at(150e-6 + da, 155.3 + dx, 118.2 + dy)
+        assert radius_of(fit_contact(image, start, OPTICS, FitSettings())) == pytest.approx(
+            radius_of(near), abs=1e-9
+        )
+
+
+def test_slopes_and_vignette_do_not_move_the_radius() -> None:
+    scene = SCENE.change(slope_x=0.3, slope_y=0.2, vignette=0.3, mean=90.0)
+    image = clean_image(scene, 150e-6, (120.3, 150.2), samples=7)
+    fit = fit_contact(image, start_at(150e-6, 120.0, 150.0), OPTICS, FitSettings())
+    assert radius_of(fit) == pytest.approx(150e-6, abs=3e-9)
+
+
+def test_travel_in_the_exposure_is_measured_from_the_blur() -> None:
+    # The square of the radius goes evenly with time, as the approach of the bodies does.
+    a, travel = 150e-6, 10e-6
+    squares = a**2 + (np.arange(31) / 15.0 - 1.0) * 30.0 / 31.0 * a * travel
+    images = [clean_image(SCENE, float(np.sqrt(q)), (155.3, 118.2), samples=3) for q in squares]
+    fit = fit_contact(np.mean(images, axis=0), start_at(a, 155.0, 118.0), OPTICS, FitSettings())
+    assert radius_of(fit) == pytest.approx(a, abs=5e-9)
+    assert fit is not None
+    assert np.sqrt(fit.parameters[Parameter.SMEAR]) * PIXEL == pytest.approx(travel, rel=0.02)
+
+
+def test_sensitivities_are_the_shifts_that_wrong_assumptions_cause() -> None:
+    a, centre = 200e-6, (155.3, 118.2)
+    wrong = {
+        Parameter.PHASE: (0.02, SCENE.change(phase=np.pi + 0.02)),
+        Parameter.SCALE: (0.002, SCENE.change(wavelength=SCENE.wavelength * np.exp(-0.002))),
+    }
+    right = fit_contact(clean_image(SCENE, a, centre), start_at(a, *centre), OPTICS, FitSettings())
+    assert right is not None
+    for parameter, (change, scene) in wrong.items():
+        fit = fit_contact(
+            clean_image(scene, a, centre), start_at(a, *centre), OPTICS, FitSettings()
+        )
+        shift = (radius_of(fit) - radius_of(right)) / PIXEL
+        # What the fit gives when the assumption stays while the truth moves by `change`.
+        assert shift == pytest.approx(right.sensitivity[parameter] * change, rel=0.05)
+
+
+def test_saturated_pixels_are_left_out() -> None:
+    scene = SCENE.change(mean=170.0)  # bright fringes at 306 of 255
+    rng = np.random.default_rng(3)
+    frame = expose(clean_image(scene, 150e-6, (155.3, 118.2)), scene, rng)
+    start = start_at(150e-6, 155.3, 118.2, scene)
+    naive = fit_contact(frame, start, OPTICS, FitSettings())
+    right = fit_contact(frame, start, OPTICS, FitSettings(), ceiling=255.0)
+    assert abs(radius_of(right) - 150e-6) < 0.05e-6
+    assert naive is not None
+    assert right is not None
+    assert right.misfit < 0.5 * naive.misfit
+
+
+def test_noise_is_told_apart_from_errors_of_the_model() -> None:
+    rng = np.random.default_rng(4)
+    scene = SCENE.change(noise=3.0)
+    frame = expose(clean_image(scene, 150e-6, (155.3, 118.2), samples=3), scene, rng)
+    settings = FitSettings(free=tuple(p for p in USUAL if p is not Parameter.SMEAR))
+    good = fit_contact(frame, start_at(150e-6, 155.3, 118.2), OPTICS, settings)
+    blurred = clean_image(scene.change(blur=1.2), 150e-6, (155.3, 118.2), samples=3)
+    bad = fit_contact(expose(blurred, scene, rng), start_at(150e-6, 155.3, 118.2), OPTICS, settings)
+    assert good is not None
+    assert bad is not None
+    assert good.residual / good.noise == pytest.approx(1.0, abs=0.02)
+    assert bad.residual / bad.noise > 2.0
+    assert bad.noise == pytest.approx(3.0, rel=0.1)
+
+
+def test_ring_beside_the_frame_is_no_fit() -> None:
+    image = np.full((64, 64), 100, np.uint8)
+    assert fit_contact(image, start_at(50e-6, 500.0, 30.0), OPTICS, FitSettings()) is None
+
+
+def test_pixels_in_ring_are_counted_within_the_frame() -> None:
+    y, x = np.mgrid[:100, :150]
+    for centre in ((75.0, 50.0), (0.0, 0.0), (75.0, -10.0)):
+        r = np.hypot(x - centre[0], y - centre[1])
+        expected = int(((r > 30.0) & (r < 60.0)).sum())
+        found = pixels_in_ring((100, 150), *centre, 30.0, 60.0)
+        assert found == pytest.approx(expected, rel=0.02)
