@@ -5,9 +5,9 @@ What the command line does, Python does with these; each returns objects to look
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from labpipe.errors import SourceError
+from labpipe.errors import SourceError, UsageError
 from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import Plan
 from labpipe.workflow.plan import plan as make_plan
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from labpipe.workflow.runner import Event, RunResult
+    from pipelines.export import Exported
 
 SETTINGS = {name: kind.settings for name, kind in KINDS.items()}
 STAGES = {name: kind.stages for name, kind in KINDS.items()}
@@ -135,6 +136,78 @@ def result(
     from labpipe.workflow.runner import open_result
 
     return open_result(open_session(folder), STAGES, experiment, stage, recording)
+
+
+def export(
+    source: str | Path,
+    format: str = "csv",  # noqa: A002
+    *,
+    only: Iterable[str] | None = None,
+    stages: Iterable[str] = (),
+    out: str | Path | None = None,
+    replace: bool = False,
+    reading: dict[str, Any] | None = None,
+) -> "Exported":
+    """Write stored results, or one raw file, for programs that read no netCDF.
+
+    Parameters
+    ----------
+    source : path-like
+        A session folder, or a file (or folder of images) of a known instrument.
+    format : {"csv", "nc", "mat", "json"}
+        Of the files; csv has one table per set of dimensions, with a row of units.
+    only, stages : iterable of str, optional
+        Experiments and steps of a session; all by default.
+    out : path-like, optional
+        Folder; default ``SESSION/labpipe/export``, or the current one for a raw file.
+    replace : bool
+        Replace files of the same name; in the default folder of a session they always are.
+    reading : dict, optional
+        What a raw file leaves unsaid, such as ``{"cycle": "50 us"}``.
+
+    Returns
+    -------
+    Exported
+        The files, and the results that were left out because they are not up to date.
+
+    Raises
+    ------
+    InputError
+        No wanted result is up to date.
+    UsageError
+        A name is unknown, or a file is there and may not be replaced.
+    """
+    from pipelines.export import FOLDER, Target, export_file, export_results
+
+    place = Path(source)
+    if not (place / sessions.FILE_NAME).is_file() and not _is_unknown_folder(place):
+        options = dict(reading or {})
+        return export_file(place, Target(Path(out or "."), format, replace), options)
+    if reading:
+        message = "options of a raw file (cycle, units) do not go with a session folder"
+        raise UsageError(message)
+    session = open_session(place)
+    ours = session.folder / FOLDER
+    target = Target(Path(out) if out else ours, format, replace or out is None)
+    names, experiments = tuple(stages), tuple(only or ())
+    made = make_plan(session, STAGES, names or None, experiments or None)
+    return export_results(
+        made, names, experiments, target,
+        lambda row: result(place, row.experiment, row.stage, row.recording),
+    )  # fmt: skip
+
+
+def _is_unknown_folder(place: Path) -> bool:
+    """Tell a folder that should have been a session from one that holds a film."""
+    import instruments
+
+    if not place.is_dir():
+        return False
+    try:
+        instruments.identify(place)
+    except SourceError:
+        return True
+    return False
 
 
 def check_store(folder: str | Path) -> list[str]:

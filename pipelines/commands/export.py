@@ -1,0 +1,60 @@
+"""The command export: results and raw files as csv, netCDF, MATLAB or JSON."""
+
+from pathlib import Path
+
+import click
+
+from pipelines.commands.options import echo, echo_json, json_option
+from pipelines.export import FORMATS
+
+
+@click.command()
+@click.argument("source", type=click.Path(exists=True, path_type=Path))
+@click.option("--format", "-f", "kind", type=click.Choice(FORMATS), default="csv",
+              show_default=True, help="Format of the files.")  # fmt: skip
+@click.option("--only", multiple=True, help="Only this experiment of a session.")
+@click.option("--stage", "stages", multiple=True, help="Only this step, such as bounces.")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path),
+              help="Folder; default SESSION/labpipe/export, or here for a file.")  # fmt: skip
+@click.option("--force", is_flag=True, help="Replace files of the same name.")
+@click.option("--cycle", help='Keyence file: time between samples, e.g. "50 us".')
+@click.option("--unit", "units", multiple=True, help="Keyence file: unit of each output, in order.")
+@click.option("--storage-factor", type=click.IntRange(min=1),
+              help="Keyence file: samples per stored point.")  # fmt: skip
+@json_option
+def export(
+    source: Path,
+    kind: str,
+    only: tuple[str, ...],
+    stages: tuple[str, ...],
+    out: Path | None,
+    force: bool,
+    cycle: str | None,
+    units: tuple[str, ...],
+    storage_factor: int | None,
+    as_json: bool,
+) -> None:
+    r"""Write results of a session, or a raw instrument file, for other programs.
+
+    SOURCE is a session folder or a file of any known instrument. Values are in SI; a csv table
+    has a row of units below its names, and remarks that begin with #.
+
+    \b
+    Example:
+      labpipe export my-session --stage bounces --format csv
+      labpipe export my-session/laser/drop_1.csv --format mat
+    """
+    from pipelines import process as verbs
+
+    reading = {"cycle": cycle, "units": list(units), "storage_factor": storage_factor}
+    done = verbs.export(
+        source, kind, only=list(only) or None, stages=stages, out=out, replace=force,
+        reading={k: v for k, v in reading.items() if v},
+    )  # fmt: skip
+    if as_json:
+        echo_json({"files": [str(p) for p in done.paths], "left_out": list(done.left_out)})
+        return
+    for path in done.paths:
+        echo(str(path))
+    for line in done.left_out:
+        click.echo(f"left out: {line}", err=True)
