@@ -156,17 +156,19 @@ def encode(
     Raises
     ------
     InputError
-        A value does not fit, or the delimiter is the decimal sign.
+        A value does not fit, an output does not say in which unit it was recorded, or the
+        delimiter is the decimal sign.
     """
     if delimiter == decimal:
         message = f'"{delimiter}" cannot be both delimiter and decimal sign'
         raise InputError(message)
     outputs = sorted(int(str(name)[3:]) for name in dataset.data_vars if _is_output(str(name)))
-    columns = [_written(dataset, output) for output in outputs]
+    units = [_original_unit(dataset, output) for output in outputs]
+    columns = [_written(dataset, output, name) for output, name in zip(outputs, units, strict=True)]
     if decimal != ".":
         columns = [[cell.replace(".", decimal) for cell in column] for column in columns]
     numbers = map(str, range(1, dataset.sizes["time"] + 1))
-    lines = _header_lines(dataset, outputs, delimiter)
+    lines = _header_lines(dataset, outputs, units, delimiter)
     lines += map(delimiter.join, zip(numbers, *columns, strict=True))
     return ("\r\n".join(lines) + "\r\n").encode(encoding)
 
@@ -175,10 +177,23 @@ def _is_output(name: str) -> bool:
     return name.startswith("out") and name[3:].isdigit()
 
 
-def _header_lines(dataset: xr.Dataset, outputs: Sequence[int], delimiter: str) -> list[str]:
+def _original_unit(dataset: xr.Dataset, output: int) -> str:
+    attrs = dataset[f"out{output}"].attrs
+    if "original_unit" not in attrs:
+        # Arithmetic drops attributes in older xarray and keeps them in newer: never guess a unit.
+        message = (
+            f"out{output} has no attribute original_unit, so its readings cannot be written; "
+            f'state it: dataset["out{output}"].attrs["original_unit"] = "mm"'
+        )
+        raise InputError(message)
+    return str(attrs["original_unit"])
+
+
+def _header_lines(
+    dataset: xr.Dataset, outputs: Sequence[int], units: Sequence[str], delimiter: str
+) -> list[str]:
     attrs = dataset.attrs
     cycle = f"{attrs['sampling_cycle'] * 1e6:.6g}us"
-    units = [dataset[f"out{output}"].attrs["original_unit"] for output in outputs]
     pairs = [
         ("Remark", "assumed layout"),
         *((key.title(), attrs[key]) for key in ("model", "serial", "head") if attrs.get(key)),
@@ -196,9 +211,9 @@ def _header_lines(dataset: xr.Dataset, outputs: Sequence[int], delimiter: str) -
 _WIDTH = 8  # characters of a reading: sign, digits, decimal sign
 
 
-def _written(dataset: xr.Dataset, output: int) -> list[str]:
+def _written(dataset: xr.Dataset, output: int, original_unit: str) -> list[str]:
     variable = dataset[f"out{output}"]
-    values = variable.values / unit(variable.attrs["original_unit"]).factor
+    values = variable.values / unit(original_unit).factor
     decimals = int(variable.attrs.get("decimals", 4))
     states = dataset[f"status{output}"].values
     cells = [f"{value:+0{_WIDTH}.{decimals}f}" for value in values.tolist()]

@@ -390,14 +390,17 @@ def test_markers_in_a_long_file_are_found_in_every_batch(tmp_path):
 
 def test_writer_refuses_what_does_not_fit():
     made = recording(3)
-    made["out1"] = made.out1 + 1.0
+    made["out1"] = made.out1.copy(data=made.out1 + 1.0)
     with pytest.raises(InputError, match="does not fit"):
         keyence.encode(made)
-    made["out1"] = made.out1 * np.nan
+    made["out1"] = made.out1.copy(data=made.out1 * np.nan)
     with pytest.raises(InputError, match="NaN with the state VALID"):
         keyence.encode(made)
     with pytest.raises(InputError, match="both delimiter and decimal"):
         keyence.encode(recording(3), decimal=",")
+    del made.out1.attrs["original_unit"]
+    with pytest.raises(InputError, match="out1 has no attribute original_unit"):
+        keyence.encode(made)
 
 
 def test_every_number_has_unit_and_name(tmp_path):
