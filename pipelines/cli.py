@@ -32,6 +32,7 @@ COMMANDS: dict[str, Command] = {
     "inspect": Command(f"{_HOME}.inspect:inspect", "Say what a file is and what is wrong with it."),
     "plan": Command(f"{_HOME}.session:plan", "Say what `process` would run, and why."),
     "process": Command(f"{_HOME}.session:process", "Process a session into results and reports."),
+    "watch": Command(f"{_HOME}.watch:watch", "Process a session while it is being recorded."),
     "export": Command(f"{_HOME}.export:export", "Write results as csv, netCDF, MATLAB or JSON."),
     "figures": Command(f"{_HOME}.figures:figures", "Draw the thesis's figures by number."),
     "simulate": Command(f"{_HOME}.simulate:simulate", "Run the bundled simulator alone."),

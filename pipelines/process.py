@@ -12,6 +12,7 @@ from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import Plan
 from labpipe.workflow.plan import plan as make_plan
 from labpipe.workflow.session import Session
+from labpipe.workflow.watch import LOOKS, Settling, Watcher
 from pipelines.stages import KINDS
 
 if TYPE_CHECKING:
@@ -112,6 +113,40 @@ def process(
         open_session(folder), STAGES, jobs=jobs, targets=targets, only=only,
         fail_fast=fail_fast, full=full, schemas=SCHEMAS, progress=progress,
     )  # fmt: skip
+
+
+def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
+    """Watch a session that is still being recorded; process what has become complete.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder; files, and session.toml itself, may come later.
+    looks : int
+        Looks in a row that must find a file unchanged.
+    jobs : int
+        0 computes in this process.
+
+    Returns
+    -------
+    Watcher
+        Call its ``look()`` again and again; each call yields what is new.
+
+    Examples
+    --------
+    >>> for news in watch("my-session").look():  # doctest: +SKIP
+    ...     print(news.experiment, news.state, news.text)
+    """
+    from pipelines.arrivals import missing_part
+
+    def run_one(session: Session, name: str) -> "RunResult":
+        from labpipe.workflow.runner import run
+        from pipelines.schemas import SCHEMAS
+
+        return run(session, STAGES, only=[name], jobs=jobs, schemas=SCHEMAS)
+
+    settling = Settling(looks)
+    return Watcher(Path(folder), SETTINGS, STAGES, missing_part, run_one, settling)
 
 
 def result(

@@ -124,12 +124,14 @@ _BAD = object()
 class Checker:
     """Converts values to the types of their fields and reports what does not fit.
 
-    ``origins`` maps a place in a merged table to the place in the file where it was written.
+    ``origins`` maps a place in a merged table to the place in the file where it was written;
+    ``may_wait`` takes names of files that are not there yet.
     """
 
     document: Document
     root: Path
     origins: Mapping[toml_lines.Path, toml_lines.Path] = field(default_factory=dict)
+    may_wait: bool = False
 
     def report(self, place: toml_lines.Path, message: str) -> None:
         """Report at the place in the file that a merged value came from."""
@@ -187,7 +189,8 @@ class Checker:
         if len(options) == 1:
             return self.value(options[0], value, place, partial)
         for option in options:
-            trial = Checker(Document(self.document.path, {}, {(): 1}), self.root)
+            document = Document(self.document.path, {}, {(): 1})
+            trial = Checker(document, self.root, may_wait=self.may_wait)
             converted = trial.value(option, value, place, partial)
             if not trial.document.problems:
                 return converted
@@ -268,7 +271,7 @@ class Checker:
         except InputError as error:
             self.report(place, str(error))
             return _BAD
-        if not place_on_disk.exists():
+        if not place_on_disk.exists() and not self.may_wait:
             self.report(
                 place,
                 f'there is no file "{value}" in the session folder'

@@ -75,7 +75,9 @@ class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     synthetic: bool = False
 
 
-def load(path: Path | str, kinds: Mapping[str, type[msgspec.Struct]]) -> Session:
+def load(
+    path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wait: bool = False
+) -> Session:
     """Read a session folder's ``session.toml``.
 
     Parameters
@@ -84,6 +86,8 @@ def load(path: Path | str, kinds: Mapping[str, type[msgspec.Struct]]) -> Session
         The folder or the file.
     kinds : mapping
         Settings structure of every kind of experiment, by its name.
+    may_wait : bool
+        Take names of files that are not there yet, for a session that is still being recorded.
 
     Returns
     -------
@@ -111,7 +115,7 @@ def load(path: Path | str, kinds: Mapping[str, type[msgspec.Struct]]) -> Session
     )
     for key in document.tree.keys() - _TOP_LEVEL:
         document.report((key,), f"unknown key{suggest(key, _TOP_LEVEL)}")
-    experiments = _Experiments(document, root, kinds).all()
+    experiments = _Experiments(document, root, kinds, may_wait).all()
     document.finish()
     return Session(
         root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments
@@ -146,6 +150,7 @@ class _Experiments:
     document: Document
     root: Path
     kinds: Mapping[str, type[msgspec.Struct]]
+    may_wait: bool
 
     def all(self) -> dict[str, Experiment]:
         """Convert every experiment; mistakes are reported to the document."""
@@ -177,7 +182,8 @@ class _Experiments:
         if kind not in self.kinds:
             self.document.report(place, f"unknown kind{suggest(kind, self.kinds)}")
             return
-        Checker(self.document, self.root).structure(self.kinds[kind], table, place, partial=True)
+        checker = Checker(self.document, self.root, may_wait=self.may_wait)
+        checker.structure(self.kinds[kind], table, place, partial=True)
 
     def _one(
         self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str]
@@ -197,7 +203,7 @@ class _Experiments:
         own = {key: value for key, value in table.items() if key != "kind" or has_field}
         origins: dict[toml_lines.Path, toml_lines.Path] = {}
         merged = _merge(defaults.get(kind, {}), ("defaults", kind), own, place, place, origins)
-        checker = Checker(self.document, self.root, origins)
+        checker = Checker(self.document, self.root, origins, self.may_wait)
         settings = checker.structure(self.kinds[kind], merged, place)
         if not isinstance(settings, msgspec.Struct):
             # Without typed settings, the texts that carry the prefix can still be checked.
