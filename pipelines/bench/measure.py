@@ -1,0 +1,247 @@
+"""What a benchmark states, and how time and memory are taken.
+
+A *part* is a module of ``pipelines.bench`` with ``run(quick) -> Suite`` or several suites. A suite
+is one work–precision diagram: settings of ours, of the thesis's method and of peers as points of
+error against run time, with physical limits as bounds.
+
+Machines are shared and their clocks wander, so contenders are run in turn (A, B, C, A, B, C, …)
+and compared run by run: a slow spell hits all of them alike, and the median of the ratios is
+steadier than the ratio of two medians.
+"""
+
+import gc
+import math
+import time
+import tracemalloc
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from statistics import median
+from types import MappingProxyType
+from typing import TypeVar
+
+from labpipe.errors import InputError
+
+T = TypeVar("T")
+Extra = Mapping[str, float | int | str | bool | None]
+_NOTHING: Extra = MappingProxyType({})
+
+#: Groups of points: ours have no name, the thesis's own method has this one, all others are peers.
+OURS, THESIS = "", "thesis"
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One setting: how wrong and how long.
+
+    Parameters
+    ----------
+    setting : str
+        What was set, in words ("quintic, 31 px").
+    error : float
+        Against known truth, in the unit of the suite's ``error_label``. NaN: not defined.
+    seconds : float
+        Median of the warm runs (s). NaN: not timed.
+    group : str
+        ``""`` for ours, ``"thesis"`` (or a name that starts so) for the thesis's own method, the
+        name of a peer otherwise.
+    is_default : bool
+        Whether this is what a user gets without asking.
+    cold_seconds : float, optional
+        The first run of the process, compilation or cache loading included (s).
+    peak_bytes : int, optional
+        Most memory in use at once during one run.
+    extra : mapping of str to number or text, optional
+        Further columns of the table, unit in the name ("bias (px)").
+    """
+
+    setting: str
+    error: float
+    seconds: float
+    group: str = OURS
+    is_default: bool = False
+    cold_seconds: float | None = None
+    peak_bytes: int | None = None
+    extra: Extra = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.seconds < 0 or math.isinf(self.seconds):
+            message = f"{self.setting}: a run time of {self.seconds} s is none; NaN means not timed"
+            raise InputError(message)
+        if self.error < 0 or math.isinf(self.error):
+            message = f"{self.setting}: an error of {self.error} is none; give its size, or NaN"
+            raise InputError(message)
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """A limit that no setting can pass: of the error, of the time, or of both.
+
+    Parameters
+    ----------
+    label : str
+        What the limit is ("Cramér–Rao, 31 px").
+    error : float, optional
+        Smallest possible error, in the unit of the suite.
+    seconds : float, optional
+        Shortest possible time (s), such as bytes over memory bandwidth.
+    """
+
+    label: str
+    error: float | None = None
+    seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.error is None and self.seconds is None:
+            raise InputError(f'the bound "{self.label}" limits neither error nor time; give one')
+
+
+@dataclass(frozen=True, slots=True)
+class Suite:
+    """One work–precision diagram and its table.
+
+    Parameters
+    ----------
+    name : str
+        Short, unique within a run ("dic").
+    title : str
+        What is measured, against which truth.
+    error_label : str
+        Axis label of the error, with its unit: "RMS error (px)".
+    points : sequence of Point
+        The settings.
+    bounds : sequence of Bound, optional
+        Physical limits.
+    notes : sequence of str, optional
+        What a reader must know: data, truth, peers that are not installed.
+    time_label : str, optional
+        Axis label of the time, if it is not that of one whole call.
+    has_diagram : bool, optional
+        False where only the table makes sense (counts, exponents, refusals).
+    """
+
+    name: str
+    title: str
+    error_label: str
+    points: Sequence[Point]
+    bounds: Sequence[Bound] = ()
+    notes: Sequence[str] = ()
+    time_label: str = "run time of a call (s)"
+    has_diagram: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Run times of one contender.
+
+    Parameters
+    ----------
+    seconds : float
+        Median of the warm runs (s).
+    cold_seconds : float
+        The first run (s).
+    samples : tuple of float
+        The warm runs in the order in which they were made (s).
+    value : object
+        What the first run returned, so that its error needs no further run.
+    """
+
+    seconds: float
+    cold_seconds: float
+    samples: tuple[float, ...]
+    value: object
+
+    def ratio(self, reference: "Timing") -> tuple[float, float, float]:
+        """Return the time against that of another contender of the same call, run by run.
+
+        Parameters
+        ----------
+        reference : Timing
+            Another contender of the same :func:`paired` call.
+
+        Returns
+        -------
+        tuple of float
+            Median, lowest and highest of the ratios of simultaneous runs.
+        """
+        ratios = [a / b for a, b in zip(self.samples, reference.samples, strict=True)]
+        return median(ratios), min(ratios), max(ratios)
+
+
+def paired(
+    contenders: Mapping[str, Callable[[], object]], repeats: int, budget: float = math.inf
+) -> dict[str, Timing]:
+    """Time contenders in turn: first each once cold, then rounds of warm runs.
+
+    Parameters
+    ----------
+    contenders : mapping of str to callable
+        What to time; called without arguments.
+    repeats : int
+        Rounds of warm runs, at least one.
+    budget : float, optional
+        Rounds stop early once all warm runs together took longer than this (s).
+
+    Returns
+    -------
+    dict of str to Timing
+        In the order of the contenders.
+
+    Raises
+    ------
+    InputError
+        If ``repeats`` is not positive.
+
+    Examples
+    --------
+    >>> timings = paired({"short": lambda: sum(range(10)), "long": lambda: sum(range(9999))}, 5)
+    >>> timings["long"].ratio(timings["short"])[0] > 1
+    True
+    """
+    if repeats < 1:
+        raise InputError(f"{repeats} repeats give no median; ask for one at least")
+    cold = {name: _timed(call) for name, call in contenders.items()}
+    samples: dict[str, list[float]] = {name: [] for name in contenders}
+    spent = 0.0
+    for done in range(repeats):
+        if done and spent > budget:
+            break
+        for name, call in contenders.items():
+            samples[name].append(_timed(call)[0])
+            spent += samples[name][-1]
+    return {
+        name: Timing(median(taken), cold[name][0], tuple(taken), cold[name][1])
+        for name, taken in samples.items()
+    }
+
+
+def peak_bytes(call: Callable[[], object]) -> int:
+    """Return the most memory that a call holds at once, as allocated by Python and numpy.
+
+    Pages of mapped files are not counted: the system takes them back when it needs them. Tracing
+    slows the call, so time it apart.
+
+    Parameters
+    ----------
+    call : callable
+        Called once, without arguments.
+
+    Returns
+    -------
+    int
+        Bytes above what was in use before.
+    """
+    gc.collect()
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        tracemalloc.reset_peak()
+        call()
+        return max(0, tracemalloc.get_traced_memory()[1] - before)
+    finally:
+        tracemalloc.stop()
+
+
+def _timed(call: Callable[[], T]) -> tuple[float, T]:
+    start = time.perf_counter()
+    value = call()
+    return time.perf_counter() - start, value

@@ -1,0 +1,82 @@
+"""The parts of the benchmark by name; a part is imported only when it is run."""
+
+import importlib
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from labpipe.errors import UsageError
+from pipelines.bench.measure import Suite
+
+#: Name on the command line: module of ``pipelines.bench`` and what it measures.
+PARTS: Mapping[str, tuple[str, str]] = {
+    "velocity": ("velocity", "Velocity from displacement."),
+    "laser-events": ("laser_events", "Contacts, bounces and rest in a laser record."),
+    "dic": ("dic", "Displacement of subsets of a film."),
+    "contact-radius": ("contact_radius", "Radius of the contact from interference fringes."),
+    "master-curve": ("master_curve", "Time–temperature superposition."),
+    "prony": ("prony", "Fit of a Prony series to a spectrum."),
+    "interconversion": ("interconversion", "From relaxation to creep and back."),
+    "drop": ("drop", "Simulated fall and rebound of a ball."),
+    "indentation": ("indentation", "Simulated indentation by a wavy surface."),
+    "collision": ("collision", "Ball against plate, in closed form and by steps."),
+    "sessions": ("sessions", "Whole sessions, cold and with nothing changed."),
+    "skipping": ("skipping", "Every shortcut against doing everything."),
+    "scaling": ("scaling", "Run time and memory against size."),
+    "stability": ("stability", "Extreme input: worst errors, and what is refused."),
+}
+
+Run = Callable[[bool], Suite | Sequence[Suite]]
+
+
+@dataclass(frozen=True, slots=True)
+class PartResult:
+    """The suites of one part and how long they took together (s)."""
+
+    name: str
+    suites: tuple[Suite, ...]
+    seconds: float
+
+
+def chosen(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the parts asked for, in the order of the table; all without names.
+
+    Raises
+    ------
+    UsageError
+        A name is not that of a part; the nearest one is suggested.
+    """
+    for name in names:
+        if name not in PARTS:
+            import difflib
+
+            near = difflib.get_close_matches(name, PARTS, n=1, cutoff=0.5)
+            hint = f'did you mean "{near[0]}"?' if near else f"there are {', '.join(PARTS)}"
+            raise UsageError(f'there is no benchmark "{name}"; {hint}')
+    return tuple(name for name in PARTS if not names or name in names)
+
+
+def load(name: str) -> Run:
+    """Import a part and return its ``run``."""
+    run: Run = importlib.import_module(f"pipelines.bench.{PARTS[name][0]}").run
+    return run
+
+
+def measure(name: str, quick: bool) -> PartResult:
+    """Run one part.
+
+    Parameters
+    ----------
+    name : str
+        A key of :data:`PARTS`.
+    quick : bool
+        Fewer settings and repeats.
+
+    Returns
+    -------
+    PartResult
+    """
+    start = time.perf_counter()
+    found = load(name)(quick)
+    suites = (found,) if isinstance(found, Suite) else tuple(found)
+    return PartResult(name, suites, time.perf_counter() - start)
