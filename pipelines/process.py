@@ -104,15 +104,20 @@ def process(
     Returns
     -------
     RunResult
-        Outcome of every task, the ledger, and the reports by experiment.
+        Outcome of every task, the ledger, and the reports by experiment. The page of the whole
+        session is ``FOLDER/labpipe/index.html``.
     """
     from labpipe.workflow.runner import run
+    from pipelines.overview import write_overview
     from pipelines.schemas import SCHEMAS
 
-    return run(
-        open_session(folder), STAGES, jobs=jobs, targets=targets, only=only,
+    session = open_session(folder)
+    done = run(
+        session, STAGES, jobs=jobs, targets=targets, only=only,
         fail_fast=fail_fast, full=full, schemas=SCHEMAS, progress=progress,
     )  # fmt: skip
+    write_overview(session, STAGES)
+    return done
 
 
 def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
@@ -141,9 +146,12 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
 
     def run_one(session: Session, name: str) -> "RunResult":
         from labpipe.workflow.runner import run
+        from pipelines.overview import write_overview
         from pipelines.schemas import SCHEMAS
 
-        return run(session, STAGES, only=[name], jobs=jobs, schemas=SCHEMAS)
+        done = run(session, STAGES, only=[name], jobs=jobs, schemas=SCHEMAS)
+        write_overview(sessions.load(session.root, SETTINGS, may_wait=True), STAGES)
+        return done
 
     settling = Settling(looks)
     return Watcher(Path(folder), SETTINGS, STAGES, missing_part, run_one, settling)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from pipelines.commands.options import echo, echo_json, json_option, session_argument
+from pipelines.overview import PAGE
 
 if TYPE_CHECKING:
     from labpipe.workflow.runner import RunResult
@@ -155,3 +156,5 @@ def summarise(outcome: "RunResult") -> None:
         click.echo(f"failed: {o.task}: {o.message}", err=True)
     for path in outcome.reports.values():
         echo(f"report: {path}")
+    if (overview := outcome.session.folder / PAGE).is_file():
+        echo(f"all experiments: {overview}")
