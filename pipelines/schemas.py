@@ -65,6 +65,18 @@ SCHEMAS: dict[str, Schema] = {
             "rotation": Variable(_TIME, "rad"),
             "pixel_size": Variable((), "m/px"),
         }),
+        Schema("ramps", {
+            name: Variable(("ramp",), units)
+            for name, units in (
+                ("depth", "m"), ("u_depth", "m"), ("peak_force", "N"), ("u_peak_force", "N"),
+                ("plateau_force", "N"), ("u_plateau_force", "N"), ("ratio", "1"),
+            )
+        }),
+        Schema("relaxations", {
+            "depth": Variable(("test",), "m"),
+            "peak_force": Variable(("test",), "N"),
+            "plateau_force": Variable(("test",), "N"),
+        }),
         Schema("oscillations", {
             "frequency": Variable(("oscillation",), "Hz"),
             "storage_stiffness": Variable(("oscillation",), "N/m"),

@@ -14,6 +14,7 @@ from pipelines.settings.contact_area import ContactArea
 from pipelines.settings.dic_validation import DicValidation
 from pipelines.settings.dma import Dma
 from pipelines.settings.harmonic import Harmonic
+from pipelines.settings.relaxation import Relaxation
 
 BALL_DROP = (
     Stage(
@@ -96,6 +97,54 @@ HARMONIC = (
     Stage(
         "report", "pipelines.experiments.harmonic_page:page", 1,
         ("readings", "loads", "oscillations", "loops", "model", "comparison"), ("*",),
+        output="page", context=True,
+        summary="write the page",
+    ),
+)  # fmt: skip
+
+RELAXATION = (
+    Stage(
+        "readings", "pipelines.experiments.relaxation:readings", 1, ("file:mach1",),
+        per="recording", over="mach1",
+        summary="read the Mach-1 file",
+    ),
+    Stage(
+        "loads", "pipelines.experiments.relaxation:loads", 1,
+        ("readings", "file:load_cell.record"), ("load_cell.tare",), per="recording", over="mach1",
+        summary="compression-positive force, tared, with uncertainty",
+    ),
+    Stage(
+        "ramps", "pipelines.experiments.relaxation:ramps", 1,
+        ("loads",), ("contact", "hold.plateau"), per="recording", over="mach1", schema="ramps",
+        summary="find touch, ramps and holds: peak and plateau",
+    ),
+    Stage(
+        "curves", "pipelines.experiments.relaxation:curves", 1,
+        ("loads", "ramps", "file:substrate.material_file",
+         "other:substrate.material_from/master_curve"),
+        ("punch", "substrate", "model"), per="recording", over="mach1",
+        summary="relaxation curve, and moduli from the force",
+    ),
+    Stage(
+        "model", "pipelines.experiments.relaxation:model", 1,
+        ("loads", "ramps", "file:substrate.material_file",
+         "other:substrate.material_from/master_curve"),
+        ("punch", "substrate", "model"), per="recording", over="mach1",
+        summary="simulate with the measured displacement",
+    ),
+    Stage(
+        "comparison", "pipelines.experiments.relaxation:comparison", 1,
+        ("loads", "ramps", "model"), ("hold",), per="recording", over="mach1",
+        summary="measurement against model: ramp, early, late",
+    ),
+    Stage(
+        "tests", "pipelines.experiments.relaxation:tests", 1,
+        ("ramps", "curves", "comparison"), ("mach1",), schema="relaxations",
+        summary="gather the tests, average the modulus",
+    ),
+    Stage(
+        "report", "pipelines.experiments.relaxation_page:page", 1,
+        ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"), ("*",),
         output="page", context=True,
         summary="write the page",
     ),
@@ -224,5 +273,6 @@ KINDS: dict[str, Kind] = {
     "dic_validation": Kind(
         DicValidation, DIC_VALIDATION, "a film of the holder against the laser of other drops"
     ),
+    "relaxation": Kind(Relaxation, RELAXATION, "relaxation of rubber under a periodic punch"),
     "harmonic": Kind(Harmonic, HARMONIC, "harmonic indentation by a periodic punch"),
 }

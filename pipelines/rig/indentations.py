@@ -70,7 +70,7 @@ class Harmonic:
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
+class Part:
     """One block before it is written: its function, fine history and parameters."""
 
     function: str
@@ -80,28 +80,35 @@ class _Part:
     frequency: float = 0.0
 
 
-def _parts(protocol: Harmonic, tester: Tester) -> list[_Part]:
-    touch_time, touch = approach(-_AIR, _TOUCH, _APPROACH_SPEED)
-    ramp_time, ramped = ramp(tester, _TOUCH, protocol.mean, protocol.hold)
-    parts = [
-        _Part("Find Contact", touch_time, touch, {
-            "Stage Axis": "Position (z)", "Load Cell Axis": "Fz", "Direction": "Positive",
-            "Contact Criteria, N": "0.0500", "Stage Velocity, mm/s": "0.0500",
-            "Stage Limit, mm": "5.0000", "Stage Repositioning": "None", "Offset, mm": "0.0000",
-        }),
-        _Part("Stress Relaxation", ramp_time, ramped, {
-            "Stage Axis": "Position (z)", "Load Cell Axis": "Fz",
-            "Amplitude, mm": f"{(protocol.mean - _TOUCH) * 1e3:.4f}", "Velocity, mm/s": "1.0000",
-            "Number of Ramp": "1", "Stop based on": "Fixed Relaxation Time",
-            "Fixed Relaxation Time, s": f"{protocol.hold:.0f}",
-        }),
-    ]  # fmt: skip
+def approach_part() -> Part:
+    """Return the approach from above the surface to slight contact."""
+    time, displacement = approach(-_AIR, _TOUCH, _APPROACH_SPEED)
+    return Part("Find Contact", time, displacement, {
+        "Stage Axis": "Position (z)", "Load Cell Axis": "Fz", "Direction": "Positive",
+        "Contact Criteria, N": "0.0500", "Stage Velocity, mm/s": "0.0500",
+        "Stage Limit, mm": "5.0000", "Stage Repositioning": "None", "Offset, mm": "0.0000",
+    })  # fmt: skip
+
+
+def ramp_part(tester: Tester, depth: float, hold: float) -> Part:
+    """Return the ramp from slight contact to a depth, and the hold there."""
+    time, displacement = ramp(tester, _TOUCH, depth, hold)
+    return Part("Stress Relaxation", time, displacement, {
+        "Stage Axis": "Position (z)", "Load Cell Axis": "Fz",
+        "Amplitude, mm": f"{(depth - _TOUCH) * 1e3:.4f}", "Velocity, mm/s": "1.0000",
+        "Number of Ramp": "1", "Stop based on": "Fixed Relaxation Time",
+        "Fixed Relaxation Time, s": f"{hold:.0f}",
+    })  # fmt: skip
+
+
+def _parts(protocol: Harmonic, tester: Tester) -> list[Part]:
+    parts = [approach_part(), ramp_part(tester, protocol.mean, protocol.hold)]
     for frequency in protocol.frequencies:
         time, displacement, real = oscillation(
             tester, protocol.mean, protocol.amplitude, frequency, protocol.cycles, protocol.rest
         )
         parts.append(
-            _Part("Sinusoid", time, displacement, {
+            Part("Sinusoid", time, displacement, {
                 "Stage Axis": "Position (z)", "Amplitude, mm": f"{protocol.amplitude * 1e3:.4f}",
                 "Frequency, Hz": f"{frequency:.5f}", "Number of Cycles": str(protocol.cycles),
             }, real)
@@ -114,17 +121,8 @@ def write_harmonic(
     seed: int, start: datetime,
 ) -> None:  # fmt: skip
     """Write one Mach-1 file and the truth beside it."""
-    generator = np.random.default_rng(seed)
     parts = _parts(protocol, tester)
-    begins = np.cumsum([0.0] + [p.time[-1] + _SETTLE for p in parts[:-1]])
-    ends = np.cumsum([p.time.size for p in parts])
-    force = _force(specimen, parts, begins)
-    pieces = np.split(force, ends[:-1])
-    blocks = [
-        _block(specimen, part, record(tester, piece, generator), start + timedelta(seconds=b))
-        for part, piece, b in zip(parts, pieces, begins.tolist(), strict=True)
-    ]
-    mach1.write(folder / f"mach1/{name}.txt", assemble(blocks))
+    pieces = record_parts(folder, name, specimen, parts, tester, seed, start)
     document: dict[str, Any] = {
         "synthetic": True,
         "surface": specimen.surface,
@@ -141,7 +139,24 @@ def write_harmonic(
     files.write_text(folder / f"truth/{name}.json", json.dumps(document, indent=1) + "\n")
 
 
-def _force(specimen: Specimen, parts: list[_Part], begins: Array) -> Array:
+def record_parts(
+    folder: Path, name: str, specimen: Specimen, parts: list[Part], tester: Tester,
+    seed: int, start: datetime,
+) -> list[Array]:  # fmt: skip
+    """Write the blocks of one file as the instrument records them; returns their true forces."""
+    generator = np.random.default_rng(seed)
+    begins = np.cumsum([0.0] + [p.time[-1] + _SETTLE for p in parts[:-1]])
+    ends = np.cumsum([p.time.size for p in parts])
+    pieces = np.split(_force(specimen, parts, begins), ends[:-1])
+    blocks = [
+        _block(specimen, part, record(tester, piece, generator), start + timedelta(seconds=b))
+        for part, piece, b in zip(parts, pieces, begins.tolist(), strict=True)
+    ]
+    mach1.write(folder / f"mach1/{name}.txt", assemble(blocks))
+    return pieces
+
+
+def _force(specimen: Specimen, parts: list[Part], begins: Array) -> Array:
     """Return the true force over all blocks, at every fine point."""
     time = np.concatenate([b + p.time for b, p in zip(begins, parts, strict=True)])
     displacement = np.concatenate([p.displacement for p in parts])
@@ -155,7 +170,7 @@ def _force(specimen: Specimen, parts: list[_Part], begins: Array) -> Array:
     return np.interp(time, time[kept], force)
 
 
-def _block(specimen: Specimen, part: _Part, written: Array, start: datetime) -> Block:
+def _block(specimen: Specimen, part: Part, written: Array, start: datetime) -> Block:
     """Make one block of the file; a six-axis cell counts compression negative."""
     columns = {
         "Time, s": np.arange(written.size) / RATE,
@@ -181,7 +196,7 @@ def _where_it_matters(time: Array, displacement: Array) -> NDArray[np.int64]:
     return np.flatnonzero(keep)
 
 
-def _truth_of(part: _Part, force: Array, protocol: Harmonic, tester: Tester) -> dict[str, float]:
+def _truth_of(part: Part, force: Array, protocol: Harmonic, tester: Tester) -> dict[str, float]:
     """Return amplitude, work and complex stiffness of the second half of an oscillation.
 
     The mean force still relaxes meanwhile; a parabola in time takes that out.

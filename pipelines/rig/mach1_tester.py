@@ -19,16 +19,22 @@ OVERSAMPLING = 10  # the true motion and force are known this much finer than th
 
 @dataclass(frozen=True, slots=True)
 class Tester:
-    """What the tester does to a motion and a force; m, N, Hz, m/s."""
+    """What the tester does to a motion and a force; m, N, Hz, m/s.
+
+    ``force_gain`` is displayed over true force; ``acceleration`` [m/s²] rounds the corners of a
+    ramp, infinite leaves them sharp.
+    """
 
     force_noise: float = 0.01
     force_offset: float = 0.35
+    force_gain: float = 1.0
     filter_order: int = 3
     filter_cutoff: float = 20.0
     frequency_error: float = -0.004
     amplitude_error: float = 0.015
     second_harmonic: float = 0.004
     ramp_speed: float = 1e-3
+    acceleration: float = np.inf
 
 
 def fine_time(duration: float) -> Array:
@@ -54,8 +60,19 @@ def oscillation(
 
 def ramp(tester: Tester, start: float, end: float, hold: float) -> tuple[Array, Array]:
     """Make one ramp at the stage's speed and the hold after it: fine time and displacement."""
-    time = fine_time((end - start) / tester.ramp_speed + hold)
-    return time, np.minimum(start + tester.ramp_speed * time, end)
+    way, speed = end - start, tester.ramp_speed
+    gain = min(speed / tester.acceleration, np.sqrt(way / tester.acceleration))
+    speed = min(speed, tester.acceleration * gain) if gain > 0 else speed
+    total = way / speed + gain
+    time = fine_time(total + hold)
+    since = np.minimum(time, total)
+    if gain == 0:
+        return time, np.minimum(start + speed * time, end)
+    # a trapezium of speed: a parabola, a line, a parabola
+    rising = 0.5 * tester.acceleration * np.minimum(since, gain) ** 2
+    steady = speed * np.clip(since - gain, 0.0, total - 2 * gain)
+    braking = np.clip(since - (total - gain), 0.0, gain)
+    return time, start + rising + steady + braking * (speed - 0.5 * tester.acceleration * braking)
 
 
 def approach(start: float, end: float, speed: float) -> tuple[Array, Array]:
@@ -72,4 +89,5 @@ def record(tester: Tester, force: Array, generator: np.random.Generator) -> Arra
     state = sosfilt_zi(sections) * force[0]
     filtered, _ = sosfilt(sections, force, zi=state)
     sampled: Array = filtered[::OVERSAMPLING]
-    return sampled + generator.normal(0.0, tester.force_noise, sampled.size) + tester.force_offset
+    noise = generator.normal(0.0, tester.force_noise, sampled.size)
+    return sampled * tester.force_gain + noise + tester.force_offset

@@ -17,6 +17,7 @@ from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.film_session import FRONT_HEIGHT, front_record, under_record, write_films
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
+from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 
 _START = datetime(2024, 5, 14, 9, 30)
 _NOTE = (
@@ -142,6 +143,55 @@ profile = "parabola"  # the virtual tip is one
 """
 
 
+def cell_record() -> str:
+    """Return the calibration record of the load cell, as a laboratory would have written it."""
+    return f"""# {_NOTE}
+version = 1
+kind = "load_cell"
+id = "load-cell-2024-05"
+instrument = "250N"
+valid_from = 2024-05-01
+valid_until = 2025-04-30
+who = "the virtual rig"
+when = 2024-05-02
+how = "five masses (synthetic)"
+
+[values]
+scale = "1.0000 ± 0.0010"
+"""
+
+
+def punch_section(name: str, specimen: Specimen, material: str) -> str:
+    """Return the tables of punch, substrate, load cell and model of an indentation."""
+    return f"""
+[experiments.{name}.punch]
+radius = "{specimen.tip_radius * 1e3:g} ± 0.002 mm"
+period = "{specimen.period * 1e3:g} ± 0.002 mm"
+depth = "{specimen.depth * 1e3:g} ± 0.006 mm"
+tips = {specimen.tips}
+
+[experiments.{name}.substrate]
+material = "{material}"
+
+[experiments.{name}.load_cell]
+record = "calibration/load_cell.toml"
+
+[experiments.{name}.model]
+profile = "parabola"  # the virtual tip is one
+"""
+
+
+def relaxation_section(name: str, mach1: list[str], specimen: Specimen, material: str) -> str:
+    """Return the tables of relaxation tests in session.toml."""
+    listed = "".join(f'  "{r}",\n' for r in mach1)
+    return f"""
+[experiments.{name}]
+kind = "relaxation"
+mach1 = [
+{listed}]
+{punch_section(name, specimen, material)}"""
+
+
 def write_series(
     folder: Path, rig: DropRig, material: str, heights: tuple[float, ...], repeats: int
 ) -> tuple[list[str], str]:
@@ -228,7 +278,22 @@ def _films(folder: Path, full_size: bool) -> list[str]:
     return ["ptfe_7mm", "ptfe_film", "acrylic_film"]
 
 
+def _indentation(folder: Path, full_size: bool) -> list[str]:
+    del full_size  # this sample holds no film
+    specimen = Specimen(materials.load("nbr"))
+    start = _START + timedelta(days=1)
+    recordings = write_relaxation(
+        folder, "nbr_relaxation", specimen, Relaxation(), TESTER, 70, start
+    )
+    files.write_text(folder / "calibration/load_cell.toml", cell_record())
+    text = session_head("NBR under a periodic punch (synthetic)")
+    text += relaxation_section("nbr_relaxation", recordings, specimen, "nbr")
+    files.write_text(folder / "session.toml", text)
+    return ["nbr_relaxation"]
+
+
 SAMPLES: dict[str, Sample] = {
+    "indentation": Sample("NBR under a periodic punch: relaxation at three depths", _indentation),
     "dma": Sample("rheometer sweeps of five materials over temperature", _dma),
     "demo": Sample("three drops of acrylic, one short harmonic indentation", _demo),
     "films": Sample("PTFE by laser and front camera; acrylic filmed through the disc", _films),

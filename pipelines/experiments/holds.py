@@ -1,0 +1,160 @@
+"""Ramps and holds of a Mach-1 file: where they lie, and what the force did in them."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+from labpipe.signals import independent_count
+from pipelines.experiments import mach1_file
+
+Array = NDArray[np.float64]
+
+RELAXATION = "Stress Relaxation"
+_ARRIVED = 2e-3  # of a ramp's travel: closer to its end than this the stage has arrived
+_LEAST_TRAVEL = 1e-6  # m; ten steps of the stage's display
+_STEP = 1e-7  # m, the step of the display outside a Sinusoid block
+_FEWEST = 20  # readings of a hold
+_PLATEAU_SHARE = 0.1  # of a hold, at most
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """One ramp with its hold.
+
+    ``rows`` are the samples of ramp and hold; ``begin``, ``end`` and ``last`` are the block's
+    times [s] at which the ramp begins, the stage has arrived, and the hold ends; ``start`` and
+    ``held`` the positions [m] before and after; ``speed`` [m/s] that of the ramp's middle.
+    """
+
+    block: int
+    rows: slice
+    begin: float
+    end: float
+    last: float
+    start: float
+    held: float
+    speed: float
+
+
+def find(loads: xr.Dataset) -> list[Hold]:
+    """Return every ramp and hold of the file's Stress Relaxation blocks.
+
+    Raises
+    ------
+    InputError
+        The file holds none, or a block holds no ramp.
+    """
+    functions = [str(f) for f in loads["function"].values]
+    if RELAXATION not in functions:
+        known = ", ".join(sorted(set(functions)))
+        message = f"the file holds no {RELAXATION} block; its blocks are: {known}"
+        raise InputError(message)
+    found = []
+    for block in (i for i, function in enumerate(functions) if function == RELAXATION):
+        rows = mach1_file.rows(loads, block)
+        segment = loads["segment"].values[rows]
+        edges = np.flatnonzero(np.diff(segment, prepend=segment[0] - 1, append=segment[-1] + 1))
+        previous = None
+        for first, after in pairwise(edges):
+            inside = slice(rows.start + int(first), rows.start + int(after))
+            hold = _hold(loads, block, inside, previous)
+            previous = hold.held
+            found.append(hold)
+    return found
+
+
+def _hold(loads: xr.Dataset, block: int, rows: slice, previous: float | None) -> Hold:
+    time = loads["time"].values[rows]
+    position = loads["position_z"].values[rows]
+    if not (np.isfinite(position).all() and np.isfinite(loads["force"].values[rows]).all()):
+        message = f"block {block + 1}: a reading of position or force is missing during the test"
+        raise InputError(message)
+    held = float(np.median(position[position.size // 2 :]))
+    start = float(position[0]) if previous is None else previous
+    travel = held - start
+    if abs(travel) < _LEAST_TRAVEL:
+        message = (
+            f"block {block + 1}: the stage moves by {travel * 1e6:.3g} µm only, so there is no "
+            "ramp; a relaxation test has one"
+        )
+        raise InputError(message)
+    near = max(_ARRIVED * abs(travel), 2 * _STEP)
+    moving = np.abs(position - start) > near
+    arrived = np.abs(position - held) <= near
+    if not arrived.any() or time.size - int(np.argmax(arrived)) < _FEWEST:
+        message = f"block {block + 1}: the stage is not held after its ramp"
+        raise InputError(message)
+    first, end = max(int(np.argmax(moving)) - 1, 0), int(np.argmax(arrived))
+    share = (position - start) / travel
+    middle = (share > 0.1) & (share < 0.9) & (np.arange(time.size) <= end)
+    speed = (
+        float(np.polyfit(time[middle], position[middle], 1)[0])
+        if middle.sum() > 2
+        else travel / max(float(time[end] - time[first]), 1e-9)
+    )
+    return Hold(block, rows, float(time[first]), float(time[end]), float(time[-1]), start, held,
+                speed)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """A mean force [N] with the uncertainty of its noise, and over which times [s]."""
+
+    force: float
+    u: float
+    begin: float
+    end: float
+
+
+def plateau(loads: xr.Dataset, hold: Hold, longest: float) -> Level:
+    """Return the mean force over the end of a hold."""
+    window = min(longest, _PLATEAU_SHARE * (hold.last - hold.end))
+    return mean_force(loads, hold, hold.last - window, hold.last)
+
+
+def mean_force(loads: xr.Dataset, hold: Hold, begin: float, end: float) -> Level:
+    """Return the mean force between two times of the block, with its random uncertainty."""
+    time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
+    used = (time >= begin) & (time <= end)
+    values = force[used]
+    since = time[used] - 0.5 * (begin + end)
+    slope = float(since @ values / max(float(since @ since), 1e-30))
+    rest = values - values.mean() - slope * since
+    step = float(loads.attrs.get("resolution", 0.0))
+    noise = max(float(rest.std()), step / np.sqrt(12))
+    # the cell's filter ties neighbouring readings together
+    u = noise / np.sqrt(independent_count(rest))
+    if noise < step / 2:
+        u = max(u, step / np.sqrt(12))  # all on one step of the cell: no mean sees between
+    return Level(float(values.mean()), float(u), begin, end)
+
+
+def unfinished(loads: xr.Dataset, hold: Hold, level: Level) -> float:
+    """Return the standard uncertainty [N] of a plateau from relaxation that still goes on.
+
+    A rectangle of the width by which the force fell in the hold's second half.
+    """
+    half = 0.5 * (hold.end + hold.last)
+    width = 0.5 * (level.end - level.begin)
+    before = mean_force(loads, hold, half - width, half + width)
+    return abs(before.force - level.force) / float(np.sqrt(3.0))
+
+
+def binned(
+    time: Array, values: Array, edges: Array
+) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+    """Return mean time, mean value, standard deviation and number in bins; empty bins left out."""
+    place = np.searchsorted(edges, time, side="right") - 1
+    inside = (place >= 0) & (place < edges.size - 1)
+    count = np.bincount(place[inside], minlength=edges.size - 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        t = np.bincount(place[inside], time[inside], edges.size - 1) / count
+        mean = np.bincount(place[inside], values[inside], edges.size - 1) / count
+        square = np.bincount(place[inside], values[inside] ** 2, edges.size - 1) / count
+    filled = count > 0
+    spread = np.sqrt(np.maximum(square - mean**2, 0.0))
+    return t[filled], mean[filled], spread[filled], count[filled]

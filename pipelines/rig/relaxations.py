@@ -1,0 +1,61 @@
+"""Relaxation tests of rubber under a periodic punch as the virtual rig records them.
+
+One file per depth: the approach, then one ramp and its hold. The stage accelerates and brakes as
+real ones do, and the load cell's gain is a little off, within what its record states.
+"""
+
+import json
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+
+from labpipe import files
+from pipelines.rig.indentations import Specimen, approach_part, ramp_part, record_parts
+from pipelines.rig.mach1_tester import Tester
+
+TESTER = Tester(force_gain=0.9988, acceleration=0.05)
+_PLATEAU = 60.0  # s, the end of the hold over which the truth is averaged
+_APART = timedelta(minutes=30)  # between two tests
+
+
+@dataclass(frozen=True, slots=True)
+class Relaxation:
+    """The protocol: depths, and how long each is held; a fresh start for every depth."""
+
+    depths: tuple[float, ...] = (0.1e-3, 0.2e-3, 0.3e-3)
+    hold: float = 600.0
+
+
+def write_relaxation(
+    folder: Path, name: str, specimen: Specimen, protocol: Relaxation, tester: Tester,
+    seed: int, start: datetime,
+) -> list[str]:  # fmt: skip
+    """Write one Mach-1 file per depth, and the truth beside each; returns the files' names."""
+    names = []
+    for number, depth in enumerate(protocol.depths):
+        parts = [approach_part(), ramp_part(tester, depth, protocol.hold)]
+        stem = f"{name}_{depth * 1e6:.0f}um"
+        _, force = record_parts(
+            folder, stem, specimen, parts, tester, seed + number, start + number * _APART
+        )
+        time = parts[1].time
+        late = time >= time[-1] - min(_PLATEAU, 0.1 * protocol.hold)
+        solid = specimen.material
+        document = {
+            "synthetic": True,
+            "surface": specimen.surface,
+            "depth": depth,
+            "peak_force": float(force.max()),
+            "peak_time": float(time[np.argmax(force)]),
+            "plateau_force": float(force[late].mean()),
+            "end_force": float(force[-1]),
+            "force_gain": tester.force_gain,
+            "force_offset": tester.force_offset,
+            "E_relaxed": float(solid.E_relaxed),
+            "reduced_modulus": float(solid.E_relaxed) / (1 - float(solid.nu) ** 2),
+        }
+        files.write_text(folder / f"truth/{stem}.json", json.dumps(document, indent=1) + "\n")
+        names.append(f"mach1/{stem}.txt")
+    return names
