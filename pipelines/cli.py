@@ -37,6 +37,7 @@ COMMANDS: dict[str, Command] = {
     "figures": Command(f"{_HOME}.figures:figures", "Draw the thesis's figures by number."),
     "simulate": Command(f"{_HOME}.simulate:simulate", "Run the bundled simulator alone."),
     "sample": Command(f"{_HOME}.sample:sample", "Write a synthetic session with its truth."),
+    "bench": Command(f"{_HOME}.bench:bench", "Measure accuracy against run time of every part."),
     "doctor": Command(f"{_HOME}.system:doctor", "Check the installation and a session's store."),
     "completion": Command(f"{_HOME}.system:completion", "Print the script for bash, zsh or fish."),
 }

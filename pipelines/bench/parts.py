@@ -38,6 +38,14 @@ class PartResult:
     seconds: float
 
 
+@dataclass(frozen=True, slots=True)
+class PartFailure:
+    """A part that gave no suite, and why."""
+
+    name: str
+    message: str
+
+
 def chosen(names: Sequence[str]) -> tuple[str, ...]:
     """Return the parts asked for, in the order of the table; all without names.
 
@@ -80,3 +88,29 @@ def measure(name: str, quick: bool) -> PartResult:
     found = load(name)(quick)
     suites = (found,) if isinstance(found, Suite) else tuple(found)
     return PartResult(name, suites, time.perf_counter() - start)
+
+
+def measure_all(
+    names: Sequence[str], quick: bool, progress: Callable[[str], None] | None = None
+) -> tuple[list[PartResult], list[PartFailure]]:
+    """Run parts one after the other; one that fails does not lose the others.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Parts, as :func:`chosen` returns them.
+    quick : bool
+        Fewer settings and repeats.
+    progress : callable, optional
+        Called with the name of every part before it runs.
+    """
+    results, failures = [], []
+    for name in names:
+        if progress is not None:
+            progress(name)
+        try:
+            results.append(measure(name, quick))
+        # Parts call peers of all kinds; whatever breaks is stated in the page and the exit code.
+        except Exception as error:
+            failures.append(PartFailure(name, f"{type(error).__name__}: {error}"))
+    return results, failures

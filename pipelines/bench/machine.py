@@ -1,0 +1,57 @@
+"""What the machine is, as far as run times depend on it; neither its name nor any path."""
+
+import os
+import platform
+import re
+from pathlib import Path
+from typing import Any
+
+from labpipe.workflow.provenance import program
+
+_CPU_FACTS = Path("/proc/cpuinfo")
+_MEMORY_FACTS = Path("/proc/meminfo")
+#: Settings of the libraries' own threads; they decide what a ratio between methods means.
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def facts() -> dict[str, Any]:
+    """Return processor, cores, memory, system, versions and thread settings.
+
+    Examples
+    --------
+    >>> facts()["cores"] >= 1
+    True
+    """
+    about = program()
+    return {
+        "processor": _first(_CPU_FACTS, r"^model name\s*:\s*(.+)$") or platform.machine(),
+        "cores": _cores(),
+        "memory_bytes": _memory(),
+        "system": platform.system(),
+        "architecture": platform.machine(),
+        "python": about["python"],
+        "labpipe": about["labpipe"],
+        "commit": about["git"],
+        "libraries": about["libraries"],
+        "threads": {name: os.environ[name] for name in _THREADS if name in os.environ},
+    }
+
+
+def _cores() -> int:
+    """Count the cores that this process may use, not those that the machine has."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _memory() -> int | None:
+    kilobytes = _first(_MEMORY_FACTS, r"^MemTotal:\s*(\d+) kB$")
+    return int(kilobytes) * 1024 if kilobytes else None
+
+
+def _first(path: Path, pattern: str) -> str | None:
+    try:
+        found = re.search(pattern, path.read_text(encoding="utf-8"), re.MULTILINE)
+    except OSError:
+        return None
+    return found.group(1).strip() if found else None

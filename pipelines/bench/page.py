@@ -1,0 +1,171 @@
+"""The benchmark's page and its JSON document."""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from labpipe.report import (
+    Block,
+    Column,
+    Document,
+    KeyValues,
+    Notice,
+    Paragraph,
+    Picture,
+    Section,
+    Table,
+    number,
+)
+from pipelines.bench.measure import Point, Suite
+from pipelines.bench.parts import PARTS, PartFailure, PartResult
+
+JSON_NAME, PAGE_NAME = "bench.json", "bench.html"
+_HOW = (
+    "Every diagram shows error against run time of one part of labpipe, on data whose truth is "
+    "known. Filled marker: what a user gets without asking. Numbers beside the markers are those "
+    "of the table below. Dashed lines are limits that no method can pass. Contenders of one "
+    "diagram ran in turn in one process; times are medians of warm runs, the first run is the "
+    "cold one. On a busy machine only ratios mean anything."
+)
+_BINARY = 1024.0
+
+
+def as_document(
+    results: Sequence[PartResult], failures: Sequence[PartFailure], machine: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return everything measured as plain values; NaN becomes null.
+
+    Parameters
+    ----------
+    results : sequence of PartResult
+        What was measured.
+    failures : sequence of PartFailure
+        Parts that gave nothing, and why.
+    machine : mapping
+        See :func:`pipelines.bench.machine.facts`.
+    """
+    return {
+        "machine": dict(machine),
+        "parts": [
+            {"name": r.name, "seconds": r.seconds, "suites": [_suite(s) for s in r.suites]}
+            for r in results
+        ],
+        "failures": [{"name": f.name, "message": f.message} for f in failures],
+    }
+
+
+def as_json(document: Mapping[str, Any]) -> str:
+    """Return the document as JSON text."""
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _suite(suite: Suite) -> dict[str, Any]:
+    return {
+        "name": suite.name,
+        "title": suite.title,
+        "error_label": suite.error_label,
+        "time_label": suite.time_label,
+        "points": [_point(p) for p in suite.points],
+        "bounds": [
+            {"label": b.label, "error": _plain(b.error), "seconds": _plain(b.seconds)}
+            for b in suite.bounds
+        ],
+        "notes": list(suite.notes),
+    }
+
+
+def _point(point: Point) -> dict[str, Any]:
+    return {
+        "setting": point.setting,
+        "group": point.group,
+        "is_default": point.is_default,
+        "error": _plain(point.error),
+        "seconds": _plain(point.seconds),
+        "cold_seconds": _plain(point.cold_seconds),
+        "peak_bytes": _plain(point.peak_bytes),
+        "extra": {name: _plain(value) for name, value in point.extra.items()},
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Return a number of numpy as Python's, and NaN or infinity as None."""
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    # numpy's own truth values have no __float__ worth printing
+    if type(value).__name__ == "bool":
+        return bool(value)
+    number_found = float(value)
+    return number_found if math.isfinite(number_found) else None
+
+
+def render(
+    results: Sequence[PartResult], failures: Sequence[PartFailure], machine: Mapping[str, Any]
+) -> str:
+    """Return the page of a run; arguments as of :func:`as_document`."""
+    head = Section("Machine", (Paragraph(_HOW), _machine(machine)))
+    failed = tuple(Notice("error", f"{f.name}: {f.message}") for f in failures)
+    parts = [Section(PARTS[r.name][1].rstrip("."), _blocks(r), r.name) for r in results]
+    sections = [head, *([Section("Failed", failed)] if failed else []), *parts]
+    return Document("Accuracy against run time", "labpipe bench", "", sections).render()
+
+
+def _machine(machine: Mapping[str, Any]) -> KeyValues:
+    libraries = ", ".join(f"{k} {v}" for k, v in machine["libraries"].items() if v)
+    threads = ", ".join(f"{k}={v}" for k, v in machine["threads"].items())
+    memory = machine["memory_bytes"]
+    return KeyValues(
+        (
+            ("processor", str(machine["processor"]), str(machine["architecture"])),
+            ("cores", str(machine["cores"]), "usable by this process"),
+            ("memory", number(memory / _BINARY**3, 3) if memory else "unknown", "GiB"),
+            ("system", str(machine["system"]), f"Python {machine['python']}"),
+            ("libraries", libraries, ""),
+            ("threads", threads or "as the libraries choose", ""),
+        )
+    )
+
+
+def _blocks(result: PartResult) -> tuple[Block, ...]:
+    from pipelines.bench.diagram import draw, is_drawable
+
+    blocks: list[Block] = []
+    for suite in result.suites:
+        blocks.append(Paragraph(suite.title))
+        if is_drawable(suite):
+            alt = f"{suite.title}: {suite.error_label} against {suite.time_label}"
+            blocks.append(Picture(draw(suite), alt))
+        blocks.append(table(suite))
+        blocks.extend(Notice("info", note) for note in suite.notes)
+    blocks.append(Paragraph(f"Measured in {number(result.seconds, 3)} s."))
+    return tuple(blocks)
+
+
+def table(suite: Suite) -> Table:
+    """Return the numbers of a suite: one row per point, columns that hold nothing left out.
+
+    The time of every row is also given as a multiple of the default's.
+    """
+    points = suite.points
+    base = next((p.seconds for p in points if p.is_default and p.seconds > 0), math.nan)
+    extras = list(dict.fromkeys(name for point in points for name in point.extra))
+    columns: list[tuple[Column, list[Any]]] = [
+        (Column("#"), list(range(1, len(points) + 1))),
+        (Column("method"), [p.group or "labpipe" for p in points]),
+        (Column("setting"), [p.setting + (" (default)" if p.is_default else "") for p in points]),
+        (Column(suite.error_label, digits=3), [_plain(p.error) for p in points]),
+        (Column("run time", "s", digits=3), [_plain(p.seconds) for p in points]),
+        (Column("× default", digits=3), [_plain(p.seconds / base) for p in points]),
+        (Column("first run", "s", digits=3), [_plain(p.cold_seconds) for p in points]),
+        (Column("peak memory (MiB)", digits=3), [_mebibytes(p.peak_bytes) for p in points]),
+    ]
+    columns += [
+        (Column(name, digits=3), [_plain(p.extra.get(name)) for p in points]) for name in extras
+    ]
+    kept = [(c, cells) for c, cells in columns if any(cell is not None for cell in cells)]
+    rows = list(zip(*(cells for _, cells in kept), strict=True))
+    return Table(tuple(column for column, _ in kept), rows)
+
+
+def _mebibytes(size: int | None) -> float | None:
+    return None if size is None else size / _BINARY**2

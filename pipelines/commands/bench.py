@@ -1,0 +1,60 @@
+"""The command bench: accuracy against run time of every numerical part."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from pipelines.commands.options import echo, echo_json, json_option
+
+
+@click.command()
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option("--quick", is_flag=True, help="Fewer settings and repeats; minutes for all parts.")
+@click.option("--list", "listed", is_flag=True, help="Name the parts; measure nothing.")
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default="bench",
+              show_default=True, help="Folder to write into.")  # fmt: skip
+@json_option
+def bench(names: tuple[str, ...], quick: bool, listed: bool, out: Path, as_json: bool) -> None:
+    r"""Measure error against run time of every part, on data with known truth.
+
+    Writes one JSON file and one page with a work-precision diagram for each part: our default
+    and other settings, the thesis's own method, installed peers, and the physical limit. Peers
+    that are not installed are named in a note. Times of a busy machine are good for ratios only.
+
+    \b
+    Example:
+      labpipe bench --quick
+      labpipe bench dic velocity --out BENCH
+    """
+    from pipelines.bench.parts import PARTS, chosen, measure_all
+
+    wanted = chosen(names)
+    if listed:
+        if as_json:
+            echo_json({name: PARTS[name][1] for name in wanted})
+            return
+        for name in wanted:
+            echo(f"{name:18}{PARTS[name][1]}")
+        return
+    from labpipe import files
+    from pipelines.bench import machine, page
+
+    results, failures = measure_all(wanted, quick, lambda name: _say(name, as_json))
+    about = machine.facts()
+    document = page.as_document(results, failures, about)
+    out.mkdir(parents=True, exist_ok=True)
+    files.write_text(out / page.JSON_NAME, page.as_json(document))
+    files.write_text(out / page.PAGE_NAME, page.render(results, failures, about))
+    if as_json:
+        echo_json(document)
+    else:
+        for failure in failures:
+            click.echo(f"failed: {failure.name}: {failure.message}", err=True)
+        echo(f"wrote {out / page.PAGE_NAME} and {page.JSON_NAME} beside it")
+    click.get_current_context().exit(bool(failures))
+
+
+def _say(name: str, is_quiet: bool) -> None:
+    if not is_quiet and sys.stderr.isatty():
+        click.echo(f"measuring {name} …", err=True)

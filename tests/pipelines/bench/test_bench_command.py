@@ -1,0 +1,151 @@
+"""The command bench with a toy part: files, page, JSON, names, failures."""
+
+import json
+import math
+import re
+from pathlib import Path
+
+import pytest
+
+from labpipe.errors import UsageError
+from pipelines.bench import machine, page, parts
+from pipelines.bench.diagram import draw, is_drawable
+from pipelines.bench.measure import Bound, Point, Suite
+from pipelines.cli import main
+
+TOY = Suite(
+    "toy",
+    "Sums of numbers <against> themselves",
+    "error (px)",
+    (
+        Point("fine", 1e-5, 2.0, is_default=True, cold_seconds=3.0, peak_bytes=2**20),
+        Point("coarse", 1e-3, 0.5, extra={"bias (px)": 4e-4}),
+        Point("exact", 0.0, 1.0),
+        Point("central differences", 1e-2, 0.25, "thesis"),
+        Point("other", 2e-2, 1.0, "peer"),
+        Point("not timed", 1e-4, math.nan),
+    ),
+    (Bound("rounding", 1e-7), Bound("bandwidth", seconds=0.1)),
+    ("peer2 is not installed",),
+)
+
+
+def broken(quick: bool) -> Suite:
+    raise RuntimeError(f"quick is {quick}")
+
+
+@pytest.fixture
+def toy(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = {
+        "toy": ("toy", "Toy sums."),
+        "pair": ("pair", "Two suites."),
+        "broken": ("broken", "Fails."),
+    }
+    runs = {
+        "toy": lambda quick: TOY,
+        "pair": lambda quick: [TOY, TOY],
+        "broken": broken,
+    }
+    monkeypatch.setattr(parts, "PARTS", table)
+    monkeypatch.setattr(page, "PARTS", table)
+    monkeypatch.setattr(parts, "load", runs.__getitem__)
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    from pipelines.commands.bench import bench
+
+    try:
+        bench.main(list(arguments), standalone_mode=True)
+    except SystemExit as left:
+        code = left.code
+    out, err = capsys.readouterr()
+    return int(code or 0), out, err
+
+
+@pytest.mark.usefixtures("toy")
+def test_a_run_writes_page_and_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "toy", "--quick", "--out", str(tmp_path / "new"), "--json")
+    assert code == 0
+    document = json.loads(out)
+    assert document == json.loads((tmp_path / "new/bench.json").read_text())
+    suite = document["parts"][0]["suites"][0]
+    assert suite["points"][0]["peak_bytes"] == 2**20
+    assert suite["points"][5]["seconds"] is None
+    assert suite["bounds"][1] == {"label": "bandwidth", "error": None, "seconds": 0.1}
+    text = (tmp_path / "new/bench.html").read_text()
+    assert "&lt;against&gt;" in text
+    assert "peer2 is not installed" in text
+    # nothing is asked for over a network
+    assert not re.search(r"(src|href)=[\"']?https?:", text)
+
+
+@pytest.mark.usefixtures("toy")
+def test_a_part_that_fails_is_told_and_the_others_are_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, err = run(capsys, "--out", str(tmp_path))
+    assert code == 1
+    assert "broken: RuntimeError: quick is False" in err
+    document = json.loads((tmp_path / "bench.json").read_text())
+    assert [p["name"] for p in document["parts"]] == ["toy", "pair"]
+    assert document["failures"][0]["name"] == "broken"
+    assert "quick is False" in (tmp_path / "bench.html").read_text()
+    assert "bench.html" in out
+
+
+@pytest.mark.usefixtures("toy")
+def test_parts_run_in_the_order_of_the_table() -> None:
+    assert parts.chosen(["pair", "toy"]) == ("toy", "pair")
+    assert parts.chosen([]) == ("toy", "pair", "broken")
+
+
+def test_an_unknown_part_is_answered_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(UsageError, match='did you mean "velocity"'):
+        parts.chosen(["velocty"])
+    with pytest.raises(SystemExit) as left:
+        main(["bench", "velocty", "--list"])
+    assert left.value.code == 2
+    assert 'did you mean "velocity"' in capsys.readouterr().err
+
+
+def test_every_registered_part_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = run(capsys, "--list")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()] == list(parts.PARTS)
+
+
+def test_the_diagram_shows_every_timed_point_with_its_number_and_label() -> None:
+    texts = re.findall(r"<text[^>]*>([^<]+)</text>", draw(TOY).decode())
+    joined = " ".join(texts)
+    assert "labpipe, default" in joined
+    assert "thesis" in joined
+    assert "peer" in joined
+    assert "rounding" in joined
+    assert "bandwidth" in joined
+    assert "error (px)" in joined
+    assert {"1", "2", "3", "4", "5"} <= set(texts)
+    assert "6" not in texts
+
+
+def test_suites_without_a_timed_point_have_no_diagram() -> None:
+    untimed = Suite("x", "x", "error (1)", [Point("a", 1.0, math.nan)])
+    assert not is_drawable(untimed)
+    assert not is_drawable(Suite("x", "x", "e", TOY.points, has_diagram=False))
+
+
+def test_the_table_gives_ratios_to_the_default_and_drops_empty_columns() -> None:
+    table = page.table(TOY)
+    titles = [column.title for column in table.columns]
+    ratio = titles.index("× default")
+    assert [row[ratio] for row in table.rows] == [1.0, 0.25, 0.5, 0.125, 0.5, None]
+    bare = page.table(Suite("x", "x", "error (1)", [Point("a", 1.0, 1.0)]))
+    assert [c.title for c in bare.columns] == ["#", "method", "setting", "error (1)", "run time"]
+
+
+def test_facts_of_the_machine_hold_neither_its_name_nor_paths() -> None:
+    import platform
+
+    text = json.dumps(machine.facts())
+    assert platform.node() not in text or len(platform.node()) < 4
+    assert str(Path.home()) not in text
+    assert str(Path.cwd()) not in text

@@ -1,0 +1,54 @@
+"""Timing in turn, memory, and what a point may be."""
+
+import math
+
+import numpy as np
+import pytest
+
+from labpipe.errors import InputError
+from pipelines.bench.measure import Bound, Point, Timing, paired, peak_bytes
+
+
+def test_contenders_run_in_turn_after_one_cold_run_each() -> None:
+    calls: list[str] = []
+    timings = paired({"a": lambda: calls.append("a"), "b": lambda: calls.append("b")}, 3)
+    assert calls == ["a", "b"] * 4
+    assert [len(t.samples) for t in timings.values()] == [3, 3]
+
+
+def test_the_value_of_the_first_run_is_kept() -> None:
+    count = iter(range(9))
+    assert paired({"a": lambda: next(count)}, 2)["a"].value == 0
+
+
+def test_a_spent_budget_ends_the_rounds_but_not_the_first() -> None:
+    assert len(paired({"a": lambda: sum(range(1000))}, 50, budget=0.0)["a"].samples) == 1
+
+
+def test_no_repeats_are_refused() -> None:
+    with pytest.raises(InputError, match="0 repeats"):
+        paired({"a": int}, 0)
+
+
+def test_ratios_are_taken_run_by_run() -> None:
+    # a slow spell in the second round: ratio of medians 1, ratios of the runs all 2
+    ours = Timing(4.0, 0.0, (2.0, 8.0, 4.0), None)
+    theirs = Timing(2.0, 0.0, (1.0, 4.0, 2.0), None)
+    assert ours.ratio(theirs) == (2.0, 2.0, 2.0)
+
+
+def test_peak_memory_counts_what_is_freed_again() -> None:
+    size = 4_000_000
+    found = peak_bytes(lambda: np.ones(size // 8).sum())
+    assert size <= found < 1.1 * size + 100_000
+
+
+@pytest.mark.parametrize(("error", "seconds"), [(-1.0, 1.0), (1.0, -1.0), (math.inf, 1.0)])
+def test_impossible_points_are_refused(error: float, seconds: float) -> None:
+    with pytest.raises(InputError, match="is none"):
+        Point("x", error, seconds)
+
+
+def test_a_bound_that_bounds_nothing_is_refused() -> None:
+    with pytest.raises(InputError, match="limits neither"):
+        Bound("nothing")
