@@ -2,7 +2,8 @@
 
 Instruments are told by content. Repeats are files whose names differ in their last number only.
 A drop height in a name (``7mm``, ``h1p5``) is taken as a proposal and marked as such. What no
-file tells is written as ``FILL``; the session is refused, line by line, until it is filled.
+file tells is asked for, or written as ``FILL``; the session is refused, line by line, until it is
+filled. A calibration record that is missing is proposed as a file of its own.
 """
 
 import re
@@ -14,12 +15,14 @@ import instruments
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
 from labpipe.workflow.session import FILE_NAME, VERSION
+from pipelines.gaps import GAP, Gap, filled
+from pipelines.record_templates import camera_template, missing_records
 
-GAP = "FILL"
 _HEIGHT = re.compile(r"(?<![\d.])(\d+(?:[.p]\d+)?)\s*mm", re.IGNORECASE)
 _SHORT_HEIGHT = re.compile(r"(?:^|[_-])h(\d+(?:[.p]\d+)?)(?=$|[_-])", re.IGNORECASE)
 _REPEAT = re.compile(r"[_\- ]*(?:r|rep|run|repeat|test)?[_\- ]*\d+$", re.IGNORECASE)
 _UNDER = re.compile(r"under|disc|contact|below", re.IGNORECASE)
+_PLATE = re.compile(r"plate|vibration", re.IGNORECASE)
 _MATERIALS = ("acrylic", "pmma", "peek", "nylon", "ptfe", "nbr")
 
 
@@ -30,6 +33,7 @@ class Scan:
     path: Path
     experiments: list[str]
     gaps: list[str]
+    records: list[Path]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +44,9 @@ class _Group:
     files: list[str]
 
 
-def write_session_file(folder: Path, replace: bool = False) -> Scan:
+def write_session_file(
+    folder: Path, replace: bool = False, ask: Callable[[Gap], str | None] | None = None
+) -> Scan:
     """Scan a folder and write its session.toml.
 
     Parameters
@@ -49,6 +55,8 @@ def write_session_file(folder: Path, replace: bool = False) -> Scan:
         The session folder.
     replace : bool
         Replace a session.toml that is already there.
+    ask : callable, optional
+        Returns the answer to a question that no file answers, or None to leave it open.
 
     Raises
     ------
@@ -60,18 +68,56 @@ def write_session_file(folder: Path, replace: bool = False) -> Scan:
         message = f"{path} exists already; edit it, or use --force to replace it"
         raise UsageError(message)
     found = recognise(folder)
-    text, names = propose(folder, found)
+    records = dict(missing_records(folder, found).values())
+    records |= _camera_records(folder, found)
+    text, names = propose(folder, _with_records(found, records))
     if not names:
         known = ", ".join(reader.name for reader in instruments.READERS)
         message = f"{folder}: no file of a known instrument was found; known are {known}"
         raise UsageError(message)
-    files.write_text(path, text)
+    begun = {n: (folder / n).read_text("utf-8") for n in _records(found)}
+    texts = {FILE_NAME: text, **records, **{n: t for n, t in begun.items() if GAP in t}}
+    if ask is not None:
+        texts = {name: filled(content, ask) for name, content in texts.items()}
+    for name in reversed(texts):  # session.toml last: with it, the folder is a session
+        if texts[name] != begun.get(name):
+            files.write_text(folder / name, texts[name])
     gaps = [
-        f"{FILE_NAME}:{number}: {line.strip()}"
-        for number, line in enumerate(text.splitlines(), 1)
+        f"{name}:{number}: {line.strip()}"
+        for name, content in texts.items()
+        for number, line in enumerate(content.splitlines(), 1)
         if GAP in line and not line.lstrip().startswith("#")
     ]
-    return Scan(path, names, gaps)
+    return Scan(path, names, gaps, [folder / name for name in records])
+
+
+def _camera_records(folder: Path, found: dict[str, list[str]]) -> dict[str, str]:
+    """Propose a record for every view that is filmed and has none."""
+    known = found.get("record:camera", [])
+    views = {_view(name): name for name in found.get("phantom", [])}
+    return dict(
+        camera_template(folder, film, view)
+        for view, film in sorted(views.items())
+        if not any(view in record for record in known)
+    )
+
+
+def _records(found: dict[str, list[str]]) -> list[str]:
+    return [n for kind, names in found.items() if kind.startswith("record:") for n in names]
+
+
+def _with_records(found: dict[str, list[str]], records: dict[str, str]) -> dict[str, list[str]]:
+    """Add the records that will be written to those that are there."""
+    lasers = [name for name in records if "laser" in name]
+    cameras = [name for name in records if "camera" in name]
+    return found | {
+        "record:laser": found.get("record:laser", []) + lasers,
+        "record:camera": found.get("record:camera", []) + cameras,
+    }
+
+
+def _view(film: str) -> str:
+    return "under" if _UNDER.search(film) else "front"
 
 
 def recognise(folder: Path) -> dict[str, list[str]]:
@@ -107,12 +153,15 @@ def _instrument(path: Path) -> str | None:
 
 
 def _record_kind(path: Path) -> str | None:
-    from calibration import load_record
+    """Name the kind that a record claims; an incomplete one is a record that has gaps."""
+    from calibration import KINDS
+    from labpipe.workflow.document import parse
 
     try:
-        return f"record:{load_record(path).kind}"
+        kind = parse(path).tree.get("kind")
     except LabpipeError:
         return None
+    return f"record:{kind}" if isinstance(kind, str) and kind in KINDS else None
 
 
 def propose(folder: Path, found: dict[str, list[str]]) -> tuple[str, list[str]]:
@@ -178,8 +227,32 @@ def _height(name: str) -> str:
     return f'height = "{match[1].replace("p", ".")} mm"  # proposed from the file name; add ± u'
 
 
-def _ball_drop(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str:
+def _laser(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str:
+    """Propose what a laser saw by its name: the plate, or the holder; a person knows better."""
     del folder
+    if _PLATE.search(names[0]):
+        return _plate_vibration(name, names, found)
+    return _ball_drop(name, names, found)
+
+
+def _plate_vibration(name: str, names: list[str], found: dict[str, list[str]]) -> str:
+    records = found.get("record:laser", [])
+    record = next((r for r in records if _PLATE.search(r)), f"calibration/{GAP}.toml")
+    return f"""[experiments.{name}]
+kind = "plate_vibration"  # proposed from the file name
+calibration = "{record}"  # inclination of the sensor in its place over the plate
+
+[experiments.{name}.sphere]  # for the modal mass; without it frequency and damping alone
+radius = "{GAP} mm"
+mass = "{GAP} g"  # of all that moves: sphere and holder
+
+[[experiments.{name}.drops]]  # one such table for each material and height
+{_material(name)}
+{_height(name)}
+laser = {_list(names)}"""
+
+
+def _ball_drop(name: str, names: list[str], found: dict[str, list[str]]) -> str:
     record = next(iter(found.get("record:laser", [])), f"calibration/{GAP}.toml")
     return f"""[experiments.{name}]
 kind = "ball_drop"
@@ -233,8 +306,8 @@ nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"
 def _film(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str:
     """Propose what a film shows by its name; a person knows better."""
     del folder
-    is_under = _UNDER.search(names[0]) is not None
-    word = "under" if is_under else "front"
+    word = _view(names[0])
+    is_under = word == "under"
     records = found.get("record:camera", [])
     record = next((r for r in records if word in r), f"calibration/{GAP}.toml")
     head = f"""[experiments.{name}]
@@ -260,7 +333,7 @@ REPEATED = {"keyence"}
 """Instruments whose files come as repeats of one experiment; others hold one experiment each."""
 
 PROPOSALS: dict[str, Callable[[Path, str, list[str], dict[str, list[str]]], str | None]] = {
-    "keyence": _ball_drop,
+    "keyence": _laser,
     "mach1": _harmonic,
     "phantom": _film,
     "anton_paar": _dma,

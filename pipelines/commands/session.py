@@ -1,16 +1,20 @@
 """Commands on a session folder: init, plan, process."""
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from labpipe.errors import LabpipeError
+from pipelines.cli import printable
 from pipelines.commands.options import echo, echo_json, json_option, session_argument
 from pipelines.overview import PAGE
 
 if TYPE_CHECKING:
     from labpipe.workflow.runner import RunResult
+    from pipelines.gaps import Gap
 
 _STATE_WIDTH = 10
 
@@ -18,12 +22,15 @@ _STATE_WIDTH = 10
 @click.command()
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--force", is_flag=True, help="Replace a session.toml that is already there.")
+@click.option("--ask/--no-ask", default=None,
+              help="Ask for what no file tells; default: ask at a terminal.")  # fmt: skip
 @json_option
-def init(folder: Path, force: bool, as_json: bool) -> None:
+def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
     r"""Scan FOLDER and write a commented session.toml.
 
     Instruments are recognised by the content of their files. What no file tells (mass, radius,
-    material, drop height) is left as a line to fill in, marked with FILL.
+    material, drop height, inclination of the laser) is asked for; an empty answer leaves a line to
+    fill in, marked with FILL. A missing calibration record is proposed as a file.
 
     \b
     Example:
@@ -31,16 +38,53 @@ def init(folder: Path, force: bool, as_json: bool) -> None:
     """
     from pipelines.scan import write_session_file
 
-    found = write_session_file(folder, replace=force)
+    is_person = sys.stdin.isatty() and not as_json
+    asker = _Asker() if (is_person if ask is None else ask) else None
+    found = write_session_file(folder, replace=force, ask=asker)
     if as_json:
         echo_json(
-            {"path": str(found.path), "experiments": found.experiments, "to_fill": found.gaps}
-        )
+            {
+                "path": str(found.path), "experiments": found.experiments,
+                "to_fill": found.gaps, "records": [str(p) for p in found.records],
+            }
+        )  # fmt: skip
         return
     echo(f"wrote {found.path} with {len(found.experiments)} experiment(s)")
+    for path in found.records:
+        echo(f"wrote {path}, a calibration record to complete")
     for line in found.gaps:
         echo(f"  to fill in: {line}")
     echo(f"then: labpipe plan {folder}")
+
+
+class _Asker:
+    """Asks a person; the last answer to the same question is offered for the next one."""
+
+    def __init__(self) -> None:
+        self.last: dict[str, str] = {}
+        self.has_begun = False
+
+    def __call__(self, gap: "Gap") -> str | None:
+        """Ask until the answer fits or is empty."""
+        from pipelines.gaps import checked
+
+        if not self.has_begun:
+            click.echo("What no file tells; Enter alone leaves it open, Ctrl-C writes nothing.",
+                       err=True)  # fmt: skip
+            self.has_begun = True
+        while True:
+            default = self.last.get(gap.key, "")
+            answer = click.prompt(
+                printable(gap.question), default=default, show_default=bool(default), err=True
+            )
+            if not answer.strip():
+                return None
+            try:
+                self.last[gap.key] = checked(gap, answer)
+            except LabpipeError as error:
+                click.echo(f"  {printable(str(error))}", err=True)
+                continue
+            return self.last[gap.key]
 
 
 def _split(values: Sequence[str]) -> list[str] | None:

@@ -1,0 +1,118 @@
+"""Questions for what no file tells, and what is done with the answers."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from calibration import load_record
+from labpipe.errors import InputError
+from pipelines.commands.session import init
+from pipelines.gaps import Gap, checked, filled, gaps, library_names
+from pipelines.process import open_session, process
+from pipelines.scan import write_session_file
+
+TEXT = """[experiments.drop.sphere]
+radius = "FILL mm"  # of the sphere
+# mass = "FILL g"
+material = "FILL"
+kind = "ball_drop"
+"""
+
+
+def test_gaps_know_their_table_unit_and_remark() -> None:
+    assert list(gaps(TEXT)) == [
+        Gap(2, "drop.sphere", "radius", "mm", "of the sphere"),
+        Gap(4, "drop.sphere", "material", "", ""),
+    ]
+
+
+def test_answers_go_into_their_lines_and_open_ones_stay() -> None:
+    text = filled(TEXT, lambda gap: "9.5 ± 0.1 mm" if gap.unit else None)
+    assert text == TEXT.replace('radius = "FILL mm"', 'radius = "9.5 ± 0.1 mm"')
+
+
+@pytest.mark.parametrize(
+    ("key", "unit", "answer", "written"),
+    [
+        ("radius", "mm", "9.525", "9.525 mm"),
+        ("radius", "mm", " 9.525 ± 0.005 ", "9.525 ± 0.005 mm"),
+        ("radius", "mm", "0.9525 cm", "0.9525 cm"),
+        ("pixel_length", "px", "386 ± 1.5", "386 ± 1.5 px"),
+        ("inclination", "deg", "12.0 ± 0.2", "12.0 ± 0.2 deg"),
+        ("nu", "", "0.35 ± 0.02", "0.35 ± 0.02"),
+        ("material", "", "acrylic", "acrylic"),
+        ("mode", "", "tension", "tension"),
+        ("who", "", "A. Person", "A. Person"),
+    ],
+)
+def test_a_fitting_answer(key: str, unit: str, answer: str, written: str) -> None:
+    assert checked(Gap(1, "t", key, unit, ""), answer) == written
+
+
+@pytest.mark.parametrize(
+    ("key", "unit", "answer", "words"),
+    [
+        ("radius", "mm", "9.525 g", 'expected for example "12.3 ± 0.1 mm", found "9.525 g"'),
+        ("radius", "mm", "large", "12.3 ± 0.1 mm"),
+        ("material", "", "steel", "acrylic, nbr, nylon, peek, ptfe"),
+        ("mode", "", "tensile", "tension, bending, shear, torsion"),
+        ("who", "", 'A "Person"', "without quotes"),
+        ("nu", "", "a third", "expected for example"),
+    ],
+)
+def test_an_answer_that_does_not_fit_says_what_would(
+    key: str, unit: str, answer: str, words: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        checked(Gap(1, "t", key, unit, ""), answer)
+    assert words in str(caught.value)
+
+
+def test_library_names_are_those_of_the_library() -> None:
+    assert library_names() == ("acrylic", "nbr", "nylon", "peek", "ptfe")
+
+
+@pytest.fixture
+def pile(small_session: Path, tmp_path: Path) -> Path:
+    """Two laser exports in a folder, without a record of the laser."""
+    for number in (1, 2):
+        name = f"acrylic_1p5mm_{number}.csv"
+        shutil.copy(small_session / f"laser/drop_{number}.csv", tmp_path / name)
+    return tmp_path
+
+
+def test_a_missing_record_is_proposed_with_the_days_of_the_recordings(pile: Path) -> None:
+    found = write_session_file(pile)
+    text = (pile / "calibration/laser.toml").read_text("utf-8")
+    assert found.records == [pile / "calibration/laser.toml"]
+    assert 'instrument = "LK-G5001"' in text
+    assert "valid_from = 2024-05-14" in text
+    assert 'calibration = "calibration/laser.toml"' in found.path.read_text("utf-8")
+    assert any("inclination" in line for line in found.gaps)
+
+
+def test_answered_questions_make_a_session_that_processes(pile: Path) -> None:
+    answers = ["9.525 cubits", "9.525 ± 0.005", "505 ± 0.5", "A. Person", "micrometer",
+               "12.0 ± 0.1"]  # fmt: skip
+    text = write_session_file(pile).path.read_text("utf-8")
+    asked = [gap.key for gap in gaps(text)]
+    assert asked == ["radius", "mass"]
+    done = CliRunner().invoke(
+        init, [str(pile), "--force", "--ask"], input="\n".join(answers) + "\n"
+    )
+    assert done.exit_code == 0, done.output
+    assert "cubits" in done.output
+    assert "to fill in" not in done.output
+    session = open_session(pile)
+    assert list(session.experiments) == ["acrylic_1p5mm"]
+    assert load_record(pile / "calibration/laser.toml").who == "A. Person"
+    assert process(pile, ["displacement"], jobs=0).exit_code == 0
+
+
+def test_ctrl_c_during_the_questions_writes_nothing(pile: Path) -> None:
+    done = CliRunner().invoke(init, [str(pile), "--ask"], input="9.5\n")
+    assert done.exit_code == 1  # the input ended; `labpipe` itself turns this into 130
+    assert not (pile / "session.toml").exists()
+    assert not (pile / "calibration").exists()
