@@ -25,7 +25,10 @@ from labpipe.workflow.session import Session
 HERE = Path(__file__).parent
 
 DRIVER = f"""
-import os, sys
+import os, signal, sys
+# Tests that run in the background hand down signals that are ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 sys.path.insert(0, {str(HERE)!r})
 import toy_laboratory as toy
 from labpipe.workflow import provenance
