@@ -77,6 +77,18 @@ SCHEMAS: dict[str, Schema] = {
             "peak_force": Variable(("test",), "N"),
             "plateau_force": Variable(("test",), "N"),
         }),
+        Schema("ringing", {
+            "natural_frequency": Variable((), "Hz"),
+            "damping_ratio": Variable((), "1"),
+            "amplitude": Variable((), "m"),
+            "blow_time": Variable((), "s"),
+        }),
+        Schema("plate", {
+            "frequency": Variable((), "Hz"),
+            "damping_ratio": Variable((), "1"),
+            "mass": Variable((), "kg"),
+            "u_mass": Variable((), "kg"),
+        }),
         Schema("oscillations", {
             "frequency": Variable(("oscillation",), "Hz"),
             "storage_stiffness": Variable(("oscillation",), "N/m"),

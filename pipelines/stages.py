@@ -14,6 +14,7 @@ from pipelines.settings.contact_area import ContactArea
 from pipelines.settings.dic_validation import DicValidation
 from pipelines.settings.dma import Dma
 from pipelines.settings.harmonic import Harmonic
+from pipelines.settings.plate_vibration import PlateVibration
 from pipelines.settings.relaxation import Relaxation
 
 BALL_DROP = (
@@ -46,8 +47,9 @@ BALL_DROP = (
         summary="align at first contact: mean, band, outliers",
     ),
     Stage(
-        "model", "pipelines.experiments.ball_drop:model", 1,
-        ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve"),
+        "model", "pipelines.experiments.ball_drop:model", 2,
+        ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve",
+         "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
         summary="simulate the drop",
     ),
@@ -232,9 +234,9 @@ CONTACT_AREA = (
         summary="find the largest radius of each impact, and that at rest",
     ),
     Stage(
-        "model", "pipelines.experiments.contact_area:model", 1,
+        "model", "pipelines.experiments.contact_area:model", 2,
         ("radius", "impacts", "file:sphere.material_file",
-         "other:sphere.material_from/master_curve"),
+         "other:sphere.material_from/master_curve", "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
         summary="simulate the drop",
     ),
@@ -270,9 +272,57 @@ KINDS: dict[str, Kind] = {
     "dma": Kind(Dma, DMA, "sweeps of a rheometer to a master curve and its material"),
     "ball_drop": Kind(BallDrop, BALL_DROP, "drops of a sphere, seen by the laser"),
     "contact_area": Kind(ContactArea, CONTACT_AREA, "a film of the contact through the disc"),
+PLATE_VIBRATION = (
+    Stage(
+        "readings", "pipelines.experiments.plate_vibration:readings", 1,
+        ("file:drops.laser",), ("keyence",), per="recording", over="drops.laser",
+        summary="read the laser export",
+    ),
+    Stage(
+        "displacement", "pipelines.experiments.plate_vibration:displacement", 1,
+        ("readings", "file:calibration"), ("sensor", "measured_on"),
+        per="recording", over="drops.laser", schema="displacement",
+        summary="correct the inclination, with uncertainty",
+    ),
+    Stage(
+        "ringing", "pipelines.experiments.plate_vibration:ringing", 1, ("displacement",),
+        ("blow",), per="recording", over="drops.laser", schema="ringing",
+        summary="fit the free ringing after the first blow",
+    ),
+    Stage(
+        "table", "pipelines.experiments.plate_vibration:table", 1, ("ringing",), ("drops",),
+        summary="frequency, damping and amplitude by material and height",
+    ),
+    Stage(
+        "plate", "pipelines.experiments.plate_vibration:plate", 1, ("table",),
+        ("drops", "sphere", "model"), schema="plate",
+        summary="find the modal mass from amplitude and momentum",
+    ),
+    Stage(
+        "model", "pipelines.experiments.plate_vibration:model", 1, ("table", "plate"),
+        ("drops", "sphere", "model"),
+        summary="simulate the drops on the plate",
+    ),
+    Stage(
+        "comparison", "pipelines.experiments.plate_vibration:comparison", 1,
+        ("displacement", "ringing", "table", "model"),
+        summary="measurement against model",
+    ),
+    Stage(
+        "report", "pipelines.experiments.plate_vibration_page:page", 1,
+        ("readings", "displacement", "ringing", "table", "plate", "comparison"), ("*",),
+        output="page", context=True,
+        summary="write the page",
+    ),
+)  # fmt: skip
+
+
     "dic_validation": Kind(
         DicValidation, DIC_VALIDATION, "a film of the holder against the laser of other drops"
     ),
     "relaxation": Kind(Relaxation, RELAXATION, "relaxation of rubber under a periodic punch"),
     "harmonic": Kind(Harmonic, HARMONIC, "harmonic indentation by a periodic punch"),
 }
+    "plate_vibration": Kind(
+        PlateVibration, PLATE_VIBRATION, "the plate ringing under drops, seen by the laser"
+    ),

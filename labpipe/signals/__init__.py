@@ -20,6 +20,7 @@ from labpipe.signals.oscillation import (
     fit_sinusoid,
 )
 from labpipe.signals.repeats import combine_repeats
+from labpipe.signals.ringing import Ringing, ringing
 from labpipe.signals.vibration import Damped, damped_oscillation
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "CommonFit",
     "Damped",
     "Lag",
+    "Ringing",
     "Sinusoid",
     "Window",
     "active_window",
@@ -47,5 +49,6 @@ __all__ = [
     "loops",
     "nrmse",
     "phases",
+    "ringing",
     "velocity",
 ]

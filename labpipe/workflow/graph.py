@@ -166,9 +166,11 @@ def _field_problems(stage: Stage, settings: type[msgspec.Struct]) -> list[str]:
 
 
 def _has_field(kind: Any, dotted: str) -> bool:
-    """Whether a dotted name leads to a field, through optional structures and unions of them."""
+    """Whether a dotted name leads to a field, through optional structures, unions and lists."""
     first, _, rest = dotted.partition(".")
     bare, _ = split(kind)
+    if typing.get_origin(bare) is list:
+        return _has_field(typing.get_args(bare)[0], dotted)
     options = [split(option)[0] for option in typing.get_args(bare)] or [bare]
     for option in options:
         if not (isinstance(option, type) and issubclass(option, msgspec.Struct)):

@@ -135,9 +135,16 @@ def references(experiment: Experiment, stages: Iterable[Stage]) -> dict[str, str
 
 
 def field_value(settings: Any, dotted: str) -> Any:
-    """Follow a dotted field; None when an optional structure on the way is absent."""
+    """Follow a dotted field; None when an optional structure on the way is absent.
+
+    Through a list of structures it leads to all their values, joined: ``drops.laser``.
+    """
     for name in dotted.split("."):
-        settings = getattr(settings, name, None)
+        if isinstance(settings, list | tuple):
+            values = [getattr(item, name, None) for item in settings]
+            settings = [part for value in values for part in _names(value)]
+        else:
+            settings = getattr(settings, name, None)
     return settings
 
 
@@ -282,11 +289,16 @@ def _parameters(stage: Stage, plain: Any) -> dict[str, Any]:
         if dotted == "*":
             _flatten("", plain, flat)
             continue
-        value = plain
-        for name in dotted.split("."):
-            value = value.get(name) if isinstance(value, dict) else None
-        _flatten(dotted, value, flat)
+        _flatten(dotted, _plain_value(plain, dotted.split(".")), flat)
     return flat
+
+
+def _plain_value(node: Any, names: Sequence[str]) -> Any:
+    for position, name in enumerate(names):
+        if isinstance(node, list | tuple):
+            return [_plain_value(item, names[position:]) for item in node]
+        node = node.get(name) if isinstance(node, dict) else None
+    return node
 
 
 def _flatten(prefix: str, value: Any, flat: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ level of that contact.
 """
 
 import json
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import calibration
-import instruments
 from calibration import laser
 from labpipe import contact, signals
-from labpipe.errors import InputError
 from labpipe.units import Quantity
+from pipelines.experiments.laser_file import read_laser
 from pipelines.experiments.material import resolve
+from pipelines.experiments.plate import modal_mass, resolve_plate
 from pipelines.settings.ball_drop import BallDrop
 
 Array = NDArray[np.float64]
@@ -30,20 +31,7 @@ _PER_IMPACT = ("restitution", "touch_time", "incoming_speed", "outgoing_speed", 
 
 def readings(path: Path, *, settings: BallDrop) -> xr.Dataset:
     """Read one laser export; what it leaves unsaid comes from the settings."""
-    given = settings.keyence
-    options: dict[str, Any] = {
-        "cycle": None if given.cycle is None else given.cycle.value,
-        "units": given.units,
-        "encoding": given.encoding,
-        "decimal": given.decimal,
-    }
-    found = instruments.read(
-        path, instrument="keyence", **{k: v for k, v in options.items() if v is not None}
-    )
-    if not isinstance(found, xr.Dataset):
-        message = f"{path}: expected a table of readings, found a film"
-        raise InputError(message)
-    return found
+    return read_laser(path, settings.keyence)
 
 
 def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> xr.Dataset:
@@ -170,6 +158,7 @@ def model(
     repeats: xr.Dataset,
     material_file: Path | None,
     fitted: xr.Dataset | None,
+    plate: xr.Dataset | None,
     *,
     settings: BallDrop,
 ) -> xr.Dataset:
@@ -181,20 +170,25 @@ def model(
     duration = float(fall + repeats["time"].max())
     times = np.arange(0.0, duration, _CURVE_STEP)
     inputs = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
-    plate = None
-    if settings.plate is not None:
-        p = settings.plate
-        plate = contact.Plate(p.mass.value, p.frequency.value, p.damping_ratio.value)
+    substrate = resolve_plate(settings.plate, plate)
+    if plate is not None:
+        inputs["plate_mass"] = modal_mass(plate)
 
-    def simulate(height: float, radius: float, mass: float) -> xr.Dataset:
+    def simulate(
+        height: float, radius: float, mass: float, plate_mass: float | None = None
+    ) -> xr.Dataset:
+        moving = substrate
+        if substrate is not None and plate_mass is not None:
+            moving = replace(substrate, mass=plate_mass)
         return contact.drop(
             solid, radius, mass, height, duration, chosen.solver, chosen.profile, chosen.rtol,
-            gravity=gravity, plate=plate, times=times,
+            gravity=gravity, plate=moving, times=times,
         )  # fmt: skip
 
     base = {name: quantity.value for name, quantity in inputs.items()}
     made = simulate(**base)
     made = _with_uncertainty(made, inputs, base, simulate)
+    made.attrs["plate"] = json.dumps(None if substrate is None else asdict(substrate))
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
     made.attrs["work"] = json.dumps(work)
@@ -204,7 +198,7 @@ def model(
 def _with_uncertainty(
     made: xr.Dataset, inputs: dict[str, Quantity], base: dict[str, float], simulate: Any
 ) -> xr.Dataset:
-    """Add what the uncertainties of height, radius and mass do to restitution and times."""
+    """Add what the uncertainties of the inputs do to restitution and times."""
     names = ("restitution", "impact_time", "peak_force", "peak_contact_radius")
     variance = {name: np.zeros(made.sizes["impact"]) for name in names}
     for key, quantity in inputs.items():
@@ -224,7 +218,7 @@ def _with_uncertainty(
             np.sqrt(variance[name]),
             {
                 "units": made[name].attrs["units"],
-                "long_name": f"standard uncertainty from height, radius and mass: {name}",
+                "long_name": f"standard uncertainty from {', '.join(inputs)}: {name}",
             },
         )
     return made

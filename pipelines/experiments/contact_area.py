@@ -19,6 +19,7 @@ from labpipe.contact import hertz
 from labpipe.errors import InputError
 from pipelines.experiments.film_frames import key_frames, open_film, recorded_on
 from pipelines.experiments.material import resolve
+from pipelines.experiments.plate import resolve_plate
 from pipelines.settings.contact_area import ContactArea
 
 Array = NDArray[np.float64]
@@ -149,6 +150,7 @@ def model(
     impacts: xr.Dataset,
     material_file: Path | None,
     fitted: xr.Dataset | None,
+    plate: xr.Dataset | None,
     *,
     settings: ContactArea,
 ) -> xr.Dataset:
@@ -159,13 +161,10 @@ def model(
     fall = float(np.sqrt(2 * settings.height.value / gravity))
     begun = float(impacts["first_seen"][0]) if impacts.sizes["impact"] else 0.0
     duration = fall + float(radius["time"][-1]) - begun + 2 * _WINDOW
-    plate = None
-    if settings.plate is not None:
-        p = settings.plate
-        plate = contact.Plate(p.mass.value, p.frequency.value, p.damping_ratio.value)
     made = contact.drop(
         solid, sphere.radius.value, sphere.mass.value, settings.height.value, duration,
-        chosen.solver, chosen.profile, chosen.rtol, gravity=gravity, plate=plate,
+        chosen.solver, chosen.profile, chosen.rtol, gravity=gravity,
+        plate=resolve_plate(settings.plate, plate),
         times=np.arange(0.0, duration, _STEP),
     )  # fmt: skip
     # Exponents of Hertz's impact: a ~ R^0.4 (m h)^0.2.

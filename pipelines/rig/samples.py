@@ -17,6 +17,8 @@ from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.film_session import FRONT_HEIGHT, front_record, under_record, write_films
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
+from pipelines.rig.plate import PLATE, PlateRig
+from pipelines.rig.plate_session import plate_laser_record, write_plate
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 
 _START = datetime(2024, 5, 14, 9, 30)
@@ -104,8 +106,10 @@ synthetic = true
 """
 
 
-def drop_section(name: str, recordings: list[str], height: float, material: str) -> str:
-    """Return the table of one ball drop in session.toml."""
+def drop_section(
+    name: str, recordings: list[str], height: float, material: str, extra: str = ""
+) -> str:
+    """Return the table of one ball drop in session.toml; ``extra`` are more of its lines."""
     listed = "".join(f'  "{r}",\n' for r in recordings)
     return f"""
 [experiments.{name}]
@@ -114,7 +118,7 @@ laser = [
 {listed}]
 calibration = "calibration/laser.toml"
 height = "{height * 1e3:g} ± 0.005 mm"
-
+{extra}
 [experiments.{name}.sphere]
 radius = "9.525 ± 0.005 mm"
 mass = "505.0 ± 0.5 g"
@@ -292,10 +296,30 @@ def _indentation(folder: Path, full_size: bool) -> list[str]:
     return ["nbr_relaxation"]
 
 
+def _plate(folder: Path, full_size: bool) -> list[str]:
+    del full_size  # this sample holds no film
+    heights = (1.5e-3, 10e-3)
+    sections = write_plate(folder, PlateRig(), ("acrylic", "ptfe"), heights, 2, _START)
+    recordings = write_drops(
+        folder, "acrylic_10mm", DropRig(floor=PLATE), materials.load("acrylic"), heights[1], 2,
+        4242, _START + timedelta(days=1),
+    )  # fmt: skip
+    sections += drop_section(
+        "acrylic_10mm", recordings, heights[1], "acrylic", 'plate_from = "plate"\n'
+    )
+    files.write_text(folder / "calibration/laser.toml", laser_record())
+    files.write_text(folder / "calibration/laser_plate.toml", plate_laser_record())
+    files.write_text(
+        folder / "session.toml", session_head("Ringing of the plate (synthetic)") + sections
+    )
+    return ["plate", "acrylic_10mm"]
+
+
 SAMPLES: dict[str, Sample] = {
     "indentation": Sample("NBR under a periodic punch: relaxation at three depths", _indentation),
     "dma": Sample("rheometer sweeps of five materials over temperature", _dma),
     "demo": Sample("three drops of acrylic, one short harmonic indentation", _demo),
+    "plate": Sample("the plate ringing under acrylic and PTFE; a drop modelled on it", _plate),
     "films": Sample("PTFE by laser and front camera; acrylic filmed through the disc", _films),
     "core": Sample("acrylic from four heights, five repeats; one harmonic indentation", _core),
 }

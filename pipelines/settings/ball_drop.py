@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from labpipe.workflow.config import POSITIVE, File, Length, Time
-from pipelines.settings.common import DropModel, Keyence, Plate, Sphere, Table
+from labpipe.workflow.config import POSITIVE, ExperimentName, File, Length, Time
+from pipelines.settings.common import DropModel, Keyence, Plate, Sphere, Table, refuse_two_plates
 
 
 class Sensor(Table, frozen=True, kw_only=True):
@@ -55,3 +55,8 @@ class BallDrop(Table, frozen=True, kw_only=True):
     analysis: Analysis = Analysis()
     model: DropModel = DropModel()
     plate: Plate | None = None
+    plate_from: ExperimentName | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse two plates."""
+        refuse_two_plates(self.plate, self.plate_from)

@@ -75,6 +75,13 @@ class Plate(Table, frozen=True, kw_only=True):
     damping_ratio: Annotated[Dimensionless, Range(at_least=0.0, below=1.0)]
 
 
+def refuse_two_plates(plate: Plate | None, plate_from: str | None) -> None:
+    """Refuse a plate that is given and taken from a plate vibration at once."""
+    if plate is not None and plate_from is not None:
+        message = "give plate or plate_from (a plate vibration of this session), not both"
+        raise ValueError(message)
+
+
 class DropModel(Table, frozen=True, kw_only=True):
     """How the drop is simulated.
 

@@ -3,8 +3,8 @@
 from datetime import date
 from typing import Annotated, Literal
 
-from labpipe.workflow.config import POSITIVE, File, Frequency, Length, Time
-from pipelines.settings.common import DropModel, Plate, Sphere, Table
+from labpipe.workflow.config import POSITIVE, ExperimentName, File, Frequency, Length, Time
+from pipelines.settings.common import DropModel, Plate, Sphere, Table, refuse_two_plates
 
 
 class ContactArea(Table, frozen=True, kw_only=True):
@@ -29,3 +29,8 @@ class ContactArea(Table, frozen=True, kw_only=True):
     frame_rate: Annotated[Frequency, POSITIVE] | None = None
     model: DropModel = DropModel()
     plate: Plate | None = None
+    plate_from: ExperimentName | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse two plates."""
+        refuse_two_plates(self.plate, self.plate_from)

@@ -1,10 +1,13 @@
 """Stages that do not fit together are refused with all reasons."""
 
+import msgspec
 import pytest
 import toy_laboratory as toy
 
 from labpipe.errors import InputError
+from labpipe.workflow.config import File
 from labpipe.workflow.graph import Stage, ordered
+from labpipe.workflow.tasks import _parameters, field_value
 
 
 def stage(name: str, *inputs: str, **rest: object) -> Stage:
@@ -56,3 +59,26 @@ def test_all_problems_are_listed() -> None:
 @pytest.mark.parametrize("field", ["sphere", "sphere.radius", "gain", "notes_file", "*"])
 def test_fields_of_tables_are_found(field: str) -> None:
     assert ordered((stage("a", parameters=(field,)),), toy.Drop)
+
+
+class Part(msgspec.Struct):
+    laser: list[File]
+    height: float = 0.0
+
+
+class Campaign(msgspec.Struct):
+    drops: list[Part]
+
+
+def test_a_field_is_found_through_a_list_of_tables() -> None:
+    per = stage("a", "file:drops.laser", per="recording", over="drops.laser")
+    assert ordered((per,), Campaign) == (per,)
+    with pytest.raises(InputError, match=r'no field "drops\.lasr"'):
+        ordered((stage("a", "file:drops.lasr"),), Campaign)
+
+
+def test_the_files_and_parameters_of_a_list_of_tables_are_joined() -> None:
+    campaign = Campaign([Part(["a", "b"], 1.0), Part(["c"], 2.0)])
+    assert field_value(campaign, "drops.laser") == ["a", "b", "c"]
+    flat = _parameters(stage("a", parameters=("drops.height",)), msgspec.to_builtins(campaign))
+    assert flat == {"drops.height": [1.0, 2.0]}

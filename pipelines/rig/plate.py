@@ -1,0 +1,144 @@
+"""The laser on the plate while a sphere falls beside it, with the truth of the ringing.
+
+The plate's motion is that of the reference drop's own floor, which is stepped with the sphere;
+the analysis fits a damped oscillation to what is left of it after the sensor.
+"""
+
+import json
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from instruments import keyence
+from labpipe import files, materials
+from labpipe.materials import Prony
+from pipelines.rig.laser_sensor import LaserSensor
+from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
+
+Array = NDArray[np.float64]
+
+PLATE = Floor(mass=30.0, frequency=180.0, damping_ratio=0.03)
+"""A plate that rings by a few micrometres, as light as to be felt in the rebound."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlateRig:
+    """The rig with the laser on the plate, close to the disc; the sensor averages and sees 0.3 µm.
+
+    Other fields as for :class:`pipelines.rig.drops.DropRig`.
+    """
+
+    radius: float = 9.525e-3
+    mass: float = 0.505
+    sensor: LaserSensor = field(
+        default_factory=lambda: LaserSensor(
+            inclination=float(np.deg2rad(4.96)), noise=0.3e-6, step=0.02e-6, zero=-1.2e-3
+        )
+    )
+    floor: Floor = PLATE
+    duration: float = 0.2
+    release: float = 0.02
+    release_jitter: float = 2e-3
+    height_scatter: float = 4e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Ring:
+    """One recorded drop: readings in m, and what the plate truly did, in the record's time."""
+
+    readings: Array
+    amplitude: float
+    blow_time: float
+    height: float
+
+
+def ring_once(rig: PlateRig, material: Prony, height: float, seed: int) -> Ring:
+    """Drop a sphere once and record the plate; everything random comes from ``seed``."""
+    generator = np.random.default_rng(seed)
+    true_height = height + generator.normal(0.0, rig.height_scatter)
+    release = rig.release + abs(generator.normal(0.0, rig.release_jitter))
+    motion = reference_drop(
+        material.E_relaxed, np.asarray(material.E), np.asarray(material.rho), float(material.nu),
+        radius=rig.radius, mass=rig.mass, height=true_height,
+        duration=rig.duration - release + 1e-3, floor=rig.floor,
+    )  # fmt: skip
+    time = np.arange(round(rig.duration / rig.sensor.cycle), dtype=np.float64) * rig.sensor.cycle
+    moved = floor_at(motion, time - release)
+    along = moved * np.cos(rig.sensor.inclination) + rig.sensor.zero
+    noisy = along + generator.normal(0.0, rig.sensor.noise, time.size)
+    amplitude, blow = true_ringing(motion, rig.floor)
+    readings = np.round(noisy / rig.sensor.step) * rig.sensor.step
+    return Ring(readings, amplitude, release + blow, true_height)
+
+
+def floor_at(motion: Trajectory, time: Array) -> Array:
+    """Height of the floor at any time, by a cubic spline; 0 before release."""
+    kept, first = np.unique(motion.time, return_index=True)
+    spline = CubicSpline(kept, motion.floor[first])
+    return np.where(time > 0, spline(np.maximum(time, 0.0)), 0.0)
+
+
+def true_ringing(motion: Trajectory, floor: Floor) -> tuple[float, float]:
+    """Envelope [m] and time [s] of the blow of no duration behind the first free ringing."""
+    begin, end = motion.liftoff[0], motion.touch[1]
+    inside = (motion.time >= begin) & (motion.time < end)
+    s = motion.time[inside] - begin
+    omega = 2 * np.pi * floor.frequency
+    rate, damped = floor.damping_ratio * omega, omega * np.sqrt(1 - floor.damping_ratio**2)
+    waves = np.exp(-rate * s)[:, None] * np.stack([np.sin(damped * s), np.cos(damped * s)], 1)
+    (sine, cosine), *_ = np.linalg.lstsq(waves, motion.floor[inside], rcond=None)
+    period = 2 * np.pi / damped
+    # Where the motion leaves its rest position downwards, nearest to the middle of the contact.
+    back = (np.pi - np.arctan2(cosine, sine)) / damped
+    middle = 0.5 * (motion.touch[0] - begin)
+    back += np.round((middle - back) / period) * period
+    return float(np.hypot(sine, cosine) * np.exp(-rate * back)), float(begin + back)
+
+
+def write_ringing(
+    folder: Path,
+    stem: str,
+    rig: PlateRig,
+    material: str,
+    height: float,
+    repeats: int,
+    seed: int,
+    start: datetime,
+) -> list[str]:
+    """Write the recordings of one material and height and their truth; returns the file names.
+
+    Parameters as for :func:`pipelines.rig.drops.write_drops`.
+    """
+    solid = materials.load(material)
+    names = []
+    for repeat in range(repeats):
+        ring = ring_once(rig, solid, height, seed + repeat)
+        name = f"laser_plate/{stem}_{repeat + 1}.csv"
+        recording = keyence.make_recording(
+            {1: ring.readings}, cycle=rig.sensor.cycle, start=start + timedelta(minutes=2 * repeat),
+            decimals=5,
+        )  # fmt: skip
+        keyence.write(folder / name, recording)
+        text = json.dumps(_truth(ring, rig), indent=1)
+        files.write_text(folder / f"truth/{stem}_{repeat + 1}.json", text + "\n")
+        names.append(name)
+    return names
+
+
+def _truth(ring: Ring, rig: PlateRig) -> dict[str, Any]:
+    return {
+        "synthetic": True,
+        "mass": rig.floor.mass,
+        "natural_frequency": rig.floor.frequency,
+        "damping_ratio": rig.floor.damping_ratio,
+        "amplitude": ring.amplitude,
+        "blow_time": ring.blow_time,
+        "height": ring.height,
+        "inclination": rig.sensor.inclination,
+        "noise": rig.sensor.noise,
+    }

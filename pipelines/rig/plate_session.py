@@ -1,0 +1,81 @@
+"""A synthetic session with the ringing plate, and a drop whose model takes the plate from it."""
+
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from pipelines.rig.plate import PlateRig, write_ringing
+
+_STATED_INCLINATION = 5.0  # degrees, what the calibration found; the truth differs within its u
+_U_INCLINATION = 0.1
+
+
+def plate_laser_record() -> str:
+    """Return the calibration record of the sensor in its place over the plate."""
+    return f"""# SYNTHETIC: made by labpipe's virtual rig, not measured.
+version = 1
+kind = "laser"
+id = "laser-plate-2024-05"
+instrument = "LK-G5001"
+valid_from = 2024-05-01
+valid_until = 2025-04-30
+who = "the virtual rig"
+when = 2024-05-02
+how = "twelve micrometer steps of 0.1 mm against the reading (synthetic)"
+
+[values]
+inclination = "{_STATED_INCLINATION:.2f} ± {_U_INCLINATION:.2f} deg"
+scale = "1.0000 ± 0.0005"
+"""
+
+
+def write_plate(
+    folder: Path,
+    rig: PlateRig,
+    names: Sequence[str],
+    heights: Sequence[float],
+    repeats: int,
+    start: datetime,
+) -> str:
+    """Record the plate under drops of several materials and heights; returns its section.
+
+    Parameters
+    ----------
+    folder : Path
+        The session folder.
+    rig : PlateRig
+    names : sequence of str
+        Materials of the library.
+    heights : sequence of float [m]
+    repeats : int
+    start : datetime
+        Clock time of the first drop.
+    """
+    drops = []
+    for number, material in enumerate(names):
+        for place, height in enumerate(heights):
+            stem = f"plate_{material}_{height * 1e3:g}mm".replace(".", "p")
+            begun = start + timedelta(minutes=20 * (number * len(heights) + place))
+            seed = 90_000 + 1000 * sum(map(ord, material)) + 100 * place
+            recordings = write_ringing(folder, stem, rig, material, height, repeats, seed, begun)
+            drops.append(_drops(material, height, recordings))
+    return f"""
+[experiments.plate]
+kind = "plate_vibration"
+calibration = "calibration/laser_plate.toml"
+
+[experiments.plate.sphere]
+radius = "9.525 ± 0.005 mm"
+mass = "505.0 ± 0.5 g"
+{"".join(drops)}"""
+
+
+def _drops(material: str, height: float, recordings: list[str]) -> str:
+    listed = "".join(f'  "{name}",\n' for name in recordings)
+    return f"""
+[[experiments.plate.drops]]
+material = "{material}"
+height = "{height * 1e3:g} ± 0.005 mm"
+laser = [
+{listed}]
+"""

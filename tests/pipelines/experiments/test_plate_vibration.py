@@ -1,0 +1,146 @@
+"""Plate vibration: the ringing against the rig's truth, and the plate in the model of a drop."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labpipe import files, materials
+from labpipe.errors import ConfigError
+from pipelines.process import open_session, process, result
+from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.plate import PLATE, PlateRig, ring_once
+from pipelines.rig.plate_session import plate_laser_record, write_plate
+from pipelines.rig.samples import drop_section, laser_record, session_head
+from tests.pipelines.conftest import START
+
+NAMES = ("acrylic", "ptfe")
+PTFE = "laser_plate/plate_ptfe_5mm"
+RIGID = 'plate = { mass = "3 kg", frequency = "1 Hz", damping_ratio = 0.1 }\n'
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The plate under two materials from 5 mm, and acrylic dropped on that plate."""
+    folder = tmp_path_factory.mktemp("plate")
+    text = write_plate(folder, PlateRig(duration=0.12), NAMES, (5e-3,), 2, START)
+    rig = DropRig(duration=0.3, floor=PLATE)
+    recordings = write_drops(folder, "drop", rig, materials.load("acrylic"), 5e-3, 1, 5, START)
+    text += drop_section("drop", recordings, 5e-3, "acrylic", 'plate_from = "plate"\n')
+    text += drop_section("rigid", recordings, 5e-3, "acrylic")
+    files.write_text(folder / "calibration/laser.toml", laser_record())
+    files.write_text(folder / "calibration/laser_plate.toml", plate_laser_record())
+    files.write_text(folder / "session.toml", session_head("Plate (synthetic)") + text)
+    outcome = process(folder, jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    return folder
+
+
+@pytest.mark.filterwarnings("ignore:the record ends before the body is at rest")
+def test_every_ringing_is_the_true_one_within_its_uncertainty(session: Path) -> None:
+    for name in NAMES:
+        for repeat in (1, 2):
+            stem = f"plate_{name}_5mm_{repeat}"
+            found = result(session, "plate", "ringing", f"laser_plate/{stem}.csv")
+            known = json.loads((session / f"truth/{stem}.json").read_text())
+            for quantity in ("natural_frequency", "damping_ratio", "blow_time"):
+                gap = float(found[quantity]) - known[quantity]
+                assert abs(gap) < 3.5 * float(found[f"u_{quantity}"]), quantity
+            shared = found.attrs["u_systematic_relative"] * known["amplitude"]
+            u = np.hypot(float(found["u_amplitude"]), shared)
+            assert abs(float(found["amplitude"]) - known["amplitude"]) < 3.5 * u
+
+
+def test_frequency_is_the_plate_s_and_the_modal_mass_the_true_one(session: Path) -> None:
+    table, plate = result(session, "plate", "table"), result(session, "plate", "plate")
+    assert float(table["probability_natural_frequency"]) > 0.01
+    amplitude = dict(zip(table["material"].values, table["amplitude"].values, strict=True))
+    assert amplitude["acrylic"] > 1.1 * amplitude["ptfe"]  # it returns more momentum
+    for name, true in (("mass", 30.0), ("frequency", 180.0), ("damping_ratio", 0.03)):
+        assert abs(float(plate[name]) - true) < 3.5 * float(plate[f"u_{name}"]), name
+    assert float(plate["u_mass"]) < 0.01 * float(plate["mass"])
+
+
+def test_measurement_and_model_of_the_plate_agree(session: Path) -> None:
+    assert float(result(session, "plate", "comparison")["nrmse"].max()) < 0.03
+
+
+def test_a_drop_on_a_plate_needs_the_plate_in_its_model(session: Path) -> None:
+    with_plate, rigid = (result(session, name, "comparison") for name in ("drop", "rigid"))
+    assert float(with_plate["nrmse"]) < 0.01
+    assert float(rigid["nrmse"]) > 3 * float(with_plate["nrmse"])
+    for made, is_right in ((with_plate, True), (rigid, False)):
+        gap = np.abs(made["restitution_difference"].values[0])
+        assert (gap < 3 * made["u_restitution_difference"].values[0]) == is_right
+    kept = json.loads(result(session, "drop", "model").attrs["plate"])
+    assert kept["frequency"] == pytest.approx(180.0, rel=1e-3)
+
+
+def test_the_page_says_what_was_found(session: Path) -> None:
+    page = (session / "labpipe/reports/plate.html").read_text("utf-8")
+    for text in ("natural frequency", "modal mass", "same for all materials", "Methods"):
+        assert text in page
+
+
+def test_without_a_sphere_there_is_no_mass_and_a_drop_says_so(
+    session: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "session"
+    shutil.copytree(session, folder)
+    path = folder / "session.toml"
+    sphere = '\n[experiments.plate.sphere]\nradius = "9.525 ± 0.005 mm"\nmass = "505.0 ± 0.5 g"\n'
+    text = path.read_text("utf-8")
+    assert sphere in text
+    path.write_text(text.replace(sphere, ""), "utf-8")
+    outcome = process(folder, only=["plate", "drop"], jobs=0)
+    told = {o.task.experiment: o.message for o in outcome.failures if o.task.stage == "model"}
+    assert "name the sphere" in told["plate"]
+    assert "no modal mass" in told["drop"]
+    assert np.isfinite(float(result(folder, "plate", "plate")["frequency"]))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('plate_from = "plate"\n', 'plate_from = "plate"\n' + RIGID, "not both"),
+        (f"{PTFE}_1.csv", "laser_plate/plate_acrylic_5mm_1.csv", "more than one"),
+        (f"{PTFE}_1.csv", f"{PTFE}_7.csv", "no file"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_the_session_are_named(
+    session: Path, tmp_path: Path, old: str, new: str, says: str
+) -> None:
+    folder = tmp_path / "session"
+    shutil.copytree(session, folder, ignore=shutil.ignore_patterns("labpipe"))
+    path = folder / "session.toml"
+    path.write_text(path.read_text("utf-8").replace(old, new, 1), "utf-8")
+    with pytest.raises(ConfigError, match=says):
+        open_session(folder)
+
+
+@pytest.mark.slow
+def test_intervals_cover_the_truth_of_many_rings() -> None:
+    """95 % intervals of frequency, damping, amplitude, blow time hold the truth in 90 to 99 %."""
+    from labpipe import signals
+
+    rig = PlateRig(duration=0.12)
+    solids = [(materials.load(n), h) for n in ("acrylic", "ptfe") for h in (1.5e-3, 10e-3)]
+    inside: dict[str, list[bool]] = {}
+    for seed in range(100):
+        solid, height = solids[seed % len(solids)]
+        ring = ring_once(rig, solid, height, 70_000 + seed)
+        time = np.arange(ring.readings.size) * rig.sensor.cycle
+        moved = (ring.readings - rig.sensor.zero) / np.cos(rig.sensor.inclination)
+        found = signals.ringing(time, moved, longest_blow=4e-3, shortest_pause=15e-3)
+        fit = found.fit
+        for name, value, u, true in (
+            ("frequency", fit.natural_frequency, fit.u_frequency, rig.floor.frequency),
+            ("damping", fit.damping_ratio, fit.u_damping_ratio, rig.floor.damping_ratio),
+            ("amplitude", fit.amplitude, fit.u_amplitude, ring.amplitude),
+            ("blow", found.blow_time, found.u_blow_time, ring.blow_time),
+        ):
+            inside.setdefault(name, []).append(abs(value - true) < 1.96 * u)
+    for name, hits in inside.items():
+        assert 0.90 <= np.mean(hits) <= 0.99, name
