@@ -11,8 +11,7 @@ from pathlib import Path
 
 from labpipe import files, materials
 from labpipe.errors import UsageError
-from labpipe.workflow.session import VERSION
-from pipelines.rig.dma import SOLIDS, Protocol, Solid, write_dma
+from pipelines.rig.dma import SOLIDS, Protocol, write_dma
 from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.film_session import FRONT_HEIGHT, front_record, under_record, write_films
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
@@ -20,14 +19,16 @@ from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.plate import PLATE, PlateRig
 from pipelines.rig.plate_session import plate_laser_record, write_plate
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+from pipelines.rig.session_text import (
+    NOTE,
+    dma_section,
+    drop_section,
+    height_name,
+    laser_record,
+    session_head,
+)
 
 _START = datetime(2024, 5, 14, 9, 30)
-_NOTE = (
-    "SYNTHETIC: made by labpipe's virtual rig, not measured. The truth lies in truth/ and is "
-    "never read by the analysis."
-)
-_STATED_INCLINATION = 12.0  # degrees, what the calibration found; the truth differs within its u
-_U_INCLINATION = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,62 +71,6 @@ def write_sample(name: str, folder: Path, *, full_size: bool = False) -> list[st
     return SAMPLES[name].write(folder, full_size)
 
 
-def height_name(height: float) -> str:
-    """Spell a height for names: ``1p5mm``."""
-    return f"{height * 1e3:g}mm".replace(".", "p")
-
-
-def laser_record() -> str:
-    """Return the calibration record of the sensor, as a laboratory would have written it."""
-    return f"""# {_NOTE}
-version = 1
-kind = "laser"
-id = "laser-inclination-2024-05"
-instrument = "LK-G5001"
-valid_from = 2024-05-01
-valid_until = 2025-04-30
-who = "the virtual rig"
-when = 2024-05-02
-how = "twelve micrometer steps of 1 mm against the reading (synthetic)"
-
-[values]
-inclination = "{_STATED_INCLINATION:.2f} ± {_U_INCLINATION:.2f} deg"
-scale = "1.0000 ± 0.0005"
-"""
-
-
-def session_head(title: str) -> str:
-    """Return the beginning of a synthetic session.toml."""
-    return f"""labpipe = {VERSION}  # version of this file's format
-
-[session]
-title = "{title}"
-operator = "the virtual rig"
-notes = "{_NOTE}"
-synthetic = true
-"""
-
-
-def drop_section(
-    name: str, recordings: list[str], height: float, material: str, extra: str = ""
-) -> str:
-    """Return the table of one ball drop in session.toml; ``extra`` are more of its lines."""
-    listed = "".join(f'  "{r}",\n' for r in recordings)
-    return f"""
-[experiments.{name}]
-kind = "ball_drop"
-laser = [
-{listed}]
-calibration = "calibration/laser.toml"
-height = "{height * 1e3:g} ± 0.005 mm"
-{extra}
-[experiments.{name}.sphere]
-radius = "9.525 ± 0.005 mm"
-mass = "505.0 ± 0.5 g"
-material = "{material}"
-"""
-
-
 def harmonic_section(name: str, specimen: Specimen, material: str) -> str:
     """Return the table of one harmonic indentation in session.toml."""
     return f"""
@@ -149,7 +94,7 @@ profile = "parabola"  # the virtual tip is one
 
 def cell_record() -> str:
     """Return the calibration record of the load cell, as a laboratory would have written it."""
-    return f"""# {_NOTE}
+    return f"""# {NOTE}
 version = 1
 kind = "load_cell"
 id = "load-cell-2024-05"
@@ -240,18 +185,6 @@ def _core(folder: Path, full_size: bool) -> list[str]:
     return _write_core(
         folder, "Acrylic on sapphire and NBR under a punch (synthetic)", heights, 5, Harmonic()
     )
-
-
-def dma_section(name: str, export: str, solid: Solid) -> str:
-    """Return the table of one dynamic mechanical analysis in session.toml."""
-    return f"""
-[experiments.{name}]
-kind = "dma"
-rheometer = ["{export}"]
-mode = "{solid.mode}"  # what was loaded; the file does not say it
-nu = "{solid.nu:g}"
-T_ref = "{solid.T_ref:g} degC"
-"""
 
 
 def _dma(folder: Path, full_size: bool) -> list[str]:

@@ -56,3 +56,15 @@ def test_a_folder_without_known_files_is_told_so(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("hello")
     with pytest.raises(UsageError, match="no file of a known instrument"):
         write_session_file(tmp_path)
+
+
+def test_a_laser_on_the_plate_is_told_by_its_name(small_session: Path, tmp_path: Path) -> None:
+    shutil.copy(small_session / "laser/drop_1.csv", tmp_path / "plate acrylic 7mm 1.csv")
+    shutil.copy(small_session / "laser/drop_2.csv", tmp_path / "plate acrylic 7mm 2.csv")
+    shutil.copy(small_session / "calibration/laser.toml", tmp_path / "laser_plate.toml")
+    text = write_session_file(tmp_path).path.read_text("utf-8")
+    filled = text.replace('"FILL mm"', '"9.525 mm"').replace('"FILL g"', '"505 g"')
+    (tmp_path / "session.toml").write_text(filled, "utf-8")
+    (experiment,) = open_session(tmp_path).experiments.values()
+    assert experiment.kind == "plate_vibration"
+    assert len(experiment.settings.drops[0].laser) == 2

@@ -1,0 +1,81 @@
+"""The texts that synthetic sessions share: the head of session.toml, records, sections."""
+
+from labpipe.workflow.session import VERSION
+from pipelines.rig.dma import Solid
+
+NOTE = (
+    "SYNTHETIC: made by labpipe's virtual rig, not measured. The truth lies in truth/ and is "
+    "never read by the analysis."
+)
+"""What every synthetic file says of itself."""
+
+_STATED_INCLINATION = 12.0  # degrees, what the calibration found; the truth differs within its u
+_U_INCLINATION = 0.1
+
+
+def height_name(height: float) -> str:
+    """Spell a height for names: ``1p5mm``."""
+    return f"{height * 1e3:g}mm".replace(".", "p")
+
+
+def laser_record() -> str:
+    """Return the calibration record of the sensor, as a laboratory would have written it."""
+    return f"""# {NOTE}
+version = 1
+kind = "laser"
+id = "laser-inclination-2024-05"
+instrument = "LK-G5001"
+valid_from = 2024-05-01
+valid_until = 2025-04-30
+who = "the virtual rig"
+when = 2024-05-02
+how = "twelve micrometer steps of 1 mm against the reading (synthetic)"
+
+[values]
+inclination = "{_STATED_INCLINATION:.2f} ± {_U_INCLINATION:.2f} deg"
+scale = "1.0000 ± 0.0005"
+"""
+
+
+def session_head(title: str) -> str:
+    """Return the beginning of a synthetic session.toml."""
+    return f"""labpipe = {VERSION}  # version of this file's format
+
+[session]
+title = "{title}"
+operator = "the virtual rig"
+notes = "{NOTE}"
+synthetic = true
+"""
+
+
+def drop_section(
+    name: str, recordings: list[str], height: float, material: str, extra: str = ""
+) -> str:
+    """Return the table of one ball drop in session.toml; ``extra`` are more of its lines."""
+    listed = "".join(f'  "{r}",\n' for r in recordings)
+    return f"""
+[experiments.{name}]
+kind = "ball_drop"
+laser = [
+{listed}]
+calibration = "calibration/laser.toml"
+height = "{height * 1e3:g} ± 0.005 mm"
+{extra}
+[experiments.{name}.sphere]
+radius = "9.525 ± 0.005 mm"
+mass = "505.0 ± 0.5 g"
+material = "{material}"
+"""
+
+
+def dma_section(name: str, export: str, solid: Solid) -> str:
+    """Return the table of one dynamic mechanical analysis in session.toml."""
+    return f"""
+[experiments.{name}]
+kind = "dma"
+rheometer = ["{export}"]
+mode = "{solid.mode}"  # what was loaded; the file does not say it
+nu = "{solid.nu:g}"
+T_ref = "{solid.T_ref:g} degC"
+"""
