@@ -238,6 +238,20 @@ def total_cost(fit: Fit, model: OuterModel) -> float:
     return fit.cost + model.pull(fit.state)[2]
 
 
+def predictive_cost(fit: Fit, model: OuterModel) -> float:
+    """Return what compares two minima: misfit, its price in effective terms, expectation.
+
+    The misfit to be expected of new data (Mallows' C_p), the same judge that cross-validation
+    asks for the smoothing: a spectrum that falls apart into one piece per sweep fits better by
+    the terms it gains, and predicts worse.
+
+    References
+    ----------
+    Mallows, Technometrics 15 (1973) 661, doi:10.1080/00401706.1973.10489103.
+    """
+    return fit.solution.misfit + 2.0 * fit.solution.freedom + model.pull(fit.state)[2]
+
+
 def _damped_step(
     points: Points,
     weight: Array,

@@ -109,19 +109,22 @@ def _scanned_step(pair: _Pair) -> float:
     fixed = _relative_rows(pair.ln_omega[0], pair.storage[0], pair.loss[0], ln_time) * scale
     mean, spread = _expected(pair.difference)
 
-    def cost(step: float) -> float:
+    def fitted(step: float) -> tuple[float, int]:
         ln_omega = pair.ln_omega[1] - step * _LN10
         moving = _relative_rows(ln_omega, pair.storage[1], pair.loss[1], ln_time) * scale
         design = np.vstack([fixed, moving])
         steps = _NNLS_STEPS_PER_COLUMN * scale.size
-        return float(nnls(design, np.ones(design.shape[0]), maxiter=steps)[1]) ** 2
+        weight, rest = nnls(design, np.ones(design.shape[0]), maxiter=steps)
+        return float(rest) ** 2, int(np.count_nonzero(weight))
 
-    costs = np.array([cost(step) for step in _STEPS])
+    runs = [fitted(step) for step in _STEPS]
+    costs, terms = (np.array(column) for column in zip(*runs, strict=True))
     rows = 2.0 * (pair.ln_omega[0].size + pair.ln_omega[1].size)
-    noise = max(float(np.min(costs)) / rows, float(np.finfo(float).tiny))
-    k = int(np.argmin(costs / noise + ((_STEPS - mean) / spread) ** 2))
+    noise = max(float(np.min(costs / np.maximum(rows - terms, 1.0))), float(np.finfo(float).tiny))
+    # Isotherms that are torn apart have a spectrum each: what more terms gain is not the step's.
+    k = int(np.argmin(costs / noise + 2.0 * terms + ((_STEPS - mean) / spread) ** 2))
     fine = _STEPS[k] + _COARSE * np.array([-0.5, 0.0, 0.5])
-    score = np.array([cost(fine[0]), costs[k], cost(fine[2])]) / noise
+    score = np.array([fitted(fine[0])[0], costs[k], fitted(fine[2])[0]]) / noise
     return _vertex(fine, score + ((fine - mean) / spread) ** 2)
 
 

@@ -1,8 +1,9 @@
 """Look along every step that the data barely determine for a better one, or another as good.
 
 A covariance sees the curvature at one minimum. Between two stiff sweeps the misfit as a function
-of their step can be flat over a decade or have a second minimum; so every loose step is walked
-over a wide range, the spectrum following, and what is found widens its uncertainty.
+of their step can be flat over a decade or have a second minimum; so every step that is loose, or
+leaves a gap between its sweeps, is walked over a wide range, the spectrum following, and what is
+found widens its uncertainty.
 """
 
 from dataclasses import dataclass
@@ -10,20 +11,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.materials.joint_fit import Fit, Points, evaluate, grid_for, total_cost
+from labpipe.materials.joint_fit import (
+    Fit,
+    Points,
+    evaluate,
+    grid_for,
+    minimise,
+    predictive_cost,
+)
 from labpipe.materials.outer_model import OuterModel, State
-from labpipe.materials.spectrum import TERMS_PER_DECADE
+from labpipe.materials.spectrum import MARGIN_DECADES, TERMS_PER_DECADE
 
 Array = NDArray[np.float64]
 
 #: Steps known worse than this (decades) are walked.
 LOOSE = 0.1
 # Walked offsets in decades, and the reach of the spectrum that they need.
-_OFFSETS = np.arange(-3.25, 3.26, 0.25)
-_MARGIN = 4.0
+_OFFSETS = np.arange(-4.5, 4.51, 0.25)
+_MARGIN = 5.2
 # The walk is coarse and holds the other shifts: a dip that comes within this misfit (in units of
 # twice the log-likelihood) of the present minimum may be a better one.
-_PROMISING = 30.0
+_PROMISING = 100.0
+# A better minimum is better by this much at least; less is the rounding of two descents.
+_BETTER = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,52 +45,103 @@ class Probe:
     groups : array (step, isotherm)
         The isotherms that move with every walked step: one, others zero.
     variance : array (step,)
-        Spread of every walked step by its likelihood, beyond what its covariance said.
-    dips : tuple of (int, array (isotherm,))
-        Other promising minima: the step and the shifts to fit from.
+        Spread of every walked step by its likelihood and its other minima, beyond what its
+        covariance said.
+    better : Fit, optional
+        A fit from which to settle anew: some step was in a minimum that is not the best.
     """
 
     groups: Array
     variance: Array
-    dips: tuple[tuple[int, Array], ...]
+    better: Fit | None
 
 
-def probe_steps(points: Points, weight: Array, fit: Fit, model: OuterModel, known: Array) -> Probe:
-    """Walk every loose step of free shifts.
+def probe_steps(
+    points: Points, weight: Array, fit: Fit, model: OuterModel, known: Array, may_move: bool = True
+) -> Probe:
+    """Walk every step of free shifts that is loose or leaves a gap, one after the other.
+
+    Minima are compared by :func:`labpipe.materials.joint_fit.predictive_cost`. Sweeps that are
+    torn apart have a spectrum each and always fit a little better; that is not to their credit.
 
     Parameters
     ----------
     known : array (isotherm, isotherm)
         Covariance of log10 a_T.
+    may_move : bool
+        Whether to go on from a better minimum where there is one, or only to count it.
     """
+    groups = _loose_steps(points, fit, model, known)
+    variance = np.zeros(len(groups))
+    better: Fit | None = None
+    for k, group in enumerate(groups):
+        present = _refitted(points, weight, fit, model, fit.state.log10_aT)
+        found, spread = _walked(points, weight, present, model, group)
+        if found is not None and may_move:
+            better = fit = found
+            continue
+        variance[k] = max(spread - float(group @ known @ group), 0.0)
+    return Probe(np.array(groups).reshape(-1, model.temperature.size), variance, better)
+
+
+def _loose_steps(points: Points, fit: Fit, model: OuterModel, known: Array) -> list[Array]:
+    """Return the isotherms on the side away from the reference of every step to walk."""
     order = np.argsort(model.temperature, kind="stable")
     at = int(np.flatnonzero(order == model.reference)[0])
     groups: list[Array] = []
-    variances: list[float] = []
-    dips: list[tuple[int, Array]] = []
     for k in range(order.size - 1):
         cold, warm = order[k], order[k + 1]
         variance = float(known[cold, cold] + known[warm, warm] - 2.0 * known[cold, warm])
-        if variance <= LOOSE**2:
+        if variance <= LOOSE**2 and _overlap(points, fit.state, cold, warm) > 0:
             continue
-        # The side of the gap away from the reference moves.
         group = np.zeros(order.size)
         group[order[: k + 1] if k < at else order[k + 1 :]] = 1.0
-        costs = _walk(points, weight, fit, model, group)
-        likelihood = np.exp(-0.5 * (costs - costs.min()))
-        found = float(np.sum(likelihood * _OFFSETS**2) / np.sum(likelihood))
-        dips += [
-            (len(groups), fit.state.log10_aT + _OFFSETS[i] * group) for i in _other_minima(costs)
-        ]
         groups.append(group)
-        variances.append(max(found - variance, 0.0))
-    return Probe(np.array(groups).reshape(-1, order.size), np.array(variances), tuple(dips))
+    return groups
+
+
+def _walked(
+    points: Points, weight: Array, present: Fit, model: OuterModel, group: Array
+) -> tuple[Fit | None, float]:
+    """Walk one step; return the best fit if it is another minimum, and the spread of the step."""
+    costs = _walk(points, weight, present, model, group)
+    likelihood = np.exp(-0.5 * (costs - costs.min()))
+    spread = float(np.sum(likelihood * _OFFSETS**2) / np.sum(likelihood))
+    least = predictive_cost(present, model)
+    best: Fit | None = None
+    for i in _other_minima(costs):
+        shifts = present.state.log10_aT + _OFFSETS[i] * group
+        fit = _refitted(points, weight, present, model, shifts)
+        excess = predictive_cost(fit, model) - predictive_cost(present, model)
+        # A second minimum widens the step by its distance, as likely as it is.
+        away = float(np.max(np.abs(fit.state.log10_aT - present.state.log10_aT)))
+        spread += away**2 * float(np.exp(-0.5 * max(excess, 0.0)))
+        if predictive_cost(fit, model) < least - _BETTER:
+            best, least = fit, predictive_cost(fit, model)
+    return best, spread
+
+
+def _refitted(points: Points, weight: Array, present: Fit, model: OuterModel, shifts: Array) -> Fit:
+    """Fit anew from other shifts, the smoothing chosen there."""
+    anchored = shifts - shifts[model.reference]
+    state = _moved(model, present.state, anchored)
+    grid = grid_for(points, state, TERMS_PER_DECADE, MARGIN_DECADES)
+    first = evaluate(points, weight, grid, state, None, present.solution.strength)
+    return minimise(points, weight, first, model)
+
+
+def _overlap(points: Points, state: State, cold: int, warm: int) -> float:
+    """Return the common range of reduced frequency of two isotherms in decades."""
+    place = np.log10(points.omega) + state.log10_aT[points.isotherm]
+    one, other = place[points.isotherm == cold], place[points.isotherm == warm]
+    return float(min(one.max(), other.max()) - max(one.min(), other.min()))
 
 
 def _other_minima(costs: Array) -> NDArray[np.intp]:
-    """Return the promising dips of a walk away from its middle."""
-    inner = (costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:]) & (costs[1:-1] < _PROMISING)
-    at = np.flatnonzero(inner) + 1
+    """Return the promising dips of a walk away from its middle, the ends included."""
+    padded = np.concatenate([[np.inf], costs, [np.inf]])
+    dips = (costs <= padded[:-2]) & (costs <= padded[2:]) & (costs < _PROMISING)
+    at = np.flatnonzero(dips)
     return at[np.abs(at - costs.size // 2) > 1]
 
 
@@ -95,7 +156,7 @@ def _walk(points: Points, weight: Array, fit: Fit, model: OuterModel, group: Arr
             state = _moved(model, fit.state, fit.state.log10_aT + _OFFSETS[i] * group)
             trial = evaluate(points, weight, grid, state, fit.solution.strength, guess=guess)
             guess = trial.solution
-            costs[i] = total_cost(trial, model)
+            costs[i] = predictive_cost(trial, model)
     return costs - costs[middle]
 
 

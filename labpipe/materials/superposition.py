@@ -40,7 +40,7 @@ from labpipe.materials.settling import (
 )
 from labpipe.materials.shift_law import fit_law
 from labpipe.materials.shift_start import overlapped_shifts, scanned_shifts
-from labpipe.materials.spectrum import MARGIN_DECADES, TERMS_PER_DECADE
+from labpipe.materials.spectrum import TERMS_PER_DECADE
 from labpipe.materials.step_probe import probe_steps
 from labpipe.materials.vertical_law import Vertical
 
@@ -48,8 +48,8 @@ Array = NDArray[np.float64]
 
 # Vertical law, delay and levels are added one at a time, and may each be revised once.
 _MAX_EXTENSIONS = 5
-# A walk may find a better minimum, from which the steps are walked again.
-_MAX_PROBES = 3
+# A walk may find better minima, from which all is settled and walked again.
+_MAX_MOVES = 4
 # A law through the best start is a third start; it needs more isotherms than it has constants.
 _LAW_NEEDS = 3
 _LAW_ROUGHNESS = 0.1
@@ -96,13 +96,13 @@ def superpose(
         level_spread=FIRST_LEVELS if levels is True else 0.0,
     )
     best = _best_start(points, base, noise, starts)
-    current = settled(points, best, noise, options)
+    current = _probed(points, settled(points, best, noise, options), options)
     for _ in range(_MAX_EXTENSIONS):
         extended = extended_by_a_law(points, current, options, starts)
         if extended is None:
             break
-        current = settled(points, extended, current.noise, options)
-    return _probed(points, current, options)
+        current = _probed(points, settled(points, extended, current.noise, options), options)
+    return current
 
 
 def _best_start(
@@ -172,40 +172,18 @@ def _smoothed(points: Points, run: _Run) -> Array:
 
 
 def _probed(points: Points, current: Superposition, options: Options) -> Superposition:
-    """Walk the loose steps; settle anew from a better one, and keep what the walk says."""
-    for _ in range(_MAX_PROBES):
-        if current.model.horizontal != "free":
-            return current
+    """Walk the loose steps; settle anew from better ones, and keep what the last walk says."""
+    if current.model.horizontal != "free":
+        return current
+    for may_move in (True,) * _MAX_MOVES + (False,):
         moves = current.model.directions(current.fit.state)[0]
         known = moves @ current.covariance @ moves.T
         weight = weights_of(points, current.noise, current.fit.predicted)
         weight = weight * huber(current, options)
-        probe = probe_steps(points, weight, current.fit, current.model, known)
-        present = _refitted(points, weight, current, current.fit.state.log10_aT)
-        least = total_cost(present, current.model)
-        variance = probe.variance.copy()
-        better: Fit | None = None
-        for step, shifts in probe.dips:
-            fit = _refitted(points, weight, current, shifts)
-            excess = total_cost(fit, current.model) - least
-            if excess < 0:
-                better, least = fit, least + excess
-                continue
-            # A second minimum widens the step by its distance, as likely as it is.
-            away = float(np.max(np.abs(fit.state.log10_aT - present.state.log10_aT)))
-            variance[step] += away**2 * float(np.exp(-0.5 * excess))
-        current = replace(current, probe=replace(probe, variance=variance))
-        if better is None:
-            return current
-        candidate = Candidate(current.model, better, current.starts)
+        probe = probe_steps(points, weight, current.fit, current.model, known, may_move)
+        current = replace(current, probe=probe)
+        if probe.better is None:
+            break
+        candidate = Candidate(current.model, probe.better, current.starts)
         current = settled(points, candidate, current.noise, options)
     return current
-
-
-def _refitted(points: Points, weight: Array, current: Superposition, shifts: Array) -> Fit:
-    """Fit anew from other shifts with the present smoothing."""
-    model, strength = current.model, current.fit.solution.strength
-    anchored = shifts - shifts[model.reference]
-    state = model.start(replace(current.fit.state, log10_aT=anchored))
-    grid = grid_for(points, state, TERMS_PER_DECADE, MARGIN_DECADES)
-    return minimise(points, weight, evaluate(points, weight, grid, state, strength), model)

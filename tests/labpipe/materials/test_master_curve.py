@@ -421,7 +421,7 @@ def test_missing_variables_and_dimensions_are_named(maxwell_truth):
 def test_goals_over_many_seeds(truth, limits, request):
     known = request.getfixturevalue(truth)
     errors, z = [], []
-    for seed in range(2000, 2200):
+    for seed in range(2000, 2060):
         found = quiet(known.sweeps(seed), T_ref=known.T_ref)
         errors.append(error(found, known))
         z.append((found.log10_aT.values - known.log10_aT) / found.u_log10_aT.values)
@@ -433,7 +433,7 @@ def test_goals_over_many_seeds(truth, limits, request):
 
 @pytest.mark.slow
 def test_goals_of_the_law_and_the_variants(maxwell_truth):
-    def mean_error(truth, seeds=range(3000, 3030), **options):
+    def mean_error(truth, seeds=range(3000, 3012), **options):
         noise = options.pop("noise", (0.02, 0.02))
         return np.mean(
             [error(quiet(truth.sweeps(s, *noise), T_ref=60.0, **options), truth) for s in seeds]
@@ -444,3 +444,49 @@ def test_goals_of_the_law_and_the_variants(maxwell_truth):
     assert mean_error(replace(maxwell_truth, delay=200e-6)) < 0.04
     assert mean_error(replace(maxwell_truth, is_entropic=True)) < 0.06
     assert mean_error(replace(maxwell_truth, is_entropic=True), vertical="linear") < 0.06
+
+
+def random_material(seed, truth):
+    """Two loss peaks anywhere, of any width, between any moduli: often a glass or a plateau."""
+    rng = np.random.default_rng(seed)
+    rho = np.logspace(-10, 2, 20)
+    x = np.log10(rho)
+    centres, widths = rng.uniform(-9, 1, 2), rng.uniform(0.5, 2, 2)
+    heights = rng.permutation([1.0, 10 ** rng.uniform(-2.5, 0)])
+    weight = sum(
+        h * np.exp(-0.5 * ((x - c) / w) ** 2)
+        for h, c, w in zip(heights, centres, widths, strict=True)
+    )
+    weight = weight + 10 ** rng.uniform(-3.5, -2)
+    relaxed = 10 ** rng.uniform(5.5, 8.5)
+    weight = weight / weight.sum() * (10 ** rng.uniform(9, 9.6) - relaxed)
+
+    def modulus(omega):
+        z = 1j * omega[..., None] * rho
+        return relaxed + (z / (1 + z)) @ weight
+
+    return replace(truth, modulus=modulus)
+
+
+@pytest.mark.parametrize("seed", [17, 59])
+def test_stiff_sweeps_are_not_torn_apart(maxwell_truth, seed):
+    """A spectrum of its own for every glassy sweep fits better and is wrong by decades."""
+    known = random_material(seed, maxwell_truth)
+    found = quiet(known.sweeps(seed), T_ref=60.0)
+    z = (found.log10_aT.values - known.log10_aT) / found.u_log10_aT.values
+    assert error(found, known) < 0.3
+    assert np.max(np.abs(z)) < 4
+
+
+@pytest.mark.slow
+def test_stated_uncertainties_hold_for_materials_drawn_at_random(maxwell_truth):
+    """Where a glass leaves a step open, its uncertainty has to say so."""
+    z, errors = [], []
+    for seed in range(24):
+        known = random_material(seed, maxwell_truth)
+        found = quiet(known.sweeps(seed), T_ref=60.0)
+        errors.append(error(found, known))
+        z.append((found.log10_aT.values - known.log10_aT) / found.u_log10_aT.values)
+    assert np.median(errors) < 0.03
+    assert np.mean(np.abs(z) < 1.96) > 0.92
+    assert np.mean(np.max(np.abs(z), axis=1) > 4) < 0.1
