@@ -1,0 +1,140 @@
+"""The command acquire: record a running sensor into a file."""
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+from labpipe.errors import InputError
+from pipelines.acquire import EMULATOR_ONLY
+from pipelines.commands.options import echo, echo_json, json_option
+
+
+class Time(click.ParamType):  # type: ignore[type-arg]  # generic only since click 8.2
+    """An option such as "10 ms", in s."""
+
+    name = "time"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return seconds."""
+        from labpipe.units import quantity
+
+        if isinstance(value, float):
+            return value
+        try:
+            found = quantity(value)
+        except InputError as error:
+            self.fail(str(error), param, ctx)
+        if found.si != "s" or found.value <= 0:
+            self.fail(f'expected a time such as "10 ms", found "{value}"', param, ctx)
+        return found.value
+
+
+@click.group()
+def acquire() -> None:
+    r"""Record a running sensor into a file of a session.
+
+    \b
+    Example:
+      labpipe acquire keyence my-session/laser/drop_1.csv --host 192.168.0.10 --duration "5 s"
+    """
+
+
+@acquire.command()
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@click.option("--host", required=True, help="Address of the controller.")
+@click.option("--port", type=click.IntRange(1, 65535),
+              help="Its port; default 24687 for lk-g5000, needed for dl-en1.")  # fmt: skip
+@click.option("--protocol", type=click.Choice(["lk-g5000", "dl-en1"]), default="lk-g5000",
+              show_default=True, help="What it speaks.")  # fmt: skip
+@click.option("--output", "outputs", type=int, multiple=True, default=(1,), show_default=True,
+              help="Output (or amplifier) to record; may be repeated.")  # fmt: skip
+@click.option("--decimals", type=int, multiple=True, required=True,
+              help="Digits after the decimal sign on the display, for every output.")  # fmt: skip
+@click.option("--unit", "units", multiple=True, default=("mm",), show_default=True,
+              help="Unit on the display, for every output.")  # fmt: skip
+@click.option("--interval", type=Time(), default="10 ms", show_default=True,
+              help="Time between two readings.")  # fmt: skip
+@click.option("--duration", type=Time(), required=True,
+              help="How long; from the trigger when there is one.")  # fmt: skip
+@click.option("--trigger", help='Wait until an output passes a level, e.g. "out1 < -1.5 mm".')
+@click.option("--before", type=Time(), default="100 ms", show_default=True,
+              help="How much to keep before the trigger.")  # fmt: skip
+@click.option("--patience", type=Time(), default="10 s", show_default=True,
+              help="How long the controller may be silent.")  # fmt: skip
+@click.option("--model", default="", help="Model of the controller, for the file's header.")
+@json_option
+def keyence(
+    file: Path,
+    host: str,
+    port: int | None,
+    protocol: str,
+    outputs: tuple[int, ...],
+    decimals: tuple[int, ...],
+    units: tuple[str, ...],
+    interval: float,
+    duration: float,
+    trigger: str | None,
+    before: float,
+    patience: float,
+    model: str,
+    as_json: bool,
+) -> None:
+    r"""Record a Keyence displacement controller over TCP into FILE.
+
+    FILE has the layout of a storage file, so `labpipe process` reads it; FILE.times.csv holds the
+    real time of every reading. A reading that did not come leaves its row empty. Ctrl-C ends the
+    recording and keeps what came. The protocols were tested against an emulator only.
+
+    \b
+    Example:
+      labpipe acquire keyence drop_1.csv --host 192.168.0.10 --decimals 4 --duration "2 s" \
+        --trigger "out1 < -0.5 mm" --interval "1 ms"
+    """
+    from instruments.keyence_live import DL_EN1, LK_PORT, Connection
+    from instruments.keyence_recorder import Setup
+    from pipelines.acquire import check_units, parse_trigger, record_keyence
+
+    if port is None and protocol == DL_EN1:
+        raise click.UsageError("--port is needed: that of a DL-EN1 is set on the unit")
+    units = units * len(outputs) if len(units) == 1 else units
+    decimals = decimals * len(outputs) if len(decimals) == 1 else decimals
+    check_units(units)
+    setup = Setup(outputs, decimals, units, interval, model)
+    timeout = max(1.0, 2 * interval)
+
+    def connect() -> Connection:
+        return Connection(protocol, host, port or LK_PORT, outputs, timeout)
+
+    with _showing(as_json) as progress:
+        done = record_keyence(
+            file, setup, connect, duration, parse_trigger(trigger, before) if trigger else None,
+            patience=patience, progress=progress,
+        )  # fmt: skip
+    if as_json:
+        echo_json({"file": str(done.path), "times": str(done.times), **done.summary})
+        return
+    echo(f"wrote {done.path} and {done.times}")
+    for key, value in done.summary.items():
+        if value not in (None, "") and key != "remark":
+            shown = f"{value:.6g}" if isinstance(value, float) else value
+            echo(f"  {key.replace('_', ' '):20}{shown}")
+    echo(EMULATOR_ONLY)
+
+
+@contextmanager
+def _showing(as_json: bool) -> Iterator[Callable[[int, int], None] | None]:
+    """Show the number of readings while they come, where somebody looks."""
+    if as_json or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.status import Status
+
+    with Status("waiting for the controller", console=Console(stderr=True)) as status:
+        yield lambda readings, empty: status.update(
+            f"{readings} readings, {empty} empty slots; Ctrl-C ends and keeps them"
+        )
