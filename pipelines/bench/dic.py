@@ -1,24 +1,25 @@
-"""Image correlation: error against run time, beside OpenCV's pyramidal Lucas–Kanade.
+"""Image correlation: error against run time, beside the thesis's program and peers.
 
 The film is a random periodic pattern that is shifted exactly, by the phases of its Fourier
 coefficients; 8 bit, white noise in every frame. Every row states the error against the known
 shift and the time of the whole call, measured in turn with the other rows in the same process.
 """
 
-import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.imaging import track
+from pipelines.bench import dic_peers
+from pipelines.bench.measure import Bound, Point, Suite, paired, peak_bytes
 
 Floats = NDArray[np.float64]
 Film = NDArray[np.uint8]
-Method = Callable[[Film], Floats]
+Method = Callable[[Film, Floats], Floats]
 
 #: Noise of one frame (grey levels), as of a good high-speed camera.
 _NOISE = 2.0
@@ -28,62 +29,99 @@ _MEAN, _CONTRAST = 127.0, 40.0
 #: Shift from frame to frame (px), that of a falling holder early on.
 _STEP = (0.1, 0.05)
 _BORDER = 26
+_SPACING = 14
 #: Frames in which the pattern moves by one pixel.
 _PIXEL = 11
+_DEFAULT = "quintic, rigid, 31 px"
 
 
-def run(quick: bool) -> list[dict[str, object]]:
+@dataclass(frozen=True, slots=True)
+class Contender:
+    """One method with its window; dear ones get every ``thinning``-th point only."""
+
+    group: str
+    subset: int
+    method: Method
+    thinning: int = 1
+
+
+def run(quick: bool) -> Suite:
     """Measure error and time of every setting.
 
     Parameters
     ----------
     quick : bool
-        A smaller film and fewer repeats, under a minute.
-
-    Returns
-    -------
-    list of dict
-        ``setting``, ``is_default``, ``error`` (RMS over points, frames and both directions, px),
-        ``bias`` (largest mean error of a frame of the same film without noise, px),
-        ``seconds`` (whole call per frame, median of the repeats), ``cpu_seconds`` (the same of
-        processor time), ``ratio`` (of ``seconds`` to Lucas–Kanade with the same window),
-        ``bound`` (Cramér–Rao, px).
+        A smaller film and fewer repeats, under half a minute.
     """
-    size, frames, repeats = (320, 11, 3) if quick else (512, 41, 7)
+    size, frames, repeats = (320, _PIXEL, 3) if quick else (512, 41, 7)
     film, truth = make_film(size, frames, _NOISE)
     clean, exact = make_film(size, _PIXEL, 0.0)
-    points = _grid(size)
-    contenders: dict[str, tuple[int, Method]] = {}
+    contenders = _contenders(quick)
+    points = {name: _grid(size)[:: c.thinning] for name, c in contenders.items()}
+    calls = {name: partial(c.method, film, points[name]) for name, c in contenders.items()}
+    timings = paired(calls, repeats, budget=40.0)
+    rows = []
+    for name, contender in contenders.items():
+        timing, window = timings[name], contender.subset
+        error = np.asarray(timing.value) - truth[:, None]
+        bias = contender.method(clean, points[name]) - exact[:, None]
+        mine = error.shape[1]
+        reference = timings[f"3 levels, {window} px"]
+        ratio, low, high = timing.ratio(reference)
+        share = len(points[f"3 levels, {window} px"]) / mine
+        bound = cramer_rao(film[0], window)
+        rows.append(
+            Point(
+                name,
+                float(np.sqrt(np.nanmean(error[1:] ** 2))),
+                timing.seconds / (frames * mine),
+                contender.group,
+                is_default=name == _DEFAULT,
+                cold_seconds=timing.cold_seconds,
+                peak_bytes=peak_bytes(calls[name]),
+                extra={
+                    "bias (px)": float(np.abs(np.nanmean(bias, axis=1)).max()),
+                    "error / bound": float(np.sqrt(np.nanmean(error[1:] ** 2))) / bound,
+                    "time / Lucas–Kanade": ratio * share,
+                    "lowest": low * share,
+                    "highest": high * share,
+                    "lost (%)": 100.0 * float(np.isnan(error).mean()),
+                },
+            )
+        )
+    return Suite(
+        "dic",
+        f"Displacement of subsets, {frames} frames of {size} × {size} px, noise of "
+        f"{_NOISE:g} grey levels; the bias is that of a film without noise",
+        "RMS error (px)",
+        rows,
+        [Bound(f"Cramér–Rao, {w} px", cramer_rao(film[0], w)) for w in (21, 31)],
+        dic_peers.notes(),
+        time_label="run time per point and frame (s)",
+    )
+
+
+def _contenders(quick: bool) -> dict[str, Contender]:
+    found: dict[str, Contender] = {}
     for subset in (31, 21):
-        peer = partial(_lucas_kanade, points=points, window=subset)
-        contenders[f"Lucas–Kanade, 3 levels, {subset} px"] = (subset, peer)
+        peer = partial(dic_peers.lucas_kanade, window=subset)
+        found[f"3 levels, {subset} px"] = Contender("OpenCV Lucas–Kanade", subset, peer)
         for order, shape in product((5, 3), ("rigid", "affine")):
             name = f"{'quintic' if order == 5 else 'bicubic'}, {shape}, {subset} px"
-            ours = partial(_correlate, points=points, subset=subset, order=order, shape=shape)
-            contenders[name] = (subset, ours)
-    errors = {name: call(film) - truth[:, None] for name, (_, call) in contenders.items()}
-    biases = {name: call(clean) - exact[:, None] for name, (_, call) in contenders.items()}
-    times: dict[str, list[tuple[float, float]]] = {name: [] for name in contenders}
-    for _ in range(repeats):
-        for name, (_, call) in contenders.items():
-            times[name].append(_time(call, film))
-    seconds = {name: median(wall for wall, _ in taken) / frames for name, taken in times.items()}
-    rows = []
-    for name, (subset, _) in contenders.items():
-        reference = seconds[f"Lucas–Kanade, 3 levels, {subset} px"]
-        rows.append(
-            {
-                "setting": name,
-                "is_default": name == "quintic, rigid, 31 px",
-                "error": float(np.sqrt(np.nanmean(errors[name][1:] ** 2))),
-                "bias": float(np.abs(np.nanmean(biases[name], axis=1)).max()),
-                "seconds": seconds[name],
-                "cpu_seconds": median(cpu for _, cpu in times[name]) / frames,
-                "ratio": seconds[name] / reference,
-                "bound": _bound(film[0], subset),
-            }
+            ours = partial(_correlate, subset=subset, order=order, shape=shape)
+            found[name] = Contender("", subset, ours)
+        if not quick:
+            blurred = partial(_correlate, subset=subset, order=5, shape="rigid", blur=0.0)
+            found[f"quintic, rigid, {subset} px, not blurred"] = Contender("", subset, blurred)
+        keys = partial(dic_peers.keys_correlation, subset=subset)
+        found[f"settings of DICe (Keys, 4th order), {subset} px"] = Contender(
+            "thesis", subset, keys, thinning=16
         )
-    return rows
+        for group, method, thinning in dic_peers.installed():
+            found[f"{group}, {subset} px"] = Contender(
+                group, subset, partial(method, subset=subset), thinning
+            )
+    return found
 
 
 def make_film(size: int, frames: int, noise: float) -> tuple[Film, Floats]:
@@ -106,50 +144,23 @@ def make_film(size: int, frames: int, noise: float) -> tuple[Film, Floats]:
     return film, shifts
 
 
+def cramer_rao(image: Film, subset: int) -> float:
+    """Bound (px) of a translation from two noisy images, mean slope of the image."""
+    grey = image.astype(float)
+    slopes = np.mean([((np.diff(grey, axis=k)) ** 2).mean() - 2 * _NOISE**2 for k in (0, 1)])
+    return float(np.sqrt(2 * (_NOISE**2 + 1 / 12) / (slopes * subset**2)))
+
+
 def _grid(size: int) -> Floats:
-    """Points (point, 2) every 14 px, the usual spacing."""
-    axis = np.arange(_BORDER, size - _BORDER, 14.0)
+    """Points (point, 2) at the usual spacing."""
+    axis = np.arange(_BORDER, size - _BORDER, float(_SPACING))
     x, y = np.meshgrid(axis, axis)
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
-def _correlate(film: Film, points: Floats, subset: int, order: int, shape: str) -> Floats:
+def _correlate(
+    film: Film, points: Floats, subset: int, order: int, shape: str, blur: float = 0.5
+) -> Floats:
     """Displacements (frame, point, 2) in px by :func:`labpipe.imaging.track`."""
-    found = track(film, points, subset, shape, order)  # type: ignore[arg-type]
+    found = track(film, points, subset, shape, order, blur=blur)  # type: ignore[arg-type]
     return np.stack([found.dx.values, found.dy.values], axis=-1)
-
-
-def _lucas_kanade(film: Film, points: Floats, window: int) -> Floats:
-    """Displacements (frame, point, 2) in px by OpenCV, each frame against the first."""
-    import cv2
-
-    start = points.astype(np.float32)[:, None]
-    moved = start.copy()
-    result = np.zeros((len(film), len(points), 2))
-    for k in range(1, len(film)):
-        flow, found, _ = cv2.calcOpticalFlowPyrLK(
-            film[0],
-            film[k],
-            start,
-            moved.copy(),
-            winSize=(window, window),
-            maxLevel=2,
-            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-        )
-        moved = np.asarray(flow, np.float32)
-        result[k] = np.where(found > 0, (moved - start)[:, 0], np.nan)
-    return result
-
-
-def _time(method: Method, film: Film) -> tuple[float, float]:
-    """Wall and processor seconds of a call."""
-    wall, cpu = time.perf_counter(), time.process_time()
-    method(film)
-    return time.perf_counter() - wall, time.process_time() - cpu
-
-
-def _bound(image: Film, subset: int) -> float:
-    """Cramér–Rao bound (px) of a translation from two noisy images, mean slope of the image."""
-    grey = image.astype(float)
-    slopes = np.mean([((np.diff(grey, axis=k)) ** 2).mean() - 2 * _NOISE**2 for k in (0, 1)])
-    return float(np.sqrt(2 * (_NOISE**2 + 1 / 12) / (slopes * subset**2)))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pipelines.bench.dic import make_film, run
+from pipelines.bench.dic_peers import keys_correlation
 
 
 def test_the_film_is_shifted_exactly() -> None:
@@ -12,13 +13,24 @@ def test_the_film_is_shifted_exactly() -> None:
     assert np.abs(film[20].astype(int) - np.roll(film[0], (1, 2), (0, 1))).max() <= 1
 
 
+def test_the_emulation_of_dice_has_the_bias_that_dice_has() -> None:
+    # 0.0016 px at 31 px, no filter, measured with DICe itself on a pattern like this one
+    film, shifts = make_film(96, 11, 0.0)
+    points = np.array([(x, y) for x in (36.0, 58.0) for y in (36.0, 58.0)])
+    bias = np.abs((keys_correlation(film, points, 31) - shifts[:, None]).mean(axis=1)).max()
+    assert 0.0008 < bias < 0.0024
+
+
 @pytest.mark.slow
 def test_every_setting_beats_lucas_kanade_and_nears_the_bound() -> None:
-    rows = {row["setting"]: row for row in run(quick=True)}
-    assert sum(bool(row["is_default"]) for row in rows.values()) == 1
-    for name, row in rows.items():
-        assert row["seconds"] > 0
-        if not name.startswith("Lucas"):
-            peer = rows[f"Lucas–Kanade, 3 levels, {name.split(', ')[2]}"]
-            assert row["error"] < min(peer["error"], 1.12 * row["bound"])
-            assert row["bias"] < 0.1 * peer["bias"]
+    suite = run(quick=True)
+    assert sum(p.is_default for p in suite.points) == 1
+    by_window = {(p.group, w): p for p in suite.points for w in (21, 31) if f"{w} px" in p.setting}
+    for point in suite.points:
+        assert point.seconds > 0
+        if point.group == "":
+            window = 31 if "31 px" in point.setting else 21
+            peer = by_window["OpenCV Lucas–Kanade", window]
+            assert point.error < peer.error
+            assert point.extra["error / bound"] < 1.12
+            assert point.extra["bias (px)"] < 0.1 * peer.extra["bias (px)"]

@@ -1,0 +1,138 @@
+"""Contacts, bounces and restitution from laser records, beside crossing of the contact level."""
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe import signals
+from pipelines.bench.laser_truth import Record, record
+from pipelines.bench.measure import THESIS, Point, Suite, paired, peak_bytes
+
+Floats = NDArray[np.float64]
+
+_MATERIALS = ("acrylic", "ptfe", "nylon", "peek")
+_MATCH = 1.5e-3  # s within which a touch counts as the true one
+_AVERAGE = 15  # samples of the moving average before levels are crossed
+_HYSTERESIS = 3e-6  # m over the level that ends a contact: three times the noise
+
+
+@dataclass(frozen=True, slots=True)
+class Events:
+    """Touch times (s) and restitutions of one record."""
+
+    touch: Floats
+    restitution: Floats
+
+
+def run(quick: bool) -> list[Suite]:
+    """Measure touch times and restitutions of every method on bouncing records."""
+    names = _MATERIALS[:1] if quick else _MATERIALS
+    made = [record(name, 0.3 if quick else 0.5) for name in names]
+    contenders = _contenders(made)
+    timings = paired(
+        {name: call for name, (_, call) in contenders.items()}, 3 if quick else 7, budget=25.0
+    )
+    title = f"{', '.join(names)} dropped from 1.5 mm, 20 kHz, 1 µm noise"
+    touches, restitutions = [], []
+    for name, (group, call) in contenders.items():
+        timing = timings[name]
+        answers: Any = timing.value
+        late, wrong, missed, false = _errors(answers, made)
+        point = Point(
+            name,
+            _rms(late),
+            timing.seconds / len(made),
+            group,
+            is_default=name == "any solid",
+            cold_seconds=timing.cold_seconds,
+            peak_bytes=peak_bytes(call),
+            extra={
+                "largest (s)": float(np.abs(late).max(initial=0.0)),
+                "touches missed": missed,
+                "touches invented": false,
+            },
+        )
+        touches.append(point)
+        largest = float(np.abs(wrong).max(initial=0.0))
+        restitutions.append(replace(point, error=_rms(wrong), extra={"largest (1)": largest}))
+    label = "run time of a record (s)"
+    return [
+        Suite("touch-times", f"Touch times: {title}", "RMS error (s)", touches, time_label=label),
+        Suite("restitution", f"Restitution: {title}", "RMS error (1)", restitutions,
+              time_label=label),
+    ]  # fmt: skip
+
+
+def _contenders(
+    made: Sequence[Record],
+) -> dict[str, tuple[str, Callable[[], object]]]:
+    """Name every method: group and call."""
+    return {
+        "any solid": ("", lambda: [_bounces(m) for m in made]),
+        "a polymer": ("", lambda: [_bounces(m, contact="polymer") for m in made]),
+        "noise given": ("", lambda: [_bounces(m, noise=1e-6) for m in made]),
+        "level crossed": (THESIS, lambda: [crossings(m, 1) for m in made]),
+        f"level crossed, {_AVERAGE} samples averaged": (
+            THESIS, lambda: [crossings(m, _AVERAGE) for m in made],
+        ),
+    }  # fmt: skip
+
+
+def _bounces(made: Record, **options: Any) -> Events:
+    with warnings.catch_warnings():
+        # a short record ends before rest, on purpose
+        warnings.simplefilter("ignore", UserWarning)
+        found = signals.bounces(made.displacement, **options)
+    return Events(found["touch_time"].values, found["restitution"].values)
+
+
+def crossings(made: Record, window: int) -> Events:
+    """Find contacts where the true level of the first touch is crossed, speeds by differences.
+
+    Parameters
+    ----------
+    made : Record
+        Height grows upwards.
+    window : int
+        Samples of a moving average; 1 for none.
+    """
+    time, height = made.displacement.time.values, made.displacement.values
+    smooth = np.convolve(height, np.ones(window) / window, "same")
+    above = smooth - made.level
+    is_high, touch, ratio, incoming = True, [], [], np.nan
+    speed = np.gradient(smooth, time)
+    for k in range(window, len(above) - window):
+        if is_high and above[k] <= 0:
+            is_high, incoming = False, -speed[k - 1]
+            share = above[k - 1] / (above[k - 1] - above[k])
+            touch.append(time[k - 1] + share * (time[k] - time[k - 1]))
+        elif not is_high and above[k] > _HYSTERESIS:
+            is_high = True
+            ratio.append(speed[k] / incoming if incoming > 0 else np.nan)
+    return Events(np.array(touch), np.array(ratio))
+
+
+def _errors(answers: Sequence[Events], made: Sequence[Record]) -> tuple[Floats, Floats, int, int]:
+    """Compare with the truth: errors of touches (s) and restitutions, missed, invented."""
+    late, wrong, missed, false = [], [], 0, 0
+    for found, true in zip(answers, made, strict=True):
+        matched = set()
+        for place, touch in enumerate(found.touch):
+            nearest = int(np.argmin(np.abs(true.touch - touch)))
+            if abs(true.touch[nearest] - touch) > _MATCH or nearest in matched:
+                false += 1
+                continue
+            matched.add(nearest)
+            late.append(touch - true.touch[nearest])
+            if place < len(found.restitution) and nearest < len(true.restitution):
+                wrong.append(found.restitution[place] - true.restitution[nearest])
+        missed += len(true.touch) - len(matched)
+    return np.array(late), np.array(wrong), missed, false
+
+
+def _rms(error: Floats) -> float:
+    return float(np.sqrt(np.nanmean(error**2))) if error.size else float("nan")
