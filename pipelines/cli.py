@@ -33,6 +33,7 @@ COMMANDS: dict[str, Command] = {
     "plan": Command(f"{_HOME}.session:plan", "Say what `process` would run, and why."),
     "process": Command(f"{_HOME}.session:process", "Process a session into results and reports."),
     "watch": Command(f"{_HOME}.watch:watch", "Process a session while it is being recorded."),
+    "acquire": Command(f"{_HOME}.acquire:acquire", "Record a running sensor into a file."),
     "export": Command(f"{_HOME}.export:export", "Write results as csv, netCDF, MATLAB or JSON."),
     "figures": Command(f"{_HOME}.figures:figures", "Draw the thesis's figures by number."),
     "simulate": Command(f"{_HOME}.simulate:simulate", "Run the bundled simulator alone."),
@@ -129,8 +130,31 @@ def foreign_package() -> str | None:
     return None
 
 
+class Terminated(BaseException):
+    """The system asked the program to end; what is half-done is undone on the way out."""
+
+    def __init__(self, number: int) -> None:
+        self.exit_code = 128 + number
+        super().__init__(f"signal {number}")
+
+
+def _end_cleanly() -> None:
+    """Let a closed terminal or an order to end undo what is half-done, as Ctrl-C does."""
+    import signal
+
+    def stop(number: int, frame: object) -> None:
+        del frame
+        raise Terminated(number)
+
+    for name in ("SIGTERM", "SIGHUP"):
+        if hasattr(signal, name):  # Windows knows no hang-up
+            signal.signal(getattr(signal, name), stop)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and leave with its exit code."""
+    if arguments is None:
+        _end_cleanly()
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     debug, wants_json = "--debug" in arguments, "--json" in arguments
     # --debug is welcome anywhere in the line; click knows it only before the command
@@ -146,6 +170,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (KeyboardInterrupt, click.Abort):
         click.echo("interrupted; results that were complete are kept", err=True)
         code = 130
+    except Terminated as error:
+        code = error.exit_code
     except LabpipeError as error:
         if debug:
             raise

@@ -6,6 +6,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rich.progress import ProgressColumn
+
     from labpipe.workflow.runner import Event
 
 
@@ -18,9 +20,8 @@ def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]"
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as Remaining
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *_clocks())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         overall = bar.add_task("planning", total=None)
 
@@ -31,14 +32,49 @@ def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]"
         yield show
 
 
+def rate(steps_per_second: float | None) -> str:
+    """Write how fast steps end, in the unit that gives a number from 1 up.
+
+    Examples
+    --------
+    >>> rate(2.5), rate(0.05), rate(None)
+    ('2.5/s', '3.0/min', '')
+    """
+    if not steps_per_second:
+        return ""
+    if steps_per_second >= 1:
+        return f"{steps_per_second:.1f}/s"
+    return f"{steps_per_second * _MINUTE:.1f}/min"
+
+
+_MINUTE = 60.0
+
+
+def _clocks() -> "tuple[ProgressColumn, ...]":
+    """Columns for the rate, the time gone, and the time left."""
+    from rich.progress import (
+        ProgressColumn,
+        Task,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text(rate(task.finished_speed or task.speed))
+
+    return Rate(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(compact=True)
+
+
 @contextmanager
 def fraction(text: str) -> "Iterator[Callable[[float], None]]":
     """Give a function that shows a fraction of one long piece of work."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
-    from rich.progress import TimeRemainingColumn as Remaining
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), Remaining())
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), *_clocks())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         work = bar.add_task(text, total=1.0)
         yield lambda done: bar.update(work, completed=done)

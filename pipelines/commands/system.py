@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import platform
+import re
 import shutil
 import sys
 import tempfile
@@ -12,7 +13,7 @@ from click.shell_completion import get_completion_class
 
 import labpipe
 from labpipe import files
-from labpipe.errors import LabpipeError, StorageError
+from labpipe.errors import ConfigError, LabpipeError, StorageError, StoreError
 from pipelines.cli import cli, foreign_package
 from pipelines.commands.options import echo, echo_json, json_option
 
@@ -43,21 +44,69 @@ def _write_test(folder: Path) -> str | None:
     return None
 
 
-def _problems(folder: Path, versions: dict[str, str]) -> list[str]:
-    found = [f"{name} is not installed" for name, text in versions.items() if text == "missing"]
-    found += [p for p in (foreign_package(), _write_test(folder)) if p]
-    free = shutil.disk_usage(folder).free
-    if free < _ROOM_WANTED:
-        found.append(f"{folder}: only {free / 1e9:.2f} GB are free; films need more")
+def _too_old(versions: dict[str, str]) -> list[str]:
+    """Name the libraries that are older than the version with which labpipe is tested."""
+    found = []
+    for line in importlib.metadata.requires("labpipe") or ():
+        match = re.match(r"([\w.-]+)(?:\[[^]]*\])?>=([\d.]+)(?!.*extra)", line)
+        if match is None or versions.get(match[1], "missing") == "missing":
+            continue
+        if _numbers(versions[match[1]]) < _numbers(match[2]):
+            found.append(
+                f"{match[1]} is {versions[match[1]]}, needed is {match[2]} or newer; "
+                f"pip install --upgrade {match[1]}"
+            )
     return found
 
 
-def _store_problems(folder: Path) -> list[str]:
-    if not (folder / "session.toml").is_file():
-        return []
-    from pipelines.process import check_store
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in re.findall(r"\d+", version)[:4])
 
-    return check_store(folder)
+
+def name_clashes() -> list[str]:
+    """Name other distributions that install a package of one of our names.
+
+    The one that was installed last has won, and removing it removes our files.
+    """
+    ours = {"labpipe", "instruments", "calibration", "pipelines"}
+    owners = importlib.metadata.packages_distributions()
+    return [
+        f"the distribution {owner} also installs the package `{name}`; use a separate environment "
+        f"for labpipe (installing or removing {owner} breaks it)"
+        for name in sorted(ours)
+        for owner in sorted(set(owners.get(name, ())) - {"labpipe"})
+    ]
+
+
+def _problems(folder: Path, versions: dict[str, str]) -> list[str]:
+    found = [
+        f"{name} is not installed; pip install {name}"
+        for name, text in versions.items()
+        if text == "missing"
+    ]
+    found += _too_old(versions)
+    found += [p for p in (foreign_package(), _write_test(folder)) if p]
+    found += name_clashes()
+    free = shutil.disk_usage(folder).free
+    if free < _ROOM_WANTED:
+        found.append(f"{folder}: only {free / 1e9:.2f} GB are free; films need more: make room")
+    return found
+
+
+def _session_problems(folder: Path) -> tuple[list[str], list[str]]:
+    """Say what is wrong with a session's configuration, and which stored results are damaged."""
+    from labpipe.workflow.session import FILE_NAME
+    from labpipe.workflow.store import Store
+    from pipelines.process import open_session
+
+    if not (folder / FILE_NAME).is_file():
+        return [], []
+    try:
+        problems = []
+        open_session(folder)
+    except LabpipeError as error:
+        problems = str(error).splitlines()
+    return problems, Store(folder / "labpipe").check()
 
 
 @click.command()
@@ -68,9 +117,9 @@ def _store_problems(folder: Path) -> list[str]:
 def doctor(folder: Path, as_json: bool) -> None:
     r"""Check the installation, the disk, and the results of a session.
 
-    Says which versions are installed, whether another package shadows one of ours, whether files
-    can be written in FOLDER and how much room there is, and reads every stored result of the
-    session in it.
+    Says which versions are installed and whether they are too old, whether another package
+    shadows one of ours, whether files can be written in FOLDER and how much room there is; reads
+    session.toml and every stored result of the session in FOLDER.
 
     \b
     Example:
@@ -78,21 +127,30 @@ def doctor(folder: Path, as_json: bool) -> None:
     """
     versions = _versions()
     problems = _problems(folder, versions)
-    damaged = _store_problems(folder)
+    mistakes, damaged = _session_problems(folder)
+    free = shutil.disk_usage(folder).free
     if as_json:
-        echo_json({"versions": versions, "problems": problems, "damaged_results": damaged})
+        echo_json({
+            "versions": versions, "free_bytes": free, "problems": problems,
+            "session_problems": mistakes, "damaged_results": damaged,
+        })  # fmt: skip
     else:
         for name, version in versions.items():
             echo(f"{name:24}{version}")
+        echo(f"{'free space':24}{free / 1e9:.1f} GB")
         echo("")
-        for line in [*problems, *damaged]:
+        for line in [*problems, *mistakes]:
             echo(f"problem: {line}")
-        if not problems and not damaged:
+        for line in damaged:
+            echo(f"damaged: {line}; the next `labpipe process` makes it again")
+        if not (problems or mistakes or damaged):
             echo("no problem found")
     if damaged:
-        sys.exit(4)
+        sys.exit(StoreError.exit_code)
     if problems:
         sys.exit(StorageError.exit_code)
+    if mistakes:
+        sys.exit(ConfigError.exit_code)
 
 
 @click.command()
