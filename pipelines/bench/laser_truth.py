@@ -22,8 +22,9 @@ _TINY = 1e-6
 class Record:
     """One record: what the sensor gave, and what really happened.
 
-    ``level`` is the reading (m) at first touch; ``velocity`` (time,) m/s at the samples; ``touch``, ``liftoff`` (impact,) s in the record;
-    ``restitution`` (impact,) of the impacts that were left again.
+    ``level`` is the reading (m) at first touch; ``velocity`` (time,) m/s at the samples;
+    ``touch``, ``liftoff`` (impact,) s in the record; ``restitution`` (impact,) of the impacts
+    that were left again.
     """
 
     displacement: xr.DataArray
