@@ -27,6 +27,7 @@ def read_laser(path: Path, given: Keyence) -> xr.Dataset:
     """
     options: dict[str, Any] = {
         "cycle": None if given.cycle is None else given.cycle.value,
+        "storage_factor": given.storage_factor,
         "units": given.units,
         "encoding": given.encoding,
         "decimal": given.decimal,

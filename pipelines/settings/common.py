@@ -58,10 +58,13 @@ class Sphere(MaterialChoice, frozen=True, kw_only=True):
 class Keyence(Table, frozen=True, kw_only=True):
     """What a laser export may leave unsaid; nothing here is guessed.
 
-    ``cycle`` is the time between stored points; ``units`` has one entry per output.
+    ``cycle`` is the time between samples and ``storage_factor`` the number of samples per stored
+    point (1 where only the cycle is given here); ``units`` has one entry per output. What
+    contradicts the file is refused, not preferred.
     """
 
     cycle: Annotated[Time, POSITIVE] | None = None
+    storage_factor: Annotated[int, Range(at_least=1)] | None = None
     units: list[str] | None = None
     encoding: str | None = None
     decimal: Literal[".", ","] | None = None

@@ -1,0 +1,63 @@
+"""What a laser export leaves unsaid is taken from the settings; what contradicts it is refused."""
+
+from datetime import datetime
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from instruments import keyence_writer
+from labpipe.errors import ConfigError, SourceError
+from labpipe.units import quantity
+from labpipe.workflow import config
+from pipelines.experiments.laser_file import read_laser
+from pipelines.settings.common import Keyence, Table
+
+
+class Holder(Table, frozen=True, kw_only=True):
+    keyence: Keyence
+
+
+@pytest.fixture
+def export(tmp_path: Path) -> Path:
+    """Ten points of 50 us each; the file states its cycle but no storage factor."""
+    made = keyence_writer.make_recording(
+        {1: np.linspace(0, 1e-3, 10)}, cycle="50 us", start=datetime(2024, 5, 14)
+    )
+    data = keyence_writer.encode(made)
+    lines = [line for line in data.split(b"\r\n") if not line.startswith(b"Storage cycle")]
+    (tmp_path / "drop.csv").write_bytes(b"\r\n".join(lines))
+    return tmp_path / "drop.csv"
+
+
+def test_a_cycle_without_a_storage_factor_is_asked_for(export: Path) -> None:
+    with pytest.raises(SourceError, match="storage_factor=1"):
+        read_laser(export, Keyence())
+
+
+@pytest.mark.parametrize("factor", [1, 20])
+def test_the_storage_factor_of_the_settings_is_used(export: Path, factor: int) -> None:
+    found = read_laser(export, Keyence(storage_factor=factor))
+    assert found.attrs["sampling_interval"] == pytest.approx(factor * 50e-6)
+
+
+def test_a_contradiction_to_the_file_is_refused(tmp_path: Path) -> None:
+    made = keyence_writer.make_recording(
+        {1: np.zeros(3)}, cycle="50 us", start=datetime(2024, 5, 14), storage_factor=2
+    )
+    keyence_writer.write(tmp_path / "a.csv", made)
+    with pytest.raises(SourceError, match="says 2, the option storage_factor says 5"):
+        read_laser(tmp_path / "a.csv", Keyence(storage_factor=5))
+    with pytest.raises(SourceError, match=r"the option cycle says 0\.0001 s"):
+        read_laser(tmp_path / "a.csv", Keyence(cycle=quantity("100 us")))
+
+
+@pytest.mark.parametrize(("value", "words"), [("0", "must be"), ('"two"', "expected")])
+def test_a_wrong_storage_factor_is_a_mistake_of_its_line(
+    tmp_path: Path, value: str, words: str
+) -> None:
+    (tmp_path / "a.toml").write_text(f"[keyence]\nstorage_factor = {value}\n")
+    with pytest.raises(ConfigError, match=rf"a.toml:2: keyence.storage_factor: {words}"):
+        config.read(tmp_path / "a.toml", Holder)
+    assert msgspec.to_builtins(Keyence(storage_factor=3))["storage_factor"] == 3
