@@ -89,6 +89,14 @@ SCHEMAS: dict[str, Schema] = {
             "mass": Variable((), "kg"),
             "u_mass": Variable((), "kg"),
         }),
+        Schema("steps", {
+            "begin": Variable(("load",), "s"),
+            "end": Variable(("load",), "s"),
+            "force": Variable(("load",), "N"),
+            "touch": Variable((), "m"),
+            "u_touch": Variable((), "m"),
+            "compliance": Variable(("elapsed",), "1/Pa"),
+        }),
         Schema("oscillations", {
             "frequency": Variable(("oscillation",), "Hz"),
             "storage_stiffness": Variable(("oscillation",), "N/m"),

@@ -16,6 +16,7 @@ from pipelines.settings.dma import Dma
 from pipelines.settings.harmonic import Harmonic
 from pipelines.settings.plate_vibration import PlateVibration
 from pipelines.settings.relaxation import Relaxation
+from pipelines.settings.static_loading import StaticLoading
 
 BALL_DROP = (
     Stage(
@@ -72,24 +73,36 @@ HARMONIC = (
         summary="read the Mach-1 file",
     ),
     Stage(
-        "loads", "pipelines.experiments.harmonic:loads", 1, ("readings",), ("load_cell",),
+        "loads", "pipelines.experiments.harmonic:loads", 2,
+        ("readings", "file:load_cell.record"), ("load_cell",),
         summary="compression-positive force, tared, with uncertainty",
     ),
     Stage(
-        "oscillations", "pipelines.experiments.harmonic:oscillations", 1,
+        "hold", "pipelines.experiments.harmonic:hold", 1, ("loads",), ("contact", "plateau"),
+        summary="peak and plateau of the relaxation before the oscillations",
+    ),
+    Stage(
+        "oscillations", "pipelines.experiments.harmonic:oscillations", 2,
         ("loads",), ("cycles", "load_cell.correct_filter_lag"), schema="oscillations",
         summary="fit frequency, amplitude, phase; work and stiffness per cycle",
     ),
     Stage(
-        "loops", "pipelines.experiments.harmonic:loops", 1, ("loads", "oscillations"), ("cycles",),
-        summary="mean hysteresis loop per frequency",
+        "loops", "pipelines.experiments.harmonic:loops", 2, ("loads", "oscillations"), ("cycles",),
+        summary="mean hysteresis loop per frequency; is contact lost?",
     ),
     Stage(
-        "model", "pipelines.experiments.harmonic:model", 1,
+        "model", "pipelines.experiments.harmonic:model", 2,
         ("loads", "oscillations", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "contact", "model", "cycles"),
         summary="simulate with the measured displacement",
+    ),
+    Stage(
+        "theory", "pipelines.experiments.harmonic:theory", 1,
+        ("oscillations", "loops", "model", "file:substrate.material_file",
+         "other:substrate.material_from/master_curve"),
+        ("punch", "substrate", "characteristic_time"),
+        summary="work by eq. (2.31), tapping front, dimensionless numbers",
     ),
     Stage(
         "comparison", "pipelines.experiments.harmonic:comparison", 1,
@@ -97,8 +110,9 @@ HARMONIC = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.harmonic_page:page", 1,
-        ("readings", "loads", "oscillations", "loops", "model", "comparison"), ("*",),
+        "report", "pipelines.experiments.harmonic_page:page", 2,
+        ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison"),
+        ("*",),
         output="page", context=True,
         summary="write the page",
     ),
@@ -111,7 +125,7 @@ RELAXATION = (
         summary="read the Mach-1 file",
     ),
     Stage(
-        "loads", "pipelines.experiments.relaxation:loads", 1,
+        "loads", "pipelines.experiments.relaxation:loads", 2,
         ("readings", "file:load_cell.record"), ("load_cell.tare",), per="recording", over="mach1",
         summary="compression-positive force, tared, with uncertainty",
     ),
@@ -128,7 +142,7 @@ RELAXATION = (
         summary="relaxation curve, and moduli from the force",
     ),
     Stage(
-        "model", "pipelines.experiments.relaxation:model", 1,
+        "model", "pipelines.experiments.relaxation:model", 2,
         ("loads", "ramps", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "model"), per="recording", over="mach1",
@@ -145,8 +159,50 @@ RELAXATION = (
         summary="gather the tests, average the modulus",
     ),
     Stage(
-        "report", "pipelines.experiments.relaxation_page:page", 1,
+        "report", "pipelines.experiments.relaxation_page:page", 2,
         ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"), ("*",),
+        output="page", context=True,
+        summary="write the page",
+    ),
+)  # fmt: skip
+
+STATIC_LOADING = (
+    Stage(
+        "readings", "pipelines.experiments.static_loading:readings", 1, ("file:laser",),
+        ("keyence",),
+        summary="read the laser export",
+    ),
+    Stage(
+        "displacement", "pipelines.experiments.static_loading:displacement", 1,
+        ("readings", "file:calibration"),
+        ("sensor", "measured_on", "zero", "loads", "steps.window"),
+        summary="correct the inclination, with uncertainty",
+    ),
+    Stage(
+        "steps", "pipelines.experiments.static_loading:steps", 1, ("displacement",),
+        ("loads", "sphere.radius", "zero", "steps", "model.gravity"), schema="steps",
+        summary="find the loads' times and first touch; creep compliance",
+    ),
+    Stage(
+        "approach", "pipelines.experiments.static_loading:approach", 1,
+        ("displacement", "steps"), ("sphere.radius", "steps"),
+        summary="approach, contact radius and creep under each load",
+    ),
+    Stage(
+        "model", "pipelines.experiments.static_loading:model", 1,
+        ("displacement", "steps", "file:sphere.material_file",
+         "other:sphere.material_from/master_curve"),
+        ("sphere", "model"),
+        summary="simulate the creeping contact; Hertz's steps",
+    ),
+    Stage(
+        "comparison", "pipelines.experiments.static_loading:comparison", 1,
+        ("approach", "steps", "model"), ("loads", "steps"),
+        summary="measurement against model and Hertz",
+    ),
+    Stage(
+        "report", "pipelines.experiments.static_loading_page:page", 1,
+        ("readings", "displacement", "steps", "approach", "model", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",
     ),
@@ -259,19 +315,6 @@ CONTACT_AREA = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class Kind:
-    """One kind of experiment: what its table in session.toml holds, and its stages."""
-
-    settings: type[msgspec.Struct]
-    stages: tuple[Stage, ...]
-    summary: str
-
-
-KINDS: dict[str, Kind] = {
-    "dma": Kind(Dma, DMA, "sweeps of a rheometer to a master curve and its material"),
-    "ball_drop": Kind(BallDrop, BALL_DROP, "drops of a sphere, seen by the laser"),
-    "contact_area": Kind(ContactArea, CONTACT_AREA, "a film of the contact through the disc"),
 PLATE_VIBRATION = (
     Stage(
         "readings", "pipelines.experiments.plate_vibration:readings", 1,
@@ -317,12 +360,28 @@ PLATE_VIBRATION = (
 )  # fmt: skip
 
 
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One kind of experiment: what its table in session.toml holds, and its stages."""
+
+    settings: type[msgspec.Struct]
+    stages: tuple[Stage, ...]
+    summary: str
+
+
+KINDS: dict[str, Kind] = {
+    "dma": Kind(Dma, DMA, "sweeps of a rheometer to a master curve and its material"),
+    "ball_drop": Kind(BallDrop, BALL_DROP, "drops of a sphere, seen by the laser"),
+    "contact_area": Kind(ContactArea, CONTACT_AREA, "a film of the contact through the disc"),
     "dic_validation": Kind(
         DicValidation, DIC_VALIDATION, "a film of the holder against the laser of other drops"
     ),
     "relaxation": Kind(Relaxation, RELAXATION, "relaxation of rubber under a periodic punch"),
-    "harmonic": Kind(Harmonic, HARMONIC, "harmonic indentation by a periodic punch"),
-}
     "plate_vibration": Kind(
         PlateVibration, PLATE_VIBRATION, "the plate ringing under drops, seen by the laser"
     ),
+    "static_loading": Kind(
+        StaticLoading, STATIC_LOADING, "a sphere under growing loads, seen by the laser"
+    ),
+    "harmonic": Kind(Harmonic, HARMONIC, "harmonic indentation by a periodic punch"),
+}

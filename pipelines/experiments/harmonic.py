@@ -9,11 +9,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from calibration import load_cell
 from labpipe import contact, signals
+from labpipe.contact import dissipation
 from labpipe.errors import InputError
 from labpipe.signals import CommonFit, common_fit, nrmse
-from pipelines.experiments import mach1_file
+from pipelines.experiments import holds, mach1_file
+from pipelines.experiments.indentation import Geometry, simulated
 from pipelines.experiments.material import resolve
 from pipelines.settings.harmonic import Harmonic
 
@@ -22,6 +23,8 @@ Array = NDArray[np.float64]
 _SINUSOID = "Sinusoid"
 _LOOP_POINTS = 200  # over one cycle
 _FEWEST_CYCLES = 2
+_CLEAR = 2.0  # standard uncertainties by which a force must exceed zero to prove contact
+_LEAST_SHIFT = 1e-7  # m of first touch by which a sensitivity is found
 
 _COLUMNS = {
     "frequency": ("Hz", "frequency, fitted to the position"),
@@ -40,9 +43,9 @@ def readings(path: Path, *, settings: Harmonic) -> xr.Dataset:
     return mach1_file.read(path)
 
 
-def loads(readings: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
+def loads(readings: xr.Dataset, record: Path | None, *, settings: Harmonic) -> xr.Dataset:
     """Make force compression-positive, and tare it where the file begins in air."""
-    made = mach1_file.force(readings, settings.load_cell.tare)
+    made = mach1_file.force(readings, settings.load_cell.tare, record)
     if settings.load_cell.tare and not made.attrs["is_tared"]:
         warnings.warn(
             "the file begins in contact, so the force is not tared: mean forces hold a preload, "
@@ -50,6 +53,18 @@ def loads(readings: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
             stacklevel=2,
         )
     return made
+
+
+def hold(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
+    """Measure the relaxation before the oscillations: depth, peak and plateau of its force."""
+    if holds.RELAXATION not in {str(f) for f in loads["function"].values}:
+        reason = f"the file holds no {holds.RELAXATION} block before its oscillations"
+        return xr.Dataset(attrs={"absent": reason})
+    try:
+        touch, _ = mach1_file.contact_position(loads, settings.contact)
+    except InputError:
+        touch = None  # the depth is then NaN; the model says why
+    return holds.measured(loads, touch, settings.plateau.value)
 
 
 def _sinusoids(loads: xr.Dataset) -> list[int]:
@@ -126,6 +141,7 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
         coords={"oscillation": np.arange(1, len(rows) + 1)},
         attrs={
             "filter": json.dumps(declared),
+            "filter_delay": loads.attrs["filter_delay"],
             "is_filter_corrected": int(correct),
             "work": json.dumps(work),
         },
@@ -145,18 +161,20 @@ def _oscillation(
     lag = None
     response = None
     if declared is not None:
-        order, cutoff = int(declared["order"]), float(declared["cutoff"])
-        lag = load_cell.filter_lag(frequency, order, cutoff)
+        lag = mach1_file.force_lag(loads, frequency)
 
         def response(f: float) -> complex:
-            at = load_cell.filter_lag(f, order, cutoff)
+            at = mach1_file.force_lag(loads, f)
+            if at is None:
+                return 1.0 + 0.0j
             return at.gain * complex(np.exp(-1j * at.phase))
 
     fit = common_fit(time[used], position[used], force[used], frequency, response=response)
     cut = signals.loops(time, position, force, fit.position.frequency, start=begin, end=end)
     areas = cut["work"].values
     u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase if lag else 0.0))
-    u_gain = lag.u_gain / lag.gain if lag else 0.0
+    cell = float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
+    u_gain = float(np.hypot(lag.u_gain / lag.gain if lag else 0.0, cell))
     return _row(fit, areas, u_phase, u_gain) | {
         "declared_frequency": stated,
         "declared_amplitude": float(loads["declared_amplitude"][block]),
@@ -197,10 +215,16 @@ def _row(fit: CommonFit, areas: Array, u_phase: float, u_gain: float) -> dict[st
 
 
 def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
-    """Mean hysteresis loop of every oscillation, as recorded, over one cycle."""
+    """Average the loop of every oscillation, as recorded, and see whether contact is kept.
+
+    Where the mean loop's force does not exceed twice its uncertainty the punch has left the
+    surface: ``contact_loss`` is that share of the cycle. The cell's filter rounds the force off,
+    so that a loss shorter than its delay is not seen.
+    """
     del settings
+    is_tared = bool(loads.attrs["is_tared"])
     phase = np.linspace(0, 1, _LOOP_POINTS + 1)
-    positions, forces, spreads = [], [], []
+    positions, forces, spreads, kept = [], [], [], []
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
         part = loads.isel(sample=mach1_file.rows(loads, int(at["block"])))
@@ -214,6 +238,10 @@ def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) ->
         positions.append(x.mean(axis=0))
         forces.append(f.mean(axis=0))
         spreads.append(f.std(axis=0, ddof=1) if len(f) > 1 else np.zeros(phase.size))
+        noise = max(float(np.median(spreads[-1])), float(loads.attrs["resolution"]) / np.sqrt(12))
+        u = float(np.hypot(noise / np.sqrt(len(f)), float(loads["u_tare"])))
+        least, lost = float(forces[-1].min()), float(np.mean(forces[-1][:-1] < _CLEAR * u))
+        kept.append((least, u, lost) if is_tared else (np.nan, np.nan, np.nan))
     dims = ("oscillation", "cycle")
     return xr.Dataset(
         {
@@ -221,6 +249,18 @@ def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) ->
             "force": (dims, forces, {"units": "N", "long_name": "force, compression positive"}),
             "force_sd": (
                 dims, spreads, {"units": "N", "long_name": "standard deviation over cycles"},
+            ),
+            "least_force": (
+                "oscillation", [k[0] for k in kept],
+                {"units": "N", "long_name": "least force of the mean loop"},
+            ),
+            "u_least_force": (
+                "oscillation", [k[1] for k in kept],
+                {"units": "N", "long_name": "standard uncertainty: least force of the mean loop"},
+            ),
+            "contact_loss": (
+                "oscillation", [k[2] for k in kept],
+                {"units": "1", "long_name": "share of a cycle without contact"},
             ),
         },
         coords={
@@ -248,25 +288,8 @@ def model(
         return xr.Dataset(attrs={"absent": reason})
     touch, how = mach1_file.contact_position(loads, settings.contact)
     solid = resolve(substrate, material_file, fitted)
-    time = mach1_file.clock(loads)
-    depth = loads["position_z"].values - touch.value
-    if np.any(np.diff(time) < 0):
-        message = "the blocks of the file overlap in time; their start times cannot be right"
-        raise InputError(message)
-    kept = mach1_file.history(time, depth)
-
-    def simulate(shift: float) -> xr.Dataset:
-        return contact.indent(
-            solid, punch.radius.value, punch.period.value, punch.depth.value * punch.tips,
-            time[kept], depth[kept] - shift, profile=settings.model.profile,
-            thickness=np.inf if substrate.thickness is None else substrate.thickness.value,
-            elements=settings.model.elements,
-        )  # fmt: skip
-
-    made = simulate(0.0)
-    force = np.interp(time, time[kept], made["force"].values)
-    shifted = np.interp(time, time[kept], simulate(max(touch.u, 1e-7))["force"].values)
-    u_force = np.abs(shifted - force) * touch.u / max(touch.u, 1e-7)
+    geometry = Geometry.of(punch, substrate, settings.model, float(solid.nu))
+    force, u_force, attrs = simulated(loads, touch, solid, geometry)
     result = _model_rows(loads, oscillations, force, u_force)
     result["contact_position"] = (
         (), touch.value, {"units": "m", "long_name": "stage position of first touch"},
@@ -274,11 +297,7 @@ def model(
     result["u_contact_position"] = (
         (), touch.u, {"units": "m", "long_name": "standard uncertainty: position of first touch"},
     )  # fmt: skip
-    result.attrs |= {key: str(made.attrs[key]) for key in ("solver", "solver_reason", "datum")}
-    work = json.loads(made.attrs["work"])
-    work.pop("seconds", None)  # the clock has no place in a stored result
-    work |= {"history_samples": int(kept.size), "history_samples_total": int(time.size)}
-    result.attrs |= {"contact": how, "work": json.dumps(work)}
+    result.attrs |= attrs | {"contact": how}
     return result
 
 
@@ -286,7 +305,7 @@ def _model_rows(
     loads: xr.Dataset, oscillations: xr.Dataset, force: Array, u_force: Array
 ) -> xr.Dataset:
     """Fit the simulated force as the measured one was, and keep its curve beside the readings."""
-    rows = []
+    rows, lost = [], []
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
         where = mach1_file.rows(loads, int(at["block"]))
@@ -296,11 +315,16 @@ def _model_rows(
         fit = common_fit(time[used], x, force[where][used], float(at["frequency"]))
         shifted = common_fit(time[used], x, (force - u_force)[where][used], float(at["frequency"]))
         rows.append((fit, shifted))
+        lost.append(float(np.mean(force[where][used] <= 0.0)))
     table: dict[str, Any] = {
         "force": ("sample", force, {"units": "N", "long_name": "simulated force"}),
         "u_force": (
             "sample", u_force,
-            {"units": "N", "long_name": "standard uncertainty from the position of first touch"},
+            {"units": "N", "long_name": "standard uncertainty from first touch and punch"},
+        ),
+        "contact_loss": (
+            "oscillation", np.array(lost),
+            {"units": "1", "long_name": "share of a cycle without contact, simulated"},
         ),
     }  # fmt: skip
     for name in ("storage_stiffness", "loss_stiffness"):
@@ -310,7 +334,7 @@ def _model_rows(
         table[name] = ("oscillation", values, {"units": units, "long_name": f"{text}, simulated"})
         table[f"u_{name}"] = (
             "oscillation", np.abs(moved - values),
-            {"units": units, "long_name": f"standard uncertainty from first touch: {text}"},
+            {"units": units, "long_name": f"standard uncertainty, touch and punch: {text}"},
         )  # fmt: skip
     amplitude = np.array([fit.position.amplitude for fit, _ in rows])
     for prefix in ("", "u_"):
@@ -319,6 +343,116 @@ def _model_rows(
             {"units": "J", "long_name": f"{prefix and 'standard uncertainty: '}simulated work"},
         )  # fmt: skip
     return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
+
+
+def theory(
+    oscillations: xr.Dataset,
+    loops: xr.Dataset,
+    model: xr.Dataset,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: Harmonic,
+) -> xr.Dataset:
+    """Return work by eq. (2.31), the tapping front (2.34), and everything dimensionless.
+
+    Equations (2.36) to (2.40); the work of (2.40) is per contact length. The uncertainty of the
+    theory is that of first touch: its mean indentation.
+    """
+    punch, substrate = settings.punch, settings.substrate
+    if punch is None or substrate is None or "absent" in model.attrs:
+        return xr.Dataset(attrs={"absent": str(model.attrs.get("absent", "no punch is named"))})
+    solid = resolve(substrate, material_file, fitted)
+    radius, period = punch.radius.value, punch.period.value
+    depth = punch.depth.value * punch.tips
+    touch, u_touch = (float(model[f"{p}contact_position"]) for p in ("", "u_"))
+    frequency, amplitude = oscillations["frequency"].values, oscillations["amplitude"].values
+    mean = oscillations["mean_position"].values - touch
+    if mean.min() <= 0:
+        message = (
+            f"the mean of an oscillation lies {-mean.min() * 1e6:.3g} µm above first touch; the "
+            "position of first touch cannot be right"
+        )
+        raise InputError(message)
+    step = max(u_touch, _LEAST_SHIFT)
+
+    def at(indentation: Array) -> tuple[Array, Array]:
+        shape = (radius, period)
+        pairs = list(zip(frequency, amplitude, indentation, strict=True))
+        work = [float(contact.dissipated_work(solid, f, a, i, *shape, depth)) for f, a, i in pairs]
+        front = [float(contact.tapping_amplitude(solid, f, i, *shape)) for f, _, i in pairs]
+        return np.array(work), np.array(front)
+
+    work, front = at(mean)
+    moved_work, moved_front = at(mean + step)
+    tau = settings.characteristic_time
+    shortest = float(solid.creep_terms()[1].min()) if len(solid.rho) else np.nan
+    scale = (solid, radius, period, depth)
+    sources = {
+        "measured": (
+            oscillations["work_per_cycle"].values,
+            oscillations["u_work_per_cycle"].values,
+        ),
+        "model": (model["work_per_cycle"].values, model["u_work_per_cycle"].values),
+        "theory": (work, np.abs(moved_work - work) * u_touch / step),
+    }
+    table: dict[str, Any] = {
+        "dissipated_work": (sources["theory"][0], "J", "dissipated work per cycle, eq. (2.31)"),
+        "u_dissipated_work": (sources["theory"][1], "J", "standard uncertainty from first touch"),
+        "tapping_amplitude": (front, "m", "amplitude at which contact is lost, eq. (2.34)"),
+        "u_tapping_amplitude": (
+            np.abs(moved_front - front) * u_touch / step, "m", "standard uncertainty: tapping",
+        ),
+        "mean_indentation": (mean, "m", "mean indentation"),
+        "u_mean_indentation": (
+            np.full(mean.size, u_touch), "m", "standard uncertainty: mean indentation",
+        ),
+        "work_difference": (
+            oscillations["work_per_cycle"].values - work, "J", "work, measured minus eq. (2.31)",
+        ),
+        "u_work_difference": (
+            np.hypot(sources["measured"][1], sources["theory"][1]), "J",
+            "standard uncertainty: work difference",
+        ),
+        "dimensionless_mean": (mean / radius, "1", "mean indentation over R, eq. (2.36)"),
+        "dimensionless_amplitude": (amplitude / radius, "1", "amplitude over R, eq. (2.37)"),
+    }  # fmt: skip
+    time = shortest if tau is None else tau.value
+    table["dimensionless_frequency"] = (
+        dissipation.dimensionless_frequency(frequency, time), "1", "f tau_0, eq. (2.38)",
+    )  # fmt: skip
+    for name, (values, u) in sources.items():
+        for prefix, numbers in (("", values), ("u_", u)):
+            table[f"{prefix}dimensionless_work_{name}"] = (
+                dissipation.dimensionless_work(numbers, *scale), "1",
+                f"{prefix and 'standard uncertainty: '}work, dimensionless (2.40), {name}",
+            )  # fmt: skip
+    made = xr.Dataset(
+        {n: ("oscillation", v, {"units": u, "long_name": t}) for n, (v, u, t) in table.items()},
+        coords={"oscillation": oscillations["oscillation"]},
+    )
+    for name, value, units, text in (
+        ("characteristic_time", time, "s", "characteristic time tau_0"),
+        ("force_scale", solid.E_relaxed * period * depth, "N", "E_relaxed times period and depth"),
+        ("work_scale", solid.E_relaxed * period * depth * radius, "J", "scale of the work (2.40)"),
+    ):
+        made[name] = ((), float(value), {"units": units, "long_name": text})
+    _warn_of_loss(loops, made, amplitude, front)
+    return made
+
+
+def _warn_of_loss(loops: xr.Dataset, made: xr.Dataset, amplitude: Array, front: Array) -> None:
+    """Say where contact is lost, or should be: the theory does not hold there."""
+    frequency = made["dimensionless_frequency"].values / float(made["characteristic_time"])
+    for label, where in (
+        ("contact is lost in part of the cycle", loops["contact_loss"].values > 0),
+        ("the amplitude lies beyond the tapping front (2.34)", amplitude > front),
+    ):
+        if where.any():
+            shown = ", ".join(f"{f:.3g}" for f in frequency[where])
+            warnings.warn(
+                f"{label} at {shown} Hz: eq. (2.31) is an extrapolation there", stacklevel=3
+            )
 
 
 def comparison(

@@ -18,20 +18,32 @@ from labpipe.report import (
     Table,
     value_with_uncertainty,
 )
+from labpipe.report.style import Role
+from labpipe.report.tables import number
 from labpipe.workflow.context import Context
 from pipelines import pages
-from pipelines.experiments import mach1_file
+from pipelines.experiments import holds, mach1_file
+from pipelines.experiments.indentation_page import (
+    blocks_table,
+    cell,
+    columns,
+    punch_rows,
+    substrate_name,
+)
 from pipelines.settings.harmonic import Harmonic
 
 _UM = 1e6
+_POINTS_PER_DECADE = 12  # of a hold
 
 
 def page(
     readings: xr.Dataset | None,
     loads: xr.Dataset | None,
+    hold: xr.Dataset | None,
     oscillations: xr.Dataset | None,
     loops: xr.Dataset | None,
     model: xr.Dataset | None,
+    theory: xr.Dataset | None,
     comparison: xr.Dataset | None,
     *,
     settings: Harmonic,
@@ -44,6 +56,10 @@ def page(
     ]
     if oscillations is not None:
         sections += [_frequencies(oscillations, comparison), _stiffness(oscillations, model)]
+    if oscillations is not None and theory is not None and _is_there(theory):
+        sections.append(_dissipation(theory, loops))
+    if loads is not None and hold is not None:
+        sections.append(_hold(loads, hold, oscillations))
     if loads is not None and oscillations is not None:
         sections.append(_curves(loads, oscillations, comparison))
     if loops is not None and oscillations is not None:
@@ -73,7 +89,7 @@ def _summary(
                 "J",
             )
             rows.append((f"dissipated work per cycle at {frequency[at]:.4g} Hz", shown, ""))
-    blocks: list[Block] = [KeyValues(rows)] if rows else []
+    blocks: list[Block] = []
     if comparison is not None and _is_there(comparison):
         errors = comparison["nrmse"].values * 100
         rows.append(
@@ -82,48 +98,20 @@ def _summary(
         )  # fmt: skip
     elif comparison is not None:
         blocks.append(Notice("info", f"No comparison with a model: {comparison.attrs['absent']}."))
-    return Section("Summary", (*blocks, *pages.failed_notice(context)))
+    table: list[Block] = [KeyValues(rows)] if rows else []
+    return Section("Summary", (*table, *blocks, *pages.failed_notice(context)))
 
 
 def _measured(
     settings: Harmonic, readings: xr.Dataset | None, loads: xr.Dataset | None, context: Context
 ) -> Section:
-    rows = [("file", settings.mach1, "")]
-    if settings.punch is not None:
-        punch = settings.punch
-        rows += [
-            ("tip radius", value_with_uncertainty(punch.radius.value, punch.radius.u, "m"), ""),
-            ("period", value_with_uncertainty(punch.period.value, punch.period.u, "m"), ""),
-            ("tips", f"{punch.tips} × {punch.depth.value * 1e3:g} mm", "number × length"),
-        ]
+    rows = [("file", settings.mach1, ""), *punch_rows(settings.punch)]
     rows += [("operator", context.operator, ""), ("notes", context.notes, "")]
     blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
     if readings is not None:
-        functions = [str(f) for f in readings["function"].values]
-        starts = [str(s) for s in readings["start_time"].values]
-        counts = readings["n_rows"].values
-        blocks.append(
-            Table(
-                (Column("block"), Column("function"), Column("start"), Column("readings")),
-                [
-                    (i + 1, f, s, int(n))
-                    for i, (f, s, n) in enumerate(zip(functions, starts, counts, strict=True))
-                ],
-                caption="Blocks of the file",
-            )
-        )
+        blocks.append(blocks_table(readings))
     if loads is not None:
-        blocks += [
-            KeyValues(
-                [
-                    ("tare", value_with_uncertainty(float(loads["tare"]), 0.0, "N"),
-                     "subtracted" if loads.attrs["is_tared"] else "not subtracted"),
-                ]
-            ),
-            *pages.budget_table(
-                json.loads(loads.attrs["budget"]), "Budget for the largest force of the file"
-            ),
-        ]  # fmt: skip
+        blocks += cell(loads)
     header = pages.raw_header(readings)
     if header is not None:
         blocks.append(header)
@@ -132,23 +120,24 @@ def _measured(
 
 def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Section:
     columns = [
-        Column("declared / Hz"), Column("frequency / Hz", u=2), Column("u"),
-        Column("amplitude", unit="m", u=4), Column("u"),
-        Column("phase lag", unit="rad", u=6), Column("u"),
-        Column("storage stiffness", unit="N/m", u=8), Column("u"),
-        Column("loss stiffness", unit="N/m", u=10), Column("u"),
-        Column("work per cycle", unit="J", u=12), Column("u"),
+        Column("declared / Hz"), Column("frequency / Hz", digits=5),
+        Column("amplitude", unit="m"),
+        Column("phase lag", unit="rad", u=4), Column("u"),
+        Column("storage stiffness", unit="N/m", u=6), Column("u"),
+        Column("loss stiffness", unit="N/m", u=8), Column("u"),
+        Column("work per cycle", unit="J", u=10), Column("u"),
         Column("spread over cycles", unit="J", digits=2), Column("cycles"),
     ]  # fmt: skip
-    names = ("frequency", "amplitude", "phase_lag", "storage_stiffness", "loss_stiffness",
-             "work_per_cycle")  # fmt: skip
+    names = ("phase_lag", "storage_stiffness", "loss_stiffness", "work_per_cycle")
     has_model = comparison is not None and _is_there(comparison)
     if has_model:
         columns.append(Column("nRMSE of force", unit="%", digits=3))
     rows: list[list[float | int | str | bool | None]] = []
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
-        row: list[float | int | str | bool | None] = [float(at["declared_frequency"])]
+        row: list[float | int | str | bool | None] = [
+            float(at[name]) for name in ("declared_frequency", "frequency", "amplitude")
+        ]
         for name in names:
             row += [float(at[name]), float(at[f"u_{name}"])]
         row += [float(at["work_sd"]), int(at["n_cycles"])]
@@ -171,8 +160,8 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Sec
                 f"The load cell's low-pass (order {declared['order']:g}, "
                 f"{declared['cutoff']:g} Hz) delays the force by "
                 f"{np.degrees(lag.min()):.1f} to {np.degrees(lag.max()):.1f}°. "
-                "This was removed, assuming a causal Butterworth filter; the uncertainty holds the "
-                "other usual types. Switch it off with load_cell.correct_filter_lag = false.",
+                f"This was removed, {_source_of_lag(oscillations)}. "
+                "Switch it off with load_cell.correct_filter_lag = false.",
             )
         )
     elif declared is not None:
@@ -183,6 +172,18 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Sec
             )
         )
     return Section("Frequencies", tuple(notes))
+
+
+def _source_of_lag(oscillations: xr.Dataset) -> str:
+    """Say where the lag that was removed is known from."""
+    measured = json.loads(oscillations.attrs.get("filter_delay", "null"))
+    if measured is None:
+        return (
+            "assuming a causal Butterworth filter; the uncertainty holds the other usual types, "
+            "and shrinks with a filter_delay in the load cell's record"
+        )
+    value, u = measured
+    return f"with the delay of the record, {value_with_uncertainty(value, u, 's')}"
 
 
 def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None) -> Section:
@@ -209,6 +210,99 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None) -> Section:
                       caption="Bars are standard uncertainties." if name.startswith("s") else "")
         )  # fmt: skip
     return Section("Stiffness and work", tuple(charts))
+
+
+def _dissipation(theory: xr.Dataset, loops: xr.Dataset | None) -> Section:
+    """Show the dimensionless work against eq. (2.31), the tapping front, and contact."""
+    x = theory["dimensionless_frequency"].values
+    order = np.argsort(x)
+    series = []
+    roles: tuple[tuple[str, str, Role], ...] = (
+        ("measured", "measured", "measured"),
+        ("model", "model", "model"),
+        ("theory", "eq. (2.31)", "reference"),
+    )
+    for name, label, role in roles:
+        values = theory[f"dimensionless_work_{name}"].values[order]
+        u = theory[f"u_dimensionless_work_{name}"].values[order]
+        is_points = name == "measured"
+        series.append(
+            Series(label, x[order] * 1e10, values * 1e6,
+                   style="points" if is_points else "line", role=role,
+                   u=u * 1e6 if is_points else None)
+        )  # fmt: skip
+    tau = float(theory["characteristic_time"])
+    chart = LineChart(
+        "Dissipated work, dimensionless", "frequency f τ₀ / 10⁻¹⁰", "work W/(E λ R d) / 10⁻⁶",
+        tuple(series), x_scale="log", height_px=280,
+        caption=f"τ₀ = {number(tau, 3)} s, E the relaxed modulus {_scale_text(theory)}. Bars: one "
+        "standard uncertainty. Eq. (2.31) is the limit of small amplitudes.",
+    )  # fmt: skip
+    wanted: tuple[str | tuple[str, str], ...] = (
+        "f τ₀", "α/R", ("work, measured", "J"), ("work, eq. (2.31)", "J"),
+        ("tapping front", "m"), ("least force", "N"), "contact lost / %",
+    )  # fmt: skip
+    rows: list[list[float | int | str | bool | None]] = []
+    scale = float(theory["work_scale"])
+    for i in range(theory.sizes["oscillation"]):
+        at = theory.isel(oscillation=i)
+        row: list[float | int | str | bool | None] = [
+            float(x[i]), float(at["dimensionless_amplitude"]),
+            float(at["dimensionless_work_measured"]) * scale,
+            float(at["u_dimensionless_work_measured"]) * scale,
+        ]  # fmt: skip
+        for name in ("dissipated_work", "tapping_amplitude"):
+            row += [float(at[name]), float(at[f"u_{name}"])]
+        if loops is None:
+            row += [None, None, None]
+        else:
+            lost = loops.isel(oscillation=i)
+            row += [float(lost["least_force"]), float(lost["u_least_force"]),
+                    float(lost["contact_loss"]) * 100]  # fmt: skip
+        rows.append(row)
+    table = Table(
+        columns(*wanted), rows,
+        caption="Contact is lost where the mean loop's force does not exceed twice its "
+        "uncertainty; the punch should leave the surface at amplitudes beyond the tapping front "
+        "(2.34).",
+    )  # fmt: skip
+    return Section("Dissipation and detachment", (chart, table))
+
+
+def _scale_text(theory: xr.Dataset) -> str:
+    return f"(E λ R d = {float(theory['work_scale']):.4g} J)"
+
+
+def _hold(loads: xr.Dataset, hold: xr.Dataset, oscillations: xr.Dataset | None) -> Section:
+    """Show the relaxation before the oscillations, and whether it was long enough."""
+    if not _is_there(hold):
+        return Section("Relaxation before", (Notice("info", f"{hold.attrs['absent']}."),))
+    rows = [
+        (text, value_with_uncertainty(float(hold[name][-1]), float(hold[f"u_{name}"][-1]), unit),
+         note)
+        for name, text, unit, note in (
+            ("depth", "indentation", "m", "from first touch"),
+            ("peak_force", "peak", "N", "as recorded"),
+            ("plateau_force", "plateau", "N", f"after {float(hold['duration'][-1]):.0f} s"),
+        )
+    ]  # fmt: skip
+    blocks: list[Block] = []
+    if oscillations is not None:
+        last = float(oscillations["mean_force"][-1])
+        rows.append(("mean force of the last oscillation", f"{last:.3f} N", ""))
+    found = holds.find(loads)[-1]
+    time = loads["time"].values[found.rows] - found.end
+    first = float(time[time > 0].min())
+    count = int(np.log10(time[-1] / first) * _POINTS_PER_DECADE) + 2
+    edges = np.geomspace(0.99 * first, 1.001 * float(time[-1]), count)
+    lag, mean, _, _ = holds.binned(time, loads["force"].values[found.rows], edges)
+    blocks += [
+        KeyValues(rows),
+        LineChart("Force in the hold", "time since the stage arrived / s", "force / N",
+                  (Series("measured", lag, mean, style="points", role="measured"),),
+                  x_scale="log", height_px=200),
+    ]  # fmt: skip
+    return Section("Relaxation before the oscillations", tuple(blocks))
 
 
 def _curves(loads: xr.Dataset, oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Section:
@@ -267,12 +361,8 @@ def _loops(
 
 
 def _model(settings: Harmonic, model: xr.Dataset) -> Section:
-    substrate = settings.substrate
-    source = ""
-    if substrate is not None:
-        source = substrate.material or substrate.material_file or substrate.material_from or ""
     rows = [
-        ("material", source, ""),
+        ("material", substrate_name(settings.substrate), ""),
         ("first touch", value_with_uncertainty(
             float(model["contact_position"]), float(model["u_contact_position"]), "m"),
          model.attrs["contact"]),

@@ -1,7 +1,9 @@
 """Ramps and holds of a Mach-1 file: where they lie, and what the force did in them."""
 
+import json
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -9,6 +11,7 @@ from numpy.typing import NDArray
 
 from labpipe.errors import InputError
 from labpipe.signals import independent_count
+from labpipe.units import Quantity
 from pipelines.experiments import mach1_file
 
 Array = NDArray[np.float64]
@@ -158,3 +161,92 @@ def binned(
     filled = count > 0
     spread = np.sqrt(np.maximum(square - mean**2, 0.0))
     return t[filled], mean[filled], spread[filled], count[filled]
+
+
+def systematic(loads: xr.Dataset, force: float) -> float:
+    """Return what tare and gain leave uncertain in a force [N]; an unknown gain adds nothing."""
+    gain = float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
+    return float(np.hypot(float(loads["u_tare"]), gain * force))
+
+
+def over_ramps(rows: list[dict[str, float]], columns: dict[str, tuple[str, str]]) -> dict[str, Any]:
+    """Make variables over ``ramp`` from one dict per ramp."""
+    return {
+        name: ("ramp", np.array([r[name] for r in rows]), {"units": units, "long_name": text})
+        for name, (units, text) in columns.items()
+    }
+
+
+_RAMP_COLUMNS = {
+    "depth": ("m", "indentation of the hold, from first touch"),
+    "u_depth": ("m", "standard uncertainty: indentation of the hold"),
+    "travel": ("m", "way of the ramp"),
+    "speed": ("m/s", "speed of the ramp, from the position"),
+    "duration": ("s", "length of the hold"),
+    "peak_force": ("N", "largest force, as recorded behind the cell's filter"),
+    "u_peak_force": ("N", "standard uncertainty: largest force as recorded"),
+    "plateau_force": ("N", "mean force over the end of the hold"),
+    "u_plateau_force": ("N", "standard uncertainty: plateau force"),
+    "unfinished": ("N", "standard uncertainty of the plateau from relaxation that goes on"),
+    "ratio": ("1", "peak over plateau"),
+    "u_ratio": ("1", "standard uncertainty: peak over plateau"),
+    "begin": ("s", "begin of the ramp, in the block's time"),
+    "end": ("s", "arrival of the stage, in the block's time"),
+    "peak_time": ("s", "time of the largest force, in the block's time"),
+    "plateau_begin": ("s", "begin of the plateau's window, in the block's time"),
+    "last": ("s", "end of the hold, in the block's time"),
+    "block": ("1", "number of the block in the file"),
+}
+
+
+def measured(loads: xr.Dataset, touch: Quantity | None, longest: float) -> xr.Dataset:
+    """Return depth, peak, plateau and their ratio of every ramp and hold of a file.
+
+    Parameters
+    ----------
+    loads : Dataset
+        Tared, compression-positive force of one file.
+    touch : Quantity [m] or None
+        Stage position of first touch; depths are NaN without it.
+    longest : float [s]
+        Of the plateau's window.
+    """
+    rows = [_row(loads, hold, touch, longest) for hold in find(loads)]
+    return xr.Dataset(
+        over_ramps(rows, _RAMP_COLUMNS),
+        coords={"ramp": np.arange(1, len(rows) + 1)},
+        attrs={"work": json.dumps({"ramps": len(rows)})},
+    )
+
+
+def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) -> dict[str, float]:
+    time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
+    top = int(np.argmax(force))
+    level = plateau(loads, hold, longest)
+    noise = float(np.nanmax(loads["u_force"].values))
+    shared = systematic(loads, 1.0), float(loads["u_tare"])
+    peak = float(force[top])
+    ratio = peak / level.force
+    own = np.hypot(noise / peak, level.u / level.force)
+    # the gain cancels in the ratio, the tare does not
+    tare = shared[1] * abs(1 / level.force - 1 / peak)
+    return {
+        "depth": np.nan if touch is None else hold.held - touch.value,
+        "u_depth": np.nan if touch is None else float(np.hypot(touch.u, _STEP / np.sqrt(12))),
+        "travel": hold.held - hold.start,
+        "speed": hold.speed,
+        "duration": hold.last - hold.end,
+        "peak_force": peak,
+        "u_peak_force": float(np.hypot(noise, systematic(loads, peak))),
+        "plateau_force": level.force,
+        "u_plateau_force": float(np.hypot(level.u, systematic(loads, level.force))),
+        "unfinished": unfinished(loads, hold, level),
+        "ratio": ratio,
+        "u_ratio": float(ratio * np.hypot(own, tare)),
+        "begin": hold.begin,
+        "end": hold.end,
+        "peak_time": float(time[top]),
+        "plateau_begin": level.begin,
+        "last": hold.last,
+        "block": float(hold.block),
+    }

@@ -17,7 +17,7 @@ def punch_rows(punch: Punch | None) -> list[tuple[str, str, str]]:
     return [
         ("tip radius", value_with_uncertainty(punch.radius.value, punch.radius.u, "m"), ""),
         ("period", value_with_uncertainty(punch.period.value, punch.period.u, "m"), ""),
-        ("tips", f"{punch.tips} × {punch.depth.value * 1e3:g} mm", "number × length"),
+        ("tips", f"{punch.tips}, each {punch.depth.value * 1e3:g} mm long", ""),
     ]
 
 

@@ -14,6 +14,7 @@ from scipy.signal import bessel, butter, sosfilt, sosfilt_zi
 import calibration
 import instruments
 from calibration import load_cell
+from calibration.record import LoadCellRecord
 from labpipe.errors import InputError
 from labpipe.signals.first_touch import FirstTouch, first_touch
 from labpipe.units import Quantity
@@ -22,6 +23,7 @@ Array = NDArray[np.float64]
 
 _APPROACH = "Find Contact"
 _POWERS = (0.8, 1.13)  # of the depth with which force may begin to grow, see _touch
+_SLOW = 1e-3  # of a cutoff: there a filter only delays
 _FILTER_FINENESS = 10  # steps per sample, so that a digital filter behaves as the analogue one
 _POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth in log time
 
@@ -52,6 +54,8 @@ def force(readings: xr.Dataset, tare: bool, record: Path | None = None) -> xr.Da
     loads = load_cell.force(readings, known, zero="start" if tare and begins_free else None)
     kept = [n for n in readings.data_vars if n not in loads and n != "force_z"]
     made = loads.merge(readings[kept])
+    delay = known.values.filter_delay if isinstance(known, LoadCellRecord) else None
+    made.attrs["filter_delay"] = json.dumps(None if delay is None else [delay.value, delay.u])
     made.attrs["is_tared"] = int(tare and begins_free)
     made.attrs["blocks"] = readings.attrs["blocks"]
     made.attrs["source"] = readings.attrs.get("source", "")
@@ -72,6 +76,29 @@ def rows(loads: xr.Dataset, block: int) -> slice:
 def declared_filter(loads: xr.Dataset) -> dict[str, float] | None:
     """Return order and cutoff of the load cell's low-pass, when the header says so."""
     return load_cell.declared_filter(loads.attrs)
+
+
+def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag | None:
+    """Return gain and lag of the load cell's filter at a frequency; None without a filter.
+
+    A delay that the cell's record gives stretches the lag of the assumed filter, so that how it
+    changes with frequency is kept; its uncertainty then replaces that of the filter's type.
+    """
+    declared = declared_filter(loads)
+    if declared is None:
+        return None
+    order, cutoff = int(declared["order"]), float(declared["cutoff"])
+    lag = load_cell.filter_lag(frequency, order, cutoff)
+    measured = json.loads(loads.attrs.get("filter_delay", "null"))
+    if measured is None:
+        return lag
+    value, u = measured
+    slow = load_cell.filter_lag(_SLOW * cutoff, order, cutoff).delay
+    note = "delay measured, see the record of the load cell"
+    return lag._replace(
+        phase=lag.phase * value / slow, u_phase=lag.phase * u / slow,
+        delay=lag.delay * value / slow, note=note,
+    )  # fmt: skip
 
 
 def filtered(

@@ -44,7 +44,6 @@ _TERMS_PER_DECADE = 3  # of the modulus that is fitted
 _FASTEST = 0.2  # of a sampling interval: faster processes cannot be told apart
 _BIRGE_LIMIT = 2.0  # of chance alone, three depths exceed it once in fifty
 _FIT_READINGS = 400  # of a hold
-_STEP = 1e-7  # m, the step of the stage's display
 _FILTERS = ("butterworth", "bessel")  # what a header's "low-pass" may be
 _SETTLED = 5.0  # s of a hold after which the filter's delay changes the force by less than 1e-4
 _PARTS = ("ramp", "early", "late", "all")
@@ -68,103 +67,22 @@ def loads(readings: xr.Dataset, record: Path | None, *, settings: Relaxation) ->
     return made
 
 
-def _systematic(loads: xr.Dataset, force: float) -> float:
-    """Return what tare and gain leave uncertain in a force [N]; an unknown gain adds nothing."""
-    gain = float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
-    return float(np.hypot(float(loads["u_tare"]), gain * force))
-
-
-def _scalars(rows: list[dict[str, float]], columns: dict[str, tuple[str, str]]) -> dict[str, Any]:
-    """Make variables over ``ramp`` from one dict per ramp."""
-    return {
-        name: ("ramp", np.array([r[name] for r in rows]), {"units": units, "long_name": text})
-        for name, (units, text) in columns.items()
-    }
-
-
-_RAMP_COLUMNS = {
-    "depth": ("m", "indentation of the hold, from first touch"),
-    "u_depth": ("m", "standard uncertainty: indentation of the hold"),
-    "travel": ("m", "way of the ramp"),
-    "speed": ("m/s", "speed of the ramp, from the position"),
-    "duration": ("s", "length of the hold"),
-    "peak_force": ("N", "largest force, as recorded behind the cell's filter"),
-    "u_peak_force": ("N", "standard uncertainty: largest force as recorded"),
-    "plateau_force": ("N", "mean force over the end of the hold"),
-    "u_plateau_force": ("N", "standard uncertainty: plateau force"),
-    "unfinished": ("N", "standard uncertainty of the plateau from relaxation that goes on"),
-    "ratio": ("1", "peak over plateau"),
-    "u_ratio": ("1", "standard uncertainty: peak over plateau"),
-    "begin": ("s", "begin of the ramp, in the block's time"),
-    "end": ("s", "arrival of the stage, in the block's time"),
-    "peak_time": ("s", "time of the largest force, in the block's time"),
-    "plateau_begin": ("s", "begin of the plateau's window, in the block's time"),
-    "last": ("s", "end of the hold, in the block's time"),
-    "block": ("1", "number of the block in the file"),
-}
-
-
 def ramps(loads: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
     """Find every ramp and hold, first touch, and the peak and plateau of the force."""
-    found = holds.find(loads)
-    touch, how = _touch(loads, settings)
-    rows = [_ramp(loads, hold, touch, settings) for hold in found]
-    result = xr.Dataset(
-        _scalars(rows, _RAMP_COLUMNS),
-        coords={"ramp": np.arange(1, len(rows) + 1)},
-        attrs={"contact": how, "work": json.dumps({"ramps": len(rows)})},
-    )
+    try:
+        touch, how = mach1_file.contact_position(loads, settings.contact)
+    except InputError as error:
+        # forces need no depth
+        warnings.warn(f"no modulus and no model: {error}", stacklevel=2)
+        touch, how = None, str(error)
+    result = holds.measured(loads, touch, settings.hold.plateau.value)
     value, u = (np.nan, np.nan) if touch is None else (touch.value, touch.u)
     text = "stage position of first touch"
     result["contact_position"] = ((), value, {"units": "m", "long_name": text})
     result["u_contact_position"] = (
         (), u, {"units": "m", "long_name": f"standard uncertainty: {text}"},
     )  # fmt: skip
-    return result
-
-
-def _touch(loads: xr.Dataset, settings: Relaxation) -> tuple[Quantity | None, str]:
-    """Return the position of first touch, or None with a warning: forces need none."""
-    try:
-        return mach1_file.contact_position(loads, settings.contact)
-    except InputError as error:
-        warnings.warn(f"no modulus and no model: {error}", stacklevel=2)
-        return None, str(error)
-
-
-def _ramp(
-    loads: xr.Dataset, hold: Hold, touch: Quantity | None, settings: Relaxation
-) -> dict[str, float]:
-    time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
-    top = int(np.argmax(force))
-    level = holds.plateau(loads, hold, settings.hold.plateau.value)
-    noise = float(np.nanmax(loads["u_force"].values))
-    shared = _systematic(loads, 1.0), float(loads["u_tare"])
-    peak = float(force[top])
-    ratio = peak / level.force
-    own = np.hypot(noise / peak, level.u / level.force)
-    # the gain cancels in the ratio, the tare does not
-    tare = shared[1] * abs(1 / level.force - 1 / peak)
-    return {
-        "depth": np.nan if touch is None else hold.held - touch.value,
-        "u_depth": np.nan if touch is None else float(np.hypot(touch.u, _STEP / np.sqrt(12))),
-        "travel": hold.held - hold.start,
-        "speed": hold.speed,
-        "duration": hold.last - hold.end,
-        "peak_force": peak,
-        "u_peak_force": float(np.hypot(noise, _systematic(loads, peak))),
-        "plateau_force": level.force,
-        "u_plateau_force": float(np.hypot(level.u, _systematic(loads, level.force))),
-        "unfinished": holds.unfinished(loads, hold, level),
-        "ratio": ratio,
-        "u_ratio": float(ratio * np.hypot(own, tare)),
-        "begin": hold.begin,
-        "end": hold.end,
-        "peak_time": float(time[top]),
-        "plateau_begin": level.begin,
-        "last": hold.last,
-        "block": float(hold.block),
-    }
+    return result.assign_attrs(contact=how)
 
 
 def curves(
@@ -198,7 +116,7 @@ def curves(
         ),
         "reduced_modulus_cosine": ("Pa", "the same by eq. (2.17), for a cosine on a half-plane"),
     }
-    result = result.merge(xr.Dataset(_scalars([m for m, _ in moduli], columns)))
+    result = result.merge(xr.Dataset(holds.over_ramps([m for m, _ in moduli], columns)))
     result.attrs = {"budgets": json.dumps([b for _, b in moduli])}
     result["nu"] = ((), np.nan if nu is None else nu, {"units": "1", "long_name": "Poisson ratio"})
     if loads.attrs["is_tared"]:
@@ -258,7 +176,9 @@ def _modulus(
     )  # fmt: skip
     gain = float(np.nan_to_num(float(loads["u_gain"])))
     tare = float(loads["u_tare"])
-    noise = np.sqrt(max(float(at["u_plateau_force"]) ** 2 - _systematic(loads, force) ** 2, 0.0))
+    noise = np.sqrt(
+        max(float(at["u_plateau_force"]) ** 2 - holds.systematic(loads, force) ** 2, 0.0)
+    )
     of_force = value / force
     sources = [
         Source("noise of the plateau", force, float(noise), "N", of_force, "random"),
@@ -312,7 +232,7 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
     lag = np.geomspace(interval, longest, int(np.log10(longest / interval) * _BINS_PER_DECADE))
     modulus = chosen[0] + np.exp(-lag[:, None] / rho) @ chosen[1:]
     peaks = np.array([[c[hold.rows].max() for hold in found] for c in clean])
-    systematic = np.array([_systematic(loads, p) for p in peaks[0]])
+    systematic = np.array([holds.systematic(loads, p) for p in peaks[0]])
     rest = measured - _through(loads, clean[0], interval, declared)[rows]
     misfit = np.array([_misfit(loads, rest, rows, hold) for hold in found])
     u_peak = np.sqrt(systematic**2 + misfit**2 + (peaks[1] - peaks[0]) ** 2 / 3)
@@ -428,6 +348,8 @@ def model(
     at = Quantity(touch, float(ramps["u_contact_position"]), "m")
     force, u_force, attrs = simulated(loads, at, solid, geometry)
     text = "simulated force, before the cell's filter"
+    interval, longest = float(loads["sampling_interval"][0]), float(ramps["duration"].max())
+    elapsed = np.geomspace(interval, longest, int(np.log10(longest / interval) * _BINS_PER_DECADE))
     return xr.Dataset(
         {
             "force": ("sample", force, {"units": "N", "long_name": text}),
@@ -438,6 +360,15 @@ def model(
             "reduced_modulus": (
                 (), float(solid.E_relaxed) / (1 - float(solid.nu) ** 2),
                 {"units": "Pa", "long_name": "relaxed reduced modulus of the material"},
+            ),
+            "relaxation_modulus": (
+                "elapsed", np.asarray(solid.relaxation(elapsed)) / (1 - float(solid.nu) ** 2),
+                {"units": "Pa", "long_name": "reduced relaxation modulus of the material"},
+            ),
+        },
+        coords={
+            "elapsed": (
+                "elapsed", elapsed, {"units": "s", "long_name": "time since a step of strain"},
             ),
         },
         attrs=attrs,
@@ -488,7 +419,7 @@ def comparison(
         "plateau_force_difference": ("N", "plateau force, measured minus model"),
         "u_plateau_force_difference": ("N", "standard uncertainty: plateau force difference"),
     }
-    made = xr.Dataset(_scalars(rows, columns), coords={"ramp": ramps["ramp"]})
+    made = xr.Dataset(holds.over_ramps(rows, columns), coords={"ramp": ramps["ramp"]})
     made["simulated_force"] = (
         "sample", passed, {"units": "N", "long_name": "simulated force, behind the cell's filter"},
     )  # fmt: skip

@@ -61,7 +61,7 @@ def page(
         sections.append(_ramps(loads, ramps, comparison, tests))
         sections.append(_holds(loads, comparison, tests))
     if curves is not None and tests is not None:
-        sections.append(_moduli(curves, tests))
+        sections.append(_moduli(curves, model, tests))
     if model is not None and any("absent" not in each.attrs for each in model):
         sections.append(_model(settings, model))
     if tests is not None:
@@ -149,25 +149,32 @@ def _tests(tests: xr.Dataset) -> Section:
     ]  # fmt: skip
     if has_modulus:
         wanted.append(("reduced modulus", "Pa"))
-    shown = [*columns(*wanted), Column("ramp speed", "m/s"), Column("hold", "s")]
-    if has_model:
-        shown += [Column(f"nRMSE {p} / %", digits=3) for p in ("ramp", "early", "late", "all")]
-    rows = []
+    parts = ("ramp", "early", "late", "all")
+    rows, errors = [], []
     for i, name in enumerate(_names(tests)):
         at = tests.isel(test=i)
         pair = {n: (float(at[n]), float(at[f"u_{n}"])) for n in names}
         row: list[Cell] = [name, *(number for n in names for number in pair[n])]
         if has_modulus:
             row += [float(at["reduced_modulus"]), float(at["u_reduced_modulus"])]
-        row += [float(at["speed"]), float(at["duration"])]
-        if has_model:
-            row += [float(at[f"nrmse_{p}"]) * 100 for p in ("ramp", "early", "late", "all")]
         rows.append(row)
+        motion: list[Cell] = [name, float(at["speed"]), float(at["duration"])]
+        if has_model:
+            motion += [float(at[f"nrmse_{p}"]) * 100 for p in parts]
+        errors.append(motion)
     caption = (
         "The peak is as recorded, behind the load cell's filter; the plateau is the mean over the "
-        "end of the hold. All errors are relative to the range of the force in the whole test."
+        "end of the hold."
     )
-    return Section("Tests", (Table(tuple(shown), rows, caption=caption),))
+    second = [Column("test"), Column("ramp speed", "m/s"), Column("hold", "s")]
+    if has_model:
+        second += [Column(f"nRMSE {p}", "%", digits=3) for p in parts]
+    return Section("Tests", (
+        Table(columns(*wanted), rows, caption=caption),
+        Table(tuple(second), errors,
+              caption="Measured displacement, and errors of the simulated force relative to the "
+              "range of the force in the whole test." if has_model else "Measured displacement."),
+    ))  # fmt: skip
 
 
 def _each(
@@ -229,15 +236,16 @@ def _holds(
         count = int(np.log10(longest / first) * _POINTS_PER_DECADE) + 2
         edges = np.geomspace(0.99 * first, 1.001 * longest, count)
         force = load["force"].values[hold.rows]
-        lag, mean, spread, n = holds.binned(time, force, edges)
-        u = np.maximum(spread, float(np.nanmax(load["u_force"].values))) / np.sqrt(n)
+        lag, mean, _, _ = holds.binned(time, force, edges)
         curves.append(Series(f"{label}, measured", lag, mean, style="points", role="measured"))
         if "absent" in compared.attrs:
             continue
         theirs = compared["simulated_force"].values[hold.rows]
         _, model, _, _ = holds.binned(time, theirs, edges)
+        _, gap, spread, n = holds.binned(time, force - theirs, edges)
+        u = np.maximum(spread, float(np.nanmax(load["u_force"].values))) / np.sqrt(n)
         curves.append(Series(f"{label}, model", lag, model, role="model"))
-        gaps.append(Series(label, lag, mean - model, role="residual", u=u))
+        gaps.append(Series(label, lag, gap, role="residual", u=u))
     charts: list[Block] = [
         LineChart("Relaxation", "time since the stage arrived / s", "force / N", tuple(curves),
                   x_scale="log", height_px=320,
@@ -253,7 +261,9 @@ def _holds(
     return Section("Relaxation", tuple(charts))
 
 
-def _moduli(curves: Sequence[xr.Dataset], tests: xr.Dataset) -> Section:
+def _moduli(
+    curves: Sequence[xr.Dataset], models: Sequence[xr.Dataset] | None, tests: xr.Dataset
+) -> Section:
     absent = next((str(c.attrs["absent"]) for c in curves if "absent" in c.attrs), None)
     if absent is not None:
         return Section("Modulus", (Notice("info", f"{absent}."),))
@@ -274,6 +284,12 @@ def _moduli(curves: Sequence[xr.Dataset], tests: xr.Dataset) -> Section:
                        curve["relaxation_modulus"].values * _MPA, role="measured")
             )  # fmt: skip
         number += curve.sizes["ramp"]
+    there = next((m for m in models or () if "relaxation_modulus" in m), None)
+    if series and there is not None:
+        series.append(
+            Series("of the material", there["elapsed"].values,
+                   there["relaxation_modulus"].values * _MPA, role="model")
+        )  # fmt: skip
     if series:
         blocks.append(
             LineChart("Relaxation modulus from the force", "time / s",

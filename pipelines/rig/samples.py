@@ -14,11 +14,11 @@ from labpipe.errors import UsageError
 from pipelines.rig.dma import SOLIDS, Protocol, write_dma
 from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.film_session import FRONT_HEIGHT, front_record, under_record, write_films
+from pipelines.rig.indentation_session import write_indentations
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.plate import PLATE, PlateRig
 from pipelines.rig.plate_session import plate_laser_record, write_plate
-from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import (
     NOTE,
     dma_section,
@@ -27,6 +27,7 @@ from pipelines.rig.session_text import (
     laser_record,
     session_head,
 )
+from pipelines.rig.static_loading import StaticRig, static_section, write_static
 
 _START = datetime(2024, 5, 14, 9, 30)
 
@@ -90,55 +91,6 @@ material = "{material}"
 [experiments.{name}.model]
 profile = "parabola"  # the virtual tip is one
 """
-
-
-def cell_record() -> str:
-    """Return the calibration record of the load cell, as a laboratory would have written it."""
-    return f"""# {NOTE}
-version = 1
-kind = "load_cell"
-id = "load-cell-2024-05"
-instrument = "250N"
-valid_from = 2024-05-01
-valid_until = 2025-04-30
-who = "the virtual rig"
-when = 2024-05-02
-how = "five masses (synthetic)"
-
-[values]
-scale = "1.0000 ± 0.0010"
-"""
-
-
-def punch_section(name: str, specimen: Specimen, material: str) -> str:
-    """Return the tables of punch, substrate, load cell and model of an indentation."""
-    return f"""
-[experiments.{name}.punch]
-radius = "{specimen.tip_radius * 1e3:g} ± 0.002 mm"
-period = "{specimen.period * 1e3:g} ± 0.002 mm"
-depth = "{specimen.depth * 1e3:g} ± 0.006 mm"
-tips = {specimen.tips}
-
-[experiments.{name}.substrate]
-material = "{material}"
-
-[experiments.{name}.load_cell]
-record = "calibration/load_cell.toml"
-
-[experiments.{name}.model]
-profile = "parabola"  # the virtual tip is one
-"""
-
-
-def relaxation_section(name: str, mach1: list[str], specimen: Specimen, material: str) -> str:
-    """Return the tables of relaxation tests in session.toml."""
-    listed = "".join(f'  "{r}",\n' for r in mach1)
-    return f"""
-[experiments.{name}]
-kind = "relaxation"
-mach1 = [
-{listed}]
-{punch_section(name, specimen, material)}"""
 
 
 def write_series(
@@ -217,16 +169,20 @@ def _films(folder: Path, full_size: bool) -> list[str]:
 
 def _indentation(folder: Path, full_size: bool) -> list[str]:
     del full_size  # this sample holds no film
-    specimen = Specimen(materials.load("nbr"))
-    start = _START + timedelta(days=1)
-    recordings = write_relaxation(
-        folder, "nbr_relaxation", specimen, Relaxation(), TESTER, 70, start
-    )
-    files.write_text(folder / "calibration/load_cell.toml", cell_record())
-    text = session_head("NBR under a periodic punch (synthetic)")
-    text += relaxation_section("nbr_relaxation", recordings, specimen, "nbr")
-    files.write_text(folder / "session.toml", text)
-    return ["nbr_relaxation"]
+    names, sections = write_indentations(folder, NOTE, _START + timedelta(days=1))
+    head = session_head("NBR under a periodic punch (synthetic)")
+    files.write_text(folder / "session.toml", head + sections)
+    return names
+
+
+def _static(folder: Path, full_size: bool) -> list[str]:
+    del full_size  # this sample holds no film
+    rig, name = StaticRig(), "ptfe_static"
+    file = write_static(folder, name, rig, materials.load("ptfe"), 90, _START)
+    files.write_text(folder / "calibration/laser.toml", laser_record())
+    head = session_head("PTFE sphere under five loads (synthetic)")
+    files.write_text(folder / "session.toml", head + static_section(name, file, rig, "ptfe"))
+    return [name]
 
 
 def _plate(folder: Path, full_size: bool) -> list[str]:
@@ -248,11 +204,21 @@ def _plate(folder: Path, full_size: bool) -> list[str]:
     return ["plate", "acrylic_10mm"]
 
 
+def _thesis(folder: Path, full_size: bool) -> list[str]:
+    from pipelines.rig.campaign import write_campaign
+
+    return write_campaign(folder, _START, full_size=full_size)
+
+
 SAMPLES: dict[str, Sample] = {
-    "indentation": Sample("NBR under a periodic punch: relaxation at three depths", _indentation),
+    "indentation": Sample(
+        "NBR under a periodic punch: relaxation at three depths, ten frequencies", _indentation
+    ),
+    "static": Sample("a PTFE sphere under five loads, seen by the laser", _static),
     "dma": Sample("rheometer sweeps of five materials over temperature", _dma),
     "demo": Sample("three drops of acrylic, one short harmonic indentation", _demo),
     "plate": Sample("the plate ringing under acrylic and PTFE; a drop modelled on it", _plate),
     "films": Sample("PTFE by laser and front camera; acrylic filmed through the disc", _films),
+    "thesis": Sample("every experiment of the thesis: the whole campaign", _thesis),
     "core": Sample("acrylic from four heights, five repeats; one harmonic indentation", _core),
 }

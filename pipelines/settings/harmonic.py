@@ -2,6 +2,7 @@
 
 from typing import Annotated, Literal
 
+from labpipe.units import Quantity
 from labpipe.workflow.config import POSITIVE, File, Length, Range, Time
 from pipelines.settings.common import Table
 from pipelines.settings.indentation import IndentationModel, LoadCell, Punch, Substrate
@@ -20,6 +21,7 @@ class Harmonic(Table, frozen=True, kw_only=True):
     measurement alone, and says so. ``contact`` is the stage position of first touch; without it
     the approach in the same file is searched for it. ``characteristic_time`` makes frequencies
     dimensionless (eq. 2.38); without it, it is the shortest retardation time of the material.
+    ``plateau`` is the window at the end of the hold before the oscillations, at most a tenth of it.
     """
 
     kind: Literal["harmonic"]
@@ -29,5 +31,6 @@ class Harmonic(Table, frozen=True, kw_only=True):
     contact: Length | None = None
     load_cell: LoadCell = LoadCell()
     cycles: Cycles = Cycles()
+    plateau: Annotated[Time, POSITIVE] = Quantity(60.0, 0.0, "s")
     characteristic_time: Annotated[Time, POSITIVE] | None = None
     model: IndentationModel = IndentationModel()

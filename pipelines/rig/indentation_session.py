@@ -1,0 +1,89 @@
+"""The synthetic session of rubber under a periodic punch: relaxation, then ten frequencies."""
+
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from labpipe import files, materials
+from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
+from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+
+FREQUENCIES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 4.0)
+"""Hz; ten as in the thesis, 0.5 and 2 Hz among them."""
+
+_MATERIAL = "nbr"
+
+
+def cell_record(note: str) -> str:
+    """Return the calibration record of the load cell, as a laboratory would have written it."""
+    return f"""# {note}
+version = 1
+kind = "load_cell"
+id = "load-cell-2024-05"
+instrument = "250N"
+valid_from = 2024-05-01
+valid_until = 2025-04-30
+who = "the virtual rig"
+when = 2024-05-02
+how = "five masses (synthetic)"
+
+[values]
+scale = "1.0000 ± 0.0010"
+filter_delay = "15.9 ± 0.2 ms"  # against an elastic reference
+"""
+
+
+def punch_section(name: str, specimen: Specimen, material: str = _MATERIAL) -> str:
+    """Return the tables of punch, substrate, load cell and model of an indentation."""
+    return f"""
+[experiments.{name}.punch]
+radius = "{specimen.tip_radius * 1e3:g} ± 0.002 mm"
+period = "{specimen.period * 1e3:g} ± 0.002 mm"
+depth = "{specimen.depth * 1e3:g} ± 0.006 mm"
+tips = {specimen.tips}
+
+[experiments.{name}.substrate]
+material = "{material}"
+
+[experiments.{name}.load_cell]
+record = "calibration/load_cell.toml"
+
+[experiments.{name}.model]
+profile = "parabola"  # the virtual tip is one
+"""
+
+
+def relaxation_section(name: str, mach1: list[str], specimen: Specimen) -> str:
+    """Return the tables of relaxation tests in session.toml."""
+    listed = "".join(f'  "{each}",\n' for each in mach1)
+    head = f"""
+[experiments.{name}]
+kind = "relaxation"
+mach1 = [
+{listed}]
+"""
+    return head + punch_section(name, specimen)
+
+
+def oscillation_section(name: str, specimen: Specimen) -> str:
+    """Return the tables of a harmonic indentation with a calibrated load cell."""
+    head = f"""
+[experiments.{name}]
+kind = "harmonic"
+mach1 = "mach1/{name}.txt"
+characteristic_time = "1.56e-10 s"  # tau_0 of the thesis
+"""
+    return head + punch_section(name, specimen)
+
+
+def write_indentations(folder: Path, note: str, start: datetime) -> tuple[list[str], str]:
+    """Write recordings, truth and the cell's record; returns experiments and their sections."""
+    specimen = Specimen(materials.load(_MATERIAL))
+    relaxation, harmonic = f"{_MATERIAL}_relaxation", f"{_MATERIAL}_harmonic"
+    recordings = write_relaxation(folder, relaxation, specimen, Relaxation(), TESTER, 70, start)
+    write_harmonic(
+        folder, harmonic, specimen, Harmonic(frequencies=FREQUENCIES), TESTER, 80,
+        start + timedelta(hours=3),
+    )  # fmt: skip
+    files.write_text(folder / "calibration/load_cell.toml", cell_record(note))
+    text = relaxation_section(relaxation, recordings, specimen)
+    return [relaxation, harmonic], text + oscillation_section(harmonic, specimen)

@@ -1,0 +1,95 @@
+"""A sphere under loads that are added by hand, as the laser records it every few seconds."""
+
+import json
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from instruments import keyence
+from labpipe import files
+from labpipe.materials import Prony
+from pipelines.rig.laser_sensor import LaserSensor
+from pipelines.rig.reference_static import reference_static
+
+
+@dataclass(frozen=True, slots=True)
+class StaticRig:
+    """Sphere, loads and sensor; SI.
+
+    ``times`` are when the loads are to be put on, ``late`` by how much a hand is late or early
+    (standard deviation). ``drift`` is the standard deviation of the zero's wandering over the
+    record, ``touched`` the disturbance of the reading next to a step. The sensor averages over
+    many of its cycles between two readings, which leaves it little noise.
+    """
+
+    radius: float = 9.525e-3
+    masses: tuple[float, ...] = (0.5, 2.5, 3.5, 4.5, 5.5)
+    times: tuple[float, ...] = (0.0, 153.0, 1092.0, 1986.0, 2853.0)
+    duration: float = 3780.0
+    cycle: float = 5.0
+    gravity: float = 9.81
+    sensor: LaserSensor = field(
+        default_factory=lambda: LaserSensor(inclination=float(np.deg2rad(12.07)), noise=0.3e-6)
+    )
+    late: float = 3.0
+    drift: float = 0.1e-6
+    touched: float = 4e-6
+
+
+def write_static(
+    folder: Path, name: str, rig: StaticRig, material: Prony, seed: int, start: datetime
+) -> str:
+    """Write one record of the laser and the truth beside it; returns the file's name."""
+    generator = np.random.default_rng(seed)
+    late = np.concatenate([[-1e-3], generator.normal(0.0, rig.late, len(rig.times) - 1)])
+    begins = np.array(rig.times) + late
+    time = np.arange(round(rig.duration / rig.cycle), dtype=np.float64) * rig.cycle
+    approach = reference_static(
+        material.E_relaxed, np.asarray(material.E), np.asarray(material.rho), float(material.nu),
+        radius=rig.radius, load_times=begins, loads=np.array(rig.masses) * rig.gravity, time=time,
+    )  # fmt: skip
+    drift = generator.normal(0.0, rig.drift) * time / rig.duration
+    along = (drift - approach) * np.cos(rig.sensor.inclination) + rig.sensor.zero
+    along += generator.normal(0.0, rig.sensor.noise, time.size)
+    for begin in begins[1:]:
+        along[np.searchsorted(time, begin)] += generator.normal(0.0, rig.touched)
+    readings = np.round(along / rig.sensor.step) * rig.sensor.step
+    recording = keyence.make_recording({1: readings}, cycle=rig.cycle, start=start, decimals=4)
+    file = f"laser/{name}.csv"
+    keyence.write(folder / file, recording)
+    truth = {
+        "synthetic": True,
+        "zero": rig.sensor.zero,
+        "inclination": rig.sensor.inclination,
+        "load_times": begins.tolist(),
+        "masses": list(rig.masses),
+        "time": time.tolist(),
+        "approach": approach.tolist(),
+    }
+    files.write_text(folder / f"truth/{name}.json", json.dumps(truth, indent=1) + "\n")
+    return file
+
+
+def static_section(name: str, file: str, rig: StaticRig, material: str) -> str:
+    """Return the tables of a static loading in session.toml."""
+    loads = "".join(
+        f'  {{ mass = "{mass:g} ± 0.0005 kg", time = "{begin / 60:.2f} min" }},\n'
+        for mass, begin in zip(rig.masses, rig.times, strict=True)
+    )
+    return f"""
+[experiments.{name}]
+kind = "static_loading"
+laser = "{file}"
+calibration = "calibration/laser.toml"
+loads = [
+{loads}]
+
+[experiments.{name}.sphere]
+radius = "{rig.radius * 1e3:g} ± 0.005 mm"
+material = "{material}"
+
+[experiments.{name}.steps]
+drift = "{rig.drift * 1e6:g} um"
+"""
