@@ -27,83 +27,18 @@ References
 
 import json
 import warnings
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from scipy.integrate import solve_ivp
 
+from labpipe.contact.collision_motion import Bounce, CollisionLaw, Motion, Phase, grid
 from labpipe.errors import InputError
 
 Array = NDArray[np.float64]
 
-_RTOL = 1e-11
-_POINTS_IN_CONTACT = 65
-_POINTS_IN_FLIGHT = 33
-_MAX_PHASES = 20_000
-# A bounce lower than this part of the static overlap is rest: it cannot be seen.
-_REST_SHARE = 1e-3
-_FORCE_ROUNDING = 1e-9
+# Energy gained in an impact by less than this part is rounding.
 _ENERGY_ROUNDING = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class CollisionLaw:
-    """Force between sphere and flat.
-
-    Attributes
-    ----------
-    stiffness : float [N/m^1.5]
-        χ.
-    damping : float [N s/m^1.5]
-        c_v.
-    yield_depth : float [m]
-        Elastic overlap beyond which the overlap is permanent; infinite for none.
-    unloading_multiplier : float
-        f, at least 1.
-    as_printed : bool
-        The thesis's unloading, see the module.
-    """
-
-    stiffness: float
-    damping: float
-    yield_depth: float
-    unloading_multiplier: float
-    as_printed: bool
-
-
-class _Dent(NamedTuple):
-    """What the flat remembers: the deepest overlap so far and the permanent one."""
-
-    deepest: float
-    permanent: float
-
-
-class _Phase(NamedTuple):
-    """A stretch of smooth motion: position, velocity and force at times in [start, end]."""
-
-    start: float
-    end: float
-    motion: Callable[[Array], tuple[Array, Array, Array]]
-    permanent: float
-    is_contact: bool
-
-
-@dataclass(frozen=True, slots=True)
-class _Bounce:
-    """One contact."""
-
-    impact_time: float
-    contact_duration: float
-    impact_speed: float
-    rebound_speed: float
-    peak_force: float
-    peak_overlap: float
-    permanent_overlap: float
-    energy_dissipated: float
 
 
 def collision(
@@ -163,7 +98,7 @@ def collision(
     Raises
     ------
     InputError
-        A number lies outside its domain, or the motion has too many phases.
+        A number lies outside its domain, or the motion takes too much work.
 
     Warns
     -----
@@ -178,7 +113,7 @@ def collision(
     """
     law = _law(radius, youngs_modulus, nu, damping, yield_depth, unloading_multiplier, as_printed)
     _require_positive(mass=mass, height=height, duration=duration, gravity=gravity)
-    motion = _Motion(law, mass, gravity)
+    motion = Motion(law, mass, gravity)
     phases, bounces = motion.run(height, duration)
     instants = _instants(phases) if time is None else _checked_times(time, duration)
     gained = [-bounce.energy_dissipated / (mass * bounce.impact_speed**2) for bounce in bounces]
@@ -235,211 +170,8 @@ def _law(
     return CollisionLaw(stiffness, damping, yield_depth, unloading_multiplier, as_printed)
 
 
-class _Motion:
-    """The sphere's motion as a sequence of phases; x is the height of its lowest point."""
-
-    def __init__(self, law: CollisionLaw, mass: float, gravity: float) -> None:
-        self.law = law
-        self.mass = mass
-        self.gravity = gravity
-        self.evaluations = 0
-        static = (mass * gravity / law.stiffness) ** (2.0 / 3.0)
-        self.rest_speed = float(np.sqrt(2.0 * gravity * _REST_SHARE * static))
-
-    def run(self, height: float, duration: float) -> tuple[list[_Phase], list[_Bounce]]:
-        """Return all phases up to ``duration`` and all contacts."""
-        phases: list[_Phase] = []
-        bounces: list[_Bounce] = []
-        now, x, v, dent = 0.0, height, 0.0, _Dent(0.0, 0.0)
-        while now < duration:
-            flight = self._flight(now, x, v, dent.permanent, duration)
-            phases.append(flight)
-            now, x = flight.end, -dent.permanent
-            if now >= duration:
-                break
-            v = float(flight.motion(np.array([now]))[1][0])
-            if -v <= self.rest_speed and bounces:
-                phases.append(self._at_rest(now, dent.permanent, duration))
-                break
-            contact = list(self._contact(now, x, v, dent, duration))
-            phases += [phase for phase, _ in contact]
-            dent = contact[-1][1]
-            bounces.append(self._bounce(v, contact))
-            last = phases[-1]
-            now = last.end
-            x, v = (float(column[0]) for column in last.motion(np.array([now]))[:2])
-            if len(phases) > _MAX_PHASES:
-                message = f"more than {_MAX_PHASES} phases of motion; give a shorter duration"
-                raise InputError(message)
-        return phases, bounces
-
-    def force(self, x: float, v: float, dent: _Dent, *, loading: bool) -> float:
-        """Contact force before it is clipped at zero."""
-        law = self.law
-        depth = -x
-        multiplier, permanent = law.unloading_multiplier, dent.permanent
-        if law.as_printed:
-            permanent = max(permanent, depth - law.yield_depth) if loading else permanent
-            factor = 1.0 if loading else multiplier
-        elif depth >= dent.deepest and loading:
-            permanent, factor = max(0.0, depth - law.yield_depth), 1.0
-        else:
-            factor = multiplier
-        elastic = max(depth - permanent, 0.0)
-        return law.stiffness * factor * elastic**1.5 - law.damping * np.sqrt(elastic) * v
-
-    def _settled(self, depth: float, dent: _Dent) -> _Dent:
-        """Dent after the motion has turned at an overlap."""
-        deepest = max(depth, dent.deepest)
-        plastic = max(0.0, deepest - self.law.yield_depth)
-        if self.law.as_printed:
-            return _Dent(deepest, max(dent.permanent, plastic))
-        # Unloading starts at the force that loading has reached.
-        spring = (deepest - plastic) * self.law.unloading_multiplier ** (-2.0 / 3.0)
-        return _Dent(deepest, max(dent.permanent, deepest - spring))
-
-    def _flight(self, now: float, x: float, v: float, permanent: float, end: float) -> _Phase:
-        g = self.gravity
-        fall = max(x + permanent, 0.0)
-        landing = now + (v + np.sqrt(v**2 + 2.0 * g * fall)) / g
-
-        def motion(t: Array) -> tuple[Array, Array, Array]:
-            s = t - now
-            return x + v * s - 0.5 * g * s**2, v - g * s, np.zeros_like(s)
-
-        return _Phase(now, min(float(landing), end), motion, permanent, is_contact=False)
-
-    def _at_rest(self, now: float, permanent: float, end: float) -> _Phase:
-        weight = self.mass * self.gravity
-        stiffness = self.law.stiffness * self.law.unloading_multiplier
-        level = -permanent - (weight / stiffness) ** (2.0 / 3.0)
-
-        def motion(t: Array) -> tuple[Array, Array, Array]:
-            return np.full_like(t, level), np.zeros_like(t), np.full_like(t, weight)
-
-        return _Phase(now, end, motion, permanent, is_contact=True)
-
-    def _contact(
-        self, now: float, x: float, v: float, dent: _Dent, end: float
-    ) -> Iterator[tuple[_Phase, _Dent]]:
-        """Yield the phases of one contact, each with the dent it leaves."""
-        can_leave = True
-        for _ in range(_MAX_PHASES):
-            loading = v < 0.0
-            phase, reason = self._integrate(
-                now, x, v, dent, end, loading=loading, can_leave=can_leave
-            )
-            now = phase.end
-            x, v = (float(column[0]) for column in phase.motion(np.array([now]))[:2])
-            if reason == "turned" and loading:
-                dent = self._settled(-x, dent)
-                v = 0.0
-            yield phase._replace(permanent=dent.permanent), dent
-            if reason == "released":
-                # Free of force while still in its dent: it leaves if its speed carries it out.
-                if v**2 > -2.0 * self.gravity * (x + dent.permanent):
-                    return
-                can_leave = False
-            if reason in ("left", "end"):
-                return
-            if reason == "turned" and not loading:
-                # The sphere turns downwards without having left: it may come to rest here.
-                v = -np.finfo(float).tiny
-        message = f"a contact took more than {_MAX_PHASES} turns; give a shorter duration"
-        raise InputError(message)
-
-    def _integrate(
-        self,
-        now: float,
-        x: float,
-        v: float,
-        dent: _Dent,
-        end: float,
-        *,
-        loading: bool,
-        can_leave: bool,
-    ) -> tuple[_Phase, str]:
-        def unclipped(state: Array) -> float:
-            return self.force(float(state[0]), float(state[1]), dent, loading=loading)
-
-        def rates(_t: float, state: Array) -> list[float]:
-            push = max(unclipped(state), 0.0)
-            return [float(state[1]), push / self.mass - self.gravity]
-
-        def turned(_t: float, state: Array) -> float:
-            return float(state[1])
-
-        def left(_t: float, state: Array) -> float:
-            return float(-state[0] - dent.permanent)
-
-        def released(_t: float, state: Array) -> float:
-            # Divided by the root of the overlap, so that it crosses zero with a slope.
-            elastic = max(float(-state[0]) - dent.permanent, 0.0)
-            multiplier = self.law.unloading_multiplier
-            return self.law.stiffness * multiplier * elastic - self.law.damping * float(state[1])
-
-        events = [turned, left, released] if can_leave and not loading else [turned, left]
-        for event, direction in zip(events, (1.0 if loading else -1.0, -1.0, -1.0), strict=False):
-            event.terminal, event.direction = True, direction  # type: ignore[attr-defined]
-        scale = np.array([max(abs(x), self.rest_speed**2 / self.gravity), abs(v) + self.rest_speed])
-        solution = solve_ivp(
-            rates,
-            (now, end),
-            [x, v],
-            method="DOP853",
-            rtol=_RTOL,
-            atol=_RTOL * scale,
-            events=events,
-            dense_output=True,
-        )
-        if not solution.success:
-            message = f"the motion could not be integrated at {now:.6g} s: {solution.message}"
-            raise InputError(message)
-        self.evaluations += int(solution.nfev)
-        dense = solution.sol
-
-        def motion(t: Array) -> tuple[Array, Array, Array]:
-            states = np.atleast_2d(dense(t).T)
-            force = np.array([max(unclipped(state), 0.0) for state in states])
-            return states[:, 0], states[:, 1], force
-
-        names = ("turned", "left", "released")
-        found = [name for name, at in zip(names, solution.t_events, strict=False) if at.size]
-        reason = found[0] if found else "end"
-        phase = _Phase(now, float(solution.t[-1]), motion, dent.permanent, is_contact=True)
-        return phase, reason
-
-    def _bounce(self, speed: float, contact: list[tuple[_Phase, _Dent]]) -> _Bounce:
-        phases = [phase for phase, _ in contact]
-        samples = [phase.motion(_grid(phase)) for phase in phases]
-        x = np.concatenate([sample[0] for sample in samples])
-        velocity = float(samples[-1][1][-1])
-        start, lift = phases[0].start, phases[-1].end
-        # The contact ends where the force does; what is still in contact at the end does not.
-        has_left = velocity > 0.0 and float(samples[-1][2][-1]) <= _FORCE_ROUNDING * max(
-            float(sample[2].max()) for sample in samples
-        )
-        rebound = velocity if has_left else np.nan
-        kinetic = 0.5 * (speed**2 - rebound**2)
-        return _Bounce(
-            impact_time=start,
-            contact_duration=lift - start if has_left else np.nan,
-            impact_speed=-speed,
-            rebound_speed=rebound,
-            peak_force=float(max(sample[2].max() for sample in samples)),
-            peak_overlap=float(-x.min()),
-            permanent_overlap=contact[-1][1].permanent,
-            energy_dissipated=float(self.mass * (kinetic + self.gravity * (x[0] - x[-1]))),
-        )
-
-
-def _grid(phase: _Phase) -> Array:
-    points = _POINTS_IN_CONTACT if phase.is_contact else _POINTS_IN_FLIGHT
-    return np.linspace(phase.start, phase.end, points)
-
-
-def _instants(phases: list[_Phase]) -> Array:
-    return np.unique(np.concatenate([_grid(phase) for phase in phases]))
+def _instants(phases: list[Phase]) -> Array:
+    return np.unique(np.concatenate([grid(phase) for phase in phases]))
 
 
 def _checked_times(time: ArrayLike, duration: float) -> Array:
@@ -453,7 +185,7 @@ def _checked_times(time: ArrayLike, duration: float) -> Array:
     return times
 
 
-def _sampled(phases: list[_Phase], time: Array) -> tuple[Array, Array, Array, Array]:
+def _sampled(phases: list[Phase], time: Array) -> tuple[Array, Array, Array, Array]:
     """Position, velocity, force and permanent overlap at the times."""
     starts = np.array([phase.start for phase in phases])
     which = np.clip(np.searchsorted(starts, time, side="right") - 1, 0, len(phases) - 1)
@@ -478,7 +210,7 @@ _ROWS = {
 
 
 def _dataset(
-    phases: list[_Phase], bounces: list[_Bounce], time: Array, evaluations: int
+    phases: list[Phase], bounces: list[Bounce], time: Array, evaluations: int
 ) -> xr.Dataset:
     x, velocity, force, permanent = _sampled(phases, time)
     series = {

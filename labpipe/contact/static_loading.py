@@ -24,7 +24,9 @@ Array = NDArray[np.float64]
 Profile = Literal["parabola", "sphere"]
 
 DEFAULT_SPRINGS = 400
-"""Springs within the largest contact radius: force good to 1e-6, radius to 1e-5."""
+"""Springs within the largest contact radius: force good to 1e-6, radius to 1e-5 where the pressure
+falls smoothly to zero at the edge. Where a relaxation far shorter than the loading leaves no
+instantaneous compliance to speak of, the pressure ends in a step, and the force to 5e-4."""
 
 DEFAULT_RTOL = 1e-5
 """Error of the force (or approach) in one step, relative to it."""

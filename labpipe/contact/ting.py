@@ -32,6 +32,8 @@ from labpipe.materials import Prony
 Array = NDArray[np.float64]
 
 _POINTS = 12
+# A relaxation is followed from half its time to where it has died away, in panels that double.
+_PANELS = 2.0 ** np.arange(-1, 7)
 _ROOT_TOLERANCE = 1e-15
 
 
@@ -127,10 +129,10 @@ class _Segments:
     def force(self, since: float, now: float) -> float:
         """∫ E*(now − s) d δ^{3/2} from the start to ``since``, without the factor (4/3)√R."""
         end, now = since - self.start, now - self.start
-        left, right = self.time[:-1], np.minimum(self.time[1:], end)
-        used = right > left
-        left, right, slope = left[used], right[used], self.slope[used]
-        base = self.depth[:-1][used]
+        edges = self._edges(end, now)
+        left, right = edges[:-1], edges[1:]
+        slope = self.slope[np.searchsorted(self.time, left, side="right") - 1]
+        base = np.interp(left, self.time, self.depth)
         # In r = sqrt(s − left) the root-like start of δ^{1/2} is smooth.
         half = 0.5 * np.sqrt(right - left)[:, None]
         r = half * (1.0 + self.nodes)
@@ -139,3 +141,10 @@ class _Segments:
         lag = now - left[:, None] - r**2
         modulus = np.exp(-np.maximum(lag, 0.0)[..., None] * self.rate) @ self.weight
         return float(np.sum(half * self.weights * rise * modulus))
+
+    def _edges(self, end: float, now: float) -> Array:
+        """Panels up to ``end`` in which neither the approach nor the modulus varies too fast."""
+        lags = (_PANELS[:, None] / self.rate[self.rate > 0.0]).ravel()
+        edges = np.concatenate([self.time, now - lags])
+        edges = np.unique(edges[(edges > 0.0) & (edges < end)])
+        return np.concatenate([[0.0], edges, [end]] if end > 0.0 else [[0.0]])

@@ -1,0 +1,139 @@
+"""Hostile cases for impacts: drops, two solvers beside each other, Hertz, appendix A."""
+
+import warnings
+from collections.abc import Mapping
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+from labpipe import contact
+from labpipe.contact import hertz
+from labpipe.contact.impact import Solver
+from labpipe.materials import Prony
+from pipelines.bench.stability_outcome import Case, Outcome, worst
+from pipelines.bench.stability_wild import Random, below_zero, wild_material
+
+#: Work that one drop may take before it is refused; a contact takes some 200 steps.
+_MOST_STEPS = 3_000
+_SOLVERS: tuple[Solver, ...] = ("mdr", "rings")
+
+
+def wild_drop(random: Random, **options: Any) -> tuple[Any, float]:
+    """Drop 1 mg to 1 t by 1 nm to 1 m; returns the result and the energy of the fall in J."""
+    material = wild_material(random)
+    mass, height = 10 ** random.uniform(-6, 3), 10 ** random.uniform(-9, 0)
+    if random.random() < 0.05:
+        height = 0.0  # first contact at zero speed
+    radius = 10 ** random.uniform(-3, 0.3)
+    duration = sqrt(2.0 * height / 9.81) * random.uniform(1.1, 2.5) + 10 ** random.uniform(-5, -2)
+    found = contact.drop(material, radius, mass, height, duration, max_steps=_MOST_STEPS, **options)
+    return found, mass * 9.81 * (height + float(found.approach.max()))
+
+
+def any_drop(random: Random) -> Outcome:
+    """Energy bounds the error of every drop; nothing is negative, nothing is created."""
+    solver = str(random.choice(["mdr", "mdr", "rings"]))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found, energy = wild_drop(random, solver=solver, rtol=1e-3)
+    mislaid = float(np.abs(found.numerical_energy).max()) / energy
+    said = any("mislaid" in str(warning.message) for warning in caught)
+    series = ("displacement", "velocity", "force", "contact_radius", "stored_energy")
+    finite = all(np.all(np.isfinite(found[name].values)) for name in series)
+    return worst(
+        (0.0 if said else mislaid / 2e-3, "energy mislaid without a word 2e-3 at rtol = 1e-3"),
+        (found.attrs["energy_identity_error"] / 1e-10, "the energy identity 1e-10"),
+        (below_zero(found.force.values), "a force below zero"),
+        (below_zero(np.diff(found.dissipated_energy.values, prepend=0.0)),
+         "dissipation that falls"),
+        (below_zero(1.0 + 1e-4 - found.restitution.values), "a rebound faster than the impact"),
+        (0.0 if finite else np.inf, "a number that is none"),
+    )  # fmt: skip
+
+
+def elastic_impact(random: Random) -> Outcome:
+    """Hertz's closed form, where the weight does not matter."""
+    modulus, nu = 10 ** random.uniform(3, 12), float(random.uniform(0.0, 0.4999))
+    mass, radius = 10 ** random.uniform(-6, 3), 10 ** random.uniform(-3, 1)
+    speed = 10 ** random.uniform(-3, 0.6)
+    gravity = 1e-9
+    height = speed**2 / (2.0 * gravity)
+    reduced = modulus / (1.0 - nu**2)
+    exact = hertz.impact(speed, radius, mass, reduced)
+    if float(exact.peak_contact_radius) > 0.5 * radius:
+        return Outcome(0.0, "", "the contact would be as wide as the sphere")
+    fall = sqrt(2.0 * height / gravity)
+    # The time since the release would lose the contact's digits: it starts close above the flat.
+    found = contact.drop(
+        Prony(modulus, [], [], nu=nu), radius, mass, height,
+        fall + 3.0 * float(exact.contact_duration), gravity=gravity, max_steps=_MOST_STEPS,
+    )  # fmt: skip
+    force = abs(float(found.peak_force[0]) / float(exact.peak_force) - 1.0)
+    depth = abs(float(found.peak_approach[0]) / float(exact.peak_approach) - 1.0)
+    back = abs(float(found.restitution[0]) - 1.0)
+    return worst(
+        (force / 2e-4, "relative error of Hertz's force 2e-4"),
+        (depth / 1e-4, "relative error of Hertz's approach 1e-4"),
+        (back / 1e-4, "restitution of an elastic sphere off by 1e-4"),
+    )
+
+
+def two_solvers(random: Random) -> Outcome:
+    """Compare the first impact by springs and by rings, which share neither grid nor kernel."""
+    material = wild_material(random, 20)
+    mass, height = 10 ** random.uniform(-4, 2), 10 ** random.uniform(-4, -1)
+    radius = 10 ** random.uniform(-2, 0)
+    speed = sqrt(2.0 * 9.81 * height)
+    reduced = material.factor("contact") * material.E_relaxed
+    longest = 3.0 * float(hertz.impact(speed, radius, mass, reduced).contact_duration)
+    duration = speed / 9.81 + longest
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            found = [
+                contact.drop(material, radius, mass, height, duration, name, max_steps=_MOST_STEPS)
+                for name in _SOLVERS
+            ]
+        except UserWarning as warning:
+            return Outcome(0.0, "", f"warned: {str(warning).split(';')[-1]}")
+    forces = [float(run.force.max()) for run in found]
+    bounces = [float(run.restitution[0]) if run.sizes["impact"] else np.nan for run in found]
+    return worst(
+        (abs(forces[0] / forces[1] - 1.0) / 4e-4, "peak forces of two solvers differ by 4e-4"),
+        (np.nan_to_num(abs(bounces[0] - bounces[1])) / 4e-4,
+         "restitution by two solvers differs by 4e-4"),
+    )  # fmt: skip
+
+
+def any_collision(random: Random) -> Outcome:
+    """Appendix A's law: without damping its restitution is the cube root of 1/f."""
+    multiplier = float(random.choice([1.0, random.uniform(1.0, 20.0)]))
+    damping = float(random.choice([0.0, 10 ** random.uniform(0, 5)]))
+    found = contact.collision(
+        10 ** random.uniform(-4, 0), 10 ** random.uniform(-6, 3), 10 ** random.uniform(-9, 0),
+        youngs_modulus=10 ** random.uniform(3, 12), nu=float(random.uniform(0.0, 0.5)),
+        damping=damping, unloading_multiplier=multiplier,
+        yield_depth=float(random.choice([np.inf, 10 ** random.uniform(-7, -4)])),
+        duration=10 ** random.uniform(-4, -1),
+    )  # fmt: skip
+    e = found.restitution.values
+    known = e[np.isfinite(e)]
+    lost = found.energy_dissipated.values
+    energy = 0.5 * found.impact_speed.values**2
+    return worst(
+        (below_zero(found.force.values), "a force below zero"),
+        (float(np.max(known - 1.0, initial=0.0)) / 1e-7, "a rebound faster by 1e-7"),
+        (0.0 if np.all(np.isfinite(found.displacement.values)) else np.inf, "no height"),
+        (float(np.isnan(lost).any() and np.isfinite(energy).all() and known.size == e.size),
+         "a loss that is none"),
+    )  # fmt: skip
+
+
+#: Families and how many of their cases the tests try.
+FAMILIES: Mapping[str, tuple[Case, int]] = {
+    "any drop": (any_drop, 150),
+    "elastic impact": (elastic_impact, 80),
+    "springs and rings": (two_solvers, 25),
+    "collision": (any_collision, 40),
+}

@@ -1,0 +1,94 @@
+"""What became of a hostile case, and of many of them."""
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from labpipe.errors import InputError, LabpipeError
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How far an answer is from an independent one, in units of what is allowed.
+
+    Parameters
+    ----------
+    share : float
+        Right up to 1; infinite for what must never happen.
+    what : str
+        The bound that came nearest to being broken, with its size.
+    refusal : str, optional
+        Why the case was not computed.
+    """
+
+    share: float
+    what: str
+    refusal: str = ""
+
+
+Case = Callable[[np.random.Generator], Outcome]
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """Many cases of one family.
+
+    ``refused`` counts by reason; ``wrong`` holds the seeds of cases that broke a bound, so that
+    each can be run again; ``slowest`` is the longest case in s.
+    """
+
+    tried: int
+    right: int
+    refused: Counter[str]
+    wrong: tuple[int, ...]
+    worst_share: float
+    worst_bound: str
+    slowest: float
+
+
+def worst(*looks: tuple[float, str]) -> Outcome:
+    """Return the look whose share of its bound is largest; NaN counts as infinite."""
+    share, what = max(looks, key=lambda look: np.nan_to_num(look[0], nan=np.inf, posinf=np.inf))
+    return Outcome(float(np.inf if np.isnan(share) else share), what)
+
+
+def run_case(case: Case, seed: int) -> Outcome:
+    """Compute one case; a refusal with a reason is an answer, another error is not."""
+    try:
+        return case(np.random.default_rng(seed))
+    except InputError as error:
+        return Outcome(0.0, "", _reason(error))
+    except LabpipeError as error:
+        return Outcome(np.inf, f"{type(error).__name__}: {error}")
+
+
+def run_family(case: Case, count: int, first_seed: int = 0) -> Tally:
+    """Compute the cases with the seeds from ``first_seed`` on."""
+    refused: Counter[str] = Counter()
+    wrong: list[int] = []
+    right, slowest = 0, 0.0
+    top = Outcome(0.0, "")
+    for seed in range(first_seed, first_seed + count):
+        start = time.perf_counter()
+        outcome = run_case(case, seed)
+        slowest = max(slowest, time.perf_counter() - start)
+        if outcome.refusal:
+            refused[outcome.refusal] += 1
+            continue
+        if outcome.share <= 1.0:
+            right += 1
+        else:
+            wrong.append(seed)
+        if outcome.share > top.share:
+            top = outcome
+    return Tally(count, right, refused, tuple(wrong), top.share, top.what, slowest)
+
+
+def _reason(error: LabpipeError) -> str:
+    """Return the message without its numbers, so that reasons can be counted."""
+    text = str(error).split(";")[0]
+    words = [word for word in text.split() if not any(sign.isdigit() for sign in word)]
+    return " ".join(words)[:90]

@@ -1,0 +1,32 @@
+"""What hostile cases are drawn from."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.materials import Prony
+
+Floats = NDArray[np.float64]
+Random = np.random.Generator
+
+
+def wild_material(random: Random, most_terms: int = 60) -> Prony:
+    """Draw 1 kPa to 1 TPa, 1e-12 to 1e6 s in one material, ratios to 1e4, any Poisson's ratio."""
+    terms = int(random.integers(0, most_terms + 1))
+    relaxed, ratio = 10 ** random.uniform(3, 12), 10 ** random.uniform(0.01, 4)
+    nu = float(random.choice([0.0, 0.4999, random.uniform(0.0, 0.5)]))
+    if terms == 0:
+        return Prony(relaxed, [], [], nu=nu)
+    share = random.dirichlet(np.ones(terms)) * (1.0 - 1.0 / ratio) / relaxed
+    return Prony.from_creep(relaxed, share, 10 ** random.uniform(-12, 6, terms), nu=nu)
+
+
+def wild_times(random: Random, count: int) -> Floats:
+    """Draw steps of 1e-9 to 1e3 s in one history, some of no length."""
+    steps = 10 ** random.uniform(-9, 3, count)
+    steps[random.random(count) < 0.2] = 0.0
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def below_zero(values: Floats) -> float:
+    """Infinite when any value is negative or no number, else 0."""
+    return 0.0 if np.all(values >= 0.0) else np.inf
