@@ -250,7 +250,8 @@ def load_record(path: str | os.PathLike[str]) -> Record:
     document = parse(path)
     version, kind = document.tree.get("version"), document.tree.get("kind")
     if isinstance(version, int) and version > VERSION:
-        message = f"{path}: the record has version {version}, this labpipe knows {VERSION}; update"
+        message = f"{path}: the record has version {version}, this labpipe knows {VERSION}; "
+        message += "update labpipe (pip install --upgrade labpipe)"
         raise CalibrationError(message)
     if not isinstance(kind, str) or kind not in KINDS:
         line = document.lines.get(("kind",), 1)
@@ -297,12 +298,16 @@ def require(
         Wrong kind, other sensor, other view, not valid on that day, or the day is not known.
     """
     if record.kind != kind:
-        message = f'record "{record.id}" calibrates a {record.kind}, needed is one of a {kind}'
+        message = (
+            f'record "{record.id}" calibrates a {record.kind.replace("_", " ")}, expected a record '
+            f"of a {kind.replace('_', ' ')}; name that file instead"
+        )
         raise CalibrationError(message)
     if view is not None and record.view != view:
         message = (
-            f'record "{record.id}" belongs to the view "{record.view}", the measurement to '
-            f'"{view}"; take the record of that view'
+            f'record "{record.id}" belongs to '
+            + (f'the view "{record.view}"' if record.view else "no view")
+            + f', the measurement to the view "{view}"; take the record of that view'
         )
         raise CalibrationError(message)
     return {

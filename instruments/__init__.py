@@ -83,7 +83,16 @@ def _head(path: Path) -> bytes:
         with path.open("rb") as stream:
             return stream.read(sniff.HEAD_BYTES)
     except OSError as error:
-        raise SourceError(path, f"cannot be opened: {error.strerror}") from None
+        raise _unopened(path, error) from None
+
+
+def _unopened(path: Path, error: OSError) -> SourceError:
+    is_absent = isinstance(error, FileNotFoundError)
+    return SourceError(
+        path,
+        "there is no such file" if is_absent else f"cannot be opened: {error.strerror}",
+        hint="Check the folder and the name." if is_absent else "Check the permission to read it.",
+    )
 
 
 def read(
@@ -146,5 +155,5 @@ def _stamp(path: Path) -> tuple[int, int]:
     try:
         status = path.stat()
     except OSError as error:
-        raise SourceError(path, f"cannot be opened: {error.strerror}") from None
+        raise _unopened(path, error) from None
     return status.st_size, status.st_mtime_ns

@@ -297,6 +297,8 @@ def _storage_error(path: Path, needed: int, error: Exception) -> StorageError:
         why = "no permission to write there; check the folder's owner and whether it is read-only"
     elif number == errno.EFBIG:
         why = f"{needed} bytes are needed, more than the limit on the size of a file allows"
+    elif number in (errno.EEXIST, errno.ENOTDIR):
+        why = "a file stands where a folder is needed; move it away, or choose another place"
     elif number == errno.ENAMETOOLONG:
         why = "the path is too long for this file system; move the session to a shorter path"
     else:

@@ -73,7 +73,10 @@ def write_session_file(
     text, names = propose(folder, _with_records(found, records))
     if not names:
         known = ", ".join(reader.name for reader in instruments.READERS)
-        message = f"{folder}: no file of a known instrument was found; known are {known}"
+        message = (
+            f"{folder}: no file of a known instrument was found; known are {known}. "
+            "Is it the right folder?"
+        )
         raise UsageError(message)
     begun = {n: (folder / n).read_text("utf-8") for n in _records(found)}
     texts = {FILE_NAME: text, **records, **{n: t for n, t in begun.items() if GAP in t}}

@@ -181,7 +181,7 @@ class Checker:
         if isinstance(bare, type) and issubclass(bare, msgspec.Struct):
             return self.structure(bare, value, place, partial)
         if typing.get_origin(bare) in (list, tuple, dict):
-            return self._collection(bare, value, place, partial)
+            return self._long_enough(marks, self._collection(bare, value, place, partial), place)
         return self._in_range(marks, self._plain(kind, bare, value, place), place)
 
     def _union(self, kind: Any, value: Any, place: toml_lines.Path, partial: bool) -> Any:
@@ -207,7 +207,8 @@ class Checker:
             pairs = {k: self.value(arguments[1], v, (*place, k), partial) for k, v in value.items()}
             return _BAD if any(v is _BAD for v in pairs.values()) else pairs
         if not isinstance(value, list):
-            self.report(place, f"expected {describe(kind)}, found {found(value)}")
+            example = f"; write [{found(value)}]" if isinstance(value, str) else ""
+            self.report(place, f"expected {describe(kind)}, found {found(value)}{example}")
             return _BAD
         is_fixed = typing.get_origin(kind) is tuple and arguments[-1] is not Ellipsis
         if is_fixed and len(value) != len(arguments):
@@ -223,6 +224,14 @@ class Checker:
         if any(item is _BAD for item in items):
             return _BAD
         return tuple(items) if typing.get_origin(kind) is tuple else items
+
+    def _long_enough(self, marks: tuple[Any, ...], value: Any, place: toml_lines.Path) -> Any:
+        bounds = mark(marks, msgspec.Meta)
+        least = (bounds.min_length if bounds is not None else None) or 0
+        if value is _BAD or len(value) >= least:
+            return value
+        self.report(place, f"expected at least {least} item(s), found {len(value)}")
+        return _BAD
 
     def _refuse_repeated(self, names: Sequence[Any], place: toml_lines.Path) -> None:
         for position, name in enumerate(names):
@@ -244,7 +253,8 @@ class Checker:
             self.report(place, f'expected {expected}, found "{value}"')
             return _BAD
         if parsed.si != dimension.si:
-            self.report(place, f'expected {expected}, found "{value}", which is in {parsed.si}')
+            which = "has no unit" if parsed.si == "1" else f"is in {parsed.si}"
+            self.report(place, f'expected {expected}, found "{value}", which {which}')
             return _BAD
         if not (math.isfinite(parsed.value) and math.isfinite(parsed.u)):
             self.report(place, f'expected a finite number, found "{value}"')
@@ -259,7 +269,9 @@ class Checker:
         if bounds.holds(number):
             return value
         shown = show(value) if isinstance(value, Quantity) else value
-        self.report(place, f"must be {bounds}, found {shown}")
+        has_unit = isinstance(value, Quantity) and value.si != "1" and not bounds.is_sign
+        unit = f" {value.si}" if has_unit else ""
+        self.report(place, f"must be {bounds}{unit}, found {shown}")
         return _BAD
 
     def _file(self, value: Any, place: toml_lines.Path) -> Any:
@@ -272,11 +284,9 @@ class Checker:
             self.report(place, str(error))
             return _BAD
         if not place_on_disk.exists() and not self.may_wait:
-            self.report(
-                place,
-                f'there is no file "{value}" in the session folder'
-                + suggest(value, _names_below(self.root)),
-            )
+            near = suggest(value, _names_below(self.root))
+            advice = near or "; copy it there, or correct the name"
+            self.report(place, f'there is no file "{value}" in the session folder{advice}')
             return _BAD
         return value
 
@@ -291,9 +301,14 @@ class Checker:
             # msgspec says "Expected `int` >= 1" for a bound, and names its own types otherwise.
             is_bound = str(error).startswith("Expected") and ", got" not in str(error)
             bound = str(error).removeprefix("Expected ").replace("`", "")
+            bound = _BOUNDS.get(bound, bound)
             expected = bound if is_bound else describe(bare)
             self.report(place, f"expected {expected}, found {found(value)}")
             return _BAD
+
+
+_BOUNDS = {"str of length >= 1": "a text that is not empty"}
+"""Words for the bounds that msgspec names by its own types."""
 
 
 def _is_file(kind: Any) -> bool:

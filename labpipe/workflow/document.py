@@ -1,6 +1,7 @@
 """A TOML file as a tree with lines: size, depth, syntax and numbers checked, keys not yet."""
 
 import math
+import re
 import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -12,6 +13,9 @@ from labpipe.workflow import toml_lines
 
 LARGEST_FILE = 1_000_000
 """Bytes; no configuration written by a person is longer."""
+_BARE = re.compile(r"[\w-]+")
+"""A key that TOML takes without quotation marks (and letters of any language, for reading)."""
+
 DEEPEST = 32
 """Levels of nesting; settings have about five."""
 
@@ -48,7 +52,8 @@ def dotted(place: toml_lines.Path) -> str:
     """Write a place as ``experiments.acrylic.laser[2]``."""
     text = ""
     for key in place:
-        text += f"[{key}]" if isinstance(key, int) else f".{key}" if text else key
+        name = key if isinstance(key, int) or _BARE.fullmatch(key) else f'"{key}"'
+        text += f"[{key}]" if isinstance(key, int) else f".{name}" if text else f"{name}"
     return text
 
 
@@ -99,11 +104,27 @@ def _syntax_problem(path: Path, text: str, message: str) -> str:
     what, _, place = message.rpartition(" (at ")
     words = place.rstrip(")").replace(",", "").split()
     if what.startswith(("Cannot overwrite a value", "Cannot declare")):
-        what = f"a key or table is given twice ({what})"
+        what = f"a key or table is given twice ({what}); remove one"
     if len(words) == 4 and words[0] == "line":
-        return f"{path.name}:{words[1]}:{words[3]}: {what}"
+        lines = text.splitlines()
+        line = lines[int(words[1]) - 1].strip() if int(words[1]) <= len(lines) else ""
+        what = next((said for begin, said in _SYNTAX if what.startswith(begin)), what)
+        return f"{path.name}:{words[1]}:{words[3]}: {what}; found: {line[:60]}"
     last = text.rstrip("\n").count("\n") + 1  # the only other place is "at end of document"
     return f"{path.name}:{last}: {what or message}"
+
+
+_SYNTAX = (
+    ("Illegal character '\\n'", "a text is not closed; expected a quotation mark before the "
+     "line ends"),
+    ("Expected newline or end of document", "expected the end of the line after a value; a text "
+     "stands in quotation marks, a date reads 2026-01-31, a list stands in brackets"),
+    ("Invalid value", "expected a value: a text in quotation marks, a number, true, false, a date "
+     "such as 2026-01-31, or a list in brackets"),
+    ("Expected '=' after a key", "expected = after the name of a key"),
+    ("Invalid statement", "expected a key, a table in brackets, or a remark after #"),
+)  # fmt: skip
+"""What tomllib says, and what a person can make of it."""
 
 
 def _depth(tree: Any) -> int:

@@ -35,6 +35,12 @@ class Range:
         bounds = ((">", self.above), (">=", self.at_least), ("<", self.below), ("<=", self.at_most))
         return " and ".join(f"{sign} {value:g}" for sign, value in bounds if math.isfinite(value))
 
+    @property
+    def is_sign(self) -> bool:
+        """Whether all bounds are zero, which reads the same in every unit."""
+        bounds = (self.above, self.at_least, self.below, self.at_most)
+        return all(value == 0 for value in bounds if math.isfinite(value))
+
     def holds(self, value: float) -> bool:
         """Tell whether a value lies inside."""
         return self.above < value < self.below and self.at_least <= value <= self.at_most

@@ -6,7 +6,7 @@ from typing import Any
 import xarray as xr
 
 import instruments
-from labpipe.errors import InputError
+from labpipe.errors import InputError, SourceError
 from pipelines.settings.common import Keyence
 
 
@@ -32,10 +32,23 @@ def read_laser(path: Path, given: Keyence) -> xr.Dataset:
         "encoding": given.encoding,
         "decimal": given.decimal,
     }
-    found = instruments.read(
-        path, instrument="keyence", **{k: v for k, v in options.items() if v is not None}
-    )
+    given_options = {k: v for k, v in options.items() if v is not None}
+    try:
+        found = instruments.read(path, instrument="keyence", **given_options)
+    except SourceError as error:
+        raise _with_place(error) from None
     if not isinstance(found, xr.Dataset):
         message = f"{path}: expected a table of readings, found a film"
         raise InputError(message)
     return found
+
+
+def _with_place(error: SourceError) -> SourceError:
+    """Add where a session says what the file leaves unsaid."""
+    if error.hint is None or not error.hint.startswith("Give"):
+        return error
+    example = 'keyence = { cycle = "50 us", storage_factor = 1, units = ["mm"] }'
+    return SourceError(
+        error.path, error.message, line=error.line, column=error.column, offset=error.offset,
+        hint=f"{error.hint} In session.toml, for the experiment: {example}.",
+    )  # fmt: skip

@@ -151,7 +151,9 @@ def test_fitting_record_says_what_was_checked(tmp_path):
 
 
 def test_wrong_kind_is_refused(tmp_path):
-    with pytest.raises(CalibrationError, match="calibrates a laser, needed is one of a load_cell"):
+    with pytest.raises(
+        CalibrationError, match="calibrates a laser, expected a record of a load cell"
+    ):
         require(load(tmp_path, LASER), "load_cell", VALID)
 
 

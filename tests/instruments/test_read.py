@@ -71,7 +71,7 @@ def test_instrument_may_be_named(tmp_path):
 
 
 def test_missing_file_is_a_source_error(tmp_path):
-    with pytest.raises(SourceError, match="cannot be opened"):
+    with pytest.raises(SourceError, match="there is no such file"):
         instruments.read(tmp_path / "none.csv")
 
 
