@@ -1,6 +1,7 @@
 """What frames without usable fringes show: the edge of a contact, or nothing but contact."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,7 +9,8 @@ from numpy.typing import NDArray
 
 from labpipe.imaging.contact_edge import Edge, find_edge
 from labpipe.imaging.contact_search import View, has_structure
-from labpipe.imaging.contact_spot import find_spots, reduce_frame
+from labpipe.imaging.contact_spot import Spot, find_spots, reduce_frame
+from labpipe.imaging.contact_votes import find_centres
 from labpipe.imaging.fringe_calibration import Calibration
 from labpipe.imaging.radial_scan import edge_width
 from labpipe.imaging.radius_fit import Parameter, RingFit
@@ -16,8 +18,9 @@ from labpipe.imaging.radius_fit import Parameter, RingFit
 Flags = NDArray[np.bool_]
 
 #: A spot without fringes next to a contact has an edge softer than this share of the radius at
-#: most; one alone must be as sharp as this many widths of the first bright ring.
-_SOFT_BESIDE, _SOFT_ALONE = 0.4, 1.5
+#: most; one alone must be as sharp as this many widths of the first bright ring (Hertz's gap
+#: makes it 0.4; were it softer for motion, a contact would be beside it).
+_SOFT_BESIDE, _SOFT_ALONE = 0.4, 0.75
 #: Distance of its centre from that of the contact beside it, as a share of the radius.
 _SAME_CENTRE = 0.3
 #: Least radius, in Newton spots, of a spot without fringes: touching alone shows a smaller one.
@@ -64,6 +67,8 @@ class FilmResult:
         What the film told about its optics.
     has_fringes : bool
         False when the wavelength is unknown or pixels are too coarse.
+    is_phase_given : bool
+        Whether the caller knows if contacts are dark or bright.
     work : dict
         Counts.
     damaged : set
@@ -78,6 +83,7 @@ class FilmResult:
     blanks: dict[int, Blank] = field(default_factory=dict)
     calibration: Calibration = field(default_factory=Calibration)
     has_fringes: bool = True
+    is_phase_given: bool = False
     work: dict[str, int] = field(default_factory=dict)
     damaged: set[int] = field(default_factory=set)
 
@@ -94,22 +100,24 @@ def look_without_fringes(frame: NDArray[np.generic], view: View) -> Blank:
     """
     if not has_structure(frame):
         return Blank(level=float(np.median(reduce_frame(frame)[0])))
-    edges = []
-    for spot in find_spots(frame):
-        if spot.radius < view.newton_spot:
-            continue
-        edge = find_edge(frame, spot.x, spot.y, spot.radius, view.black)
-        if edge is not None and edge.half_radius >= _LEAST_SPOT * view.newton_spot:
-            edges.append(edge)
-    return Blank(tuple(edges))
+    edges = _edges_of(find_spots(frame), frame, view) or _edges_of(find_centres(frame), frame, view)
+    return Blank(edges)
+
+
+def _edges_of(spots: Iterable[Spot], frame: NDArray[np.generic], view: View) -> tuple[Edge, ...]:
+    """Edges of the spots that are larger than that of a sphere which just touches."""
+    edges = (
+        find_edge(frame, spot.x, spot.y, spot.radius, view.black)
+        for spot in spots
+        if spot.radius >= view.newton_spot
+    )
+    least = _LEAST_SPOT * view.newton_spot
+    return tuple(edge for edge in edges if edge is not None and edge.half_radius >= least)
 
 
 def choose_edges(result: FilmResult) -> None:
     """Keep the edges that are contacts: sharp ones, and soft ones beside known contacts."""
-    is_dark = math.cos(result.view.optics.phase) < 0.0
-    if result.fits:
-        modulations = [fit.parameters[Parameter.MODULATION] for fit in result.fits.values()]
-        is_dark = is_dark == (float(np.median(modulations)) > 0.0)
+    is_dark = _is_dark(result)
     for _ in range(_ROUNDS):
         found = {
             index: edge
@@ -123,10 +131,31 @@ def choose_edges(result: FilmResult) -> None:
         result.edges |= found
 
 
+def _is_dark(result: FilmResult) -> bool:
+    """Tell whether contacts are dark: as the fits show, or else as most sharp edges do."""
+    is_dark = math.cos(result.view.optics.phase) < 0.0
+    if result.fits:
+        modulations = [fit.parameters[Parameter.MODULATION] for fit in result.fits.values()]
+        return is_dark == (float(np.median(modulations)) > 0.0)
+    if result.is_phase_given:
+        return is_dark
+    signs = [
+        1 if edge.inside < edge.outside else -1
+        for blank in result.blanks.values()
+        for edge in blank.edges
+        if _is_sharp(edge, result.view)
+    ]
+    return sum(signs) >= 0
+
+
+def _is_sharp(edge: Edge, view: View) -> bool:
+    """Tell whether a spot's edge is as sharp as a contact's."""
+    return edge.softness <= max(_SOFT_ALONE * edge_width(edge.half_radius, view.optics), 2.0)
+
+
 def _is_contact(edge: Edge, index: int, result: FilmResult) -> bool:
     """Decide whether a round spot without fringes is a contact."""
-    sharp = _SOFT_ALONE * edge_width(edge.half_radius, result.view.optics)
-    if edge.softness <= max(sharp, 2.0):
+    if _is_sharp(edge, result.view):
         return True
     for other in (index - 1, index + 1):
         centre = _centre(result, other)
@@ -161,7 +190,7 @@ def find_filled(result: FilmResult) -> None:
             brightness = result.blanks[index].level
             beside = index - step
             is_beside = beside in result.filled or _centre(result, beside) is not None
-            if brightness is None or not is_beside:
+            if brightness is None or not is_beside or index in result.fits:
                 continue
             if abs(brightness - level) < _SAME_LIGHT * depth:
                 result.filled.add(index)

@@ -72,7 +72,8 @@ def contact_radius(
     Dataset over ``frame``
         ``radius`` : radius in the middle of the exposure; for ellipses that of the circle of
         equal area [m]; NaN where there is none;
-        ``u_radius`` : its random standard uncertainty (with "edge": that of the estimate) [m];
+        ``u_radius`` : its standard uncertainty from noise, and from what the fit leaves beyond
+        noise where that is not by chance (with "edge": that of the estimate) [m];
         ``radius_systematic`` : standard uncertainty that all frames share, and
         ``systematic_part`` (frame, source) its parts, from the uncertainties given [m];
         ``centre_x``, ``centre_y`` [px] with ``u_``;
@@ -80,10 +81,11 @@ def contact_radius(
         ``valid`` : False for damaged frames;
         ``method`` : 0 none, 1 fringe fit, 2 edge, 3 between equal frames (a frame at rest that
         was not read whole; the radius is interpolated), 4 wider than the frame (in contact, without
-        a radius);
+        a radius), 5 fringe fit of a gap that is not Hertz's (on a body that still recovers);
         ``travel`` : change of the radius during the exposure as the blur shows it, without
         sign [m];
         ``misfit`` : residual beyond noise as a share of the modulation [1];
+        ``gap_factor`` : factor of the gap beside the contact against Hertz's, 1 unless fitted [1];
         ``residual_ratio`` : residual divided by noise [1]; ``visibility`` [1];
         ``semi_axis_major``, ``semi_axis_minor`` [m], ``axis_angle`` (major axis, from x towards
         y) [rad];
@@ -108,8 +110,11 @@ def contact_radius(
     The gap of a Hertz contact opens like (r - a)^(3/2), so that the image shows no edge at r = a.
     The radius follows from a fit of the interference pattern of the first fringes to all pixels
     of a ring, with centre, light and its slopes, visibility and the blur by the motion of the
-    radius as further unknowns. A dark centre alone is no contact: a sphere that touches without
-    load, or hovers, shows one as well and is told by its fringes.
+    radius as further unknowns. Phase, blur of the lens, and oblique view are found once per film.
+    Beside every contact that does not stick the gap opens with the power 3/2, with Hertz's factor
+    unless the body still recovers from a dent: where Hertz's gap does not explain a frame, the
+    factor is fitted too. A dark centre alone is no contact: a sphere that touches without load, or
+    hovers, shows one as well and is told by its fringes.
 
     Examples
     --------

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.imaging.contact_spot import find_spots, reduce_frame
+from labpipe.imaging.contact_votes import find_centres
 from labpipe.imaging.fringes import SAMPLES_PER_PIXEL, Optics, radial_table, ring_limits
 from labpipe.imaging.radial_scan import (
     Match,
@@ -142,7 +143,9 @@ def search_contact(
         found = fit_match(frame, view, match, x, y)
         if found is not None:
             return found
-    return None
+    # Perhaps there is a spot that no threshold separates from uneven light.
+    fits = (fit_at(frame, view, spot.x, spot.y) for spot in find_centres(frame))
+    return next((found for found in fits if found is not None), None)
 
 
 def has_structure(frame: NDArray[np.generic]) -> bool:
@@ -280,11 +283,13 @@ def _profile_of(
     )
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
     settings = view.settings
+    scale = math.exp(float(found.parameters[Parameter.SCALE]))
+    optics = replace(view.optics, phase_scale=view.optics.phase_scale * scale)
     inner, outer = ring_limits(radius, view.optics, settings.fringes, settings.least_spacing)
     width = min(1.0, (outer - inner) / _LEAST_RINGS)
     first, last = math.ceil(inner / width), math.floor(outer / width)
     profile, counts = radial_profile(frame, x, y, width, last)
-    table = radial_table(inner, outer, radius, travel, view.optics)
+    table = radial_table(inner, outer, radius, travel, optics)
     distance = (np.arange(last - first, dtype=np.float64) + first + 0.5) * width
     index = (distance - table.start) * SAMPLES_PER_PIXEL
     term = np.interp(index, np.arange(table.values.shape[1]), table.values[0])

@@ -1,4 +1,4 @@
-"""What a whole film tells about its optics: phase in the contact, scale of the phase, ellipticity.
+"""What a whole film tells about its optics: phase, scale of the phase, blur, ellipticity.
 
 Each of them is taken from the largest contacts and then held for all frames. Left free in every
 frame they would multiply the effect of every other error.
@@ -7,6 +7,7 @@ frame they would multiply the effect of every other error.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,10 @@ _VARIANCES = 30.0
 _SIGNIFICANT = 5.0
 #: Greatest logarithm of the phase scale that is believed: beyond it, R or the wavelength is wrong.
 _MOST_SCALE = 0.1
+#: Standard deviations (px) of the image of a point that are tried.
+_BLURS = (0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.5)
+#: Frames in which they are tried.
+_BLUR_FRAMES = 4
 
 _AXES = (Parameter.STRETCH, Parameter.SHEAR)
 
@@ -42,8 +47,12 @@ class Calibration:
         Logarithm of the phase scale relative to the assumed one.
     ellipse : (float, float)
         Stretch and shear of circles.
+    blur : float [px]
+        Standard deviation of the image of a point.
     frames : tuple of int
         Frames that were used.
+    doubted_phase : float [rad]
+        What the film shows where the caller's phase was kept; NaN when they agree.
     """
 
     phase_shift: float = 0.0
@@ -51,12 +60,15 @@ class Calibration:
     log_scale: float = 0.0
     u_log_scale: float = 0.0
     ellipse: tuple[float, float] = (0.0, 0.0)
+    blur: float = 0.0
     frames: tuple[int, ...] = ()
+    doubted_phase: float = math.nan
 
     @property
     def is_usual(self) -> bool:
         """Whether all is as it was assumed."""
-        return (self.phase_shift, self.log_scale, self.ellipse) == (0.0, 0.0, (0.0, 0.0))
+        is_circle = self.ellipse == (0.0, 0.0)
+        return is_circle and (self.phase_shift, self.log_scale, self.blur) == (0.0, 0.0, 0.0)
 
     def applied(self, view: View) -> View:
         """Return the view with what was found."""
@@ -64,6 +76,7 @@ class Calibration:
             view.optics,
             phase=view.optics.phase + self.phase_shift,
             phase_scale=view.optics.phase_scale * math.exp(self.log_scale),
+            blur=self.blur,
         )
         return replace(view, optics=optics, ellipse=self.ellipse, alternatives=())
 
@@ -95,6 +108,15 @@ class _Trial:
         )
         is_significant = gain > _VARIANCES * len(self.fits)
         return is_significant and self.excess * _FACTOR < other.excess
+
+
+class _Attempt(Protocol):
+    """Fits the chosen frames with further parameters free, some things being known."""
+
+    def __call__(
+        self, extra: Sequence[Parameter], known: Calibration, count: int = ...
+    ) -> _Trial | None:
+        """Return the fits, or None when one of them fails."""
 
 
 def calibrate(
@@ -131,41 +153,89 @@ def calibrate(
     images = [frame_of(index) for index in chosen]
     starts = [fits[index] for index in chosen]
 
-    def attempt(extra: Sequence[Parameter], base: tuple[float, float]) -> _Trial | None:
-        return _attempt(images, starts, view, tuple(extra), base)
+    def attempt(
+        extra: Sequence[Parameter], known: Calibration, count: int = _FRAMES
+    ) -> _Trial | None:
+        seen = known.applied(view)
+        return _attempt(images[:count], starts[:count], seen, tuple(extra))
 
     plain_axes = _AXES if shape == "ellipse" else ()
-    best = attempt(plain_axes, (0.0, 0.0))
+    result = Calibration(frames=chosen)
+    best = attempt(plain_axes, result)
     if best is None:
         return Calibration()
-    ellipse = (0.0, 0.0)
     if shape == "auto":
-        oblique = attempt(_AXES, (0.0, 0.0))
+        oblique = attempt(_AXES, result)
         if oblique is not None and oblique.is_better_than(best):
-            ellipse = (oblique.mean(Parameter.STRETCH)[0], oblique.mean(Parameter.SHEAR)[0])
-            best = attempt(plain_axes, ellipse) or oblique
-    candidates: list[tuple[float, Parameter, _Trial]] = []
-    for parameter in (Parameter.PHASE, Parameter.SCALE):
-        if parameter is Parameter.PHASE and not is_phase_free:
-            continue
-        trial = attempt((*plain_axes, parameter), ellipse)
-        if trial is None or not trial.is_better_than(best):
-            continue
-        assumed = view.optics.phase if parameter is Parameter.PHASE else 0.0
-        value, deviation = trial.mean(parameter)
-        if abs(value - assumed) > _SIGNIFICANT * deviation:
-            candidates.append((trial.excess, parameter, trial))
-    result = Calibration(ellipse=ellipse, frames=chosen)
-    if not candidates:
-        return result
-    _, parameter, trial = min(candidates, key=lambda candidate: candidate[0])
+            axes = (oblique.mean(Parameter.STRETCH)[0], oblique.mean(Parameter.SHEAR)[0])
+            result = replace(result, ellipse=axes)
+            best = attempt(plain_axes, result) or oblique
+    # Blur may hide behind a wrong phase or scale, or the other way round: hence twice.
+    for _ in range(2):
+        candidates = [
+            _find_blur(attempt, plain_axes, result, best),
+            _find_optics(attempt, plain_axes, result, best, Parameter.PHASE, view),
+            _find_optics(attempt, plain_axes, result, best, Parameter.SCALE, view),
+        ]
+        better = [candidate for candidate in candidates if candidate is not None]
+        if not better:
+            break
+        trial, found = min(better, key=lambda candidate: candidate[0].excess)
+        if found.phase_shift != result.phase_shift and not is_phase_free:
+            # The scale would be bent to make up for a phase that is not what it is said to be.
+            return replace(result, doubted_phase=view.optics.phase + found.phase_shift)
+        result = found
+        best = attempt(plain_axes, result) or trial
+    return result
+
+
+def _find_blur(
+    attempt: _Attempt, axes: Sequence[Parameter], known: Calibration, best: _Trial
+) -> tuple[_Trial, Calibration] | None:
+    """Blur that leaves least, when it explains the frames much better than none."""
+    if known.blur or not any(fit.model_deviation > 0.0 for fit in best.fits):
+        return None
+    sharp = _Trial(best.fits[:_BLUR_FRAMES])
+    tried: dict[float, _Trial] = {}
+    for blur in _BLURS:
+        trial = attempt(axes, replace(known, blur=blur), _BLUR_FRAMES)
+        if trial is None:
+            break
+        tried[blur] = trial
+        if trial.excess > 4.0 * min(other.excess for other in tried.values()) + 1e-6:
+            break
+    if not tried:
+        return None
+    blur = min(tried, key=lambda value: tried[value].excess)
+    if not tried[blur].is_better_than(sharp):
+        return None
+    found = replace(known, blur=blur)
+    trial = attempt(axes, found)
+    return None if trial is None else (trial, found)
+
+
+def _find_optics(
+    attempt: _Attempt,
+    axes: Sequence[Parameter],
+    known: Calibration,
+    best: _Trial,
+    parameter: Parameter,
+    view: View,
+) -> tuple[_Trial, Calibration] | None:
+    """Phase or scale that the film shows, when it explains the frames much better."""
+    trial = attempt((*axes, parameter), known)
+    if trial is None or not trial.is_better_than(best):
+        return None
     value, deviation = trial.mean(parameter)
     if parameter is Parameter.PHASE:
         shift = value - view.optics.phase
-        return replace(result, phase_shift=shift, u_phase_shift=deviation)
-    if abs(value) > _MOST_SCALE:
-        return result
-    return replace(result, log_scale=value, u_log_scale=deviation)
+        if abs(shift - known.phase_shift) <= _SIGNIFICANT * deviation:
+            return None
+        return trial, replace(known, phase_shift=shift, u_phase_shift=deviation)
+    scale = known.log_scale + value
+    if abs(value) <= _SIGNIFICANT * deviation or abs(scale) > _MOST_SCALE:
+        return None
+    return trial, replace(known, log_scale=scale, u_log_scale=deviation)
 
 
 def _choose(fits: dict[int, RingFit]) -> tuple[int, ...]:
@@ -185,7 +255,6 @@ def _attempt(
     starts: Sequence[RingFit],
     view: View,
     extra: tuple[Parameter, ...],
-    ellipse: tuple[float, float],
 ) -> _Trial | None:
     """Fit all frames with further parameters free; None when one of them fails."""
     free = tuple(dict.fromkeys(view.settings.free + extra))
@@ -194,7 +263,7 @@ def _attempt(
     for image, start in zip(images, starts, strict=True):
         parameters = start.parameters.copy()
         if Parameter.STRETCH not in extra:
-            parameters[[Parameter.STRETCH, Parameter.SHEAR]] = ellipse
+            parameters[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
         parameters[Parameter.PHASE] = view.optics.phase
         parameters[Parameter.SCALE] = 0.0
         fit = fit_contact(image, parameters, view.optics, settings, view.white)

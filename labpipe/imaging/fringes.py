@@ -15,8 +15,8 @@ from labpipe.errors import InputError
 
 Floats = NDArray[np.float64]
 
-#: Samples of the radial tables per pixel: fringes are at least three pixels wide, so that linear
-#: interpolation between samples is right to 0.05 % of the modulation.
+#: Samples of the radial tables per pixel: fringes are at least two pixels wide, so that linear
+#: interpolation between samples is right to 0.3 % of the modulation.
 SAMPLES_PER_PIXEL = 16
 #: Gaussian blur reaches this many standard deviations.
 _BLUR_REACH = 3.5

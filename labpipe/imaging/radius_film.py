@@ -13,10 +13,9 @@ from labpipe.imaging.blank_frames import (
     find_filled,
     look_without_fringes,
 )
+from labpipe.imaging.contact_edge import corrected_radius
 from labpipe.imaging.contact_search import (
     GOOD_MISFIT,
-    MOST_MISFIT,
-    MOST_TRAVEL,
     View,
     fit_at,
     fit_from,
@@ -26,6 +25,7 @@ from labpipe.imaging.contact_search import (
 from labpipe.imaging.fringe_calibration import calibrate
 from labpipe.imaging.fringes import make_optics
 from labpipe.imaging.gating import FilmReader, Place, frames_in_windows, plan_reading
+from labpipe.imaging.open_gap import fit_open_gap, is_doubtful
 from labpipe.imaging.radial_scan import edge_width
 from labpipe.imaging.radius_fit import USUAL, FitSettings, Parameter, RingFit, fit_contact
 from labpipe.imaging.radius_options import FilmOptions, exposure_times
@@ -35,8 +35,9 @@ Flags = NDArray[np.bool_]
 
 #: Wavelength assumed for the edge of the spot when it is not known: the middle of white light.
 NOMINAL_WAVELENGTH = 550e-9
-#: Finest fringes used (px); below two they alias.
-LEAST_SPACING = 3.0
+#: Finest fringes used (px). The model averages over pixels, so that fringes count down to where
+#: they alias.
+LEAST_SPACING = 2.0
 #: Shorter films are read whole; of longer ones, frames this far apart are looked at first.
 _SHORT_FILM, _FIRST_STEPS = 96, (64, 16, 4)
 #: Distance (px) below which two contacts count as in one place.
@@ -69,10 +70,12 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     if options.windows is not None:
         wanted &= frames_in_windows(film.time, options.windows)
     result = FilmResult(view, np.zeros(len(film), bool))
+    result.is_phase_given = options.phase is not None
     result.has_fringes = options.wavelength is not None and view.templates is not None
     if result.has_fringes:
         read = _follow_film(reader, result, options, wanted)
         _repair(reader, result, film.time, exposure_times(film, options), read)
+        _open_gaps(reader, result, film.time, read)
     else:
         for index in map(int, np.flatnonzero(wanted)):
             result.blanks[index] = look_without_fringes(reader.whole(index), view)
@@ -80,6 +83,7 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     result.damaged = reader.damaged | set(map(int, broken))
     for index in reader.damaged:
         result.blanks.pop(index, None)
+        result.fits.pop(index, None)
     choose_edges(result)
     find_filled(result)
     result.work = reader.work() | {
@@ -101,6 +105,9 @@ def _make_view(film: FrameSource, options: FilmOptions) -> View:
     alternatives = (*oblique, (Parameter.SCALE,))
     settings = FitSettings(options.fringes, LEAST_SPACING, free)
     black, white = film.levels
+    if np.dtype(film[0].dtype).kind == "f":
+        # Nothing tells from where numbers that are no counts are saturated.
+        white = math.inf
     return View(
         optics,
         settings,
@@ -309,6 +316,31 @@ def _repair(
                 result.fits[index] = fit
 
 
+def _open_gaps(reader: FilmReader, result: FilmResult, time: Floats, read: Flags) -> None:
+    """Fit the frames again in which the gap is not Hertz's, with the factor of the gap free."""
+    for index in map(int, np.flatnonzero(read)):
+        old = result.fits.get(index)
+        if index in reader.damaged or (old is not None and not is_doubtful(old)):
+            continue
+        near = _neighbours(result.fits, index)
+        edges = result.blanks[index].edges if index in result.blanks else ()
+        if old is None and not near:
+            continue
+        starts = [old.parameters.copy()] if old is not None else []
+        if near:
+            beside = min(near, key=lambda other: abs(other - index))
+            start = near[beside].parameters.copy()
+            start[Parameter.RADIUS] = max(expected_radius(near, index, time)[0], 1.0)
+            starts.append(start)
+            for edge in edges:
+                place = start.copy()
+                place[Parameter.RADIUS] = corrected_radius(edge, result.view.optics)[0]
+                starts.append(place)
+        fit = fit_open_gap(reader.whole(index), result.view, starts, old)
+        if fit is not None:
+            result.fits[index] = fit
+
+
 def _neighbours(fits: dict[int, RingFit], index: int) -> dict[int, RingFit]:
     """Believable fits of frames close by, when one of them is next to the frame."""
     near = {
@@ -330,6 +362,7 @@ def _fit_blurred(
     """Best fit of a frame from the radius and the travel that its neighbours tell."""
     beside = min(near, key=lambda other: abs(other - index))
     start = near[beside].parameters.copy()
+    start[Parameter.SCALE] = 0.0
     radius, rate = expected_radius(near, index, time)
     if not radius > 0.0:
         return None
@@ -346,13 +379,13 @@ def _fit_blurred(
         fit = fit_from(frame, view, start)
         if fit is None:
             continue
-        fit = fit_contact(frame, fit.parameters, view.optics, view.settings, view.white)
+        settings = replace(view.settings, free=fit.free)
+        fit = fit_contact(frame, fit.parameters, view.optics, settings, view.white)
         is_right = (
             fit is not None
-            and fit.misfit <= MOST_MISFIT
             and fit.is_converged
             and abs(float(fit.parameters[Parameter.RADIUS]) - radius) < 0.5 * radius
-            and fit.parameters[Parameter.SMEAR] < (MOST_TRAVEL * radius) ** 2
+            and is_contact(frame, view, fit)
         )
         if fit is not None and is_right and (best is None or fit.residual < best.residual):
             best = fit

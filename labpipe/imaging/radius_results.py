@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from labpipe.frames import FrameSource
 from labpipe.imaging.blank_frames import FilmResult
 from labpipe.imaging.contact_edge import corrected_radius
+from labpipe.imaging.open_gap import has_free_gap
+from labpipe.imaging.radial_scan import has_resolved_fringes
 from labpipe.imaging.radius_film import NOMINAL_WAVELENGTH
 from labpipe.imaging.radius_fit import Parameter, RingFit
 from labpipe.imaging.radius_options import FilmOptions
@@ -20,13 +22,14 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-NONE, FRINGES, EDGE, RESTING, FILLED = 0, 1, 2, 3, 4
+NONE, FRINGES, EDGE, RESTING, FILLED, OPEN_GAP = 0, 1, 2, 3, 4, 5
 _METHODS = {
     NONE: "none",
     FRINGES: "fringe_fit",
     EDGE: "edge",
     RESTING: "between_equal_frames",
     FILLED: "wider_than_frame",
+    OPEN_GAP: "fringe_fit_open_gap",
 }
 #: Sources of the systematic budget, in the order of the coordinate.
 SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase")
@@ -37,7 +40,7 @@ _REST_CHANGE, _LEAST_REST = 0.01, 5
 
 _TEXTS = {
     "radius": ("m", "contact radius"),
-    "u_radius": ("m", "standard uncertainty of the contact radius from noise"),
+    "u_radius": ("m", "standard uncertainty of the contact radius from noise and misfit"),
     "radius_systematic": ("m", "standard uncertainty of the contact radius shared by all frames"),
     "centre_x": ("px", "column of the centre of the contact"),
     "u_centre_x": ("px", "standard uncertainty of the column of the centre"),
@@ -47,6 +50,7 @@ _TEXTS = {
     "misfit": ("1", "residual beyond noise as a share of the modulation"),
     "residual_ratio": ("1", "residual divided by noise"),
     "visibility": ("1", "visibility of the fringes"),
+    "gap_factor": ("1", "factor by which the gap beside the contact exceeds Hertz's"),
     "semi_axis_major": ("m", "major semi-axis of the contact"),
     "semi_axis_minor": ("m", "minor semi-axis of the contact"),
     "axis_angle": ("rad", "direction of the major axis, from x towards y"),
@@ -76,7 +80,7 @@ def make_dataset(
     parts = np.full((count, len(SOURCES)), np.nan)
     method = np.zeros(count, np.int8)
     for index, fit in result.fits.items():
-        method[index] = FRINGES
+        method[index] = OPEN_GAP if has_free_gap(fit) else FRINGES
         _put_fit(values, index, fit, result, options.pixel_size)
         parts[index] = _systematic(fit, result, options, uncertainties)
     for index, edge in result.edges.items():
@@ -133,7 +137,8 @@ def _put_fit(
     unequal = math.hypot(stretch, shear)
     radius = float(p[Parameter.RADIUS]) * pixel
     values["radius"][index] = radius / math.sqrt(1.0 - unequal**2)
-    values["u_radius"][index] = fit.deviation(Parameter.RADIUS) * pixel
+    deviation = math.hypot(fit.deviation(Parameter.RADIUS), fit.model_deviation)
+    values["u_radius"][index] = deviation * pixel
     values["semi_axis_major"][index] = radius / (1.0 - unequal)
     values["semi_axis_minor"][index] = radius / (1.0 + unequal)
     # Lengths along this direction are shortened least.
@@ -145,6 +150,7 @@ def _put_fit(
     values["travel"][index] = math.sqrt(max(float(p[Parameter.SMEAR]), 0.0)) * pixel
     values["misfit"][index] = fit.misfit
     values["residual_ratio"][index] = fit.residual / max(fit.noise, 1e-12)
+    values["gap_factor"][index] = math.exp(float(p[Parameter.SCALE]))
     light = float(p[Parameter.GAIN]) - result.view.black
     values["visibility"][index] = abs(float(p[Parameter.MODULATION])) / light
 
@@ -180,7 +186,7 @@ def _interpolate(
     values: dict[str, Floats], parts: Floats, method: NDArray[np.int8], time: Floats
 ) -> None:
     """Fill the frames at rest that were not read from those before and after."""
-    known = np.flatnonzero((method == FRINGES) | (method == EDGE))
+    known = np.flatnonzero(np.isin(method, (FRINGES, EDGE, OPEN_GAP)))
     resting = np.flatnonzero(method == RESTING)
     if not len(known):
         method[resting] = NONE
@@ -220,9 +226,9 @@ def _warn(options: FilmOptions, result: FilmResult) -> None:
             "the wavelength is not known: the contact radius is measured by the edge of the spot, "
             "to some micrometres; give the wavelength of a monochromatic light to use the fringes"
         )
-    elif not result.has_fringes:
+    elif not result.has_fringes or _has_fine_fringes(result):
         texts.append(
-            "the fringes next to the contact are finer than three pixels: the contact radius is "
+            "fringes next to the contact are finer than two pixels: the contact radius is then "
             "measured by the edge of the spot; a higher magnification would resolve them"
         )
     scale = math.expm1(result.calibration.log_scale)
@@ -232,8 +238,23 @@ def _warn(options: FilmOptions, result: FilmResult) -> None:
             f"size say, as if R times wavelength were {-scale / (1 + scale):+.2%} off; the scale "
             "of the fringes was used: check sphere_radius, wavelength and pixel_size"
         )
+    doubted = result.calibration.doubted_phase
+    if math.isfinite(doubted):
+        texts.append(
+            f"the fringes show a phase of {doubted:.3f} rad in the contact, not the given "
+            f"{options.phase:.3f} rad, which was kept; leave phase out to use what the film shows"
+        )
     for text in texts:
         warnings.warn(text, UserWarning, stacklevel=4)
+
+
+def _has_fine_fringes(result: FilmResult) -> bool:
+    """Tell whether edges were measured where fringes are too fine for the pixels."""
+    optics = result.view.optics
+    return any(
+        not has_resolved_fringes(edge.half_radius, optics, result.view.settings.least_spacing)
+        for edge in result.edges.values()
+    )
 
 
 def _attributes(

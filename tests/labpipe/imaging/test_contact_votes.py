@@ -1,0 +1,32 @@
+import numpy as np
+import pytest
+
+from labpipe.imaging.contact_votes import find_centres
+from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose
+
+SCENE = Scene(rows=240, columns=320, slope_x=0.3, slope_y=-0.2, vignette=0.3, visibility=0.4)
+
+
+def nearest(frame: np.ndarray, centre: tuple[float, float]) -> float:
+    spots = list(find_centres(frame))
+    return min(np.hypot(spot.x - centre[0], spot.y - centre[1]) for spot in spots)
+
+
+@pytest.mark.parametrize("phase", [np.pi, 0.0])
+@pytest.mark.parametrize("centre", [(160.3, 118.1), (61.4, 180.2), (170.3, -20.4), (-15.2, 100.6)])
+def test_centre_is_found_to_a_third_of_a_pixel_in_uneven_light(
+    centre: tuple[float, float], phase: float
+) -> None:
+    scene = SCENE.change(phase=phase, sphere_radius=2.5e-3)
+    image = clean_image(scene, 170e-6, centre, samples=5)
+    assert nearest(expose(image, scene, np.random.default_rng(1)), centre) < 0.35
+
+
+def test_even_frames_have_no_centre() -> None:
+    assert list(find_centres(np.full((120, 160), 80, np.uint8))) == []
+
+
+def test_stripes_have_no_common_centre() -> None:
+    _, x = np.mgrid[:120, :160]
+    stripes = (100.0 + 50.0 * np.cos(x / 3.0)).astype(np.uint8)
+    assert all(spot.radius > 0.0 for spot in find_centres(stripes))
