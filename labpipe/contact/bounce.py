@@ -16,6 +16,7 @@ installation 10-14 s. So a train of bounces gains even when nothing else in the 
 a sweep or a fit by an order of magnitude: plain steps are compiled by default.
 """
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import floor, log2
@@ -24,6 +25,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from labpipe.contact.compilation import said
 from labpipe.contact.memory import Array, Creep
 from labpipe.contact.motion import Body, Counts, Record, Snapshot, Springs
 from labpipe.contact.plate import PlateState
@@ -195,13 +197,13 @@ class Stepper:
             self.time + is_resting.period,
             _LENIENCY * max(1.0, is_resting.speed / self.speed_scale),
         )
-        is_plain = self.is_compiled and self.body.plate is None
+        is_plain = self.body.plate is None
         if self.body.plate is not None:
             shortest_look = 1.0 / (_STEPS_PER_PLATE_PERIOD * self.body.plate.frequency)
             pace.longest = min(pace.longest, shortest_look)
         while True:
             stop = min([until, *self.wanted[:1]])
-            if is_plain and self._plain_steps(pace, stop, is_resting):
+            if is_plain and self.is_compiled and self._plain_steps(pace, stop, is_resting):
                 return "rest"
             outcome = self._step(pace, stop)
             if outcome == "end" and stop < until:
@@ -280,10 +282,16 @@ class Stepper:
         buffer = np.empty((_BUFFER, compiled.N_RECORD))
         while True:
             counts = np.zeros(4, dtype=np.int64)
-            filled, reason = compiled.plain_steps(
-                state, counts, rules, self._table, line, self._block, load, displacement,
-                self._inverse, buffer,
-            )  # fmt: skip
+            try:
+                filled, reason = compiled.plain_steps(
+                    state, counts, rules, self._table, line, self._block, load, displacement,
+                    self._inverse, buffer,
+                )  # fmt: skip
+            except OSError as error:
+                # The compiled code could not be stored; nothing was stepped. Go on in numpy.
+                warnings.warn(said(error), UserWarning, stacklevel=2)
+                self.is_compiled = False
+                return False
             self._take_records(buffer[:filled], counts.tolist())
             if reason != compiled.BUFFER_FULL:
                 break

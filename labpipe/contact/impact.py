@@ -17,6 +17,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.contact.bounce import Stepper
+from labpipe.contact.compilation import why_not_compiled
 from labpipe.contact.drop_dataset import (
     DropRun,
     Setting,
@@ -121,7 +122,8 @@ def drop(
         Fold terms far below the contact's time scale into one, and freeze those far above
         ``duration``, where this costs less than a hundredth of ``rtol``.
     compiled : bool
-        Take the steps in compiled code (numba); False takes them in numpy, to the same answer.
+        Take the steps in compiled code (numba); False takes them in numpy, to the same answer. So
+        does, with a warning, a process in which numba cannot be loaded or keep its code.
     max_steps : int
         Refuse rather than take more steps.
     progress : callable, optional
@@ -196,12 +198,20 @@ def drop(
             observe=observe,
         )
         return thesis_dataset(thesis, setting, wanted, perf_counter() - started)
-    effort = Effort(rtol, ring_width, fold, compiled, max_steps)
+    effort = Effort(rtol, ring_width, fold, compiled and _can_compile(), max_steps)
     run, mislaid = _refined(setting, creep, effort, looks, observe)
     rigid = None if plate is None else _rigid_restitution(setting, creep, effort)
     result = dataset(run, setting, wanted, rigid, perf_counter() - started)
     result.attrs["energy_error"] = mislaid
     return result
+
+
+def _can_compile() -> bool:
+    """Look whether steps can be compiled; if not, say so once per drop."""
+    reason = why_not_compiled()
+    if reason:
+        warnings.warn(reason, UserWarning, stacklevel=3)
+    return not reason
 
 
 def _refined(
