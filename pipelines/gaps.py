@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 
 from labpipe.errors import InputError
@@ -11,6 +12,7 @@ from labpipe.units import quantity, unit
 GAP = "FILL"
 _LINE = re.compile(rf'^\s*(\w+)\s*=\s*"{GAP}(?: ([^"]*))?"(?:\s*#\s*(.*))?$')
 _TABLE = re.compile(r"^\[(?:experiments\.)?(.+)\]$")
+_DAYS = ("valid_from", "valid_until", "when")
 _MODES = ("tension", "bending", "shear", "torsion")
 
 
@@ -79,11 +81,21 @@ def checked(gap: Gap, answer: str) -> str:
     if '"' in answer or "\\" in answer or not answer.isprintable():
         message = f"found {answer!r}; write it without quotes and backslashes"
         raise InputError(message)
+    if gap.key in _DAYS:
+        return _day(answer)
     for key, allowed in (("material", library_names()), ("mode", _MODES)):
         if gap.key == key and answer not in allowed:
             message = f'expected one of {", ".join(allowed)}; found "{answer}"'
             raise InputError(message)
     return _with_unit(gap, answer) if gap.unit or gap.key == "nu" else answer
+
+
+def _day(answer: str) -> str:
+    try:
+        return date.fromisoformat(answer).isoformat()
+    except ValueError:
+        message = f'expected a day such as 2024-05-14, found "{answer}"'
+        raise InputError(message) from None
 
 
 def _with_unit(gap: Gap, answer: str) -> str:
@@ -116,5 +128,7 @@ def filled(text: str, ask: Callable[[Gap], str | None]) -> str:
         answer = ask(gap)
         if answer is not None:
             old = f'"{GAP} {gap.unit}"' if gap.unit else f'"{GAP}"'
-            lines[gap.line - 1] = lines[gap.line - 1].replace(old, f'"{answer}"', 1)
+            # A day is a value of its own in TOML; everything else is a text.
+            new = answer if gap.key in _DAYS else f'"{answer}"'
+            lines[gap.line - 1] = lines[gap.line - 1].replace(old, new, 1)
     return "".join(lines)

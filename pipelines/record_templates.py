@@ -18,7 +18,7 @@ instrument = "{instrument}"
 {view}valid_from = {first}  # the days of the recordings; widen it to the days it holds for
 valid_until = {last}
 who = "{gap}"  # who calibrated
-when = {first}  # when
+when = {first}  # day of the calibration
 how = "{gap}"  # by what, e.g. {how}
 
 [values]
@@ -70,7 +70,7 @@ def camera_template(folder: Path, film: str, view: str) -> tuple[str, str]:
 def _head(kind: str, instrument: str, days: list[date], view: str, how: str) -> str:
     first, last = (min(days), max(days)) if days else (f'"{GAP}"', f'"{GAP}"')
     return _HEAD.format(
-        kind=kind, id="-".join(filter(None, (kind, view, str(first).strip('"')))),
+        kind=kind, id="-".join(filter(None, (kind, view, str(first) if days else ""))),
         instrument=instrument, view=f'view = "{view}"\n' if view else "",
         first=first, last=last, gap=GAP, how=how,
     )  # fmt: skip

@@ -28,12 +28,17 @@ _MATERIALS = ("acrylic", "pmma", "peek", "nylon", "ptfe", "nbr")
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """What :func:`write_session_file` wrote: the file, its experiments, and what is to fill in."""
+    """What :func:`write_session_file` wrote: the file, its experiments, and what is to fill in.
+
+    ``records`` are calibration records that were proposed; ``unused`` names files of a known
+    instrument that no proposed experiment takes.
+    """
 
     path: Path
     experiments: list[str]
     gaps: list[str]
     records: list[Path]
+    unused: list[str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +96,13 @@ def write_session_file(
         for number, line in enumerate(content.splitlines(), 1)
         if GAP in line and not line.lstrip().startswith("#")
     ]
-    return Scan(path, names, gaps, [folder / name for name in records])
+    unused = [
+        f"{name} ({kind.replace('_', ' ')})"
+        for kind, files_of_kind in found.items()
+        for name in files_of_kind
+        if f'"{_quoted(name)}"' not in text
+    ]
+    return Scan(path, names, gaps, [folder / name for name in records], unused)
 
 
 def _camera_records(folder: Path, found: dict[str, list[str]]) -> dict[str, str]:
@@ -269,13 +280,20 @@ mass = "{GAP} g"  # of all that moves: sphere and holder
 {_material(name)}"""
 
 
-def _harmonic(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str | None:
+def _indentation(
+    folder: Path, name: str, names: list[str], found: dict[str, list[str]]
+) -> str | None:
+    """Propose what the blocks of a file are made for."""
     del found
-    if b"<Sinusoid>" not in (folder / names[0]).read_bytes():
+    data = (folder / names[0]).read_bytes()
+    if b"<Sinusoid>" in data:
+        head = f'kind = "harmonic"\nmach1 = "{_quoted(names[0])}"'
+    elif b"<Stress Relaxation>" in data:
+        head = f'kind = "relaxation"\nmach1 = ["{_quoted(names[0])}"]'
+    else:
         return None
     return f"""[experiments.{name}]
-kind = "harmonic"
-mach1 = "{_quoted(names[0])}"
+{head}
 # For the simulation beside the measurement, say what was pressed into what:
 # [experiments.{name}.punch]
 # radius = "2 mm"      # of a cylindrical tip
@@ -337,7 +355,7 @@ REPEATED = {"keyence"}
 
 PROPOSALS: dict[str, Callable[[Path, str, list[str], dict[str, list[str]]], str | None]] = {
     "keyence": _laser,
-    "mach1": _harmonic,
+    "mach1": _indentation,
     "phantom": _film,
     "anton_paar": _dma,
 }

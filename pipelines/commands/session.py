@@ -46,6 +46,7 @@ def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
             {
                 "path": str(found.path), "experiments": found.experiments,
                 "to_fill": found.gaps, "records": [str(p) for p in found.records],
+                "unused": found.unused,
             }
         )  # fmt: skip
         return
@@ -54,6 +55,8 @@ def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
         echo(f"wrote {path}, a calibration record to complete")
     for line in found.gaps:
         echo(f"  to fill in: {line}")
+    for line in found.unused:
+        echo(f"  not used: {line}; no kind of experiment is told by it alone, add it by hand")
     echo(f"then: labpipe plan {folder}")
 
 

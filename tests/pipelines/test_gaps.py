@@ -45,6 +45,7 @@ def test_answers_go_into_their_lines_and_open_ones_stay() -> None:
         ("material", "", "acrylic", "acrylic"),
         ("mode", "", "tension", "tension"),
         ("who", "", "A. Person", "A. Person"),
+        ("when", "", "2024-05-14", "2024-05-14"),
     ],
 )
 def test_a_fitting_answer(key: str, unit: str, answer: str, written: str) -> None:
@@ -60,6 +61,7 @@ def test_a_fitting_answer(key: str, unit: str, answer: str, written: str) -> Non
         ("mode", "", "tensile", "tension, bending, shear, torsion"),
         ("who", "", 'A "Person"', "without quotes"),
         ("nu", "", "a third", "expected for example"),
+        ("when", "", "14.05.2024", 'expected a day such as 2024-05-14, found "14.05.2024"'),
     ],
 )
 def test_an_answer_that_does_not_fit_says_what_would(
@@ -68,6 +70,11 @@ def test_an_answer_that_does_not_fit_says_what_would(
     with pytest.raises(InputError) as caught:
         checked(Gap(1, "t", key, unit, ""), answer)
     assert words in str(caught.value)
+
+
+def test_a_day_is_written_as_a_day() -> None:
+    text = filled('valid_from = "FILL"\nwho = "FILL"\n', lambda gap: "2024-05-14")
+    assert text == 'valid_from = 2024-05-14\nwho = "2024-05-14"\n'
 
 
 def test_library_names_are_those_of_the_library() -> None:

@@ -68,3 +68,19 @@ def test_a_laser_on_the_plate_is_told_by_its_name(small_session: Path, tmp_path:
     (experiment,) = open_session(tmp_path).experiments.values()
     assert experiment.kind == "plate_vibration"
     assert len(experiment.settings.drops[0].laser) == 2
+
+
+def test_a_relaxation_is_proposed_and_what_no_experiment_takes_is_named(pile: Path) -> None:
+    text = (pile / "punch on nbr.txt").read_text("latin-1").replace("Sinusoid", "Stress Relaxation")
+    (pile / "hold.txt").write_text(text, "latin-1")
+    rows = "1\t50\t62589\t1.25E+05\r\n\t2\t31.5\t50000\t9.9E+04"
+    sweep = (
+        "Project:\tP\r\n\r\nTest:\tT\r\n\r\nResult:\tR\r\n\r\nInterval and data points:\t1\t2\r\n"
+        "Interval data:\tPoint No.\tAngular Frequency\tStorage Modulus\tLoss Modulus\r\n"
+        f"\t\t\t\t\r\n\t\t[rad/s]\t[Pa]\t[Pa]\r\n\t{rows}\r\n"
+    )
+    (pile / "sweep.csv").write_bytes(sweep.encode("utf-16"))
+    found = write_session_file(pile)
+    assert "hold" in found.experiments
+    assert 'kind = "relaxation"\nmach1 = ["hold.txt"]' in found.path.read_text("utf-8")
+    assert found.unused == ["sweep.csv (anton paar)"]
