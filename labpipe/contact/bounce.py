@@ -27,11 +27,11 @@ from scipy.optimize import brentq
 
 from labpipe.contact.compilation import said
 from labpipe.contact.memory import Array, Creep
-from labpipe.contact.motion import Body, Counts, Record, Snapshot, Springs
+from labpipe.contact.motion import AnnularContactError, Body, Counts, Record, Snapshot, Springs
 from labpipe.contact.plate import PlateState
 from labpipe.contact.rest import RestTest
 from labpipe.contact.rungs import RUNGS, Ladder, Rung, rung_of
-from labpipe.errors import InputError, LabpipeError
+from labpipe.errors import InputError
 
 if TYPE_CHECKING:
     from labpipe.contact.bounce_compiled import Table
@@ -401,10 +401,10 @@ class Stepper:
         """Make sure that the springs in contact are the inner ones, as the force supposes."""
         if np.count_nonzero(load) != reach.searchsorted(approach):
             message = (
-                f"at {self.time:.6g} s the surface would touch in a ring around the axis; the "
-                "springs of this solver need one disc of contact"
+                f"at {self.time:.6g} s the surface would touch in a ring around the axis, which "
+                "the springs of this solver cannot follow; use a smaller rtol"
             )
-            raise LabpipeError(message)
+            raise AnnularContactError(message)
 
     def _error(self, trial: _Trial) -> float:
         """Error in velocity of a trial step over what is allowed."""

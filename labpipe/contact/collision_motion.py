@@ -241,7 +241,8 @@ class Motion:
         scale = np.array([max(abs(x), self.rest_speed**2 / self.gravity), abs(v) + self.rest_speed])
         solution = solve_ivp(
             rates,
-            (now, end),
+            # Time counts from the touch, so that a long fall before it costs no digits.
+            (0.0, end - now),
             [x, v],
             method="DOP853",
             rtol=_RTOL,
@@ -256,21 +257,21 @@ class Motion:
         if self.evaluations > _MAX_EVALUATIONS:
             message = (
                 f"the motion took {self.evaluations} evaluations of the force up to "
-                f"{solution.t[-1]:.6g} s of {end:.6g} s; give a shorter duration, a higher drop or "
+                f"{now:.6g} s of {end:.6g} s; give a shorter duration, a higher drop or "
                 "more damping"
             )
             raise InputError(message)
         dense = solution.sol
 
         def motion(t: Array) -> tuple[Array, Array, Array]:
-            states = np.atleast_2d(dense(t).T)
+            states = np.atleast_2d(dense(t - now).T)
             force = np.array([max(unclipped(state), 0.0) for state in states])
             return states[:, 0], states[:, 1], force
 
         names = ("turned", "left", "released")
         found = [name for name, at in zip(names, solution.t_events, strict=False) if at.size]
         reason = found[0] if found else "end"
-        phase = Phase(now, float(solution.t[-1]), motion, dent.permanent, is_contact=True)
+        phase = Phase(now, now + float(solution.t[-1]), motion, dent.permanent, is_contact=True)
         return phase, reason
 
     def _bounce(self, speed: float, contact: list[tuple[Phase, Dent]]) -> Bounce:

@@ -8,7 +8,7 @@ surface keeps its dents: memory is never reset between bounces.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import isfinite, nan, sqrt
+from math import inf, isfinite, nan, sqrt
 from time import perf_counter
 from typing import Literal, get_args
 
@@ -38,7 +38,7 @@ from labpipe.contact.drop_setup import (
 from labpipe.contact.flight import time_to_touch, time_to_touch_plate
 from labpipe.contact.mdr import Profile
 from labpipe.contact.memory import Array, Condensed, Creep, CreepMaterial, condense
-from labpipe.contact.motion import Body, Record
+from labpipe.contact.motion import AnnularContactError, Body, Record
 from labpipe.contact.plate import Plate, PlateState
 from labpipe.contact.rest import RestTest
 from labpipe.contact.thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
@@ -221,17 +221,23 @@ def _refined(
     looks: Array | None,
     observe: Callable[[float], None] | None,
 ) -> tuple[DropRun, float]:
-    """Simulate, and again more finely when the energy mislaid says that it was too coarse.
+    """Simulate, and again more finely when the first run says that it was too coarse.
 
     It happens where the instantaneous compliance hardly matters (a modulus ratio beyond 1e3 with
-    few terms): the pressure then ends in a step at the edge. Returns also the energy mislaid,
-    relative to that of the drop.
+    few terms): the pressure then ends in a step at the edge, and long steps ring. Returns also the
+    energy mislaid, relative to that of the drop.
     """
-    run = _simulate(setting, creep, effort, looks, observe)
-    mislaid = mislaid_energy(run, setting)
-    finer = effort.rtol / _REFINEMENT
-    if mislaid > _ENERGY_LIMIT * setting.rtol and finer >= _FINEST:
-        run = _simulate(setting, creep, replace(effort, rtol=finer), looks, observe)
+    finer = replace(effort, rtol=effort.rtol / _REFINEMENT)
+    may_refine = finer.rtol >= _FINEST
+    try:
+        run = _simulate(setting, creep, effort, looks, observe)
+        mislaid = mislaid_energy(run, setting)
+    except AnnularContactError:
+        if not may_refine:
+            raise
+        mislaid = inf
+    if mislaid > _ENERGY_LIMIT * setting.rtol and may_refine:
+        run = _simulate(setting, creep, finer, looks, observe)
         mislaid = mislaid_energy(run, setting)
     if mislaid <= _ENERGY_LIMIT * setting.rtol:
         return run, mislaid

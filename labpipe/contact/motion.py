@@ -5,6 +5,7 @@ from typing import NamedTuple, Protocol, Self
 
 from labpipe.contact.memory import Array
 from labpipe.contact.plate import Plate, PlateState
+from labpipe.errors import InputError
 
 
 class PlainSprings(NamedTuple):
@@ -56,6 +57,14 @@ class Springs(Protocol):
 
     def extended(self, radius: float) -> Self:
         """Return the same springs and further ones out to a radius."""
+
+
+class AnnularContactError(InputError):
+    """The springs outside the contact would touch before those inside: steps or springs too coarse.
+
+    A sphere does not do that; a step that rings does, where the material relaxes by a factor of
+    thousands within it.
+    """
 
 
 class Body(NamedTuple):

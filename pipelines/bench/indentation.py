@@ -1,0 +1,213 @@
+"""Indentation: elastic line and sphere beside tamaas, tapping beside the thesis's scheme.
+
+Truth: Westergaard's and Hertz's pressures; the forces of a tapping cylinder by the closed form of
+the half-plane's springs at 8000 steps a cycle.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from importlib.util import find_spec
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe import contact
+from labpipe.contact import westergaard
+from labpipe.contact.mdr import line_springs
+from labpipe.contact.motion import Springs
+from labpipe.contact.rings import ring_springs
+from labpipe.contact.thesis_scheme_line import indent_thesis_scheme
+from labpipe.materials import Prony
+from pipelines.bench import contact_peers
+from pipelines.bench.drop import speed_up
+from pipelines.bench.measure import OURS, THESIS, Point, Suite, paired
+
+Floats = NDArray[np.float64]
+Call = Callable[[], object]
+
+_RADIUS, _PERIOD = 2e-3, 8e-3
+#: Half width of the elastic line over the period: sin² is a fifth, a mean pressure of 0.2 p*.
+_SHARE = float(np.arcsin(np.sqrt(0.2)) / np.pi)
+#: Points at which the pressure of the sphere is compared.
+_RADII = 400
+_TIMES = (0.25, 0.40, 0.50, 0.60, 0.70, 1.50)
+
+
+class _Solid(NamedTuple):
+    """A material under ``2e-4 (0.2 - 0.8 cos 2πt)`` m: forces (N/m) at those times, and peak."""
+
+    name: str
+    terms: int
+    unrelaxed: float
+    tau: tuple[float, float]
+    forces: tuple[float, ...]
+    peak: float
+
+
+_SOLIDS = (
+    _Solid("one term of 0.05 s", 1, 4e9, (-1.3010299956639813, 0.0),
+           (76097.57, 347012.22, 393383.73, 280053.48, 93998.13, 393383.73), 397765.82),
+    _Solid("15 terms from 1e-10 to 1e2 s", 15, 6e9, (-10.0, 2.0),
+           (62947.81, 371090.50, 454242.82, 352210.99, 141573.81, 450569.04), 454529.8),
+)  # fmt: skip
+_MISSING = "tamaas is not installed: no peer beside the elastic line and sphere."
+
+
+def run(quick: bool) -> list[Suite]:
+    """Measure the elastic line, the elastic sphere, and tapping.
+
+    Parameters
+    ----------
+    quick : bool
+        Fewer and coarser settings.
+    """
+    has_peer = find_spec("tamaas") is not None
+    tapping = [_tapping(quick, solid) for solid in _SOLIDS]
+    return [_line(quick, has_peer), _sphere(quick, has_peer), *tapping]
+
+
+def _line(quick: bool, has_peer: bool) -> Suite:
+    calls: dict[str, tuple[str, Call]] = {}
+    sizes = (64, 256, 1024) if quick else (64, 256, 1024, 4096, 16384)
+    for n in sizes:
+        # All strips of the half period are factored for the general answer to a load.
+        if n <= 4096:
+            calls[f"springs, {n} strips"] = OURS, partial(_line_pressure, n, "springs")
+        calls[f"conjugate gradients, {n} strips"] = OURS, partial(_line_pressure, n, "general")
+        if has_peer:
+            calls[f"tamaas, {n} points"] = "tamaas", partial(contact_peers.line, n)
+    return Suite(
+        "indentation-line",
+        "Elastic half-plane under a cosine, mean pressure 0.2 p*: against Westergaard",
+        "relative L2 error of the pressure (1)",
+        _measured(calls, _line_error, 3 if quick else 7, "springs, 1024 strips"),
+        notes=[] if has_peer else [_MISSING],
+    )
+
+
+def _line_pressure(elements: int, solver: str) -> Floats:
+    """Pressure (element,) over its mean, centred."""
+    solid = Prony(1.0, [], [], nu=0.0)
+    amplitude = _PERIOD**2 / (4.0 * np.pi**2 * _RADIUS)
+    found = contact.indent_load(
+        solid, _RADIUS, _PERIOD, 1.0, [0.0], [0.2 * np.pi * amplitude], "cosine",
+        elements=elements, outputs=("pressure",), solver=solver,  # type: ignore[arg-type]
+    )  # fmt: skip
+    pressure: Floats = found.pressure.values[0]
+    return pressure / pressure.mean()
+
+
+def _line_error(found: object) -> float:
+    pressure = np.asarray(found, float)
+    n = pressure.size
+    x = (np.arange(n) - n // 2) / n
+    exact = westergaard.pressure(x, _SHARE, 1.0, 1.0, 1.0, "cosine")
+    exact = exact / (np.pi * 0.2 / (4.0 * np.pi**2))
+    return float(np.linalg.norm(pressure - exact) / np.linalg.norm(exact))
+
+
+def _sphere(quick: bool, has_peer: bool) -> Suite:
+    calls: dict[str, tuple[str, Call]] = {}
+    for n in (20, 80, 320) if quick else (20, 40, 80, 160, 320, 640):
+        calls[f"springs, {n} in the radius"] = OURS, partial(_sphere_pressure, n, "springs")
+        calls[f"rings, {n} in the radius"] = OURS, partial(_sphere_pressure, n, "rings")
+    if has_peer:
+        for n in (32, 64) if quick else (32, 64, 128, 256):
+            calls[f"tamaas, {n} x {n} points"] = "tamaas", partial(contact_peers.sphere, n)
+    return Suite(
+        "indentation-sphere",
+        "Elastic sphere on a half-space: against Hertz",
+        "relative L2 error of the pressure (1)",
+        _measured(calls, _sphere_error, 3 if quick else 5, "springs, 80 in the radius"),
+        notes=[
+            "The springs hold Hertz's answer exactly; their error is rounding.",
+            *([] if has_peer else [_MISSING]),
+        ],
+    )
+
+
+def _sphere_pressure(per_radius: int, kind: str) -> tuple[Floats, Floats]:
+    """Radii over the contact's and pressures over the peak, both (point,); setup included."""
+    springs: Springs
+    if kind == "rings":
+        springs = ring_springs(1.0, 1.2, 1.0 / per_radius)
+    else:
+        springs = line_springs(1.0, 1.2, 0.25, per_radius)
+    gap = springs.gap
+    n = springs.covering(1.1)
+    load = np.maximum(1.0 - gap[:n], 0.0)
+    edge = springs.contact_radius(1.0, gap[:n])
+    radii = np.sqrt((np.arange(_RADII) + 0.5) / _RADII)
+    return radii, springs.pressure(load, edge, radii) / (2.0 / np.pi)
+
+
+def _sphere_error(found: Any) -> float:
+    radii, pressure = found
+    exact = np.sqrt(np.maximum(1.0 - radii**2, 0.0))
+    return float(np.linalg.norm(pressure - exact) / np.linalg.norm(exact))
+
+
+def _measured(
+    calls: Mapping[str, tuple[str, Call]],
+    error: Callable[[Any], float],
+    repeats: int,
+    default: str,
+) -> list[Point]:
+    timings = paired({name: call for name, (_, call) in calls.items()}, repeats, budget=60.0)
+    return [
+        Point(
+            name, error(timings[name].value), timings[name].seconds, group, name == default,
+            timings[name].cold_seconds,
+        )
+        for name, (group, _) in calls.items()
+    ]  # fmt: skip
+
+
+def _tapping(quick: bool, solid: _Solid) -> Suite:
+    calls: dict[str, tuple[str, Call]] = {}
+    material = _material(solid)
+    for n in (20, 100) if quick else (20, 40, 100, 200, 400):
+        calls[f"{n} steps a cycle"] = OURS, partial(_tap, material, n, None)
+    for rtol in (1e-5,) if quick else (1e-3, 1e-5):
+        calls[f"adaptive, rtol {rtol:.0e}"] = OURS, partial(_tap, material, 400, rtol)
+    for n in (20, 100) if quick else (20, 40, 100, 200, 400, 1000):
+        calls[f"thesis's scheme, {n} steps a cycle"] = THESIS, partial(_tap_thesis, material, n)
+    timings = paired({name: call for name, (_, call) in calls.items()}, 1 if quick else 3, 60.0)
+    points = [
+        Point(name, _tapping_error(timings[name].value, solid), timings[name].seconds, group,
+              name == "adaptive, rtol 1e-05", timings[name].cold_seconds)
+        for name, (group, _) in calls.items()
+    ]  # fmt: skip
+    return Suite(
+        f"indentation-tapping-{solid.terms}",
+        f"Two cycles of tapping by a cylinder, {solid.name}",
+        "worst error of the force over its peak (1)",
+        points,
+        notes=[speed_up(points, timings)],
+    )
+
+
+def _material(solid: _Solid) -> Prony:
+    share = np.full(solid.terms, (1 / 2e9 - 1 / solid.unrelaxed) / solid.terms)
+    return Prony.from_creep(2e9, share, np.logspace(*solid.tau, solid.terms), nu=0.35)
+
+
+def _history(per_cycle: int) -> tuple[Floats, Floats]:
+    time = np.arange(2 * per_cycle + 1) / per_cycle
+    return time, 2e-4 * (0.2 - 0.8 * np.cos(2.0 * np.pi * time))
+
+
+def _tap(material: Prony, per_cycle: int, rtol: float | None) -> object:
+    return contact.indent(
+        material, _RADIUS, _PERIOD, 1.0, *_history(per_cycle), elements=1024, rtol=rtol
+    )
+
+
+def _tap_thesis(material: Prony, per_cycle: int) -> object:
+    return indent_thesis_scheme(material, _RADIUS, _PERIOD, 1.0, *_history(per_cycle), "parabola")
+
+
+def _tapping_error(found: Any, solid: _Solid) -> float:
+    shown = np.interp(_TIMES, found.time.values, found.force.values)
+    return float(np.abs(shown - np.array(solid.forces)).max() / solid.peak)

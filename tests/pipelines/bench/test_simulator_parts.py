@@ -1,0 +1,90 @@
+"""The benchmark of the simulator: what is better must come out better; the peer is optional."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+
+from pipelines.bench import collision, contact_peers, drop, indentation, stability
+from pipelines.bench.measure import OURS, THESIS, Suite
+from pipelines.bench.stability_outcome import Outcome, run_family, worst
+
+
+def by_name(suite: Suite) -> dict[str, float]:
+    return {point.setting: point.error for point in suite.points}
+
+
+@pytest.fixture(scope="module")
+def drops() -> list[Suite]:
+    return drop.run(True)
+
+
+def test_drop_follows_its_tolerance_and_beats_the_thesis(drops: list[Suite]) -> None:
+    first = by_name(drops[0])
+    assert (
+        first["springs, rtol 1e-05"] < first["springs, rtol 1e-04"] < first["springs, rtol 1e-03"]
+    )
+    assert first["springs, rtol 1e-04"] < 2e-5
+    assert first["rings, rtol 1e-04"] < 5e-5
+    assert first["springs, rtol 1e-4, numpy"] == pytest.approx(
+        first["springs, rtol 1e-04"], rel=1e-6
+    )
+    theirs = [p.error for p in drops[0].points if p.group == THESIS]
+    assert theirs == sorted(theirs, reverse=True)
+    assert min(theirs) > 1e-3
+
+
+def test_the_train_is_right_by_default_and_wrong_by_the_thesis(drops: list[Suite]) -> None:
+    ours = [p.error for p in drops[1].points if p.group == OURS]
+    assert max(ours) < 3e-3
+    assert min(p.error for p in drops[1].points if p.group == THESIS) == 1.0
+    assert [p.setting for p in drops[1].points if p.is_default] == ["springs, rtol 1e-04"]
+
+
+def test_indentation_converges_and_names_a_missing_peer() -> None:
+    line, sphere, one, many = indentation.run(True)
+    errors = by_name(line)
+    assert errors["springs, 1024 strips"] < errors["springs, 256 strips"] < 2e-3
+    assert by_name(sphere)["springs, 20 in the radius"] < 1e-14
+    assert by_name(sphere)["rings, 320 in the radius"] < 1e-3
+    for suite in (one, many):
+        assert by_name(suite)["adaptive, rtol 1e-05"] < 3e-5
+    has_peer = importlib.util.find_spec("tamaas") is not None
+    assert has_peer != any("tamaas" in note for note in line.notes)
+
+
+def test_collision_by_events_is_exact() -> None:
+    errors = by_name(collision.run(True))
+    assert errors["events, eighth order"] < 1e-6
+    assert errors["closed form (Padé)"] < 1e-2
+    assert errors["velocity Verlet, step 1e-06 s"] < errors["velocity Verlet, step 1e-05 s"]
+
+
+def test_the_peer_finds_westergaard_and_hertz() -> None:
+    pytest.importorskip("tamaas", reason="the optional peer tamaas is not installed")
+    assert indentation._line_error(contact_peers.line(256)) < 3e-3
+    assert indentation._sphere_error(contact_peers.sphere(32)) < 3e-2
+
+
+def test_stability_counts_what_became_of_every_case(monkeypatch: pytest.MonkeyPatch) -> None:
+    from labpipe.errors import InputError
+
+    def half(random: np.random.Generator) -> Outcome:
+        draw = random.random()
+        if draw < 0.3:
+            raise InputError(f"the draw {draw} is too small; draw again")
+        return worst((draw, "a draw of 1"), (2.0 if draw > 0.9 else 0.0, "a draw of 0.9"))
+
+    monkeypatch.setattr(stability, "FAMILIES", {"luck": {"draws": (half, 1000)}})
+    (suite,) = stability.run(True)
+    (point,) = suite.points
+    counts = {name: int(point.extra[name] or 0) for name in ("tried", "right", "refused", "wrong")}
+    assert counts["tried"] == 100
+    assert counts["right"] + counts["refused"] + counts["wrong"] == 100
+    assert counts["refused"] > 10
+    assert counts["wrong"] > 1
+    assert point.error == 2.0
+    assert any("refused" in note and "the draw is too small" in note for note in suite.notes)
+    assert any("seeds" in note for note in suite.notes)
+    tally = run_family(half, 1, first_seed=run_family(half, 200).wrong[0])
+    assert len(tally.wrong) == 1
