@@ -26,6 +26,9 @@ from labpipe.errors import InputError, SourceError
 
 __all__ = ["CineFrames", "read"]
 
+#: Bytes that the system maps when one of them is looked at (Linux: 16 pages).
+_FAULT_AROUND = 64 * 2**10
+
 
 def read(path: str | os.PathLike[str]) -> "CineFrames":
     """Open a .cine film.
@@ -189,6 +192,7 @@ class CineFrames:
     def _fault(self, index: int) -> str | None:
         """Say what is wrong with a frame's place in the file, or None."""
         start, size = int(self._header.offsets[index]), self._window.size
+        self._window.note_use(_FAULT_AROUND)
         if not 0 <= start <= size - 8:
             return f"its offset {start} lies outside the file of {size} bytes"
         annotation = self._window.integer("I", start, "AnnotationSize")
@@ -218,6 +222,7 @@ class CineFrames:
         rows = block.reshape(-1, stride)[:, left * stored : right * stored]
         if not header.top_down:
             rows = rows[::-1]
+        self._window.note_use(block.size)
         inset = self._columns.start - left * group
         pixels = decode(rows, header.packing)[:, inset : inset + len(self._columns)]
         return np.ascontiguousarray(pixels)

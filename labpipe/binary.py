@@ -1,5 +1,6 @@
 """Bounded reading of binary files: every field is checked against the file before it is touched."""
 
+import mmap
 import struct
 from pathlib import Path
 
@@ -8,9 +9,15 @@ from numpy.typing import NDArray
 
 from labpipe.errors import SourceError
 
+#: Bytes looked at before they are given back; what is read again soon should still be there.
+_KEPT = 64 * 2**20
+
 
 class Window:
     """A memory-mapped file from which nothing beyond its end can be read.
+
+    What has been looked at (:meth:`note_use`) is given back to the system now and then, so that
+    going through a large file does not fill this process's memory with it.
 
     Parameters
     ----------
@@ -25,19 +32,37 @@ class Window:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._used = 0
         try:
-            self.bytes: NDArray[np.uint8] = np.memmap(path, dtype=np.uint8, mode="r")
+            with path.open("rb") as file:
+                self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         except ValueError:
             raise SourceError(
                 path, "the file is empty", hint="Copy it again from the instrument."
             ) from None
         except OSError as error:
             raise SourceError(path, f"cannot be opened: {error.strerror}") from None
+        self.bytes: NDArray[np.uint8] = np.frombuffer(self._map, np.uint8)
 
     @property
     def size(self) -> int:
         """Length of the file in bytes."""
         return int(self.bytes.size)
+
+    def note_use(self, length: int) -> None:
+        """Count bytes that were looked at; give the pages back when there were many.
+
+        The system still holds them as long as it has room, and arrays made of them stay valid.
+
+        Parameters
+        ----------
+        length : int
+            How many.
+        """
+        self._used += length
+        if self._used > _KEPT and hasattr(mmap, "MADV_DONTNEED"):
+            self._map.madvise(mmap.MADV_DONTNEED)
+            self._used = 0
 
     def field(self, layout: str, offset: int, what: str) -> int | float:
         """Read one little-endian number.

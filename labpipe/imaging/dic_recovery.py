@@ -56,6 +56,25 @@ class Attempt:
     def __post_init__(self) -> None:
         self.reached = np.zeros(len(self.zncc), bool)
 
+    @classmethod
+    def nothing(cls, expected: Floats) -> "Attempt":
+        """Return answers that hold nothing but where the points were expected."""
+        count = len(expected)
+        zncc, gain, residual = np.full((3, count), np.nan)
+        nowhere = np.full(count, -1)
+        return cls(
+            expected.copy(), zncc, gain, residual, np.zeros(count, np.int64), nowhere,
+            np.zeros(count, bool),
+        )  # fmt: skip
+
+    @classmethod
+    def of(cls, found: Solution) -> "Attempt":
+        """Return the answers of all points, none of them trusted yet."""
+        return cls(
+            found.motion, found.zncc.copy(), found.gain.copy(), found.residual.copy(),
+            found.iterations, found.code, np.zeros(len(found.code), bool),
+        )  # fmt: skip
+
     def take(self, chosen: Indices, found: Solution, better: Flags) -> None:
         """Replace the answers of chosen points where the new ones are better."""
         where = chosen[better]

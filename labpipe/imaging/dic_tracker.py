@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from labpipe.imaging.dic_recovery import SURPRISE, Attempt, Recovery
 from labpipe.imaging.dic_reference import Reference, Status
 from labpipe.imaging.film_window import Box, FilmWindow, Loaded
+from labpipe.imaging.motion_state import converged_nearby, extent, predicted, remember
 from labpipe.imaging.subset_solver import SOLVED, Solution, solve
 
 Floats = NDArray[np.float64]
@@ -21,8 +22,6 @@ Flags = NDArray[np.bool_]
 
 #: Drop of the correlation relative to the last frame that calls for a check.
 _DROP = 0.85
-#: The constant-velocity prediction is not stretched over more than this times the last step.
-_STRETCH = 3.0
 
 
 @dataclass(frozen=True)
@@ -75,14 +74,15 @@ class Tracker:
         self.film = film
         self._options = options
         self.places = np.stack([reference.subsets.x, reference.subsets.y], axis=1).astype(float)
+        self._half = np.ascontiguousarray(reference.subsets.half)
         self._motion = np.zeros((count, 6))
         self._velocity = np.zeros((count, 2))
         self._step = np.ones(count)
-        self._seen = np.full(count, -1)
+        self._seen = np.full(count, -1, np.int64)
         self._zncc = np.ones(count)
         self.is_tracked = np.ones(count, bool)
         self.misses = np.zeros(count, np.int64)
-        self._prediction: tuple[int, Floats] | None = None
+        self._predictions: dict[int, Floats] = {}
         self.work = Work()
 
     def start_from(self, shifts: Floats) -> None:
@@ -90,47 +90,40 @@ class Tracker:
         self._motion[:, [0, 3]] = shifts
         self._velocity[:] = 0.0
         self.is_tracked[:] = True
-        self._prediction = None
+        self._predictions.clear()
 
     def predict(self, index: int) -> Floats:
         """Motion (point, 6) expected in a frame, from constant velocity."""
-        if self._prediction is None or self._prediction[0] != index:
-            motion = self._motion.copy()
-            gap = np.where(self._seen >= 0, index - self._seen, 0)
-            gap[~self.is_tracked | (gap > _STRETCH * self._step)] = 0
-            motion[:, [0, 3]] += self._velocity * gap[:, None]
-            self._prediction = (index, motion)
-        return self._prediction[1]
+        motion = self._predictions.get(index)
+        if motion is None:
+            motion = predicted(
+                self._motion, self._velocity, self._seen, self._step, self.is_tracked, index
+            )
+            self._predictions[index] = motion
+        return motion
 
     def box(self, index: int) -> Box:
         """Rectangle of a frame that the tracked subsets will need."""
         wanted = self.is_tracked if self.is_tracked.any() else np.ones(len(self._seen), bool)
-        return self.film.box_around(self._extent(self.predict(index)[wanted], wanted))
+        return self.film.box_around(self._extent(index, wanted))
 
     def covers(self, loaded: Loaded, index: int) -> bool:
         """Whether a rectangle loaded ahead of time holds all that will be needed."""
         if not self.is_tracked.any():
             return True
-        extent = self._extent(self.predict(index)[self.is_tracked], self.is_tracked)
+        first, last, upper, lower = self._extent(index, self.is_tracked).tolist()
         _, columns, _, rows = self.film.whole
         left, right, top, bottom = loaded.window
         return bool(
-            max(extent[0] - SURPRISE, 0.0) >= left
-            and min(extent[1] + SURPRISE, columns - 1.0) <= right
-            and max(extent[2] - SURPRISE, 0.0) >= top
-            and min(extent[3] + SURPRISE, rows - 1.0) <= bottom
+            max(first - SURPRISE, 0.0) >= left
+            and min(last + SURPRISE, columns - 1.0) <= right
+            and max(upper - SURPRISE, 0.0) >= top
+            and min(lower + SURPRISE, rows - 1.0) <= bottom
         )
 
-    def _extent(self, motion: Floats, chosen: Flags) -> Floats:
-        """(left, right, top, bottom) of moved subsets."""
-        half = self.reference.subsets.half[chosen]
-        x, y = (self.places[chosen] + motion[:, [0, 3]]).T
-        # A turned square is wider than a straight one.
-        reach_x = half * (1.0 + np.abs(motion[:, 1]) + np.abs(motion[:, 2]))
-        reach_y = half * (1.0 + np.abs(motion[:, 4]) + np.abs(motion[:, 5]))
-        return np.array(
-            [(x - reach_x).min(), (x + reach_x).max(), (y - reach_y).min(), (y + reach_y).max()]
-        )
+    def _extent(self, index: int, chosen: Flags) -> Floats:
+        """(left, right, top, bottom) of the subsets of chosen points as predicted."""
+        return np.asarray(extent(self.places, self._half, self.predict(index), chosen))
 
     def follow(self, index: int, loaded: Loaded) -> FrameResult:
         """Find all points in one frame and remember where they are."""
@@ -170,25 +163,23 @@ class Tracker:
 
     def _first_attempt(self, loaded: Loaded, expected: Floats) -> Attempt:
         """Solve the tracked points from their predictions."""
-        count = len(expected)
-        chosen = np.flatnonzero(self.is_tracked)
-        attempt = Attempt(
-            expected.copy(),
-            np.full(count, np.nan),
-            np.full(count, np.nan),
-            np.full(count, np.nan),
-            np.zeros(count, np.int64),
-            np.full(count, -1),
-            np.zeros(count, bool),
-        )
-        found = self.solve(loaded, chosen, expected[chosen])
-        attempt.iterations[chosen] = found.iterations
-        attempt.take(chosen, found, np.ones(len(chosen), bool))
-        moved = np.hypot(*(attempt.motion - expected)[:, [0, 3]].T)
-        attempt.trusted = (
-            self.accepts(attempt.code, attempt.zncc)
-            & (moved <= SURPRISE)
-            & (attempt.zncc > _DROP * self._zncc)
+        if self.is_tracked.all():
+            every = np.arange(len(expected))
+            found = self.solve(loaded, every, expected)
+            attempt = Attempt.of(found)
+        else:
+            chosen = np.flatnonzero(self.is_tracked)
+            found = self.solve(loaded, chosen, expected[chosen])
+            attempt = Attempt.nothing(expected)
+            attempt.iterations[chosen] = found.iterations
+            attempt.take(chosen, found, np.ones(len(chosen), bool))
+        attempt.trusted = converged_nearby(
+            attempt.motion,
+            expected,
+            self.accepts(attempt.code, attempt.zncc),
+            attempt.zncc,
+            _DROP * self._zncc,
+            SURPRISE,
         )
         return attempt
 
@@ -198,17 +189,17 @@ class Tracker:
 
     def _remember(self, index: int, attempt: Attempt) -> None:
         """Update the state with the trusted points of a frame."""
-        found = attempt.trusted
-        shift = attempt.motion[:, [0, 3]] - self._motion[:, [0, 3]]
-        gap = np.where(self._seen >= 0, index - self._seen, 0)
-        has_velocity = found & self.is_tracked & (gap > 0)
-        self._velocity[:] = np.where(
-            has_velocity[:, None], shift / np.maximum(gap, 1)[:, None], 0.0
+        remember(
+            attempt.motion,
+            attempt.zncc,
+            attempt.trusted,
+            index,
+            self._motion,
+            self._velocity,
+            self._seen,
+            self._step,
+            self._zncc,
+            self.is_tracked,
+            self.misses,
         )
-        self._step = np.where(has_velocity, gap, 1)
-        self._motion[found] = attempt.motion[found]
-        self._seen[found] = index
-        self._zncc[found] = attempt.zncc[found]
-        self.is_tracked = found.copy()
-        self._prediction = None
-        self.misses = np.where(found, 0, self.misses + 1)
+        self._predictions.clear()

@@ -14,6 +14,9 @@ _GRID = 32
 #: Room around the foreseen subsets (px): the difference between two frames of a fast bounce.
 _SLACK = 8
 
+#: Types of pixels that OpenCV turns into blurred float32 in one go.
+_BLURRED_AS_THEY_ARE = (np.uint8, np.uint16, np.float32)
+
 Box = tuple[int, int, int, int]
 
 
@@ -36,17 +39,30 @@ class Loaded:
     coefficients: Image32 | None
 
 
-def smooth(image: NDArray[np.generic], blur: float) -> Image32:
-    """Convert to float32 and blur by a Gaussian of standard deviation ``blur`` (px)."""
-    grey = np.ascontiguousarray(image, np.float32)
+def smooth(image: NDArray[np.generic], blur: float, out: Image32 | None = None) -> Image32:
+    """Convert to float32 and blur by a Gaussian of standard deviation ``blur`` (px).
+
+    Parameters
+    ----------
+    image : array (row, column)
+        Grey levels.
+    blur : float [px]
+        0 for none.
+    out : float32 array (row, column), optional
+        To be filled instead of a new one: fresh memory costs more than the blur itself.
+    """
+    if out is None or out.shape != image.shape:
+        out = np.empty(image.shape, np.float32)
     if blur <= 0.0:
-        return grey
+        np.copyto(out, image, casting="unsafe")
+        return out
     import cv2
 
-    size = 2 * int(np.ceil(4.0 * blur)) + 1
-    return np.asarray(
-        cv2.GaussianBlur(grey, (size, size), blur, borderType=cv2.BORDER_REFLECT_101), np.float32
-    )
+    if image.dtype not in _BLURRED_AS_THEY_ARE:
+        image = np.ascontiguousarray(image, np.float32)
+    kernel = cv2.getGaussianKernel(2 * int(np.ceil(4.0 * blur)) + 1, blur, cv2.CV_32F)
+    cv2.sepFilter2D(image, cv2.CV_32F, kernel, kernel, out, borderType=cv2.BORDER_REFLECT_101)
+    return out
 
 
 class FilmWindow:
@@ -70,6 +86,7 @@ class FilmWindow:
         self._box: Box | None = None
         self._part = frames
         self._buffers: list[Image32 | None] = [None, None]
+        self._grey: Image32 | None = None
         self.frames_read = 0
         self.pixels_read = 0
 
@@ -105,7 +122,7 @@ class FilmWindow:
         image = self._part[index]
         self.frames_read += 1
         self.pixels_read += image.size
-        grey = smooth(image, self._blur)
+        self._grey = grey = smooth(image, self._blur, self._grey)
         window = self._exact_window(box)
         if image.dtype.kind == "f" and not np.isfinite(grey).all():
             return Loaded(box, window, None)
