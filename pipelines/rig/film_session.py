@@ -61,47 +61,52 @@ pixel_length = "{pixels}"
 """
 
 
-def write_front(folder: Path, material: str, height: float, camera: FrontCamera, seed: int) -> str:
+def write_front(
+    folder: Path, material: str, height: float, camera: FrontCamera, seed: int,
+    floor: Floor | None = None,
+) -> str:  # fmt: skip
     """Film a drop from the front; returns the film's name in the session."""
     solid = materials.load(material)
-    motion = trajectory(solid, height, camera.duration - camera.release + 1e-3)
+    motion = trajectory(solid, height, camera.duration - camera.release + 1e-3, floor)
     name = f"film/{material}_front.cine"
     truth = write_front_film(folder / name, motion, height, camera, seed)
     write_truth(folder / f"truth/{material}_front.json", truth)
     return name
 
 
-def trajectory(solid: Prony, height: float, duration: float) -> Trajectory:
-    """Motion of the rig's sphere on its floor."""
+def trajectory(
+    solid: Prony, height: float, duration: float, floor: Floor | None = None
+) -> Trajectory:
+    """Motion of the rig's sphere on its floor, or on another."""
     rig = DropRig()
     return reference_drop(
         solid.E_relaxed, np.asarray(solid.E), np.asarray(solid.rho), float(solid.nu),
-        radius=rig.radius, mass=rig.mass, height=height, duration=duration, floor=rig.floor,
+        radius=rig.radius, mass=rig.mass, height=height, duration=duration,
+        floor=rig.floor if floor is None else floor,
     )  # fmt: skip
 
 
 def write_under(
-    folder: Path, material: str, height: float, camera: UnderCamera, time: Array, seed: int
+    folder: Path, stem: str, body: Body, camera: UnderCamera, time: Array, seed: int
 ) -> str:
-    """Film a drop through a rigid disc; returns the film's name in the session."""
-    body = Body(materials.load(material), height, floor=Floor())
-    name = f"film/{material}_under.cine"
+    """Film a drop through the disc; returns the film's name in the session."""
+    name = f"film/{stem}.cine"
     truth = write_under_film(folder / name, body, camera, time, seed)
-    write_truth(folder / f"truth/{material}_under.json", truth)
+    write_truth(folder / f"truth/{stem}.json", truth)
     return name
 
 
-def burst_times(material: str, height: float, release: float, rest: float = _REST) -> Array:
+def burst_times(body: Body, release: float, rest: float = _REST) -> Array:
     """Choose the times of a small film: bursts around the first impacts, few frames else, and rest.
 
     Real cameras record so too (image-based triggering, or a film cut to the impacts).
     """
-    solid = materials.load(material)
-    rig = DropRig()
+    solid, height = body.material, body.height
     longest = 1.2 * _IMPACTS * np.sqrt(8 * height / 9.81)  # each flight is shorter than the first
     motion = reference_drop(
         solid.E_relaxed, np.asarray(solid.E), np.asarray(solid.rho), float(solid.nu),
-        radius=rig.radius, mass=rig.mass, height=height, duration=float(longest), floor=Floor(),
+        radius=body.radius, mass=body.mass, height=height, duration=float(longest),
+        floor=body.floor,
     )  # fmt: skip
     touches = release + motion.touch[:_IMPACTS]
     pieces = [np.arange(t - _BEFORE, t + _AFTER, _BURST) for t in touches]
@@ -129,13 +134,14 @@ def write_films(folder: Path, start: datetime, *, full_size: bool = False) -> tu
     )
     front = film_front.FULL_SIZE if full_size else FrontCamera(rows=144, columns=64, duration=0.138)
     under = film_under.FULL_SIZE if full_size else UnderCamera()
+    body = Body(materials.load("acrylic"), UNDER_HEIGHT, floor=Floor())
     if full_size:
         times = np.arange(_FULL_FRAMES, dtype=np.float64) * _BURST
         under = replace(under, release=5e-3)
     else:
-        times = burst_times("acrylic", UNDER_HEIGHT, under.release)
+        times = burst_times(body, under.release)
     front_film = write_front(folder, "ptfe", FRONT_HEIGHT, front, 31)
-    under_film = write_under(folder, "acrylic", UNDER_HEIGHT, under, times, 37)
+    under_film = write_under(folder, "acrylic_under", body, under, times, 37)
     write_calibration_images(folder)
     sections = front_section(front_film, front) + under_section(under_film)
     return laser, sections
@@ -165,19 +171,23 @@ subset = {small}
 """
 
 
-def under_section(film: str) -> str:
-    """Return the table of the film under the disc in session.toml."""
+def under_section(
+    film: str, name: str = "acrylic_film", height: float = UNDER_HEIGHT, *,
+    temperature: float | None = None, extra: str = "",
+) -> str:  # fmt: skip
+    """Return the table of a film under the disc in session.toml."""
+    heated = "" if temperature is None else f'temperature = "{temperature:g} degC"\n'
     return f"""
-[experiments.acrylic_film]
+[experiments.{name}]
 kind = "contact_area"
 film = "{film}"
 camera = "calibration/camera_under.toml"
 view = "under"
-height = "{UNDER_HEIGHT * 1e3:g} ± 0.005 mm"
+height = "{height * 1e3:g} ± 0.005 mm"
 wavelength = "633 nm"
-
-[experiments.acrylic_film.sphere]
+{extra}
+[experiments.{name}.sphere]
 radius = "9.525 ± 0.005 mm"
 mass = "505.0 ± 0.5 g"
 material = "acrylic"
-"""
+{heated}"""

@@ -85,7 +85,8 @@ def floor_at(motion: Trajectory, time: Array) -> Array:
 
 def true_ringing(motion: Trajectory, floor: Floor) -> tuple[float, float]:
     """Envelope [m] and time [s] of the blow of no duration behind the first free ringing."""
-    begin, end = motion.liftoff[0], motion.touch[1]
+    begin = motion.liftoff[0]
+    end = motion.touch[1] if len(motion.touch) > 1 else np.inf
     inside = (motion.time >= begin) & (motion.time < end)
     s = motion.time[inside] - begin
     omega = 2 * np.pi * floor.frequency

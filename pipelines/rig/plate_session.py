@@ -54,11 +54,31 @@ def write_plate(
     drops = []
     for number, material in enumerate(names):
         for place, height in enumerate(heights):
-            stem = f"plate_{material}_{height * 1e3:g}mm".replace(".", "p")
             begun = start + timedelta(minutes=20 * (number * len(heights) + place))
             seed = 90_000 + 1000 * sum(map(ord, material)) + 100 * place
-            recordings = write_ringing(folder, stem, rig, material, height, repeats, seed, begun)
-            drops.append(_drops(material, height, recordings))
+            drops.append(write_ringing_of(folder, rig, material, height, repeats, seed, begun))
+    return plate_section(drops)
+
+
+def write_ringing_of(
+    folder: Path, rig: PlateRig, material: str, height: float, repeats: int, seed: int,
+    start: datetime,
+) -> str:  # fmt: skip
+    """Record the plate under repeated drops of one material and height; returns their table."""
+    stem = f"plate_{material}_{height * 1e3:g}mm".replace(".", "p")
+    recordings = write_ringing(folder, stem, rig, material, height, repeats, seed, start)
+    listed = "".join(f'  "{name}",\n' for name in recordings)
+    return f"""
+[[experiments.plate.drops]]
+material = "{material}"
+height = "{height * 1e3:g} ± 0.005 mm"
+laser = [
+{listed}]
+"""
+
+
+def plate_section(drops: Sequence[str]) -> str:
+    """Return the tables of the plate's vibration in session.toml."""
     return f"""
 [experiments.plate]
 kind = "plate_vibration"
@@ -68,14 +88,3 @@ calibration = "calibration/laser_plate.toml"
 radius = "9.525 ± 0.005 mm"
 mass = "505.0 ± 0.5 g"
 {"".join(drops)}"""
-
-
-def _drops(material: str, height: float, recordings: list[str]) -> str:
-    listed = "".join(f'  "{name}",\n' for name in recordings)
-    return f"""
-[[experiments.plate.drops]]
-material = "{material}"
-height = "{height * 1e3:g} ± 0.005 mm"
-laser = [
-{listed}]
-"""

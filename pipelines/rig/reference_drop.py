@@ -20,6 +20,7 @@ doi:10.1007/978-3-642-53876-6.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numba
 import numpy as np
@@ -312,8 +313,6 @@ def reference_drop(
         z, v, x, w = pieces[-1][-1, 1], pieces[-1][-1, 2], floor_x[-1], floor_w[-1]
         if now >= duration:
             break
-        touch.append(now)
-        incoming.append(-v)
         n_max = int(np.ceil((duration - now) / CONTACT_STEP))
         record = np.empty((n_max, 6))
         due = asked[asked >= now]
@@ -327,18 +326,19 @@ def reference_drop(
             record, kept, states,
         )  # fmt: skip
         record = record[:n]
+        # Under a moving floor the touch is foretold a few steps early; without force it is none.
+        if is_touch := bool(np.any(record[:, 2] > 0.0)):
+            touch.append(now)
+            incoming.append(-v)
         for time, step in zip(due, before, strict=True):
             if step + 1 < n:
                 share = (time - now) / CONTACT_STEP - (step + 1)
                 shots.append(_in_contact(int(step), share, start, kept, states, record, gap, width))
         times = now + CONTACT_STEP * np.arange(1, n + 1)
-        edge = np.sqrt(record[:, 3] * radius) + np.where(record[:, 3] > 0, width / 2, 0.0)
-        pieces.append(
-            np.column_stack([times, record[:, 0], record[:, 1], record[:, 2], edge, record[:, 4]])
-        )
+        pieces.append(_rows(times, record, radius, width))
         now = float(times[-1])
         z, v, x, w = record[-1, 0], record[-1, 1], record[-1, 4], record[-1, 5]
-        if left:
+        if left and is_touch:
             liftoff.append(now)
             outgoing.append(v)
     table = np.concatenate(pieces)
@@ -348,6 +348,12 @@ def reference_drop(
         liftoff=np.array(liftoff), incoming_speed=np.array(incoming),
         outgoing_speed=np.array(outgoing), springs=_handed_out(asked, shots, position),
     )  # fmt: skip
+
+
+def _rows(times: NDArray[np.floating[Any]], record: Array, radius: float, width: float) -> Array:
+    """Turn the record of a contact into rows of the trajectory; a spring covers half its width."""
+    edge = np.sqrt(record[:, 3] * radius) + np.where(record[:, 3] > 0, width / 2, 0.0)
+    return np.column_stack([times, record[:, 0], record[:, 1], record[:, 2], edge, record[:, 4]])
 
 
 def _handed_out(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from labpipe import files
+from labpipe import files, materials
 from pipelines.process import process, result
 from pipelines.rig.film_session import (
     UNDER_HEIGHT,
@@ -15,7 +15,8 @@ from pipelines.rig.film_session import (
     under_section,
     write_under,
 )
-from pipelines.rig.film_under import UnderCamera
+from pipelines.rig.film_under import Body, UnderCamera
+from pipelines.rig.reference_drop import Floor
 from pipelines.rig.samples import session_head
 
 CAMERA = UnderCamera(samples=3, moments=2)
@@ -24,9 +25,10 @@ CAMERA = UnderCamera(samples=3, moments=2)
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("under")
-    times = burst_times("acrylic", UNDER_HEIGHT, CAMERA.release)
+    body = Body(materials.load("acrylic"), UNDER_HEIGHT, floor=Floor())
+    times = burst_times(body, CAMERA.release)
     times = times[(times < 0.023) | (times > 0.6)]  # the first impact, and rest
-    film = write_under(folder, "acrylic", UNDER_HEIGHT, CAMERA, times, 5)
+    film = write_under(folder, "acrylic_under", body, CAMERA, times, 5)
     files.write_text(folder / "calibration/camera_under.toml", under_record())
     text = session_head("Under the disc (synthetic)") + under_section(film)
     files.write_text(folder / "session.toml", text)

@@ -1,0 +1,59 @@
+"""The command compare: measurement against model over all experiments of a session."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from pipelines.commands.options import echo, echo_json, json_option, session_argument
+
+if TYPE_CHECKING:
+    from pipelines.compare import Row
+
+PAGE = "compare.html"
+
+
+@click.command()
+@session_argument
+@click.option("--jobs", "-j", default=1, show_default=True, type=click.IntRange(min=0),
+              help="Experiments processed side by side.")  # fmt: skip
+@json_option
+def compare(session: Path, jobs: int, as_json: bool) -> None:
+    r"""Compare measurement and model of every experiment in SESSION, on one page.
+
+    What is missing is processed first. The page is SESSION/labpipe/compare.html.
+
+    \b
+    Example:
+      labpipe compare my-session
+    """
+    from labpipe import files
+    from pipelines import process
+    from pipelines.compare import compare as collect
+    from pipelines.compare_page import render
+
+    found = collect(session, jobs=jobs)
+    opened = process.open_session(session)
+    page = opened.folder / PAGE
+    files.write_text(page, render(opened, found))
+    if as_json:
+        echo_json({"page": str(page), "rows": [row.document() for row in found.rows],
+                   "failed": found.failed, "absent": found.absent})  # fmt: skip
+    else:
+        for row in found.rows:
+            echo(line(row))
+        for name, why in (found.failed | found.absent).items():
+            echo(f"{name}: {why}")
+        echo(f"page: {page}")
+    click.get_current_context().exit(1 if found.failed else 0)
+
+
+def line(row: "Row") -> str:
+    """Return one row as one line of text."""
+    where = f"{row.experiment:24} {row.condition:14} {row.quantity:32} n={row.n:<4}"
+    if row.nrmse is not None:
+        bias = "" if row.difference is None else f"  bias {row.difference:+.2e} {row.unit}"
+        return f"{where} nRMSE {100 * row.nrmse:6.2f} %{bias}"
+    gap = "" if row.difference is None else f"{row.difference:+.2e}"
+    u = "" if row.u_difference is None else f" ± {row.u_difference:.1e}"
+    return f"{where} {row.measured:.5g} against {row.model:.5g}: {gap}{u} {row.unit}"
