@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labpipe.errors import SourceError, UsageError
+from labpipe.errors import InputError, SourceError, UsageError
 from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import Plan
 from labpipe.workflow.plan import plan as make_plan
@@ -18,6 +18,7 @@ from pipelines.stages import KINDS
 if TYPE_CHECKING:
     import xarray as xr
 
+    from labpipe.report import Report
     from labpipe.workflow.runner import Event, RunResult
     from pipelines.export import Exported
 
@@ -179,6 +180,83 @@ def result(
     from labpipe.workflow.runner import open_result
 
     return open_result(open_session(folder), STAGES, experiment, stage, recording)
+
+
+def results(folder: str | Path, experiment: str) -> "xr.DataTree":
+    """Return all results of an experiment that are up to date, as one tree.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    experiment : str
+        Its name.
+
+    Returns
+    -------
+    DataTree
+        One node per stage; below it one per recording for stages that run per recording, by the
+        stem of the file (by its whole name where two have the same).
+
+    Raises
+    ------
+    InputError
+        There is none.
+    UsageError
+        There is no such experiment.
+    """
+    import xarray as xr
+
+    from labpipe.workflow.plan import CACHED
+
+    made = plan(folder, only=[experiment])
+    found: dict[str, xr.Dataset] = {}
+    for row in made.rows:
+        is_wanted = row.experiment == experiment and row.state == CACHED
+        if is_wanted and made.tasks[row.task].stage.output == "dataset":
+            node = f"/{row.stage}"
+            if row.recording is not None:
+                stem = Path(row.recording).stem
+                is_taken = f"{node}/{stem}" in found
+                node += f"/{row.recording.replace('/', '_') if is_taken else stem}"
+            found[node] = result(folder, experiment, row.stage, row.recording)
+    if not found:
+        message = (
+            f"{experiment} has no result that is up to date; run: labpipe process {folder} "
+            f"--only {experiment}"
+        )
+        raise InputError(message)
+    return xr.DataTree.from_dict(found, name=experiment)
+
+
+def report(folder: str | Path, experiment: str) -> "Report":
+    """Return the report of an experiment; a notebook shows it.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    experiment : str
+        Its name.
+
+    Raises
+    ------
+    InputError
+        There is none yet.
+    """
+    from labpipe.report import Report
+    from labpipe.workflow.plan import page_name
+
+    session = open_session(folder)
+    path = session.folder / page_name(experiment)
+    if experiment not in session.experiments or not path.is_file():
+        known = ", ".join(session.experiments)
+        message = (
+            f'there is no report of "{experiment}" yet; run: labpipe process {folder} '
+            f"(experiments: {known})"
+        )
+        raise InputError(message)
+    return Report(experiment, path)
 
 
 def export(

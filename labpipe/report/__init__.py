@@ -17,6 +17,7 @@ from labpipe.report.blocks import (
 )
 from labpipe.report.charts import Band, LineChart, ScatterChart, Series
 from labpipe.report.document import MAX_PAGE_BYTES, Document, Section, index_page
+from labpipe.report.embedded import Report
 from labpipe.report.index import IndexRow, IndexTable
 from labpipe.report.style import figure_style, line_arguments, save_figure
 from labpipe.report.tables import (
@@ -44,6 +45,7 @@ __all__ = [
     "Notice",
     "Paragraph",
     "Picture",
+    "Report",
     "ScatterChart",
     "Section",
     "Series",

@@ -1,6 +1,5 @@
 """What a run would do, and why, row by row; nothing numerical is imported for it."""
 
-import html
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,7 +8,7 @@ from labpipe import files
 from labpipe.errors import SourceError, UsageError
 from labpipe.units import Quantity
 from labpipe.workflow.fields import show, suggest
-from labpipe.workflow.session import Session
+from labpipe.workflow.session import Session, html_table
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import (
     Key,
@@ -62,15 +61,9 @@ class Plan:
 
     def _repr_html_(self) -> str:
         names = ("experiment", "stage", "recording", "state", "reason")
-        head = "".join(f"<th>{name}</th>" for name in names)
-        body = "".join(
-            "<tr>"
-            + "".join(f"<td>{html.escape(str(getattr(row, n) or ''))}</td>" for n in names)
-            + "</tr>"
-            for row in self.rows
-        )
-        title = html.escape(f"{self.session.title}: {len(self.to_run)} of {len(self.rows)} to run")
-        return f"<table><caption>{title}</caption><tr>{head}</tr>{body}</table>"
+        rows = [[getattr(row, name) or "" for name in names] for row in self.rows]
+        caption = f"{self.session.title}: {len(self.to_run)} of {len(self.rows)} steps would run"
+        return html_table(caption, names, rows)
 
 
 def plan(

@@ -1,7 +1,6 @@
 """Run what a plan says: experiments side by side, each failure on its own, nothing half-done."""
 
 import datetime
-import html
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -14,7 +13,7 @@ from labpipe.schema import Schema
 from labpipe.workflow import pool, provenance
 from labpipe.workflow.ledger import LedgerRow, summarise
 from labpipe.workflow.plan import CACHED, Plan, make_plan, page_name, wanted_tasks
-from labpipe.workflow.session import Session
+from labpipe.workflow.session import Session, html_table
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, TaskId, spell_out
 from labpipe.workflow.worker import DONE, FAILED, SKIPPED, Job, Outcome, check_schemas, run_job
@@ -93,15 +92,12 @@ class RunResult:
 
     def _repr_html_(self) -> str:
         names = ("experiment", "stage", "recording", "state", "message")
-        head = "".join(f"<th>{name}</th>" for name in names)
-        body = "".join(
-            "<tr>"
-            + "".join(f"<td>{html.escape(str(getattr(o, n) or ''))}</td>" for n in names)
-            + "</tr>"
-            for o in self.outcomes
-        )
-        title = html.escape(self.session.title)
-        return f"<table><caption>{title}</caption><tr>{head}</tr>{body}</table>"
+        rows = [[getattr(o, name) or "" for name in names] for o in self.outcomes]
+        count = {o.state: 0 for o in self.outcomes}
+        for outcome in self.outcomes:
+            count[outcome.state] += 1
+        summary = ", ".join(f"{n} {state}" for state, n in sorted(count.items()))
+        return html_table(f"{self.session.title}: {summary or 'nothing to do'}", names, rows)
 
 
 def run(

@@ -8,7 +8,7 @@ Versions of the file, newest first:
 
 import html
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -57,13 +57,57 @@ class Session:
         return self.root / "labpipe"
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><td>{html.escape(e.name)}</td><td>{html.escape(e.kind)}</td></tr>"
+        rows = [
+            (
+                e.name,
+                e.kind.replace("_", " "),
+                ", ".join(_file_names(msgspec.to_builtins(e.settings))),
+            )
             for e in self.experiments.values()
-        )
-        title = html.escape(self.title)
-        head = "<tr><th>experiment</th><th>kind</th></tr>"
-        return f"<table><caption>{title}</caption>{head}{rows}</table>"
+        ]
+        remarks = [f"recorded by {self.operator}"] if self.operator else []
+        remarks += ["synthetic data"] if self.synthetic else []
+        caption = f"{self.title} ({'; '.join(remarks)})" if remarks else self.title
+        return html_table(caption, ("experiment", "kind", "files"), rows)
+
+
+def html_table(caption: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Write a small table for a notebook; every text is escaped.
+
+    Examples
+    --------
+    >>> html_table("a < b", ("x",), [(1,)])
+    '<table><caption>a &lt; b</caption><thead><tr><th>x</th></tr></thead><tbody><tr><td>1</td>\
+</tr></tbody></table>'
+    """
+    head = "".join(f"<th>{html.escape(title)}</th>" for title in titles)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>"
+        for row in rows
+    )
+    return (
+        f"<table><caption>{html.escape(caption)}</caption><thead><tr>{head}</tr></thead>"
+        f"<tbody>{body}</tbody></table>"
+    )
+
+
+_MOST_NAMES = 4
+
+
+def _file_names(settings: msgspec.Struct) -> list[str]:
+    """Names of files in the settings: texts with an ending; beyond a few, only their number."""
+    found: list[str] = []
+    waiting = [msgspec.to_builtins(settings)]
+    while waiting:
+        item = waiting.pop(0)
+        if isinstance(item, dict):
+            waiting[:0] = item.values()
+        elif isinstance(item, list | tuple):
+            waiting[:0] = item
+        elif isinstance(item, str) and Path(item).suffix and not item.startswith(REFERENCE):
+            found.append(item)
+    more = len(found) - _MOST_NAMES
+    return [*found[:_MOST_NAMES], f"and {more} more"] if more > 0 else found
 
 
 class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

@@ -16,6 +16,7 @@ from pipelines.inspection import describe, film
 
 SAMPLES = Path(__file__).parents[2] / "../shared/samples"
 FILMS = Path(__file__).parents[2] / "sample_data/films"
+needs_films = pytest.mark.skipif(not FILMS.is_dir(), reason="the sample films are not here")
 
 
 def test_a_laser_export_with_columns_sampling_and_states(tmp_path: Path) -> None:
@@ -46,6 +47,7 @@ def test_a_mach1_file_has_no_problem_for_what_its_header_does_not_state(
     assert "Sinusoid" in function["values"]
 
 
+@needs_films
 def test_records_sessions_results_and_pictures_are_known(
     processed_session: Path, tmp_path: Path
 ) -> None:
@@ -71,6 +73,7 @@ def test_a_damaged_picture_is_refused(tmp_path: Path) -> None:
         describe(tmp_path / "a.png")
 
 
+@needs_films
 def test_a_film_tells_missing_frames_and_its_strip_reads_only_what_it_shows(
     tmp_path: Path,
 ) -> None:

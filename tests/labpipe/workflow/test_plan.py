@@ -257,4 +257,4 @@ def test_markup_is_escaped_in_notebooks(tmp_path: Path) -> None:
     text = toy.TOML.replace('"Toys"', '"<b>Toys</b>"')
     shown = plan(toy.make_session(tmp_path, text), toy.STAGES)._repr_html_()
     assert "<b>" not in shown
-    assert "11 of 11 to run" in shown
+    assert "11 of 11 steps would run" in shown
