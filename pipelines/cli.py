@@ -45,6 +45,16 @@ COMMANDS: dict[str, Command] = {
 }
 
 
+def _keep_examples(command: click.Command) -> None:
+    """Let the lines of examples stand as they are written.
+
+    click wants a backspace for that; docstrings spell it out, because they are raw.
+    """
+    command.help = (command.help or "").replace("\\b\n", "\b\n")
+    for inner in command.commands.values() if isinstance(command, click.Group) else ():
+        _keep_examples(inner)
+
+
 class LazyGroup(click.Group):
     """A group that imports a command only when it is called, not when it is listed."""
 
@@ -59,6 +69,7 @@ class LazyGroup(click.Group):
             return None
         module, name = entry.target.split(":")
         command: click.Command = getattr(importlib.import_module(module), name)
+        _keep_examples(command)
         return command
 
     def resolve_command(

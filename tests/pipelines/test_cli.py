@@ -1,6 +1,7 @@
 """The command line as a user meets it: outputs, exit codes, JSON, and what it does not import."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -31,7 +32,8 @@ def test_every_command_has_help_with_an_example(
 ) -> None:
     code, out, _ = run(capsys, name, "--help")
     assert code == 0
-    assert f"labpipe {name}" in out
+    assert re.search(rf"^  +labpipe {name}", out, re.MULTILINE)  # on a line of its own
+    assert "\\b" not in out
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["plan", "SESSION"], ["process", "--help"]])
