@@ -280,13 +280,13 @@ DIC_VALIDATION = (
 
 CONTACT_AREA = (
     Stage(
-        "radius", "pipelines.experiments.contact_area:radius", 1, ("file:film", "file:camera"),
+        "radius", "pipelines.experiments.contact_area:radius", 2, ("file:film", "file:camera"),
         ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate"),
         shortcuts=True,
         summary="fit the fringes around the contact",
     ),
     Stage(
-        "impacts", "pipelines.experiments.contact_area:impacts", 1, ("radius",),
+        "impacts", "pipelines.experiments.contact_area:impacts", 2, ("radius",),
         summary="find the largest radius of each impact, and that at rest",
     ),
     Stage(
@@ -297,17 +297,17 @@ CONTACT_AREA = (
         summary="simulate the drop",
     ),
     Stage(
-        "comparison", "pipelines.experiments.contact_area:comparison", 1,
+        "comparison", "pipelines.experiments.contact_area:comparison", 2,
         ("radius", "impacts", "model"),
         summary="measurement against model",
     ),
     Stage(
-        "keys", "pipelines.experiments.contact_area:keys", 1,
+        "keys", "pipelines.experiments.contact_area:keys", 2,
         ("file:film", "radius", "impacts"), ("frame_rate",),
         summary="copy key frames for the page",
     ),
     Stage(
-        "report", "pipelines.experiments.contact_area_page:page", 1,
+        "report", "pipelines.experiments.contact_area_page:page", 2,
         ("radius", "impacts", "model", "comparison", "keys"), ("*",),
         output="page", context=True,
         summary="write the page",

@@ -20,6 +20,7 @@ RELAXATION = "Stress Relaxation"
 _ARRIVED = 2e-3  # of a ramp's travel: closer to its end than this the stage has arrived
 _LEAST_TRAVEL = 1e-6  # m; ten steps of the stage's display
 _STEP = 1e-7  # m, the step of the display outside a Sinusoid block
+_HELD = 0.9  # of the readings after the ramp, which must lie where it ended
 _FEWEST = 20  # readings of a hold
 _PLATEAU_SHARE = 0.1  # of a hold, at most
 
@@ -92,6 +93,11 @@ def _hold(loads: xr.Dataset, block: int, rows: slice, previous: float | None) ->
         message = f"block {block + 1}: the stage is not held after its ramp"
         raise InputError(message)
     first, end = max(int(np.argmax(moving)) - 1, 0), int(np.argmax(arrived))
+    if np.mean(arrived[end:]) < _HELD:
+        message = (
+            f"block {block + 1}: the stage moves on after its ramp; a relaxation test holds it"
+        )
+        raise InputError(message)
     share = (position - start) / travel
     middle = (share > 0.1) & (share < 0.9) & (np.arange(time.size) <= end)
     speed = (
@@ -124,7 +130,7 @@ def mean_force(loads: xr.Dataset, hold: Hold, begin: float, end: float) -> Level
     time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
     used = (time >= begin) & (time <= end)
     values = force[used]
-    since = time[used] - 0.5 * (begin + end)
+    since = time[used] - time[used].mean()
     slope = float(since @ values / max(float(since @ since), 1e-30))
     rest = values - values.mean() - slope * since
     step = float(loads.attrs.get("resolution", 0.0))

@@ -22,7 +22,7 @@ from labpipe.units import Quantity
 Array = NDArray[np.float64]
 
 _APPROACH = "Find Contact"
-_POWERS = (0.8, 1.13)  # of the depth with which force may begin to grow, see _touch
+_POWERS = (0.85, 1.15)  # of the depth with which force may begin to grow, see _touch
 _SLOW = 1e-3  # of a cutoff: there a filter only delays
 _FILTER_FINENESS = 10  # steps per sample, so that a digital filter behaves as the analogue one
 _POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth in log time
@@ -188,13 +188,15 @@ def _touch(part: xr.Dataset, declared: dict[str, float] | None) -> Quantity:
     interval = float(np.median(np.diff(time)))
     noise = max(rough.noise, 1e-9 * float(np.ptp(force)))
     unit = max(float(position[-1]) - rough.position, 1e-9)
+    # once the stage rests the force relaxes, which no power of the depth describes
+    moving = int(np.flatnonzero(np.diff(position) != 0)[-1]) + 2
 
     def fit(power: float) -> tuple[float, float]:
         def residual(p: Array) -> Array:
             depth = np.maximum(0.0, (position - rough.position) / unit - p[0])
             clean = p[1] * noise * depth**power
             passed = filtered(clean, interval, declared)
-            return np.asarray((force - passed) / noise - p[2])
+            return np.asarray((force - passed) / noise - p[2])[:moving]
 
         start = [0.0, rough.stiffness * unit / noise, rough.level / noise]
         best = least_squares(residual, start, x_scale="jac")

@@ -140,7 +140,7 @@ def _starts(
                 "direction"
             )
             raise InputError(message)
-        at = place[best]
+        at = _sharpened(moved, int(place[best]))
         # the load came between two readings
         starts.append(0.5 * float(time[at - 1] + time[at]))
         sizes.append(float(jump[best]))
@@ -159,6 +159,19 @@ def _starts(
             stacklevel=2,
         )
     return np.array(starts)[order], np.array(sizes)[order]
+
+
+def _sharpened(moved: Array, near: int) -> int:
+    """Return the first reading behind a step: the split with the least absolute misfit.
+
+    A hand may disturb a reading next to the step; medians and absolute values forgive it.
+    """
+    low, high = max(near - 2 * _SIDE, 0), min(near + 2 * _SIDE, moved.size)
+    before, after = np.median(moved[low : near - 1]), np.median(moved[near + 1 : high])
+    splits = range(max(near - _SIDE // 2, low + 1), min(near + _SIDE // 2, high - 1) + 1)
+    return min(splits, key=lambda k: float(
+        np.abs(moved[low:k] - before).sum() + np.abs(moved[k:high] - after).sum()
+    ))  # fmt: skip
 
 
 def settled(time: Array, table: xr.Dataset, settings: StaticLoading) -> NDArray[np.bool_]:

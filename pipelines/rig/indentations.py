@@ -223,4 +223,5 @@ def _truth_of(part: Part, force: Array, protocol: Harmonic, tester: Tester) -> d
         "storage_stiffness": stiffness.real,
         "loss_stiffness": stiffness.imag,
         "work_per_cycle": float(np.pi * amplitude**2 * stiffness.imag),
+        "contact_loss": float(np.mean(np.interp(grid, part.time, force) <= 0.0)),
     }

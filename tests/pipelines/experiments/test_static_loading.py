@@ -1,0 +1,271 @@
+"""Static loading: approach, radius, creep and first touch against the rig's truth."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe import files, materials
+from labpipe.errors import ConfigError, InputError
+from labpipe.materials import Prony
+from labpipe.units import Quantity, quantity
+from pipelines.experiments import static_loading
+from pipelines.process import open_session, process, result
+from pipelines.rig.session_text import laser_record, session_head
+from pipelines.rig.static_loading import StaticRig, static_section, write_static
+
+START = datetime(2024, 5, 14, 9, 30)
+RIG = StaticRig()
+NAME = "ptfe_static"
+
+
+def write(folder: Path, rig: StaticRig, seed: int) -> None:
+    file = write_static(folder, NAME, rig, materials.load("ptfe"), seed, START)
+    files.write_text(folder / "calibration/laser.toml", laser_record())
+    text = session_head("Static (synthetic)") + static_section(NAME, file, rig, "ptfe")
+    files.write_text(folder / "session.toml", text)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("static")
+    write(folder, RIG, 21)
+    outcome = process(folder, jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    return folder
+
+
+def truth(session: Path) -> dict[str, Any]:
+    return json.loads((session / f"truth/{NAME}.json").read_text())
+
+
+def settings(session: Path) -> Any:
+    return open_session(session).experiments[NAME].settings
+
+
+def stage(session: Path, name: str) -> xr.Dataset:
+    return result(session, NAME, name)
+
+
+def true_levels(session: Path, steps: xr.Dataset, approach: xr.Dataset) -> tuple[Any, Any]:
+    """True approach and creep of every load in the windows that were used."""
+    known = truth(session)
+    depth = np.interp(approach["time"].values, known["time"], known["approach"])
+    levels, creeps = [], []
+    for begin, end in zip(steps["begin"].values, steps["end"].values, strict=True):
+        first, last = static_loading.windows(
+            approach["time"].values, (float(begin), float(end)), settings(session)
+        )
+        levels.append(depth[last].mean())
+        creeps.append(depth[last].mean() - depth[first].mean())
+    return np.array(levels), np.array(creeps)
+
+
+def test_the_loads_are_found_when_they_were_put_on(session: Path) -> None:
+    found = stage(session, "steps")
+    gap = found["begin"].values - np.array(truth(session)["load_times"])
+    assert np.abs(gap).max() <= 2.5  # half the time between two readings
+
+
+def test_approach_radius_and_creep_are_the_true_ones(session: Path) -> None:
+    steps, found = stage(session, "steps"), stage(session, "approach")
+    level, creep = true_levels(session, steps, found)
+    radius = np.sqrt(RIG.radius * level)
+    for name, known in (("level_approach", level), ("level_contact_radius", radius),
+                        ("creep", creep)):  # fmt: skip
+        z = (found[name].values - known) / found[f"u_{name}"].values
+        assert np.abs(z).max() < 3.5, name
+    assert float(found["u_level_contact_radius"][-1]) < 2e-6
+
+
+def test_the_compliance_follows_from_the_record_alone(session: Path) -> None:
+    found = stage(session, "steps")
+    solid = materials.load("ptfe")
+    lag = found["elapsed"].values
+    known = np.asarray(solid.creep(lag)) * (1 - float(solid.nu) ** 2)
+    inside = (lag > 30.0) & (lag < 2000.0)
+    assert np.abs(found["compliance"].values / known - 1)[inside].max() < 0.02
+
+
+def test_the_model_of_the_right_material_agrees(session: Path) -> None:
+    found = stage(session, "comparison")
+    assert float(found["nrmse_contact_radius_model"]) < 0.01
+    z = found["radius_difference"].values / found["u_radius_difference"].values
+    assert np.abs(z).max() < 3.5
+
+
+def test_hertz_misses_the_creep_that_the_model_has(session: Path) -> None:
+    compared, found = stage(session, "comparison"), stage(session, "approach")
+    creep = found["creep"].values
+    assert np.all(creep > 2 * found["u_creep"].values)
+    model_gap = creep - compared["creep_model"].values
+    assert np.abs(model_gap).sum() < 0.5 * np.abs(creep).sum()
+    assert float(compared["nrmse_contact_radius_model"]) < float(
+        compared["nrmse_contact_radius_hertz"]
+    )
+
+
+def compared(session: Path, chosen: Any) -> xr.Dataset:
+    steps, found = stage(session, "steps"), stage(session, "approach")
+    made = static_loading.model(stage(session, "displacement"), steps, None, None, settings=chosen)
+    return static_loading.comparison(found, steps, made, settings=chosen)
+
+
+def softer(factor: float) -> Callable[..., Prony]:
+    solid = materials.load("ptfe")
+    return lambda *_: Prony(
+        float(solid.E_relaxed) * factor, np.asarray(solid.E) * factor, solid.rho, nu=solid.nu
+    )
+
+
+def test_a_modulus_a_quarter_too_low_shows(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(static_loading, "resolve", softer(0.75))
+    assert float(compared(session, settings(session))["nrmse_contact_radius_model"]) > 0.06
+
+
+def test_another_material_shows(session: Path) -> None:
+    ball = msgspec.structs.replace(settings(session).sphere, material="nylon")
+    chosen = msgspec.structs.replace(settings(session), sphere=ball)
+    assert float(compared(session, chosen)["nrmse_contact_radius_model"]) > 0.3
+
+
+def test_loads_fifteen_per_cent_too_large_show(session: Path) -> None:
+    steps, found = stage(session, "steps"), stage(session, "approach")
+    chosen = settings(session)
+    wrong = steps.assign(force=steps["force"] * 1.15)
+    made = static_loading.model(stage(session, "displacement"), wrong, None, None, settings=chosen)
+    gap = static_loading.comparison(found, wrong, made, settings=chosen)
+    assert float(gap["nrmse_contact_radius_model"]) > 0.03
+
+
+def test_times_need_not_be_given(session: Path) -> None:
+    chosen = settings(session)
+    loads = [msgspec.structs.replace(load, time=None) for load in chosen.loads]
+    found = static_loading.steps(
+        stage(session, "displacement"), settings=msgspec.structs.replace(chosen, loads=loads)
+    )
+    np.testing.assert_allclose(found["begin"], stage(session, "steps")["begin"])
+
+
+def test_a_time_that_is_half_a_minute_off_is_told(session: Path) -> None:
+    """2.55 min may mean two minutes and 55 s."""
+    chosen = settings(session)
+    loads = list(chosen.loads)
+    loads[2] = msgspec.structs.replace(loads[2], time=quantity("1145 s"))
+    with pytest.warns(UserWarning, match=r"3.5 kg: 109\d s, given 1145 s"):
+        static_loading.steps(
+            stage(session, "displacement"), settings=msgspec.structs.replace(chosen, loads=loads)
+        )
+
+
+def test_a_load_too_many_is_refused(session: Path) -> None:
+    chosen = settings(session)
+    more = msgspec.structs.replace(chosen.loads[-1], mass=quantity("6.5 kg"), time=None)
+    changed = msgspec.structs.replace(chosen, loads=[*chosen.loads, more])
+    with pytest.raises(InputError, match=r"no step .* for the load 6.5 kg"):
+        static_loading.steps(stage(session, "displacement"), settings=changed)
+
+
+def test_a_sensor_that_counts_the_other_way_is_noticed(session: Path) -> None:
+    moved = stage(session, "displacement")
+    turned = moved.assign(displacement=-moved["displacement"])
+    with pytest.raises(InputError, match="the sensor's direction"):
+        static_loading.steps(turned, settings=settings(session))
+
+
+def test_a_given_zero_replaces_the_fit(session: Path) -> None:
+    chosen = msgspec.structs.replace(
+        settings(session), zero=Quantity(RIG.sensor.zero, 0.05e-6, "m")
+    )
+    readings = stage(session, "readings")
+    moved = static_loading.displacement(
+        readings, session / "calibration/laser.toml", settings=chosen
+    )
+    steps = static_loading.steps(moved, settings=chosen)
+    found = static_loading.approach(moved, steps, settings=chosen)
+    level, _ = true_levels(session, steps, found)
+    assert np.abs(found["level_approach"].values - level).max() < 0.4e-6
+    assert float(steps["u_touch"]) == pytest.approx(0.05e-6, rel=0.05)
+
+
+def test_radii_that_were_measured_otherwise_are_compared(session: Path) -> None:
+    chosen = settings(session)
+    loads = list(chosen.loads)
+    loads[4] = msgspec.structs.replace(loads[4], radius=quantity("915 ± 3 um"))
+    found = compared(session, msgspec.structs.replace(chosen, loads=loads))
+    assert np.isnan(found["given_difference"].values[:4]).all()
+    assert abs(float(found["given_difference"][4])) < 5e-6
+
+
+def test_a_load_too_short_for_its_windows_is_refused(session: Path) -> None:
+    chosen = settings(session)
+    long = msgspec.structs.replace(chosen.steps, window=quantity("100 s"))
+    with pytest.raises(InputError, match=r"too short for two windows .* lower steps.window"):
+        static_loading.approach(
+            stage(session, "displacement"), stage(session, "steps"),
+            settings=msgspec.structs.replace(chosen, steps=long),
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('mass = "2.5 ± 0.0005 kg"', 'mass = "0.2 kg"', "each must exceed the one before"),
+        ('time = "18.20 min"', 'time = "1 min"', "times must grow"),
+        ('mass = "2.5 ± 0.0005 kg"', 'mass = "2.5 N"', "expected a mass"),
+        ("radius = ", "raduis = ", 'did you mean "radius"'),
+    ],
+)
+def test_mistakes_in_the_settings_are_told(
+    session: Path, tmp_path: Path, old: str, new: str, told: str
+) -> None:
+    for name in (f"laser/{NAME}.csv", "calibration/laser.toml"):
+        files.write_bytes(tmp_path / name, (session / name).read_bytes())
+    text = (session / "session.toml").read_text("utf-8")
+    assert old in text
+    files.write_text(tmp_path / "session.toml", text.replace(old, new))
+    with pytest.raises(ConfigError) as caught:
+        open_session(tmp_path)
+    assert told in " ".join(map(str, caught.value.problems))
+
+
+def test_the_report_shows_radii_and_creep(session: Path) -> None:
+    page = (session / f"labpipe/reports/{NAME}.html").read_text("utf-8")
+    for text in ("Contact radius, a = √(R δ)", "viscoelastic model", "Approach over that of Hertz"):
+        assert text in page
+
+
+def coverage(folder: Path, seeds: range) -> dict[str, list[float]]:
+    """Errors over their uncertainties; the seeds draw the sensor's inclination too."""
+    scores: dict[str, list[float]] = {}
+    for seed in seeds:
+        angle = np.deg2rad(np.random.default_rng(seed).normal(12.0, 0.1))
+        rig = replace(RIG, sensor=replace(RIG.sensor, inclination=float(angle)))
+        write(folder, rig, 5000 + seed)
+        chosen = settings(folder)
+        moved = static_loading.displacement(
+            static_loading.readings(folder / chosen.laser, settings=chosen),
+            folder / "calibration/laser.toml", settings=chosen,
+        )  # fmt: skip
+        steps = static_loading.steps(moved, settings=chosen)
+        found = static_loading.approach(moved, steps, settings=chosen)
+        level, creep = true_levels(folder, steps, found)
+        radius = np.sqrt(RIG.radius * level)
+        for name, known in (("level_approach", level), ("level_contact_radius", radius),
+                            ("creep", creep)):  # fmt: skip
+            z = (found[name].values - known) / found[f"u_{name}"].values
+            scores.setdefault(name, []).extend(z.tolist())
+    return scores
+
+
+@pytest.mark.slow
+def test_stated_intervals_hold_the_truth(tmp_path: Path) -> None:
+    for name, values in coverage(tmp_path, range(25)).items():
+        assert 0.85 <= np.mean(np.abs(values) < 1.96) <= 0.99, name
