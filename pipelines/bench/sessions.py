@@ -1,0 +1,106 @@
+"""Whole sessions: cold, side by side, and with nothing changed; the error is of restitution."""
+
+import json
+import shutil
+import tempfile
+import time
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from labpipe import files, materials
+from pipelines import process as verbs
+from pipelines.bench.measure import Point, Suite, paired
+from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.samples import write_sample
+from pipelines.rig.session_text import drop_section, laser_record, session_head
+from pipelines.settings.ball_drop import BallDrop
+
+_START = datetime(2024, 5, 14, 9, 30)
+_IMPACTS = 5  # of every drop that are compared with the truth
+_QUICK_MATERIALS = ("acrylic", "ptfe")
+_QUICK_HEIGHT, _QUICK_DURATION, _QUICK_REPEATS = 1.5e-3, 0.15, 2
+
+
+def run(quick: bool) -> Suite:
+    """Process a session in every way; in full the whole campaign of the thesis."""
+    with tempfile.TemporaryDirectory() as folder:
+        original = Path(folder) / "original"
+        if quick:
+            write_quick(original)
+        else:
+            write_sample("thesis", original)
+        ways: dict[str, dict[str, Any]] = {
+            "one by one": {"jobs": 1},
+            "two side by side": {"jobs": 2},
+        }
+        if not quick:
+            ways["two side by side, without shortcuts"] = {"jobs": 2, "full": True}
+        done = {name: _cold(original, Path(folder) / name, how) for name, how in ways.items()}
+        settled = Path(folder) / "one by one"
+        again = paired({"again": lambda: _process(settled, jobs=1)}, 2 if quick else 5)["again"]
+        experiments = len(verbs.open_session(original).experiments)
+        error = restitution_error(settled)
+    first = done["one by one"].seconds
+    points = [replace(point, extra={"speed-up": first / point.seconds}) for point in done.values()]
+    points.append(
+        Point("nothing changed", error, again.seconds, extra={"speed-up": first / again.seconds})
+    )
+    return Suite(
+        "sessions",
+        f"A session of {experiments} experiments with reports, every run in fresh processes",
+        "RMS error of restitution (1)",
+        points,
+        notes=["Each way of computing a whole session ran once; a busy machine shows in it."],
+    )
+
+
+def _cold(original: Path, folder: Path, how: dict[str, Any]) -> Point:
+    """Process a fresh copy."""
+    shutil.copytree(original, folder)
+    start = time.perf_counter()
+    _process(folder, **how)
+    seconds = time.perf_counter() - start
+    return Point(folder.name, restitution_error(folder), seconds, is_default=how == {"jobs": 1})
+
+
+def _process(folder: Path, *, jobs: int, full: bool = False) -> None:
+    """Process; a failure is a failure of the benchmark."""
+    outcome = verbs.process(folder, jobs=jobs, full=full)
+    if outcome.exit_code:
+        failed = outcome.failures[0]
+        message = f"{failed.experiment}: {failed.stage}: {failed.message}"
+        raise RuntimeError(message)
+
+
+def write_quick(folder: Path) -> None:
+    """Write two short experiments of two drops each."""
+    rig = DropRig(duration=_QUICK_DURATION)
+    text = session_head("Quick (synthetic)")
+    for seed, name in enumerate(_QUICK_MATERIALS):
+        names = write_drops(
+            folder, name, rig, materials.load(name), _QUICK_HEIGHT, _QUICK_REPEATS, 10 * seed,
+            _START,
+        )  # fmt: skip
+        text += drop_section(name, names, _QUICK_HEIGHT, name)
+    files.write_text(folder / "calibration/laser.toml", laser_record())
+    files.write_text(folder / "session.toml", text)
+
+
+def restitution_error(folder: Path) -> float:
+    """Return the RMS difference of the first restitutions of all drops from the truth."""
+    wrong: list[float] = []
+    for name, experiment in verbs.open_session(folder).experiments.items():
+        settings = experiment.settings
+        if not isinstance(settings, BallDrop):
+            continue
+        for recording in settings.laser:
+            truth = json.loads((folder / f"truth/{Path(recording).stem}.json").read_text())
+            found = verbs.result(folder, name, "bounces", recording)
+            ours = found["restitution"].values[:_IMPACTS]
+            true = np.array(truth["restitution"][: len(ours)])
+            wrong.extend(ours[: len(true)] - true)
+    return float(np.sqrt(np.nanmean(np.square(wrong))))
