@@ -24,6 +24,8 @@ from labpipe.report import (
 from labpipe.workflow.context import Context
 
 SYNTHETIC = "synthetic data"
+SESSION_PAGE = "../index.html"
+"""From a report to the page of the whole session."""
 
 
 def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Document:
@@ -35,6 +37,7 @@ def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Do
         title=context.experiment,
         subtitle=f"{subtitle} · {context.title}" if context.title else subtitle,
         badge=SYNTHETIC if context.synthetic else "",
+        home=SESSION_PAGE,
         sections=(opening, *rest, problems(context), ledger(context), provenance(context)),
     )
 

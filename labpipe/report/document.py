@@ -4,7 +4,7 @@ import re
 import unicodedata
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError
@@ -22,6 +22,7 @@ from labpipe.report.blocks import (
 from labpipe.report.charts import LineChart, ScatterChart
 from labpipe.report.index import IndexRow, IndexTable, index_view
 from labpipe.report.page import assemble, clean_all, data_address, fill
+from labpipe.report.shrinking import shrunk
 from labpipe.report.tables import Column, Table, table_view
 
 if TYPE_CHECKING:
@@ -69,6 +70,8 @@ class Document:
         A short remark that nobody may miss ("synthetic data").
     sections : sequence of Section
         The page from top to bottom.
+    home : str
+        Address of the page of the whole session, relative to this one; empty for none.
 
     Examples
     --------
@@ -81,6 +84,7 @@ class Document:
     subtitle: str = ""
     badge: str = ""
     sections: Sequence[Section] = ()
+    home: str = ""
 
     def render(self, max_bytes: int = MAX_PAGE_BYTES) -> str:
         """Write the page; the same document gives the same text.
@@ -88,7 +92,8 @@ class Document:
         Parameters
         ----------
         max_bytes : int
-            Size that the page should keep to; the charts share what the rest leaves over.
+            Size that the page should keep to. Pictures that are too large for it become JPEG, and
+            the charts share what the rest leaves over.
 
         Warns
         -----
@@ -97,10 +102,14 @@ class Document:
         """
         charts = tuple(_charts(block for section in self.sections for block in section.blocks))
         parts = _still_parts(charts)
-        room = max_bytes - len(self._html(parts).encode())
+        whole, room = self, max_bytes - len(self._html(parts).encode())
+        least = len(parts) * _MIN_CHART_BYTES
+        if room < least:
+            whole = replace(self, sections=shrunk(self.sections, least - room))
+            room = max_bytes - len(whole._html(parts).encode())
         for part, allowed in zip(parts, _shares(charts, room), strict=True):
             part.fill(allowed)
-        page = self._html(parts)
+        page = whole._html(parts)
         size = len(page.encode())
         if size > max_bytes:
             warnings.warn(
@@ -128,6 +137,7 @@ class Document:
             subtitle=self.subtitle,
             badge=self.badge,
             sections=sections,
+            home=self.home,
         )
         return assemble(self.title, body, badge=self.badge)
 

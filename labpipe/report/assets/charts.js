@@ -522,6 +522,22 @@
     apply(chart);
   };
 
+  /** Show a window that the page offers as a button; -1 is the whole range. */
+  const show = (chart, view) => {
+    if (view < 0) { reset(chart); return; }
+    chart.yWindow = null;
+    setWindow(chart, ...chart.description.views[view]);
+  };
+
+  /** The view a key asks for: 0 all, 1 to 9 by number, [ and ] the one before and after. */
+  const viewOf = (chart, key) => {
+    const count = (chart.description.views ?? []).length;
+    if (/^[0-9]$/.test(key)) return Number(key) <= count ? Number(key) - 1 : null;
+    if (count === 0 || (key !== "[" && key !== "]")) return null;
+    const present = chart.buttons.findIndex((b) => b.getAttribute("aria-pressed") === "true") - 1;
+    return Math.min(Math.max(Math.max(present, -1) + (key === "]" ? 1 : -1), -1), count - 1);
+  };
+
   const onKey = (chart, event) => {
     const u = chart.plot;
     if (event.target !== event.currentTarget || event.ctrlKey || event.metaKey || event.altKey || u === null) return;
@@ -532,6 +548,8 @@
       Home: () => reset(chart), Escape: () => reset(chart),
     };
     const move = (by) => u.setCursor({ left: Math.min(Math.max((u.cursor.left >= 0 ? u.cursor.left : u.over.clientWidth / 2) + by, 0), u.over.clientWidth), top: u.over.clientHeight / 2 });
+    const view = viewOf(chart, event.key);
+    if (view !== null) actions[event.key] = () => show(chart, view);
     const action = event.shiftKey && event.key === "ArrowLeft" ? () => move(-CURSOR_STEP_PX) : event.shiftKey && event.key === "ArrowRight" ? () => move(CURSOR_STEP_PX) : actions[event.key];
     if (action === undefined) return;
     event.preventDefault();
@@ -558,12 +576,7 @@
     charts.push(chart);
     buildLegend(chart);
     for (const button of chart.buttons) {
-      button.addEventListener("click", () => {
-        const view = Number(button.dataset.view);
-        if (view < 0) { reset(chart); return; }
-        chart.yWindow = null;
-        setWindow(chart, ...description.views[view]);
-      });
+      button.addEventListener("click", () => show(chart, Number(button.dataset.view)));
     }
     live.addEventListener("keydown", (event) => onKey(chart, event));
     host.addEventListener("wheel", (event) => onWheel(chart, event), { passive: false });

@@ -342,3 +342,28 @@ def test_importing_the_kit_imports_no_numerical_library():
         "assert not heavy, heavy"
     )
     subprocess.run([sys.executable, "-c", script], check=True)
+
+
+def noisy_png(seed: int, size: int = 400) -> bytes:
+    import cv2
+
+    noise = np.random.default_rng(seed).integers(0, 255, (size, size, 3), dtype=np.uint8)
+    return bytes(cv2.imencode(".png", noise)[1].tobytes())
+
+
+def test_pictures_that_make_a_page_too_large_become_jpeg_and_others_stay() -> None:
+    frames = tuple(Picture(noisy_png(n), f"frame {n}") for n in range(8))
+    inner = Details("more", (Picture(noisy_png(9), "folded"),))
+    page = Document("p", sections=(Section("s", (Gallery("g", frames), inner)),))
+    small = page.render()
+    assert len(small.encode()) <= 3_000_000
+    assert small.count("data:image/jpeg;base64,") == 9
+    assert "data:image/png" not in small
+    assert page.render() == small
+    one = Document("p", sections=(Section("s", frames[:1]),)).render()
+    assert "data:image/jpeg" not in one
+
+
+def test_a_report_leads_back_to_its_session() -> None:
+    assert '<a href="../index.html">' in Document("p", home="../index.html").render()
+    assert "All experiments" not in Document("p").render()

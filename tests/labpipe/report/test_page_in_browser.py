@@ -208,6 +208,22 @@ def test_arrow_keys_zoom_pan_and_bring_back(opened, chart):
     assert chart.window(0) == FULL
 
 
+def test_keys_go_from_view_to_view_and_back_to_all(opened, chart):
+    left, top, width, height = chart.box(0)
+    opened.click(left + width / 2, top + height / 2)
+    seen = []
+    for key in ("]", "]", "[", "3", "0", "["):
+        opened.key(key)
+        opened.settle()
+        seen.append(chart.window(0))
+        assert chart.window(1) == seen[-1]
+    first, second, again, third, everything, still = seen
+    assert first[1] - first[0] == pytest.approx(1e-3, rel=1e-6)
+    assert first[0] < second[0] < third[0]
+    assert again == first
+    assert everything == still == FULL
+
+
 def test_the_cursor_is_linked_and_says_the_values(opened, chart):
     left, top, width, height = chart.box(0)
     opened.mouse("mouseMoved", left + width / 4, top + height / 2)
@@ -316,4 +332,23 @@ def test_the_session_index_sorts_and_links(browser, tmp_path):
     browser.run("document.querySelectorAll('.sort')[2].click()")
     names = browser.run("[...document.querySelectorAll('table.index a')].map(a => a.textContent)")
     assert names == ["b", "a"]
+    assert browser.complaints() == []
+
+
+def test_the_index_is_cards_on_a_phone_and_loses_no_number(browser, tmp_path):
+    columns = (Column("first restitution", "1"), Column("largest contact radius", "m"))
+    rows = [
+        IndexRow(f"experiment_{n}", href="a.html", metrics=(0.5, 1e-3), remark="ball drop")
+        for n in range(3)
+    ]
+    path = tmp_path / "index.html"
+    path.write_text(index_page("Session", rows, columns, caption="A caption of many words. " * 8))
+    browser.open(path, width=400)
+    assert browser.run("document.documentElement.scrollWidth") <= 400
+    inside = "[...document.querySelectorAll('table.index td, caption')].every(c => {"
+    inside += " const b = c.getBoundingClientRect(); return b.left >= 0 && b.right <= 400; })"
+    assert browser.run(inside)
+    label = "getComputedStyle(document.querySelectorAll('td[data-title]')[1], '::before').content"
+    assert browser.run(label) == '"largest contact radius / mm"'
+    browser.run("document.querySelectorAll('.sort')[2].click()")
     assert browser.complaints() == []
