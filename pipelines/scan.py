@@ -23,6 +23,8 @@ _SHORT_HEIGHT = re.compile(r"(?:^|[_-])h(\d+(?:[.p]\d+)?)(?=$|[_-])", re.IGNOREC
 _REPEAT = re.compile(r"[_\- ]*(?:r|rep|run|repeat|test)?[_\- ]*\d+$", re.IGNORECASE)
 _UNDER = re.compile(r"under|disc|contact|below", re.IGNORECASE)
 _PLATE = re.compile(r"plate|vibration", re.IGNORECASE)
+_DEPTH = re.compile(r"[_\- ]*\d+(?:[.p]\d+)?\s*(?:um|µm|mm)?$", re.IGNORECASE)
+_SLOW = 0.1  # s between readings: no drop is seen so slowly
 _MATERIALS = ("acrylic", "pmma", "peek", "nylon", "ptfe", "nbr")
 
 
@@ -242,11 +244,43 @@ def _height(name: str) -> str:
 
 
 def _laser(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str:
-    """Propose what a laser saw by its name: the plate, or the holder; a person knows better."""
-    del folder
+    """Propose what a laser saw: slow readings are a static loading, the plate is told by its name.
+
+    A person knows better.
+    """
     if _PLATE.search(names[0]):
         return _plate_vibration(name, names, found)
+    if _interval(folder / names[0]) >= _SLOW:
+        return _static_loading(name, names, found)
     return _ball_drop(name, names, found)
+
+
+def _interval(path: Path) -> float:
+    """Return the time between two readings in s; 0 when the file does not say it."""
+    try:
+        found = instruments.read(path)
+    except LabpipeError:
+        return 0.0
+    return float(getattr(found, "attrs", {}).get("sampling_interval", 0.0))
+
+
+def _static_loading(name: str, names: list[str], found: dict[str, list[str]]) -> str:
+    record = next(iter(found.get("record:laser", [])), f"calibration/{GAP}.toml")
+    return f"""[experiments.{name}]
+kind = "static_loading"  # proposed because the readings are slow
+laser = "{_quoted(names[0])}"
+calibration = "{record}"  # inclination of the sensor, with its uncertainty
+
+[experiments.{name}.sphere]
+radius = "{GAP} mm"  # of the sphere, e.g. "9.525 ± 0.005 mm"
+{_material(name)}
+
+[[experiments.{name}.loads]]  # on from the beginning
+mass = "{GAP} kg"  # all that rests on the disc, holder included
+
+[[experiments.{name}.loads]]  # one such table for each further load
+mass = "{GAP} kg"  # all that rests on the disc then
+# time = "2.55 min"  # when it was put on; without it the record is searched"""
 
 
 def _plate_vibration(name: str, names: list[str], found: dict[str, list[str]]) -> str:
@@ -283,15 +317,20 @@ mass = "{GAP} g"  # of all that moves: sphere and holder
 def _indentation(
     folder: Path, name: str, names: list[str], found: dict[str, list[str]]
 ) -> str | None:
-    """Propose what the blocks of a file are made for."""
-    del found
-    data = (folder / names[0]).read_bytes()
-    if b"<Sinusoid>" in data:
+    """Propose what the blocks of a file are made for; relaxations to several depths are one."""
+    if _oscillates(folder, names[0]):
         head = f'kind = "harmonic"\nmach1 = "{_quoted(names[0])}"'
-    elif b"<Stress Relaxation>" in data:
-        head = f'kind = "relaxation"\nmach1 = ["{_quoted(names[0])}"]'
+    elif _relaxes(folder, names[0]):
+        same = [n for n in found["mach1"] if _depthless(n) == _depthless(names[0])]
+        tests = [n for n in sorted(same) if _relaxes(folder, n)]
+        if names[0] != tests[0]:
+            return None  # it is in the experiment of the first
+        listed = _list(tests) if len(tests) > 1 else f'["{_quoted(tests[0])}"]'
+        head = f'kind = "relaxation"\nmach1 = {listed}'
     else:
         return None
+    record = next(iter(found.get("record:load_cell", [])), None)
+    cell = "" if record is None else f'\n[experiments.{name}.load_cell]\nrecord = "{record}"'
     return f"""[experiments.{name}]
 {head}
 # For the simulation beside the measurement, say what was pressed into what:
@@ -301,8 +340,24 @@ def _indentation(
 # depth = "6 mm"       # length of one tip
 # tips = 3
 # [experiments.{name}.substrate]
-# material = "nbr"\
+# material = "nbr"{cell}\
 """
+
+
+def _oscillates(folder: Path, name: str) -> bool:
+    return b"<Sinusoid>" in (folder / name).read_bytes()
+
+
+def _relaxes(folder: Path, name: str) -> bool:
+    """Tell whether a file holds a relaxation and no oscillation after it."""
+    data = (folder / name).read_bytes()
+    return b"<Stress Relaxation>" in data and b"<Sinusoid>" not in data
+
+
+def _depthless(name: str) -> str:
+    """Return a file's name without the depth or number at its end."""
+    stem = Path(name).with_suffix("").as_posix()
+    return _DEPTH.sub("", stem) or stem
 
 
 def _dma(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str | None:

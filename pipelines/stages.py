@@ -78,7 +78,7 @@ HARMONIC = (
         summary="compression-positive force, tared, with uncertainty",
     ),
     Stage(
-        "hold", "pipelines.experiments.harmonic:hold", 1, ("loads",), ("contact", "plateau"),
+        "hold", "pipelines.experiments.harmonic:hold", 2, ("loads",), ("contact", "plateau"),
         summary="peak and plateau of the relaxation before the oscillations",
     ),
     Stage(
@@ -91,7 +91,7 @@ HARMONIC = (
         summary="mean hysteresis loop per frequency; is contact lost?",
     ),
     Stage(
-        "model", "pipelines.experiments.harmonic:model", 2,
+        "model", "pipelines.experiments.harmonic:model", 3,
         ("loads", "oscillations", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "contact", "model", "cycles"),
@@ -130,7 +130,7 @@ RELAXATION = (
         summary="compression-positive force, tared, with uncertainty",
     ),
     Stage(
-        "ramps", "pipelines.experiments.relaxation:ramps", 1,
+        "ramps", "pipelines.experiments.relaxation:ramps", 2,
         ("loads",), ("contact", "hold.plateau"), per="recording", over="mach1", schema="ramps",
         summary="find touch, ramps and holds: peak and plateau",
     ),
@@ -179,7 +179,7 @@ STATIC_LOADING = (
         summary="correct the inclination, with uncertainty",
     ),
     Stage(
-        "steps", "pipelines.experiments.static_loading:steps", 1, ("displacement",),
+        "steps", "pipelines.experiments.static_loading:steps", 2, ("displacement",),
         ("loads", "sphere.radius", "zero", "steps", "model.gravity"), schema="steps",
         summary="find the loads' times and first touch; creep compliance",
     ),

@@ -1,6 +1,7 @@
 """Ramps and holds of a Mach-1 file: where they lie, and what the force did in them."""
 
 import json
+import warnings
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -21,6 +22,7 @@ _ARRIVED = 2e-3  # of a ramp's travel: closer to its end than this the stage has
 _LEAST_TRAVEL = 1e-6  # m; ten steps of the stage's display
 _STEP = 1e-7  # m, the step of the display outside a Sinusoid block
 _HELD = 0.9  # of the readings after the ramp, which must lie where it ended
+_UNFINISHED = 0.01  # of a plateau, its uncertainty from relaxation that goes on: told
 _FEWEST = 20  # readings of a hold
 _PLATEAU_SHARE = 0.1  # of a hold, at most
 
@@ -229,6 +231,13 @@ def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) 
     time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
     top = int(np.argmax(force))
     level = plateau(loads, hold, longest)
+    rest = unfinished(loads, hold, level)
+    if rest > _UNFINISHED * level.force:
+        warnings.warn(
+            f"block {hold.block + 1}: in the second half of the hold the force still falls by "
+            f"{100 * np.sqrt(3.0) * rest / level.force:.1f} %: the plateau is not relaxed",
+            stacklevel=2,
+        )
     noise = float(np.nanmax(loads["u_force"].values))
     shared = systematic(loads, 1.0), float(loads["u_tare"])
     peak = float(force[top])
@@ -246,7 +255,7 @@ def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) 
         "u_peak_force": float(np.hypot(noise, systematic(loads, peak))),
         "plateau_force": level.force,
         "u_plateau_force": float(np.hypot(level.u, systematic(loads, level.force))),
-        "unfinished": unfinished(loads, hold, level),
+        "unfinished": rest,
         "ratio": ratio,
         "u_ratio": float(ratio * np.hypot(own, tare)),
         "begin": hold.begin,

@@ -5,9 +5,15 @@ from pathlib import Path
 
 import pytest
 
+from labpipe import files, materials
 from labpipe.errors import ConfigError, UsageError
 from pipelines.process import open_session
+from pipelines.rig.indentations import Specimen
+from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+from pipelines.rig.session_text import laser_record
+from pipelines.rig.static_loading import StaticRig, write_static
 from pipelines.scan import write_session_file
+from tests.pipelines.conftest import START
 
 
 @pytest.fixture
@@ -84,3 +90,28 @@ def test_a_relaxation_is_proposed_and_what_no_experiment_takes_is_named(pile: Pa
     assert "hold" in found.experiments
     assert 'kind = "relaxation"\nmach1 = ["hold.txt"]' in found.path.read_text("utf-8")
     assert found.unused == ["sweep.csv (anton paar)"]
+
+
+def test_relaxations_to_several_depths_are_one_experiment(tmp_path: Path) -> None:
+    specimen = Specimen(materials.load("nbr"))
+    protocol = Relaxation(depths=(0.1e-3, 0.2e-3), hold=2.0)
+    write_relaxation(tmp_path, "rubber", specimen, protocol, TESTER, 1, START)
+    write_session_file(tmp_path)
+    (experiment,) = open_session(tmp_path).experiments.values()
+    assert experiment.kind == "relaxation"
+    assert experiment.settings.mach1 == ["mach1/rubber_100um.txt", "mach1/rubber_200um.txt"]
+
+
+def test_slow_readings_of_a_laser_are_a_static_loading(tmp_path: Path) -> None:
+    write_static(tmp_path, "ptfe_static", StaticRig(), materials.load("ptfe"), 1, START)
+    files.write_text(tmp_path / "laser.toml", laser_record())
+    found = write_session_file(tmp_path)
+    text = found.path.read_text("utf-8")
+    assert 'material = "ptfe"' in text
+    filled = text.replace('"FILL mm"', '"9.525 mm"')
+    for mass in ("0.5 kg", "2.5 kg"):
+        filled = filled.replace('"FILL kg"', f'"{mass}"', 1)
+    found.path.write_text(filled, "utf-8")
+    (experiment,) = open_session(tmp_path).experiments.values()
+    assert experiment.kind == "static_loading"
+    assert len(experiment.settings.loads) == 2
