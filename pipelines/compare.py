@@ -244,18 +244,18 @@ def _harmonic(source: _Source) -> Iterator[Row]:
 
 
 def _relaxation(source: _Source) -> Iterator[Row]:
-    made, ramps = source.result("comparison"), source.result("ramps")
+    made = source.result("tests")
     if "nrmse_all" not in made:
         return
-    for i in range(ramps.sizes["ramp"]):
-        condition = f"test {int(ramps['ramp'][i])}"
+    for i in range(made.sizes["test"]):
+        condition = f"{float(made['depth'][i]) * 1e3:.2g} mm"
         for part in ("ramp", "early", "late"):
             yield source.row(f"force, {part}", "N", 1, condition=condition,
                              nrmse=made[f"nrmse_{part}"][i],
                              difference=made[f"bias_{part}"][i])  # fmt: skip
         yield source.row(
             "plateau force", "N", 1, condition=condition,
-            measured=ramps["plateau_force"][i], u_measured=ramps["u_plateau_force"][i],
+            measured=made["plateau_force"][i], u_measured=made["u_plateau_force"][i],
             model=made["plateau_force_model"][i], difference=made["plateau_force_difference"][i],
             u_difference=made["u_plateau_force_difference"][i],
         )  # fmt: skip
@@ -302,7 +302,7 @@ COLLECTORS: dict[str, tuple[tuple[str, ...], Callable[[_Source], Iterator[Row]]]
     "dic_validation": (("comparison",), _dic_validation),
     "plate_vibration": (("comparison", "table", "plate"), _plate_vibration),
     "static_loading": (("comparison",), _static_loading),
-    "relaxation": (("comparison", "ramps"), _relaxation),
+    "relaxation": (("tests",), _relaxation),
     "harmonic": (("comparison", "oscillations", "model"), _harmonic),
 }
 """What of each kind is read, and how it becomes rows."""

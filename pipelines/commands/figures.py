@@ -16,6 +16,8 @@ from pipelines.commands.options import echo, echo_json, json_option
               help="Session folder for the figures that show experiments.")  # fmt: skip
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default="figures",
               show_default=True, help="Folder to write into.")  # fmt: skip
+@click.option("--jobs", "-j", default=2, show_default=True, type=click.IntRange(min=0),
+              help="Experiments processed side by side; 0: all in this process.")  # fmt: skip
 @json_option
 def figures(
     ids: tuple[str, ...],
@@ -23,6 +25,7 @@ def figures(
     check: bool,
     session: Path | None,
     out: Path,
+    jobs: int,
     as_json: bool,
 ) -> None:
     r"""Draw the figures of the thesis by number: PDF, SVG, PNG and a caption each.
@@ -45,7 +48,7 @@ def figures(
     if listed:
         _list(make.states(shelf, wanted), as_json)
         return
-    outcomes = make.make(shelf, wanted, lambda o: None if as_json else _say(o))
+    outcomes = make.make(shelf, wanted, lambda o: None if as_json else _say(o), jobs=jobs)
     if as_json:
         echo_json({"out": str(out), "figures": [
             {"id": o.id, "state": o.state, "detail": o.detail, "files": o.files} for o in outcomes
@@ -63,8 +66,8 @@ def _list(found: Any, as_json: bool) -> None:
         {
             "id": s.figure.id,
             "title": s.figure.title,
-            "needs": str(s.figure.need or "") if s.figure.function else "",
-            "optional": bool(s.figure.need and s.figure.need.is_optional),
+            "needs": " and ".join(dict.fromkeys(map(str, s.figure.needs))),
+            "optional": bool(s.figure.needs) and all(n.is_optional for n in s.figure.needs),
             "state": s.state,
             "detail": s.detail,
         }

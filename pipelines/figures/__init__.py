@@ -26,12 +26,15 @@ class Need:
         Only experiments on this material.
     is_optional : bool
         The figure is drawn without them too, and then says so.
+    heated : bool or None
+        Only experiments at room temperature (False), only heated ones, or both (None).
     """
 
     kind: str
     stages: tuple[str, ...]
     material: str | None = None
     is_optional: bool = False
+    heated: bool | None = False
 
     def __str__(self) -> str:
         """Say it in words, for example ``ball_drop of acrylic``."""
@@ -52,6 +55,8 @@ class Figure:
         ``module:function`` that draws it; empty when none does.
     need : Need or None
         What it needs of a session; None when it is computed.
+    also : tuple of Need
+        What it needs beside that.
     materials : tuple of str
         Library materials it computes with.
     version : int
@@ -67,11 +72,19 @@ class Figure:
     materials: tuple[str, ...] = ()
     version: int = 1
     reason: str = ""
+    also: tuple[Need, ...] = ()
+
+    @property
+    def needs(self) -> tuple[Need, ...]:
+        """All that it needs of a session."""
+        return self.also if self.need is None else (self.need, *self.also)
 
 
 _PHOTOGRAPH = "a photograph or drawing of the apparatus; no computation makes it"
 
 _DROP = ("repeats", "model", "comparison")
+_FILM = ("radius", "impacts", "model", "comparison")
+_ACRYLIC_FILM = Need("contact_area", _FILM, "acrylic")
 
 
 def _c1(name: str) -> str:
@@ -96,7 +109,8 @@ FIGURES: tuple[Figure, ...] = (
     Figure("2.3", "Master curve of NBR", f"{_HOME}.sweeps:nbr",
            Need("dma", ("master_curve",), "nbr")),
     Figure("2.4", "Relaxation at three depths", f"{_HOME}.holds:relaxation",
-           materials=("nbr",)),
+           Need("relaxation", ("loads", "ramps", "comparison"), "nbr", is_optional=True),
+           materials=("nbr",), version=2),
     Figure("2.5", "Harmonic indentation: force and loops", f"{_HOME}.oscillations:loops",
            Need("harmonic", ("loads", "oscillations", "loops", "model", "comparison"))),
     Figure("2.6", "Dissipated work and the tapping front", f"{_HOME}.chapter2:dissipation_map",
@@ -117,7 +131,8 @@ FIGURES: tuple[Figure, ...] = (
            Need("dma", ("master_curve",), "acrylic")),
     Figure("3.7", "Master curve of PTFE", f"{_HOME}.sweeps:ptfe",
            Need("dma", ("master_curve",), "ptfe")),
-    Figure("3.8", "Line of subsets on the falling holder"),
+    Figure("3.8", "Line of subsets on the falling holder", f"{_HOME}.subsets:falling_line",
+           Need("dic_validation", ("track", "motion", "bounces", "keys"))),
     Figure("3.9", "Laser against image correlation", f"{_HOME}.films:laser_and_film",
            Need("dic_validation", ("bounces", "velocity", "comparison"))),
     Figure("3.10", "Acrylic sphere from four heights", f"{_HOME}.drops:acrylic",
@@ -126,21 +141,30 @@ FIGURES: tuple[Figure, ...] = (
            Need("ball_drop", _DROP, "nylon")),
     Figure("3.12", "PEEK sphere from four heights", f"{_HOME}.drops:peek",
            Need("ball_drop", _DROP, "peek")),
-    Figure("3.13", "Bouncing, vibration and rest"),
-    Figure("3.14", "Contact spots and simulated circles"),
+    Figure("3.13", "Bouncing, vibration and rest", f"{_HOME}.contacts:phases",
+           Need("ball_drop", ("displacement", "bounces", "repeats"), "acrylic"),
+           also=(_ACRYLIC_FILM,)),
+    Figure("3.14", "Contact spots and simulated circles", f"{_HOME}.contacts:spots",
+           Need("contact_area", (*_FILM, "keys"), "acrylic")),
     Figure("3.15", "Contact radius of the first impacts", f"{_HOME}.films:contact_radius",
-           Need("contact_area", ("comparison",), "acrylic")),
-    Figure("3.16", "Heated sphere against room temperature"),
+           Need("contact_area", ("comparison",), "acrylic"), version=2),
+    Figure("3.16", "Heated sphere against room temperature", f"{_HOME}.contacts:heated",
+           _ACRYLIC_FILM, also=(Need("contact_area", _FILM, "acrylic", heated=True),)),
     Figure("3.17", "Sphere under stepwise load", f"{_HOME}.holds:stepwise_load",
-           materials=("ptfe",)),
+           Need("static_loading", ("approach", "steps", "model", "comparison"), "ptfe",
+                is_optional=True), materials=("ptfe",), version=2),
     Figure("A.1", "Collision model of appendix A", f"{_HOME}.appendix:collision_model",
            Need("ball_drop", ("repeats",), "acrylic", is_optional=True)),
     Figure("B.1a", "Laser on the plate", reason=_PHOTOGRAPH),
     Figure("B.1b", "Ringing of the plate, qualitatively", f"{_HOME}.schematics:ringing_plate"),
-    Figure("B.2", "Vibration of the plate", f"{_HOME}.apparatus:plate_vibration",
-           materials=("nylon", "acrylic", "peek", "ptfe")),
-    Figure("C.1", "Displacement and contact radius at four heights"),
-    Figure("D.1", "Subsets on the reference frame"),
+    Figure("B.2", "Vibration of the plate", f"{_HOME}.vibration:plate_vibration",
+           Need("plate_vibration", ("table", "plate", "comparison"), is_optional=True),
+           materials=("nylon", "acrylic", "peek", "ptfe"), version=2),
+    Figure("C.1", "Displacement and contact radius at four heights",
+           f"{_HOME}.contacts:four_heights", Need("ball_drop", ("repeats",), "acrylic"),
+           also=(_ACRYLIC_FILM,)),
+    Figure("D.1", "Subsets on the reference frame", f"{_HOME}.subsets:reference_frame",
+           Need("dic_validation", ("track", "keys"))),
     Figure("D.2", "Ruler on the disc", f"{_HOME}.apparatus:ruler_on_disc"),
     Figure("table-D.1", "Pixel sizes of both cameras", f"{_HOME}.appendix:camera_table"),
 )  # fmt: skip

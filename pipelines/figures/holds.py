@@ -10,6 +10,7 @@ from labpipe.report import line_arguments
 from pipelines.figures.chapter2 import DEPTH, PERIOD, TIP_RADIUS
 from pipelines.figures.chapter3 import GRAVITY, SPHERE_RADIUS
 from pipelines.figures.drawing import Array, Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.inputs import Inputs
 
 _PRINTED = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
 """Depth [m], peak and plateau force [N] of section 2.3.2."""
@@ -17,10 +18,82 @@ _PRINTED = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
 _LOADS = (0.5, 2.5, 3.5, 4.5, 5.5)
 _STARTS_MIN = (0.0, 2.55, 18.20, 33.10, 47.55)
 _END_MIN = 63.0
+_MOST_TESTS, _DRAWN_POINTS = 3, 400
 
 
-def relaxation() -> Drawing:
-    """Figure 2.4: force of a ramp and a hold at three depths, beside the printed numbers."""
+def relaxation(inputs: Inputs | None) -> Drawing:
+    """Figure 2.4: force of a ramp and a hold at three depths, recorded or computed."""
+    return _computed_relaxation() if inputs is None else _recorded_relaxation(inputs)
+
+
+def _recorded_relaxation(inputs: Inputs) -> Drawing:
+    """Draw recorded tests with the model that follows the recorded displacement."""
+    name = next(iter(inputs.experiments))
+    files = inputs.experiments[name].mach1[:_MOST_TESTS]
+    notes = []
+    with panels(1, len(files), width=2, aspect=0.38) as (figure, axes):
+        for place, letter_, file in zip(axes[0], "abc", files, strict=False):
+            loads, ramps, made = (
+                inputs.result(name, stage, file) for stage in ("loads", "ramps", "comparison")
+            )
+            at, simulated = ramps.isel(ramp=0), made["simulated_force"].values
+            in_block = loads["block"].values == int(at["block"])
+            since = loads["time"].values - float(at["begin"])
+            inside = in_block & (since > 0) & (loads["time"].values <= float(at["last"]))
+            thin = _log_thinned(since[inside])
+            place.semilogx(
+                since[inside][thin],
+                loads["force"].values[inside][thin],
+                label=f"force, {inputs.origin}",
+                **line_arguments("measured", style="points") | {"markersize": 2},
+            )
+            place.semilogx(
+                since[inside][thin],
+                simulated[inside][thin],
+                label="model",
+                **line_arguments("model"),
+            )
+            depth = float(at["depth"])
+            peak, plateau = float(at["peak_force"]), float(at["plateau_force"])
+            place.set(xlabel="time from the ramp's begin (s)", ylim=(0.0, 1.15 * peak))
+            letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3f} mm")
+            notes.append(
+                f"{depth * 1e3:.2g} mm: peak {peak:.1f} N, plateau {plateau:.2f} ± "
+                f"{float(at['u_plateau_force']):.2f} N (model "
+                f"{float(made['plateau_force_model'][0]):.2f} N), nRMSE "
+                f"{100 * float(made['nrmse_all'][0]):.2f} %{_printed(depth)}"
+            )
+        axes[0, 0].set_ylabel("force (N)")
+        legend_above(figure, axes[0, 0])
+    return Drawing(
+        Caption(
+            "Force while the punch is pressed in at 1 mm/s and held, at three depths.",
+            computed=(
+                "boundary-element simulation with the measured displacement, behind the load "
+                "cell's filter."
+            ),
+            difference=f"{'; '.join(notes)}. The peak is what is left of it behind the filter.",
+            **inputs.told(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
+        ),
+        figure,
+    )
+
+
+def _printed(depth: float) -> str:
+    for printed, peak, plateau in _PRINTED:
+        if abs(depth - printed) < 0.1 * printed:
+            return f" (printed {peak:g} and {plateau:g} N)"
+    return ""
+
+
+def _log_thinned(since: Array) -> Array:
+    """Choose samples at about equal steps of log time."""
+    wanted = np.geomspace(since[0], since[-1], _DRAWN_POINTS)
+    return np.unique(np.searchsorted(since, wanted).clip(0, len(since) - 1))
+
+
+def _computed_relaxation() -> Drawing:
+    """Draw the simulated tests beside the printed numbers."""
     rubber = materials.load("nbr")
     notes = []
     with panels(1, 3, width=2, aspect=0.38) as (figure, axes):
@@ -75,8 +148,66 @@ def _depth_axis(axes: Any, time: Array, moved: Array, *, is_last: bool) -> Any:
     return other
 
 
-def stepwise_load() -> Drawing:
-    """Figure 3.17: contact radius of a PTFE sphere under five loads, Hertz and viscoelastic."""
+def stepwise_load(inputs: Inputs | None) -> Drawing:
+    """Figure 3.17: contact radius of a sphere under five loads, recorded or computed."""
+    return _computed_loading() if inputs is None else _recorded_loading(inputs)
+
+
+def _recorded_loading(inputs: Inputs) -> Drawing:
+    """Draw the radius by the laser's approach, the viscoelastic model and Hertz's steps."""
+    name = next(iter(inputs.experiments))
+    measured, steps = inputs.result(name, "approach"), inputs.result(name, "steps")
+    model, made = inputs.result(name, "model"), inputs.result(name, "comparison")
+    t, a = measured["time"].values / 60, measured["contact_radius"].values * 1e6
+    radii = model["hertz_radius_relaxed"].values * 1e6
+    edges = np.append(steps["begin"].values / 60, t[-1])
+    masses = [load.mass.value for load in inputs.experiments[name].loads]
+    with panels(2, 1, width=1, aspect=1.25, height_ratios=(2.0, 1.0)) as (figure, grid):
+        axes, circles = grid[:, 0]
+        axes.plot(t, a, label=f"laser, {inputs.origin}",
+                  **line_arguments("measured", style="points") | {"markersize": 1.2})  # fmt: skip
+        axes.plot(t, model["contact_radius"].values * 1e6, label="viscoelastic",
+                  **line_arguments("model"))  # fmt: skip
+        axes.stairs(radii, edges, baseline=None, label="Hertz, relaxed",
+                    color=line_arguments("reference")["color"],
+                    linestyle=line_arguments("reference")["linestyle"])  # fmt: skip
+        axes.set(xlabel="time (min)", ylabel="contact radius (µm)", ylim=(0, 1.1 * radii.max()))
+        for mass, start, radius in zip(masses, edges, radii, strict=False):
+            axes.text(max(start, edges[1]) + 0.8, radius - 75, f"{mass:g} kg", fontsize=7)
+        letter(axes, "a")
+        _circles(circles, radii)
+        letter(circles, "b")
+        legend_above(figure, axes, columns=3)
+    found = [
+        f"{m:g} kg: {1e6 * float(r + d):.1f} ± {1e6 * float(u):.1f} (model {1e6 * float(r):.1f}, "
+        f"Hertz {h:.1f}) µm"
+        for m, r, d, u, h in zip(
+            masses, made["radius_model"].values, made["radius_difference"].values,
+            made["u_radius_difference"].values, radii, strict=True,
+        )
+    ]  # fmt: skip
+    return Drawing(
+        Caption(
+            "(a) Contact radius of a PTFE sphere on a rigid flat while masses are added, from the "
+            "approach by a = sqrt(R delta); (b) Hertz contact circles to scale.",
+            computed=(
+                "quasi-static viscoelastic contact, and Hertz with the relaxed modulus. Radius at "
+                f"the end of each load: {'; '.join(found)}. nRMSE of the model "
+                f"{100 * float(made['nrmse_contact_radius_model']):.2f} %, of Hertz "
+                f"{100 * float(made['nrmse_contact_radius_hertz']):.2f} %."
+            ),
+            difference=(
+                "the thesis prints the loads and times, not the radii. The first load is held 3 "
+                "min by section 3.1 and 2.55 min by 3.3.4 (as minutes and seconds, 2 min 55 s)."
+            ),
+            **inputs.told(f"the laser's approach of {name}, a reading every few seconds."),
+        ),
+        figure,
+    )
+
+
+def _computed_loading() -> Drawing:
+    """Draw a PTFE sphere under the printed loads, Hertz and viscoelastic."""
     solid = materials.load("ptfe")
     starts = np.array([*_STARTS_MIN, _END_MIN]) * 60.0
     time, load, steps = [], [], []

@@ -1,7 +1,7 @@
 """The experiments of a session that a figure shows, and the keys of the results it reads."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from labpipe.workflow.plan import Plan
+
+_WARM = 30.0
+"""degC, from which on a sphere is a heated one."""
 
 _BODIES = ("sphere", "substrate", "sample", "specimen")
 
@@ -35,11 +38,16 @@ class Inputs:
     is_synthetic: bool
     experiments: Mapping[str, Any]
 
-    def result(self, experiment: str, stage: str) -> "xr.Dataset":
-        """Return one stored result."""
+    def result(self, experiment: str, stage: str, recording: str | None = None) -> "xr.Dataset":
+        """Return one stored result, of a stage per recording that of one file."""
         from pipelines.process import result
 
-        return result(self.folder, experiment, stage)
+        return result(self.folder, experiment, stage, recording)
+
+    def of_kind(self, kind: str) -> dict[str, Any]:
+        """Return the experiments of one kind, from the lowest height."""
+        found = {n: s for n, s in self.experiments.items() if s.kind == kind}
+        return dict(sorted(found.items(), key=lambda item: item[1].height.value))
 
     @property
     def origin(self) -> str:
@@ -84,7 +92,20 @@ def matching(session: Session | None, need: Need) -> dict[str, Experiment]:
     }
 
 
+def temperature_of(settings: Any) -> float | None:
+    """Return the temperature [degC] that an experiment states of its sphere."""
+    stated = getattr(getattr(settings, "sphere", None), "temperature", None)
+    return None if stated is None else float(stated.value)
+
+
+def is_heated(settings: Any) -> bool:
+    """Say whether the sphere was warmer than a room."""
+    return (temperature_of(settings) or 0.0) > _WARM
+
+
 def _fits(need: Need, name: str, experiment: Experiment) -> bool:
+    if need.heated is not None and is_heated(experiment.settings) != need.heated:
+        return False
     if need.material is None:
         return True
     # An experiment that names no material (a DMA sweep) is told by its own name.
@@ -92,10 +113,14 @@ def _fits(need: Need, name: str, experiment: Experiment) -> bool:
     return need.material in re.split(r"[^a-z]+", words)
 
 
-def result_keys(plan: "Plan", names: Mapping[str, Any], need: Need) -> dict[str, str | None]:
+def result_keys(
+    plan: "Plan", session: Session | None, needs: Iterable[Need]
+) -> dict[str, str | None]:
     """Return the content key of every result that a figure reads; None where a file is missing."""
     return {
         str(task): key.value
+        for need in needs
+        for names in (matching(session, need),)
         for task, key in plan.keys.items()
         if task.experiment in names and task.stage in need.stages
     }

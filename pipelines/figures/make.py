@@ -130,10 +130,12 @@ class Shelf:
         if not figure.function:
             return State(figure, IMPOSSIBLE if figure.reason else NOT_DRAWN, figure.reason)
         names: tuple[str, ...] = ()
-        if figure.need is not None:
-            names = tuple(matching(self.session, figure.need))
-            if not names and not figure.need.is_optional:
-                return State(figure, NEEDS_SESSION, f"with {figure.need}")
+        for need in figure.needs:
+            found = tuple(matching(self.session, need))
+            if not found and not need.is_optional:
+                wanted = " and ".join(dict.fromkeys(map(str, figure.needs)))
+                return State(figure, NEEDS_SESSION, f"with {wanted}")
+            names += tuple(name for name in found if name not in names)
         known = record.get(figure.id, {})
         if known.get("key") == self.key(figure, names) and self._is_intact(known):
             return State(figure, UP_TO_DATE, "", names)
@@ -142,8 +144,8 @@ class Shelf:
     def key(self, figure: Figure, names: tuple[str, ...]) -> str:
         """Return the key of a figure: everything on which it depends, as one digest."""
         results: dict[str, str | None] = {}
-        if self.plan is not None and figure.need is not None:
-            results = result_keys(self.plan, dict.fromkeys(names), figure.need)
+        if self.plan is not None and names:
+            results = result_keys(self.plan, self.session, figure.needs)
         # Asking for the sub-package itself would import it, and numpy with it.
         library = package_files("labpipe") / "materials/library"
         parts = {
@@ -176,6 +178,8 @@ def make(
     shelf: Shelf,
     figures: Iterable[Figure],
     progress: Callable[[Outcome], None] = lambda outcome: None,
+    *,
+    jobs: int = 0,
 ) -> tuple[Outcome, ...]:
     """Draw what is not up to date; what the figures need of the session is processed first.
 
@@ -187,6 +191,8 @@ def make(
         Which.
     progress : callable
         Called with every outcome.
+    jobs : int
+        Experiments processed side by side; 0 runs everything in this process.
 
     Returns
     -------
@@ -196,7 +202,7 @@ def make(
     # It remarks on the missing time stamps that make the same figure the same bytes.
     logging.getLogger("fontTools").setLevel(logging.ERROR)
     found = states(shelf, figures)
-    failures = _process(shelf, [state for state in found if state.state == READY])
+    failures = _process(shelf, [state for state in found if state.state == READY], jobs)
     outcomes = []
     for state in found:
         if state.state == READY:
@@ -208,21 +214,21 @@ def make(
     return tuple(outcomes)
 
 
-def _process(shelf: Shelf, ready: list[State]) -> dict[str, str]:
+def _process(shelf: Shelf, ready: list[State], jobs: int) -> dict[str, str]:
     """Run the stages behind the figures, and no other; return what failed, by experiment."""
     targets = {
         f"{name}/{stage}": name
         for state in ready
-        if state.figure.need is not None
-        for name in state.experiments
-        for stage in state.figure.need.stages
+        for need in state.figure.needs
+        for name in matching(shelf.session, need)
+        for stage in need.stages
     }
     if shelf.session is None or not targets:
         return {}
     from pipelines import process
 
     experiments = sorted(set(targets.values()))
-    run = process.process(shelf.session.root, list(targets), experiments, jobs=0)
+    run = process.process(shelf.session.root, list(targets), experiments, jobs=jobs)
     return {o.task.experiment: f"{o.task}: {o.message}" for o in run.failures}
 
 
@@ -242,7 +248,7 @@ def _drawn(shelf: Shelf, state: State, failures: Mapping[str, str]) -> Outcome:
 def _draw(shelf: Shelf, state: State) -> "Drawing":
     module, name = state.figure.function.split(":")
     function = getattr(importlib.import_module(module), name)
-    if state.figure.need is None:
+    if not state.figure.needs:
         return function()
     if shelf.session is None:
         return function(None)

@@ -53,7 +53,7 @@ HEATED = 39.0
 
 _REPEATS, _PLATE_REPEATS = 5, 3
 _SMALL_UNDER = UnderCamera(rows=160, columns=640)  # the widest contact, 1.2 mm, needs 550 px
-_REST_PER_ROOT_HEIGHT = 16.0  # s/sqrt(m) after the third impact until acrylic has come to rest
+_REST, _REST_PER_ROOT_HEIGHT = 0.28, 5.4  # s, s/sqrt(m) after the third impact: acrylic is at rest
 _FULL_FRAMES, _FULL_RATE = 9367, 10_000
 _ON_PLATE = 'plate_from = "plate"\n'
 
@@ -168,7 +168,7 @@ def _contact_film(folder: Path, height: float, temperature: float | None, full_s
         times = np.arange(_FULL_FRAMES, dtype=np.float64) / _FULL_RATE
     else:
         camera = _SMALL_UNDER
-        rest = _REST_PER_ROOT_HEIGHT * float(np.sqrt(height))
+        rest = _REST + _REST_PER_ROOT_HEIGHT * float(np.sqrt(height))
         times = burst_times(body, camera.release, rest)
     seed = 3700 + round(1e4 * height) + (0 if temperature is None else 1)
     film = write_under(folder, f"{name}_under", body, camera, times, seed)
@@ -176,7 +176,7 @@ def _contact_film(folder: Path, height: float, temperature: float | None, full_s
 
 
 def _front_film(folder: Path, full_size: bool) -> str:
-    small = FrontCamera(rows=144, columns=64, duration=0.138)
+    small = FrontCamera(rows=144, columns=128, duration=0.138)
     camera = film_front.FULL_SIZE if full_size else small
     film = write_front(folder, "ptfe", FRONT_HEIGHT, camera, 31, PLATE)
     return front_section(film, camera)

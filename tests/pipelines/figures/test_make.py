@@ -43,9 +43,9 @@ def test_no_number_twice_and_every_function_exists() -> None:
 
 def test_every_need_names_stages_of_a_known_kind() -> None:
     for figure in FIGURES:
-        if figure.need is not None:
-            known = {stage.name for stage in KINDS[figure.need.kind].stages}
-            assert set(figure.need.stages) <= known, figure.id
+        for need in figure.needs:
+            known = {stage.name for stage in KINDS[need.kind].stages}
+            assert set(need.stages) <= known, figure.id
 
 
 def test_listing_imports_nothing_numerical() -> None:

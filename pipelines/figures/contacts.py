@@ -1,0 +1,310 @@
+"""Figures 3.13, 3.14, 3.16 and C.1: the contact beside the motion, its spots, the heated sphere."""
+
+from typing import Any
+
+import numpy as np
+
+from labpipe import signals
+from labpipe.report import line_arguments
+from pipelines.figures.drawing import Array, Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.inputs import Inputs, is_heated, temperature_of
+
+_IMPACTS = 3
+_MOST_HEIGHTS = 4
+_BEFORE = 25.0  # ms before first contact that are shown
+_RADIUS = {"color": "#00795a", "marker": "s", "markersize": 2.4, "linestyle": "none"}
+_SHADES = {"bouncing": "#dceaf5", "vibration": "#fbe9d3", "static": "#e4efe4"}
+_LETTERS = "abcd"
+
+
+def _since_contact(inputs: Inputs, film: str) -> Array:
+    """Return the times of a film's frames in ms from first contact, which falls between two frames.
+
+    The largest radius of the first impact is seen well; the simulation tells how long after first
+    contact it comes.
+    """
+    made, impacts = inputs.result(film, "comparison"), inputs.result(film, "impacts")
+    model = inputs.result(film, "model")
+    rise = float(made["model_peak_time"][0]) - float(model["impact_time"][0])
+    start = float(impacts["peak_time"][0]) - rise
+    return np.asarray((inputs.result(film, "radius")["time"].values - start) * 1e3)
+
+
+def _pairs(inputs: Inputs) -> list[tuple[str, str, float]]:
+    """Laser experiment and film of the same drop height, from the lowest."""
+    films = {s.height.value: n for n, s in inputs.of_kind("contact_area").items()}
+    return [
+        (name, films[settings.height.value], settings.height.value)
+        for name, settings in inputs.of_kind("ball_drop").items()
+        if settings.height.value in films
+    ]
+
+
+def _draw_both(
+    inputs: Inputs, place: Any, pair: tuple[str, str, float], limits: tuple[float, float],
+    highest: float,
+) -> Any:  # fmt: skip
+    """Draw the displacement and, on the right axis, the contact radius of one height."""
+    drop, film, _ = pair
+    repeats, seen = inputs.result(drop, "repeats"), inputs.result(film, "radius")
+    t = repeats["time"].values * 1e3
+    inside = (t >= limits[0]) & (t <= limits[1])
+    place.plot(t[inside], repeats["displacement_mean"].values[inside] * 1e3,
+               label=f"displacement, laser, {inputs.origin}",
+               **(line_arguments("measured") | {"linewidth": 0.9}))  # fmt: skip
+    place.set(xlabel="time $t_c$ (ms)", xlim=limits)
+    other = place.twinx()
+    time, a = _since_contact(inputs, film), seen["radius"].values * 1e6
+    shown = seen["in_contact"].values.astype(bool) & np.isfinite(a)
+    other.plot(time[shown], a[shown], label=f"contact radius, film, {inputs.origin} (right axis)",
+               **_RADIUS)  # fmt: skip
+    other.set(ylim=(0, highest), xlim=limits)
+    other.grid(visible=False)
+    other.spines["right"].set_visible(True)
+    return other
+
+
+def phases(inputs: Inputs) -> Drawing:
+    """Figure 3.13: bouncing, vibration and rest in displacement and contact radius."""
+    drop, film, height = pair = _first(inputs)
+    impacts, model = inputs.result(film, "impacts"), inputs.result(film, "model")
+    events = inputs.result(drop, "bounces", inputs.experiments[drop].laser[0])
+    first = float(events["first_contact_time"])
+    edges = [0.0] + [(float(events[name]) - first) * 1e3 for name in ("settling_time", "rest_time")]
+    time = _since_contact(inputs, film)
+    end = float(max(time.max(), inputs.result(drop, "repeats")["time"].max() * 1e3))
+    edges = [e for e in edges if np.isfinite(e)] + [end]
+    top = 1.25e6 * float(np.nanmax(inputs.result(film, "radius")["radius"]))
+    hertz = [float(model[f"static_radius_{name}"]) * 1e6 for name in ("unrelaxed", "relaxed")]
+    names = signals.PHASES[2 : 2 + len(edges) - 1]
+    with panels(1, 1, width=2, aspect=0.42) as (figure, axes):
+        place = axes[0, 0]
+        other = _draw_both(inputs, place, pair, (-_BEFORE, end), top)
+        other.axhspan(*hertz, color="#8a3a6b", alpha=0.3, linewidth=0, label="Hertz at rest")
+        for name, low, high in zip(names, edges[:-1], edges[1:], strict=True):
+            place.axvspan(low, high, color=_SHADES[name], linewidth=0, zorder=-1)
+            place.text(0.5 * (low + high), 0.97, name, ha="center", va="top", fontsize=7,
+                       transform=place.get_xaxis_transform())  # fmt: skip
+        starts = (impacts["peak_time"].values - float(impacts["peak_time"][0])) * 1e3
+        for number, (start, radius) in enumerate(
+            zip(starts, impacts["peak_radius"].values * 1e6, strict=True), start=1
+        ):
+            other.annotate("I" * number, (start, radius), (0, 3), textcoords="offset points",
+                           ha="center", fontsize=7)  # fmt: skip
+        place.set_ylabel("displacement (mm)")
+        other.set_ylabel("contact radius (µm)")
+        legend_above(figure, [place, other])
+    rest = float(impacts["static_radius"]) * 1e6
+    u_rest = float(impacts["u_static_radius"]) * 1e6
+    bounced = f"bouncing until {edges[1]:.0f} ms"
+    return Drawing(
+        Caption(
+            f"Displacement and contact radius of an acrylic sphere dropped from {height * 1e3:g} "
+            "mm, over time from first contact; shaded: the phases, found in the laser's record. "
+            "I, II, III: the impacts that are analysed.",
+            computed=(
+                f"phases: {bounced} (the last touch after which no flight is resolved), vibration "
+                f"until {edges[2]:.0f} ms, static from then on. Band: Hertz radius under the "
+                f"weight with the unrelaxed and the relaxed modulus, {hertz[0]:.0f} to "
+                f"{hertz[1]:.0f} µm; the film at rest shows {rest:.1f} ± {u_rest:.1f} µm."
+            ),
+            difference="the thesis prints neither the times of the phases nor the radii.",
+            **inputs.told(
+                f"the laser recordings {drop} and the film {film}. A film of reduced size is "
+                "dense around the first three impacts and at rest only."
+            ),
+        ),
+        figure,
+    )
+
+
+def _first(inputs: Inputs) -> tuple[str, str, float]:
+    from labpipe.errors import InputError
+
+    pairs = _pairs(inputs)
+    if not pairs:
+        message = "no film under the disc and no laser recordings of acrylic share a drop height"
+        raise InputError(message)
+    return pairs[0]
+
+
+def four_heights(inputs: Inputs) -> Drawing:
+    """Figure C.1: displacement and contact radius at each drop height."""
+    _first(inputs)
+    pairs = _pairs(inputs)[:_MOST_HEIGHTS]
+    top = 1.15e6 * max(
+        float(np.nanmax(inputs.result(film, "radius")["radius"])) for _, film, _ in pairs
+    )
+    rows = (len(pairs) + 1) // 2
+    with panels(rows, min(2, len(pairs)), width=2, aspect=0.3 * rows) as (figure, axes):
+        for number, pair in enumerate(pairs):
+            place = axes.flat[number]
+            # The third impact comes after about five times the first fall.
+            end = 1e3 * 6.5 * float(np.sqrt(2 * pair[2] / 9.81))
+            other = _draw_both(inputs, place, pair, (-_BEFORE, end), top)
+            letter(place, _LETTERS[number], f"$h_0$ = {pair[2] * 1e3:g} mm")
+            if number % 2 == 0:
+                place.set_ylabel("displacement (mm)")
+            else:
+                other.set_ylabel("contact radius (µm)")
+        for unused in axes.flat[len(pairs) :]:
+            unused.set_visible(False)
+        legend_above(figure, [axes.flat[0], other])
+    return Drawing(
+        Caption(
+            "Displacement by laser and contact radius by film of an acrylic sphere, over time from "
+            "first contact.",
+            computed="each film is laid on the laser's record at first contact; nothing else.",
+            difference="the thesis prints no numbers here.",
+            **inputs.told(
+                "mean of the laser recordings and the radius fitted to the interference fringes; "
+                "between the bursts around the impacts a film of reduced size has few frames."
+            ),
+        ),
+        figure,
+    )
+
+
+def spots(inputs: Inputs) -> Drawing:
+    """Figure 3.14: images of the contact at its largest and at rest, with the model's circles."""
+    name = next(iter(inputs.of_kind("contact_area")))
+    keys, impacts = inputs.result(name, "keys"), inputs.result(name, "impacts")
+    model, made = inputs.result(name, "model"), inputs.result(name, "comparison")
+    size = float(inputs.result(name, "radius")["pixel_size"]) * 1e6
+    chosen = [
+        (int(np.argmin(np.abs(keys["key_time"].values - t))), float(r) * 1e6, "I" * (i + 1))
+        for i, (t, r) in enumerate(
+            zip(impacts["peak_time"].values, made["peak_radius_model"].values, strict=False)
+        )
+    ]
+    chosen.append((keys.sizes["key"] - 1, float(model["contact_radius"][-1]) * 1e6, "at rest"))
+    notes = []
+    with panels(len(chosen), 1, width=1, aspect=0.36 * len(chosen)) as (figure, axes):
+        for number, (key, radius, word) in enumerate(chosen):
+            at = keys.isel(key=key)
+            place = axes[number, 0]
+            _spot(place, at, radius, size, float(keys["reduction"]))
+            place.set_ylabel("y (µm)")
+            letter(place, _LETTERS[number], word)
+            ours = float(at["circle_radius"]) * size
+            notes.append(f"{word}: {ours:.1f} µm in this frame, model {radius:.1f} µm")
+        axes[-1, 0].set_xlabel("x (µm)")
+        legend_above(figure, axes[0, 0])
+    return Drawing(
+        Caption(
+            "The contact of an acrylic sphere through the disc at the largest radius of the first "
+            "impacts and at rest, from "
+            f"{inputs.experiments[name].height.value * 1e3:g} mm.",
+            computed=(
+                "red: contact circle of the simulated drop, centred on the fit; blue, dashed: "
+                f"circle fitted to the fringes. {'; '.join(notes)}."
+            ),
+            difference=(
+                "the printed caption gives 2.17 mm per pixel; 2.17 µm is meant. The radii are not "
+                "printed."
+            ),
+            **inputs.told(f"frames of the film {name}, {size:.3f} µm per pixel."),
+        ),
+        figure,
+    )
+
+
+def _spot(place: Any, at: Any, radius: float, size: float, reduction: float) -> None:
+    """Draw one frame around the fitted centre, in µm."""
+    from matplotlib.patches import Circle
+
+    x, y = (float(at[f"circle_{axis}"]) for axis in "xy")
+    rows, columns = at["image"].shape
+    # Pixel centres are whole numbers: the image reaches half a pixel further on every side.
+    left, right = (-0.5 - x) * size, (columns * reduction - 0.5 - x) * size
+    low, high = (-0.5 - y) * size, (rows * reduction - 0.5 - y) * size
+    place.imshow(at["image"].values, cmap="gray", extent=(left, right, high, low),
+                 interpolation="nearest")  # fmt: skip
+    fitted = float(at["circle_radius"]) * size
+    place.add_patch(Circle((0, 0), radius, fill=False, edgecolor="#d62728", linewidth=1.2,
+                           label="model"))  # fmt: skip
+    place.add_patch(Circle((0, 0), fitted, fill=False, edgecolor="#5cb8f0", linewidth=0.8,
+                           linestyle=(0, (4, 3)), label="fit"))  # fmt: skip
+    place.set(xlim=(max(left, -1250), min(right, 1250)), ylim=(high, low))
+    place.grid(visible=False)
+
+
+def heated(inputs: Inputs) -> Drawing:
+    """Figure 3.16: contact radius at room temperature and heated, first impacts and at rest."""
+    pair = _temperatures(inputs)
+    looks = ({"color": "#0066a6", "marker": "o"}, {"color": "#cc2a1e", "marker": "s"})
+    with panels(1, _IMPACTS + 1, width=2, aspect=0.36, width_ratios=(1, 1, 1, 0.7)) as (
+        figure, axes,
+    ):  # fmt: skip
+        for look, (name, label) in zip(looks, pair, strict=True):
+            made, impacts = inputs.result(name, "comparison"), inputs.result(name, "impacts")
+            for number in range(_IMPACTS):
+                inside = made["impact_number"].values == number + 1
+                t = made["since_peak"].values[inside] * 1e3
+                order = np.argsort(t)
+                place = axes[0, number]
+                place.plot(t, made["film"].values[inside] * 1e6, label=f"film, {label}",
+                           markersize=2.6, linestyle="none", **look)  # fmt: skip
+                place.plot(t[order], made["model"].values[inside][order] * 1e6,
+                           color=look["color"], linewidth=0.9, label=f"model, {label}")  # fmt: skip
+                place.set(xlabel="time $t_p$ (ms)", ylim=(0, None))
+                letter(place, _LETTERS[number], "I" * (number + 1))
+            last = axes[0, _IMPACTS]
+            last.errorbar(
+                [label], [float(impacts["static_radius"]) * 1e6],
+                yerr=[2e6 * float(impacts["u_static_radius"])], markersize=3.5, capsize=2, **look,
+            )  # fmt: skip
+            rest = float(inputs.result(name, "model")["contact_radius"][-1]) * 1e6
+            last.plot([label], [rest], marker="_", markersize=14, color=look["color"])
+        axes[0, 0].set_ylabel("contact radius (µm)")
+        letter(axes[0, _IMPACTS], _LETTERS[_IMPACTS], "at rest")
+        axes[0, _IMPACTS].margins(x=0.5)
+        legend_above(figure, axes[0, 0])
+    return Drawing(
+        Caption(
+            "Contact radius of an acrylic sphere at room temperature and heated, dropped from "
+            f"{inputs.experiments[pair[0][0]].height.value * 1e3:g} mm: (a) to (c) the first three "
+            "impacts, t_p = 0 at the largest radius; (d) at rest (bars: 95 %; dashes: the "
+            "simulation at the end of the film).",
+            computed=(
+                "simulated drops; the heated one with the material shifted by its law. "
+                + _warming(inputs, pair)
+            ),
+            difference=(
+                "the thesis prints no radii; as it says, the heated contact is larger in every "
+                "impact and at rest. That it also forms earlier lies within one frame here."
+            ),
+            **inputs.told(f"the films {pair[0][0]} and {pair[1][0]}."),
+        ),
+        figure,
+    )
+
+
+def _temperatures(inputs: Inputs) -> list[tuple[str, str]]:
+    """Film at room temperature and heated film of the same height, with their labels."""
+    films = inputs.of_kind("contact_area")
+    warm = next(n for n, s in films.items() if is_heated(s))
+    height = films[warm].height.value
+    cold = [n for n, s in films.items() if not is_heated(s) and s.height.value == height]
+    if not cold:
+        from labpipe.errors import InputError
+
+        message = f"no film at room temperature shares the drop height of {warm}"
+        raise InputError(message)
+    return [(cold[0], "room"), (warm, f"{temperature_of(films[warm]):g} °C")]
+
+
+def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> str:
+    """Say how much larger the heated contact is, by film and by model."""
+    cold, warm = (inputs.result(name, "comparison") for name, _ in pair)
+    notes = []
+    for number in range(_IMPACTS):
+        film, model = (
+            float(warm[f"peak_radius_{s}"][number] - cold[f"peak_radius_{s}"][number]) * 1e6
+            for s in ("film", "model")
+        )
+        u = 1e6 * float(
+            np.linalg.norm([float(m["u_peak_radius_difference"][number]) for m in (cold, warm)])
+        )
+        notes.append(f"{'I' * (number + 1)} {film:+.1f} (model {model:+.1f}) ± {u:.1f} µm")
+    return f"Largest radius, heated minus room: {'; '.join(notes)}."

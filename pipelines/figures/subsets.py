@@ -1,0 +1,112 @@
+"""Figures 3.8 and D.1: the line of subsets on the holder, and how it falls and bounces."""
+
+from typing import Any
+
+import numpy as np
+
+from pipelines.figures.drawing import Caption, Drawing, letter, panels
+from pipelines.figures.inputs import Inputs
+
+_PRINTED_TIMES = (0.0, 0.074, 0.085, 0.106, 0.126, 0.138, 0.149, 0.155, 0.161, 0.300)
+"""s, of figure 3.8 (b)."""
+
+_LINE, _POINT = "#0066a6", "#f2c200"
+
+
+def _film(inputs: Inputs) -> str:
+    """Return the first film that tracks a line of subsets."""
+    for name, settings in inputs.experiments.items():
+        if settings.tracking.line is not None:
+            return name
+    from labpipe.errors import InputError
+
+    message = "no film of the session tracks a line of subsets; give it tracking.line"
+    raise InputError(message)
+
+
+def _reference(place: Any, keys: Any, track: Any, *, squares: bool) -> None:
+    """Draw the first frame with the line and its subsets."""
+    from matplotlib.patches import Rectangle
+
+    reduction = float(keys["reduction"])
+    image = keys["image"].values[0]
+    rows, columns = image.shape
+    right, low = columns * reduction - 0.5, rows * reduction - 0.5
+    place.imshow(image, cmap="gray", interpolation="nearest", extent=(-0.5, right, low, -0.5))
+    x, y = track["x"].values[1:], track["y"].values[1:]
+    place.plot(x, y, color=_LINE, linewidth=1.6)
+    place.plot(x, y, "o", color=_POINT, markersize=2.6, markeredgewidth=0)
+    if squares:
+        for size, cx, cy in zip(track["subset"].values, track["x"].values, track["y"].values,
+                                strict=True):  # fmt: skip
+            colour = _POINT if size == track["subset"].values[-1] else "#cc4e00"
+            place.add_patch(Rectangle((cx - size / 2, cy - size / 2), size, size, fill=False,
+                                      edgecolor=colour, linewidth=0.7))  # fmt: skip
+    place.set(xlabel="column (px)", ylabel="row (px)")
+    place.grid(visible=False)
+
+
+def falling_line(inputs: Inputs) -> Drawing:
+    """Figure 3.8: the line on the holder, and where it is at chosen times."""
+    name = _film(inputs)
+    keys, track = inputs.result(name, "keys"), inputs.result(name, "track")
+    motion, events = inputs.result(name, "motion"), inputs.result(name, "bounces")
+    size = float(motion["pixel_size"]) * 1e3
+    time = track["time"].values
+    # Times count from the release, as the printed ones from the beginning of the fall.
+    since = time - float(events["release_time"])
+    chosen = [int(np.argmin(np.abs(since - t))) for t in _PRINTED_TIMES if t <= since[-1]]
+    with panels(1, 2, width=2, aspect=0.46, width_ratios=(1.0, 2.2)) as (figure, axes):
+        _reference(axes[0, 0], keys, track, squares=False)
+        letter(axes[0, 0], "a", "reference frame")
+        place = axes[0, 1]
+        shades = np.linspace(0.0, 0.85, len(chosen))
+        for shade, frame in zip(shades, chosen, strict=True):
+            at = track.isel(frame=frame, point=slice(1, None))
+            x = (at["x"] + at["dx"]).values * size
+            place.plot(x, -at["dy"].values * size, marker="o", markersize=2.0, linewidth=1.0,
+                       color=(shade, 0.35 + 0.2 * shade, 0.65 - 0.5 * shade),
+                       label=f"{abs(since[frame]):.3f} s")  # fmt: skip
+        place.set(xlabel="along the line (mm)", ylabel="displacement (mm)")
+        place.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title="from release")
+        letter(place, "b")
+    turned = float(np.nanmax(np.abs(motion["rotation"].values))) * 1e3
+    return Drawing(
+        Caption(
+            "(a) Reference frame of the holder of a PTFE sphere with the line of subsets that are "
+            "followed; (b) the line at chosen times, at those printed in the thesis as far as the "
+            "film lasts.",
+            computed=(
+                f"image correlation; {size * 1e3:.2f} µm per pixel. The line stays straight: the "
+                f"holder is rigid and turns by at most {turned:.2f} mrad."
+            ),
+            difference=(
+                "the printed line 'progressively deforms upon impact'; a holder is far too stiff "
+                "for that at these scales, and here the line moves as one."
+            ),
+            **inputs.told(f"the film {name}, {len(time)} frames were tracked."),
+        ),
+        figure,
+    )
+
+
+def reference_frame(inputs: Inputs) -> Drawing:
+    """Figure D.1: subsets and line on the reference frame."""
+    name = _film(inputs)
+    keys, track = inputs.result(name, "keys"), inputs.result(name, "track")
+    with panels(1, 1, width=1, aspect=1.1) as (figure, axes):
+        _reference(axes[0, 0], keys, track, squares=True)
+    small, body = int(track["subset"].values[-1]), int(track["subset"].values[0])
+    return Drawing(
+        Caption(
+            "Reference frame with the line (blue), its subsets (yellow) and the large subset by "
+            "which the body's motion is measured (orange).",
+            computed=(
+                f"{track.sizes['point'] - 1} subsets of {small} px on the line; one of {body} px "
+                "on the body."
+            ),
+            difference="the thesis prints neither the number nor the size of its subsets here.",
+            **inputs.told(f"the first frame of the film {name}."),
+        ),
+        figure,
+    )

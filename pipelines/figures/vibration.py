@@ -1,0 +1,80 @@
+"""Figure B.2: the ringing plate, recorded or computed."""
+
+import numpy as np
+
+from labpipe.report import line_arguments, value_with_uncertainty
+from pipelines.figures import apparatus
+from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.inputs import Inputs
+
+_MOST_HEIGHTS = 4
+_SHOWN = (-3.0, 60.0)  # ms around the blow
+
+
+def plate_vibration(inputs: Inputs | None) -> Drawing:
+    """Figure B.2: plate displacement after the impact of several spheres from each height."""
+    if inputs is None:
+        return apparatus.plate_vibration()
+    name = next(iter(inputs.experiments))
+    made, table = inputs.result(name, "comparison"), inputs.result(name, "table")
+    plate = inputs.result(name, "plate")
+    heights = np.unique(table["height"].values)[:_MOST_HEIGHTS]
+    kinds = list(dict.fromkeys(table["material"].values.tolist()))
+    time = made["time"].values * 1e3
+    inside = (time >= _SHOWN[0]) & (time <= _SHOWN[1])
+    rows, columns = (len(heights) + 1) // 2, min(2, len(heights))
+    with panels(rows, columns, width=2, aspect=0.28 * rows, sharex="all", sharey="all") as (
+        figure, axes,
+    ):  # fmt: skip
+        for panel, height in enumerate(heights):
+            place = axes.flat[panel]
+            for i in np.flatnonzero(table["height"].values == height):
+                material = str(table["material"].values[i])
+                look = line_arguments(None, count=kinds.index(material)) | {"linewidth": 0.9}
+                place.plot(time[inside], made["measured"].values[i][inside] * 1e6, label=material,
+                           **look)  # fmt: skip
+            letter(place, "abcd"[panel], f"$h_0$ = {height * 1e3:g} mm")
+        for place in axes[-1]:
+            place.set_xlabel("time from the blow (ms)")
+        for place in axes[:, 0]:
+            place.set_ylabel("plate, upwards (µm)")
+        legend_above(figure, axes[0, 0])
+    worst = 100 * float(made["nrmse"].max())
+    chance = float(table["probability_natural_frequency"])
+    return Drawing(
+        Caption(
+            "Displacement of the plate beside the disc after the first contact of spheres of "
+            f"{', '.join(kinds)}, mean of the repeats.",
+            computed=(
+                f"free ringing between the first two contacts: natural frequency "
+                f"{_shown(plate, 'frequency', 'Hz')}, damping ratio "
+                f"{_shown(plate, 'damping_ratio', '1')}, modal mass {_shown(plate, 'mass', 'kg')}; "
+                f"amplitudes at the blow in µm: {_amplitudes(table, kinds)}. Measured minus "
+                f"simulated drop on that plate: nRMSE at most {worst:.1f} %."
+            ),
+            difference=(
+                f"the thesis prints no numbers; it says that the frequency is the same for all "
+                f"materials and heights (here: probability {chance:.2f} of so large a difference "
+                "by chance) and that the amplitude grows with the height."
+            ),
+            **inputs.told(
+                f"{int(table['n'].sum())} recordings of the laser on the plate ({name})."
+            ),
+        ),
+        figure,
+    )
+
+
+def _shown(plate: object, name: str, unit: str) -> str:
+    value, u = (float(plate[key]) for key in (name, f"u_{name}"))  # type: ignore[index]
+    return value_with_uncertainty(value, u, unit) if np.isfinite(value) else "not known"
+
+
+def _amplitudes(table: object, kinds: list[str]) -> str:
+    notes = []
+    for kind in kinds:
+        chosen = np.flatnonzero(table["material"].values == kind)  # type: ignore[index]
+        order = sorted(chosen, key=lambda i: float(table["height"][i]))  # type: ignore[index]
+        values = ", ".join(f"{float(table['amplitude'][i]) * 1e6:.2f}" for i in order)  # type: ignore[index]
+        notes.append(f"{kind} {values}")
+    return "; ".join(notes)
