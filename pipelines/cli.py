@@ -175,7 +175,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         click.echo(f"error: {clash}", err=True)
         sys.exit(3)
     try:
-        code = cli.main(args=arguments, standalone_mode=False) or 0
+        code = cli.main(args=arguments, prog_name="labpipe", standalone_mode=False) or 0
     except click.UsageError as error:
         error.show()
         code = 2

@@ -95,7 +95,7 @@ def _png(image: "NDArray[np.uint8]") -> bytes:
 
 def _curves(dataset: xr.Dataset) -> bytes:
     """Draw the numeric columns of a table over its first long axis, one below the other."""
-    import io
+    from io import BytesIO
 
     from matplotlib.figure import Figure
 
@@ -120,6 +120,6 @@ def _curves(dataset: xr.Dataset) -> bytes:
         axes.set_ylabel(f"{name} / {variable.attrs.get('units', '')}")
         if place == len(names) - 1:
             axes.set_xlabel("time / s" if has_time else str(variable.dims[0]))
-    stream = io.BytesIO()
+    stream = BytesIO()
     figure.savefig(stream, format="png", dpi=100, metadata={"Software": None})
     return stream.getvalue()

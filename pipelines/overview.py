@@ -11,7 +11,7 @@ from labpipe.errors import LabpipeError
 from labpipe.workflow.plan import CACHED, Plan, make_plan, page_name
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store
-from labpipe.workflow.tasks import Stages, TaskId, spell_out
+from labpipe.workflow.tasks import Stages, spell_out
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
-_FORMAT = 1
+_FORMAT = 2
 """Raised when the page's content changes for equal results."""
 
 
@@ -37,6 +37,8 @@ KEY_NUMBERS = (
     KeyNumber("first restitution", "1", {"ball_drop": ("repeats", "restitution")}),
     KeyNumber("largest contact radius", "m", {"contact_area": ("impacts", "peak_radius")}),
     KeyNumber("storage stiffness", "N/m", {"harmonic": ("oscillations", "storage_stiffness")}),
+    KeyNumber("plateau force", "N", {"relaxation": ("tests", "plateau_force")}),
+    KeyNumber("plate frequency", "Hz", {"plate_vibration": ("plate", "frequency")}),
     KeyNumber("relaxed modulus", "Pa", {"dma": ("master_curve", "E_relaxed")}),
 )
 """The first finite value of a variable of a result."""
@@ -47,8 +49,14 @@ PICTURES = {
     "dma": ("master_curve", "reduced_frequency", "master_storage", "log"),
     "dic_validation": ("motion", "time", "displacement", "linear"),
     "contact_area": ("radius", "time", "radius", "linear"),
+    "relaxation": ("loads", "time", "force", "linear"),
+    "static_loading": ("displacement", "time", "displacement", "linear"),
+    "plate_vibration": ("displacement", "time", "displacement", "linear"),
 }
-"""Stage, abscissa, ordinate and scale of the small picture of each kind; others have none."""
+"""Stage, abscissa, ordinate and scale of the small picture of each kind; others have none.
+
+Of a stage that runs per recording, the first recording is shown.
+"""
 
 _COMPARISON, _ERROR = "comparison", "nrmse"
 
@@ -152,9 +160,9 @@ def _number(
 
 def _dataset(plan: Plan, store: Store, name: str, stage: str) -> "xr.Dataset | None":
     """Return a result that is up to date; None when there is none, or it is damaged."""
-    task = TaskId(name, stage)
-    row = next((row for row in plan.rows if row.task == task), None)
-    key = plan.keys[task].value if task in plan.keys else None
+    rows = (row for row in plan.rows if (row.experiment, row.stage) == (name, stage))
+    row = next(rows, None)
+    key = None if row is None else plan.keys[row.task].value
     if row is None or row.state != CACHED or key is None:
         return None
     try:
