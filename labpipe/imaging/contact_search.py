@@ -62,6 +62,8 @@ _SMALL_CONTACT = 4.0
 _LEAST_RADIUS = 0.8
 #: Least number of rings in which a fit is compared with edges and spheres.
 _LEAST_RINGS = 24
+#: Noise is taken from blocks of this side (px), of about so many pixels, at this percentile.
+_BLOCK, _NOISE_PIXELS, _QUIET = 12, 80_000, 3.0
 #: Greatest uncertainty of a radius as a share of it.
 _MOST_UNCERTAINTY = 0.1
 #: Share of the ring's pixels that must lie in the frame.
@@ -151,11 +153,23 @@ def search_contact(
 def has_structure(frame: NDArray[np.generic]) -> bool:
     """Tell whether there is more in a frame than noise."""
     small, factor = reduce_frame(frame)
-    line = np.asarray(frame[:: max(1, frame.shape[0] // 64)], np.float32)
-    noise = float(np.median(np.abs(np.diff(line, axis=1)))) / 0.954
+    noise = _quiet_noise(frame)
     smooth = cv2.GaussianBlur(small, (3, 3), 0.8)
     low, high = np.percentile(smooth, (0.1, 99.9))
     return float(high - low) > _LEAST_STRUCTURE * max(noise, 0.3) / (2.0 * factor)
+
+
+def _quiet_noise(frame: NDArray[np.generic]) -> float:
+    """Noise of a pixel (grey levels) where the frame is quietest, so that fringes do not count."""
+    side = min(_BLOCK, *frame.shape)
+    rows, columns = (size // side * side for size in frame.shape)
+    bands = frame[:rows, :columns].reshape(-1, side, columns)
+    bands = bands[:: max(1, bands.size // _NOISE_PIXELS)]
+    steps = np.abs(np.diff(bands.astype(np.float32), axis=1))
+    blocks = (
+        steps.reshape(len(bands), side - 1, -1, side).swapaxes(1, 2).reshape(-1, side**2 - side)
+    )
+    return float(np.percentile(np.median(blocks, axis=1), _QUIET)) / 0.954
 
 
 def look_at(

@@ -6,6 +6,7 @@ that of a contact frame before and after shows the same contact. All others are 
 """
 
 import math
+from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -29,6 +30,8 @@ _LOCALLY_DIFFERENT = 8.0
 _PLACE, _REACH = 24, 60
 #: Frames between two that are read whole at least, also where nothing changes.
 _LONGEST_REST = 64
+#: Decoded frames kept at hand (bytes), so that a second look does not read them again.
+_MOST_KEPT = 128 * 2**20
 
 
 @dataclass
@@ -43,6 +46,8 @@ class FilmReader:
         Frames read whole, and bands of rows.
     pixels_read, bytes_read : int
         What that amounts to, decoded.
+    repeats : int
+        Frames that were read again because they were no longer at hand.
     damaged : set of int
         Frames that hold numbers that are not finite; they are returned all black.
     """
@@ -52,14 +57,22 @@ class FilmReader:
     bands_read: int = 0
     pixels_read: int = 0
     bytes_read: int = 0
+    repeats: int = 0
     damaged: set[int] = field(default_factory=set)
     _seen: set[int] = field(default_factory=set)
     _parts: dict[tuple[int, int], FrameSource] = field(default_factory=dict)
+    _kept: OrderedDict[int, NDArray[np.generic]] = field(default_factory=OrderedDict)
 
     def whole(self, index: int) -> NDArray[np.generic]:
-        """Read a frame."""
-        image = np.asarray(self.film[index])
-        if index not in self._seen:
+        """Read a frame, or hand out again one that was read lately."""
+        if index in self._kept:
+            self._kept.move_to_end(index)
+            return self._kept[index]
+        # A copy, because a film may hand out a view of memory that it uses again.
+        image = np.array(self.film[index])
+        if index in self._seen:
+            self.repeats += 1
+        else:
             self._seen.add(index)
             self.frames_read += 1
         if image.dtype.kind == "f" and not np.isfinite(image).all():
@@ -67,6 +80,9 @@ class FilmReader:
             image = np.zeros_like(image)
         self.pixels_read += image.size
         self.bytes_read += image.nbytes
+        self._kept[index] = image
+        if len(self._kept) * image.nbytes > _MOST_KEPT:
+            self._kept.popitem(last=False)
         return image
 
     def band(self, index: int, top: int, bottom: int) -> NDArray[np.float32]:
@@ -91,7 +107,13 @@ class FilmReader:
             "pixels_read": self.pixels_read,
             "pixels_total": count * rows * columns,
             "bytes_read": self.bytes_read,
+            "bytes_total": count * rows * columns * self._bytes_per_pixel(),
+            "repeated_reads": self.repeats,
         }
+
+    def _bytes_per_pixel(self) -> int:
+        """Return the size of a decoded pixel, from what was read."""
+        return round(self.bytes_read / self.pixels_read) if self.pixels_read else 1
 
 
 def frames_in_windows(time: Floats, windows: Sequence[tuple[float, float]]) -> Flags:

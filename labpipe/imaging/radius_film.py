@@ -65,10 +65,10 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
         Checked arguments.
     """
     reader = FilmReader(film)
-    view = _make_view(film, options)
     wanted = np.asarray(film.valid, bool).copy()
     if options.windows is not None:
         wanted &= frames_in_windows(film.time, options.windows)
+    view = _make_view(reader, options, wanted)
     result = FilmResult(view, np.zeros(len(film), bool))
     result.is_phase_given = options.phase is not None
     result.has_fringes = options.wavelength is not None and view.templates is not None
@@ -93,8 +93,9 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
     return result
 
 
-def _make_view(film: FrameSource, options: FilmOptions) -> View:
+def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
     """Optics and settings as they are before the film has told more."""
+    film = reader.film
     wavelength = NOMINAL_WAVELENGTH if options.wavelength is None else options.wavelength
     phase = math.pi if options.phase is None else options.phase
     optics = make_optics(options.pixel_size, options.sphere_radius, wavelength, phase)
@@ -105,7 +106,7 @@ def _make_view(film: FrameSource, options: FilmOptions) -> View:
     alternatives = (*oblique, (Parameter.SCALE,))
     settings = FitSettings(options.fringes, LEAST_SPACING, free)
     black, white = film.levels
-    if np.dtype(film[0].dtype).kind == "f":
+    if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
         # Nothing tells from where numbers that are no counts are saturated.
         white = math.inf
     return View(

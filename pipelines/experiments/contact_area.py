@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 _IMPACTS = 3  # the thesis analyses the first three
 _STILL = 20e-3  # s of contact after which it is rest, not an impact
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
+_MISSED = 2  # frames without contact within one: a flight lasts longer
+_BRIEF = 0.3  # an impact lasts at least this share of the longest: slower ones last longer
+_RESOLVED = 3  # frames of an impact from which single frames elsewhere are not impacts
 _STEP = 2e-5  # s, spacing of the model's curve
 _WINDOW = 3e-3  # s around the largest radius in which film and model are compared
 
@@ -62,14 +65,15 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     del settings
     time, a = radius["time"].values, radius["radius"].values
     u = radius["u_radius"].values
-    runs = _contacts(time, radius["in_contact"].values.astype(bool) & np.isfinite(a))
-    if not runs:
+    seen = radius["in_contact"].values.astype(bool)
+    runs = _contacts(time, seen)
+    if not any(np.isfinite(a[run]).any() for run in runs):
         message = (
             "no contact was found in the film; check the view under the disc, its scale and the "
             "wavelength"
         )
         raise InputError(message)
-    brief = [run for run in runs if time[run[-1]] - time[run[0]] < _STILL][:_IMPACTS]
+    brief = _brief_contacts(time, a, runs)[:_IMPACTS]
     peaks = [_peak(time[run], a[run], u[run]) for run in brief]
     shared = radius["radius_systematic"].values / a
     relative = float(np.nanmedian(shared)) if np.isfinite(shared).any() else 0.0
@@ -99,8 +103,33 @@ def _contacts(time: Array, is_seen: NDArray[np.bool_]) -> list[NDArray[np.int64]
     if not len(seen):
         return []
     usual = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
-    is_new = (np.diff(seen) > 1) | (np.diff(time[seen]) > max(_GAP * usual, _STILL / 2))
+    late = np.diff(time[seen])
+    is_new = (np.diff(seen) > _MISSED + 1) | (late > max(_GAP * usual, _STILL / 2))
+    is_new |= (np.diff(seen) > 1) & (late > (_MISSED + 1.5) * usual)
     return np.split(seen, np.flatnonzero(is_new) + 1)
+
+
+def _brief_contacts(
+    time: Array, a: Array, runs: list[NDArray[np.int64]]
+) -> list[NDArray[np.int64]]:
+    """Contacts that are impacts: neither rest nor a single frame mistaken for a contact.
+
+    The time of an impact hardly depends on its speed (Hertz: as its fifth root), and grows from
+    bounce to bounce. What ends much sooner than others last, or shows in one frame where others
+    show in several, is a shadow or a sphere that passes close by.
+    """
+    brief = [run for run in runs if time[run[-1]] - time[run[0]] < _STILL]
+    brief = [run for run in brief if np.isfinite(a[run]).any()]
+    longest = max((float(time[run[-1]] - time[run[0]]) for run in brief), default=0.0)
+    most = max(map(len, brief), default=0)
+    last = len(time) - 1
+
+    def is_impact(run: NDArray[np.int64]) -> bool:
+        between = time[min(run[-1] + 1, last)] - time[max(run[0] - 1, 0)]
+        is_alone = len(run) == 1 and most >= _RESOLVED
+        return bool(between >= _BRIEF * longest) and not is_alone
+
+    return [run for run in brief if is_impact(run)]
 
 
 def _peak(time: Array, a: Array, u: Array) -> tuple[float, float, float]:
@@ -108,6 +137,8 @@ def _peak(time: Array, a: Array, u: Array) -> tuple[float, float, float]:
 
     a² goes with the approach, which passes its largest value like a parabola; a itself does not.
     """
+    is_known = np.isfinite(a)
+    time, a, u = time[is_known], a[is_known], u[is_known]
     top = int(np.argmax(a))
     low, high = max(0, top - 2), min(len(a), top + 3)
     if high - low < 4:
@@ -199,16 +230,22 @@ def comparison(
     count = min(impacts.sizes["impact"], model.sizes["impact"])
     time, a = radius["time"].values, radius["radius"].values
     seen = radius["in_contact"].values.astype(bool)
-    points: dict[str, list[Array]] = {"number": [], "since": [], "film": [], "model": []}
+    known = np.hypot(radius["u_radius"].values, radius["radius_systematic"].values)
+    points: dict[str, list[Array]] = {
+        "number": [], "since": [], "film": [], "u_film": [], "model": [],
+    }  # fmt: skip
     errors, peak_times = [], []
     for i in range(count):
         peak = _model_peak(model, i)
         peak_times.append(peak)
         since = time - float(impacts["peak_time"][i])
         inside = (np.abs(since) < _WINDOW) & np.isfinite(a) & seen
+        inside &= time >= float(impacts["first_seen"][i])
+        inside &= time <= float(impacts["last_seen"][i])
         theirs = np.interp(since[inside] + peak, model["time"], model["contact_radius"])
         for key, values in (("number", np.full(inside.sum(), i + 1.0)), ("since", since[inside]),
-                            ("film", a[inside]), ("model", theirs)):  # fmt: skip
+                            ("film", a[inside]), ("u_film", known[inside]),
+                            ("model", theirs)):  # fmt: skip
             points[key].append(values)
         spread = max(float(np.max(a[inside])), 1e-12)
         errors.append(float(np.sqrt(np.mean((a[inside] - theirs) ** 2))) / spread)
@@ -227,6 +264,8 @@ def comparison(
                            {"units": "s", "long_name": "time since the largest radius"}),
             "film": ("sample", joined["film"],
                      {"units": "m", "long_name": "contact radius, film"}),
+            "u_film": ("sample", joined["u_film"],
+                       {"units": "m", "long_name": "standard uncertainty: contact radius, film"}),
             "model": ("sample", joined["model"],
                       {"units": "m", "long_name": "contact radius, model"}),
             "nrmse": ("impact", np.array(errors),
@@ -284,6 +323,13 @@ def keys(
         ("circle_x", at["centre_x"].values, "px", "column of the fitted centre"),
         ("circle_y", at["centre_y"].values, "px", "row of the fitted centre"),
         ("circle_radius", at["radius"].values / size, "px", "fitted radius"),
-    ):
+        ("circle_major", at["semi_axis_major"].values / size, "px", "fitted major semi-axis"),
+        ("circle_minor", at["semi_axis_minor"].values / size, "px", "fitted minor semi-axis"),
+        ("circle_angle", at["axis_angle"].values, "rad", "direction of the major axis"),
+        ("key_radius", at["radius"].values, "m", "contact radius"),
+        ("u_key_radius", np.hypot(at["u_radius"].values, at["radius_systematic"].values), "m",
+         "standard uncertainty: contact radius"),
+        ("key_method", at["method"].values.astype(float), "1", "how the radius was found"),
+    ):  # fmt: skip
         found[name] = ("key", values, {"units": units, "long_name": text})
     return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))

@@ -30,7 +30,14 @@ from pipelines.settings.contact_area import ContactArea
 _CIRCLE = (60, 120, 255)  # BGR, orange
 _SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
 _VIEW = 1.5  # ms around the largest radius of an impact that a button shows
-_METHODS = {1: "fringe fit", 2: "edge", 3: "interpolation between equal frames at rest"}
+_METHODS = {
+    1: "fringe fit", 5: "fringe fit with a gap that is not Hertz's", 2: "edge",
+    3: "interpolation between equal frames at rest", 4: "nothing but contact in view (no radius)",
+}  # fmt: skip
+_SOURCES = {
+    "sphere_radius": "radius of the sphere", "wavelength": "wavelength",
+    "pixel_size": "length of one pixel", "phase": "phase in the contact",
+}  # fmt: skip
 _SUB_PIXEL = 4  # binary digits of the drawn circle's place
 
 
@@ -49,7 +56,7 @@ def page(
     if keys is not None:
         sections.append(_key_frames(keys))
     if radius is not None:
-        sections += [_calibration(radius), _over_time(radius, impacts, model, comparison)]
+        sections += [_calibration(radius, impacts), _over_time(radius, impacts, model, comparison)]
     if impacts is not None:
         sections.append(_impacts(impacts, comparison))
     if radius is not None and impacts is not None:
@@ -135,16 +142,50 @@ def _picture(key: xr.Dataset) -> Picture:
     if all(map(math.isfinite, (x, y, r))):
         unit = 1 << _SUB_PIXEL
         shift = scale / 2 - 0.5  # the centre of an enlarged or reduced pixel
-        centre = tuple(round((v * scale + shift) * unit) for v in (x, y))
-        cv2.circle(canvas, centre, round(r * scale * unit), _CIRCLE, 1, cv2.LINE_AA, _SUB_PIXEL)
+        centre = (round((x * scale + shift) * unit), round((y * scale + shift) * unit))
+        axes = (float(key["circle_major"]), float(key["circle_minor"]))
+        major, minor = (v if math.isfinite(v) else r for v in axes)
+        angle = float(key["circle_angle"])
+        turned = math.degrees(angle) if math.isfinite(angle) else 0.0
+        size = (round(major * scale * unit), round(minor * scale * unit))
+        cv2.ellipse(canvas, centre, size, turned, 0, 360, _CIRCLE, 1, cv2.LINE_AA, _SUB_PIXEL)
     frame, time = int(key["frame"]), float(key["key_time"]) * 1e3
+    found = "no radius"
+    if math.isfinite(r):
+        value = value_with_uncertainty(float(key["key_radius"]), float(key["u_key_radius"]), "m")
+        found = f"radius {value} ({r:.1f} px), {_METHODS[int(key['key_method'])]}"
     return Picture(
         png(canvas), f"frame {frame} with the fitted contact circle",
-        f"frame {frame}, {time:.2f} ms in the film, radius {r:.1f} px",
+        f"frame {frame}, {time:.2f} ms in the film, {found}",
     )  # fmt: skip
 
 
-def _calibration(radius: xr.Dataset) -> Section:
+def _budget(radius: xr.Dataset, impacts: xr.Dataset | None) -> tuple[Block, ...]:
+    """Show what all frames share, for the largest contact and at rest."""
+    a = radius["radius"].values
+    if not np.isfinite(a).any():
+        return ()
+    chosen = [("largest contact", int(np.nanargmax(a)))]
+    if impacts is not None and np.isfinite(float(impacts["static_radius"])):
+        chosen.append(("at rest", int(np.flatnonzero(np.isfinite(a))[-1])))
+    at = [radius.isel(frame=frame) for _, frame in chosen]
+    rows: list[list[float | int | str | bool | None]] = [
+        [text, *(float(one["systematic_part"].sel(source=name)) for one in at)]
+        for name, text in _SOURCES.items()
+    ]
+    rows.append(
+        ["together, shared by all frames", *(float(one["radius_systematic"]) for one in at)]
+    )
+    rows.append(["noise and misfit of the frame", *(float(one["u_radius"]) for one in at)])
+    titles = [
+        f"{where}, {value_with_uncertainty(float(a[frame]), 0.0, 'm')}" for where, frame in chosen
+    ]
+    columns = (Column("source"), *(Column(title, unit="m", digits=2) for title in titles))
+    caption = "Standard uncertainty of the contact radius by source"
+    return (Table(columns, rows, caption=caption, sortable=False),)
+
+
+def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None) -> Section:
     size = value_with_uncertainty(
         float(radius["pixel_size"]), float(radius["u_pixel_size"]), "m/px"
     )
@@ -154,6 +195,7 @@ def _calibration(radius: xr.Dataset) -> Section:
         *pages.budget_table(
             json.loads(radius.attrs["scale_budget"]), "Budget of the image scale"
         ),
+        *_budget(radius, impacts),
     ]  # fmt: skip
     return Section("Calibration and its uncertainty", tuple(blocks))
 
@@ -173,7 +215,9 @@ def _over_time(
         views = tuple(
             (f"impact {i + 1}", float(p - _VIEW), float(p + _VIEW)) for i, p in enumerate(peaks)
         )
-    curves = [Series("film", time, shown, role="measured", style="points")]
+    known = np.hypot(radius["u_radius"].values, radius["radius_systematic"].values) * 1e3
+    known = np.where(seen & np.isfinite(known), known, 0.0)
+    curves = [Series("film", time, shown, role="measured", style="points", u=known)]
     if model is not None and impacts is not None and impacts.sizes["impact"]:
         start = float(impacts["peak_time"][0])
         if comparison is not None and comparison.sizes["impact"]:
@@ -191,11 +235,27 @@ def _over_time(
     charts: list[Block] = [
         LineChart("Contact radius", "time in the film / ms", "contact radius / mm", tuple(curves),
                   group="film", views=views,
-                  caption="Frames without contact stand at 0.")
+                  caption="Frames without contact stand at 0. Bars: standard uncertainty.")
     ]  # fmt: skip
+    charts += _gap_factor(radius)
     if comparison is not None:
         charts += [_around(comparison, i) for i in range(comparison.sizes["impact"])]
     return Section("Contact radius over time", tuple(charts))
+
+
+def _gap_factor(radius: xr.Dataset) -> list[Block]:
+    """Say where the gap beside the contact was not Hertz's, and how much it differed."""
+    is_open = radius["method"].values == 5
+    if not is_open.any():
+        return []
+    factor = radius["gap_factor"].values[is_open]
+    text = (
+        f"In {int(is_open.sum())} frames the gap beside the contact was not Hertz's: "
+        f"{factor.min():.2f} to {factor.max():.2f} of it. The surface of a viscoelastic body still "
+        "recovers while the contact recedes, and when it comes back early. There the factor was "
+        "fitted too; the error bars of these frames say what is not known of the gap's shape."
+    )
+    return [Notice("info", text)]
 
 
 def _around(comparison: xr.Dataset, i: int) -> LineChart:
@@ -206,7 +266,7 @@ def _around(comparison: xr.Dataset, i: int) -> LineChart:
         "contact radius / mm",
         (
             Series("film", since, comparison["film"].values[mine] * 1e3, role="measured",
-                   style="points"),
+                   style="points", u=comparison["u_film"].values[mine] * 1e3),
             Series("model", since, comparison["model"].values[mine] * 1e3, role="model"),
         ),
         height_px=260,

@@ -1,0 +1,111 @@
+"""Which frames of a long film are read: contacts are not missed, flights and rest are left out."""
+
+import json
+from collections import Counter
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe.frames import ArrayFrames
+from labpipe.imaging import contact_radius
+from labpipe.imaging.gating import FilmReader, frames_in_windows
+from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose
+
+SCENE = Scene(rows=96, columns=128, pixel_size=5e-6)
+CENTRE = (62.3, 45.7)
+UM = 1e-6
+REST = 320  # first frame at rest
+
+
+class CountedFrames(ArrayFrames):
+    """A film that counts how often every frame is read whole."""
+
+    reads: Counter[int]
+
+    def __getitem__(self, index: int) -> np.ndarray:
+        self.reads[index] += 1
+        return super().__getitem__(index)
+
+
+def long_film() -> tuple[CountedFrames, np.ndarray]:
+    """Two impacts of some frames, flights between them, and rest; only the noise is new."""
+    rng = np.random.default_rng(3)
+    radii = np.zeros(400)
+    radii[81:92] = 100.0 * UM * (0.6 + np.sin(np.pi * (np.arange(11) + 1.0) / 12.0))
+    radii[203:211] = 90.0 * UM * (0.6 + np.sin(np.pi * (np.arange(8) + 1.0) / 9.0))
+    radii[REST:] = 75.0 * UM
+    # The sphere moves many fringes during an exposure.
+    washed_out = np.full((SCENE.rows, SCENE.columns), SCENE.mean)
+    seen = {0.0: washed_out} | {
+        float(a): clean_image(SCENE, float(a), CENTRE, samples=4) for a in set(radii) - {0.0}
+    }
+    images = np.stack([expose(seen[float(a)], SCENE, rng) for a in radii])
+    film = CountedFrames(images, 1e-4 * np.arange(400, dtype=np.float64))
+    film.reads = Counter()
+    return film, radii
+
+
+def measure(film: ArrayFrames, **options: object) -> xr.Dataset:
+    return contact_radius(
+        film, SCENE.pixel_size, SCENE.sphere_radius, SCENE.wavelength, **options,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def test_only_frames_that_matter_are_read_and_none_is_missed() -> None:
+    film, radii = long_film()
+    found = measure(film)
+    work = json.loads(found.attrs["work"])
+    assert found.in_contact.values.tolist() == (radii > 0.0).tolist()
+    assert found.radius.values[radii > 0.0] == pytest.approx(radii[radii > 0.0], abs=0.1 * UM)
+    assert work["frames_read"] < 0.2 * work["frames_total"]
+    assert work["bytes_read"] < 0.4 * work["bytes_total"]
+    assert work["bytes_total"] == 400 * 96 * 128
+    assert (found.method.values[REST + 5 : -5] == 3).sum() > 60
+
+
+def test_no_frame_is_read_twice() -> None:
+    film, _ = long_film()
+    work = json.loads(measure(film).attrs["work"])
+    assert max(film.reads.values()) == 1
+    assert len(film.reads) == work["frames_read"]
+    assert work["repeated_reads"] == 0
+
+
+def test_full_reads_everything_and_agrees() -> None:
+    film, radii = long_film()
+    quick, full = measure(film), measure(film, full=True)
+    work = json.loads(full.attrs["work"])
+    assert work["frames_read"] == work["frames_total"]
+    assert work["bytes_read"] == work["bytes_total"]
+    assert quick.in_contact.values.tolist() == full.in_contact.values.tolist()
+    seen = radii > 0.0
+    difference = (quick.radius - full.radius).values[seen]
+    tolerance = 5.0 * full.u_radius.values[seen]
+    assert (np.abs(difference) <= tolerance).all()
+    assert float(quick.static_radius) == pytest.approx(float(full.static_radius), abs=0.01 * UM)
+
+
+def test_windows_limit_what_is_read() -> None:
+    film, radii = long_film()
+    found = measure(film, windows=[(0.0200, 0.0215)])
+    assert set(np.flatnonzero(found.in_contact.values)) == set(range(203, 211))
+    assert set(film.reads) <= set(range(200, 216))
+    assert radii[203] > 0.0
+
+
+def test_windows_include_both_ends() -> None:
+    time = np.array([0.0, 1.0, 2.0, 3.0])
+    assert frames_in_windows(time, [(1.0, 2.0)]).tolist() == [False, True, True, False]
+
+
+def test_frames_beyond_what_is_kept_are_counted_as_read_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("labpipe.imaging.gating._MOST_KEPT", 3 * 16 * 16)
+    reader = FilmReader(ArrayFrames(np.zeros((8, 16, 16), np.uint8)))
+    for index in (0, 1, 2, 0, 3, 4, 0, 1):
+        reader.whole(index)
+    assert reader.frames_read == 5
+    assert reader.repeats == 1
+    assert reader.bytes_read == 6 * 16 * 16

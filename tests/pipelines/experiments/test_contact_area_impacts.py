@@ -1,0 +1,52 @@
+"""Impacts among the contacts of a film: single frames, missed frames, slow films."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pipelines.experiments.contact_area import impacts
+
+
+def seen_in_film(time: np.ndarray, radius: np.ndarray, in_contact: np.ndarray) -> xr.Dataset:
+    """What the stage ``radius`` hands on, as far as impacts are concerned."""
+    values = {"radius": radius, "u_radius": np.full(len(time), 1e-8)}
+    values |= {"radius_systematic": 1e-3 * radius, "in_contact": in_contact}
+    return xr.Dataset({n: ("frame", v) for n, v in values.items()}, {"time": ("frame", time)})
+
+
+def three_impacts() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frames at 10 kHz of contacts of 1.2 ms that begin at 5, 25 and 40 ms, and rest from 60 ms."""
+    time = 1e-4 * np.arange(1200)
+    square = np.where(time > 60e-3, (200e-6) ** 2, 0.0)
+    for begin, largest in ((5e-3, 700e-6), (25e-3, 600e-6), (40e-3, 500e-6)):
+        inside = (time > begin) & (time < begin + 1.2e-3)
+        square[inside] = largest**2 * np.sin(np.pi * (time[inside] - begin) / 1.2e-3)
+    radius = np.where(square > 0.0, np.sqrt(square), np.nan)
+    return time, radius, square > 0.0
+
+
+def test_single_frames_mistaken_for_contact_are_no_impacts() -> None:
+    time, radius, seen = three_impacts()
+    for wrong in (20, 150, 330, 500):
+        radius[wrong], seen[wrong] = 150e-6, True
+    found = impacts(seen_in_film(time, radius, seen), settings=None)
+    assert found["peak_radius"].values == pytest.approx([700e-6, 600e-6, 500e-6], rel=0.002)
+    assert found["peak_time"].values == pytest.approx([5.6e-3, 25.6e-3, 40.6e-3], abs=2e-5)
+    assert float(found["static_radius"]) == pytest.approx(200e-6)
+
+
+def test_frame_missed_within_a_contact_does_not_split_it() -> None:
+    time, radius, seen = three_impacts()
+    radius[255], seen[255] = np.nan, False
+    radius[405:407] = np.nan  # wider than the frame: in contact, without a radius
+    found = impacts(seen_in_film(time, radius, seen), settings=None)
+    assert found["peak_time"].values == pytest.approx([5.6e-3, 25.6e-3, 40.6e-3], abs=1e-4)
+    assert found["first_seen"].values == pytest.approx([5.1e-3, 25.1e-3, 40.1e-3])
+
+
+def test_slow_film_with_one_frame_for_each_impact_keeps_them() -> None:
+    time = 2e-3 * np.arange(100)
+    radius = np.full(100, np.nan)
+    radius[[10, 22, 31]] = 500e-6, 400e-6, 300e-6
+    found = impacts(seen_in_film(time, radius, np.isfinite(radius)), settings=None)
+    assert found["peak_time"].values == pytest.approx([20e-3, 44e-3, 62e-3])
