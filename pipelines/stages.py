@@ -105,7 +105,7 @@ HARMONIC = (
         summary="work by eq. (2.31), tapping front, dimensionless numbers",
     ),
     Stage(
-        "comparison", "pipelines.experiments.harmonic:comparison", 1,
+        "comparison", "pipelines.experiments.harmonic:comparison", 2,
         ("loads", "oscillations", "model"), (),
         summary="measurement against model",
     ),
@@ -135,7 +135,7 @@ RELAXATION = (
         summary="find touch, ramps and holds: peak and plateau",
     ),
     Stage(
-        "curves", "pipelines.experiments.relaxation:curves", 1,
+        "curves", "pipelines.experiments.relaxation:curves", 2,
         ("loads", "ramps", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "model"), per="recording", over="mach1",
@@ -149,7 +149,7 @@ RELAXATION = (
         summary="simulate with the measured displacement",
     ),
     Stage(
-        "comparison", "pipelines.experiments.relaxation:comparison", 1,
+        "comparison", "pipelines.experiments.relaxation:comparison", 2,
         ("loads", "ramps", "model"), ("hold",), per="recording", over="mach1",
         summary="measurement against model: ramp, early, late",
     ),

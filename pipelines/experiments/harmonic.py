@@ -463,13 +463,14 @@ def comparison(
     if "absent" in model.attrs:
         return xr.Dataset(attrs={"absent": model.attrs["absent"]})
     declared = mach1_file.declared_filter(loads)
+    kind = mach1_file.filter_kinds(loads)[0]
     interval = float(loads["sampling_interval"][0])
     error, bias = [], []
     simulated = np.full(loads.sizes["sample"], np.nan)
     for i in range(oscillations.sizes["oscillation"]):
         at = oscillations.isel(oscillation=i)
         where = mach1_file.rows(loads, int(at["block"]))
-        passed = mach1_file.filtered(model["force"].values[where], interval, declared)
+        passed = mach1_file.filtered(model["force"].values[where], interval, declared, kind)
         simulated[where] = passed
         time = loads["time"].values[where]
         used = (time >= float(at["begin"])) & (time <= float(at["end"]))

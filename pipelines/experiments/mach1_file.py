@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import bessel, butter, sosfilt, sosfilt_zi
+from scipy.signal import bessel, besselap, buttap, butter, sosfilt, sosfilt_zi
 
 import calibration
 import instruments
@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 
 _APPROACH = "Find Contact"
 _POWERS = (0.85, 1.15)  # of the depth with which force may begin to grow, see _touch
+_KINDS = ("butterworth", "bessel")  # what a header's "low-pass" may be, the likelier first
+_CONSISTENT = 3.0  # standard uncertainties between two delays that may be one
 _SLOW = 1e-3  # of a cutoff: there a filter only delays
 _FILTER_FINENESS = 10  # steps per sample, so that a digital filter behaves as the analogue one
 _POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth in log time
@@ -99,6 +101,28 @@ def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag | None
         phase=lag.phase * value / slow, u_phase=lag.phase * u / slow,
         delay=lag.delay * value / slow, note=note,
     )  # fmt: skip
+
+
+def filter_kinds(loads: xr.Dataset) -> tuple[str, ...]:
+    """Return which kinds of filter the load cell may have: those of the delay in its record.
+
+    Without a delay in the record, or with one that fits no kind, all of them, the likeliest first.
+    """
+    declared = declared_filter(loads)
+    measured = json.loads(loads.attrs.get("filter_delay", "null"))
+    if declared is None or measured is None:
+        return _KINDS
+    order, turn = int(declared["order"]), 2 * np.pi * declared["cutoff"]
+    value, u = measured
+    fitting = []
+    for kind, poles in (
+        ("butterworth", buttap(order)[1]),
+        ("bessel", besselap(order, norm="mag")[1]),
+    ):
+        delay = float(np.real(np.sum(-1 / poles))) / turn
+        if abs(delay - value) <= _CONSISTENT * u:
+            fitting.append(kind)
+    return tuple(fitting) or _KINDS
 
 
 def filtered(

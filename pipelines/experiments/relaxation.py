@@ -44,7 +44,6 @@ _TERMS_PER_DECADE = 3  # of the modulus that is fitted
 _FASTEST = 0.2  # of a sampling interval: faster processes cannot be told apart
 _BIRGE_LIMIT = 2.0  # of chance alone, three depths exceed it once in fifty
 _FIT_READINGS = 400  # of a hold
-_FILTERS = ("butterworth", "bessel")  # what a header's "low-pass" may be
 _SETTLED = 5.0  # s of a hold after which the filter's delay changes the force by less than 1e-4
 _PARTS = ("ramp", "early", "late", "all")
 
@@ -220,7 +219,8 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
     rows = _fit_rows(loads, found, interval)
     measured = loads["force"].values[rows]
     answers = []
-    for kind in _FILTERS:
+    kinds = mach1_file.filter_kinds(loads)
+    for kind in kinds:
         passed = np.column_stack([
             _through(loads, column, interval, declared, kind)[rows] for column in basis.T
         ])  # fmt: skip
@@ -233,9 +233,9 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
     modulus = chosen[0] + np.exp(-lag[:, None] / rho) @ chosen[1:]
     peaks = np.array([[c[hold.rows].max() for hold in found] for c in clean])
     systematic = np.array([holds.systematic(loads, p) for p in peaks[0]])
-    rest = measured - _through(loads, clean[0], interval, declared)[rows]
+    rest = measured - _through(loads, clean[0], interval, declared, kinds[0])[rows]
     misfit = np.array([_misfit(loads, rest, rows, hold) for hold in found])
-    u_peak = np.sqrt(systematic**2 + misfit**2 + (peaks[1] - peaks[0]) ** 2 / 3)
+    u_peak = np.sqrt(systematic**2 + misfit**2 + (peaks[-1] - peaks[0]) ** 2 / 3)
     return xr.Dataset(
         {
             "relaxation_modulus": (
@@ -287,7 +287,7 @@ def _through(
     force: Array,
     interval: float,
     declared: dict[str, float] | None,
-    kind: str = _FILTERS[0],
+    kind: str = "butterworth",
 ) -> Array:
     """Pass the force of every block through the cell's filter, while the stage moves and after.
 
@@ -388,7 +388,8 @@ def comparison(
     found = holds.find(loads)
     declared = mach1_file.declared_filter(loads)
     interval = float(loads["sampling_interval"][found[0].block])
-    passed = _through(loads, model["force"].values, interval, declared)
+    kind = mach1_file.filter_kinds(loads)[0]
+    passed = _through(loads, model["force"].values, interval, declared, kind)
     measured = loads["force"].values
     rows = []
     for number, hold in enumerate(found):

@@ -1,0 +1,118 @@
+"""What indentations share: elastic force, its sensitivities, and the load cell's filter."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.signal import bessel, butter, freqs
+
+from labpipe import contact
+from labpipe.contact import westergaard
+from labpipe.materials import Prony
+from labpipe.units import Quantity
+from pipelines.experiments import mach1_file
+from pipelines.experiments.indentation import Geometry, elastic_force, relative_sources
+from pipelines.settings.indentation import IndentationModel, Punch, Substrate
+
+PUNCH = Punch(
+    radius=Quantity(2e-3, 2e-6, "m"), period=Quantity(8e-3, 4e-6, "m"),
+    depth=Quantity(6e-3, 6e-6, "m"), tips=3,
+)  # fmt: skip
+DEPTHS = np.array([0.05e-3, 0.1e-3, 0.3e-3])
+
+
+def geometry(profile: str, thickness: float | None = None) -> Geometry:
+    layer = None if thickness is None else Quantity(thickness, 0.0, "m")
+    substrate = Substrate(material="nbr", thickness=layer)
+    return Geometry.of(PUNCH, substrate, IndentationModel(profile=profile), 0.5)
+
+
+@pytest.mark.parametrize("profile", ["parabola", "circle", "cosine"])
+def test_the_elastic_force_is_that_of_the_simulator(profile: str) -> None:
+    solid = Prony(5e6, [], [], nu=0.5)
+    made = contact.indent(
+        solid, 2e-3, 8e-3, 18e-3, np.arange(3.0), DEPTHS, profile=profile, elements=1024
+    )
+    found = elastic_force(DEPTHS, geometry(profile)) * 5e6 / 0.75
+    np.testing.assert_allclose(found, made["force"].values, rtol=1e-4)
+
+
+def test_depths_may_come_in_any_order_and_lie_in_air() -> None:
+    mixed = np.array([0.3e-3, -1e-3, 0.1e-3])
+    found = elastic_force(mixed, geometry("circle"))
+    assert found[1] == 0.0
+    np.testing.assert_allclose(found[[2, 0]], elastic_force(DEPTHS[1:], geometry("circle")))
+
+
+def test_a_bonded_layer_is_stiffer_the_thinner_it_is() -> None:
+    thin, thick = (elastic_force(DEPTHS, geometry("parabola", t)) for t in (2e-3, 4e-3))
+    assert (thin > thick).all()
+
+
+def test_sensitivities_are_those_of_finite_differences() -> None:
+    chosen = geometry("parabola")
+    found = {s.source: s.sensitivity for s in relative_sources(0.1e-3, 1e-7, chosen)}
+
+    def force(depth: float = 0.1e-3, radius: float = 2e-3, period: float = 8e-3) -> float:
+        return float(westergaard.from_displacement(depth, radius, period, 1.0).force)
+
+    base = force()
+    assert found["length of a tip"] == pytest.approx(1 / 6e-3)
+    assert found["tip radius"] == pytest.approx(
+        (force(radius=2.0002e-3) - force(radius=1.9998e-3)) / 0.4e-6 / base, rel=0.01
+    )
+    assert found["period"] == pytest.approx(
+        (force(period=8.001e-3) - force(period=7.999e-3)) / 2e-6 / base, rel=0.01
+    )
+    # a touch that lies deeper leaves less indentation
+    assert found["first touch"] == pytest.approx(
+        -(force(0.1001e-3) - force(0.0999e-3)) / 0.2e-6 / base, rel=0.01
+    )
+
+
+def cell(delay: list[float] | None) -> xr.Dataset:
+    block = {"filter": {"order": 3.0, "cutoff": 20.0}}
+    return xr.Dataset(attrs={"blocks": json.dumps([block]), "filter_delay": json.dumps(delay)})
+
+
+@pytest.mark.parametrize(
+    ("delay", "kinds"),
+    [
+        (None, ("butterworth", "bessel")),
+        ([15.9e-3, 0.2e-3], ("butterworth",)),
+        ([14.0e-3, 0.2e-3], ("bessel",)),
+        ([15.0e-3, 0.5e-3], ("butterworth", "bessel")),
+        ([1e-3, 0.2e-3], ("butterworth", "bessel")),
+    ],
+)
+def test_a_measured_delay_tells_the_kind_of_filter(
+    delay: list[float] | None, kinds: tuple[str, ...]
+) -> None:
+    assert mach1_file.filter_kinds(cell(delay)) == kinds
+
+
+def test_a_measured_delay_stretches_the_lag() -> None:
+    plain, longer = (
+        mach1_file.force_lag(cell(None), 2.0),
+        mach1_file.force_lag(cell([1.1 * 15.9155e-3, 0.2e-3]), 2.0),
+    )
+    assert plain is not None
+    assert longer is not None
+    assert longer.phase == pytest.approx(1.1 * plain.phase, rel=1e-4)
+    assert longer.u_phase == pytest.approx(2 * np.pi * 2.0 * 0.2e-3, rel=0.02)
+
+
+@pytest.mark.parametrize("kind", ["butterworth", "bessel"])
+def test_a_filtered_sinusoid_has_the_gain_and_lag_of_the_analogue_filter(kind: str) -> None:
+    frequency, interval = 2.0, 0.01
+    time = np.arange(0, 6, interval)
+    passed = mach1_file.filtered(
+        np.sin(2 * np.pi * frequency * time), interval, {"order": 3.0, "cutoff": 20.0}, kind
+    )
+    design = butter if kind == "butterworth" else lambda *a, **k: bessel(*a, norm="mag", **k)
+    numerator, denominator = design(3, 2 * np.pi * 20.0, analog=True)
+    _, response = freqs(numerator, denominator, [2 * np.pi * frequency])
+    late = time > 3
+    known = np.abs(response[0]) * np.sin(2 * np.pi * frequency * time + np.angle(response[0]))
+    np.testing.assert_allclose(passed[late], known[late], atol=3e-3)
