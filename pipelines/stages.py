@@ -48,7 +48,7 @@ BALL_DROP = (
         summary="align at first contact: mean, band, outliers",
     ),
     Stage(
-        "model", "pipelines.experiments.ball_drop:model", 2,
+        "model", "pipelines.experiments.ball_drop:model", 3,
         ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve",
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
@@ -60,7 +60,7 @@ BALL_DROP = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.ball_drop_page:page", 1,
+        "report", "pipelines.experiments.ball_drop_page:page", 2,
         ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
         ("*",), output="page", context=True,
         summary="write the page",

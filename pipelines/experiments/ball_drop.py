@@ -5,6 +5,7 @@ level of that contact.
 """
 
 import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -19,13 +20,15 @@ from labpipe import contact, signals
 from labpipe.units import Quantity
 from pipelines.experiments.laser_file import read_laser
 from pipelines.experiments.material import resolve
-from pipelines.experiments.plate import modal_mass, resolve_plate
+from pipelines.experiments.plate import plate_inputs, resolve_plate
 from pipelines.settings.ball_drop import BallDrop
 
 Array = NDArray[np.float64]
+Simulation = Callable[..., xr.Dataset]
 
 _CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
 _LEAST_CHANGE = 1e-3  # relative change of an input by which a sensitivity is found
+_UNCERTAIN = ("restitution", "impact_time", "peak_force", "peak_contact_radius")
 _PER_IMPACT = ("restitution", "touch_time", "incoming_speed", "outgoing_speed", "contact_duration")
 
 
@@ -169,25 +172,28 @@ def model(
     fall = np.sqrt(2 * settings.height.value / gravity)
     duration = float(fall + repeats["time"].max())
     times = np.arange(0.0, duration, _CURVE_STEP)
-    inputs = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
+    body = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
     substrate = resolve_plate(settings.plate, plate)
-    if plate is not None:
-        inputs["plate_mass"] = modal_mass(plate)
+    floor = plate_inputs(settings.plate, plate)
 
-    def simulate(
-        height: float, radius: float, mass: float, plate_mass: float | None = None
-    ) -> xr.Dataset:
-        moving = substrate
-        if substrate is not None and plate_mass is not None:
-            moving = replace(substrate, mass=plate_mass)
+    def simulate(moving: contact.Plate | None, **change: float) -> xr.Dataset:
+        values = {name: quantity.value for name, quantity in body.items()} | change
         return contact.drop(
-            solid, radius, mass, height, duration, chosen.solver, chosen.profile, chosen.rtol,
-            gravity=gravity, plate=moving, times=times,
+            solid, values["radius"], values["mass"], values["height"], duration, chosen.solver,
+            chosen.profile, chosen.rtol, gravity=gravity, plate=moving, times=times,
         )  # fmt: skip
 
-    base = {name: quantity.value for name, quantity in inputs.items()}
-    made = simulate(**base)
-    made = _with_uncertainty(made, inputs, base, simulate)
+    def on_floor(**change: float) -> xr.Dataset:
+        return simulate(None if substrate is None else replace(substrate, **change))
+
+    made = on_floor()
+    # The body's own sensitivities do not depend on the floor, and a rigid one is much cheaper.
+    rigid = made if substrate is None else simulate(None)
+    variances = [
+        _variance(rigid, body, lambda **change: simulate(None, **change), made.sizes["impact"]),
+        _variance(made, floor, on_floor, made.sizes["impact"]),
+    ]
+    made = _with_uncertainty(made, [*body, *(f"plate {name}" for name in floor)], variances)
     made.attrs["plate"] = json.dumps(None if substrate is None else asdict(substrate))
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
@@ -195,27 +201,33 @@ def model(
     return made
 
 
-def _with_uncertainty(
-    made: xr.Dataset, inputs: dict[str, Quantity], base: dict[str, float], simulate: Any
-) -> xr.Dataset:
-    """Add what the uncertainties of the inputs do to restitution and times."""
-    names = ("restitution", "impact_time", "peak_force", "peak_contact_radius")
-    variance = {name: np.zeros(made.sizes["impact"]) for name in names}
+def _variance(
+    reference: xr.Dataset, inputs: Mapping[str, Quantity], simulate: Simulation, count: int
+) -> dict[str, Array]:
+    """Return the variance (impact,) of each uncertain result that the inputs bring about."""
+    variance = {name: np.zeros(count) for name in _UNCERTAIN}
     for key, quantity in inputs.items():
         if quantity.u == 0:
             continue
         change = max(quantity.u, _LEAST_CHANGE * quantity.value)
-        other = simulate(**{**base, key: quantity.value + change})
-        shared = min(other.sizes["impact"], made.sizes["impact"])
-        for name in names:
-            values = other[name].values[:shared], made[name].values[:shared]
+        other = simulate(**{key: quantity.value + change})
+        shared = min(other.sizes["impact"], reference.sizes["impact"], count)
+        for name in _UNCERTAIN:
+            values = other[name].values[:shared], reference[name].values[:shared]
             if name == "impact_time":  # what is compared counts from the first contact
                 values = values[0] - values[0][0], values[1] - values[1][0]
             variance[name][:shared] += ((values[0] - values[1]) / change * quantity.u) ** 2
-    for name in names:
+    return variance
+
+
+def _with_uncertainty(
+    made: xr.Dataset, inputs: Sequence[str], variances: Sequence[Mapping[str, Array]]
+) -> xr.Dataset:
+    """Add what the uncertainties of the inputs do to restitution, times, forces and radii."""
+    for name in _UNCERTAIN:
         made[f"u_{name}"] = (
             "impact",
-            np.sqrt(variance[name]),
+            np.sqrt(sum(variance[name] for variance in variances)),
             {
                 "units": made[name].attrs["units"],
                 "long_name": f"standard uncertainty from {', '.join(inputs)}: {name}",

@@ -33,6 +33,23 @@ def resolve_plate(given: Plate | None, found: xr.Dataset | None) -> contact.Plat
     )
 
 
+def plate_inputs(given: Plate | None, found: xr.Dataset | None) -> dict[str, Quantity]:
+    """Return the uncertain numbers of the plate by their names in :class:`labpipe.contact.Plate`.
+
+    Parameters
+    ----------
+    given, found
+        As for :func:`resolve_plate`.
+    """
+    if found is not None:
+        return {"mass": modal_mass(found)}
+    if given is None:
+        return {}
+    return {
+        "mass": given.mass, "frequency": given.frequency, "damping_ratio": given.damping_ratio,
+    }  # fmt: skip
+
+
 def modal_mass(found: xr.Dataset) -> Quantity:
     """Return the plate's modal mass with its uncertainty.
 

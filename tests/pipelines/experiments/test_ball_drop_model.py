@@ -1,0 +1,60 @@
+"""The floor in the comparison of a drop: stated, the model agrees; left out, it does not."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe.units import Quantity
+from pipelines.experiments.ball_drop import comparison, model
+from pipelines.process import open_session, result
+from pipelines.settings.ball_drop import BallDrop
+from pipelines.settings.common import Plate
+
+Measured = tuple[BallDrop, xr.Dataset]
+# The rig's table is 1500 kg at 400 Hz; this is what a laboratory might know of it.
+STATED = Plate(
+    mass=Quantity(1450.0, 100.0, "kg"),
+    frequency=Quantity(390.0, 20.0, "Hz"),
+    damping_ratio=Quantity(0.03, 0.0, "1"),
+)
+
+
+@pytest.fixture(scope="module")
+def measured(processed_session: Path) -> Measured:
+    settings = open_session(processed_session).experiments["drop"].settings
+    assert isinstance(settings, BallDrop)
+    return settings, result(processed_session, "drop", "repeats")
+
+
+def compared(measured: Measured, plate: Plate | None) -> tuple[xr.Dataset, ...]:
+    settings, repeats = measured
+    chosen = msgspec.structs.replace(settings, plate=plate)
+    made = model(repeats, None, None, None, settings=chosen)
+    return made, comparison(repeats, made, settings=chosen)
+
+
+def z(found: xr.Dataset) -> np.ndarray:
+    return found["restitution_difference"].values / found["u_restitution_difference"].values
+
+
+def test_with_the_floor_stated_restitution_agrees_within_uncertainty(
+    measured: Measured,
+) -> None:
+    made, found = compared(measured, STATED)
+    assert np.abs(z(found)).max() < 3.0
+    assert np.sqrt(np.mean(z(found) ** 2)) < 1.5
+    # The table's own uncertainty is part of it, and not all of it.
+    rigid, _ = compared(measured, None)
+    assert float(made["u_restitution"][0]) > 1.5 * float(rigid["u_restitution"][0])
+    assert float(made["u_restitution"][0]) < 1e-4
+    assert float(made["rigid_restitution"]) == pytest.approx(float(rigid["restitution"][0]))
+
+
+def test_without_the_floor_the_model_rebounds_too_fast(measured: Measured) -> None:
+    _, found = compared(measured, None)
+    difference = found["restitution_difference"].values
+    assert np.all(difference < 0.0)
+    assert difference.mean() == pytest.approx(-5e-4, abs=2e-4)
