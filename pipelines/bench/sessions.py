@@ -22,7 +22,7 @@ from pipelines.settings.ball_drop import BallDrop
 _START = datetime(2024, 5, 14, 9, 30)
 _IMPACTS = 5  # of every drop that are compared with the truth
 _QUICK_MATERIALS = ("acrylic", "ptfe")
-_QUICK_HEIGHT, _QUICK_DURATION, _QUICK_REPEATS = 1.5e-3, 0.15, 2
+_QUICK_HEIGHT, _QUICK_DURATION, _QUICK_REPEATS = 1.5e-3, 0.1, 1
 
 
 def run(quick: bool) -> Suite:

@@ -1,0 +1,325 @@
+"""Every shortcut that can be switched off: work, time and result with it and without."""
+
+import itertools
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+import instruments
+from instruments import phantom_writer
+from labpipe import contact, imaging, materials
+from labpipe.contact.memory import Creep, advance, history, step_weights
+from pipelines.bench.dic import make_film
+from pipelines.bench.measure import Point, Suite, paired
+from pipelines.experiments import dic_validation
+from pipelines.settings.dic_validation import DicValidation, Tracking
+
+Floats = NDArray[np.float64]
+
+_SPHERE, _MASS, _HEIGHT = 9.525e-3, 0.505, 1.5e-3
+_WAVELENGTH, _PIXEL = 633e-9, 4.34e-6
+_SEED = 2
+#: The bias (m) that the contact radius may have at most on ideal images.
+_RADIUS_TOLERANCE = 1e-8
+
+
+@dataclass(frozen=True, slots=True)
+class Shortcut:
+    """One shortcut, and the answers that it must not change.
+
+    ``difference`` of the two answers is in units of the stated tolerance; ``work`` counts what
+    was done for an answer, in the unit ``counted``.
+    """
+
+    name: str
+    short: Callable[[], Any]
+    whole: Callable[[], Any]
+    difference: Callable[[Any, Any], float]
+    tolerance: str
+    work: Callable[[Any], float]
+    counted: str
+
+
+def run(quick: bool) -> Suite:
+    """Run everything with each shortcut and without it."""
+    with tempfile.TemporaryDirectory() as folder:
+        shortcuts = [
+            _rest_in_a_film(Path(folder), 600 if quick else 2400),
+            _frames_without_contact(128 if quick else 800),
+            _rows_outside(Path(folder)),
+            _bytes_instead_of_floats(quick),
+            _folded_terms(),
+            _memory(400 if quick else 1500),
+            _imports(),
+        ]
+        points = [_measure(shortcut, 1 if quick else 5) for shortcut in shortcuts]
+    return Suite(
+        "skipping",
+        "Shortcuts on, and off as with --full",
+        "difference of the results / tolerance",
+        points,
+        notes=[
+            "The run time is that with the shortcut. A difference of 1 is what is promised at "
+            "most. Whole sessions with nothing changed stand in the part sessions."
+        ],
+        has_diagram=False,
+    )
+
+
+def _measure(shortcut: Shortcut, repeats: int) -> Point:
+    timings = paired({"short": shortcut.short, "whole": shortcut.whole}, repeats)
+    short, whole = timings["short"], timings["whole"]
+    ratio, low, high = whole.ratio(short)
+    return Point(
+        shortcut.name,
+        shortcut.difference(short.value, whole.value),
+        short.seconds,
+        is_default=True,
+        cold_seconds=short.cold_seconds,
+        extra={
+            "without (s)": whole.seconds,
+            "times faster": ratio,
+            "lowest": low,
+            "highest": high,
+            "work": shortcut.work(short.value),
+            "work without": shortcut.work(whole.value),
+            "counted": shortcut.counted,
+            "tolerance": shortcut.tolerance,
+        },
+    )
+
+
+def _counted(name: str) -> Callable[[xr.Dataset], float]:
+    """Return the function that reads one count from a result's ledger."""
+    return lambda found: float(json.loads(found.attrs["work"])[name])
+
+
+def _rest_in_a_film(folder: Path, count: int) -> Shortcut:
+    """Film a holder that swings and comes to rest; few frames are needed after that."""
+    path = folder / "holder.cine"
+    frame = np.arange(count)
+    sway = 3.0 * np.exp(-frame / (0.04 * count)) * np.cos(2 * np.pi * frame / (0.05 * count))
+    pattern, _ = make_film(96, 1, 0.0)
+    spectrum = np.fft.rfft2(pattern[0])
+    waves = np.fft.fftfreq(96)[:, None]
+    generator = np.random.default_rng(_SEED)
+
+    def images() -> Iterator[NDArray[np.uint8]]:
+        for shift in sway - sway[0]:
+            grey = np.fft.irfft2(spectrum * np.exp(-2j * np.pi * waves * shift), (96, 96))
+            noisy = grey + 2.0 * generator.standard_normal(grey.shape)
+            yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+    recording = phantom_writer.Recording(10_000, 5e-6, bits=8)
+    phantom_writer.write(path, images(), (count, 96, 96), frame / 1e4, recording)
+    tracking = Tracking(body=(48.0, 48.0), body_subset=41, static_frames=1)
+    settings = DicValidation(
+        kind="dic_validation", film=str(path), camera="unused", tracking=tracking
+    )
+
+    def track(full: bool) -> xr.Dataset:
+        return dic_validation.track(path, settings=settings, full=full)
+
+    def difference(short: xr.Dataset, whole: xr.Dataset) -> float:
+        same = whole.sel(frame=short["frame"])
+        return float(np.abs(short["dy"] - same["dy"]).max() / same["u_dy"].median())
+
+    return Shortcut(
+        "front film: few frames after rest",
+        lambda: track(False),
+        lambda: track(True),
+        difference,
+        "standard uncertainty of a frame",
+        lambda found: float(sum(_work(found, "frames_read", "coarse_frames_read"))),
+        "frames",
+    )
+
+
+def _work(found: xr.Dataset, *names: str) -> Iterator[float]:
+    counts: Mapping[str, float] = json.loads(found.attrs["work"])
+    return (float(counts.get(name, 0)) for name in names)
+
+
+def _frames_without_contact(count: int) -> Shortcut:
+    """Film one impact through the disc; before and after it there are rings only."""
+    film = contact_film(count)
+
+    def measure(full: bool) -> xr.Dataset:
+        return imaging.contact_radius(film, _PIXEL, _SPHERE, _WAVELENGTH, full=full)
+
+    def difference(short: xr.Dataset, whole: xr.Dataset) -> float:
+        both = (short["in_contact"] & whole["in_contact"]).values
+        if (short["in_contact"].values != whole["in_contact"].values).any():
+            return float("nan")
+        apart = np.abs(short["radius"].values - whole["radius"].values)[both]
+        return float(apart.max() / _RADIUS_TOLERANCE)
+
+    return Shortcut(
+        "under-disc film: frames without contact",
+        lambda: measure(False),
+        lambda: measure(True),
+        difference,
+        "0.01 µm",
+        _counted("pixels_read"),
+        "pixels",
+    )
+
+
+def contact_film(count: int) -> NDArray[np.uint8]:
+    """Draw a film (frame, row, column) of one Hertz contact in the middle eighth of ``count``."""
+    y, x = np.mgrid[:160, :208].astype(float)
+    r = _PIXEL * np.hypot(x - 101.3, y - 77.6)
+    generator = np.random.default_rng(_SEED)
+    film = np.empty((count, *r.shape), np.uint8)
+    for k in range(count):
+        phase = 16.0 * (k / count - 0.5)
+        if abs(phase) < 1.0:
+            gap = _hertz_gap(r, 250e-6 * np.cos(0.5 * np.pi * phase) + 30e-6)
+        else:
+            gap = r**2 / (2 * _SPHERE) + 4e-6 * (abs(phase) - 1.0) + 1e-6
+        light = 120.0 * (1.0 - 0.8 * np.cos(4 * np.pi * gap / _WAVELENGTH))
+        film[k] = np.clip(np.rint(light + 3.0 * generator.standard_normal(r.shape)), 0, 255)
+    return film
+
+
+def _hertz_gap(r: Floats, a: float) -> Floats:
+    """Gap (m) around a Hertz contact of radius a (m); 0 inside."""
+    outside = np.maximum(r, a)
+    return np.asarray(
+        (a * np.sqrt(outside**2 - a**2) - (2 * a**2 - outside**2) * np.arccos(a / outside))
+        / (np.pi * _SPHERE)
+    )
+
+
+def _rows_outside(folder: Path) -> Shortcut:
+    """Read a rectangle of a film instead of whole frames."""
+    path = folder / "rows.cine"
+    images = np.random.default_rng(_SEED).integers(0, 256, (40, 480, 1280), dtype=np.uint8)
+    recording = phantom_writer.Recording(10_000, 5e-6, bits=8)
+    phantom_writer.write(path, images, images.shape, np.arange(40) / 1e4, recording)
+    film = instruments.read(path)
+    rows, columns = slice(100, 220), slice(200, 840)
+    part = film.roi(rows, columns)
+    return Shortcut(
+        "reading: rows and columns outside the rectangle",
+        lambda: np.stack([part[k] for k in range(40)]),
+        lambda: np.stack([film[k] for k in range(40)]),
+        lambda short, whole: float((short != whole[:, rows, columns]).any()),
+        "the same pixels",
+        lambda found: float(found.nbytes),
+        "bytes",
+    )
+
+
+def _bytes_instead_of_floats(quick: bool) -> Shortcut:
+    """Follow points in the camera's own 8 bits instead of a film turned into float64."""
+    film, _ = make_film(256, 8 if quick else 40, 2.0)
+    axis = np.arange(30.0, 226.0, 28.0)
+    points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+
+    def difference(short: xr.Dataset, whole: xr.Dataset) -> float:
+        return float(np.abs(short["dx"] - whole["dx"]).max() / 1e-4)
+
+    return Shortcut(
+        "image correlation: the camera's 8 bits",
+        lambda: imaging.track(film, points),
+        lambda: imaging.track(film.astype(np.float64), points),
+        difference,
+        "0.0001 px",
+        _counted("pixels_read"),
+        "pixels",
+    )
+
+
+def _folded_terms() -> Shortcut:
+    """Simulate a drop with and without the terms far outside of its times."""
+    solid = materials.load("acrylic")
+
+    def drop(fold: bool) -> xr.Dataset:
+        return contact.drop(solid, _SPHERE, _MASS, _HEIGHT, 0.1, fold=fold)
+
+    def difference(short: xr.Dataset, whole: xr.Dataset) -> float:
+        ratio = short["restitution"] / whole["restitution"] - 1.0
+        return float(np.abs(ratio).max() / 1e-4)
+
+    return Shortcut(
+        "simulator: terms far outside the time scale",
+        lambda: drop(True),
+        lambda: drop(False),
+        difference,
+        "1e-4 of the restitution (rtol)",
+        _counted("terms"),
+        "terms",
+    )
+
+
+def _memory(steps: int) -> Shortcut:
+    """Carry the memory from step to step instead of summing over the whole history."""
+    creep = Creep.of(materials.load("acrylic"))
+    time = np.linspace(0.0, 0.01, steps + 1)
+    load = np.sin(np.pi * time / time[-1]) ** 2 * 1e3
+
+    def carried() -> Floats:
+        memory, found = creep.rest(1), [0.0]
+        weights = step_weights(creep, float(time[1]))
+        for before, after in itertools.pairwise(load):
+            past = history(weights, memory, np.array([before]))
+            found.append(float((past + weights.compliance * after)[0]))
+            memory = advance(weights, memory, np.array([before]), np.array([after]))
+        return np.array(found)
+
+    def summed() -> Floats:
+        rate = np.diff(load) / np.diff(time)
+        found = [0.0]
+        for n in range(1, steps + 1):
+            late = time[n] - time[: n + 1]
+            # integral of J over a segment in which the load grows evenly
+            grown = creep.instantaneous * late[:, None] + creep.C * (
+                late[:, None] + creep.tau * np.expm1(-late[:, None] / creep.tau)
+            )
+            total = creep.instantaneous * late + (grown - creep.instantaneous * late[:, None]).sum(
+                1
+            )
+            found.append(float(rate[:n] @ -np.diff(total)))
+        return np.array(found)
+
+    return Shortcut(
+        "simulator: memory carried, not summed",
+        carried,
+        summed,
+        lambda short, whole: float(np.abs(short - whole).max() / np.abs(whole).max() / 1e-9),
+        "1e-9 of the largest displacement",
+        lambda found: float(len(found)),
+        "steps",
+    )
+
+
+def _imports() -> Shortcut:
+    """Answer --help without the numerical libraries."""
+
+    def start(code: str) -> int:
+        done = subprocess.run(
+            [sys.executable, "-c", code + "; import sys; print(len(sys.modules))"],
+            capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        return int(done.stdout)
+
+    light = "import pipelines.cli"
+    return Shortcut(
+        "command line: libraries that the answer does not need",
+        lambda: start(light),
+        lambda: start(light + ", xarray, scipy.signal, matplotlib, numba, cv2"),
+        lambda short, whole: 0.0,
+        "the same answer",
+        float,
+        "modules",
+    )

@@ -1,0 +1,29 @@
+"""Growth is measured where it is, and nothing that can grow is forgotten."""
+
+import numpy as np
+import pytest
+
+from pipelines.bench import scaling
+from pipelines.bench.measure import peak_bytes
+
+
+def test_the_exponent_leaves_out_what_every_call_costs() -> None:
+    sizes = [1, 2, 4, 8]
+    assert scaling.slope(sizes, [3.0 * n**1.5 for n in sizes]) == pytest.approx(1.5)
+    # a constant hides the growth of small sizes; the smallest is not looked at
+    assert scaling.slope([1, 100, 200], [10.0, 100.0, 200.0]) == pytest.approx(1.0)
+
+
+def test_memory_of_tracking_does_not_grow_with_the_images_kept() -> None:
+    short, long = (scaling._film_length(count) for count in (40, 80))
+    short()
+    per_frame = (peak_bytes(long) - peak_bytes(short)) / 40
+    assert per_frame < 160 * 160  # one image of 8 bit; its coefficients take four times as much
+
+
+def test_every_growth_gives_a_diagram_and_an_exponent() -> None:
+    growth = scaling.Growth("toy", "terms", [4, 8, 16], scaling._terms)
+    suite, summary = scaling._measure(growth, quick=True)
+    assert [p.error for p in suite.points] == [4.0, 8.0, 16.0]
+    assert np.isfinite(summary.error)
+    assert summary.extra["to"] == 16

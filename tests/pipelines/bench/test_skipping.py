@@ -1,0 +1,38 @@
+"""Shortcuts change nothing that matters, and save work: counts, not seconds."""
+
+from pathlib import Path
+
+import pytest
+
+from pipelines.bench import skipping
+from pipelines.bench.skipping import contact_film
+
+
+def test_the_film_of_an_impact_shows_a_dark_disc_only_in_its_middle() -> None:
+    film = contact_film(32)
+    dark = [(frame[60:95, 84:118] < 45).mean() for frame in film]
+    assert dark[16] > 0.99
+    assert max(dark[:14]) < 0.9
+
+
+def test_no_shortcut_of_the_simulator_changes_more_than_it_may() -> None:
+    shortcut = skipping._memory(60)
+    assert shortcut.difference(shortcut.short(), shortcut.whole()) < 1e-2
+    folded = skipping._folded_terms()
+    short, whole = folded.short(), folded.whole()
+    assert folded.difference(short, whole) < 1.0
+    assert folded.work(short) < folded.work(whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["rest", "contact", "rows", "bytes"])
+def test_no_shortcut_of_a_film_changes_more_than_it_may(kind: str, tmp_path: Path) -> None:
+    shortcut = {
+        "rest": lambda: skipping._rest_in_a_film(tmp_path, 400),
+        "contact": lambda: skipping._frames_without_contact(112),
+        "rows": lambda: skipping._rows_outside(tmp_path),
+        "bytes": lambda: skipping._bytes_instead_of_floats(quick=True),
+    }[kind]()
+    short, whole = shortcut.short(), shortcut.whole()
+    assert shortcut.difference(short, whole) <= 1.0
+    assert shortcut.work(short) <= shortcut.work(whole)
