@@ -62,7 +62,9 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
         )  # fmt: skip
     blocks: list[Block] = [KeyValues(rows)] if rows else []
     blocks += [Notice("error", f"{name}: {why}") for name, why in found.failed.items()]
-    blocks += [Notice("info", f"{name}: {why}") for name, why in found.absent.items()]
+    for why in dict.fromkeys(found.absent.values()):
+        names = ", ".join(name for name, text in found.absent.items() if text == why)
+        blocks.append(Notice("info", f"{names}: {why}"))
     return tuple(blocks)
 
 

@@ -64,6 +64,15 @@ def test_a_wrong_height_or_material_shows_in_the_comparison(session_copy: Path) 
     assert float(result(session_copy, "drop", "comparison")["nrmse"]) > 0.1
 
 
+def test_a_wrong_inclination_shows_in_the_comparison(session_copy: Path) -> None:
+    """18 degrees too much scale the displacement by 13 %."""
+    path = session_copy / "calibration/laser.toml"
+    text = path.read_text("utf-8")
+    path.write_text(text.replace('"12.00 ± 0.10 deg"', '"30.00 ± 0.10 deg"'), "utf-8")
+    process(session_copy, ["comparison"], ["drop"], jobs=0)
+    assert float(result(session_copy, "drop", "comparison")["nrmse"]) > 0.05
+
+
 def test_a_second_run_does_nothing(session_copy: Path) -> None:
     assert plan(session_copy).to_run == ()
     outcome = process(session_copy, jobs=0)

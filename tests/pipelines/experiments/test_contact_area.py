@@ -1,6 +1,7 @@
 """A film through the disc: radius, impacts and rest against the rig's truth, and the model."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -88,3 +89,31 @@ def test_the_page_shows_the_fitted_circles(session: Path) -> None:
     page = (session / "labpipe/reports/acrylic_film.html").read_text("utf-8")
     assert "Key frames with the fitted circle" in page
     assert len(page.encode()) < 3_000_000
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("session.toml", 'mass = "505.0', 'mass = "1010.0'),  # twice the mass
+        ("session.toml", 'height = "1.5', 'height = "3.0'),  # twice the height
+        ("session.toml", 'material = "acrylic"', 'material = "ptfe"'),
+        ("calibration/camera_under.toml", "461 ± 1 px", "425 ± 1 px"),  # 8 % too large a pixel
+    ],
+    ids=["mass", "height", "material", "pixel size"],
+)
+def test_a_wrong_input_shows_in_the_comparison(
+    session: Path, tmp_path: Path, file: str, old: str, new: str
+) -> None:
+    """The comparison can fail: the right inputs give less than 3 %, each of these more than 5 %."""
+    right = float(result(session, "acrylic_film", "comparison")["nrmse"][0])
+    folder = tmp_path / "session"
+    shutil.copytree(session, folder)
+    path = folder / file
+    text = path.read_text("utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), "utf-8")
+    outcome = process(folder, ["comparison"], ["acrylic_film"], jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    wrong = float(result(folder, "acrylic_film", "comparison")["nrmse"][0])
+    assert right < 0.03
+    assert wrong > max(0.05, 5 * right)

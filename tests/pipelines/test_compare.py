@@ -1,0 +1,59 @@
+"""Measurement against model over a whole session: the rows, the page, and what fails."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pipelines.cli import main
+from pipelines.compare import compare
+from pipelines.process import open_session, result
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    with pytest.raises(SystemExit) as left:
+        main(list(arguments))
+    return int(left.value.code or 0), capsys.readouterr().out
+
+
+def test_every_experiment_gives_its_curves_and_events(processed_session: Path) -> None:
+    found = compare(processed_session, jobs=0)
+    assert not found.failed
+    assert {row.experiment for row in found.rows} == set(
+        open_session(processed_session).experiments
+    )
+    first = next(r for r in found.rows if r.quantity == "restitution, impact 1")
+    made = result(processed_session, "drop", "comparison")
+    assert first.difference == pytest.approx(first.measured - first.model)
+    assert first.u_difference == float(made["u_restitution_difference"][0])
+    assert first.deviation == pytest.approx(first.difference / first.u_difference)
+    assert (first.n, first.material, first.condition) == (2, "acrylic", "1.5 mm")
+    assert sum(row.quantity == "dissipated work per cycle" for row in found.rows) == 2
+    assert all(row.nrmse < 0.03 for row in found.rows if row.is_curve)
+
+
+def test_the_command_prints_one_document_and_writes_one_page(
+    processed_session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out = run(capsys, "compare", str(processed_session), "--jobs", "0", "--json")
+    document = json.loads(out)
+    assert code == 0
+    assert {"experiment", "nrmse", "difference", "deviation", "n"} <= set(document["rows"][0])
+    page = Path(document["page"]).read_text("utf-8")
+    assert "Measurement against model" in page
+    assert "synthetic" in page
+    _, text = run(capsys, "compare", str(processed_session), "--jobs", "0")
+    assert "nRMSE" in text
+    assert "restitution, impact 1" in text
+
+
+def test_a_failed_experiment_is_named_and_the_others_are_compared(
+    session_copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = session_copy / "laser/drop_2.csv"
+    path.write_bytes(path.read_bytes()[:-200].replace(b"+", b"x", 1))
+    code, out = run(capsys, "compare", str(session_copy), "--jobs", "0", "--json")
+    document = json.loads(out)
+    assert code == 1
+    assert "drop_2.csv" in document["failed"]["drop"]
+    assert {row["experiment"] for row in document["rows"]} == {"nbr"}
