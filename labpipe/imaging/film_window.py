@@ -1,6 +1,7 @@
 """Read only the rectangle of each frame that the subsets need, and turn it into coefficients."""
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,8 @@ def smooth(image: NDArray[np.generic], blur: float, out: Image32 | None = None) 
     if image.dtype not in _BLURRED_AS_THEY_ARE:
         image = np.ascontiguousarray(image, np.float32)
     kernel = cv2.getGaussianKernel(2 * int(np.ceil(4.0 * blur)) + 1, blur, cv2.CV_32F)
-    cv2.sepFilter2D(image, cv2.CV_32F, kernel, kernel, out, borderType=cv2.BORDER_REFLECT_101)
+    pixels = cast(NDArray[np.float32], image)  # or one of the two other types above
+    cv2.sepFilter2D(pixels, cv2.CV_32F, kernel, kernel, out, borderType=cv2.BORDER_REFLECT_101)
     return out
 
 
