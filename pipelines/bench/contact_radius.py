@@ -1,0 +1,318 @@
+"""Contact radius: error against run time, beside the edge of the spot and the static formulas.
+
+Images are made from the spring picture of Hertz's contact, whose surface follows by an integral
+that is taken numerically, with several samples in every pixel; the formula for the gap by which
+the fit works is not used. The bound is that of the same pixels with the same unknowns.
+"""
+
+import math
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter
+
+from labpipe.imaging import contact_radius
+from labpipe.imaging.circle import fit_circle
+from pipelines.bench.measure import Bound, Point, Suite, paired, peak_bytes
+
+Floats = NDArray[np.float64]
+Film = NDArray[np.uint8]
+
+_MICROMETRE = 1e-6
+_MEAN, _VISIBILITY, _NOISE = 120.0, 0.8, 5.0
+#: Step of the radial table of light (px), and samples along a pixel's side.
+_TABLE_STEP, _SAMPLES = 0.01, 4
+#: Nodes of the integral for the surface, and moments of an exposure.
+_NODES, _MOMENTS = 48, 15
+_DEFAULT = "3 fringes"
+#: Frames from which a run is no quick one.
+_MANY = 16
+#: The thesis's other ways to a radius: laser reading and modulus as well as they are known (1).
+_LASER, _MODULUS = 1e-6, 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A contact and its camera; lengths in m, places in px."""
+
+    rows: int = 480
+    columns: int = 1280
+    radius: float = 434e-6
+    centre: tuple[float, float] = (640.3, 240.2)
+    pixel: float = 2.17e-6
+    sphere: float = 9.525e-3
+    wavelength: float = 633e-9
+    travel: float = 0.0
+    blur: float = 0.0
+    slope: float = 0.0
+    stretch: float = 0.0
+
+
+def run(quick: bool) -> list[Suite]:
+    """Measure error and time of every setting, and what disturbances do.
+
+    Parameters
+    ----------
+    quick : bool
+        Smaller frames and fewer of them, under half a minute.
+    """
+    scene = Scene()
+    if quick:
+        scene = replace(scene, rows=240, columns=320, radius=200e-6, centre=(158.3, 121.2))
+    frames, repeats = (8, 3) if quick else (24, 5)
+    return [_settings(scene, frames, repeats), _disturbances(scene, 3 if quick else 6)]
+
+
+def _settings(scene: Scene, frames: int, repeats: int) -> Suite:
+    film = make_film(scene, frames, 1)
+    contenders = _contenders(film, scene, is_quick=frames < _MANY)
+    timings = paired(contenders, repeats, budget=60.0)
+    bounds = {count: cramer_rao(scene, count) for count in (1.0, 3.0)}
+    rows = []
+    for name, timing in timings.items():
+        found = np.asarray(timing.value, float)
+        error = (found - scene.radius) / _MICROMETRE
+        rms = float(np.sqrt(np.nanmean(error**2))) if np.isfinite(error).any() else math.nan
+        rows.append(
+            Point(
+                name,
+                rms,
+                timing.seconds / frames,
+                "" if name.endswith(("fringes", "fringe", "ellipse", "compared")) else _PEER,
+                is_default=name == _DEFAULT,
+                cold_seconds=timing.cold_seconds,
+                peak_bytes=peak_bytes(contenders[name]),
+                extra={
+                    "bias (µm)": float(np.nanmean(error)) if np.isfinite(rms) else None,
+                    "scatter (µm)": float(np.nanstd(error, ddof=1)) if np.isfinite(rms) else None,
+                    "RMS / bound of 3 fringes": rms / bounds[3.0],
+                },
+            )
+        )
+    rows += _static(scene)
+    return Suite(
+        "contact-radius",
+        f"Radius of a contact of {scene.radius / _MICROMETRE:g} µm, {frames} frames of "
+        f"{scene.columns} × {scene.rows} px, noise of {_NOISE:g} grey levels",
+        "RMS error of the radius (µm)",
+        rows,
+        [Bound(f"Cramér–Rao, {n:g} fringe{'s' if n > 1 else ''}", b) for n, b in bounds.items()],
+        (
+            "images from the springs of Hertz's contact, 16 samples in every pixel",
+            f"Hertz's formulas: laser to {_LASER / _MICROMETRE:g} µm, modulus to {_MODULUS:.0%}; "
+            "not timed, their error is that of their input",
+        ),
+        time_label="run time per frame (s)",
+    )
+
+
+_PEER = "edge of the spot"
+
+
+def _contenders(film: Film, scene: Scene, *, is_quick: bool) -> dict[str, Callable[[], object]]:
+    fit = partial(_fitted, film, scene)
+    found: dict[str, Callable[[], object]] = {
+        "1 fringe": partial(fit, fringes=1.0),
+        _DEFAULT: fit,
+        "5 fringes": partial(fit, fringes=5.0),
+        "10 fringes": partial(fit, fringes=10.0),
+        "3 fringes, free ellipse": partial(fit, shape="ellipse"),
+        "Otsu's threshold, circle of equal area": partial(_each, film, scene, area_radius),
+        "Otsu's threshold, Taubin's circle": partial(_each, film, scene, outline_radius),
+    }
+    if not is_quick:
+        found["Hough transform (OpenCV)"] = partial(_each, film, scene, hough_radius)
+    return found
+
+
+def _fitted(film: Film, scene: Scene, **options: object) -> Floats:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # disturbed films are measured on purpose
+        found = contact_radius(
+            film, scene.pixel, scene.sphere, scene.wavelength, **options,  # type: ignore[arg-type]
+        )  # fmt: skip
+    return np.asarray(found["radius"].values)
+
+
+def _each(film: Film, scene: Scene, method: Callable[[Film], float]) -> Floats:
+    return np.array([method(image) for image in film]) * scene.pixel
+
+
+def area_radius(image: Film) -> float:
+    """Radius (px) of the circle that has the area of the dark spot."""
+    largest = _largest_spot(image)
+    return math.nan if largest is None else math.sqrt(cv2.contourArea(largest) / math.pi)
+
+
+def outline_radius(image: Film) -> float:
+    """Radius (px) of the circle through the outline of the dark spot, off the frame's border."""
+    largest = _largest_spot(image)
+    if largest is None:
+        return math.nan
+    points = largest[:, 0].astype(float)
+    rows, columns = image.shape
+    inside = (points > 1).all(axis=1) & (points < (columns - 2, rows - 2)).all(axis=1)
+    return fit_circle(points[inside])[2] if inside.sum() > 8 else math.nan
+
+
+def _largest_spot(image: Film) -> NDArray[np.int32] | None:
+    smooth = cv2.GaussianBlur(image, (5, 5), 1.2)
+    _, mask = cv2.threshold(smooth, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
+    if count < 2:
+        return None
+    # By pixels, not by the area within: dark rings enclose the spot.
+    label = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+    spot = (labels == label).astype(np.uint8)
+    contours, _ = cv2.findContours(spot, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return np.asarray(max(contours, key=cv2.contourArea), np.int32)
+
+
+def hough_radius(image: Film) -> float:
+    """Radius (px) of the strongest circle of OpenCV's Hough transform."""
+    found = cv2.HoughCircles(
+        cv2.GaussianBlur(image, (5, 5), 1.2), cv2.HOUGH_GRADIENT, 2.0, float(image.shape[0]),
+        param1=80.0, param2=40.0, minRadius=20, maxRadius=2 * image.shape[0],
+    )  # fmt: skip
+    return math.nan if found is None else float(found[0, 0, 2])
+
+
+def _static(scene: Scene) -> list[Point]:
+    """Radius from the approach, a = √(R δ), and from the load, a ~ E^(-1/3)."""
+    approach = scene.radius**2 / scene.sphere
+    a = scene.radius / _MICROMETRE
+    return [
+        Point("√(R δ), δ by laser", 0.5 * a * _LASER / approach, math.nan, "thesis"),
+        Point("Hertz's static radius from the load", a * _MODULUS / 3.0, math.nan, "thesis"),
+    ]
+
+
+def _disturbances(scene: Scene, frames: int) -> Suite:
+    """Errors of the default and of the plain edge where the image is not ideal."""
+    wide = replace(scene, sphere=1.02 * scene.sphere)
+    cases: Mapping[str, Scene] = {
+        "ideal": scene,
+        "radius moves 10 µm in the exposure": replace(scene, travel=10e-6),
+        "radius moves 20 µm in the exposure": replace(scene, travel=20e-6),
+        "blur of 1 px": replace(scene, blur=1.0),
+        "light ± 30 % from side to side": replace(scene, slope=0.3),
+        "sphere 2 % larger than said": wide,
+        "ellipse, 1.5 %": replace(scene, stretch=0.015),
+        "centre at the border": replace(scene, centre=(scene.centre[0], 2.4)),
+    }
+    rows = []
+    for name, case in cases.items():
+        film = make_film(case, frames, 2)
+        truth = scene.radius * math.sqrt(1.0 + case.stretch)
+        calls: dict[str, Callable[[], object]] = {
+            "fringes": partial(_fitted, film, replace(case, sphere=scene.sphere)),
+            "edge": partial(_each, film, case, outline_radius),
+        }
+        timings = paired(calls, 1)
+        ours, edge = (np.asarray(t.value, float) - truth for t in timings.values())
+        rows.append(
+            Point(
+                name,
+                float(np.sqrt(np.mean(ours**2))) / _MICROMETRE,
+                timings["fringes"].seconds / frames,
+                is_default=name == "ideal",
+                extra={
+                    "bias (µm)": float(np.mean(ours)) / _MICROMETRE,
+                    "edge, RMS (µm)": float(np.sqrt(np.mean(edge**2))) / _MICROMETRE,
+                },
+            )
+        )
+    return Suite(
+        "contact-radius-disturbed",
+        "The default where images are not ideal, and the plain edge beside it",
+        "RMS error of the radius (µm)",
+        rows,
+        time_label="run time per frame (s)",
+        has_diagram=False,
+    )
+
+
+def surface_gap(distance: Floats, radius: float, sphere: float) -> Floats:
+    """Gap (m) around a contact from the springs of the method of dimensionality reduction.
+
+    The springs are pressed in by (a² - x²) / R up to a; the surface at r follows as
+    (2/π) ∫ u(r sin θ) dθ, taken by Gauss–Legendre up to the last spring that is pressed.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    end = np.arcsin(np.minimum(1.0, radius / np.maximum(distance, 1e-12)))
+    theta = 0.5 * end[:, None] * (nodes + 1.0)
+    spring = (radius**2 - (distance[:, None] * np.sin(theta)) ** 2) / sphere
+    surface = (spring * weights).sum(axis=1) * end / math.pi
+    gap = distance**2 / (2.0 * sphere) - radius**2 / sphere + surface
+    return np.maximum(gap, 0.0)
+
+
+def make_image(scene: Scene) -> Floats:
+    """Mean grey level of every pixel, supersampled."""
+    x, y = scene.centre
+    reach = math.hypot(scene.columns + abs(x), scene.rows + abs(y)) + 2.0
+    r = np.arange(0.0, reach, _TABLE_STEP) * scene.pixel
+    moments = (np.arange(_MOMENTS) + 0.5) / _MOMENTS - 0.5 if scene.travel else np.zeros(1)
+    radii: Sequence[float] = [scene.radius + float(m) * scene.travel for m in moments]
+    light = np.zeros_like(r)
+    for radius in radii:
+        phase = 4.0 * math.pi * surface_gap(r, radius, scene.sphere) / scene.wavelength
+        light += (1.0 - _VISIBILITY * np.cos(phase)) / len(radii)
+    total = np.zeros((scene.rows, scene.columns))
+    steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
+    across = (np.arange(scene.columns) - x)[None, :]
+    down = (np.arange(scene.rows) - y)[:, None]
+    for dy in steps:
+        for dx in steps:
+            at = np.hypot((across + dx) / (1.0 + scene.stretch), down + dy) / _TABLE_STEP
+            total += light[np.rint(at).astype(np.int64)]
+    grey = _MEAN * total / _SAMPLES**2
+    grey *= 1.0 + scene.slope * (2.0 * np.arange(scene.columns) / scene.columns - 1.0)
+    return gaussian_filter(grey, scene.blur, mode="nearest") if scene.blur else grey
+
+
+def make_film(scene: Scene, frames: int, seed: int) -> Film:
+    """Film (frame, row, column) of a contact at rest, with new noise in every frame."""
+    rng = np.random.default_rng(seed)
+    image = make_image(scene)
+    noisy = image + _NOISE * rng.standard_normal((frames, *image.shape))
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def cramer_rao(scene: Scene, fringes: float) -> float:
+    """Least possible standard deviation of the radius (µm).
+
+    Unknown are radius, centre, gain, visibility and two slopes of the light; slopes of the image
+    follow from differences of images.
+    """
+    x, y = scene.centre
+    step, shift = 0.05 * _MICROMETRE, 0.05
+
+    def slope(one: Scene, other: Scene, width: float) -> Floats:
+        return (make_image(one) - make_image(other)) / width
+
+    image = make_image(scene)
+    down, across = np.mgrid[: scene.rows, : scene.columns]
+    a = scene.radius
+    slopes = [
+        slope(replace(scene, radius=a + step), replace(scene, radius=a - step), 2 * step),
+        slope(replace(scene, centre=(x + shift, y)), replace(scene, centre=(x - shift, y)),
+              2 * shift),
+        slope(replace(scene, centre=(x, y + shift)), replace(scene, centre=(x, y - shift)),
+              2 * shift),
+        image, image - _MEAN, image * (across - x), image * (down - y),
+    ]  # fmt: skip
+    beyond = a * (1.0 + np.linspace(0.0, 2.0, 20_001))
+    gap = surface_gap(beyond, a, scene.sphere)
+    reach = float(beyond[np.searchsorted(gap, 0.5 * fringes * scene.wavelength)]) - a
+    used = np.abs(np.hypot(across - x, down - y) * scene.pixel - a) < reach
+    matrix = np.stack([one[used] for one in slopes])
+    scale = np.sqrt((matrix**2).sum(axis=1))
+    inverse = np.linalg.inv(matrix @ matrix.T / np.outer(scale, scale))
+    deviation = math.sqrt(float(inverse[0, 0])) / float(scale[0])
+    return deviation * math.hypot(_NOISE, 12.0**-0.5) / _MICROMETRE
