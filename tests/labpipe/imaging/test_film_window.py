@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labpipe.frames import ArrayFrames
-from labpipe.imaging.film_window import FilmWindow
+from labpipe.imaging.film_window import FilmWindow, smooth
 from labpipe.imaging.spline import PADDING
 
 SIZE = (200, 300)
@@ -50,3 +50,21 @@ def test_the_frame_before_survives_the_next_load() -> None:
     assert np.array_equal(first, kept)
     assert film.frames_read == 2
     assert film.pixels_read == 2 * SIZE[0] * SIZE[1]
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32, np.float64, np.int32])
+@pytest.mark.parametrize("blur", [0.0, 0.5, 1.0])
+def test_every_type_of_pixel_is_blurred_alike_into_kept_memory(
+    kind: type[np.generic], blur: float
+) -> None:
+    from scipy.ndimage import gaussian_filter
+
+    image = np.random.default_rng(2).integers(0, 256, (40, 50)).astype(kind)
+    kept = np.empty(image.shape, np.float32)
+    found = smooth(image, blur, kept)
+    assert found is kept
+    expected = np.asarray(image, float)
+    if blur:
+        expected = gaussian_filter(expected, blur, mode="mirror", radius=int(np.ceil(4 * blur)))
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+    assert smooth(image[1:], blur, kept).shape == (39, 50)
