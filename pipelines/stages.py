@@ -78,7 +78,7 @@ HARMONIC = (
         summary="compression-positive force, tared, with uncertainty",
     ),
     Stage(
-        "hold", "pipelines.experiments.harmonic:hold", 2, ("loads",), ("contact", "plateau"),
+        "hold", "pipelines.experiments.harmonic:hold", 3, ("loads",), ("contact", "plateau"),
         summary="peak and plateau of the relaxation before the oscillations",
     ),
     Stage(
@@ -91,7 +91,7 @@ HARMONIC = (
         summary="mean hysteresis loop per frequency; is contact lost?",
     ),
     Stage(
-        "model", "pipelines.experiments.harmonic:model", 3,
+        "model", "pipelines.experiments.harmonic:model", 4,
         ("loads", "oscillations", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "contact", "model", "cycles"),
@@ -105,7 +105,7 @@ HARMONIC = (
         summary="work by eq. (2.31), tapping front, dimensionless numbers",
     ),
     Stage(
-        "comparison", "pipelines.experiments.harmonic:comparison", 2,
+        "comparison", "pipelines.experiments.harmonic:comparison", 3,
         ("loads", "oscillations", "model"), (),
         summary="measurement against model",
     ),
@@ -130,12 +130,12 @@ RELAXATION = (
         summary="compression-positive force, tared, with uncertainty",
     ),
     Stage(
-        "ramps", "pipelines.experiments.relaxation:ramps", 2,
+        "ramps", "pipelines.experiments.relaxation:ramps", 3,
         ("loads",), ("contact", "hold.plateau"), per="recording", over="mach1", schema="ramps",
         summary="find touch, ramps and holds: peak and plateau",
     ),
     Stage(
-        "curves", "pipelines.experiments.relaxation:curves", 2,
+        "curves", "pipelines.experiments.relaxation:curves", 3,
         ("loads", "ramps", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "model"), per="recording", over="mach1",
@@ -149,7 +149,7 @@ RELAXATION = (
         summary="simulate with the measured displacement",
     ),
     Stage(
-        "comparison", "pipelines.experiments.relaxation:comparison", 2,
+        "comparison", "pipelines.experiments.relaxation:comparison", 3,
         ("loads", "ramps", "model"), ("hold",), per="recording", over="mach1",
         summary="measurement against model: ramp, early, late",
     ),

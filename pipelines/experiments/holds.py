@@ -23,6 +23,7 @@ _LEAST_TRAVEL = 1e-6  # m; ten steps of the stage's display
 _STEP = 1e-7  # m, the step of the display outside a Sinusoid block
 _HELD = 0.9  # of the readings after the ramp, which must lie where it ended
 _UNFINISHED = 0.01  # of a plateau, its uncertainty from relaxation that goes on: told
+_SLOWEST = 0.9  # of a quarter's fall in the next quarter: a fall without end is not extrapolated
 _FEWEST = 20  # readings of a hold
 _PLATEAU_SHARE = 0.1  # of a hold, at most
 
@@ -147,12 +148,17 @@ def mean_force(loads: xr.Dataset, hold: Hold, begin: float, end: float) -> Level
 def unfinished(loads: xr.Dataset, hold: Hold, level: Level) -> float:
     """Return the standard uncertainty [N] of a plateau from relaxation that still goes on.
 
-    A rectangle of the width by which the force fell in the hold's second half.
+    The force at half and at three quarters of the hold tells how fast its fall slows down; a
+    fall that goes on so, each quarter the same share of the one before, ends lower by a known
+    amount. A rectangle of twice this half width stands for what it may be.
     """
-    half = 0.5 * (hold.end + hold.last)
     width = 0.5 * (level.end - level.begin)
-    before = mean_force(loads, hold, half - width, half + width)
-    return abs(before.force - level.force) / float(np.sqrt(3.0))
+    places = [hold.end + share * (hold.last - hold.end) for share in (0.5, 0.75)]
+    half, later = (mean_force(loads, hold, t - width, t + width) for t in places)
+    fell, falls = half.force - later.force, later.force - level.force
+    share = float(np.clip(falls / max(fell, half.u, 1e-12), 0.0, _SLOWEST))
+    left = max(falls, 0.0) * share / (1.0 - share)
+    return 2.0 * left / float(np.sqrt(3.0))
 
 
 def binned(
@@ -234,8 +240,8 @@ def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) 
     rest = unfinished(loads, hold, level)
     if rest > _UNFINISHED * level.force:
         warnings.warn(
-            f"block {hold.block + 1}: in the second half of the hold the force still falls by "
-            f"{100 * np.sqrt(3.0) * rest / level.force:.1f} %: the plateau is not relaxed",
+            f"block {hold.block + 1}: the force still falls at the end of the hold, by about "
+            f"{50 * np.sqrt(3.0) * rest / level.force:.1f} % more: the plateau is not relaxed",
             stacklevel=2,
         )
     noise = float(np.nanmax(loads["u_force"].values))

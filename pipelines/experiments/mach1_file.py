@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.interpolate import Akima1DInterpolator
 from scipy.optimize import least_squares
 from scipy.signal import bessel, besselap, buttap, butter, sosfilt, sosfilt_zi
 
@@ -148,7 +149,8 @@ def filtered(
         return force_values
     coarse = np.arange(force_values.size)
     fine = np.arange(force_values.size * _FILTER_FINENESS) / _FILTER_FINENESS
-    force_between = np.interp(fine, coarse, force_values)
+    # a chord would cut off peaks; Akima's curve bends with them and does not overshoot corners
+    force_between = Akima1DInterpolator(coarse, force_values, extrapolate=True)(fine)
     rate = _FILTER_FINENESS / interval
     order, cutoff = int(declared["order"]), declared["cutoff"]
     if kind == "bessel":
