@@ -5,11 +5,13 @@ coefficients; 8 bit, white noise in every frame. Every row states the error agai
 shift and the time of the whole call, measured in turn with the other rows in the same process.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -59,7 +61,8 @@ def run(quick: bool) -> Suite:
     contenders = _contenders(quick)
     points = {name: _grid(size)[:: c.thinning] for name, c in contenders.items()}
     calls = {name: partial(c.method, film, points[name]) for name, c in contenders.items()}
-    timings = paired(calls, repeats, budget=40.0)
+    with _one_thread():
+        timings = paired(calls, repeats, budget=40.0)
     rows = []
     for name, contender in contenders.items():
         timing, window = timings[name], contender.subset
@@ -122,6 +125,17 @@ def _contenders(quick: bool) -> dict[str, Contender]:
                 group, subset, partial(method, subset=subset), thinning
             )
     return found
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Hold OpenCV to one thread, as the kernels of the others have only one."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
 
 
 def make_film(size: int, frames: int, noise: float) -> tuple[Film, Floats]:
