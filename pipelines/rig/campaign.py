@@ -55,6 +55,7 @@ _REPEATS, _PLATE_REPEATS = 5, 3
 _SMALL_UNDER = UnderCamera(rows=160, columns=640)  # the widest contact, 1.2 mm, needs 550 px
 _REST, _REST_PER_ROOT_HEIGHT = 0.28, 5.4  # s, s/sqrt(m) after the third impact: acrylic is at rest
 _FULL_FRAMES, _FULL_RATE = 9367, 10_000
+_DROPS = "\n[[experiments.plate.drops]]"
 _ON_PLATE = 'plate_from = "plate"\n'
 
 
@@ -87,6 +88,12 @@ def write_campaign(
     with ProcessPoolExecutor(workers, mp_context=context) as pool:
         sections = list(pool.map(_write, [part.write for part in parts]))
     write_calibration_images(folder)
+    _write_session(folder, sections, full_size)
+    return [name for part in parts for name in part.names] + ["plate"]
+
+
+def _write_session(folder: Path, sections: list[str], full_size: bool) -> None:
+    """Write the calibration records, and session.toml with the plate's drops under one head."""
     records = {
         "laser": laser_record(),
         "laser_plate": plate_laser_record(),
@@ -99,10 +106,6 @@ def write_campaign(
     plate = plate_section([text for text in sections if text.startswith(_DROPS)])
     rest = [text for text in sections if not text.startswith(_DROPS)]
     files.write_text(folder / "session.toml", head + plate + "".join(rest))
-    return [name for part in parts for name in part.names] + ["plate"]
-
-
-_DROPS = "\n[[experiments.plate.drops]]"
 
 
 def _write(task: Callable[[], str]) -> str:
