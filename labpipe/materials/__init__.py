@@ -11,7 +11,7 @@ from labpipe.materials.models import (
     standard_linear_solid,
 )
 from labpipe.materials.prony import Prony
-from labpipe.materials.shift_law import ShiftLaw, arrhenius, wlf
+from labpipe.materials.shift_law import ShiftLaw, arrhenius, shift_at, wlf
 
 __all__ = [
     "KramersKronig",
@@ -29,6 +29,7 @@ __all__ = [
     "master_curve",
     "maxwell",
     "read_material",
+    "shift_at",
     "standard_linear_solid",
     "wlf",
 ]

@@ -25,7 +25,7 @@ from labpipe.materials.settling import (
     weights_of,
 )
 from labpipe.materials.shift_start import overlapped_shifts, scanned_shifts
-from labpipe.materials.spectrum import MARGIN_DECADES, TERMS_PER_DECADE
+from labpipe.materials.spectrum import MARGIN_DECADES
 from labpipe.materials.vertical_law import vertical_values
 
 Array = NDArray[np.float64]
@@ -34,9 +34,9 @@ Array = NDArray[np.float64]
 FIRST_MARGIN = 1.5
 # Smoothing for comparing starts, in units of the noise; cross-validation follows.
 FIRST_STRENGTH = 100.0
-# Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
+#: Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
 # Assoc. 90 (1995) 773: a smoothed spectrum leaves small systematic residuals of its own.
-_STRONG_EVIDENCE = 6.0
+STRONG_EVIDENCE = 6.0
 # Candidates are compared before they have settled to the last digit: tolerance and iterations.
 _SCREENING = (1e-3, 8)
 
@@ -100,7 +100,7 @@ def _may_gain(points: Points, current: Superposition, moves: list[OuterModel]) -
         probe = replace(current.fit, state=model.start(current.fit.state))
         normal, gradient = outer_problem(points, probe, model)
         gain = float(gradient @ np.linalg.pinv(normal, hermitian=True) @ gradient)
-        if gain > price * max(extra, 1) + _STRONG_EVIDENCE:
+        if gain > price * max(extra, 1) + STRONG_EVIDENCE:
             return True
     return False
 
@@ -130,12 +130,12 @@ def _screened(
     points: Points, weight: Array, current: Superposition, model: OuterModel, first: State
 ) -> Fit:
     """Fit another model from a state, well enough to compare it."""
-    strength = current.fit.solution.strength
+    strength, density = current.fit.solution.strength, current.fit.grid.terms_per_decade
     state = model.start(first)
-    grid = grid_for(points, state, TERMS_PER_DECADE, FIRST_MARGIN)
+    grid = grid_for(points, state, density, FIRST_MARGIN)
     stiff = evaluate(points, weight, grid, state, max(strength, FIRST_STRENGTH))
     stiff = minimise(points, weight, stiff, model, *_SCREENING)
-    grid = grid_for(points, stiff.state, TERMS_PER_DECADE, MARGIN_DECADES)
+    grid = grid_for(points, stiff.state, density, MARGIN_DECADES)
     fit = evaluate(points, weight, grid, stiff.state, strength)
     return minimise(points, weight, fit, model, *_SCREENING)
 
@@ -150,7 +150,7 @@ def _criterion(points: Points, fit: Fit, model: OuterModel) -> float:
     price = float(np.log(2 * points.omega.size))
     count = model.law_size + (0.5 if model.vertical == "rho_T" else 0.0)
     laws = (model.vertical != "none") + model.has_delay + (model.level_spread > 0)
-    score = total_cost(fit, model) + count * price + laws * _STRONG_EVIDENCE
+    score = total_cost(fit, model) + count * price + laws * STRONG_EVIDENCE
     if model.level_spread > 0:
         normal, _ = outer_problem(points, fit, model)
         at = model.level_slice

@@ -14,7 +14,7 @@ from labpipe.materials.limits import BARELY_DETERMINED, limits_of
 from labpipe.materials.outer_model import OuterModel
 from labpipe.materials.prony import Prony
 from labpipe.materials.settling import Superposition
-from labpipe.materials.shift_law import LawName, ShiftLaw, fit_law
+from labpipe.materials.shift_law import LawName, ShiftLaw, fit_law, shift_at
 from labpipe.materials.superposition_report import (
     bands,
     overlap_of_neighbours,
@@ -98,14 +98,15 @@ class MasterCurve:
     work: dict[str, int]
 
     def at(self, temperature: float) -> Prony:
-        """Return the material at another temperature (°C) by the fitted laws.
+        """Return the material at another temperature (°C) by the shifts and their law.
 
         Raises
         ------
         InputError
             The law has no value there.
         """
-        log10_aT = float(self.law.log10_aT(temperature))
+        measured = self.log10_aT["temperature"].values, self.log10_aT.values
+        log10_aT = shift_at(self.law, *measured, temperature)
         inside = self.b_T.dropna("temperature").sortby("temperature")
         b_T = np.interp(temperature, inside["temperature"].values, inside.values)
         return self.prony.shifted(10.0**log10_aT, float(b_T))

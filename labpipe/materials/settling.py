@@ -16,7 +16,7 @@ from labpipe.materials.joint_fit import (
 )
 from labpipe.materials.noise import Noise, next_noise
 from labpipe.materials.outer_model import OuterModel, expected_shifts
-from labpipe.materials.spectrum import MARGIN_DECADES, TERMS_PER_DECADE
+from labpipe.materials.spectrum import MARGIN_DECADES
 from labpipe.materials.step_probe import Probe
 from labpipe.materials.vertical_law import Vertical
 
@@ -94,7 +94,7 @@ def settled(points: Points, candidate: Candidate, noise: Noise, options: Options
         plain = weights_of(points, noise, expected)
         weight = plain * _root_of_influence(standardised, options)
         model = replace(model, expectation=expected_shifts(model.temperature, fit.state.log10_aT))
-        grid = grid_for(points, fit.state, TERMS_PER_DECADE, MARGIN_DECADES)
+        grid = grid_for(points, fit.state, fit.grid.terms_per_decade, MARGIN_DECADES)
         fit = evaluate(points, weight, grid, fit.state, None, near)
         fit = minimise(points, weight, fit, model)
         near, expected = fit.solution.strength, fit.predicted

@@ -154,6 +154,45 @@ def law_slopes(
     return _inverse_temperature(temperature, T_ref)[..., None]
 
 
+def shift_at(law: ShiftLaw, temperature: Array, log10_aT: Array, where: float) -> float:
+    """Return log10 a_T at any temperature: the law, and what the shifts deviate from it there.
+
+    Parameters
+    ----------
+    law : ShiftLaw
+        Through the shifts.
+    temperature : array (isotherm,) [degC]
+        In any order; NaN shifts are left out.
+    log10_aT : array (isotherm,)
+        Relative to the law's reference temperature.
+    where : float [degC]
+        Between isotherms the deviation is interpolated, beyond them it stays that of the last.
+
+    Raises
+    ------
+    InputError
+        There is one isotherm only, or the law has no value there.
+
+    Examples
+    --------
+    >>> law = ShiftLaw("arrhenius", 20.0, (0.0,), np.zeros((1, 1)))
+    >>> shift_at(law, np.array([0.0, 20.0]), np.array([2.0, 0.0]), 10.0)
+    1.0
+    """
+    known = np.isfinite(log10_aT)
+    if where != law.T_ref and np.unique(temperature[known]).size < 2:
+        message = (
+            f"one isotherm cannot be shifted to {where:g} °C; take the material at "
+            f"{law.T_ref:g} °C, where it was measured, or measure more temperatures"
+        )
+        raise InputError(message)
+    deviation = log10_aT[known] - law.log10_aT(temperature[known])
+    # The law and the shifts are both zero at the reference, wherever it lies.
+    at, first = np.unique(np.append(law.T_ref, temperature[known]), return_index=True)
+    knots = np.append(0.0, deviation)[first]
+    return float(law.log10_aT(where)) + float(np.interp(where, at, knots))
+
+
 def _inverse_temperature(temperature: Array, T_ref: float) -> Array:
     """(1/T − 1/T_ref)/(R ln 10) in mol/J."""
     kelvin, reference = temperature + ZERO_CELSIUS, T_ref + ZERO_CELSIUS

@@ -28,8 +28,9 @@ from scipy.optimize import nnls
 Array = NDArray[np.float64]
 
 #: Terms per decade. One is too coarse (3-4 % on the loss of a broad material), two serve for use,
-#: three leave no discretisation error; each further one costs a factor 8 in condition.
-TERMS_PER_DECADE = 3
+#: three leave no error on any broad material; each further one costs a factor 8 in condition. A
+#: material of few single times, between which a grid can fall, needs more: up to the second.
+TERMS_PER_DECADE, MOST_TERMS_PER_DECADE = 3, 6
 #: Terms reach this many decades beyond the covered frequencies at either end.
 MARGIN_DECADES = 0.7
 # The smoothing strengths that cross-validation looks at first (residuals in units of the noise):
@@ -58,11 +59,13 @@ class Grid:
         Unit of every weight; the last entry is the unit of the relaxed modulus.
     penalty : array (row, term + 1)
         Second differences over neighbouring terms.
+    terms_per_decade : float
     """
 
     ln_time: Array
     scale: Array
     penalty: Array
+    terms_per_decade: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +136,7 @@ def make_grid(
         ln_time=ln_time,
         scale=np.append(scale, np.min(storage)),
         penalty=_second_differences(count, terms_per_decade),
+        terms_per_decade=terms_per_decade,
     )
 
 

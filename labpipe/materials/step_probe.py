@@ -20,7 +20,7 @@ from labpipe.materials.joint_fit import (
     predictive_cost,
 )
 from labpipe.materials.outer_model import OuterModel, State
-from labpipe.materials.spectrum import MARGIN_DECADES, TERMS_PER_DECADE
+from labpipe.materials.spectrum import MARGIN_DECADES
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,12 @@ _MARGIN = 5.2
 # The walk is coarse and holds the other shifts: a dip that comes within this misfit (in units of
 # twice the log-likelihood) of the present minimum may be a better one.
 _PROMISING = 100.0
+# Of every walk this many of the lowest dips are fitted, well enough to be compared: tolerance
+# and iterations.
+_MOST_DIPS = 2
+_SCREENING = (1e-3, 8)
+# Smoothing under which sweeps cannot have a spectrum each, in units of the noise.
+STIFF = 100.0
 # A better minimum is better by this much at least; less is the rounding of two descents.
 _BETTER = 0.1
 
@@ -75,7 +81,8 @@ def probe_steps(
     variance = np.zeros(len(groups))
     better: Fit | None = None
     for k, group in enumerate(groups):
-        present = _refitted(points, weight, fit, model, fit.state.log10_aT)
+        strength = fit.solution.strength
+        present = _refitted(points, weight, fit, model, fit.state.log10_aT, strength)
         found, spread = _walked(points, weight, present, model, group)
         if found is not None and may_move:
             better = fit = found
@@ -104,30 +111,44 @@ def _walked(
     points: Points, weight: Array, present: Fit, model: OuterModel, group: Array
 ) -> tuple[Fit | None, float]:
     """Walk one step; return the best fit if it is another minimum, and the spread of the step."""
-    costs = _walk(points, weight, present, model, group)
+    strength = present.solution.strength
+    costs = _walk(points, weight, present, model, group, strength)
     likelihood = np.exp(-0.5 * (costs - costs.min()))
     spread = float(np.sum(likelihood * _OFFSETS**2) / np.sum(likelihood))
+    dips = [(i, strength) for i in _lowest_minima(costs)]
+    if strength < STIFF:
+        # A torn spectrum is hardly smoothed; with so little smoothing all steps look alike.
+        costs = _walk(points, weight, present, model, group, STIFF)
+        dips += [(i, STIFF) for i in _lowest_minima(costs)]
     least = predictive_cost(present, model)
     best: Fit | None = None
-    for i in _other_minima(costs):
+    for i, smoothing in dips:
         shifts = present.state.log10_aT + _OFFSETS[i] * group
-        fit = _refitted(points, weight, present, model, shifts)
-        excess = predictive_cost(fit, model) - predictive_cost(present, model)
+        fit = _refitted(points, weight, present, model, shifts, smoothing)
+        cost = predictive_cost(fit, model)
+        excess = cost - predictive_cost(present, model)
         # A second minimum widens the step by its distance, as likely as it is.
         away = float(np.max(np.abs(fit.state.log10_aT - present.state.log10_aT)))
         spread += away**2 * float(np.exp(-0.5 * max(excess, 0.0)))
-        if predictive_cost(fit, model) < least - _BETTER:
-            best, least = fit, predictive_cost(fit, model)
+        if cost < least - _BETTER:
+            best, least = fit, cost
     return best, spread
 
 
-def _refitted(points: Points, weight: Array, present: Fit, model: OuterModel, shifts: Array) -> Fit:
-    """Fit anew from other shifts, the smoothing chosen there."""
+def _refitted(
+    points: Points,
+    weight: Array,
+    present: Fit,
+    model: OuterModel,
+    shifts: Array,
+    strength: float,
+) -> Fit:
+    """Fit anew from other shifts, the smoothing chosen near a first one."""
     anchored = shifts - shifts[model.reference]
     state = _moved(model, present.state, anchored)
-    grid = grid_for(points, state, TERMS_PER_DECADE, MARGIN_DECADES)
-    first = evaluate(points, weight, grid, state, None, present.solution.strength)
-    return minimise(points, weight, first, model)
+    grid = grid_for(points, state, present.grid.terms_per_decade, MARGIN_DECADES)
+    first = evaluate(points, weight, grid, state, None, strength)
+    return minimise(points, weight, first, model, *_SCREENING)
 
 
 def _overlap(points: Points, state: State, cold: int, warm: int) -> float:
@@ -137,24 +158,27 @@ def _overlap(points: Points, state: State, cold: int, warm: int) -> float:
     return float(min(one.max(), other.max()) - max(one.min(), other.min()))
 
 
-def _other_minima(costs: Array) -> NDArray[np.intp]:
-    """Return the promising dips of a walk away from its middle, the ends included."""
+def _lowest_minima(costs: Array) -> NDArray[np.intp]:
+    """Return the lowest promising dips of a walk away from its middle, the ends included."""
     padded = np.concatenate([[np.inf], costs, [np.inf]])
     dips = (costs <= padded[:-2]) & (costs <= padded[2:]) & (costs < _PROMISING)
     at = np.flatnonzero(dips)
-    return at[np.abs(at - costs.size // 2) > 1]
+    at = at[np.abs(at - costs.size // 2) > 1]
+    return at[np.argsort(costs[at], kind="stable")[:_MOST_DIPS]]
 
 
-def _walk(points: Points, weight: Array, fit: Fit, model: OuterModel, group: Array) -> Array:
+def _walk(
+    points: Points, weight: Array, fit: Fit, model: OuterModel, group: Array, strength: float
+) -> Array:
     """Return the total cost at every offset of a group, less that at none."""
-    grid = grid_for(points, fit.state, TERMS_PER_DECADE, _MARGIN)
+    grid = grid_for(points, fit.state, fit.grid.terms_per_decade, _MARGIN)
     middle = int(np.argmin(np.abs(_OFFSETS)))
     costs = np.empty(_OFFSETS.size)
     for side in (range(middle, _OFFSETS.size), range(middle, -1, -1)):
         guess = None
         for i in side:
             state = _moved(model, fit.state, fit.state.log10_aT + _OFFSETS[i] * group)
-            trial = evaluate(points, weight, grid, state, fit.solution.strength, guess=guess)
+            trial = evaluate(points, weight, grid, state, strength, guess=guess)
             guess = trial.solution
             costs[i] = predictive_cost(trial, model)
     return costs - costs[middle]

@@ -19,11 +19,12 @@ from labpipe.materials.joint_fit import (
     grid_for,
     minimise,
     outer_problem,
-    total_cost,
+    predictive_cost,
 )
 from labpipe.materials.law_choice import (
     FIRST_MARGIN,
     FIRST_STRENGTH,
+    STRONG_EVIDENCE,
     entropic_ln_bT,
     extended_by_a_law,
 )
@@ -40,7 +41,7 @@ from labpipe.materials.settling import (
 )
 from labpipe.materials.shift_law import fit_law
 from labpipe.materials.shift_start import overlapped_shifts, scanned_shifts
-from labpipe.materials.spectrum import TERMS_PER_DECADE
+from labpipe.materials.spectrum import MARGIN_DECADES, MOST_TERMS_PER_DECADE, TERMS_PER_DECADE
 from labpipe.materials.step_probe import probe_steps
 from labpipe.materials.vertical_law import Vertical
 
@@ -49,10 +50,12 @@ Array = NDArray[np.float64]
 # Vertical law, delay and levels are added one at a time, and may each be revised once.
 _MAX_EXTENSIONS = 5
 # A walk may find better minima, from which all is settled and walked again.
-_MAX_MOVES = 4
+_MAX_MOVES = 3
 # A law through the best start is a third start; it needs more isotherms than it has constants.
 _LAW_NEEDS = 3
 _LAW_ROUGHNESS = 0.1
+# Mean squared residual, in units of the noise, of a start that cannot be called a fit.
+_FAR_FROM_NOISE = 4.0
 
 
 def superpose(
@@ -96,12 +99,45 @@ def superpose(
         level_spread=FIRST_LEVELS if levels is True else 0.0,
     )
     best = _best_start(points, base, noise, starts)
-    current = _probed(points, settled(points, best, noise, options), options)
+    current = _probed(points, _settled_finely(points, best, noise, options), options)
     for _ in range(_MAX_EXTENSIONS):
         extended = extended_by_a_law(points, current, options, starts)
         if extended is None:
             break
-        current = _probed(points, settled(points, extended, current.noise, options), options)
+        current = _settled_finely(points, extended, current.noise, options)
+        current = _probed(points, current, options)
+    return current
+
+
+def _settled_finely(
+    points: Points, candidate: Candidate, noise: Noise, options: Options
+) -> Superposition:
+    """Settle a fit, on a finer grid of times as long as that predicts much better.
+
+    A single relaxation time between two of the grid leaves a misfit that delays and levels would
+    be called for; so this comes before them.
+    """
+    current = settled(points, candidate, noise, options)
+    while 2 * current.fit.grid.terms_per_decade <= MOST_TERMS_PER_DECADE:
+        fit, model = current.fit, current.model
+        weight = weights_of(points, current.noise, fit.predicted) * huber(current, options)
+        density, strength = fit.grid.terms_per_decade, fit.solution.strength
+        present, finer = (
+            evaluate(
+                points,
+                weight,
+                grid_for(points, fit.state, count, MARGIN_DECADES),
+                fit.state,
+                None,
+                strength,
+            )
+            for count in (density, 2 * density)
+        )
+        gain = predictive_cost(present, model) - predictive_cost(finer, model)
+        if gain < STRONG_EVIDENCE:
+            break
+        candidate = Candidate(model, finer, current.starts)
+        current = settled(points, candidate, current.noise, options)
     return current
 
 
@@ -145,14 +181,17 @@ class _Run:
 
 
 def _run(points: Points, weight: Array, model: OuterModel, name: str, shifts: Array) -> _Run:
-    """Run the joint fit from one start with a stiff spectrum."""
+    """Run the joint fit from one start, the spectrum stiff unless the data forbid it."""
     expectation = expected_shifts(model.temperature, shifts)
     started = replace(model, given=shifts - shifts[model.reference], expectation=expectation)
     state = started.start()
     grid = grid_for(points, state, TERMS_PER_DECADE, FIRST_MARGIN)
     first = evaluate(points, weight, grid, state, FIRST_STRENGTH)
     fit = minimise(points, weight, first, started)
-    return _Run(name, total_cost(fit, started), fit, started)
+    if fit.solution.misfit > _FAR_FROM_NOISE * weight.size:
+        # Few single times are no smooth spectrum: smoothing would have moved the shifts instead.
+        fit = minimise(points, weight, evaluate(points, weight, grid, state, None), started)
+    return _Run(name, predictive_cost(fit, started), fit, started)
 
 
 def _smoothed(points: Points, run: _Run) -> Array:

@@ -92,6 +92,21 @@ def test_other_truth_that_is_no_sum_of_exponentials(fractional_truth):
         assert rms(found.data["loss_fitted"].values / exact.imag - 1) < 0.011
 
 
+def test_material_of_few_single_times_gets_a_finer_grid(maxwell_truth):
+    """Times between those of the grid would look like levels and a vertical law."""
+    rho, weight = np.logspace(-8, 1, 8), 3e8
+
+    def modulus(omega):
+        z = 1j * omega[..., None] * rho
+        return 1e7 + weight * np.sum(z / (1 + z), axis=-1)
+
+    known = replace(maxwell_truth, modulus=modulus)
+    found = quiet(known.sweeps(700), T_ref=60.0)
+    assert error(found, known) < 0.034
+    assert np.min(np.diff(np.log10(found.terms["rho"].values))) < 0.2
+    assert (found.vertical, float(np.ptp(found.level.values))) == ("none", 0.0)
+
+
 def test_liquid_has_no_relaxed_modulus(melt_truth):
     found = quiet(melt_truth.sweeps(3), T_ref=60.0)
     assert error(found, melt_truth) < 0.03

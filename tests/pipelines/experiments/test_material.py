@@ -1,0 +1,86 @@
+"""The material of an experiment from a DMA experiment, at the temperature that is asked for."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe import materials
+from labpipe.errors import InputError
+from labpipe.units import Quantity
+from pipelines.experiments.material import resolve
+from pipelines.settings.common import MaterialChoice
+
+C1, C2, T_REF = 10.0, 120.0, 20.0
+
+
+def wlf_shift(temperature):
+    return -C1 * (temperature - T_REF) / (C2 + temperature - T_REF)
+
+
+@pytest.fixture
+def fitted():
+    """A master curve as the DMA experiment stores it."""
+    temperature = np.array([0.0, 10.0, 20.0, 30.0, 40.0])
+    law = {"name": "wlf", "T_ref": T_REF, "parameters": [C1 / C2, 1 / C2]}
+    return xr.Dataset(
+        {
+            "E_relaxed": 1e7,
+            "E": ("term", [4e8, 6e8]),
+            "rho": ("term", [1e-3, 1.0]),
+            "nu": 0.4,
+            "T_ref": T_REF,
+            "log10_aT": ("temperature", wlf_shift(temperature)),
+            "b_T": ("temperature", 1 + 1e-3 * (temperature - T_REF)),
+        },
+        coords={"temperature": temperature},
+        attrs={"law": json.dumps(law)},
+    )
+
+
+def choice(temperature=None):
+    given = None if temperature is None else Quantity(temperature, 0.0, "degC")
+    return MaterialChoice(material_from="dma", temperature=given)
+
+
+def test_without_a_temperature_it_is_taken_at_its_reference(fitted):
+    found = resolve(choice(), None, fitted)
+    assert found == materials.Prony(1e7, [4e8, 6e8], [1e-3, 1.0], nu=0.4)
+    assert resolve(choice(T_REF), None, fitted) == found
+
+
+@pytest.mark.parametrize("temperature", [0.0, 13.0, 35.0])
+def test_temperature_shifts_it_by_law_and_vertical_factor(fitted, temperature):
+    found = resolve(choice(temperature), None, fitted)
+    a_T, b_T = 10.0 ** wlf_shift(temperature), 1 + 1e-3 * (temperature - T_REF)
+    np.testing.assert_allclose(found.rho, a_T * np.array([1e-3, 1.0]), rtol=1e-12)
+    np.testing.assert_allclose(found.E, b_T * np.array([4e8, 6e8]), rtol=1e-12)
+    assert found.E_relaxed == pytest.approx(b_T * 1e7)
+    assert found.nu == 0.4
+
+
+def test_shifts_that_leave_their_law_are_met_where_they_were_measured(fitted):
+    fitted["log10_aT"][0] += 0.5
+    found = resolve(choice(0.0), None, fitted)
+    assert np.log10(found.rho[1]) == pytest.approx(wlf_shift(0.0) + 0.5)
+    between = resolve(choice(5.0), None, fitted)
+    assert np.log10(between.rho[1]) == pytest.approx(wlf_shift(5.0) + 0.25)
+
+
+def test_beyond_the_isotherms_the_law_goes_on_with_a_warning(fitted):
+    with pytest.warns(UserWarning, match="60 °C lies outside.*0 to 40 °C"):
+        found = resolve(choice(60.0), None, fitted)
+    assert np.log10(found.rho[1]) == pytest.approx(wlf_shift(60.0))
+
+
+def test_beyond_the_pole_of_the_law_it_is_refused(fitted):
+    with pytest.raises(InputError, match="-150"):
+        resolve(choice(-150.0), None, fitted)
+
+
+def test_one_isotherm_cannot_be_shifted(fitted):
+    one = fitted.isel(temperature=[2])
+    one.attrs["law"] = json.dumps({"name": "arrhenius", "T_ref": T_REF, "parameters": [0.0]})
+    with pytest.raises(InputError, match="one isotherm cannot be shifted to 30 °C"):
+        resolve(choice(30.0), None, one)
