@@ -4,7 +4,7 @@ Thesis chapter 2, with another time integration: the memory is exact and costs n
 step (physics.md section 2), and a nested contact costs no solve (:mod:`labpipe.contact.springs`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import xarray as xr
@@ -30,6 +30,7 @@ def indent(
     rtol: float | None = DEFAULT_RTOL,
     outputs: Sequence[Output] = (),
     solver: Solver = "auto",
+    progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Press a periodic row of tips into a viscoelastic surface by a prescribed displacement.
 
@@ -65,6 +66,8 @@ def indent(
     solver : {"auto", "springs", "general"}
         ``auto`` takes the springs while the contact is nested and the general solver otherwise,
         and says so; the others insist.
+    progress : callable, optional
+        Called now and then with the fraction of the samples that is done.
 
     Returns
     -------
@@ -73,7 +76,9 @@ def indent(
         total contact length of a period). On request ``pressure`` [Pa], ``surface`` [m] (positive
         into the body) over (``time``, ``x``); ``work_done``, ``stored_energy``,
         ``dissipated_energy`` [J]. Attributes: ``work`` (JSON counts), ``solver``,
-        ``solver_reason``, ``datum`` of displacements ("mean surface" or "rigid base (absolute)").
+        ``solver_reason``, ``datum`` of displacements ("mean surface" or "rigid base (absolute)"),
+        and with energies ``energy_error``: the largest difference of the work done and what is
+        stored and dissipated, relative to the work; it is what the steps in time mislay.
 
     Raises
     ------
@@ -107,6 +112,7 @@ def indent(
         rtol,
         outputs,
         solver,
+        progress,
     )
 
 
@@ -124,6 +130,7 @@ def indent_load(
     rtol: float | None = DEFAULT_RTOL,
     outputs: Sequence[Output] = (),
     solver: Solver = "auto",
+    progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """Press a periodic row of tips into a viscoelastic surface by a prescribed load.
 
@@ -168,4 +175,5 @@ def indent_load(
         rtol,
         outputs,
         solver,
+        progress,
     )

@@ -34,6 +34,8 @@ _SOLVERS = ("auto", "springs", "general")
 # Maps larger than this are a mistake more often than a wish.
 _MAX_MAP_BYTES = 2 << 30
 _PRESSURE_ROUNDING = 1e-6
+# Progress is told once in so many samples.
+_PROGRESS_EVERY = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +69,7 @@ def simulate(
     rtol: float | None,
     outputs: Sequence[Output],
     solver: Solver,
+    progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
     """March through a checked history; see :func:`labpipe.contact.indent`.
 
@@ -80,7 +83,7 @@ def simulate(
         Displacement, or load.
     control : {"displacement", "force"}
         Which of the two.
-    rtol, outputs, solver
+    rtol, outputs, solver, progress
         As of :func:`labpipe.contact.indent`.
     """
     _require_known(request, rtol, outputs, solver, time.size)
@@ -92,7 +95,7 @@ def simulate(
     if solver == "springs" or not reason:
         run = _spring_run(geometry, values, settings)
         try:
-            rows = _record(run, geometry.kernel, time, values, outputs)
+            rows = _record(run, geometry.kernel, time, values, outputs, progress)
             return _dataset(run, rows, request, time, geometry.kernel, reason or "nested contact")
         except NotNestedError:
             where = time[run.march.samples_done]
@@ -104,7 +107,7 @@ def simulate(
         geometry.kernel, geometry.heights, geometry.limit, has_end=not geometry.is_smooth
     )
     run = _Run("general", March(contact, *settings), lambda load: load, contact)
-    rows = _record(run, geometry.kernel, time, values, outputs)
+    rows = _record(run, geometry.kernel, time, values, outputs, progress)
     return _dataset(run, rows, request, time, geometry.kernel, reason)
 
 
@@ -227,7 +230,12 @@ def _why_general(geometry: _Geometry) -> str:
 
 
 def _record(
-    run: _Run, kernel: LineKernel, time: Array, value: Array, outputs: Sequence[Output]
+    run: _Run,
+    kernel: LineKernel,
+    time: Array,
+    value: Array,
+    outputs: Sequence[Output],
+    progress: Callable[[float], None] | None,
 ) -> dict[str, Array]:
     """March through the history and keep what is asked for, one row per sample."""
     names = ["displacement", "force", "contact_half_width"]
@@ -239,6 +247,8 @@ def _record(
     for n, state in enumerate(run.march.run(time, value)):
         for name, number in _row(run, kernel, state, rows.keys()).items():
             rows[name][n] = number
+        if progress is not None and n % _PROGRESS_EVERY == 0:
+            progress((n + 1) / time.size)
     return rows
 
 
@@ -318,11 +328,20 @@ def _dataset(
         "elements": kernel.elements,
         "terms": march.creep.n_terms,
     }
-    attributes = {
+    attributes: dict[str, str | float] = {
         "solver": run.solver,
         "solver_reason": reason,
         "datum": kernel.datum,
         "profile": request.profile if isinstance(request.profile, str) else "array",
         "work": json.dumps(counts),
     }
+    if "work_done" in rows:
+        attributes["energy_error"] = _energy_error(rows)
     return xr.Dataset(variables, coordinates, attributes)
+
+
+def _energy_error(rows: dict[str, Array]) -> float:
+    """Largest energy mislaid by the steps in time, relative to the largest in the ledger."""
+    mislaid = rows["work_done"] - rows["stored_energy"] - rows["dissipated_energy"]
+    largest = max(float(np.abs(rows[name]).max()) for name in ("work_done", "stored_energy"))
+    return float(np.abs(mislaid).max()) / max(largest, np.finfo(float).tiny)

@@ -1,0 +1,73 @@
+"""The command simulate as a new user meets it: units, maps, ledger, and what is refused."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from labpipe import files
+from pipelines.cli import main
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as left:
+        main(["simulate", *arguments])
+    shown = capsys.readouterr()
+    return int(left.value.code or 0), shown.out, shown.err
+
+
+def test_a_drop_on_a_plate_shows_units_ledger_and_what_the_plate_takes(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out = tmp_path / "drop.nc"
+    code, text, _ = run(
+        capsys, "drop", "--duration", "0.03 s", "--rtol", "1e-3", "--map", "18 ms",
+        "--plate-mass", "30 kg", "--plate-frequency", "180 Hz", "--plate-damping", "0.03",
+        "--out", str(out),
+    )  # fmt: skip
+    assert code == 0
+    rows = {line[:34].strip(): line[34:].split() for line in text.splitlines()}
+    assert rows["first peak force"][1] == "N"
+    assert rows["plate energy at the end"][1] == "J"
+    assert float(rows["first restitution on a rigid flat"][0]) > float(rows["first restitution"][0])
+    assert float(rows["energy identity error"][0]) < 1e-10
+    found = files.read_dataset(out)
+    assert found["pressure"].dims == ("map_time", "r")
+    assert float(found["pressure"].min()) >= 0.0
+
+
+def test_an_indentation_keeps_maps_and_says_what_its_steps_mislay(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    out, picture = tmp_path / "indent.nc", tmp_path / "indent.svg"
+    code, text, _ = run(
+        capsys, "indent", "--cycles", "1", "--hold", "1 s", "--elements", "128", "--maps",
+        "--out", str(out), "--picture", str(picture), "--json",
+    )  # fmt: skip
+    document = json.loads(text)
+    assert code == 0
+    assert document["units"]["peak force"] == "N"
+    assert document["energy error"] < 1e-3
+    assert files.read_dataset(out)["pressure"].dims == ("time", "x")
+    assert b"<svg" in picture.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["indent", "--frequency", "0 Hz"], 2, "--frequency is 0"),
+        (["indent", "--ramp", "0 mm/s"], 2, "--ramp is 0"),
+        (["indent", "--mean", "-1 mm"], 2, "--mean is -0.001"),
+        (["indent", "--mean", "5 mm"], 3, "reaches the end of the indenter"),
+        (["indent", "--ramp", "5"], 2, "has no unit"),
+        (["drop", "--radius", "0 mm"], 3, "radius is 0.0"),
+        (["drop", "--map", "9 s"], 3, "maps must increase strictly and lie within"),
+        (["drop", "--picture", "x.bmp", "--duration", "0.02 s"], 3, "figure format"),
+    ],
+)
+def test_bad_values_are_refused_with_the_reason(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], code: int, words: str
+) -> None:
+    found, _, said = run(capsys, *arguments)
+    assert found == code
+    assert words in said
