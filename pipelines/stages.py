@@ -220,7 +220,7 @@ DMA = (
         summary="gather isothermal sweeps, in tension",
     ),
     Stage(
-        "master_curve", "pipelines.experiments.dma:master_curve", 1,
+        "master_curve", "pipelines.experiments.dma:master_curve", 2,
         ("sweeps",), ("T_ref", "nu", "fit"), schema="master_curve",
         summary="fit all shifts and one spectrum",
     ),
