@@ -25,9 +25,15 @@ def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]"
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         overall = bar.add_task("planning", total=None)
 
+        cached = 0
+
         def show(event: "Event") -> None:
+            nonlocal cached
+            # What was kept took no time; counted as work it would promise an end too soon.
+            cached += event.kind == "cached"
             text = escape(f"{event.task.experiment}: {event.task.stage}")
-            bar.update(overall, total=event.total, completed=event.done, description=text)
+            done, total = event.done - cached, event.total - cached
+            bar.update(overall, total=total, completed=done, description=text)
 
         yield show
 
