@@ -7,6 +7,7 @@ import numpy as np
 from labpipe import signals
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Array, Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.films import around_peak
 from pipelines.figures.inputs import Inputs, is_heated, temperature_of
 
 _IMPACTS = 3
@@ -241,12 +242,14 @@ def heated(inputs: Inputs) -> Drawing:
             for number in range(_IMPACTS):
                 inside = made["impact_number"].values == number + 1
                 t = made["since_peak"].values[inside] * 1e3
-                order = np.argsort(t)
                 place = axes[0, number]
                 place.plot(t, made["film"].values[inside] * 1e6, label=f"film, {label}",
                            markersize=2.6, linestyle="none", **look)  # fmt: skip
-                place.plot(t[order], made["model"].values[inside][order] * 1e6,
-                           color=look["color"], linewidth=0.9, label=f"model, {label}")  # fmt: skip
+                since, radius = around_peak(
+                    inputs.result(name, "model"), float(made["model_peak_time"][number])
+                )
+                place.plot(since, radius, color=look["color"], linewidth=0.9,
+                           label=f"model, {label}")  # fmt: skip
                 place.set(xlabel="time $t_p$ (ms)", ylim=(0, None))
                 letter(place, _LETTERS[number], "I" * (number + 1))
             last = axes[0, _IMPACTS]
@@ -271,8 +274,8 @@ def heated(inputs: Inputs) -> Drawing:
                 + _warming(inputs, pair)
             ),
             difference=(
-                "the thesis prints no radii; as it says, the heated contact is larger in every "
-                "impact and at rest. That it also forms earlier lies within one frame here."
+                "the thesis prints no radii; it says that the heated contact is larger in every "
+                "impact and at rest, and forms earlier. Numbers of ours stand above."
             ),
             **inputs.told(f"the films {pair[0][0]} and {pair[1][0]}."),
         ),
@@ -307,4 +310,9 @@ def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> str:
             np.linalg.norm([float(m["u_peak_radius_difference"][number]) for m in (cold, warm)])
         )
         notes.append(f"{'I' * (number + 1)} {film:+.1f} (model {model:+.1f}) ± {u:.1f} µm")
-    return f"Largest radius, heated minus room: {'; '.join(notes)}."
+    rest = [inputs.result(name, "impacts") for name, _ in pair]
+    at_rest = " and ".join(
+        f"{float(r['static_radius']) * 1e6:.1f} ± {float(r['u_static_radius']) * 1e6:.1f}"
+        for r in rest
+    )
+    return f"Largest radius, heated minus room: {'; '.join(notes)}; at rest {at_rest} µm."

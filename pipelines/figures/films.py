@@ -5,11 +5,13 @@ from typing import Any
 import numpy as np
 
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Array, Caption, Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs, referred
 
 _IMPACTS = 3
 _MOST_HEIGHTS = 4
+_AROUND_PEAK = 0.8
+"""ms on either side of the largest radius in which the model is drawn."""
 
 
 def laser_and_film(inputs: Inputs) -> Drawing:
@@ -68,7 +70,7 @@ def contact_radius(inputs: Inputs) -> Drawing:
                 sharex="all", sharey="row") as (figure, axes):  # fmt: skip
         for row, name in enumerate(chosen):
             made = inputs.result(name, "comparison")
-            _impact_row(axes[row], made, inputs.origin)
+            _impact_row(axes[row], made, inputs.result(name, "model"), inputs.origin)
             height = inputs.experiments[name].height.value * 1e3
             letter(axes[row, 0], "abcd"[row], f"$h_0$ = {height:g} mm")
             gap = made["peak_radius_difference"].values[:_IMPACTS] * 1e6
@@ -92,13 +94,28 @@ def contact_radius(inputs: Inputs) -> Drawing:
     )
 
 
-def _impact_row(places: Any, made: Any, origin: str) -> None:
+def _impact_row(places: Any, made: Any, model: Any, origin: str) -> None:
     for number, place in enumerate(places, start=1):
         inside = made["impact_number"].values == number
         t = made["since_peak"].values[inside] * 1e3
-        order = np.argsort(t)
         place.plot(t, made["film"].values[inside] * 1e6, label=f"film, {origin}",
                    **line_arguments("measured", style="points"))  # fmt: skip
-        place.plot(t[order], made["model"].values[inside][order] * 1e6, label="model",
-                   **line_arguments("model"))  # fmt: skip
+        since, radius = around_peak(model, float(made["model_peak_time"][number - 1]))
+        place.plot(since, radius, label="model", **line_arguments("model"))
         place.set_ylim(bottom=0.0)
+
+
+def around_peak(model: Any, peak: float) -> tuple[Array, Array]:
+    """Return the simulated contact around one largest radius: time in ms, radius in µm.
+
+    Parameters
+    ----------
+    model : Dataset
+        Result ``model`` of a contact area.
+    peak : float [s]
+        Time of the largest radius.
+    """
+    since = (model["time"].values - peak) * 1e3
+    shown = np.abs(since) <= _AROUND_PEAK
+    radius = model["contact_radius"].values[shown] * 1e6
+    return since[shown], np.where(radius > 0, radius, np.nan)

@@ -77,12 +77,12 @@ def falling_line(inputs: Inputs) -> Drawing:
             "followed; (b) the line at chosen times, at those printed in the thesis as far as the "
             "film lasts.",
             computed=(
-                f"image correlation; {size * 1e3:.2f} µm per pixel. The line stays straight: the "
-                f"holder is rigid and turns by at most {turned:.2f} mrad."
+                f"image correlation; {size * 1e3:.2f} µm per pixel. The holder turns by at most "
+                f"{turned:.2f} mrad."
             ),
             difference=(
                 "the printed line 'progressively deforms upon impact'; a holder is far too stiff "
-                "for that at these scales, and here the line moves as one."
+                "for that at these scales, and a rigid line moves as one."
             ),
             **inputs.told(f"the film {name}, {len(time)} frames were tracked."),
         ),
