@@ -40,8 +40,10 @@ def run(quick: bool) -> list[Suite]:
     names = _MATERIALS[:1] if quick else _MATERIALS
     made = [record(name, _DURATION) for name in names]
     contenders = _contenders(made)
+    if quick:
+        del contenders["noise given"]
     timings = paired(
-        {name: call for name, (_, call) in contenders.items()}, 2 if quick else 7, budget=25.0
+        {name: call for name, (_, call) in contenders.items()}, 1 if quick else 7, budget=25.0
     )
     title = f"{', '.join(names)} dropped from 1.5 mm, 20 kHz, 1 µm noise"
     touches, restitutions = [], []

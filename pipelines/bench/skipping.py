@@ -176,14 +176,14 @@ def _frames_without_contact(count: int) -> Shortcut:
 
 def contact_film(count: int) -> NDArray[np.uint8]:
     """Draw a film (frame, row, column) of one Hertz contact in the middle eighth of ``count``."""
-    y, x = np.mgrid[:160, :208].astype(float)
-    r = _PIXEL * np.hypot(x - 101.3, y - 77.6)
+    y, x = np.mgrid[:128, :144].astype(float)
+    r = _PIXEL * np.hypot(x - 70.3, y - 62.6)
     generator = np.random.default_rng(_SEED)
     film = np.empty((count, *r.shape), np.uint8)
     for k in range(count):
         phase = 16.0 * (k / count - 0.5)
         if abs(phase) < 1.0:
-            gap = _hertz_gap(r, 250e-6 * np.cos(0.5 * np.pi * phase) + 30e-6)
+            gap = _hertz_gap(r, 150e-6 * np.cos(0.5 * np.pi * phase) + 30e-6)
         else:
             gap = r**2 / (2 * _SPHERE) + 4e-6 * (abs(phase) - 1.0) + 1e-6
         light = 120.0 * (1.0 - 0.8 * np.cos(4 * np.pi * gap / _WAVELENGTH))

@@ -10,7 +10,7 @@ from pipelines.bench.skipping import contact_film
 
 def test_the_film_of_an_impact_shows_a_dark_disc_only_in_its_middle() -> None:
     film = contact_film(32)
-    dark = [(frame[60:95, 84:118] < 45).mean() for frame in film]
+    dark = [(frame[46:80, 54:88] < 45).mean() for frame in film]
     assert dark[16] > 0.99
     assert max(dark[:14]) < 0.9
 
