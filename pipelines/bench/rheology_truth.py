@@ -1,0 +1,119 @@
+"""Sweeps of materials that are known, made without any formula of the analysis."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+_GAS_LN10 = 8.314462618 * float(np.log(10.0))
+_ZERO_CELSIUS = 273.15
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """A material and its shift law: E(ω, T) = E(a_T ω, T_ref).
+
+    Attributes
+    ----------
+    name : str
+    T_ref : float [degC]
+        Where ``modulus`` is given.
+    modulus : callable
+        Complex modulus (Pa) at angular frequencies (rad/s).
+    shift : callable
+        log10 a at temperatures in degC, up to a constant.
+    """
+
+    name: str
+    T_ref: float
+    modulus: Callable[[Floats], Complexes]
+    shift: Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """One set of sweeps and what is true of it.
+
+    Attributes
+    ----------
+    sweeps : Dataset over (temperature, frequency)
+    reference : float [degC]
+        The isotherm that errors are counted from.
+    log10_aT : array (temperature,)
+        True shifts from that isotherm.
+    exact : array (temperature, frequency) [Pa]
+        True complex modulus.
+    """
+
+    sweeps: xr.Dataset
+    reference: float
+    log10_aT: Floats
+    exact: Complexes
+
+    def error(self, log10_aT: Floats) -> float:
+        """Root-mean-square error of shifts counted from any isotherm (decades)."""
+        at = int(np.argmin(np.abs(self.sweeps["temperature"].values - self.reference)))
+        return float(np.sqrt(np.mean((log10_aT - log10_aT[at] - self.log10_aT) ** 2)))
+
+
+def measured(
+    truth: Truth, seed: int, temperatures: int = 12, noise: float = 0.02, points: int = 11
+) -> Measured:
+    """Measure a material from −40 to 120 °C at 0.1 to 10 Hz, relative noise on both moduli."""
+    temperature = np.linspace(-40.0, 120.0, temperatures)
+    frequency = np.logspace(-1.0, 1.0, points)
+    at = int(np.argmin(np.abs(temperature - truth.T_ref)))
+    law = truth.shift(temperature)
+    from_reference = law - truth.shift(np.array([truth.T_ref]))[0]
+    exact = truth.modulus(2.0 * np.pi * frequency * 10.0 ** from_reference[:, None])
+    rng = np.random.default_rng(seed)
+    storage = exact.real * (1.0 + noise * rng.standard_normal(exact.shape))
+    loss = exact.imag * (1.0 + noise * rng.standard_normal(exact.shape))
+    dims = ("temperature", "frequency")
+    sweeps = xr.Dataset(
+        {"storage": (dims, storage, {"units": "Pa"}), "loss": (dims, loss, {"units": "Pa"})},
+        coords={
+            "temperature": ("temperature", temperature, {"units": "degC"}),
+            "frequency": ("frequency", frequency, {"units": "Hz"}),
+        },
+    )
+    return Measured(sweeps, float(temperature[at]), law - law[at], exact)
+
+
+def _maxwell(omega: Floats) -> Complexes:
+    """Twenty terms, 1e-10 to 1e2 s, 8 MPa to 3 GPa, two loss peaks."""
+    rho = np.logspace(-10.0, 2.0, 20)
+    x = np.log10(rho)
+    weight = np.exp(-0.5 * ((x + 6.0) / 1.6) ** 2)
+    weight = weight + 0.12 * np.exp(-0.5 * ((x + 0.5) / 1.1) ** 2) + 0.004
+    z = 1j * omega[..., None] * rho
+    return np.asarray(8e6 + (z / (1.0 + z)) @ (weight / weight.sum() * (3e9 - 8e6)))
+
+
+def _fractional(omega: Floats) -> Complexes:
+    """Two fractional Zener elements: no sum of exponentials."""
+    total = np.full(omega.shape, 12e6, dtype=complex)
+    for strength, time, exponent in ((1.9e9, 3e-5, 0.32), (7e8, 2e-1, 0.55)):
+        z = (1j * omega * time) ** exponent
+        total += strength * z / (1.0 + z)
+    return total
+
+
+def _wlf(temperature: Floats) -> Floats:
+    return np.asarray(-15.0 * (temperature - 40.0) / (210.0 + temperature))
+
+
+def _kinked(temperature: Floats) -> Floats:
+    """Arrhenius below 30 °C, WLF above."""
+    cold = 150e3 / _GAS_LN10 * (1.0 / (temperature + _ZERO_CELSIUS) - 1.0 / (30 + _ZERO_CELSIUS))
+    warm = np.maximum(temperature, 30.0)
+    return np.where(temperature < 30.0, cold, -11.0 * (warm - 30.0) / (100.0 + warm))
+
+
+MAXWELL = Truth("twenty Maxwell terms, WLF", 60.0, _maxwell, _wlf)
+FRACTIONAL = Truth("two fractional elements, kinked law", 40.0, _fractional, _kinked)

@@ -1,0 +1,48 @@
+"""The benchmarks of materials: their truths are true, and ours stays within its goals."""
+
+import numpy as np
+import pytest
+
+from pipelines.bench import interconversion, master_curve, prony
+from pipelines.bench.rheology_truth import FRACTIONAL, MAXWELL, measured
+
+
+@pytest.mark.parametrize("truth", [MAXWELL, FRACTIONAL])
+def test_readings_differ_from_the_truth_by_the_noise(truth) -> None:
+    made = measured(truth, 1, temperatures=40, points=40)
+    for name, exact in (("storage", made.exact.real), ("loss", made.exact.imag)):
+        ratio = made.sweeps[name].values / exact - 1
+        assert np.std(ratio) == pytest.approx(0.02, rel=0.1)
+    assert made.error(made.log10_aT + 3.0) < 1e-12
+    assert np.all(np.diff(made.log10_aT) < 0)
+
+
+def test_true_moduli_superpose_by_the_true_shifts() -> None:
+    made = measured(MAXWELL, 1)
+    omega = 2 * np.pi * made.sweeps["frequency"].values * 10.0 ** made.log10_aT[:, None]
+    at = MAXWELL.shift(np.array([made.reference, MAXWELL.T_ref]))
+    np.testing.assert_allclose(MAXWELL.modulus(omega * 10.0 ** (at[0] - at[1])), made.exact)
+
+
+def test_only_the_secular_equation_keeps_weak_terms() -> None:
+    points = {p.setting: p for p in interconversion.run(quick=True).points}
+    for point in points.values():
+        assert (point.error < 1e-13) == (point.group == "")
+    (default,) = [p for p in points.values() if p.is_default]
+    assert default.setting == "secular equation, 50 terms"
+
+
+def test_three_terms_a_decade_serve_both_truths() -> None:
+    for suite in prony.run(quick=True):
+        found = {p.setting: p for p in suite.points}
+        (default,) = [p for p in suite.points if p.is_default]
+        assert default.error < 1.0
+        assert default.error < found["1 terms/decade"].error
+        assert default.error < found["3 terms/decade, no smoothing, no bounds"].error
+
+
+@pytest.mark.slow
+def test_default_shifts_meet_their_goal_on_both_truths() -> None:
+    for suite, goal in zip(master_curve.run(quick=True), (0.034, 0.04, 0.034), strict=True):
+        (default,) = [p for p in suite.points if p.is_default]
+        assert default.error < goal
