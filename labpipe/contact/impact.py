@@ -8,9 +8,8 @@ surface keeps its dents: memory is never reset between bounces.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import inf, isfinite, nan, sqrt
+from math import inf, nan, sqrt
 from time import perf_counter
-from typing import Literal, get_args
 
 import numpy as np
 import xarray as xr
@@ -18,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from labpipe.contact.bounce import Stepper
 from labpipe.contact.compilation import why_not_compiled
+from labpipe.contact.drop_checks import Solver, checked, checked_times
 from labpipe.contact.drop_dataset import (
     DropRun,
     Setting,
@@ -41,14 +41,11 @@ from labpipe.contact.memory import Array, Condensed, Creep, CreepMaterial, conde
 from labpipe.contact.motion import AnnularContactError, Body, Record
 from labpipe.contact.plate import Plate, PlateState
 from labpipe.contact.rest import RestTest
+from labpipe.contact.settling import settle
 from labpipe.contact.thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.trajectory import Contact, Flight, Segment
 from labpipe.errors import InputError
 
-Solver = Literal["mdr", "rings", "thesis"]
-
-# Where rtol may lie: below, rounding; above, the estimates of the error mean nothing.
-_RTOL_RANGE = (1e-8, 1e-2)
 # Terms may be folded away or frozen where that costs this part of rtol.
 _CONDENSE_SHARE = 0.01
 # A sphere that sinks in from a lower speed than this part of the speed at rest will not lift off
@@ -172,11 +169,11 @@ def drop(
     of its error.
     """
     started = perf_counter()
-    setting = _checked(
+    setting = checked(
         Setting(radius, mass, height, duration, solver, profile, rtol, gravity, plate)
     )
-    wanted = None if times is None else _checked_times("times", times, duration)
-    looks = None if maps is None else _checked_times("maps", maps, duration)
+    wanted = None if times is None else checked_times("times", times, duration)
+    looks = None if maps is None else checked_times("maps", maps, duration)
     creep = Creep.of(material)
     speed = sqrt(2.0 * gravity * height)
     observe = None if progress is None else _Throttle(progress, setting)
@@ -248,43 +245,6 @@ def _refined(
     )
     warnings.warn(message, UserWarning, stacklevel=3)
     return run, mislaid
-
-
-def _checked(setting: Setting) -> Setting:
-    """Refuse what is out of range, with the reason."""
-    for name, value, low in (
-        ("radius", setting.radius, "positive"),
-        ("mass", setting.mass, "positive"),
-        ("duration", setting.duration, "positive"),
-        ("gravity", setting.gravity, "positive"),
-        ("height", setting.height, "0 or positive"),
-    ):
-        if not (isfinite(value) and (value > 0.0 or (value == 0.0 and low != "positive"))):
-            message = f"{name} is {value}, expected a finite number, {low}"
-            raise InputError(message)
-    if setting.solver not in get_args(Solver):
-        message = f'solver is "{setting.solver}", expected one of {", ".join(get_args(Solver))}'
-        raise InputError(message)
-    if setting.profile not in get_args(Profile):
-        message = f'profile is "{setting.profile}", expected one of {", ".join(get_args(Profile))}'
-        raise InputError(message)
-    low_rtol, high_rtol = _RTOL_RANGE
-    if not low_rtol <= setting.rtol <= high_rtol:
-        message = f"rtol is {setting.rtol}, expected {low_rtol} to {high_rtol}"
-        raise InputError(message)
-    if setting.plate is not None and setting.solver == "thesis":
-        message = "the thesis's scheme has a rigid substrate; drop the plate or use another solver"
-        raise InputError(message)
-    return setting
-
-
-def _checked_times(name: str, times: ArrayLike, duration: float) -> Array:
-    wanted = np.atleast_1d(np.asarray(times, dtype=float))
-    is_inside = np.all((wanted >= 0.0) & (wanted <= duration))
-    if wanted.ndim != 1 or not wanted.size or not is_inside or np.any(np.diff(wanted) <= 0.0):
-        message = f"{name} must increase strictly and lie within 0 and {duration} s"
-        raise InputError(message)
-    return wanted
 
 
 @dataclass(slots=True)
@@ -427,7 +387,7 @@ def _bounce(
         segments.append(Contact(records))
         if outcome == "rest":
             settled = stepper.time
-            stepper.settle(end, factor)
+            settle(stepper, end, factor)
             creeping = stepper.take_trail()
             if creeping:
                 segments.append(Contact((records[-1], *creeping), is_resting=True))
