@@ -1,0 +1,49 @@
+"""A heated sphere: the model with the shifted material agrees, the one of the cold does not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labpipe import files, materials
+from pipelines.process import process, result
+from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.plate import PLATE
+from pipelines.rig.session_text import drop_section, laser_record, session_head
+from tests.pipelines.conftest import START
+
+HEIGHT, HEATED = 5e-3, 39.0
+ON_PLATE = 'plate = { mass = "30 kg", frequency = "180 Hz", damping_ratio = 0.03 }\n'
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("heated")
+    solid = materials.load("acrylic", temperature=HEATED)
+    rig = DropRig(duration=0.15, floor=PLATE)
+    names = write_drops(folder, "drop", rig, solid, HEIGHT, 1, 8, START)
+    section = drop_section("heated", names, HEIGHT, "acrylic", ON_PLATE)
+    section += f'temperature = "{HEATED:g} degC"\n'
+    cold = drop_section("cold", names, HEIGHT, "acrylic", ON_PLATE)
+    files.write_text(folder / "calibration/laser.toml", laser_record())
+    files.write_text(folder / "session.toml", session_head("Heated (synthetic)") + section + cold)
+    outcome = process(folder, ["comparison"], jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    return folder
+
+
+def test_the_shifted_material_agrees_and_the_cold_one_does_not(session: Path) -> None:
+    found = {name: result(session, name, "comparison") for name in ("heated", "cold")}
+    z = {
+        name: float(np.abs(made["restitution_difference"] / made["u_restitution_difference"])[0])
+        for name, made in found.items()
+    }
+    assert z["heated"] < 3 < z["cold"]
+    assert float(found["heated"]["nrmse"]) < 0.01
+    assert float(found["cold"]["nrmse"]) > 3 * float(found["heated"]["nrmse"])
+
+
+def test_a_warmer_sphere_returns_less_and_is_pressed_in_deeper(session: Path) -> None:
+    heated, cold = (result(session, name, "model") for name in ("heated", "cold"))
+    assert float(heated["restitution"][0]) < float(cold["restitution"][0])
+    assert float(heated["peak_contact_radius"][0]) > float(cold["peak_contact_radius"][0])
