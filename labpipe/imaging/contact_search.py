@@ -213,7 +213,8 @@ def fit_match(
     if found is None or not is_contact(frame, view, found):
         return None
     settings = replace(view.settings, free=found.free)
-    return fit_contact(frame, found.parameters, view.optics, settings, view.white)
+    final = fit_contact(frame, found.parameters, view.optics, settings, view.white)
+    return final if final is not None and is_clear(view, final) else None
 
 
 def start_of(match: Match, view: View, x: float, y: float) -> Floats:
@@ -257,12 +258,12 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
     return found
 
 
-def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
-    """Decide whether a fit shows a contact, and not a sphere close by or something else."""
+def is_clear(view: View, found: RingFit) -> bool:
+    """Tell whether a fit shows rings beyond doubt, around a circle that can be a contact."""
     radius = float(found.parameters[Parameter.RADIUS])
     modulation = abs(float(found.parameters[Parameter.MODULATION]))
     light = float(found.parameters[Parameter.GAIN]) - view.black
-    is_clear = (
+    return (
         found.pixels >= _LEAST_PIXELS
         and found.misfit <= MOST_MISFIT
         and light > 0.0
@@ -271,8 +272,13 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
         and radius > _LEAST_RADIUS * view.newton_spot
         and found.deviation(Parameter.RADIUS) < _MOST_UNCERTAINTY * radius
     )
-    if not is_clear:
+
+
+def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
+    """Decide whether a fit shows a contact, and not a sphere close by or something else."""
+    if not is_clear(view, found):
         return False
+    radius = float(found.parameters[Parameter.RADIUS])
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
     if travel > MOST_TRAVEL * radius:
         return False

@@ -48,6 +48,10 @@ _REST_CHANGE = 0.01
 _PHASE_FRAMES = 24
 #: Jump of the radius (px) up to which a fit is started from the frame before.
 _SMALL_JUMP = 2.0
+#: A contact beside another differs from what is expected by this share of the other's radius at
+#: most, and its centre lies within this share of its own radius from the other's.
+_MOST_CHANGE, _SAME_CENTRE = 0.5, 0.3
+_CIRCLE = (Parameter.RADIUS, Parameter.X, Parameter.Y)
 #: Frames before and after from which motion is estimated.
 _NEIGHBOURS = 3
 #: Travel in the exposure, in widths of the first bright ring, tried when nothing tells it.
@@ -338,8 +342,18 @@ def _open_gaps(reader: FilmReader, result: FilmResult, time: Floats, read: Flags
                 place[Parameter.RADIUS] = corrected_radius(edge, result.view.optics)[0]
                 starts.append(place)
         fit = fit_open_gap(reader.whole(index), result.view, starts, old)
-        if fit is not None:
+        if fit is not None and (old is not None or _continues(fit, near, index, time)):
             result.fits[index] = fit
+
+
+def _continues(fit: RingFit, near: dict[int, RingFit], index: int, time: Floats) -> bool:
+    """Tell whether a fit lies where the contacts of frames close by are, as large as expected."""
+    beside = near[min(near, key=lambda other: abs(other - index))]
+    radius, x, y = (float(fit.parameters[p]) for p in _CIRCLE)
+    usual, usual_x, usual_y = (float(beside.parameters[p]) for p in _CIRCLE)
+    change = abs(radius - expected_radius(near, index, time)[0])
+    away = math.hypot(x - usual_x, y - usual_y)
+    return change < _MOST_CHANGE * usual and away < _SAME_CENTRE * radius
 
 
 def _neighbours(fits: dict[int, RingFit], index: int) -> dict[int, RingFit]:

@@ -368,6 +368,19 @@ def test_blur_of_the_lens_is_told_from_the_film(blur: float) -> None:
     assert (found.residual_ratio < 1.1).all()
 
 
+def test_rings_of_a_sphere_that_leaves_are_not_fitted_as_contacts() -> None:
+    """Coarse pixels make moiré rings of the fringes of a sphere far from the flat."""
+    scene = SMALL.change(rows=120, columns=200, pixel_size=9.1e-6, noise=3.0)
+    centre, rng = (103.8, 56.9), np.random.default_rng(4)
+    images = [clean_image(scene, a * UM, centre, samples=5) for a in (560.0, 430.0, 209.0)]
+    images += [
+        clean_image(scene, 0.0, centre, gap=gap * UM, samples=5)
+        for gap in (0.4, 2.1, 8.3, 17.7, 29.6, 44.2)
+    ]
+    found = measure(np.stack([expose(image, scene, rng) for image in images]), scene)
+    assert found.in_contact.values.tolist() == [True] * 3 + [False] * 6
+
+
 def test_white_light_gives_the_edge_and_says_so() -> None:
     scene, a, centre = SMALL, 200 * UM, (160.3, 118.1)
     y, x = np.mgrid[: scene.rows, : scene.columns]
