@@ -102,3 +102,9 @@ def test_one_lost_recording_concerns_only_the_figures_that_show_it(
     files.write_text(session / "laser/nylon_5mm_1.csv", "another recording")
     after = keys()
     assert {name for name in before if before[name] != after[name]} == {"3.11"}
+    lost = "laser/peek_5mm_2.csv"
+    (session / lost).unlink()
+    path = session / "session.toml"
+    files.write_text(path, path.read_text("utf-8").replace(f'  "{lost}",\n', ""))
+    last = keys()
+    assert {name for name in after if after[name] != last[name]} == {"3.12"}
