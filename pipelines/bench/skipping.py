@@ -27,6 +27,8 @@ Floats = NDArray[np.float64]
 
 _SPHERE, _MASS, _HEIGHT = 9.525e-3, 0.505, 1.5e-3
 _WAVELENGTH, _PIXEL = 633e-9, 4.34e-6
+#: How fast the gap opens (m per length of the contact), and from where on no ring is seen.
+_CLIMB, _SMEARED = 1e-4, 2e-5
 _SEED = 2
 #: The bias (m) that the contact radius may have at most on ideal images.
 _RADIUS_TOLERANCE = 1e-8
@@ -185,8 +187,10 @@ def contact_film(count: int) -> NDArray[np.uint8]:
         if abs(phase) < 1.0:
             gap = _hertz_gap(r, 150e-6 * np.cos(0.5 * np.pi * phase) + 30e-6)
         else:
-            gap = r**2 / (2 * _SPHERE) + 4e-6 * (abs(phase) - 1.0) + 1e-6
-        light = 120.0 * (1.0 - 0.8 * np.cos(4 * np.pi * gap / _WAVELENGTH))
+            gap = r**2 / (2 * _SPHERE) + _CLIMB * (abs(phase) - 1.0) + 1e-6
+        # rings of a wide gap run through the exposure and are smeared out
+        fringes = 0.8 * np.exp(-((gap / _SMEARED) ** 2)) * np.cos(4 * np.pi * gap / _WAVELENGTH)
+        light = 120.0 * (1.0 - fringes)
         film[k] = np.clip(np.rint(light + 3.0 * generator.standard_normal(r.shape)), 0, 255)
     return film
 
