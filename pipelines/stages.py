@@ -82,7 +82,7 @@ HARMONIC = (
         summary="peak and plateau of the relaxation before the oscillations",
     ),
     Stage(
-        "oscillations", "pipelines.experiments.harmonic:oscillations", 2,
+        "oscillations", "pipelines.experiments.harmonic:oscillations", 3,
         ("loads",), ("cycles", "load_cell.correct_filter_lag"), schema="oscillations",
         summary="fit frequency, amplitude, phase; work and stiffness per cycle",
     ),
@@ -135,7 +135,7 @@ RELAXATION = (
         summary="find touch, ramps and holds: peak and plateau",
     ),
     Stage(
-        "curves", "pipelines.experiments.relaxation:curves", 3,
+        "curves", "pipelines.experiments.relaxation:curves", 4,
         ("loads", "ramps", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "model"), per="recording", over="mach1",
@@ -159,7 +159,7 @@ RELAXATION = (
         summary="gather the tests, average the modulus",
     ),
     Stage(
-        "report", "pipelines.experiments.relaxation_page:page", 2,
+        "report", "pipelines.experiments.relaxation_page:page", 3,
         ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"), ("*",),
         output="page", context=True,
         summary="write the page",

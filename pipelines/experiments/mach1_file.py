@@ -98,7 +98,10 @@ def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag | None
     value, u = measured
     slow = load_cell.filter_lag(_SLOW * cutoff, order, cutoff).delay
     note = "delay measured, see the record of the load cell"
+    # where the delay leaves one kind of filter, its gain is known
+    u_gain = 0.0 if filter_kinds(loads) == _KINDS[:1] else lag.u_gain
     return lag._replace(
+        u_gain=u_gain,
         phase=lag.phase * value / slow, u_phase=lag.phase * u / slow,
         delay=lag.delay * value / slow, note=note,
     )  # fmt: skip

@@ -43,6 +43,7 @@ _BINS_PER_DECADE = 12  # of the relaxation curve
 _TERMS_PER_DECADE = 3  # of the modulus that is fitted
 _FASTEST = 0.2  # of a sampling interval: faster processes cannot be told apart
 _BIRGE_LIMIT = 2.0  # of chance alone, three depths exceed it once in fifty
+_RESOLVED = 4.0  # sampling intervals: the fitted modulus at shorter times is a guess
 _FIT_READINGS = 400  # of a hold
 _SETTLED = 5.0  # s of a hold after which the filter's delay changes the force by less than 1e-4
 _PARTS = ("ramp", "early", "late", "all")
@@ -229,7 +230,8 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
         answers.append(found_weights / scale)
     chosen = answers[0]
     clean = [basis @ each for each in answers]
-    lag = np.geomspace(interval, longest, int(np.log10(longest / interval) * _BINS_PER_DECADE))
+    first = _RESOLVED * interval
+    lag = np.geomspace(first, longest, int(np.log10(longest / first) * _BINS_PER_DECADE))
     modulus = chosen[0] + np.exp(-lag[:, None] / rho) @ chosen[1:]
     peaks = np.array([[c[hold.rows].max() for hold in found] for c in clean])
     systematic = np.array([holds.systematic(loads, p) for p in peaks[0]])
