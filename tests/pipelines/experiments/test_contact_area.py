@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from labpipe import files, materials
+from pipelines.figures import make
 from pipelines.process import process, result
 from pipelines.rig.film_session import (
     UNDER_HEIGHT,
@@ -89,6 +90,12 @@ def test_the_page_shows_the_fitted_circles(session: Path) -> None:
     page = (session / "labpipe/reports/acrylic_film.html").read_text("utf-8")
     assert "Key frames with the fitted circle" in page
     assert len(page.encode()) < 3_000_000
+
+
+def test_the_figure_shows_the_spots_with_the_model_s_circles(session: Path, tmp_path: Path) -> None:
+    (outcome,) = make.make(make.Shelf.of(tmp_path, session), make.chosen(["3.14"]))
+    assert outcome.state == make.DRAWN, outcome.detail
+    assert "contact circle of the simulated drop" in (tmp_path / "3.14.txt").read_text("utf-8")
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from labpipe import files, materials
+from pipelines.figures import make
 from pipelines.process import process, result
 from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.film_front import FrontCamera
@@ -68,6 +69,12 @@ def test_the_page_shows_key_frames_and_counts_what_was_read(session: Path) -> No
     assert "Key frames with the tracked subsets" in page
     assert "bytes read" in page
     assert len(page.encode()) < 3_000_000
+
+
+def test_the_figures_show_the_line_of_subsets(session: Path, tmp_path: Path) -> None:
+    outcomes = make.make(make.Shelf.of(tmp_path, session), make.chosen(["3.8", "D.1"]))
+    assert {o.state for o in outcomes} == {make.DRAWN}, [o.detail for o in outcomes]
+    assert "subsets of" in (tmp_path / "D.1.txt").read_text("utf-8")
 
 
 def test_another_views_record_is_refused(session: Path, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from labpipe import files, materials
 from labpipe.errors import ConfigError
+from pipelines.figures import make
 from pipelines.process import open_session, process, result
 from pipelines.rig.drops import DropRig, write_drops
 from pipelines.rig.plate import PLATE, PlateRig, ring_once
@@ -82,6 +83,14 @@ def test_the_page_says_what_was_found(session: Path) -> None:
     page = (session / "labpipe/reports/plate.html").read_text("utf-8")
     for text in ("natural frequency", "modal mass", "same for all materials", "Methods"):
         assert text in page
+
+
+def test_the_figure_shows_what_was_recorded(session: Path, tmp_path: Path) -> None:
+    (outcome,) = make.make(make.Shelf.of(tmp_path, session), make.chosen(["B.2"]))
+    assert outcome.state == make.DRAWN
+    caption = (tmp_path / "B.2.txt").read_text("utf-8")
+    assert "4 recordings" in caption
+    assert "modal mass" in caption
 
 
 def test_without_a_sphere_there_is_no_mass_and_a_drop_says_so(
