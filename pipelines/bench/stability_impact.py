@@ -135,5 +135,5 @@ FAMILIES: Mapping[str, tuple[Case, int]] = {
     "any drop": (any_drop, 150),
     "elastic impact": (elastic_impact, 80),
     "springs and rings": (two_solvers, 25),
-    "collision": (any_collision, 40),
+    "collision": (any_collision, 25),
 }
