@@ -11,6 +11,7 @@ from labpipe.materials.models import (
     standard_linear_solid,
 )
 from labpipe.materials.prony import Prony
+from labpipe.materials.reduction import fewest_terms
 from labpipe.materials.shift_law import ShiftLaw, arrhenius, shift_at, wlf
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "ShiftLaw",
     "arrhenius",
     "describe",
+    "fewest_terms",
     "generalised_maxwell",
     "kelvin_voigt",
     "kramers_kronig",

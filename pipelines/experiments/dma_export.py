@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.optimize import nnls
+
+from labpipe import materials
+from labpipe.materials import Prony
 
 Array = NDArray[np.float64]
 
 TOLERANCE = 0.01
 """Largest root-mean-square relative error of the reduced series in both moduli."""
-_POINTS_PER_DECADE = 10
 _HOLDS = 4.0  # chi-square per degree of freedom: twice the stated uncertainty on the whole
 
 
@@ -36,9 +37,7 @@ class Series:
 def fewest_terms(curve: xr.Dataset, tolerance: float = TOLERANCE) -> Series:
     """Return the series with the fewest terms that reproduces a master curve.
 
-    Terms are equally spaced in log time over the covered window and their weights solve a
-    non-negative least squares problem of relative errors; their number rises until the rms error
-    of either modulus is below the tolerance, or the given series is reached.
+    See :func:`labpipe.materials.fewest_terms`.
 
     Parameters
     ----------
@@ -47,42 +46,12 @@ def fewest_terms(curve: xr.Dataset, tolerance: float = TOLERANCE) -> Series:
     tolerance : float
         Root-mean-square relative error over the covered window.
     """
-    E, rho, relaxed = curve["E"].values, curve["rho"].values, float(curve["E_relaxed"])
+    full = Prony(
+        float(curve["E_relaxed"]), curve["E"].values, curve["rho"].values, float(curve["nu"])
+    )
     covered = curve["reduced_frequency"].values
-    low, high = float(covered.min()), float(covered.max())
-    decades = np.log10(high / low)
-    omega = 2 * np.pi * np.logspace(
-        np.log10(low), np.log10(high), max(int(decades * _POINTS_PER_DECADE), 2)
-    )  # fmt: skip
-    target = _moduli(omega, relaxed, E, rho)
-    for count in range(1, rho.size):
-        times = np.geomspace(1 / omega[-1], 1 / omega[0], count) if count > 1 else np.array(
-            [1 / np.sqrt(omega[0] * omega[-1])])  # fmt: skip
-        base, weights, error = _fitted(omega, target, times)
-        if error <= tolerance:
-            kept = weights > 0
-            return Series(base, weights[kept], times[kept], float(curve["nu"]), error)
-    return Series(relaxed, E, rho, float(curve["nu"]), 0.0)
-
-
-def _moduli(omega: Array, relaxed: float, E: Array, rho: Array) -> tuple[Array, Array]:
-    x = omega[:, None] * rho
-    return relaxed + (x**2 / (1 + x**2)) @ E, (x / (1 + x**2)) @ E
-
-
-def _fitted(omega: Array, target: tuple[Array, Array], times: Array) -> tuple[float, Array, float]:
-    """Return relaxed modulus, weights, and the larger rms relative error."""
-    x = omega[:, None] * times
-    ones = np.ones((omega.size, 1))
-    storage = np.hstack([ones, x**2 / (1 + x**2)]) / target[0][:, None]
-    loss = np.hstack([0 * ones, x / (1 + x**2)]) / target[1][:, None]
-    rows = np.vstack([storage, loss])
-    scale = 1 / np.linalg.norm(rows, axis=0)
-    found, _ = nnls(rows * scale, np.ones(rows.shape[0]), maxiter=50 * rows.shape[1])
-    residual = rows @ (found * scale) - 1
-    half = omega.size
-    error = max(float(np.sqrt(np.mean(r**2))) for r in (residual[:half], residual[half:]))
-    return float(found[0] * scale[0]), found[1:] * scale[1:], error
+    few, error = materials.fewest_terms(full, float(covered.min()), float(covered.max()), tolerance)
+    return Series(few.E_relaxed, few.E, few.rho, few.nu, error)
 
 
 def holds(law: dict[str, Any]) -> bool:
