@@ -230,7 +230,7 @@ DMA = (
         summary="find the glass transition",
     ),
     Stage(
-        "report", "pipelines.experiments.dma_page:page", 1,
+        "report", "pipelines.experiments.dma_page:page", 2,
         ("readings", "sweeps", "master_curve", "temperature_sweep"), ("*",),
         output="page", context=True,
         summary="write the page",

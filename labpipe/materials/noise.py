@@ -25,9 +25,6 @@ _LEAST_POINTS, _LEAST_FREEDOM = 6, 16
 _DEGREE = 3
 # Median of the absolute value of a standard normal number.
 _MEDIAN_OF_NORMAL = 0.6745
-# The median starts; residuals clipped at three standard deviations then use all points, which
-# halves the scatter of the level. Mean square of a clipped standard normal number, and passes.
-_CLIP, _CLIPPED_SQUARE, _CLIP_PASSES = 3.0, 0.9950, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +42,7 @@ class Noise:
 def scatter_of_sweeps(points: Points) -> Noise | None:
     """Return the scatter of either modulus about a cubic per sweep; None if there is too little.
 
-    Residuals are clipped at three standard deviations, so that single outliers hardly count.
+    The median of the absolute residuals is used, so that single outliers do not count.
     """
     residuals: list[list[Array]] = [[], []]
     freedom = 0
@@ -62,17 +59,8 @@ def scatter_of_sweeps(points: Points) -> Noise | None:
             found.append((y - base @ (base.T @ y)) / share)
     if freedom < _LEAST_FREEDOM:
         return None
-    storage, loss = (_robust_level(np.concatenate(r)) for r in residuals)
-    return Noise(storage, loss)
-
-
-def _robust_level(residual: Array) -> float:
-    """Return the standard deviation of residuals among which are outliers (Huber)."""
-    level = max(float(np.median(np.abs(residual))) / _MEDIAN_OF_NORMAL, _LEAST_NOISE)
-    for _ in range(_CLIP_PASSES):
-        clipped = np.clip(residual, -_CLIP * level, _CLIP * level)
-        level = max(float(np.sqrt(np.mean(clipped**2) / _CLIPPED_SQUARE)), _LEAST_NOISE)
-    return level
+    levels = [float(np.median(np.abs(np.concatenate(r)))) / _MEDIAN_OF_NORMAL for r in residuals]
+    return Noise(max(levels[0], _LEAST_NOISE), max(levels[1], _LEAST_NOISE))
 
 
 def first_noise(scatter: Noise | None, ratio: float | None) -> Noise:

@@ -190,7 +190,9 @@ def _run(points: Points, weight: Array, model: OuterModel, name: str, shifts: Ar
     fit = minimise(points, weight, first, started)
     if fit.solution.misfit > _FAR_FROM_NOISE * weight.size:
         # Few single times are no smooth spectrum: smoothing would have moved the shifts instead.
-        fit = minimise(points, weight, evaluate(points, weight, grid, state, None), started)
+        # What stays far from the noise even so has another cause, which laws may tell later.
+        loose = minimise(points, weight, evaluate(points, weight, grid, state, None), started)
+        fit = loose if loose.solution.misfit <= _FAR_FROM_NOISE * weight.size else fit
     return _Run(name, predictive_cost(fit, started), fit, started)
 
 

@@ -327,8 +327,8 @@ def _spectrum(curve: xr.Dataset) -> Section:
             LineChart("Creep spectrum", "retardation time τ / s", "C_k / (1/MPa)",
                       [Series("C_k", tau[order], C[order], style="points", role="measured")],
                       x_scale="log", y_scale="log", group="spectrum",
-                      caption="J(t) = 1/E∞ − Σ C_k exp(−t/τ_k), from the relaxation series by "
-                      "exact interconversion.")
+                      caption="J(t) = 1/E_relaxed − Σ C_k exp(−t/τ_k), from the relaxation series "
+                      "by exact interconversion.")
         )  # fmt: skip
     return Section("Spectrum", tuple(blocks))
 
@@ -429,15 +429,16 @@ def _terms(curve: xr.Dataset, name: str) -> Section:
     reduced = dma_export.fewest_terms(curve)
     law, T_ref = json.loads(curve.attrs["law"]), float(curve["T_ref"])
     text = (
-        f"E(t) = E∞ + Σ E_i exp(−t/ρ_i) at {T_ref:.4g} °C, in tension. For simulation codes the "
-        f"series was reduced to {reduced.E.size} terms with E∞ = {_modulus(reduced.relaxed)}; "
+        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {T_ref:.4g} °C, in tension. For simulation "
+        f"codes the series was reduced to {reduced.E.size} terms with "
+        f"E_relaxed = {_modulus(reduced.relaxed)}; "
         f"within the covered window this costs {reduced.error * 100:.2g} % (rms of the worse "
         "modulus). Other experiments of this session take the full series."
     )
     full = _term_table(
         curve["rho"].values, curve["E"].values, outside,
-        f"All terms; E∞ = {_modulus(float(curve['E_relaxed']))}. Terms outside the covered window "
-        "are extrapolation.",
+        f"All terms; E_relaxed = {_modulus(float(curve['E_relaxed']))}. Terms outside the covered "
+        "window are extrapolation.",
     )  # fmt: skip
     few = _term_table(
         reduced.rho, reduced.E, np.zeros(reduced.E.size, dtype=bool), "The reduced series."
