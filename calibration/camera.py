@@ -11,9 +11,9 @@ from typing import Any
 
 import xarray as xr
 
-from calibration.budget import Source, combined, table
 from calibration.record import CameraRecord, CameraValues, Record, require
 from labpipe.errors import CalibrationError, InputError
+from labpipe.uncertainty import Source, combined, table
 from labpipe.units import Quantity
 
 __all__ = ["image_scale", "motion", "pixel_size"]

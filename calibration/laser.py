@@ -20,10 +20,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from calibration import quiet
-from calibration.budget import Source, combined, table
 from calibration.record import LaserRecord, LaserValues, Record, require
 from calibration.time_base import TimeBase, corrected, time_base
 from labpipe.errors import CalibrationError, InputError
+from labpipe.uncertainty import Source, combined, table
 from labpipe.units import Quantity
 
 __all__ = ["displacement", "inclination_from_drop", "reading"]

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from calibration import quiet
-from calibration.budget import Source, combined, table
 from calibration.record import LoadCellRecord, LoadCellValues, Record, require
 from labpipe.errors import CalibrationError, InputError
+from labpipe.uncertainty import Source, combined, table
 from labpipe.units import Quantity
 
 __all__ = ["FilterLag", "declared_filter", "filter_lag", "force"]

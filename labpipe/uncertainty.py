@@ -1,6 +1,7 @@
 """Scalar uncertainty budgets: what each input contributes to a result, and its share.
 
-Thin by intention: the derivatives come from the package ``uncertainties``. Arrays carry their
+Two ways to one table: :class:`Source` where the sensitivity is known, :func:`budget` where a
+formula is, whose derivatives come from the package ``uncertainties``. Arrays carry their
 uncertainty as a variable of their own (``u_<name>``); this is for the few scalars behind them.
 
 References
@@ -13,11 +14,70 @@ from dataclasses import dataclass
 from math import inf, isfinite, sqrt
 from typing import Any, NamedTuple, TypedDict
 
-from uncertainties import ufloat
-
 from labpipe.errors import InputError
 
 _SHARE_TOLERANCE = 1e-9
+
+
+class Source(NamedTuple):
+    """One line of a budget.
+
+    Attributes
+    ----------
+    source : str
+        What it is.
+    value, u : float
+        The input and its standard uncertainty, in ``unit``.
+    unit : str
+        SI.
+    sensitivity : float
+        Change of the result per change of the input.
+    kind : str
+        ``random`` (differs from sample to sample) or ``systematic`` (the same for all).
+    """
+
+    source: str
+    value: float
+    u: float
+    unit: str
+    sensitivity: float
+    kind: str
+
+    @property
+    def contribution(self) -> float:
+        """Standard uncertainty of the result that comes from this source."""
+        return abs(self.sensitivity) * self.u
+
+
+def combined(sources: Sequence[Source]) -> float:
+    """Return the root of the sum of squares.
+
+    Examples
+    --------
+    >>> combined([Source("a", 0, 3.0, "m", 1, "random"), Source("b", 0, 2.0, "m", 2, "random")])
+    5.0
+    """
+    return float(sum(source.contribution**2 for source in sources) ** 0.5)
+
+
+def table(sources: Sequence[Source]) -> list[dict[str, Any]]:
+    """Make the rows of a budget, largest first, with the share of each in the variance.
+
+    Returns
+    -------
+    list of dict
+        Plain JSON types.
+    """
+    total = combined(sources) ** 2
+    rows = [
+        source._asdict()
+        | {
+            "contribution": source.contribution,
+            "share": source.contribution**2 / total if total else 0.0,
+        }
+        for source in sources
+    ]
+    return sorted(rows, key=lambda row: -row["contribution"])
 
 
 class Input(NamedTuple):
@@ -113,6 +173,8 @@ def budget(
     >>> [(row["source"], round(row["share"], 2)) for row in found.rows]
     [('inclination', 0.55), ('reading', 0.45)]
     """
+    from uncertainties import ufloat
+
     for name, given in inputs.items():
         if not (isfinite(given.value) and isfinite(given.u) and given.u >= 0.0):
             message = f"{name}: expected a finite value and u >= 0, found {given.value} ± {given.u}"

@@ -12,11 +12,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from calibration.budget import Source, combined
 from labpipe import contact
 from labpipe.contact import westergaard
 from labpipe.errors import InputError
 from labpipe.materials import Prony
+from labpipe.uncertainty import Source, combined
 from labpipe.units import Quantity
 from pipelines.experiments import mach1_file
 from pipelines.settings.indentation import IndentationModel, Punch, Substrate

@@ -23,8 +23,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from calibration.budget import Source, combined, table
 from labpipe.errors import InputError
+from labpipe.uncertainty import Source, combined, table
 from labpipe.units import Quantity
 from pipelines.experiments import holds, mach1_file
 from pipelines.experiments.holds import Hold

@@ -25,11 +25,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar, nnls
 
 import calibration
-from calibration import budget, laser
+from calibration import laser
 from labpipe import contact
 from labpipe.contact import hertz
 from labpipe.errors import InputError
 from labpipe.signals.noise import estimate_noise
+from labpipe.uncertainty import Source, table
 from labpipe.units import Quantity
 from pipelines.experiments.laser_file import read_laser
 from pipelines.experiments.material import resolve
@@ -380,15 +381,14 @@ def _budget(
     Inclination and gain scale the approach alone: the way from the sensor's zero cancels.
     """
     angle, gain = float(displacement["inclination"]), float(displacement["gain"])
-    source = budget.Source
-    return budget.table([
-        source("noise of a reading", 0.0, float(steps["noise"]), "m", 1.0, "random"),
-        source("first touch", float(steps["touch"]), float(steps["u_touch"]), "m", -1.0,
+    return table([
+        Source("noise of a reading", 0.0, float(steps["noise"]), "m", 1.0, "random"),
+        Source("first touch", float(steps["touch"]), float(steps["u_touch"]), "m", -1.0,
                "systematic"),
-        source("drift of the zero", 0.0, settings.steps.drift.value, "m", 1.0, "systematic"),
-        source("inclination", angle, float(displacement["u_inclination"]), "rad",
+        Source("drift of the zero", 0.0, settings.steps.drift.value, "m", 1.0, "systematic"),
+        Source("inclination", angle, float(displacement["u_inclination"]), "rad",
                largest * np.tan(angle), "systematic"),
-        source("gain", gain, float(displacement["u_gain"]), "1", largest / gain, "systematic"),
+        Source("gain", gain, float(displacement["u_gain"]), "1", largest / gain, "systematic"),
     ])  # fmt: skip
 
 

@@ -271,7 +271,7 @@ def test_record_of_another_kind_sensor_or_time_is_refused():
     made = readings_of(moved, noise, record())
     cell = LoadCellValues(scale=Quantity(1.0, 0.1, "1"))
     other = KINDS["load_cell"](kind="load_cell", values=cell, **COMMON)
-    with pytest.raises(CalibrationError, match="calibrates a load_cell"):
+    with pytest.raises(CalibrationError, match="calibrates a load cell"):
         laser.displacement(made, other)
     with pytest.raises(CalibrationError, match="take the record of that sensor"):
         laser.displacement(made.assign_attrs(model="IL-100"), record())

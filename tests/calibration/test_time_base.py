@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from calibration.budget import Source, combined, table
 from calibration.time_base import UNCHECKED_CLOCK, corrected, filter_delay, time_base
 from labpipe.errors import InputError
 from labpipe.units import Quantity
@@ -51,19 +50,3 @@ def test_senseless_inputs_are_refused():
         filter_delay(0, 50e-6)
     with pytest.raises(InputError, match="averaging >= 1"):
         time_base(ATTRS, averaging=0)
-
-
-def test_budget_shares_add_up_largest_first():
-    sources = [
-        Source("a", 1.0, 1.0, "m", 1.0, "random"),
-        Source("b", 1.0, 1.0, "m", -2.0, "random"),
-    ]
-    rows = table(sources)
-    assert [row["source"] for row in rows] == ["b", "a"]
-    assert [row["share"] for row in rows] == pytest.approx([0.8, 0.2])
-    assert combined(sources) == pytest.approx(5**0.5)
-
-
-def test_budget_without_any_uncertainty_has_no_shares():
-    rows = table([Source("a", 1.0, 0.0, "m", 1.0, "random")])
-    assert rows[0]["share"] == 0.0

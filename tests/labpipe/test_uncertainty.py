@@ -9,7 +9,7 @@ from uncertainties.umath import cos
 from uncertainties.umath import sqrt as usqrt
 
 from labpipe.errors import InputError
-from labpipe.uncertainty import Input, budget, combine
+from labpipe.uncertainty import Input, Source, budget, combine, combined, table
 
 
 def test_gum_end_gauge_style_sum_and_product():
@@ -102,3 +102,19 @@ def test_contradicting_correlations_are_refused():
     contradicting = {("a", "b"): -1.0, ("a", "c"): -1.0, ("b", "c"): -1.0}
     with pytest.raises(InputError, match="negative variance"):
         budget(lambda a, b, c: a + b + c, inputs, contradicting)
+
+
+def test_budget_shares_add_up_largest_first():
+    sources = [
+        Source("a", 1.0, 1.0, "m", 1.0, "random"),
+        Source("b", 1.0, 1.0, "m", -2.0, "random"),
+    ]
+    rows = table(sources)
+    assert [row["source"] for row in rows] == ["b", "a"]
+    assert [row["share"] for row in rows] == pytest.approx([0.8, 0.2])
+    assert combined(sources) == pytest.approx(5**0.5)
+
+
+def test_budget_without_any_uncertainty_has_no_shares():
+    rows = table([Source("a", 1.0, 0.0, "m", 1.0, "random")])
+    assert rows[0]["share"] == 0.0
