@@ -60,7 +60,7 @@ BALL_DROP = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.ball_drop_page:page", 2,
+        "report", "pipelines.experiments.ball_drop_page:page", 3,
         ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
         ("*",), output="page", context=True,
         summary="write the page",
@@ -270,7 +270,7 @@ DIC_VALIDATION = (
         summary="film against laser",
     ),
     Stage(
-        "report", "pipelines.experiments.dic_validation_page:page", 1,
+        "report", "pipelines.experiments.dic_validation_page:page", 2,
         ("track", "motion", "bounces", "velocity", "keys", "comparison",
          "other:laser_experiment/repeats"), ("*",),
         output="page", context=True,
@@ -307,7 +307,7 @@ CONTACT_AREA = (
         summary="copy key frames for the page",
     ),
     Stage(
-        "report", "pipelines.experiments.contact_area_page:page", 2,
+        "report", "pipelines.experiments.contact_area_page:page", 3,
         ("radius", "impacts", "model", "comparison", "keys"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -352,7 +352,7 @@ PLATE_VIBRATION = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.plate_vibration_page:page", 1,
+        "report", "pipelines.experiments.plate_vibration_page:page", 2,
         ("readings", "displacement", "ringing", "table", "plate", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",

@@ -26,6 +26,7 @@ from labpipe.report.tables import (
     display_unit,
     number,
     plus_minus,
+    quantity,
     value_with_uncertainty,
 )
 
@@ -56,6 +57,7 @@ __all__ = [
     "line_arguments",
     "number",
     "plus_minus",
+    "quantity",
     "save_figure",
     "thumbnail",
     "value_with_uncertainty",

@@ -157,6 +157,18 @@ def value_with_uncertainty(value: float, u: float, unit: str = "1") -> str:
     return f"({text}){suffix}" if suffix else text
 
 
+def quantity(value: float, unit: str = "1", digits: int = 3) -> str:
+    """Write a value whose uncertainty is not stated, with its unit and few digits.
+
+    Examples
+    --------
+    >>> quantity(-3.98793e-6, "m")
+    '−3.99 µm'
+    """
+    shown = display_unit([value], unit)
+    return f"{number(value / shown.factor, digits)} {shown.text}".rstrip()
+
+
 def plus_minus(value: float, u: float) -> str:
     """Write ``value ± u`` rounded to two significant digits of `u`, without a unit.
 

@@ -18,6 +18,7 @@ from labpipe.report import (
     Section,
     Series,
     Table,
+    quantity,
     value_with_uncertainty,
 )
 from labpipe.units import Quantity
@@ -98,10 +99,10 @@ def _summary(
         rows += [
             ("nRMSE of displacement", f"{float(comparison['nrmse']) * 100:.2f} %",
              "root mean square of measured minus model, over the range of the measurement"),
-            ("bias", value_with_uncertainty(float(comparison["bias"]), 0.0, "m"),
+            ("bias", quantity(float(comparison["bias"]), "m"),
              "mean difference"),
             ("largest difference",
-             value_with_uncertainty(float(comparison["max_error"]), 0.0, "m"), ""),
+             quantity(float(comparison["max_error"]), "m"), ""),
         ]  # fmt: skip
     blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
     if comparison is None and not context.failures:
@@ -160,7 +161,7 @@ def _calibration(displacement: list[xr.Dataset]) -> Section:
                 ),
                 (
                     "noise of a sample",
-                    value_with_uncertainty(float(attrs["noise"]), 0.0, "m"),
+                    quantity(float(attrs["noise"]), "m"),
                     "from the quiet beginning",
                 ),
             ]

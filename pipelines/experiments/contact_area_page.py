@@ -19,6 +19,7 @@ from labpipe.report import (
     Section,
     Series,
     Table,
+    quantity,
     value_with_uncertainty,
 )
 from labpipe.units import Quantity
@@ -107,8 +108,8 @@ def _summary(
         if model is not None:
             soft, stiff = (float(model[f"static_radius_{n}"]) for n in ("relaxed", "unrelaxed"))
             rows.append(("Hertz radius at rest",
-                         f"{value_with_uncertainty(soft, 0.0, 'm')} relaxed, "
-                         f"{value_with_uncertainty(stiff, 0.0, 'm')} unrelaxed", ""))  # fmt: skip
+                         f"{quantity(soft, 'm', 4)} relaxed, "
+                         f"{quantity(stiff, 'm', 4)} unrelaxed", ""))  # fmt: skip
     blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
     if settings.wavelength is None:
         blocks.append(Notice("warning", "The wavelength is not known: only the edge of the dark "
@@ -177,9 +178,7 @@ def _budget(radius: xr.Dataset, impacts: xr.Dataset | None) -> tuple[Block, ...]
         ["together, shared by all frames", *(float(one["radius_systematic"]) for one in at)]
     )
     rows.append(["noise and misfit of the frame", *(float(one["u_radius"]) for one in at)])
-    titles = [
-        f"{where}, {value_with_uncertainty(float(a[frame]), 0.0, 'm')}" for where, frame in chosen
-    ]
+    titles = [f"{where}, {quantity(float(a[frame]), 'm', 4)}" for where, frame in chosen]
     columns = (Column("source"), *(Column(title, unit="m", digits=2) for title in titles))
     caption = "Standard uncertainty of the contact radius by source"
     return (Table(columns, rows, caption=caption, sortable=False),)

@@ -19,6 +19,7 @@ from labpipe.report import (
     Section,
     Series,
     Table,
+    quantity,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
@@ -256,13 +257,13 @@ def _tracking(track: xr.Dataset, motion: xr.Dataset | None) -> Section:
     rows = [
         ("subset on the holder", f"{size} px", "rigid: two shifts and a rotation"),
         ("standard uncertainty of a displacement (noise)",
-         value_with_uncertainty(float(np.nanmedian(body["u_dy"])), 0.0, "px"), "median"),
+         quantity(float(np.nanmedian(body["u_dy"])), "px"), "median"),
         ("correlation", f"{float(np.nanmin(body['zncc'])):.4f}", "smallest over all frames"),
         ("lost", str(int((~body["valid"].values).sum())), "frames without a value"),
     ]  # fmt: skip
     if motion is not None and "line_scatter" in motion:
         rows.append(("scatter along the line",
-                     value_with_uncertainty(float(np.nanmedian(motion["line_scatter"])), 0.0, "m"),
+                     quantity(float(np.nanmedian(motion["line_scatter"])), "m"),
                      "median over frames; holds the rotation"))  # fmt: skip
     chart = LineChart(
         "Correlation of the large subset", "frame", "zero-normalised correlation",

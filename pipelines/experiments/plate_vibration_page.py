@@ -18,6 +18,7 @@ from labpipe.report import (
     Section,
     Series,
     Table,
+    quantity,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
@@ -150,7 +151,7 @@ def _calibration(first: xr.Dataset) -> Section:
         ("relative uncertainty of the scale",
          f"{float(attrs['u_systematic_relative']) * 100:.3f} %",
          "inclination and gain; the same in every recording"),
-        ("noise of a sample", value_with_uncertainty(float(attrs["noise"]), 0.0, "m"),
+        ("noise of a sample", quantity(float(attrs["noise"]), "m"),
          "from the quiet beginning"),
     ]  # fmt: skip
     budget = pages.budget_table(

@@ -145,7 +145,7 @@ FIGURES: tuple[Figure, ...] = (
            Need("ball_drop", ("displacement", "bounces", "repeats"), "acrylic"),
            also=(_ACRYLIC_FILM,)),
     Figure("3.14", "Contact spots and simulated circles", f"{_HOME}.contacts:spots",
-           Need("contact_area", (*_FILM, "keys"), "acrylic")),
+           Need("contact_area", (*_FILM, "keys"), "acrylic"), version=2),
     Figure("3.15", "Contact radius of the first impacts", f"{_HOME}.films:contact_radius",
            Need("contact_area", ("comparison", "model"), "acrylic"), version=3),
     Figure("3.16", "Heated sphere against room temperature", f"{_HOME}.contacts:heated",

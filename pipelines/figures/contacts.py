@@ -197,8 +197,8 @@ def spots(inputs: Inputs) -> Drawing:
             "impacts and at rest, from "
             f"{inputs.experiments[name].height.value * 1e3:g} mm.",
             computed=(
-                "red: contact circle of the simulated drop, centred on the fit; blue, dashed: "
-                f"circle fitted to the fringes. {'; '.join(notes)}."
+                "orange: contact circle of the simulated drop, centred on the fit; light blue, "
+                f"dashed: circle fitted to the fringes. {'; '.join(notes)}."
             ),
             difference=(
                 "the printed caption gives 2.17 mm per pixel; 2.17 µm is meant. The radii are not "
@@ -222,9 +222,9 @@ def _spot(place: Any, at: Any, radius: float, size: float, reduction: float) -> 
     place.imshow(at["image"].values, cmap="gray", extent=(left, right, high, low),
                  interpolation="nearest")  # fmt: skip
     fitted = float(at["circle_radius"]) * size
-    place.add_patch(Circle((0, 0), radius, fill=False, edgecolor="#d62728", linewidth=1.2,
+    place.add_patch(Circle((0, 0), radius, fill=False, edgecolor="#ff8c1a", linewidth=2.0,
                            label="model"))  # fmt: skip
-    place.add_patch(Circle((0, 0), fitted, fill=False, edgecolor="#5cb8f0", linewidth=0.8,
+    place.add_patch(Circle((0, 0), fitted, fill=False, edgecolor="#56c8ff", linewidth=1.1,
                            linestyle=(0, (4, 3)), label="fit"))  # fmt: skip
     place.set(xlim=(max(left, -1250), min(right, 1250)), ylim=(high, low))
     place.grid(visible=False)
