@@ -25,10 +25,7 @@ from labpipe.workflow.session import Session
 HERE = Path(__file__).parent
 
 DRIVER = f"""
-import os, signal, sys
-# Tests that run in the background hand down signals that are ignored.
-signal.signal(signal.SIGINT, signal.default_int_handler)
-signal.signal(signal.SIGHUP, signal.SIG_DFL)
+import os, sys
 sys.path.insert(0, {str(HERE)!r})
 import toy_laboratory as toy
 from labpipe.workflow import provenance
