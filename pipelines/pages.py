@@ -20,12 +20,19 @@ from labpipe.report import (
     Paragraph,
     Section,
     Table,
+    value_with_uncertainty,
 )
+from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 
 SYNTHETIC = "synthetic data"
 SESSION_PAGE = "../index.html"
 """From a report to the page of the whole session."""
+
+
+def stated(given: Quantity) -> str:
+    """Write a quantity of the configuration with its uncertainty."""
+    return value_with_uncertainty(given.value, given.u, given.si)
 
 
 def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Document:

@@ -21,7 +21,6 @@ from labpipe.report import (
     quantity,
     value_with_uncertainty,
 )
-from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines import pages
 from pipelines.settings.ball_drop import BallDrop
@@ -67,12 +66,8 @@ def page(
         sections.append(_model(model))
     if repeats is not None:
         sections.append(pages.methods(_methods(settings, displacement, repeats, comparison)))
-    subtitle = f"Ball drop from {_show(settings.height)}"
+    subtitle = f"Ball drop from {pages.stated(settings.height)}"
     return pages.document(context, subtitle, sections).render()
-
-
-def _show(quantity: Quantity) -> str:
-    return value_with_uncertainty(quantity.value, quantity.u, quantity.si)
 
 
 def _summary(
@@ -82,7 +77,7 @@ def _summary(
     comparison: xr.Dataset | None,
     context: Context,
 ) -> Section:
-    rows = [("drop height", _show(settings.height), "from session.toml")]
+    rows = [("drop height", pages.stated(settings.height), "from session.toml")]
     if repeats is not None and repeats.sizes["impact"]:
         e, u = float(repeats["restitution"][0]), float(repeats["u_restitution"][0])
         rows.append(
@@ -113,8 +108,8 @@ def _summary(
 def _measured(settings: BallDrop, readings: list[xr.Dataset] | None, context: Context) -> Section:
     rows = [
         ("recordings", str(len(settings.laser)), "repeats of the same drop"),
-        ("sphere radius", _show(settings.sphere.radius), ""),
-        ("moving mass", _show(settings.sphere.mass), "sphere and holder"),
+        ("sphere radius", pages.stated(settings.sphere.radius), ""),
+        ("moving mass", pages.stated(settings.sphere.mass), "sphere and holder"),
         ("operator", context.operator, ""),
         ("notes", context.notes, ""),
     ]
@@ -341,9 +336,9 @@ def _methods(
     sphere = settings.sphere
     source = sphere.material or sphere.material_file or sphere.material_from
     text = (
-        f"A sphere of radius {_show(sphere.radius)} with a total moving mass of "
-        f"{_show(sphere.mass)} was dropped {len(settings.laser)} times from "
-        f"{_show(settings.height)}. "
+        f"A sphere of radius {pages.stated(sphere.radius)} with a total moving mass of "
+        f"{pages.stated(sphere.mass)} was dropped {len(settings.laser)} times from "
+        f"{pages.stated(settings.height)}. "
     )
     if displacement:
         angle = displacement[0]

@@ -22,7 +22,6 @@ from labpipe.report import (
     quantity,
     value_with_uncertainty,
 )
-from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines import pages
 from pipelines.experiments.film_frames import enlarged, png
@@ -62,12 +61,8 @@ def page(
         sections.append(_impacts(impacts, comparison))
     if radius is not None and impacts is not None:
         sections.append(pages.methods(_methods(settings, radius, impacts)))
-    subtitle = f"Contact area, drop from {_show(settings.height)}"
+    subtitle = f"Contact area, drop from {pages.stated(settings.height)}"
     return pages.document(context, subtitle, sections).render()
-
-
-def _show(quantity: Quantity) -> str:
-    return value_with_uncertainty(quantity.value, quantity.u, quantity.si)
 
 
 def _summary(
@@ -80,8 +75,9 @@ def _summary(
 ) -> Section:
     rows = [
         ("film", settings.film, f'view "{settings.view}"'),
-        ("drop height", _show(settings.height), "from session.toml"),
-        ("wavelength", "not known" if settings.wavelength is None else _show(settings.wavelength),
+        ("drop height", pages.stated(settings.height), "from session.toml"),
+        ("wavelength",
+         "not known" if settings.wavelength is None else pages.stated(settings.wavelength),
          "from session.toml"),
     ]  # fmt: skip
     if impacts is not None and impacts.sizes["impact"]:
@@ -297,13 +293,13 @@ def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None) -> Section:
 def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> str:
     how = (
         "by fitting the interference phase of Hertz's gap to the first fringes "
-        f"(wavelength {_show(settings.wavelength)})"
+        f"(wavelength {pages.stated(settings.wavelength)})"
         if settings.wavelength is not None
         else "from the edge of the dark spot, as the wavelength is not known"
     )
     text = (
-        f"The contact radius of a sphere of radius {_show(settings.sphere.radius)} was measured in "
-        f"{radius.sizes['frame']} frames {how}, with the exposure's smear modelled. "
+        f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was "
+        f"measured in {radius.sizes['frame']} frames {how}, with the exposure's smear modelled. "
     )
     if impacts.sizes["impact"]:
         a, u = float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])

@@ -45,14 +45,10 @@ def readings(path: Path, *, settings: Harmonic) -> xr.Dataset:
 
 def loads(readings: xr.Dataset, record: Path | None, *, settings: Harmonic) -> xr.Dataset:
     """Make force compression-positive, and tare it where the file begins in air."""
-    made = mach1_file.force(readings, settings.load_cell.tare, record)
-    if settings.load_cell.tare and not made.attrs["is_tared"]:
-        warnings.warn(
-            "the file begins in contact, so the force is not tared: mean forces hold a preload, "
-            "amplitudes and work do not",
-            stacklevel=2,
-        )
-    return made
+    return mach1_file.force(
+        readings, settings.load_cell.tare, record,
+        untared="mean forces hold a preload, amplitudes and work do not",
+    )  # fmt: skip
 
 
 def hold(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:

@@ -1,6 +1,7 @@
 """What the experiments on a Mach-1 tester share: blocks of a file, force, contact, histories."""
 
 import json
+import warnings
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,9 @@ def read(path: Path) -> xr.Dataset:
     return found
 
 
-def force(readings: xr.Dataset, tare: bool, record: Path | None = None) -> xr.Dataset:
+def force(
+    readings: xr.Dataset, tare: bool, record: Path | None = None, *, untared: str
+) -> xr.Dataset:
     """Add compression-positive force; tared where the file begins with a free approach.
 
     Parameters
@@ -51,8 +54,13 @@ def force(readings: xr.Dataset, tare: bool, record: Path | None = None) -> xr.Da
         Subtract the force of the quiet start.
     record : Path, optional
         Calibration record of the cell; without it the gain's uncertainty is NaN.
+    untared : str
+        What it means for the results when the force cannot be tared; a warning says so.
     """
     begins_free = str(readings["function"].values[0]) == _APPROACH
+    if tare and not begins_free:
+        message = f"the file begins in contact, so the force is not tared: {untared}"
+        warnings.warn(message, stacklevel=3)
     known = None if record is None else calibration.load_record(record)
     loads = load_cell.force(readings, known, zero="start" if tare and begins_free else None)
     kept = [n for n in readings.data_vars if n not in loads and n != "force_z"]

@@ -57,14 +57,10 @@ def readings(path: Path, *, settings: Relaxation) -> xr.Dataset:
 
 def loads(readings: xr.Dataset, record: Path | None, *, settings: Relaxation) -> xr.Dataset:
     """Make force compression-positive, and tare it where the file begins in air."""
-    made = mach1_file.force(readings, settings.load_cell.tare, record)
-    if settings.load_cell.tare and not made.attrs["is_tared"]:
-        warnings.warn(
-            "the file begins in contact, so the force is not tared: peak and plateau hold the "
-            "cell's offset and a preload",
-            stacklevel=2,
-        )
-    return made
+    return mach1_file.force(
+        readings, settings.load_cell.tare, record,
+        untared="peak and plateau hold the cell's offset and a preload",
+    )  # fmt: skip
 
 
 def ramps(loads: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
