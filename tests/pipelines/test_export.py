@@ -82,9 +82,9 @@ def test_a_result_survives_every_format(processed_session: Path, tmp_path: Path,
     assert path in done.paths
     assert done.left_out == ()
     if kind == "csv":
-        # The parser of older pandas rounds in the last digits unless told otherwise.
-        table = pd.read_csv(path, comment="#", header=[0, 1], float_precision="round_trip")
-        found = table["displacement_mean", "m"].to_numpy()
+        # As text, because the number parser of older pandas rounds in the last digits.
+        table = pd.read_csv(path, comment="#", header=[0, 1], dtype=str)
+        found = table["displacement_mean", "m"].astype(float).to_numpy()
         assert path.read_text("utf-8").startswith("# experiment: drop\n# stage: repeats\n")
     elif kind == "nc":
         found = files.read_dataset(path)["displacement_mean"].values
