@@ -6,9 +6,9 @@ Both stand in one file because compiled code is cached by file. Importing it imp
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from labpipe.imaging.compilation import compiled
 from labpipe.imaging.fringes import SAMPLES_PER_PIXEL
 
 Floats = NDArray[np.float64]
@@ -19,7 +19,7 @@ Integers = NDArray[np.int64]
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def fill_table(
     distance: Floats,
     contact_radius: float,
@@ -78,7 +78,7 @@ _LINES = 15
 _PARAMETERS = 13
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def _find_pixels(
     line: Image32,
     first_column: int,
@@ -123,7 +123,7 @@ def _find_pixels(
     return count
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def _evaluate(
     count: int,
     offset: float,
@@ -157,7 +157,7 @@ def _evaluate(
         work[_RESIDUAL, i] -= light * core
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def _differentiate(
     count: int, dy: float, down: float, parameters: Floats, work: Floats, slopes: Floats
 ) -> None:
@@ -185,7 +185,7 @@ def _differentiate(
         slopes[12, i] = 0.5 * bright * (r * work[_BY_R, i] + radius * work[_BY_RADIUS, i])
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def _add(
     count: int,
     active: Integers,
@@ -216,7 +216,7 @@ def _add(
                 weighted[p, q] += total
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _add_differences(
     count: int, dy: float, stride: int, work: Floats, above: Floats, here: Floats, totals: Floats
 ) -> None:
@@ -246,7 +246,7 @@ def _add_differences(
     above[:] = here
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def accumulate(
     image: Image32,
     first_row: int,
@@ -295,7 +295,7 @@ def accumulate(
     return normal, right, weighted, totals
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def radial_sums(
     image: Image32, x: float, y: float, row_step: float, width: float, bins: int
 ) -> tuple[Floats, Floats]:
@@ -321,7 +321,7 @@ def radial_sums(
     return sums, counts
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def fill_templates(
     radii: Floats,
     first_bins: Integers,

@@ -5,8 +5,9 @@ arrays of fifty points take as long as filtering the image. So it is compiled.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from labpipe.imaging.compilation import compiled
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -16,7 +17,7 @@ Flags = NDArray[np.bool_]
 STRETCH = 3.0
 
 
-@njit(cache=True)
+@compiled()
 def predicted(
     motion: Floats, velocity: Floats, seen: Indices, step: Floats, is_tracked: Flags, index: int
 ) -> Floats:
@@ -49,7 +50,7 @@ def predicted(
     return result
 
 
-@njit(cache=True)
+@compiled()
 def extent(places: Floats, half: Indices, motion: Floats, chosen: Flags) -> Floats:
     """Bound the moved subsets of chosen points.
 
@@ -84,7 +85,7 @@ def extent(places: Floats, half: Indices, motion: Floats, chosen: Flags) -> Floa
     return result
 
 
-@njit(cache=True)
+@compiled()
 def converged_nearby(
     motion: Floats,
     expected: Floats,
@@ -118,7 +119,7 @@ def converged_nearby(
     return result
 
 
-@njit(cache=True)
+@compiled()
 def remember(
     found: Floats,
     zncc: Floats,

@@ -8,10 +8,10 @@ costs 0.0045 px of bias in image correlation. Importing this module imports numb
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from labpipe.errors import InputError
+from labpipe.imaging.compilation import compiled
 
 Image32 = NDArray[np.float32]
 
@@ -41,7 +41,7 @@ HORIZON = 20
 _STRIP = 64  # columns filtered together: 64 x 1280 float32 fit into a second-level cache
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(nogil=True, fastmath={"contract"})
 def _filter_columns(block: Image32, poles: NDArray[np.float64]) -> None:
     """Run the recursive filter down every column, in place, mirrored at both ends."""
     rows, columns = block.shape
@@ -72,7 +72,7 @@ def _filter_columns(block: Image32, poles: NDArray[np.float64]) -> None:
                 here[c] = z * (after[c] - here[c])
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"})
+@compiled(nogil=True, fastmath={"contract"})
 def _prefilter_into(image: Image32, poles: NDArray[np.float64], padded: Image32) -> None:
     """Fill ``padded`` with the coefficients of ``image`` and their mirrored border."""
     rows, columns = image.shape
@@ -107,7 +107,7 @@ def _prefilter_into(image: Image32, poles: NDArray[np.float64], padded: Image32)
     _mirror_border(padded, rows, columns)
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _mirror_border(padded: Image32, rows: int, columns: int) -> None:
     """Copy the coefficients next to the border to their places beyond it."""
     for r in range(rows):

@@ -7,9 +7,9 @@ recompile those that contain it. Importing this module imports numba.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from labpipe.imaging.compilation import compiled
 from labpipe.imaging.spline import LANES, Image32
 
 Floats = NDArray[np.float64]
@@ -28,7 +28,7 @@ _MOST_RELAXATION = 4.0
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def _sample_row(
     coefficients: Image32,
     order: int,
@@ -75,7 +75,7 @@ def _sample_row(
         done += count
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def _cubic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32]:
     """Cubic B-spline at t + 1, t, 1 - t, 2 - t."""
     one = np.float32(1.0)
@@ -87,7 +87,7 @@ def _cubic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, n
     return w0, w1, one - w0 - w1 - w3, w3
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def _sample_cubic(
     coefficients: Image32,
     row: int,
@@ -116,7 +116,7 @@ def _sample_cubic(
         out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def _quintic_weights(
     t: np.float32,
 ) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
@@ -141,7 +141,7 @@ def _quintic_weights(
     return w0, rest - w4, w2, w3, w4, w5
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def _sample_quintic(
     coefficients: Image32,
     row: int,
@@ -181,7 +181,7 @@ def _sample_quintic(
         out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3 + b4 * r4 + b5 * r5
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def _accumulate(
     values: Image32,
     level: np.float32,
@@ -219,7 +219,7 @@ def _accumulate(
     sums[8] += offset * y0
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def compose_with_inverse(p: Floats, step: Floats, is_rigid: bool) -> None:
     """Replace the motion ``p`` by ``p`` after the inverse of ``step``."""
     if is_rigid:
@@ -244,7 +244,7 @@ def compose_with_inverse(p: Floats, step: Floats, is_rigid: bool) -> None:
     p[5] = m21 * i12 + m22 * i22 - 1.0
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _is_inside(
     x: float, y: float, half: float, p: Floats, window: tuple[float, float, float, float]
 ) -> bool:
@@ -261,7 +261,7 @@ def _is_inside(
     return True
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _sum_subset(
     coefficients: Image32,
     order: int,
@@ -297,7 +297,7 @@ def _sum_subset(
         place += pitch
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _gauss_newton_step(
     sums: Floats,
     pixels: float,
@@ -332,7 +332,7 @@ def _gauss_newton_step(
     return True
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _iterate(
     coefficients: Image32,
     order: int,
@@ -395,7 +395,7 @@ def _iterate(
     return max_iterations, NOT_CONVERGED
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def solve_subsets(
     coefficients: Image32,
     order: int,

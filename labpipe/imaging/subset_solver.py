@@ -14,9 +14,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from labpipe.imaging.compilation import compiled
 from labpipe.imaging.spline import LANES, PADDING, Image32
 from labpipe.imaging.subset_kernel import (
     FAST,
@@ -202,7 +202,7 @@ def _invert(normal: Floats, basis: Floats) -> Floats:
     return basis.T @ inverse @ basis
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
+@compiled(nogil=True, fastmath=FAST)
 def _cut(
     image: Image32,
     gradient_x: Image32,
@@ -262,7 +262,7 @@ def _cut(
             place += pitch
 
 
-@njit(cache=True, nogil=True)
+@compiled(nogil=True)
 def _scatter(
     first: tuple[np.float32, ...],
     second: tuple[np.float32, ...],
