@@ -7,7 +7,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe import materials
-from pipelines.rig.drops import DropRig, drop_once
+from pipelines.rig.drops import drop_once
+from pipelines.rig.fall import DropRig
 from pipelines.rig.laser_sensor import LaserSensor
 
 Floats = NDArray[np.float64]

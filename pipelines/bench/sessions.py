@@ -14,7 +14,8 @@ import numpy as np
 from labpipe import files, materials
 from pipelines import process as verbs
 from pipelines.bench.measure import Point, Suite, paired
-from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import DropRig
 from pipelines.rig.samples import write_sample
 from pipelines.rig.session_text import drop_section, laser_record, session_head
 from pipelines.settings.ball_drop import BallDrop

@@ -20,7 +20,8 @@ from labpipe import files, materials
 from pipelines.rig import film_front, film_under
 from pipelines.rig.calibration_images import write_calibration_images
 from pipelines.rig.dma import SOLIDS, Protocol, write_dma
-from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import Body, DropRig
 from pipelines.rig.film_front import FrontCamera
 from pipelines.rig.film_session import (
     FRONT_HEIGHT,
@@ -32,9 +33,9 @@ from pipelines.rig.film_session import (
     write_front,
     write_under,
 )
-from pipelines.rig.film_under import Body, UnderCamera
+from pipelines.rig.film_under import UnderCamera
 from pipelines.rig.indentation_session import write_indentations
-from pipelines.rig.plate import PLATE, PlateRig
+from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, plate_section, write_ringing_of
 from pipelines.rig.session_text import (
     NOTE,
@@ -198,7 +199,7 @@ def _drops(
 
 
 def _rings(folder: Path, material: str, height: float, seed: int, start: datetime) -> str:
-    return write_ringing_of(folder, PlateRig(), material, height, _PLATE_REPEATS, seed, start)
+    return write_ringing_of(folder, PLATE_RIG, material, height, _PLATE_REPEATS, seed, start)
 
 
 def _static(folder: Path, start: datetime) -> str:

@@ -1,7 +1,7 @@
 """A series of ball drops as the virtual rig records them, with the truth of every one."""
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -11,28 +11,9 @@ import numpy as np
 from instruments import keyence
 from labpipe import files
 from labpipe.materials import Prony
-from pipelines.rig.laser_sensor import LaserSensor, record_drop
-from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
-
-
-@dataclass(frozen=True, slots=True)
-class DropRig:
-    """The rig: sphere, sensor, floor, and how much one drop differs from the next.
-
-    ``height_scatter`` is the standard deviation of the release height over repeats,
-    ``release_jitter`` that of the release time within the record.
-    """
-
-    radius: float = 9.525e-3
-    mass: float = 0.505
-    sensor: LaserSensor = field(
-        default_factory=lambda: LaserSensor(inclination=float(np.deg2rad(12.07)))
-    )
-    floor: Floor = field(default_factory=lambda: Floor(mass=1500.0))
-    duration: float = 0.5
-    release: float = 0.02
-    release_jitter: float = 2e-3
-    height_scatter: float = 4e-6
+from pipelines.rig.fall import DropRig, let_go
+from pipelines.rig.laser_sensor import record_drop
+from pipelines.rig.reference_drop import Trajectory
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,18 +28,12 @@ class Drop:
 
 def drop_once(rig: DropRig, material: Prony, height: float, seed: int) -> Drop:
     """Drop a sphere once and record it; everything random comes from ``seed``."""
-    generator = np.random.default_rng(seed)
-    true_height = height + generator.normal(0.0, rig.height_scatter)
-    release = rig.release + abs(generator.normal(0.0, rig.release_jitter))
-    trajectory = reference_drop(
-        material.E_relaxed, np.asarray(material.E), np.asarray(material.rho), float(material.nu),
-        radius=rig.radius, mass=rig.mass, height=true_height,
-        duration=rig.duration - release + 1e-3, floor=rig.floor,
-    )  # fmt: skip
+    begun = let_go(rig, material, height, seed)
     readings = record_drop(
-        trajectory, rig.sensor, duration=rig.duration, release=release, generator=generator
-    )
-    return Drop(readings, trajectory, true_height, release)
+        begun.motion, rig.sensor, duration=rig.duration, release=begun.time,
+        generator=begun.generator,
+    )  # fmt: skip
+    return Drop(readings, begun.motion, begun.height, begun.time)
 
 
 def truth_of(drop: Drop, rig: DropRig) -> dict[str, Any]:

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe import materials
-from labpipe.materials import Prony
 from pipelines.rig import film_front, film_under
 from pipelines.rig.calibration_images import write_calibration_images
-from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import Body, DropRig, fall
 from pipelines.rig.film_front import FrontCamera, write_front_film, write_truth
-from pipelines.rig.film_under import Body, UnderCamera, write_under_film
-from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
+from pipelines.rig.film_under import UnderCamera, write_under_film
+from pipelines.rig.reference_drop import Floor
 
 Array = NDArray[np.float64]
 
@@ -66,24 +66,13 @@ def write_front(
     floor: Floor | None = None,
 ) -> str:  # fmt: skip
     """Film a drop from the front; returns the film's name in the session."""
-    solid = materials.load(material)
-    motion = trajectory(solid, height, camera.duration - camera.release + 1e-3, floor)
+    floor = DropRig().floor if floor is None else floor
+    body = Body(materials.load(material), height, floor=floor)
+    motion = fall(body, camera.duration - camera.release + 1e-3)
     name = f"film/{material}_front.cine"
     truth = write_front_film(folder / name, motion, height, camera, seed)
     write_truth(folder / f"truth/{material}_front.json", truth)
     return name
-
-
-def trajectory(
-    solid: Prony, height: float, duration: float, floor: Floor | None = None
-) -> Trajectory:
-    """Motion of the rig's sphere on its floor, or on another."""
-    rig = DropRig()
-    return reference_drop(
-        solid.E_relaxed, np.asarray(solid.E), np.asarray(solid.rho), float(solid.nu),
-        radius=rig.radius, mass=rig.mass, height=height, duration=duration,
-        floor=rig.floor if floor is None else floor,
-    )  # fmt: skip
 
 
 def write_under(
@@ -101,13 +90,9 @@ def burst_times(body: Body, release: float, rest: float = _REST) -> Array:
 
     Real cameras record so too (image-based triggering, or a film cut to the impacts).
     """
-    solid, height = body.material, body.height
-    longest = 1.2 * _IMPACTS * np.sqrt(8 * height / 9.81)  # each flight is shorter than the first
-    motion = reference_drop(
-        solid.E_relaxed, np.asarray(solid.E), np.asarray(solid.rho), float(solid.nu),
-        radius=body.radius, mass=body.mass, height=height, duration=float(longest),
-        floor=body.floor,
-    )  # fmt: skip
+    # Each flight is shorter than the first.
+    longest = 1.2 * _IMPACTS * np.sqrt(8 * body.height / 9.81)
+    motion = fall(body, float(longest))
     touches = release + motion.touch[:_IMPACTS]
     pieces = [np.arange(t - _BEFORE, t + _AFTER, _BURST) for t in touches]
     slow = np.arange(0.0, touches[-1], _SLOW)

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from instruments import phantom_writer
-from labpipe.materials import Prony
+from pipelines.rig.fall import Body, fall
 from pipelines.rig.film_front import TRIGGER
-from pipelines.rig.reference_drop import Floor, Springs, reference_drop
+from pipelines.rig.reference_drop import Springs
 
 Array = NDArray[np.float64]
 
@@ -56,17 +56,6 @@ class UnderCamera:
 FULL_SIZE = UnderCamera(rows=480, columns=1280, pixel_size=PIXEL_SIZE)
 
 
-@dataclass(frozen=True, slots=True)
-class Body:
-    """What falls: radius and moving mass, height of fall, its material, the floor."""
-
-    material: Prony
-    height: float
-    radius: float = 9.525e-3
-    mass: float = 0.505
-    floor: Floor | None = None
-
-
 def write_under_film(
     path: Path, body: Body, camera: UnderCamera, time: Array, seed: int
 ) -> dict[str, Any]:
@@ -92,12 +81,7 @@ def write_under_film(
     nodes, weights = np.polynomial.legendre.leggauss(camera.moments)
     moments = (time[:, None] - camera.release + 0.5 * camera.exposure * nodes).ravel()
     held = int(np.count_nonzero(moments < 0))
-    solid = body.material
-    motion = reference_drop(
-        solid.E_relaxed, np.asarray(solid.E), np.asarray(solid.rho), float(solid.nu),
-        radius=body.radius, mass=body.mass, height=body.height,
-        duration=float(moments[-1]) + 1e-4, floor=body.floor, snapshots=moments[held:],
-    )  # fmt: skip
+    motion = fall(body, float(moments[-1]) + 1e-4, moments[held:])
     if motion.springs is None:
         message = "the reference handed out no springs"
         raise RuntimeError(message)

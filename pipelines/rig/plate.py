@@ -5,7 +5,7 @@ the analysis fits a damped oscillation to what is left of it after the sensor.
 """
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,9 @@ from scipy.interpolate import CubicSpline
 from instruments import keyence
 from labpipe import files, materials
 from labpipe.materials import Prony
+from pipelines.rig.fall import DropRig, let_go
 from pipelines.rig.laser_sensor import LaserSensor
-from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
+from pipelines.rig.reference_drop import Floor, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -26,25 +27,14 @@ PLATE = Floor(mass=30.0, frequency=180.0, damping_ratio=0.03)
 """A plate that rings by a few micrometres, as light as to be felt in the rebound."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlateRig:
-    """The rig with the laser on the plate, close to the disc; the sensor averages and sees 0.3 µm.
-
-    Other fields as for :class:`pipelines.rig.drops.DropRig`.
-    """
-
-    radius: float = 9.525e-3
-    mass: float = 0.505
-    sensor: LaserSensor = field(
-        default_factory=lambda: LaserSensor(
-            inclination=float(np.deg2rad(4.96)), noise=0.3e-6, step=0.02e-6, zero=-1.2e-3
-        )
-    )
-    floor: Floor = PLATE
-    duration: float = 0.2
-    release: float = 0.02
-    release_jitter: float = 2e-3
-    height_scatter: float = 4e-6
+PLATE_RIG = DropRig(
+    sensor=LaserSensor(
+        inclination=float(np.deg2rad(4.96)), noise=0.3e-6, step=0.02e-6, zero=-1.2e-3
+    ),
+    floor=PLATE,
+    duration=0.2,
+)
+"""The rig with the laser on the plate, close to the disc; the sensor averages and sees 0.3 µm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,23 +47,17 @@ class Ring:
     height: float
 
 
-def ring_once(rig: PlateRig, material: Prony, height: float, seed: int) -> Ring:
+def ring_once(rig: DropRig, material: Prony, height: float, seed: int) -> Ring:
     """Drop a sphere once and record the plate; everything random comes from ``seed``."""
-    generator = np.random.default_rng(seed)
-    true_height = height + generator.normal(0.0, rig.height_scatter)
-    release = rig.release + abs(generator.normal(0.0, rig.release_jitter))
-    motion = reference_drop(
-        material.E_relaxed, np.asarray(material.E), np.asarray(material.rho), float(material.nu),
-        radius=rig.radius, mass=rig.mass, height=true_height,
-        duration=rig.duration - release + 1e-3, floor=rig.floor,
-    )  # fmt: skip
+    begun = let_go(rig, material, height, seed)
+    motion = begun.motion
     time = np.arange(round(rig.duration / rig.sensor.cycle), dtype=np.float64) * rig.sensor.cycle
-    moved = floor_at(motion, time - release)
+    moved = floor_at(motion, time - begun.time)
     along = moved * np.cos(rig.sensor.inclination) + rig.sensor.zero
-    noisy = along + generator.normal(0.0, rig.sensor.noise, time.size)
+    noisy = along + begun.generator.normal(0.0, rig.sensor.noise, time.size)
     amplitude, blow = true_ringing(motion, rig.floor)
     readings = np.round(noisy / rig.sensor.step) * rig.sensor.step
-    return Ring(readings, amplitude, release + blow, true_height)
+    return Ring(readings, amplitude, begun.time + blow, begun.height)
 
 
 def floor_at(motion: Trajectory, time: Array) -> Array:
@@ -104,7 +88,7 @@ def true_ringing(motion: Trajectory, floor: Floor) -> tuple[float, float]:
 def write_ringing(
     folder: Path,
     stem: str,
-    rig: PlateRig,
+    rig: DropRig,
     material: str,
     height: float,
     repeats: int,
@@ -131,7 +115,7 @@ def write_ringing(
     return names
 
 
-def _truth(ring: Ring, rig: PlateRig) -> dict[str, Any]:
+def _truth(ring: Ring, rig: DropRig) -> dict[str, Any]:
     return {
         "synthetic": True,
         "mass": rig.floor.mass,

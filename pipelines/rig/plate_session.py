@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from pipelines.rig.plate import PlateRig, write_ringing
+from pipelines.rig.fall import DropRig
+from pipelines.rig.plate import write_ringing
 
 _STATED_INCLINATION = 5.0  # degrees, what the calibration found; the truth differs within its u
 _U_INCLINATION = 0.1
@@ -31,7 +32,7 @@ scale = "1.0000 ± 0.0005"
 
 def write_plate(
     folder: Path,
-    rig: PlateRig,
+    rig: DropRig,
     names: Sequence[str],
     heights: Sequence[float],
     repeats: int,
@@ -43,7 +44,7 @@ def write_plate(
     ----------
     folder : Path
         The session folder.
-    rig : PlateRig
+    rig : DropRig
     names : sequence of str
         Materials of the library.
     heights : sequence of float [m]
@@ -61,7 +62,7 @@ def write_plate(
 
 
 def write_ringing_of(
-    folder: Path, rig: PlateRig, material: str, height: float, repeats: int, seed: int,
+    folder: Path, rig: DropRig, material: str, height: float, repeats: int, seed: int,
     start: datetime,
 ) -> str:  # fmt: skip
     """Record the plate under repeated drops of one material and height; returns their table."""

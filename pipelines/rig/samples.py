@@ -12,12 +12,13 @@ from pathlib import Path
 from labpipe import files, materials
 from labpipe.errors import UsageError
 from pipelines.rig.dma import SOLIDS, Protocol, write_dma
-from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import DropRig
 from pipelines.rig.film_session import FRONT_HEIGHT, front_record, under_record, write_films
 from pipelines.rig.indentation_session import write_indentations
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
-from pipelines.rig.plate import PLATE, PlateRig
+from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, write_plate
 from pipelines.rig.session_text import (
     NOTE,
@@ -194,7 +195,7 @@ def _static(folder: Path, full_size: bool) -> list[str]:
 def _plate(folder: Path, full_size: bool) -> list[str]:
     del full_size  # this sample holds no film
     heights = (1.5e-3, 10e-3)
-    sections = write_plate(folder, PlateRig(), ("acrylic", "ptfe"), heights, 2, _START)
+    sections = write_plate(folder, PLATE_RIG, ("acrylic", "ptfe"), heights, 2, _START)
     recordings = write_drops(
         folder, "acrylic_10mm", DropRig(floor=PLATE), materials.load("acrylic"), heights[1], 2,
         4242, _START + timedelta(days=1),

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from labpipe import files, materials
-from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import DropRig
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.samples import drop_section, harmonic_section, laser_record, session_head

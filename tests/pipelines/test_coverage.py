@@ -13,7 +13,8 @@ import pytest
 import xarray as xr
 
 from labpipe import materials, signals
-from pipelines.rig.drops import DropRig, drop_once
+from pipelines.rig.drops import drop_once
+from pipelines.rig.fall import DropRig
 
 SEEDS = 200
 

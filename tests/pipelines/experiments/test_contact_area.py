@@ -10,6 +10,7 @@ import pytest
 from labpipe import files, materials
 from pipelines.figures import make
 from pipelines.process import process, result
+from pipelines.rig.fall import Body
 from pipelines.rig.film_session import (
     UNDER_HEIGHT,
     burst_times,
@@ -17,7 +18,7 @@ from pipelines.rig.film_session import (
     under_section,
     write_under,
 )
-from pipelines.rig.film_under import Body, UnderCamera
+from pipelines.rig.film_under import UnderCamera
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.samples import session_head
 

@@ -10,7 +10,8 @@ import pytest
 from labpipe import files, materials
 from pipelines.figures import make
 from pipelines.process import process, result
-from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import DropRig
 from pipelines.rig.film_front import FrontCamera
 from pipelines.rig.film_session import front_record, front_section, under_record, write_front
 from pipelines.rig.samples import drop_section, laser_record, session_head

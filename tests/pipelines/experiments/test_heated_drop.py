@@ -7,7 +7,8 @@ import pytest
 
 from labpipe import files, materials
 from pipelines.process import process, result
-from pipelines.rig.drops import DropRig, write_drops
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import DropRig
 from pipelines.rig.plate import PLATE
 from pipelines.rig.session_text import drop_section, laser_record, session_head
 from tests.pipelines.conftest import START

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ from labpipe import files, materials
 from labpipe.errors import ConfigError
 from pipelines.figures import make
 from pipelines.process import open_session, process, result
-from pipelines.rig.drops import DropRig, write_drops
-from pipelines.rig.plate import PLATE, PlateRig, ring_once
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import DropRig
+from pipelines.rig.plate import PLATE, PLATE_RIG, ring_once
 from pipelines.rig.plate_session import plate_laser_record, write_plate
 from pipelines.rig.samples import drop_section, laser_record, session_head
 from tests.pipelines.conftest import START
@@ -26,7 +28,7 @@ RIGID = 'plate = { mass = "3 kg", frequency = "1 Hz", damping_ratio = 0.1 }\n'
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The plate under two materials from 5 mm, and acrylic dropped on that plate."""
     folder = tmp_path_factory.mktemp("plate")
-    text = write_plate(folder, PlateRig(duration=0.12), NAMES, (5e-3,), 2, START)
+    text = write_plate(folder, replace(PLATE_RIG, duration=0.12), NAMES, (5e-3,), 2, START)
     rig = DropRig(duration=0.3, floor=PLATE)
     recordings = write_drops(folder, "drop", rig, materials.load("acrylic"), 5e-3, 1, 5, START)
     text += drop_section("drop", recordings, 5e-3, "acrylic", 'plate_from = "plate"\n')
@@ -134,7 +136,7 @@ def test_intervals_cover_the_truth_of_many_rings() -> None:
     """95 % intervals of frequency, damping, amplitude, blow time hold the truth in 90 to 99 %."""
     from labpipe import signals
 
-    rig = PlateRig(duration=0.12)
+    rig = replace(PLATE_RIG, duration=0.12)
     solids = [(materials.load(n), h) for n in ("acrylic", "ptfe") for h in (1.5e-3, 10e-3)]
     inside: dict[str, list[bool]] = {}
     for seed in range(100):

@@ -9,8 +9,9 @@ import pytest
 import instruments
 from labpipe import imaging
 from labpipe.materials import Prony
+from pipelines.rig.fall import Body
 from pipelines.rig.film_front import FrontCamera, write_front_film
-from pipelines.rig.film_under import Body, UnderCamera, surface_matrix, write_under_film
+from pipelines.rig.film_under import UnderCamera, surface_matrix, write_under_film
 from pipelines.rig.reference_drop import reference_drop
 
 ELASTIC = Prony(3.2e9, [], [], nu=0.35)

@@ -1,0 +1,74 @@
+"""What falls in the virtual laboratory, and how a drop begins: one place for all recordings."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.materials import Prony
+from pipelines.rig.laser_sensor import LaserSensor
+from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
+
+Array = NDArray[np.float64]
+
+_MARGIN = 1e-3  # s by which the motion outlasts the record
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """What falls: radius and moving mass, height of fall, its material, the floor."""
+
+    material: Prony
+    height: float
+    radius: float = 9.525e-3
+    mass: float = 0.505
+    floor: Floor | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class DropRig:
+    """The rig: sphere, sensor, floor, and how much one drop differs from the next.
+
+    ``height_scatter`` is the standard deviation of the release height over repeats,
+    ``release_jitter`` that of the release time within the record.
+    """
+
+    radius: float = 9.525e-3
+    mass: float = 0.505
+    sensor: LaserSensor = field(
+        default_factory=lambda: LaserSensor(inclination=float(np.deg2rad(12.07)))
+    )
+    floor: Floor = field(default_factory=lambda: Floor(mass=1500.0))
+    duration: float = 0.5
+    release: float = 0.02
+    release_jitter: float = 2e-3
+    height_scatter: float = 4e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Release:
+    """One drop of a rig before it is recorded; ``time`` is that of the release in the record."""
+
+    height: float
+    time: float
+    motion: Trajectory
+    generator: np.random.Generator
+
+
+def fall(body: Body, duration: float, snapshots: Array | None = None) -> Trajectory:
+    """Return the reference motion of a body for ``duration`` s after release."""
+    solid = body.material
+    return reference_drop(
+        solid.E_relaxed, np.asarray(solid.E), np.asarray(solid.rho), float(solid.nu),
+        radius=body.radius, mass=body.mass, height=body.height, duration=duration,
+        floor=body.floor, snapshots=snapshots,
+    )  # fmt: skip
+
+
+def let_go(rig: DropRig, material: Prony, height: float, seed: int) -> Release:
+    """Let a sphere of the rig fall; everything random comes from ``seed``."""
+    generator = np.random.default_rng(seed)
+    true_height = height + generator.normal(0.0, rig.height_scatter)
+    time = rig.release + abs(generator.normal(0.0, rig.release_jitter))
+    body = Body(material, true_height, rig.radius, rig.mass, rig.floor)
+    return Release(true_height, time, fall(body, rig.duration - time + _MARGIN), generator)
