@@ -23,7 +23,7 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.units import Quantity
-from labpipe.workflow.context import Context
+from labpipe.workflow.context import Context, Warned
 
 SYNTHETIC = "synthetic data"
 SESSION_PAGE = "../index.html"
@@ -69,13 +69,24 @@ def failed_notice(context: Context) -> tuple[Notice, ...]:
 def problems(context: Context) -> Section:
     """Warnings and errors of every step; also when there are none."""
     blocks: list[Block] = list(failed_notice(context))
+    alike: dict[tuple[str, str], list[Warned]] = {}
     for warned in context.warnings:
-        where = warned.stage + (f" [{warned.recording}]" if warned.recording else "")
-        times = f" ({warned.count} times)" if warned.count > 1 else ""
-        blocks.append(Notice("warning", f"{where}: {warned.text}{times}"))
+        alike.setdefault((warned.stage, warned.text), []).append(warned)
+    blocks += [_warning(group) for group in alike.values()]
     if not blocks:
         blocks.append(Notice("ok", "No warnings and no errors."))
     return Section("Warnings and errors", tuple(blocks))
+
+
+def _warning(alike: Sequence[Warned]) -> Notice:
+    """Say once what several recordings have in common, and which they are."""
+    first = alike[0]
+    names = [warned.recording for warned in alike if warned.recording]
+    where = f" [{names[0]}]" if len(names) == 1 else ""
+    total = sum(warned.count for warned in alike)
+    times = f" ({total} times)" if total > len(alike) else ""
+    listed = f"\n{len(names)} recordings: {', '.join(names)}" if len(names) > 1 else ""
+    return Notice("warning", f"{first.stage}{where}: {first.text}{times}{listed}")
 
 
 def budget_table(rows: Sequence[dict[str, Any]], caption: str) -> tuple[Block, ...]:
@@ -124,6 +135,14 @@ def raw_header(dataset: xr.Dataset | None) -> Details | None:
     if not header:
         return None
     return Details(f"Raw header of {dataset.attrs.get('source', 'the file')}", text=header)
+
+
+def raw_headers(datasets: Sequence[xr.Dataset]) -> tuple[Details, ...]:
+    """Show the headers of several files, folded into one."""
+    headers = tuple(h for dataset in datasets if (h := raw_header(dataset)) is not None)
+    if len(headers) < 2:
+        return headers
+    return (Details(f"Raw headers of {len(headers)} files", blocks=headers),)
 
 
 def ledger(context: Context) -> Section:

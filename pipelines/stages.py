@@ -60,7 +60,7 @@ BALL_DROP = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.ball_drop_page:page", 3,
+        "report", "pipelines.experiments.ball_drop_page:page", 4,
         ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
         ("*",), output="page", context=True,
         summary="write the page",
@@ -110,7 +110,7 @@ HARMONIC = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.harmonic_page:page", 2,
+        "report", "pipelines.experiments.harmonic_page:page", 3,
         ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison"),
         ("*",),
         output="page", context=True,
@@ -159,7 +159,7 @@ RELAXATION = (
         summary="gather the tests, average the modulus",
     ),
     Stage(
-        "report", "pipelines.experiments.relaxation_page:page", 3,
+        "report", "pipelines.experiments.relaxation_page:page", 4,
         ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -201,7 +201,7 @@ STATIC_LOADING = (
         summary="measurement against model and Hertz",
     ),
     Stage(
-        "report", "pipelines.experiments.static_loading_page:page", 1,
+        "report", "pipelines.experiments.static_loading_page:page", 2,
         ("readings", "displacement", "steps", "approach", "model", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -230,7 +230,7 @@ DMA = (
         summary="find the glass transition",
     ),
     Stage(
-        "report", "pipelines.experiments.dma_page:page", 2,
+        "report", "pipelines.experiments.dma_page:page", 3,
         ("readings", "sweeps", "master_curve", "temperature_sweep"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -270,7 +270,7 @@ DIC_VALIDATION = (
         summary="film against laser",
     ),
     Stage(
-        "report", "pipelines.experiments.dic_validation_page:page", 2,
+        "report", "pipelines.experiments.dic_validation_page:page", 3,
         ("track", "motion", "bounces", "velocity", "keys", "comparison",
          "other:laser_experiment/repeats"), ("*",),
         output="page", context=True,
@@ -307,7 +307,7 @@ CONTACT_AREA = (
         summary="copy key frames for the page",
     ),
     Stage(
-        "report", "pipelines.experiments.contact_area_page:page", 3,
+        "report", "pipelines.experiments.contact_area_page:page", 4,
         ("radius", "impacts", "model", "comparison", "keys"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -352,7 +352,7 @@ PLATE_VIBRATION = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.plate_vibration_page:page", 2,
+        "report", "pipelines.experiments.plate_vibration_page:page", 3,
         ("readings", "displacement", "ringing", "table", "plate", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",

@@ -38,6 +38,9 @@ class Series:
         What the curve is; decides colour, dashes and marker.
     u : array_like (n,), optional
         Standard uncertainty of `y`, drawn as error bars.
+    on_hover : bool
+        Show the curve only while its chart is pointed at, the nearest of them lit and named (each
+        repeat behind a band). Still pictures leave it out.
 
     Raises
     ------
@@ -52,6 +55,7 @@ class Series:
     style: Style = "line"
     role: Role | None = None
     u: "ArrayLike | None" = None
+    on_hover: bool = False
 
     def __post_init__(self) -> None:
         """Turn the inputs into arrays of float and refuse what cannot be drawn."""
@@ -192,15 +196,17 @@ class ScatterChart:
         """Refuse what cannot be drawn."""
         _check_chart(self)
         for series in self.series:
-            if isinstance(series, Band):
-                message = f'chart "{self.title}": a band needs a LineChart, found "{series.name}"'
+            if isinstance(series, Band) or series.on_hover:
+                what = "a band" if isinstance(series, Band) else "a curve on hover"
+                message = f'chart "{self.title}": {what} needs a LineChart, found "{series.name}"'
                 raise InputError(message)
 
 
 def _check_chart(chart: LineChart | ScatterChart) -> None:
     for axis, scale in (("x", chart.x_scale), ("y", chart.y_scale)):
         _check_choice(chart.title, f"{axis} scale", scale, get_args(Scale))
-    if not any(len(series.x) for series in chart.series):  # type: ignore[arg-type]
+    steady = [s for s in chart.series if isinstance(s, Band) or not s.on_hover]
+    if not any(len(series.x) for series in steady):  # type: ignore[arg-type]
         message = (
             f'chart "{chart.title}" has nothing to draw: {len(chart.series)} series, all empty; '
             "leave the chart out or say in a Notice why there are no data"

@@ -3,7 +3,7 @@
 import base64
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -163,6 +163,9 @@ def _looks_by_identity(series: Sequence[Series | Band]) -> dict[int, LineLook]:
     for kind in (Series, Band):
         chosen = [s for s in series if isinstance(s, kind)]
         found |= zip(map(id, chosen), looks([s.role for s in chosen]), strict=True)
+    if len(series) == 1:
+        # Dashes tell curves apart; a curve alone needs none, and its peaks want a whole line.
+        found = {key: replace(look, dash=()) for key, look in found.items()}
     return found
 
 
@@ -284,6 +287,7 @@ def _packed_series(drawn: Drawn, axis: int) -> dict[str, Any]:
         "marker": look.marker,
         "isMarked": drawn.is_marked,
         "filled": look.filled,
+        "onHover": isinstance(source, Series) and source.on_hover,
         "width": look.width,
     } | {name: _packed_curve(c) for name, c in zip(names, drawn.curves, strict=False)}
 

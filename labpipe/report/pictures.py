@@ -7,6 +7,7 @@ import math
 import re
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -65,6 +66,7 @@ def static_picture(thinned: ThinnedChart) -> bytes:
     bytes
         A whole SVG or PNG file; the same chart gives the same bytes.
     """
+    thinned = _without_hovered(thinned)
     views = _panels(thinned)
     height = thinned.chart.height_px / _SCREEN_WIDTH_PX
     with _chart_style(height * (1 + (_SMALL_PANEL_SHARE if views else 0))):
@@ -99,6 +101,12 @@ def thumbnail(chart: LineChart | ScatterChart, width_px: int = 240) -> bytes:
         _plot(axes, thinned, thinned.x_range)
         axes.set_axis_off()
         return _quietly(figure, "png", dpi)
+
+
+def _without_hovered(thinned: ThinnedChart) -> ThinnedChart:
+    """Leave out what shows only where somebody points."""
+    kept = tuple(d for d in thinned.series if not getattr(d.source, "on_hover", False))
+    return replace(thinned, series=kept)
 
 
 def _shortened(path: "re.Match[bytes]") -> bytes:

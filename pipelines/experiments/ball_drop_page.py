@@ -8,28 +8,23 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.report import (
-    Band,
     Block,
     Column,
     KeyValues,
-    LineChart,
     Notice,
     Paragraph,
     Section,
-    Series,
     Table,
     quantity,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
 from pipelines import pages
+from pipelines.experiments.ball_drop_charts import motion
 from pipelines.settings.ball_drop import BallDrop
 
 Array = NDArray[np.float64]
 
-_VIEWS = 3  # impacts that get a button; the thesis analyses the first three
-_BEFORE, _AFTER = 0.5e-3, 2.0e-3  # s around a touch that show one impact
-_MM, _MM_PER_S = 1e3, 1e3
 _RIGID_FLOOR = (
     "The model's floor is rigid. A real one takes energy: one of mass M lowers the restitution of "
     "a mass m by up to about 2 m/M (0.0005 for half a kilogram on 1.5 t), which the uncertainty "
@@ -52,16 +47,14 @@ def page(
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
     del velocity
-    sections = [
-        _summary(settings, repeats, model, comparison, context),
-        _measured(settings, readings, context),
-    ]
-    if displacement:
-        sections.append(_calibration(displacement))
+    sections = [_summary(settings, repeats, model, comparison, context)]
     if repeats is not None:
-        sections += [_motion(repeats, model, comparison), _bounces(repeats, comparison)]
+        sections += [motion(repeats, model, comparison), _bounces(repeats, comparison)]
     if bounces:
         sections.append(_repeats(settings, bounces, repeats))
+    sections.append(_measured(settings, readings, context))
+    if displacement:
+        sections.append(_calibration(displacement))
     if model is not None:
         sections.append(_model(model))
     if repeats is not None:
@@ -130,8 +123,7 @@ def _measured(settings: BallDrop, readings: list[xr.Dataset] | None, context: Co
                     "The layout of Keyence storage files is assumed: no such file is public.",
                 )
             )
-        headers = [h for r in readings if (h := pages.raw_header(r)) is not None]
-        blocks += headers
+        blocks += pages.raw_headers(readings)
     return Section("What was measured", (KeyValues([r for r in rows if r[1]]), *blocks))
 
 
@@ -173,106 +165,52 @@ def _calibration(displacement: list[xr.Dataset]) -> Section:
     return Section("Calibration and its uncertainty", tuple(blocks))
 
 
-def _views(repeats: xr.Dataset) -> tuple[tuple[str, float, float], ...]:
-    touches = repeats["touch_time"].values[:_VIEWS]
-    return tuple(
-        (f"impact {i + 1}", float((t - _BEFORE) * 1e3), float((t + _AFTER) * 1e3))
-        for i, t in enumerate(touches)
-        if np.isfinite(t)
-    )
-
-
-def _motion(
-    repeats: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset | None
-) -> Section:
-    time = repeats["time"].values * 1e3
-    views = _views(repeats)
-    position: list[Series | Band] = [
-        *_band("displacement", repeats, _MM),
-        Series("mean of the repeats", time, repeats["displacement_mean"].values * _MM,
-               role="measured"),
-    ]  # fmt: skip
-    speed: list[Series | Band] = [
-        *_band("velocity", repeats, 1.0),
-        Series("mean of the repeats", time, repeats["velocity_mean"].values, role="measured"),
-    ]
-    if model is not None:
-        since = (model["time"].values - float(model["impact_time"][0])) * 1e3
-        position.append(Series("model", since, model["displacement"].values * _MM, role="model"))
-        speed.append(Series("model", since, model["velocity"].values, role="model"))
-    label = "time since first contact / ms"
-    charts: list[Block] = [
-        LineChart("Displacement", label, "height over first contact / mm", tuple(position),
-                  group="drop", views=views,
-                  caption="Mean of the repeats with the band of ± 2 standard deviations."),
-    ]  # fmt: skip
-    if comparison is not None:
-        charts.append(
-            LineChart(
-                "Measured minus model", label, "difference / mm",
-                (Series("difference", comparison["time"].values * 1e3,
-                        comparison["residual"].values * _MM, role="residual"),),
-                group="drop", views=views, height_px=220,
-                caption="A late touch shows as a spike: both curves are steep there.",
-            )
-        )  # fmt: skip
-    charts.append(
-        LineChart("Velocity", label, "velocity / (m/s), upwards", tuple(speed), group="drop",
-                  views=views)
-    )  # fmt: skip
-    if model is not None:
-        charts += [
-            LineChart("Contact force (model)", label, "force / N",
-                      (Series("model", since, model["force"].values, role="model"),),
-                      group="drop", views=views, height_px=220),
-            LineChart("Contact radius (model)", label, "contact radius / mm",
-                      (Series("model", since, model["contact_radius"].values * _MM,
-                              role="model"),), group="drop", views=views, height_px=220),
-        ]  # fmt: skip
-    return Section("Motion", tuple(charts))
-
-
-def _band(name: str, repeats: xr.Dataset, factor: float) -> tuple[Band, ...]:
-    if repeats.sizes["repeat"] < 2:
-        return ()
-    mean, sd = repeats[f"{name}_mean"].values * factor, repeats[f"{name}_sd"].values * factor
-    time = repeats["time"].values * 1e3
-    return (Band("± 2 sd of the repeats", time, mean - 2 * sd, mean + 2 * sd, role="measured"),)
-
-
 def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None) -> Section:
-    columns = [
+    columns = (
         Column("impact"), Column("repeats"),
-        Column("touch after the first", unit="s", u=3), Column("u"),
-        Column("incoming speed", unit="m/s", u=5), Column("u"),
-        Column("outgoing speed", unit="m/s", u=7), Column("u"),
+        Column("touch", unit="s", u=3), Column("u"),
+        Column("speed in", unit="m/s", u=5), Column("u"),
+        Column("speed out", unit="m/s", u=7), Column("u"),
         Column("restitution", u=9), Column("u"),
-    ]  # fmt: skip
+    )  # fmt: skip
     names = ("touch_time", "incoming_speed", "outgoing_speed", "restitution")
-    rows: list[list[float | int | str | bool | None]] = []
-    for i in range(repeats.sizes["impact"]):
-        at = repeats.isel(impact=i)
-        row: list[float | int | str | bool | None] = [int(at["impact"]), int(at["n_repeats"])]
-        for name in names:
-            row += [float(at[name]), float(at[f"u_{name}"])]
-        rows.append(row)
-    if comparison is not None:
-        first = len(columns)
-        columns += [
-            Column("restitution, model"),
-            Column("measured − model", u=first + 2), Column("u"),
-            Column("touch, measured − model", unit="s", u=first + 4), Column("u"),
-        ]  # fmt: skip
-        shown = ("restitution_model", "restitution_difference", "u_restitution_difference",
-                 "touch_time_difference", "u_touch_time_difference")  # fmt: skip
-        count = comparison.sizes["impact"]
-        for i, row in enumerate(rows):
-            row += [float(comparison[n][i]) if i < count else None for n in shown]
+    values = [repeats[key].values for name in names for key in (name, f"u_{name}")]
+    counts = zip(repeats["impact"].values, repeats["n_repeats"].values, strict=True)
+    rows = [
+        (int(impact), int(n), *(float(v[i]) for v in values))
+        for i, (impact, n) in enumerate(counts)
+    ]
     caption = (
-        "Every bounce: mean over the repeats that show it, with its standard uncertainty. The "
-        "uncertainty of a difference holds the model's from height, radius and mass."
+        "Every bounce: mean over the repeats that show it, with its standard uncertainty; the time "
+        "of the touch is counted from the first."
     )
-    return Section("Bounces", (Table(tuple(columns), rows, caption=caption),))
+    measured = Table(columns, rows, caption=caption)
+    if comparison is None:
+        return Section("Bounces", (measured,))
+    return Section("Bounces", (measured, _against_model(comparison)))
+
+
+def _against_model(comparison: xr.Dataset) -> Table:
+    columns = (
+        Column("impact"),
+        Column("restitution, model", digits=6), Column("measured − model", u=3), Column("u"),
+        Column("touch, model", unit="s", digits=6),
+        Column("measured − model", unit="s", u=6), Column("u"),
+    )  # fmt: skip
+    shown = [
+        comparison[pattern.format(name)].values
+        for name in ("restitution", "touch_time")
+        for pattern in ("{}_model", "{}_difference", "u_{}_difference")
+    ]
+    rows = [
+        (int(impact), *(float(values[i]) for values in shown))
+        for i, impact in enumerate(comparison["impact"].values)
+    ]
+    caption = (
+        "Against the model. The uncertainty of a difference holds the model's from height, radius "
+        "and mass; the material's is not in it."
+    )
+    return Table(columns, rows, caption=caption)
 
 
 def _repeats(

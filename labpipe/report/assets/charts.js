@@ -8,6 +8,8 @@
   const SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const charts = [];
+  // Curves that show while they are pointed at: the chart pointed at, and what is due to be drawn.
+  let pointed = null, isRedrawDue = false;
 
   // ---- data -------------------------------------------------------------------------------
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
@@ -252,8 +254,10 @@
     return points;
   };
 
+  const isDrawn = (chart, s) => s.shown && (!s.onHover || chart.isKept || chart.lit !== "");
+
   const drawSeries = (chart, u, s, place, project, density) => {
-    const ctx = u.ctx, range = visible(chart, s, u);
+    const ctx = u.ctx, range = visible(chart, s, u), isLit = s.onHover && s.name === chart.lit;
     if (s.style === "band") { drawBand(ctx, s, range, project); return; }
     if (s.u !== null) drawErrors(ctx, s, range, project, density);
     if (s.style === "points") {
@@ -264,8 +268,8 @@
     }
     const path = new Path2D();
     if (chart.isPlane) traceLoop(path, s, project); else traceSorted(path, s, s.y, range, project);
-    ctx.strokeStyle = inkOf(s);
-    ctx.lineWidth = s.width * 1.25 * density;
+    ctx.strokeStyle = isLit ? colour("--text") : inkOf(s);
+    ctx.lineWidth = (isLit ? 2 : 1) * s.width * 1.25 * density;
     ctx.lineJoin = "round";
     ctx.setLineDash(s.dash.map((d) => d * density));
     ctx.stroke(path);
@@ -301,8 +305,10 @@
     }
     drawPositions(chart, u, project, density);
     const isPoint = (s) => s.style === "points";
-    chart.series.forEach((s, place) => { if (s.shown && !isPoint(s)) drawSeries(chart, u, s, place, project, density); });
-    chart.series.forEach((s, place) => { if (s.shown && isPoint(s)) drawSeries(chart, u, s, place, project, density); });
+    const last = (s) => (isPoint(s) ? 2 : Number(s.onHover && s.name === chart.lit));
+    const drawn = chart.series.map((s, place) => [s, place]).filter(([s]) => isDrawn(chart, s));
+    drawn.sort(([a, i], [b, j]) => last(a) - last(b) || i - j);
+    for (const [s, place] of drawn) drawSeries(chart, u, s, place, project, density);
     ctx.restore();
   };
 
@@ -325,6 +331,11 @@
   const apply = (chart) => {
     const u = chart.plot;
     for (const button of chart.buttons) button.setAttribute("aria-pressed", String(isCurrent(chart, Number(button.dataset.view))));
+    if (chart.slider !== null) {
+      const present = chart.buttons.find((button) => button.getAttribute("aria-pressed") === "true");
+      if (present !== undefined) chart.slider.value = String(Number(present.dataset.view) + 1);
+      chart.slider.setAttribute("aria-valuetext", present?.textContent ?? "between two views");
+    }
     if (u === null) return;
     const whole = [chart.window, chart.yWindow ?? heights(chart, chart.window)];
     const [[x0, x1], [y0, y1]] = chart.description.equal ? equalised(u, ...whole) : whole;
@@ -393,14 +404,44 @@
 
   const widthOf = (u, key) => Math.abs(u.scales[key].max - u.scales[key].min);
 
+  /** The curve of those shown on hover that passes nearest to the pointer; "" where there is none. */
+  const nearestName = (chart) => {
+    const u = chart.plot, { left, top } = u.cursor;
+    if (!(left >= 0)) return "";
+    let best = "", smallest = Infinity;
+    for (const s of chart.series) {
+      if (!s.onHover || !s.shown) continue;
+      const away = Math.abs(u.valToPos(s.y[nearestAlong(s, u.posToVal(left, "x"))], "y") - top);
+      if (away < smallest) { smallest = away; best = s.name; }
+    }
+    return best;
+  };
+
+  /** Light the same repeat in all charts of the group; drawn once per frame and only on change. */
+  const light = () => {
+    if (isRedrawDue || pointed === null) return;
+    isRedrawDue = true;
+    requestAnimationFrame(() => {
+      isRedrawDue = false;
+      const name = pointed.chosen !== "" && pointed.plot.cursor.left >= 0 ? pointed.chosen : nearestName(pointed);
+      for (const chart of companions(pointed)) {
+        if (chart.plot === null || chart.lit === name) continue;
+        chart.lit = name;
+        chart.plot.redraw(false, false);
+        hover(chart);
+      }
+    });
+  };
+
   const hoverOne = (chart, s, left, top) => {
     const u = chart.plot;
+    if (s.onHover && s.name !== chart.lit) { s.mark.style.display = "none"; return; }
     const i = chart.isPlane ? nearestInPlane(chart, s, left, top) : nearestAlong(s, u.posToVal(left, "x"));
     if (i < 0 || s.x.length === 0 || !s.shown) { s.value.textContent = ""; s.mark.style.display = "none"; return; }
     const say = (v) => readout(v, widthOf(u, "y"));
     if (s.low !== null) { s.value.textContent = `${say(s.low[i])} … ${say(s.high[i])}`; return; }
     const error = s.u !== null && s.u[i] === s.u[i] ? ` ± ${say(s.u[i])}` : "";
-    s.value.textContent = (chart.isPlane ? `(${readout(s.x[i], widthOf(u, "x"))}, ${say(s.y[i])})` : say(s.y[i])) + error;
+    s.value.textContent = (s.onHover ? `${s.name}: ` : "") + (chart.isPlane ? `(${readout(s.x[i], widthOf(u, "x"))}, ${say(s.y[i])})` : say(s.y[i])) + error;
     const x = u.valToPos(s.x[i], "x"), y = u.valToPos(s.y[i], "y");
     const isInside = x >= 0 && x <= u.over.clientWidth && y >= 0 && y <= u.over.clientHeight;
     s.mark.style.display = isInside ? "block" : "none";
@@ -416,6 +457,7 @@
     for (const s of chart.series) {
       if (isAway) { s.value.textContent = ""; s.mark.style.display = "none"; } else hoverOne(chart, s, left, top);
     }
+    if (chart === pointed) light();
   };
 
   // ---- building ---------------------------------------------------------------------------
@@ -437,25 +479,37 @@
     return box;
   };
 
+  /** One entry of a legend: a button that turns something on and off. */
+  const entry = (chart, s, text, isOn, turn) => {
+    const button = document.createElement("button"), name = document.createElement("span");
+    const value = document.createElement("span");
+    value.className = s.style === "band" || s.onHover || chart.isPlane ? "value value-wide" : "value";
+    name.textContent = text;
+    button.type = "button";
+    button.setAttribute("aria-pressed", String(isOn()));
+    button.append(swatch(s), name, value);
+    button.addEventListener("click", () => {
+      turn();
+      button.setAttribute("aria-pressed", String(isOn()));
+      apply(chart);
+      chart.plot.redraw();
+    });
+    chart.figure.querySelector(".chart-legend").append(button);
+    return value;
+  };
+
   const buildLegend = (chart) => {
-    const legend = chart.figure.querySelector(".chart-legend");
-    legend.replaceChildren();
+    chart.figure.querySelector(".chart-legend").replaceChildren();
+    const crowd = chart.series.filter((s) => s.onHover);
     for (const s of chart.series) {
-      const button = document.createElement("button"), name = document.createElement("span");
-      s.value = document.createElement("span");
-      s.value.className = s.style === "band" || chart.isPlane ? "value value-wide" : "value";
-      name.textContent = s.name;
-      button.type = "button";
-      button.setAttribute("aria-pressed", String(s.shown));
-      button.append(swatch(s), name, s.value);
-      button.addEventListener("click", () => {
-        s.shown = !s.shown;
-        button.setAttribute("aria-pressed", String(s.shown));
-        apply(chart);
-        chart.plot.redraw();
-      });
-      legend.append(button);
+      if (s.onHover) continue;
+      s.value = entry(chart, s, s.name, () => s.shown, () => { s.shown = !s.shown; });
     }
+    if (crowd.length === 0) return;
+    const value = entry(chart, crowd[0], `${crowd.length} single curves, where you point`, () => chart.isKept, () => { chart.isKept = !chart.isKept; });
+    value.parentElement.classList.add("crowd");
+    value.parentElement.title = "select to keep them in view";
+    for (const s of crowd) s.value = value;
   };
 
   const buildMarks = (chart) => {
@@ -519,6 +573,7 @@
       hooks: { draw: [(u) => draw(chart, u)], setCursor: [() => hover(chart)], setSelect: [(u) => select(chart, u)] },
     }, [[chart.window[0], chart.window[1]], [null, null]], host);
     buildMarks(chart);
+    for (const kind of ["mousemove", "mouseenter"]) chart.plot.over.addEventListener(kind, () => { pointed = chart; });
     apply(chart);
   };
 
@@ -538,6 +593,47 @@
     return Math.min(Math.max(Math.max(present, -1) + (key === "]" ? 1 : -1), -1), count - 1);
   };
 
+  /** Light one curve after the other; after the last one the nearest is lit again. */
+  const chooseNext = (chart, move) => {
+    const names = ["", ...chart.series.filter((s) => s.onHover).map((s) => s.name)];
+    const next = names[(names.indexOf(chart.chosen) + 1) % names.length];
+    for (const other of companions(chart)) other.chosen = next;
+    move(0);
+  };
+
+  /** The window between two views: 0 is the whole range, 1 the first view; zoomed evenly between. */
+  const between = (chart, place) => {
+    const f = forward(chart.description.xScale), g = backward(chart.description.xScale);
+    const ends = (view) => (view < 0 ? groupRange(chart) : chart.description.views[view]).map(f);
+    const first = Math.floor(place), share = place - first;
+    const [a0, a1] = ends(first - 1);
+    if (share === 0) return [g(a0), g(a1)];
+    const [b0, b1] = ends(first), wide = a1 - a0, narrow = b1 - b0;
+    const width = wide ** (1 - share) * narrow ** share;
+    const moved = Math.abs(wide - narrow) > 1e-9 * wide ? (wide - width) / (wide - narrow) : share;
+    const centre = (a0 + a1) / 2 + ((b0 + b1 - a0 - a1) / 2) * moved;
+    return [g(centre - width / 2), g(centre + width / 2)];
+  };
+
+  /** A slider from the whole range through the views, on the first chart of a group. */
+  const buildSlider = (chart) => {
+    const count = chart.description.views?.length ?? 0;
+    if (count < 2 || companions(chart)[0] !== chart) return;
+    const slider = document.createElement("input");
+    Object.assign(slider, { type: "range", min: "0", max: String(count), step: "0.01", value: "0", className: "view-slider" });
+    slider.setAttribute("aria-label", `From the whole range through: ${chart.buttons.slice(1).map((b) => b.textContent).join(", ")}`);
+    slider.addEventListener("input", () => { chart.yWindow = null; setWindow(chart, ...between(chart, Number(slider.value))); });
+    slider.addEventListener("change", () => show(chart, Math.round(Number(slider.value)) - 1));
+    slider.addEventListener("keydown", (event) => {
+      const step = { ArrowRight: 1, ArrowUp: 1, PageUp: 1, ArrowLeft: -1, ArrowDown: -1, PageDown: -1, Home: -count, End: count }[event.key];
+      if (step === undefined) return;
+      event.preventDefault();
+      show(chart, Math.min(Math.max(Math.round(Number(slider.value)) + step, 0), count) - 1);
+    });
+    chart.figure.querySelector(".chart-views").append(slider);
+    chart.slider = slider;
+  };
+
   const onKey = (chart, event) => {
     const u = chart.plot;
     if (event.target !== event.currentTarget || event.ctrlKey || event.metaKey || event.altKey || u === null) return;
@@ -547,9 +643,11 @@
       ArrowDown: () => zoom(chart, 1 / KEY_ZOOM, 0.5, 0.5), "-": () => zoom(chart, 1 / KEY_ZOOM, 0.5, 0.5),
       Home: () => reset(chart), Escape: () => reset(chart),
     };
+    pointed = chart;
     const move = (by) => u.setCursor({ left: Math.min(Math.max((u.cursor.left >= 0 ? u.cursor.left : u.over.clientWidth / 2) + by, 0), u.over.clientWidth), top: u.over.clientHeight / 2 });
     const view = viewOf(chart, event.key);
     if (view !== null) actions[event.key] = () => show(chart, view);
+    if (event.key === "r" && chart.series.some((s) => s.onHover)) actions.r = () => chooseNext(chart, move);
     const action = event.shiftKey && event.key === "ArrowLeft" ? () => move(-CURSOR_STEP_PX) : event.shiftKey && event.key === "ArrowRight" ? () => move(CURSOR_STEP_PX) : actions[event.key];
     if (action === undefined) return;
     event.preventDefault();
@@ -569,7 +667,7 @@
   const prepare = (figure) => {
     const description = JSON.parse(figure.querySelector('script[type="application/json"]').textContent);
     const series = decode(description);
-    const chart = { figure, description, series, plot: null, flag: null, window: description.range, yWindow: null, isPlane: description.kind === "plane", hasResidual: series.some((s) => s.role === "residual"), buttons: [...figure.querySelectorAll(".view")] };
+    const chart = { figure, description, series, plot: null, flag: null, window: description.range, yWindow: null, isPlane: description.kind === "plane", hasResidual: series.some((s) => s.role === "residual"), buttons: [...figure.querySelectorAll(".view")], slider: null, lit: "", chosen: "", isKept: false };
     const live = figure.querySelector(".chart-live"), host = figure.querySelector(".chart-plot");
     host.style.height = `${description.height}px`;
     figure.querySelector(".chart-y-label").textContent = description.yLabel;
@@ -599,7 +697,7 @@
     }
   }
   // Companions are known only now.
-  for (const chart of charts) chart.window = groupRange(chart);
+  for (const chart of charts) { chart.window = groupRange(chart); buildSlider(chart); apply(chart); }
   dark.addEventListener("change", () => {
     for (const chart of charts) { buildLegend(chart); if (chart.plot !== null) chart.plot.redraw(); }
   });

@@ -51,6 +51,13 @@ def chart(*series, **more):
             'the view "v" runs from 2.0 to 1.0',
         ),
         (lambda: ScatterChart("s", "x", "y", (Band("b", [1], [1], [1]),)), "needs a LineChart"),
+        (
+            lambda: ScatterChart(
+                "s", "x", "y", (Series("b", [1], [1]), Series("a", [1], [1], on_hover=True))
+            ),
+            "a curve on hover needs a LineChart",
+        ),
+        (lambda: chart(Series("a", [1], [1], on_hover=True)), "has nothing to draw: 1 series"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_with_its_name(make, message):
@@ -177,3 +184,20 @@ def test_a_chart_without_thinning_takes_at_most_what_was_announced():
     irregular = chart(Series("a", t, t), Series("b", t, t, u=t), Band("c", t, t, t))
     packed = pack(thin(irregular, 10**9))
     assert len(str(packed)) <= wanted_bytes(irregular) + 2000
+
+
+def test_a_still_picture_leaves_out_what_shows_on_hover_only():
+    steady = Series("a", [1, 2], [1, 2])
+    hovered = Series("b", [1, 2], [5, 6], on_hover=True)
+    both = thin(chart(steady, hovered), 10**6)
+    assert static_picture(both) == static_picture(thin(chart(steady), 10**6))
+    assert [s["onHover"] for s in pack(both)["series"]] == [False, True]
+
+
+def test_a_curve_alone_is_drawn_whole_and_keeps_the_colour_of_its_role():
+    alone = pack(thin(chart(Series("a", [1, 2], [1, 2], role="model")), 10**6))["series"][0]
+    beside = chart(Series("b", [1, 2], [0, 0]), Series("a", [1, 2], [1, 2], role="model"))
+    dashed = pack(thin(beside, 10**6))["series"][1]
+    assert alone["dash"] == []
+    assert dashed["dash"] != []
+    assert alone["light"] == dashed["light"]

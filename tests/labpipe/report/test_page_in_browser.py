@@ -55,6 +55,10 @@ def page(tmp_path_factory):
             "height / mm",
             (
                 Band("band", t, noisy * 1e3 - 0.01, noisy * 1e3 + 0.01, "measured"),
+                *(
+                    Series(f"repeat {n}", t, noisy * 1e3 + shift, role="repeat", on_hover=True)
+                    for n, shift in ((1, -0.008), (2, 0.008))
+                ),
                 Series("measured", t, noisy * 1e3, role="measured"),
                 Series("model", t, height * 1e3, role="model"),
             ),
@@ -222,6 +226,77 @@ def test_keys_go_from_view_to_view_and_back_to_all(opened, chart):
     assert first[0] < second[0] < third[0]
     assert again == first
     assert everything == still == FULL
+
+
+def test_the_slider_goes_from_the_whole_range_through_the_views_by_keys(opened, chart):
+    assert opened.run("document.querySelectorAll('.view-slider').length") == 1
+    opened.run("document.querySelector('.view-slider').focus()")
+    views = opened.run(
+        "JSON.parse(document.querySelector('figure.chart script').textContent).views"
+    )
+    for wanted in (*views, views[-1]):
+        opened.key("ArrowRight")
+        opened.settle()
+        assert chart.window(0) == pytest.approx(wanted, abs=1e-12)
+        assert chart.window(1) == chart.window(0)
+    said = "document.querySelector('.view-slider').getAttribute('aria-valuetext')"
+    assert opened.run(said) == "impact 3"
+    opened.key("Home")
+    assert chart.window(0) == FULL
+    assert opened.run(said) == "Whole range"
+
+
+def test_the_slider_zooms_evenly_on_the_way_into_a_view(opened, chart):
+    slide = "{{ const s = document.querySelector('.view-slider'); s.value = {};"
+    slide += " s.dispatchEvent(new Event('{}')); }}"
+    opened.run(slide.format(0.5, "input"))
+    half = chart.window(0)
+    assert half[1] - half[0] == pytest.approx((FULL[1] * 1e-3) ** 0.5, rel=1e-3)
+    opened.run(slide.format(1.5, "input"))
+    between = chart.window(0)
+    assert between[1] - between[0] == pytest.approx(1e-3, rel=1e-6)
+    opened.run(slide.format(0.9, "change"))
+    touches = bounce_train()[2]
+    assert chart.window(0) == pytest.approx([touches[0] - 5e-4, touches[0] + 5e-4])
+
+
+def test_single_curves_show_only_where_one_points_and_are_named(opened, chart):
+    opened.run("document.querySelectorAll('.view')[1].click()")
+    left, top, width, height = chart.box(0)
+    grey = "document.querySelectorAll('.crowd .value')[0].textContent"
+    assert opened.run(grey) == ""
+    before = drawn_bytes(opened)
+    seen = set()
+    for share in (0.02, 0.98):
+        opened.mouse("mouseMoved", left + 0.5 * width, top + share * height)
+        opened.settle()
+        opened.settle()
+        seen.add(opened.run(grey).split(":")[0])
+    assert seen == {"repeat 1", "repeat 2"}
+    assert drawn_bytes(opened) != before
+    opened.mouse("mouseMoved", 2, 2)
+    opened.settle()
+    opened.settle()
+    assert opened.run(grey) == ""
+    assert drawn_bytes(opened) == before
+    opened.run("document.querySelector('.crowd').click()")
+    opened.settle()
+    assert drawn_bytes(opened) != before
+
+
+def test_a_key_goes_from_one_single_curve_to_the_next(opened):
+    opened.run("document.querySelectorAll('.chart-live')[0].focus()")
+    seen = []
+    for _ in range(3):
+        opened.key("r")
+        opened.settle()
+        opened.settle()
+        seen.append(opened.run("document.querySelector('.crowd .value').textContent").split(":")[0])
+    assert seen[:2] == ["repeat 1", "repeat 2"]
+
+
+def drawn_bytes(browser):
+    return browser.run("document.querySelector('.uplot canvas').toDataURL()")
 
 
 def test_the_cursor_is_linked_and_says_the_values(opened, chart):

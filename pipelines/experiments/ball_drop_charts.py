@@ -1,0 +1,110 @@
+"""The charts of a ball drop: the whole train of bounces and its first impacts, linked."""
+
+import numpy as np
+import xarray as xr
+
+from labpipe.report import Band, Block, LineChart, Section, Series
+
+_VIEWS = 3  # impacts that get a view; the thesis analyses the first three
+_MARGIN = 0.3  # of a contact's duration, shown before and after it
+_CONTACT = 1e-3  # s, shown where no duration was found
+_MM, _UM, _MS = 1e3, 1e6, 1e3
+_LABEL = "time since first contact / ms"
+_SPREAD = "± 2 sd of the repeats"
+
+
+def motion(repeats: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset | None) -> Section:
+    """Draw position, difference, velocity, force and contact radius over one axis of time.
+
+    Parameters
+    ----------
+    repeats : Dataset
+        Of the stage ``repeats``.
+    model, comparison : Dataset or None
+        Of the stages of these names; without them the measurement stands alone.
+    """
+    views = impact_views(repeats)
+    position = _measured("displacement", repeats, _MM)
+    speed = _measured("velocity", repeats, 1.0)
+    if model is not None:
+        position.append(_simulated("displacement", model, _MM))
+        speed.append(_simulated("velocity", model, 1.0))
+    hint = " Point at the chart to see each repeat." if repeats.sizes["repeat"] > 1 else ""
+    charts: list[Block] = [
+        LineChart("Displacement", _LABEL, "height over first contact / mm", tuple(position),
+                  group="drop", views=views,
+                  caption=f"Mean of the repeats with the band of ± 2 standard deviations.{hint}"),
+    ]  # fmt: skip
+    if comparison is not None:
+        charts.append(_difference(repeats, comparison, views))
+    charts.append(
+        LineChart("Velocity", _LABEL, "velocity / (m/s), upwards", tuple(speed), group="drop",
+                  views=views)
+    )  # fmt: skip
+    if model is not None:
+        charts += [
+            LineChart("Contact force (model)", _LABEL, "force / N",
+                      (_simulated("force", model, 1.0),), group="drop", views=views,
+                      height_px=220),
+            LineChart("Contact radius (model)", _LABEL, "contact radius / mm",
+                      (_simulated("contact_radius", model, _MM),), group="drop", views=views,
+                      height_px=220),
+        ]  # fmt: skip
+    return Section("Motion", tuple(charts))
+
+
+def impact_views(repeats: xr.Dataset) -> tuple[tuple[str, float, float], ...]:
+    """Return windows in ms that show one impact each, a little more than its contact."""
+    touches = repeats["touch_time"].values[:_VIEWS]
+    found = repeats["contact_duration"].values[:_VIEWS]
+    durations = np.where(np.isfinite(found), found, _CONTACT)
+    return tuple(
+        (f"impact {i + 1}", float((t - _MARGIN * d) * _MS), float((t + (1 + _MARGIN) * d) * _MS))
+        for i, (t, d) in enumerate(zip(touches, durations, strict=True))
+        if np.isfinite(t)
+    )
+
+
+def _measured(name: str, repeats: xr.Dataset, factor: float) -> list[Series | Band]:
+    """Give the mean, and behind it the band and each repeat where there are several."""
+    time = repeats["time"].values * _MS
+    mean = repeats[f"{name}_mean"].values * factor
+    curve = Series("mean of the repeats", time, mean, role="measured")
+    if repeats.sizes["repeat"] < 2:
+        return [curve]
+    wide = 2 * repeats[f"{name}_sd"].values * factor
+    single = [
+        Series(_repeat_name(repeats, i), time, repeats[name].values[i] * factor, role="repeat",
+               on_hover=True)
+        for i in range(repeats.sizes["repeat"])
+    ]  # fmt: skip
+    return [Band(_SPREAD, time, mean - wide, mean + wide, role="measured"), *single, curve]
+
+
+def _repeat_name(repeats: xr.Dataset, i: int) -> str:
+    remark = " (outlier)" if bool(repeats["is_outlier"][i]) else ""
+    return f"repeat {int(repeats['repeat'][i])}{remark}"
+
+
+def _simulated(name: str, model: xr.Dataset, factor: float) -> Series:
+    since = (model["time"].values - float(model["impact_time"][0])) * _MS
+    return Series("model", since, model[name].values * factor, role="model")
+
+
+def _difference(
+    repeats: xr.Dataset, comparison: xr.Dataset, views: tuple[tuple[str, float, float], ...]
+) -> LineChart:
+    """Draw measured minus model, and behind it how far the repeats differ among themselves."""
+    time = comparison["time"].values
+    difference = Series("difference", time * _MS, comparison["residual"].values * _UM,
+                        role="residual")  # fmt: skip
+    series: list[Series | Band] = [difference]
+    if repeats.sizes["repeat"] > 1:
+        wide = 2 * repeats["displacement_sd"].sel(time=time).values * _UM
+        series.insert(0, Band(_SPREAD, time * _MS, -wide, wide, role="repeat"))
+    return LineChart(
+        "Measured minus model", _LABEL, "difference / µm", tuple(series),
+        group="drop", views=views, height_px=220,
+        caption="A touch that is early or late shows as a step, as both curves are steep there; "
+        "the table of bounces says by how much.",
+    )  # fmt: skip
