@@ -89,8 +89,8 @@ def _warning(alike: Sequence[Warned]) -> Notice:
     return Notice("warning", f"{first.stage}{where}: {first.text}{times}{listed}")
 
 
-def budget_table(rows: Sequence[dict[str, Any]], caption: str) -> tuple[Block, ...]:
-    """Show an uncertainty budget as a table and as bars of its shares."""
+def budget_table(rows: Sequence[dict[str, Any]], caption: str, unit: str = "") -> tuple[Block, ...]:
+    """Show an uncertainty budget as a table and as bars of its shares; `unit` is the result's."""
     table = Table(
         columns=(
             Column("source"),
@@ -98,7 +98,7 @@ def budget_table(rows: Sequence[dict[str, Any]], caption: str) -> tuple[Block, .
             Column("standard uncertainty", digits=2),
             Column("unit"),
             Column("sensitivity", digits=3),
-            Column("contribution", digits=2),
+            Column("contribution", unit=unit, digits=2),
             Column("kind"),
         ),
         rows=[

@@ -260,7 +260,7 @@ DIC_VALIDATION = (
         summary="differentiate, not blunting the impacts",
     ),
     Stage(
-        "keys", "pipelines.experiments.dic_validation:keys", 1,
+        "keys", "pipelines.experiments.dic_validation:keys", 2,
         ("file:film", "track", "bounces"), ("frame_rate",),
         summary="copy key frames for the page",
     ),
@@ -302,7 +302,7 @@ CONTACT_AREA = (
         summary="measurement against model",
     ),
     Stage(
-        "keys", "pipelines.experiments.contact_area:keys", 2,
+        "keys", "pipelines.experiments.contact_area:keys", 3,
         ("file:film", "radius", "impacts"), ("frame_rate",),
         summary="copy key frames for the page",
     ),

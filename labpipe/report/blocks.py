@@ -117,12 +117,15 @@ class Picture:
         Text below it.
     width_px : int, optional
         Width at which it is shown; its own width unless told, never wider than the page.
+    at : float, optional
+        Where a frame of a gallery lies along x of the charts of the gallery's group.
     """
 
     data: bytes
     alt: str
     caption: str = ""
     width_px: int | None = None
+    at: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse bytes that are no picture."""
@@ -143,12 +146,15 @@ class Gallery:
         Which frame is shown first.
     caption : str
         Text below the frames.
+    group : str
+        The charts of this group mark where the shown frame lies (:attr:`Picture.at`).
     """
 
     title: str
     frames: Sequence[Picture]
     start: int = 0
     caption: str = ""
+    group: str = ""
 
     def __post_init__(self) -> None:
         """Refuse an empty gallery and a start outside it."""

@@ -294,6 +294,7 @@ def _picture(block: Picture) -> _Description:
         "alt": block.alt,
         "caption": block.caption,
         "width_px": block.width_px,
+        "at": block.at,
     }
 
 
@@ -304,6 +305,7 @@ def _gallery(block: Gallery) -> _Description:
         "frames": frames,
         "start": block.start,
         "caption": block.caption,
+        "group": block.group,
     }
 
 

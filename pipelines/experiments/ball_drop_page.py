@@ -154,7 +154,9 @@ def _calibration(displacement: list[xr.Dataset]) -> Section:
             ]
         ),
         *pages.budget_table(
-            json.loads(attrs["budget"]), "Budget for the largest displacement of the first repeat"
+            json.loads(attrs["budget"]),
+            "Budget for the largest displacement of the first repeat",
+            "m",
         ),
     ]
     if "inclination_of_record" in attrs:

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.report import (
+    Bars,
     Block,
     Column,
     Gallery,
@@ -38,6 +39,7 @@ _SOURCES = {
     "sphere_radius": "radius of the sphere", "wavelength": "wavelength",
     "pixel_size": "length of one pixel", "phase": "phase in the contact",
 }  # fmt: skip
+_GROUP = "film"  # charts and frames over the film's time
 _SUB_PIXEL = 4  # binary digits of the drawn circle's place
 
 
@@ -54,11 +56,13 @@ def page(
     """Write the page; a step that failed leaves its section out and its error in."""
     sections = [_summary(settings, radius, impacts, model, comparison, context)]
     if keys is not None:
-        sections.append(_key_frames(keys))
+        sections.append(_key_frames(keys, settings))
     if radius is not None:
-        sections += [_calibration(radius, impacts), _over_time(radius, impacts, model, comparison)]
+        sections.append(_over_time(radius, impacts, model, comparison))
     if impacts is not None:
         sections.append(_impacts(impacts, comparison))
+    if radius is not None:
+        sections.append(_calibration(radius, impacts))
     if radius is not None and impacts is not None:
         sections.append(pages.methods(_methods(settings, radius, impacts)))
     subtitle = f"Contact area, drop from {pages.stated(settings.height)}"
@@ -120,14 +124,16 @@ def _summary(
     return Section("Summary", tuple(blocks))
 
 
-def _key_frames(keys: xr.Dataset) -> Section:
+def _key_frames(keys: xr.Dataset, settings: ContactArea) -> Section:
     pictures = [_picture(keys.isel(key=i)) for i in range(keys.sizes["key"])]
     top = int(np.nanargmax(keys["circle_radius"].values)) if pictures else 0
     gallery = Gallery(
-        "Key frames with the fitted circle", pictures, start=top,
-        caption="First frame, largest radius and last frame of each impact, and rest.",
+        "Key frames with the fitted circle", pictures, start=top, group=_GROUP,
+        caption="First frame, largest radius and last frame of each impact, and rest. The chart "
+        "of the contact radius marks the frame that is shown.",
     )  # fmt: skip
-    return Section("Film", (gallery,))
+    header = pages.raw_header(keys.assign_attrs(source=settings.film))
+    return Section("Film", (gallery,) if header is None else (gallery, header))
 
 
 def _picture(key: xr.Dataset) -> Picture:
@@ -153,7 +159,7 @@ def _picture(key: xr.Dataset) -> Picture:
         found = f"radius {value} ({r:.1f} px), {_METHODS[int(key['key_method'])]}"
     return Picture(
         png(canvas), f"frame {frame} with the fitted contact circle",
-        f"frame {frame}, {time:.2f} ms in the film, {found}",
+        f"frame {frame}, {time:.2f} ms in the film, {found}", at=time,
     )  # fmt: skip
 
 
@@ -177,7 +183,17 @@ def _budget(radius: xr.Dataset, impacts: xr.Dataset | None) -> tuple[Block, ...]
     titles = [f"{where}, {quantity(float(a[frame]), 'm', 4)}" for where, frame in chosen]
     columns = (Column("source"), *(Column(title, unit="m", digits=2) for title in titles))
     caption = "Standard uncertainty of the contact radius by source"
-    return (Table(columns, rows, caption=caption, sortable=False),)
+    table = Table(columns, rows, caption=caption, sortable=False)
+    return (table, *(_shares(one, where) for one, (where, _) in zip(at, chosen, strict=True)))
+
+
+def _shares(one: xr.Dataset, where: str) -> Bars:
+    """Draw what each source has in the variance of the radius in one frame."""
+    parts = [(text, float(one["systematic_part"].sel(source=n))) for n, text in _SOURCES.items()]
+    parts.append(("noise and misfit of the frame", float(one["u_radius"])))
+    whole = sum(part**2 for _, part in parts)
+    shares = [(text, part**2 / whole if whole else 0.0, "") for text, part in parts]
+    return Bars(f"Share in the variance, {where}", shares)
 
 
 def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None) -> Section:
@@ -188,7 +204,7 @@ def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None) -> Section:
         pages.calibration_rows(radius.attrs["calibration"]),
         KeyValues([("length of one pixel", size, "in the plane of the disc")]),
         *pages.budget_table(
-            json.loads(radius.attrs["scale_budget"]), "Budget of the image scale"
+            json.loads(radius.attrs["scale_budget"]), "Budget of the image scale", "m/px"
         ),
         *_budget(radius, impacts),
     ]  # fmt: skip
@@ -229,12 +245,13 @@ def _over_time(
         )
     charts: list[Block] = [
         LineChart("Contact radius", "time in the film / ms", "contact radius / mm", tuple(curves),
-                  group="film", views=views,
+                  group=_GROUP, views=views,
                   caption="Frames without contact stand at 0. Bars: standard uncertainty.")
     ]  # fmt: skip
     charts += _gap_factor(radius)
     if comparison is not None:
-        charts += [_around(comparison, i) for i in range(comparison.sizes["impact"])]
+        for i in range(comparison.sizes["impact"]):
+            charts += _around(comparison, i)
     return Section("Contact radius over time", tuple(charts))
 
 
@@ -253,19 +270,30 @@ def _gap_factor(radius: xr.Dataset) -> list[Block]:
     return [Notice("info", text)]
 
 
-def _around(comparison: xr.Dataset, i: int) -> LineChart:
+def _around(comparison: xr.Dataset, i: int) -> tuple[LineChart, LineChart]:
+    """Draw one impact, film and model, and their difference below."""
     mine = comparison["impact_number"].values == i + 1
     since = comparison["since_peak"].values[mine] * 1e3
-    return LineChart(
+    film, model, u = (comparison[name].values[mine] for name in ("film", "model", "u_film"))
+    curves = LineChart(
         f"Impact {i + 1} around its largest radius", "time since the largest radius / ms",
         "contact radius / mm",
         (
-            Series("film", since, comparison["film"].values[mine] * 1e3, role="measured",
-                   style="points", u=comparison["u_film"].values[mine] * 1e3),
-            Series("model", since, comparison["model"].values[mine] * 1e3, role="model"),
+            Series("film", since, film * 1e3, role="measured", style="points", u=u * 1e3),
+            Series("model", since, model * 1e3, role="model"),
         ),
-        height_px=260,
+        group=f"impact {i + 1}", height_px=260,
     )  # fmt: skip
+    residual = LineChart(
+        f"Film minus model, impact {i + 1}", "time since the largest radius / ms",
+        "difference / µm",
+        (Series("film minus model", since, (film - model) * 1e6, role="residual", style="points",
+                u=u * 1e6),),
+        group=f"impact {i + 1}", height_px=170,
+        caption="Bars: standard uncertainty of the film. A difference that rises or falls all the "
+        "way is a small shift in time: both are aligned at the largest radius.",
+    )  # fmt: skip
+    return curves, residual
 
 
 def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None) -> Section:

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.report import (
+    Band,
     Block,
     Column,
     Gallery,
@@ -31,6 +32,8 @@ _VIEWS = 3  # impacts that get a button
 _BEFORE, _AFTER = 1e-3, 4e-3  # s around a touch that show one impact
 _SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
 _BODY, _POINT = (80, 200, 255), (255, 200, 60)  # BGR: orange square, blue points
+_GROUP = "film"  # charts and frames over the film's time
+_SPREAD = "± 2 sd of the laser's repeats"
 _LABEL = "time since first contact / ms"
 
 
@@ -51,15 +54,16 @@ def page(
         comparison = None
     sections = [_summary(settings, track, bounces, comparison, context)]
     if keys is not None:
-        sections.append(_key_frames(keys))
-    if motion is not None:
-        sections.append(_calibration(motion))
+        start = None if bounces is None else float(bounces["first_contact_time"])
+        sections.append(_key_frames(keys, settings, start))
     if motion is not None and bounces is not None:
         sections.append(_motion(motion, bounces, velocity, laser, comparison))
     if comparison is not None:
         sections.append(_agreement(comparison))
     if track is not None:
         sections.append(_tracking(track, motion))
+    if motion is not None:
+        sections.append(_calibration(motion))
     if comparison is not None and track is not None:
         sections.append(pages.methods(_methods(settings, track, comparison)))
     return pages.document(context, "Camera against laser", sections).render()
@@ -110,18 +114,20 @@ def _summary(
     return Section("Summary", tuple(blocks))
 
 
-def _key_frames(keys: xr.Dataset) -> Section:
-    pictures = [_picture(keys.isel(key=i)) for i in range(keys.sizes["key"])]
+def _key_frames(keys: xr.Dataset, settings: DicValidation, start: float | None) -> Section:
+    pictures = [_picture(keys.isel(key=i), start) for i in range(keys.sizes["key"])]
     gallery = Gallery(
         "Key frames with the tracked subsets",
         pictures,
         caption="Orange: the large subset whose motion is the result, with its rotation. "
-        "Blue: the line of small subsets.",
+        "Blue: the line of small subsets. The charts below mark the frame that is shown.",
+        group=_GROUP,
     )
-    return Section("Film", (gallery,))
+    header = pages.raw_header(keys.assign_attrs(source=settings.film))
+    return Section("Film", (gallery,) if header is None else (gallery, header))
 
 
-def _picture(key: xr.Dataset) -> Picture:
+def _picture(key: xr.Dataset, start: float | None) -> Picture:
     image = key["image"].values
     factor = max(1, math.ceil(_SMALLEST_PICTURE / max(image.shape)))
     canvas = enlarged(image, factor)
@@ -142,6 +148,7 @@ def _picture(key: xr.Dataset) -> Picture:
     return Picture(
         png(canvas), f"frame {frame} of the film with the tracked subsets drawn on it",
         f"frame {frame}, {time:.2f} ms in the film",
+        at=None if start is None else time - start * 1e3,
     )  # fmt: skip
 
 
@@ -154,7 +161,8 @@ def _calibration(motion: xr.Dataset) -> Section:
              f"{float(motion.attrs['u_systematic_relative']) * 100:.3f} %",
              "the same for every frame"),
         ]),
-        *pages.budget_table(json.loads(motion.attrs["budget"]), "Budget of the image scale"),
+        *pages.budget_table(json.loads(motion.attrs["budget"]), "Budget of the image scale",
+                            "m/px"),
     ]  # fmt: skip
     return Section("Calibration and its uncertainty", tuple(blocks))
 
@@ -174,30 +182,22 @@ def _motion(
         for i, t in enumerate(touches)
         if np.isfinite(t)
     )
-    position = [Series("film", time, (motion["displacement"].values - level) * 1e3,
-                       role="measured")]  # fmt: skip
+    position: list[Series | Band] = [
+        Series("film", time, (motion["displacement"].values - level) * 1e3, role="measured")
+    ]
     if laser is not None:
         inside = laser.sel(time=slice(time[0] * 1e-3, time[-1] * 1e-3))
-        position.append(
-            Series(
-                "laser, mean of the repeats",
-                inside["time"].values * 1e3,
-                inside["displacement_mean"].values * 1e3,
-                role="reference",
-            )
-        )
+        when, mean = inside["time"].values * 1e3, inside["displacement_mean"].values * 1e3
+        position.append(Series("laser, mean of the repeats", when, mean, role="reference"))
+        if laser.sizes["repeat"] > 1:
+            wide = 2 * inside["displacement_sd"].values * 1e3
+            position.insert(0, Band(_SPREAD, when, mean - wide, mean + wide, role="reference"))
     charts: list[Block] = [
         LineChart("Displacement", _LABEL, "height over first contact / mm", tuple(position),
-                  group="film", views=views)
+                  group=_GROUP, views=views)
     ]  # fmt: skip
     if comparison is not None:
-        charts.append(
-            LineChart("Film minus laser", _LABEL, "difference / mm",
-                      (Series("difference", comparison["time"].values * 1e3,
-                              comparison["residual"].values * 1e3, role="residual"),),
-                      group="film", views=views, height_px=220,
-                      caption="A small difference in the touch shows as a spike.")
-        )  # fmt: skip
+        charts.append(_difference(comparison, laser, views))
     if velocity is not None:
         speed = [Series("film", time, velocity["velocity"].values, role="measured")]
         if laser is not None and "velocity_mean" in laser:
@@ -210,29 +210,48 @@ def _motion(
                 )
             )
         charts.append(LineChart("Velocity", _LABEL, "velocity / (m/s), upwards", tuple(speed),
-                                group="film", views=views))  # fmt: skip
+                                group=_GROUP, views=views))  # fmt: skip
     charts.append(
         LineChart("Rotation of the holder", _LABEL, "rotation / mrad, clockwise",
                   (Series("film", time, motion["rotation"].values * 1e3, role="measured"),),
-                  group="film", views=views, height_px=220)
+                  group=_GROUP, views=views, height_px=220)
     )  # fmt: skip
     return Section("Motion", tuple(charts))
+
+
+def _difference(
+    comparison: xr.Dataset, laser: xr.Dataset | None, views: tuple[tuple[str, float, float], ...]
+) -> LineChart:
+    """Draw film minus laser, and behind it how far the laser's repeats differ among themselves."""
+    time = comparison["time"].values
+    series: list[Series | Band] = [
+        Series("difference", time * 1e3, comparison["residual"].values * 1e6, role="residual")
+    ]
+    if laser is not None and laser.sizes["repeat"] > 1:
+        wide = 2e6 * np.interp(time, laser["time"].values, laser["displacement_sd"].values)
+        series.insert(0, Band(_SPREAD, time * 1e3, -wide, wide, role="reference"))
+    return LineChart(
+        "Film minus laser", _LABEL, "difference / µm", tuple(series), group=_GROUP, views=views,
+        height_px=220,
+        caption="A touch that is early or late shows as a step, as both curves are steep there.",
+    )  # fmt: skip
 
 
 def _agreement(comparison: xr.Dataset) -> Section:
     rows = [
         ("bias", _value(comparison, "bias"), "film minus laser"),
-        ("standard deviation of the difference", _value(comparison, "difference_sd"), ""),
+        ("standard deviation of the difference",
+         quantity(float(comparison["difference_sd"]), "m"), ""),
         ("lower 95 % limit of agreement", _value(comparison, "limit_low"), ""),
         ("upper 95 % limit of agreement", _value(comparison, "limit_high"), ""),
         ("concordance", f"{float(comparison['concordance']):.6f}", "Lin's coefficient"),
         ("remaining lag", _value(comparison, "lag"), "laser after film, after alignment"),
-        ("largest difference", _value(comparison, "max_error"), ""),
-    ]
+        ("largest difference", quantity(float(comparison["max_error"]), "m"), ""),
+    ]  # fmt: skip
     columns = (
         Column("impact"),
         Column("touch, film − laser", unit="s", u=2), Column("u"),
-        Column("incoming speed, film", unit="m/s"), Column("laser", unit="m/s"),
+        Column("speed in, film", unit="m/s"), Column("laser", unit="m/s"),
         Column("restitution, film"), Column("laser"), Column("film − laser", u=8), Column("u"),
     )  # fmt: skip
     shown = ("touch_time_difference", "u_touch_time_difference", "incoming_speed_film",

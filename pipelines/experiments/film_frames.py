@@ -1,6 +1,7 @@
 """What the experiments with films share: opening one, its day, key frames."""
 
 from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -56,7 +57,8 @@ def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
     -------
     Dataset
         ``image`` (key, y, x) grey levels 0 to 255, ``frame`` (key,), ``key_time`` (key,) [s], and
-        the scalar ``reduction``, px of the film per px of the image.
+        the scalar ``reduction``, px of the film per px of the image. Attribute ``header``: what
+        the film says of itself, one line each.
     """
     sound = [i for i in chosen if film.valid[i]]
     if not sound:
@@ -78,8 +80,23 @@ def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
             "key_time": ("key", film.time[sound], {"units": "s", "long_name": "time in the film"}),
             "reduction": ((), columns / size[0],
                           {"units": "1", "long_name": "px of the film per px of the image"}),
-        }
+        },
+        attrs={"header": "\n".join(_header_lines(getattr(film, "header", None)))},
     )  # fmt: skip
+
+
+def _header_lines(header: Any) -> list[str]:
+    """List the single values of a header, those of its parts too; tables are left out."""
+    if not is_dataclass(header):
+        return []
+    lines = []
+    for field in fields(header):
+        value = getattr(header, field.name)
+        if is_dataclass(value):
+            lines += _header_lines(value)
+        elif isinstance(value, int | float | str) and value != "":
+            lines.append(f"{field.name.replace('_', ' ')}: {value}")
+    return lines
 
 
 def _eight_bit(image: NDArray[np.integer], low: float, high: float) -> NDArray[np.uint8]:

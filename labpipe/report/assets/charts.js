@@ -277,6 +277,15 @@
     if (s.isMarked && !chart.isPlane) drawMarkers(ctx, s, spaced(s, range, project, ALONG_LINE_PX * density, 20 * place * density), density * 0.9);
   };
 
+  /** Where the frame lies that a gallery of the chart's group shows. */
+  const drawFrame = (chart, u, project, density) => {
+    const { ctx, bbox } = u, at = project.px(chart.frameAt), wide = 5 * density;
+    if (!(chart.frameAt >= u.scales.x.min && chart.frameAt <= u.scales.x.max)) return;
+    ctx.strokeStyle = ctx.fillStyle = colour("--accent"); ctx.lineWidth = 1.5 * density; ctx.setLineDash([]);
+    ctx.beginPath(); ctx.moveTo(at, bbox.top); ctx.lineTo(at, bbox.top + bbox.height); ctx.stroke();
+    ctx.beginPath(); ctx.moveTo(at - wide, bbox.top); ctx.lineTo(at + wide, bbox.top); ctx.lineTo(at, bbox.top + 1.6 * wide); ctx.fill();
+  };
+
   const drawPositions = (chart, u, project, density) => {
     const { ctx, bbox } = u, inside = chart.description.lines.filter(([, x]) => x >= u.scales.x.min && x <= u.scales.x.max);
     ctx.strokeStyle = colour("--axis"); ctx.globalAlpha = 0.7; ctx.lineWidth = density; ctx.setLineDash([density, 3 * density]);
@@ -304,6 +313,7 @@
       ctx.beginPath(); ctx.moveTo(bbox.left, zero); ctx.lineTo(bbox.left + bbox.width, zero); ctx.stroke();
     }
     drawPositions(chart, u, project, density);
+    drawFrame(chart, u, project, density);
     const isPoint = (s) => s.style === "points";
     const last = (s) => (isPoint(s) ? 2 : Number(s.onHover && s.name === chart.lit));
     const drawn = chart.series.map((s, place) => [s, place]).filter(([s]) => isDrawn(chart, s));
@@ -667,7 +677,7 @@
   const prepare = (figure) => {
     const description = JSON.parse(figure.querySelector('script[type="application/json"]').textContent);
     const series = decode(description);
-    const chart = { figure, description, series, plot: null, flag: null, window: description.range, yWindow: null, isPlane: description.kind === "plane", hasResidual: series.some((s) => s.role === "residual"), buttons: [...figure.querySelectorAll(".view")], slider: null, lit: "", chosen: "", isKept: false };
+    const chart = { figure, description, series, plot: null, flag: null, window: description.range, yWindow: null, isPlane: description.kind === "plane", hasResidual: series.some((s) => s.role === "residual"), buttons: [...figure.querySelectorAll(".view")], slider: null, frameAt: NaN, lit: "", chosen: "", isKept: false };
     const live = figure.querySelector(".chart-live"), host = figure.querySelector(".chart-plot");
     host.style.height = `${description.height}px`;
     figure.querySelector(".chart-y-label").textContent = description.yLabel;
@@ -698,6 +708,17 @@
   }
   // Companions are known only now.
   for (const chart of charts) { chart.window = groupRange(chart); buildSlider(chart); apply(chart); }
+  /** Mark the frame that a gallery shows; a gallery without a place or a group marks nothing. */
+  const markFrame = (gallery) => {
+    const { group, at } = gallery.dataset;
+    for (const chart of charts) {
+      if (group === "" || chart.description.group !== group) continue;
+      chart.frameAt = at === "" ? NaN : Number(at);
+      if (chart.plot !== null) chart.plot.redraw(false, false);
+    }
+  };
+  document.addEventListener("frame", (event) => markFrame(event.target));
+  for (const gallery of document.querySelectorAll(".gallery")) markFrame(gallery);
   dark.addEventListener("change", () => {
     for (const chart of charts) { buildLegend(chart); if (chart.plot !== null) chart.plot.redraw(); }
   });

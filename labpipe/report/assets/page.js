@@ -34,6 +34,9 @@
       slider.value = String(place);
       frames.forEach((frame, i) => frame.classList.toggle("is-shown", i === place));
       shownAs.textContent = `${place + 1} of ${frames.length}`;
+      // Charts of the gallery's group mark where this frame lies.
+      gallery.dataset.at = frames[place].dataset.at;
+      gallery.dispatchEvent(new CustomEvent("frame", { bubbles: true }));
     };
     slider.addEventListener("input", () => show(Number(slider.value)));
     gallery.querySelector(".gallery-previous").addEventListener("click", () => show(Number(slider.value) - 1));

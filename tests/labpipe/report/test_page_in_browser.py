@@ -47,7 +47,7 @@ def page(tmp_path_factory):
     f = np.array([0.1, 1.0, 10.0, 100.0])
     phase = np.linspace(0, 2 * np.pi, 200)
     picture = thumbnail(LineChart("p", "x", "y", (Series("a", t, height),)), 60)
-    frames = tuple(Picture(picture, f"frame {i}", f"caption {i}") for i in range(4))
+    frames = tuple(Picture(picture, f"frame {i}", f"caption {i}", at=0.1 * i) for i in range(4))
     charts = (
         LineChart(
             "displacement",
@@ -98,7 +98,7 @@ def page(tmp_path_factory):
         "synthetic data",
         (
             Section("Charts", charts),
-            Section("Film", (Gallery("film", frames, start=1),)),
+            Section("Film", (Gallery("film", frames, start=1, group="drop"),)),
             Section(
                 "Rest", (table, Details("more", (folded,), "raw"), Paragraph("text", copyable=True))
             ),
@@ -361,6 +361,18 @@ def test_the_gallery_shows_one_frame_at_a_time(opened):
     slide = "const s = document.querySelector('.gallery input'); s.value = 3;"
     opened.run(f"{{ {slide} s.dispatchEvent(new Event('input')); }}")
     assert opened.run(shown) == [False, False, False, True]
+
+
+def test_the_charts_of_its_group_mark_the_frame_that_a_gallery_shows(opened):
+    stills = [drawn_bytes(opened)]
+    for _ in range(2):
+        opened.run("document.querySelector('.gallery-next').click()")
+        opened.settle()
+        stills.append(drawn_bytes(opened))
+    opened.run("document.querySelector('.gallery-previous').click()")
+    opened.settle()
+    assert len(set(stills)) == 3
+    assert drawn_bytes(opened) == stills[1]
 
 
 def visible_stills(browser):
