@@ -115,6 +115,14 @@ class _Tiff:
         self.data: bytes = data  # type: ignore[assignment]  # a mapped file is read as bytes are
         self.order = "<" if self.data[:2] == b"II" else ">"
         self.is_big = self.unpack("H", 2) == 43
+        self.unread = len(self.data)
+
+    def spend(self, length: int, at: int) -> None:
+        """Count bytes of directories and lists; a sound file holds each of them once."""
+        self.unread -= length
+        if self.unread < 0:
+            message = "the TIFF's directories and lists are longer than the file: they overlap"
+            raise SourceError(self.path, message, offset=at)
 
     def unpack(self, layout: str, at: int) -> int:
         size = struct.calcsize(self.order + layout)
@@ -140,6 +148,7 @@ class _Tiff:
     def _page(self, at: int) -> tuple[ImageHeader, int]:
         count = self.unpack("Q" if self.is_big else "H", at)
         first, size = (at + 8, 20) if self.is_big else (at + 2, 12)
+        self.spend(count * size, at)
         tags = {}
         for i in range(min(count, 4096)):
             entry = first + i * size
@@ -153,15 +162,14 @@ class _Tiff:
         kind = self.unpack("H", entry + 2)
         count = self.unpack("Q" if self.is_big else "I", entry + 4)
         size = _TIFF_SIZES.get(kind, 0)
-        layout = {1: "B", 2: "B", 4: "I", 8: "Q"}.get(size)
-        if layout is None or kind == 3:
-            layout = "H" if kind == 3 else None
-        if layout is None or count * size > len(self.data):
+        layout = {1: "B", 2: "H", 4: "I", 8: "Q"}.get(size)
+        if layout is None or count == 0 or count * size > len(self.data):
             raise SourceError(self.path, f"a TIFF field of type {kind} and {count} values",
                               offset=entry)  # fmt: skip
         room, place = (8, entry + 12) if self.is_big else (4, entry + 8)
         if count * size > room:
             place = self.unpack("Q" if self.is_big else "I", place)
+            self.spend(count * size, entry)
         return [self.unpack(layout, place + i * size) for i in range(count)]
 
     def _header(self, tags: dict[int, list[int]], at: int) -> ImageHeader:

@@ -5,6 +5,7 @@ when it is asked for; rows outside the rectangle are not touched.
 """
 
 import os
+import warnings
 from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
@@ -28,6 +29,8 @@ __all__ = ["CineFrames", "read"]
 
 #: Bytes that the system maps when one of them is looked at (Linux: 16 pages).
 _FAULT_AROUND = 64 * 2**10
+_HIGHEST_LEVEL = 2**16 - 1
+_MOST_NEIGHBOURS = 16  # damaged offsets within one frame; with more, none of them is believed
 
 
 def read(path: str | os.PathLike[str]) -> "CineFrames":
@@ -98,8 +101,29 @@ class CineFrames:
 
     @cached_property
     def time_axis(self) -> TimeAxis:
-        """Times with a flag per frame, and how many frames are missing between neighbours."""
-        return time_axis(self._header)
+        """Times with a flag per frame, and how many frames are missing between neighbours.
+
+        Raises
+        ------
+        SourceError
+            The file holds neither time stamps nor a frame rate.
+
+        Warns
+        -----
+        UserWarning
+            Times had to be replaced, or frames are missing.
+        """
+        try:
+            axis = time_axis(self._header)
+        except InputError as error:
+            raise SourceError(
+                self.path,
+                str(error),
+                hint="The header is damaged; export the film again from the camera's software.",
+            ) from None
+        for text in axis.warnings:
+            warnings.warn(text, UserWarning, stacklevel=3)
+        return axis
 
     @property
     def time(self) -> NDArray[np.float64]:
@@ -125,7 +149,7 @@ class CineFrames:
     def levels(self) -> tuple[float, float]:
         """Black and white level in the units of the decoded pixels."""
         black, white = self._header.setup.black_level, self._header.setup.white_level
-        if black is None or white is None or white <= black:
+        if black is None or white is None or not 0 <= black < white <= _HIGHEST_LEVEL:
             return 0.0, float(2**self._header.bits - 1)
         if self._header.packing == "10-packed":
             table = linear_from_companded()
@@ -135,15 +159,7 @@ class CineFrames:
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
         """False for frames that the file does not hold completely; shape (frame,)."""
-        starts = self._header.offsets
-        inside = (starts >= 0) & (starts <= self._window.size - 8)
-        sound = inside.copy()
-        for i in np.flatnonzero(inside):
-            sound[i] = self._fault(int(i)) is None
-        # two frames cannot share their bytes
-        order = np.argsort(starts, kind="stable")
-        close = np.diff(starts[order]) < self._header.image_bytes
-        sound[order[1:][close]] = False
+        sound = np.array([self._fault(i) is None for i in range(len(self))])
         sound.setflags(write=False)
         return sound
 
@@ -182,15 +198,47 @@ class CineFrames:
     def roi(self, rows: slice, columns: slice) -> "CineFrames":
         """Return a view of a rectangle of this view; rows outside are not read."""
         inner_rows, inner_columns = self._rows[rows], self._columns[columns]
-        return CineFrames(
+        view = CineFrames(
             self._window,
             self._header,
             slice(inner_rows.start, inner_rows.stop, inner_rows.step),
             slice(inner_columns.start, inner_columns.stop, inner_columns.step),
         )
+        if "time_axis" in self.__dict__:  # what is known once is not warned of again
+            view.__dict__["time_axis"] = self.time_axis
+        return view
+
+    @cached_property
+    def _order(self) -> NDArray[np.int64]:
+        """The frames in the order of their places in the file."""
+        return np.argsort(self._header.offsets, kind="stable")
+
+    @cached_property
+    def _rank(self) -> NDArray[np.int64]:
+        """Position of each frame in that order."""
+        rank = np.empty(len(self), np.int64)
+        rank[self._order] = np.arange(len(self))
+        return rank
 
     def _fault(self, index: int) -> str | None:
         """Say what is wrong with a frame's place in the file, or None."""
+        return self._own_fault(index) or self._overlap(index)
+
+    def _overlap(self, index: int) -> str | None:
+        """Say which sound frame holds the same bytes; two frames cannot share any."""
+        offsets, rank = self._header.offsets, int(self._rank[index])
+        if rank and offsets[self._order[rank - 1]] == offsets[index]:
+            # of two frames at one place the earlier is believed
+            return f"it lies where frame {self._order[rank - 1]} does"
+        end = self._pixels_at(index) + self._header.image_bytes
+        behind = self._order[rank + 1 : rank + 1 + _MOST_NEIGHBOURS]
+        inside = behind[(offsets[behind] > offsets[index]) & (offsets[behind] < end)]
+        if inside.size == _MOST_NEIGHBOURS:
+            return "the table of offsets points into it again and again"
+        runs_into = (int(i) for i in inside if self._own_fault(int(i)) is None)
+        return next((f"it runs into frame {i}" for i in runs_into), None)
+
+    def _own_fault(self, index: int) -> str | None:
         start, size = int(self._header.offsets[index]), self._window.size
         self._window.note_use(_FAULT_AROUND)
         if not 0 <= start <= size - 8:

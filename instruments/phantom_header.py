@@ -22,6 +22,7 @@ _PACKINGS: dict[tuple[int, int], Packing] = {
 }  # fmt: skip
 _BITS_OF_LEVELS = {2**bits: bits for bits in (8, 10, 12, 14, 16)}
 _LARGEST_SIDE = 1 << 15  # pixels; no sensor of this family is larger
+_MOST_BLOCKS = 1 << 10  # tagged blocks; a film has about five
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +99,14 @@ def read_header(window: Window) -> Header:
         _refuse_colour(window, f"the sensor has a colour filter (CFA {setup.colour_filter})")
     kind = "<i8" if version == 1 else "<u4"
     offsets = window.array(kind, table_at, count, f"the table of {count} image offsets")
-    stamps, exposures = _tags(window, setup_at + setup_length, table_at, count)
+    stamps, exposures, stated = _tags(window, setup_at + setup_length, table_at, count)
+    room = (int(offsets.min()) - table_at) // offsets.dtype.itemsize
+    if stated is not None and stated != count and stated == room:
+        _refuse(
+            window,
+            20,
+            f"ImageCount is {count}, but there are time stamps and offsets of {stated} images",
+        )
     fractions = window.integer("I", 36, "TriggerTime")
     seconds = window.integer("I", 40, "TriggerTime")
     return Header(
@@ -219,17 +227,25 @@ def _setup(window: Window, start: int) -> tuple[Setup, int]:
 
 def _tags(
     window: Window, start: int, end: int, count: int
-) -> tuple[NDArray[np.uint64] | None, NDArray[np.uint32] | None]:
-    """Walk the tagged blocks; a block that lies about its size ends the walk."""
+) -> tuple[NDArray[np.uint64] | None, NDArray[np.uint32] | None, int | None]:
+    """Walk the tagged blocks for stamps, exposures, and how many stamps there are.
+
+    A block that lies about its size ends the walk.
+    """
     stamps: NDArray[np.uint64] | None = None
     exposures: NDArray[np.uint32] | None = None
+    stated: int | None = None
     at = start
-    while at + 8 <= min(end, window.size):
+    for _ in range(_MOST_BLOCKS):
+        if at + 8 > min(end, window.size):
+            break
         size = window.integer("I", at, "a tagged block")
         kind = window.integer("H", at + 4, "a tagged block")
         more = window.integer("H", at + 6, "a tagged block")
         if size < 8 or at + size > window.size:
             break
+        if kind == TAG_TIMES:
+            stated = (size - 8) // 8
         if kind == TAG_TIMES and size >= 8 + 8 * count:
             pairs = window.array("<u4", at + 8, 2 * count, "time stamps").astype(np.uint64)
             # fractions come first; their two lowest bits are flags, not time
@@ -239,4 +255,4 @@ def _tags(
         if not more:
             break
         at += size
-    return stamps, exposures
+    return stamps, exposures, stated

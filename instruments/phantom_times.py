@@ -3,9 +3,11 @@
 The frame rate of the header ignores decimation and the camera's own rounding. Stamps are 64-bit
 counts of 2⁻³² s; they are subtracted as integers, because seconds since 1970 as floats are only
 good to 0.24 µs. Cameras also write stamps that cannot be true (a corrupt last one, a clock that
-was never set); those are replaced from the median interval and flagged, never used silently.
+was never set); those are replaced from the median interval and flagged, never used silently. A
+camera that records in bursts pauses between them: stamps that go on after a pause are true.
 """
 
+from bisect import bisect_right
 from dataclasses import dataclass
 from enum import IntFlag
 
@@ -13,11 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.phantom_header import Header
+from labpipe.errors import InputError
 
 _UNIT = 2.0**-32  # s, the unit of stamps and exposures
 _TOLERANCE = 2e-6  # s; some cameras round their stamps to 1 µs
 _SHARE = 0.05  # of the median interval, the tolerance for slow films
 _CLOCK_LIMIT = 30 * 86400.0  # s; a recording further from its trigger has an unset clock
+_PAUSE = 1.0  # s; a longer step between frames is a pause of the recording, not a dropped frame
+_LONE = 10  # lengths of the film; a single frame further off at either end has a corrupt stamp
 
 
 class TimeFlag(IntFlag):
@@ -70,18 +75,36 @@ class TimeAxis:
             found.append("the camera's clock was not set: time 0 is the frame numbered 0")
         if flags & TimeFlag.NO_STAMPS:
             found.append("the film has no time stamps: times follow the stated frame rate")
-        if self.missing_before.any():
-            found.append(f"{int(self.missing_before.sum())} frame(s) were dropped by the camera")
+        pauses = np.flatnonzero(np.diff(self.time) > _PAUSE + self.interval) + 1
+        dropped = int(np.delete(self.missing_before, pauses).sum())
+        if pauses.size:
+            longest = float(np.diff(self.time)[pauses - 1].max())
+            found.append(
+                f"the recording pauses {pauses.size} time(s) (first before frame {pauses[0]}), "
+                f"the longest for {longest:.4g} s"
+            )
+        if dropped:
+            found.append(f"{dropped} frame(s) were dropped by the camera")
         return tuple(found)
 
 
 def time_axis(header: Header) -> TimeAxis:
-    """Return the times of all frames, each stamp checked against its neighbours."""
+    """Return the times of all frames, each stamp checked against the others.
+
+    Raises
+    ------
+    InputError
+        There are no time stamps to be used, and no frame rate either.
+    """
     number = header.first_image + np.arange(header.count, dtype=np.int64)
     if header.stamps is None:
         return _from_frame_rate(header, number)
     # modular subtraction of unsigned counts, read as signed: exact for any pair of stamps
     ticks = (header.stamps - np.uint64(header.trigger & (2**64 - 1))).view(np.int64)
+    if header.count == 1 and abs(ticks[0] * _UNIT) <= _CLOCK_LIMIT:
+        none = np.zeros(1, np.int64)
+        only = np.asarray(ticks * _UNIT, np.float64)
+        return TimeAxis(only, none, none, _stated_interval(header) or 0.0)
     interval = _median_interval(ticks) * _UNIT
     flag = np.zeros(header.count, dtype=np.int64)
     if interval <= 0:
@@ -104,11 +127,22 @@ def time_axis(header: Header) -> TimeAxis:
 
 
 def _from_frame_rate(header: Header, number: NDArray[np.int64]) -> TimeAxis:
-    rate = header.setup.frame_rate or 1
-    interval = (header.setup.decimation or 1.0) / rate
+    interval = _stated_interval(header)
+    if interval is None:
+        message = (
+            f"no frame has a time: there are no usable time stamps, and the frame rate is "
+            f"{header.setup.frame_rate} with a decimation of {header.setup.decimation}"
+        )
+        raise InputError(message)
     flag = np.full(header.count, TimeFlag.NO_STAMPS, dtype=np.int64)
     time = np.asarray(number * interval, np.float64)
     return TimeAxis(time, flag, np.zeros(header.count, np.int64), interval)
+
+
+def _stated_interval(header: Header) -> float | None:
+    """Return the time between frames by the header in s, None where it cannot be true."""
+    rate, decimation = header.setup.frame_rate, header.setup.decimation or 1.0
+    return decimation / rate if rate and 1.0 <= decimation < np.inf else None
 
 
 def _median_interval(ticks: NDArray[np.int64]) -> float:
@@ -117,22 +151,45 @@ def _median_interval(ticks: NDArray[np.int64]) -> float:
 
 
 def _impossible(ticks: NDArray[np.int64], interval: float) -> NDArray[np.bool_]:
-    """Mark stamps that do not lie after their last good neighbour and before a later one."""
+    """Mark the stamps that contradict the others.
+
+    The largest number of stamps that follow each other in order is believed. Of those, a stamp
+    beyond any pause of a recording is not, nor is a single one far off at either end: that is
+    how damaged stamps look, while a burst has more than one frame.
+    """
     tolerance = max(_TOLERANCE, _SHARE * interval)
-    expected = np.arange(ticks.size) * interval
-    drift = ticks * _UNIT - expected
-    # dropped frames only ever add time; a stamp far off the line of its neighbours is corrupt
-    centre = np.median(drift)
-    reach = max(1.0, ticks.size * interval * 10)
-    bad = np.abs(drift - centre) > reach
-    last: float | None = None
-    for i in np.flatnonzero(~bad):
-        now = ticks[i] * _UNIT
-        if last is not None and now <= last - tolerance:
-            bad[i] = True
-        else:
-            last = now
+    seconds = ticks * _UNIT
+    is_good = _longest_order(seconds + np.arange(ticks.size) * tolerance)
+    good = np.flatnonzero(is_good)
+    runs = np.split(good, np.flatnonzero(np.diff(seconds[good]) > _CLOCK_LIMIT) + 1)
+    good = max(runs, key=len)
+    reach = max(_PAUSE, ticks.size * interval * _LONE)
+    if good.size > 2 and seconds[good[-1]] - seconds[good[-2]] > reach:
+        good = good[:-1]
+    if good.size > 2 and seconds[good[1]] - seconds[good[0]] > reach:
+        good = good[1:]
+    bad = np.ones(ticks.size, dtype=bool)
+    bad[good] = False
     return bad
+
+
+def _longest_order(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Mark the longest subsequence that never decreases (patience sorting, n log n)."""
+    if (np.diff(values) >= 0).all():
+        return np.ones(values.size, dtype=bool)
+    ends: list[float] = []  # smallest last value of a subsequence of each length
+    at: list[int] = []  # where that value stands
+    before = np.full(values.size, -1)
+    for i, value in enumerate(values.tolist()):
+        length = bisect_right(ends, value)
+        before[i] = at[length - 1] if length else -1
+        ends[length : length + 1], at[length : length + 1] = [value], [i]
+    chosen = np.zeros(values.size, dtype=bool)
+    i = at[-1]
+    while i >= 0:
+        chosen[i] = True
+        i = int(before[i])
+    return chosen
 
 
 def _missing(time: NDArray[np.float64], interval: float) -> NDArray[np.int64]:

@@ -480,10 +480,10 @@ class HashIndex:
 
     def _load(self) -> dict[str, _Entry]:
         try:
-            found = unseal(self._path.read_bytes()) or {}
-        except OSError:
+            found = unseal(self._path.read_bytes())
+            return {name: _Entry(*entry) for name, entry in found.items()}
+        except (OSError, AttributeError, TypeError):  # absent, damaged, or another record of ours
             return {}
-        return {name: _Entry(*entry) for name, entry in found.items()}
 
 
 def _identity(status: os.stat_result) -> tuple[int, int, int, int]:

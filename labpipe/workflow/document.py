@@ -18,16 +18,19 @@ _BARE = re.compile(r"[\w-]+")
 
 DEEPEST = 32
 """Levels of nesting; settings have about five."""
+_PART = r"(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
+_TOO_DEEP = re.compile(rf"(?<![\w-])(?:{_PART}[ \t]*+\.[ \t]*+){{{DEEPEST}}}{_PART}[ \t]*+[=\]]")
+"""A dotted key deeper than that: the time that the parser takes grows with the square of it."""
 
 
 @dataclass(slots=True)
 class Document:
-    """A TOML file as a tree, with the line of every value and the mistakes found so far."""
+    """A TOML file as a tree, with the line of every value, and of the mistakes found so far."""
 
     path: Path
     tree: dict[str, Any]
     lines: dict[toml_lines.Path, int]
-    problems: list[str] = field(default_factory=list)
+    problems: dict[str, int] = field(default_factory=dict)
 
     def line(self, place: toml_lines.Path) -> int:
         """Line of a value, or of the nearest table around it."""
@@ -38,14 +41,13 @@ class Document:
     def report(self, place: toml_lines.Path, message: str) -> None:
         """Note a mistake once."""
         shown = f"{dotted(place)}: " if place else ""
-        problem = f"{self.path.name}:{self.line(place)}: {shown}{message}"
-        if problem not in self.problems:
-            self.problems.append(problem)
+        line = self.line(place)
+        self.problems[f"{self.path.name}:{line}: {shown}{message}"] = line
 
     def finish(self) -> None:
         """Raise ConfigError with every mistake in the order of its line, if there is any."""
         if self.problems:
-            raise ConfigError(sorted(self.problems, key=lambda p: int(p.split(":", 2)[1])))
+            raise ConfigError(sorted(self.problems, key=self.problems.__getitem__))
 
 
 def dotted(place: toml_lines.Path) -> str:
@@ -68,6 +70,10 @@ def parse(path: Path) -> Document:
         It is not TOML, too large, too deep, or holds a number that is not finite.
     """
     text = _text(path)
+    deep = _TOO_DEEP.search(text)
+    if deep is not None:
+        line = text.count("\n", 0, deep.start()) + 1
+        raise ConfigError([f"{path.name}:{line}: nested deeper than {DEEPEST} levels; flatten it"])
     try:
         tree = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

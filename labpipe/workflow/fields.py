@@ -148,10 +148,15 @@ def found(value: Any) -> str:
     return f"a {type(value).__name__}"
 
 
+_LONGEST_WORD, _MOST_OPTIONS = 256, 1000
+"""Beyond these the search for the nearest word takes longer than it helps."""
+
+
 def suggest(word: str, known: Iterable[str]) -> str:
     """Add ``; did you mean "…"?``, or the list of what is known when it is short."""
     options = sorted(known)
-    near = difflib.get_close_matches(word, options, n=1, cutoff=0.6)
+    is_short = len(word) <= _LONGEST_WORD and len(options) <= _MOST_OPTIONS
+    near = difflib.get_close_matches(word, options, n=1, cutoff=0.6) if is_short else []
     if near:
         return f'; did you mean "{near[0]}"?'
     if 0 < len(options) <= 12:

@@ -205,6 +205,7 @@ class _Experiments:
         for kind, table in defaults.items():
             self._check_default(kind, table)
         names = list(tables)
+        self._check_names(names)
         found = (self._one(n, tables[n], defaults, names) for n in names)
         return {experiment.name: experiment for experiment in found if experiment is not None}
 
@@ -233,7 +234,6 @@ class _Experiments:
         self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str]
     ) -> Experiment | None:
         place = ("experiments", name)
-        self._check_name(name, names)
         kind = table.get("kind")
         if kind is None:
             known = ", ".join(sorted(self.kinds))
@@ -258,22 +258,29 @@ class _Experiments:
         lines = {dotted(at[2:]): self.document.line(written) for at, written in origins.items()}
         return Experiment(name, kind, settings, lines)
 
-    def _check_name(self, name: str, names: list[str]) -> None:
-        place = ("experiments", name)
+    def _check_names(self, names: list[str]) -> None:
+        alike: dict[str, list[str]] = {}
+        for name in names:
+            alike.setdefault(_folded(name), []).append(name)
+        for name in names:
+            place = ("experiments", name)
+            problem = self._name_problem(name)
+            if problem is not None:
+                self.document.report(place, f"cannot be the name of an experiment: {problem}")
+            twin = next((n for n in alike[_folded(name)][:2] if n != name), None)
+            if twin is not None:
+                self.document.report(place, f'differs from "{twin}" only in case; rename one')
+
+    def _name_problem(self, name: str) -> str | None:
+        if len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
+            return f"it is longer than {_LONGEST_NAME} bytes"
         try:
             safe_join(self.root, name)
-            problem = "it contains /" if "/" in name else None
         except InputError as error:
-            problem = str(error).rpartition(": ")[2]
-        if problem is None and name.startswith("."):
-            problem = "it begins with a full stop"
-        if len(name.encode("utf-8", "replace")) > _LONGEST_NAME:
-            problem = f"it is longer than {_LONGEST_NAME} bytes"
-        if problem is not None:
-            self.document.report(place, f"cannot be the name of an experiment: {problem}")
-        twins = [n for n in names if n != name and _folded(n) == _folded(name)]
-        if twins:
-            self.document.report(place, f'differs from "{twins[0]}" only in case; rename one')
+            return str(error).rpartition(": ")[2]
+        if "/" in name:
+            return "it contains /"
+        return "it begins with a full stop" if name.startswith(".") else None
 
     def _check_references(
         self, name: str, node: Any, place: toml_lines.Path, names: list[str], checker: Checker

@@ -173,10 +173,10 @@ class Store:
     def latest(self, experiment: str) -> dict[tuple[str, str | None], str]:
         """Return the last key of every stage and recording of an experiment."""
         try:
-            found = files.unseal(self._latest_path(experiment).read_bytes()) or []
-        except OSError:
+            found = files.unseal(self._latest_path(experiment).read_bytes())
+            return {(stage, recording): key for stage, recording, key in found}
+        except (OSError, TypeError, ValueError):  # absent, damaged, or another record of ours
             return {}
-        return {(stage, recording): key for stage, recording, key in found}
 
     def note_latest(self, task: TaskId, key: str) -> None:
         """Remember the key of a task; called only by the holder of the experiment's lock."""

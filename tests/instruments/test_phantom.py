@@ -103,6 +103,8 @@ STAMPS_AT = 84 + 10412 + 8
 def test_a_corrupt_last_stamp_is_replaced_and_flagged(tmp_path: Path) -> None:
     film(tmp_path / "f.cine")
     frames = read(patched(tmp_path / "f.cine", STAMPS_AT + 8 * 5 + 4, "I", 4_000_000_000))
+    with pytest.warns(UserWarning, match="impossible"):
+        assert frames.time.shape == (6,)
     np.testing.assert_allclose(frames.time, (np.arange(6) - 2) * 1e-4, atol=1e-8)
     assert list(frames.time_axis.flag) == [0, 0, 0, 0, 0, TimeFlag.RECONSTRUCTED]
     assert "impossible" in frames.time_axis.warnings[0]
@@ -111,6 +113,8 @@ def test_a_corrupt_last_stamp_is_replaced_and_flagged(tmp_path: Path) -> None:
 def test_an_unset_clock_falls_back_to_frame_numbers_with_a_flag(tmp_path: Path) -> None:
     film(tmp_path / "f.cine")
     frames = read(patched(tmp_path / "f.cine", 40, "I", 1_400_000_000))
+    with pytest.warns(UserWarning, match="clock was not set"):
+        assert frames.time.shape == (6,)
     np.testing.assert_allclose(frames.time, (np.arange(6) - 2) * 1e-4, atol=1e-8)
     assert all(frames.time_axis.flag & TimeFlag.CLOCK_UNSET)
 
@@ -119,7 +123,8 @@ def test_dropped_frames_are_counted_where_they_are_missing(tmp_path: Path) -> No
     images = np.zeros((6, 4, 16), np.uint8)
     time = np.array([0, 1, 2, 5, 6, 7]) * 1e-4
     write(tmp_path / "f.cine", images, images.shape, time, Recording(10_000, 1e-6, bits=8))
-    axis = read(tmp_path / "f.cine").time_axis
+    with pytest.warns(UserWarning, match="2 frame"):
+        axis = read(tmp_path / "f.cine").time_axis
     assert list(axis.missing_before) == [0, 0, 0, 2, 0, 0]
     np.testing.assert_allclose(axis.time, time, atol=1e-9)
     assert "2 frame(s) were dropped" in axis.warnings[0]
@@ -200,6 +205,7 @@ HEADER_FIELDS = {
 }  # fmt: skip
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("field", sorted(HEADER_FIELDS))
 @pytest.mark.parametrize("kind", ["zero", "one", "largest", "negative", "off by one"])
 def test_any_header_field_may_lie_without_harm(tmp_path: Path, field: str, kind: str) -> None:
@@ -301,6 +307,7 @@ def test_a_file_cut_inside_its_header_names_the_missing_field(tmp_path: Path) ->
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::UserWarning")
 def test_two_thousand_random_bit_flips_are_never_worse_than_an_error(tmp_path: Path) -> None:
     film(tmp_path / "f.cine")
     data = (tmp_path / "f.cine").read_bytes()
@@ -356,6 +363,7 @@ REAL = {
 
 
 @needs_samples
+@pytest.mark.filterwarnings("ignore:1 time stamp")
 @pytest.mark.parametrize("name", sorted(REAL))
 def test_real_films_read(name: str) -> None:
     shape, first, last = REAL[name]
@@ -369,6 +377,7 @@ def test_real_films_read(name: str) -> None:
 
 
 @needs_samples
+@pytest.mark.filterwarnings("ignore:1 time stamp")
 @pytest.mark.parametrize("name", sorted(REAL))
 def test_real_films_agree_with_pims(name: str) -> None:
     """Pims is an independent reader; it does not expand the companded ten-bit values."""
