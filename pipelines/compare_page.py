@@ -15,6 +15,7 @@ from labpipe.report import (
 )
 from labpipe.workflow.session import Session
 from pipelines.compare import Comparison, Row
+from pipelines.overview import PAGE
 from pipelines.pages import SYNTHETIC, synthetic_notice
 
 GOOD = 0.03
@@ -43,6 +44,7 @@ def render(session: Session, found: Comparison) -> str:
         title="Measurement against model",
         subtitle=session.title,
         badge=SYNTHETIC if session.synthetic else "",
+        home=PAGE,
         sections=tuple(section for section in sections if section.blocks),
     ).render()
 

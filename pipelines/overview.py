@@ -20,7 +20,9 @@ if TYPE_CHECKING:
 
 PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
-_FORMAT = 2
+COMPARISON_PAGE = "compare.html"
+"""Beside it, once ``labpipe compare`` has written it."""
+_FORMAT = 3
 """Raised when the page's content changes for equal results."""
 
 
@@ -34,13 +36,21 @@ class KeyNumber:
 
 
 KEY_NUMBERS = (
-    KeyNumber("first restitution", "1", {"ball_drop": ("repeats", "restitution")}),
+    KeyNumber(
+        "first restitution", "1",
+        {"ball_drop": ("repeats", "restitution"), "dic_validation": ("bounces", "restitution")},
+    ),
+    KeyNumber("film minus laser", "m", {"dic_validation": ("comparison", "bias")}),
     KeyNumber("largest contact radius", "m", {"contact_area": ("impacts", "peak_radius")}),
+    KeyNumber(
+        "contact radius under the first load", "m",
+        {"static_loading": ("approach", "level_contact_radius")},
+    ),
     KeyNumber("storage stiffness", "N/m", {"harmonic": ("oscillations", "storage_stiffness")}),
     KeyNumber("plateau force", "N", {"relaxation": ("tests", "plateau_force")}),
     KeyNumber("plate frequency", "Hz", {"plate_vibration": ("plate", "frequency")}),
     KeyNumber("relaxed modulus", "Pa", {"dma": ("master_curve", "E_relaxed")}),
-)
+)  # fmt: skip
 """The first finite value of a variable of a result."""
 
 PICTURES = {
@@ -58,7 +68,10 @@ PICTURES = {
 Of a stage that runs per recording, the first recording is shown.
 """
 
+_REPORT = "report"
 _COMPARISON, _ERROR = "comparison", "nrmse"
+_ERRORS = {"static_loading": "nrmse_approach_model", "relaxation": "nrmse_all"}
+"""Kinds whose comparison has several errors: the one that speaks for the whole."""
 
 
 def write_overview(session: Session, stages: Stages) -> Path:
@@ -94,7 +107,9 @@ def _state_digest(plan: Plan) -> str:
          (session.folder / page_name(row.experiment)).is_file()]
         for row in plan.rows
     ]  # fmt: skip
-    head = [_FORMAT, session.title, session.operator, session.notes, session.synthetic]
+    has_comparison = (session.folder / COMPARISON_PAGE).is_file()
+    head = [_FORMAT, session.title, session.operator, session.notes, session.synthetic,
+            has_comparison]  # fmt: skip
     return hashlib.sha256(files.canonical([head, rows]).encode("utf-8", "replace")).hexdigest()
 
 
@@ -108,16 +123,24 @@ def _page(plan: Plan, store: Store) -> str:
     return index_page(
         session.title, rows, columns, subtitle=who,
         badge="synthetic data" if session.synthetic else "",
-        caption="Select a heading to sort. The error is that of the worst repeat, impact or "
-        "frequency, over the range of the measurement.",
-        blocks=_notes(session),
+        caption="Select a heading to sort. The error is the root mean square of measurement minus "
+        "model (of film minus laser) over the range of the measurement, that of the worst repeat, "
+        "impact or frequency.",
+        blocks=_below(session),
     )  # fmt: skip
 
 
-def _notes(session: Session) -> tuple[Any, ...]:
-    from labpipe.report import Paragraph
+def _below(session: Session) -> tuple[Any, ...]:
+    """Lead to the comparison of all experiments, and show the notes."""
+    from labpipe.report import Link, Paragraph
 
-    return (Paragraph(session.notes),) if session.notes else ()
+    blocks: list[Any] = []
+    if (session.folder / COMPARISON_PAGE).is_file():
+        remark = "all experiments in one table, as of the last labpipe compare"
+        blocks.append(Link("Measurement against model", COMPARISON_PAGE, remark))
+    if session.notes:
+        blocks.append(Paragraph(session.notes))
+    return tuple(blocks)
 
 
 def _columns(plan: Plan, store: Store) -> "tuple[list[Column], dict[str, list[Any]]]":
@@ -126,15 +149,16 @@ def _columns(plan: Plan, store: Store) -> "tuple[list[Column], dict[str, list[An
 
     experiments = plan.session.experiments.values()
     columns = [
-        Column("error against model", "1", digits=2),
+        Column("error", "1", digits=2),
         *(Column(number.title, number.unit, digits=4) for number in KEY_NUMBERS),
         Column("warnings"),
     ]
     cells: dict[str, list[Any]] = {}
     for experiment in experiments:
         sources = [number.sources.get(experiment.kind) for number in KEY_NUMBERS]
+        error = _ERRORS.get(experiment.kind, _ERROR)
         cells[experiment.name] = [
-            _number(plan, store, experiment.name, (_COMPARISON, _ERROR), is_worst=True),
+            _number(plan, store, experiment.name, (_COMPARISON, error), is_worst=True),
             *(_number(plan, store, experiment.name, source) for source in sources),
             _warnings(plan, store, experiment.name),
         ]
@@ -189,6 +213,8 @@ def _row(plan: Plan, store: Store, name: str, cells: Sequence[Any]) -> "IndexRow
     state, level = "done", "ok"
     if unreadable:
         state, level = "waiting for files", "warning"
+    elif has_page and {row.stage for row in waiting} == {_REPORT}:
+        state, level = "page out of date", "warning"
     elif waiting and has_page:
         state, level = f"{len(waiting)} of {len(rows)} steps to do or failed", "error"
     elif waiting:
@@ -225,9 +251,10 @@ def _chart(
         loops = [(a[np.isfinite(a + b)], b[np.isfinite(a + b)]) for a, b in zip(x, y, strict=True)]
         series = [Series(str(i), a, b) for i, (a, b) in enumerate(loops) if a.size]
         return ScatterChart("", x_name, y_name, series) if series else None
-    good = np.isfinite(x) & np.isfinite(y)
-    if good.sum() < 2:
+    if np.count_nonzero(np.isfinite(x) & np.isfinite(y)) < 2:
         return None
-    order = np.argsort(x[good], kind="stable")
-    series = [Series(y_name, x[good][order], y[good][order])]
+    known = np.flatnonzero(np.isfinite(x))
+    order = known[np.argsort(x[known], kind="stable")]
+    # A value that is missing is a gap in the curve, not a line across it.
+    series = [Series(y_name, x[order], np.where(np.isinf(y), np.nan, y)[order])]
     return LineChart("", x_name, y_name, series, x_scale=scale, y_scale=scale)

@@ -37,6 +37,34 @@ class Paragraph:
 
 
 @dataclass(frozen=True)
+class Link:
+    """A way to another page of the same folder.
+
+    Attributes
+    ----------
+    text : str
+        What is there.
+    href : str
+        Path relative to this page, with ``/``.
+    remark : str
+        A short text behind it.
+
+    Raises
+    ------
+    InputError
+        `href` leaves the folder of the page.
+    """
+
+    text: str
+    href: str
+    remark: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse addresses outside the folder of the page."""
+        check_inside(f'link "{self.text}"', self.href)
+
+
+@dataclass(frozen=True)
 class KeyValues:
     """A list of names with values and a unit or remark.
 
@@ -196,9 +224,26 @@ class Bars:
 
 
 Block: TypeAlias = (
-    "Paragraph | KeyValues | Notice | Details | Picture | Gallery | Bars | Table | IndexTable"
-    " | LineChart | ScatterChart"
+    "Paragraph | Link | KeyValues | Notice | Details | Picture | Gallery | Bars | Table"
+    " | IndexTable | LineChart | ScatterChart"
 )
+
+
+def check_inside(what: str, href: str) -> None:
+    """Refuse an address that leaves the folder of the page.
+
+    Raises
+    ------
+    InputError
+        It names another place, a scheme, or a folder above.
+    """
+    parts = re.split(r"[/\\]", href)
+    if ":" in parts[0] or ".." in parts or parts[0] == "":
+        message = (
+            f'{what}: the page "{href}" must be a path inside the folder of this page, such as '
+            "drop_1.html"
+        )
+        raise InputError(message)
 
 
 def mime_type(data: bytes) -> str:

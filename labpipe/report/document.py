@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from labpipe.errors import InputError
 from labpipe.report.blocks import (
@@ -14,6 +15,7 @@ from labpipe.report.blocks import (
     Details,
     Gallery,
     KeyValues,
+    Link,
     Notice,
     Paragraph,
     Picture,
@@ -47,7 +49,7 @@ class Section:
     title : str
         Heading; it stands in the page's contents too.
     blocks : sequence of blocks
-        Paragraph, KeyValues, Notice, Details, Picture, Gallery, Bars, Table, LineChart or
+        Paragraph, Link, KeyValues, Notice, Details, Picture, Gallery, Bars, Table, LineChart or
         ScatterChart.
     anchor : str, optional
         Name for links (``#name``); made from the title unless given.
@@ -279,6 +281,10 @@ def _paragraph(block: Paragraph) -> _Description:
     return "paragraph", {"parts": parts, "copyable": block.copyable}
 
 
+def _link(block: Link) -> _Description:
+    return "link", {"text": block.text, "address": quote(block.href), "remark": block.remark}
+
+
 def _key_values(block: KeyValues) -> _Description:
     return "key_values", {"caption": block.caption, "rows": block.rows}
 
@@ -332,6 +338,7 @@ def _index(block: IndexTable) -> _Description:
 
 _DESCRIPTIONS: dict[type, Callable[[Any], _Description]] = {
     Paragraph: _paragraph,
+    Link: _link,
     KeyValues: _key_values,
     Notice: _notice,
     Picture: _picture,

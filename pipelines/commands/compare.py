@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING
 import click
 
 from pipelines.commands.options import echo, echo_json, json_option, session_argument
+from pipelines.overview import COMPARISON_PAGE
 
 if TYPE_CHECKING:
     from pipelines.compare import Row
-
-PAGE = "compare.html"
 
 
 @click.command()
@@ -31,11 +30,13 @@ def compare(session: Path, jobs: int, as_json: bool) -> None:
     from pipelines import process
     from pipelines.compare import compare as collect
     from pipelines.compare_page import render
+    from pipelines.overview import write_overview
 
     found = collect(session, jobs=jobs)
     opened = process.open_session(session)
-    page = opened.folder / PAGE
+    page = opened.folder / COMPARISON_PAGE
     files.write_text(page, render(opened, found))
+    write_overview(opened, process.STAGES)
     if as_json:
         echo_json({"page": str(page), "rows": [row.document() for row in found.rows],
                    "failed": found.failed, "absent": found.absent})  # fmt: skip

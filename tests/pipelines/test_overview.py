@@ -1,9 +1,15 @@
 """The page of a session: states, numbers and pictures of all experiments, made again on change."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
-from pipelines.overview import PAGE, write_overview
+import numpy as np
+import pytest
+import xarray as xr
+
+from pipelines.cli import main
+from pipelines.overview import KEY_NUMBERS, PAGE, PICTURES, _chart, write_overview
 from pipelines.process import STAGES, open_session, process
 
 
@@ -39,6 +45,55 @@ def test_a_failed_experiment_is_marked_and_the_other_kept(session_copy: Path) ->
     text = page(session_copy)
     assert "steps to do or failed" in text
     assert '<a href="reports/drop.html">drop</a>' in text
+
+
+def test_it_leads_to_the_comparison_once_there_is_one(
+    session_copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "compare.html" not in page(session_copy)
+    with pytest.raises(SystemExit):
+        main(["compare", str(session_copy), "--jobs", "0"])
+    capsys.readouterr()
+    assert '<a href="compare.html">Measurement against model</a>' in page(session_copy)
+    compared = (session_copy / "labpipe/compare.html").read_text("utf-8")
+    assert '<a href="index.html">All experiments of this session</a>' in compared
+
+
+def test_a_page_older_than_its_results_is_not_called_failed(
+    session_copy: Path,
+) -> None:
+    kind = {
+        name: tuple(replace(s, version=99) if s.name == "report" else s for s in stages)
+        for name, stages in STAGES.items()
+    }
+    write_overview(open_session(session_copy), kind)
+    text = page(session_copy)
+    assert "page out of date" in text
+    assert "failed" not in text
+
+
+def test_every_kind_has_a_key_number_and_a_picture() -> None:
+    for kind in STAGES:
+        assert kind in PICTURES, kind
+        assert any(kind in number.sources for number in KEY_NUMBERS), kind
+
+
+@pytest.mark.parametrize(
+    ("kind", "stage"),
+    [(k, s[0]) for k, s in PICTURES.items()]
+    + [(k, s[0]) for number in KEY_NUMBERS for k, s in number.sources.items()],
+)
+def test_key_numbers_and_pictures_name_stages_that_exist(kind: str, stage: str) -> None:
+    assert stage in {s.name for s in STAGES[kind]}
+
+
+def test_a_gap_in_a_curve_stays_a_gap_in_its_picture() -> None:
+    y = [1.0, 2.0, np.nan, 3.0, 4.0]
+    drawn = _chart(xr.Dataset({"a": ("x", y)}, coords={"x": np.arange(5.0)}), "x", "a", "linear")
+    assert drawn is not None
+    assert np.isnan(drawn.series[0].y).tolist() == [False, False, True, False, False]
+    empty = xr.Dataset({"a": ("x", [1.0, np.nan])}, coords={"x": [0.0, 1.0]})
+    assert _chart(empty, "x", "a", "linear") is None
 
 
 def test_a_damaged_result_leaves_its_cell_empty(session_copy: Path) -> None:
