@@ -26,6 +26,7 @@ class Command:
 
 
 _HOME = "pipelines.commands"
+_USAGE = 2  # exit code of a line that cannot be understood
 COMMANDS: dict[str, Command] = {
     "demo": Command(f"{_HOME}.sample:demo", "Write a synthetic session and process it."),
     "init": Command(f"{_HOME}.session:init", "Scan a folder and write a commented session.toml."),
@@ -129,6 +130,16 @@ def report_error(error: LabpipeError, wants_json: bool) -> int:
     return error.exit_code
 
 
+def report_usage(error: click.UsageError, wants_json: bool) -> int:
+    """Say what is wrong with the line that was typed, and return the exit code."""
+    if wants_json:
+        document = {"type": "UsageError", "message": error.format_message()}
+        click.echo(json.dumps({"error": document, "exit_code": _USAGE}, indent=2))
+    else:
+        error.show()
+    return _USAGE
+
+
 def foreign_package() -> str | None:
     """Name the first of our packages that another distribution has replaced, if any."""
     for name in ("instruments", "calibration", "pipelines"):
@@ -177,8 +188,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         code = cli.main(args=arguments, prog_name="labpipe", standalone_mode=False) or 0
     except click.UsageError as error:
-        error.show()
-        code = 2
+        code = report_usage(error, wants_json)
     except (KeyboardInterrupt, click.Abort):
         click.echo("interrupted; results that were complete are kept", err=True)
         code = 130

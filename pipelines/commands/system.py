@@ -155,7 +155,8 @@ def doctor(folder: Path, as_json: bool) -> None:
 
 @click.command()
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
-def completion(shell: str) -> None:
+@json_option
+def completion(shell: str, as_json: bool) -> None:
     r"""Print the script that makes SHELL complete labpipe's commands and options.
 
     \b
@@ -165,4 +166,8 @@ def completion(shell: str) -> None:
     kind = get_completion_class(shell)
     if kind is None:  # click knows all three shells of the choice above
         raise click.UsageError(f"no completion for {shell}")
-    click.echo(kind(cli, {}, "labpipe", "_LABPIPE_COMPLETE").source())
+    script = kind(cli, {}, "labpipe", "_LABPIPE_COMPLETE").source()
+    if as_json:
+        echo_json({"shell": shell, "script": script})
+    else:
+        click.echo(script)

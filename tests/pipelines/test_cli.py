@@ -4,11 +4,13 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import pytest
 
-from pipelines.cli import COMMANDS, main
+from pipelines.cli import COMMANDS, cli, main
 
 HEAVY = ("numpy", "scipy", "xarray", "pandas", "matplotlib", "numba", "cv2", "netCDF4")
 
@@ -149,6 +151,65 @@ def test_simulate_indent_states_its_solver(capsys: pytest.CaptureFixture[str]) -
     )  # fmt: skip
     assert code == 0
     assert json.loads(text)["solver"] == "springs"
+
+
+def leaves(group: click.Group) -> Iterator[click.Command]:
+    for name in group.list_commands(click.Context(group)):
+        command = group.get_command(click.Context(group), name)
+        assert command is not None, name
+        if isinstance(command, click.Group):
+            yield from leaves(command)
+        else:
+            yield command
+
+
+def test_every_command_knows_json() -> None:
+    for command in leaves(cli):
+        assert any("--json" in option.opts for option in command.params), command.name
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("plan", "SESSION"),
+        ("process", "SESSION", "--jobs", "0"),
+        ("watch", "SESSION", "--until-done", "--looks", "2", "--every", "0.01", "--jobs", "0"),
+        ("export", "SESSION", "--stage", "bounces", "--out", "OUT"),
+        ("figures", "--list"),
+        ("bench", "--list"),
+        ("sample",),
+        ("doctor", "SESSION"),
+        ("completion", "fish"),
+        ("inspect", "LASER"),
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_json_is_one_document_and_nothing_else(
+    capsys: pytest.CaptureFixture[str], session_copy: Path, tmp_path: Path, arguments: list[str]
+) -> None:
+    places = {
+        "SESSION": str(session_copy),
+        "LASER": str(session_copy / "laser/drop_1.csv"),
+        "OUT": str(tmp_path / "out"),
+    }
+    code, out, err = run(capsys, *(places.get(a, a) for a in arguments), "--json")
+    assert code == 0, err
+    assert json.loads(out)
+    assert err == ""
+
+
+@pytest.mark.parametrize(
+    "arguments", [("proces", "x"), ("plan",), ("export", ".", "--format", "x")]
+)
+def test_a_wrong_line_is_a_document_too(
+    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
+) -> None:
+    code, out, err = run(capsys, *arguments, "--json")
+    assert (code, err) == (2, "")
+    found = json.loads(out)
+    assert found["exit_code"] == 2
+    assert found["error"]["type"] == "UsageError"
+    assert found["error"]["message"]
 
 
 @pytest.mark.parametrize(

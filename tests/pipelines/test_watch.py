@@ -22,6 +22,7 @@ from labpipe.workflow.watch import (
     Watcher,
 )
 from pipelines.process import SETTINGS, STAGES, plan, process, watch
+from tests.pipelines.stored import results
 
 
 class Clock:
@@ -35,11 +36,6 @@ class Clock:
         path.write_bytes(data)
         self.now += 1
         os.utime(path, (self.now, self.now))
-
-
-def results(folder: Path) -> dict[str, bytes]:
-    root = folder / "labpipe/store"
-    return {p.relative_to(root).as_posix(): p.read_bytes() for p in root.glob("??/*.nc")}
 
 
 def states(watcher: Watcher) -> dict[str, str]:
