@@ -22,7 +22,8 @@ _TOLERANCE = 2e-6  # s; some cameras round their stamps to 1 µs
 _SHARE = 0.05  # of the median interval, the tolerance for slow films
 _CLOCK_LIMIT = 30 * 86400.0  # s; a recording further from its trigger has an unset clock
 _PAUSE = 1.0  # s; a longer step between frames is a pause of the recording, not a dropped frame
-_LONE = 10  # lengths of the film; a single frame further off at either end has a corrupt stamp
+_LONE = 10  # lengths of the film; a single frame that far from all others has a corrupt stamp
+_ROUNDS = 8  # of taking single frames out; one or two are enough for any film that was seen
 
 
 class TimeFlag(IntFlag):
@@ -154,23 +155,32 @@ def _impossible(ticks: NDArray[np.int64], interval: float) -> NDArray[np.bool_]:
     """Mark the stamps that contradict the others.
 
     The largest number of stamps that follow each other in order is believed. Of those, a stamp
-    beyond any pause of a recording is not, nor is a single one far off at either end: that is
-    how damaged stamps look, while a burst has more than one frame.
+    beyond any pause of a recording is not, nor is a single one far from all others: that is how
+    damaged stamps look, while a burst has more than one frame.
     """
     tolerance = max(_TOLERANCE, _SHARE * interval)
-    seconds = ticks * _UNIT
-    is_good = _longest_order(seconds + np.arange(ticks.size) * tolerance)
-    good = np.flatnonzero(is_good)
-    runs = np.split(good, np.flatnonzero(np.diff(seconds[good]) > _CLOCK_LIMIT) + 1)
-    good = max(runs, key=len)
+    seconds = np.asarray(ticks * _UNIT, np.float64)
     reach = max(_PAUSE, ticks.size * interval * _LONE)
-    if good.size > 2 and seconds[good[-1]] - seconds[good[-2]] > reach:
-        good = good[:-1]
-    if good.size > 2 and seconds[good[1]] - seconds[good[0]] > reach:
-        good = good[1:]
+    left = good = np.arange(ticks.size)
+    for _ in range(_ROUNDS):
+        good = left[_longest_order(seconds[left] + left * tolerance)]
+        good = max(_split(good, seconds, _CLOCK_LIMIT), key=len)
+        bursts = _split(good, seconds, reach)
+        lone = [burst[0] for burst in bursts if len(burst) == 1]
+        if not lone or len(lone) == len(bursts):
+            break
+        # without these, stamps that stood against them may be in order
+        left, good = np.setdiff1d(left, lone), np.setdiff1d(good, lone)
     bad = np.ones(ticks.size, dtype=bool)
     bad[good] = False
     return bad
+
+
+def _split(
+    frames: NDArray[np.int64], seconds: NDArray[np.float64], longest: float
+) -> list[NDArray[np.int64]]:
+    """Part frames where the step to the next is longer than it may be."""
+    return np.split(frames, np.flatnonzero(np.diff(seconds[frames]) > longest) + 1)
 
 
 def _longest_order(values: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -1,0 +1,108 @@
+"""Kill -9 at a chosen operation on files: every moment of a program can be tried, none by chance.
+
+A child of ``fork`` runs the program and kills itself before its n-th operation that changes a
+folder (opening for writing, renaming, deleting, making a folder, flushing). What lies between two
+such operations changes no file, but for the writing of netCDF, which :func:`killed_after` covers
+by time.
+"""
+
+import os
+import signal
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+_CHANGES = {"os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate", "os.link",
+            "os.symlink", "shutil.move", "shutil.rmtree"}  # fmt: skip
+
+
+class _Counter:
+    """Counts operations below a folder; dies before the one it is told."""
+
+    def __init__(self, folder: Path, last: int) -> None:
+        self.folder, self.last, self.count = str(folder), last, 0
+
+    def __call__(self, event: str, arguments: tuple[Any, ...]) -> None:
+        if event == "open":
+            path, _mode, flags = arguments
+            is_change = bool(flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT))
+        else:
+            path, is_change = (arguments or ("",))[0], event in _CHANGES
+        if is_change and str(path).startswith(self.folder):
+            self.note()
+
+    def note(self) -> None:
+        self.count += 1
+        if self.count == self.last:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _fork() -> int:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # only this thread goes on in it
+        return os.fork()
+
+
+def _child(folder: Path, last: int, program: Callable[[], object], report: int) -> None:
+    code = 1
+    try:
+        counter = _Counter(folder, last)
+        sys.addaudithook(counter)
+        flush = os.fsync
+
+        def fsync(handle: int) -> None:
+            counter.note()
+            flush(handle)
+
+        os.fsync = fsync  # type: ignore[assignment]  # flushing raises no audit event
+        program()
+        os.write(report, str(counter.count).encode())
+        code = 0
+    finally:
+        os._exit(code)
+
+
+def operations(folder: Path, program: Callable[[], object], last: int = -1) -> int | None:
+    """Run a program in a child that dies before its operation number ``last``.
+
+    Returns
+    -------
+    int or None
+        How many operations it did; None when it was killed.
+    """
+    reader, writer = os.pipe()
+    pid = _fork()
+    if not pid:
+        os.close(reader)
+        _child(folder, last, program, writer)
+    os.close(writer)
+    with os.fdopen(reader) as stream:
+        said = stream.read()
+    status = os.waitpid(pid, 0)[1]
+    if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL:
+        return None
+    assert os.waitstatus_to_exitcode(status) == 0, "the program itself failed"
+    return int(said)
+
+
+def killed_after(seconds: float, program: Callable[[], object]) -> bool:
+    """Run a program in a child and kill it after a time; tell whether it was still at work."""
+    pid = _fork()
+    if not pid:
+        try:
+            program()
+        finally:
+            os._exit(0)
+    time.sleep(seconds)
+    os.kill(pid, signal.SIGKILL)
+    return os.WIFSIGNALED(os.waitpid(pid, 0)[1])
+
+
+def moments(total: int, wanted: int) -> list[int]:
+    """Spread numbers of operations evenly over 1 … total, the first and the last among them."""
+    if wanted >= total:
+        return list(range(1, total + 1))
+    return sorted({1 + round(k * (total - 1) / (wanted - 1)) for k in range(wanted)})

@@ -1,0 +1,84 @@
+"""Small sound files of every format, made in memory: what the faults are done to."""
+
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from instruments import anton_paar, keyence, mach1, phantom_writer
+
+START = datetime(2024, 5, 14, 10, 22, 31)
+
+
+def mach1_text(rows: int = 12) -> bytes:
+    """Two blocks of a mechanical tester."""
+    time = np.arange(rows) * 0.01
+    common = {"Time, s": time, "Position (z), mm": 1e-3 + 1e-5 * time}
+    ramp = mach1.make_block(
+        "Stress Relaxation", START, {**common, "Fz, N": -0.25 - 0.1 * time},
+        {"Stage Axis": "Position (z)", "Amplitude, mm": "0.0393"},
+        load_cell=mach1.LOAD_CELLS["17N"], dividers=(rows // 2, rows),
+    )  # fmt: skip
+    wave = mach1.make_block(
+        "Sinusoid", START, {**common, "Fz, gf": 190 + np.sin(40 * time)},
+        {"Stage Axis": "Position (z)", "Frequency, Hz": "6.36620"},
+    )  # fmt: skip
+    return mach1.encode(mach1.assemble((ramp, wave)))
+
+
+def keyence_text(rows: int = 12) -> bytes:
+    """One storage of a displacement sensor, two outputs."""
+    time = np.arange(rows) * 50e-6
+    outputs = {1: 2e-3 * np.cos(300 * time), 2: -1e-3 * np.sin(500 * time)}
+    recording = keyence.make_recording(outputs, cycle="50 us", start=START, measuring_range=1.99e-3)
+    return keyence.encode(recording, encoding="utf-8")
+
+
+def anton_paar_text() -> bytes:
+    """Two intervals of a rheometer, UTF-8."""
+    frequency = np.array([10.0, 1.0, 0.1])
+    intervals = [
+        anton_paar.make_interval("sample A", "Frequency sweep 1", number, [
+            anton_paar.make_column("Angular Frequency", "[rad/s]", frequency),
+            anton_paar.make_column("Storage Modulus", "[MPa]", 1e6 * (number + frequency)),
+            anton_paar.make_column("Loss Modulus", "[MPa]", 1e5 * (number + frequency)),
+            anton_paar.make_column("Temperature", "[°C]", np.full(3, 20.5 + number)),
+            anton_paar.make_column("Status", "", ["TruStrain™", "ME-,taD", "TruStrain™"]),
+        ])
+        for number in (1, 2)
+    ]  # fmt: skip
+    table = anton_paar.assemble(intervals, project="Sweep | PC, 2/27/2020 | 2")
+    return anton_paar.encode(table).decode("utf-16").encode("utf-8")
+
+
+def film_bytes(
+    folder: Path, count: int = 6, rows: int = 4, columns: int = 8, bits: int = 12,
+    time: np.ndarray | None = None, packed: bool = False,
+) -> bytes:  # fmt: skip
+    """A film of random pixels at 10,000 frames a second, the trigger at its third frame."""
+    images = np.random.default_rng(3).integers(64, 2 ** min(bits, 12), (count, rows, columns))
+    kind = np.uint8 if bits == 8 else np.uint16
+    recording = phantom_writer.Recording(10_000, 1e-5, bits=bits, packed=packed, first_image=-2)
+    time = (np.arange(count) - 2) * 1e-4 if time is None else time
+    path = folder / "seed.cine"
+    phantom_writer.write(path, images.astype(kind), images.shape, time, recording)
+    return path.read_bytes()
+
+
+SESSION = b"""labpipe = 1
+[session]
+title = "Drops"
+operator = "A. N. Other"
+notes = '''two
+lines'''
+[defaults.ball_drop]
+calibration = "calibration/laser.toml"
+[defaults.ball_drop.sphere]
+radius = "9.525 mm"
+mass = "28.2 g"
+material = "nbr"
+[experiments.nbr]
+kind = "ball_drop"
+laser = ["laser/r1.csv", "laser/r2.csv"]
+height = "20.0 \xc2\xb1 0.5 mm"
+"""

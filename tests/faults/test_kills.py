@@ -1,0 +1,133 @@
+"""Killed at any operation on files: the next run finishes and equals an undisturbed one."""
+
+import os
+import random
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe import files
+from labpipe.workflow import provenance, runner
+from labpipe.workflow.watch import Watcher
+from tests.faults.crashes import killed_after, moments, operations
+from tests.labpipe.workflow import toy_laboratory as toy
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+
+Amount = Callable[[int, int], int]
+
+
+def dataset(value: float, size: int = 50) -> xr.Dataset:
+    values = ("time", np.full(size, value), {"units": "m", "long_name": "position"})
+    return xr.Dataset({"z": values})
+
+
+WRITERS: dict[str, Callable[[Path, float], None]] = {
+    "bytes": lambda path, value: files.write_bytes(path, str(value).encode() * 9),
+    "text": lambda path, value: files.write_text(path, str(value) * 9),
+    "chunks": lambda path, value: files.write_chunks(path, 9, [str(value).encode()] * 3),
+    "dataset": lambda path, value: files.write_dataset(path, dataset(value)),
+}
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_file_is_the_old_or_the_new_one_at_every_moment(tmp_path: Path, kind: str) -> None:
+    write = WRITERS[kind]
+    path = tmp_path / "there" / "file"
+    contents = []
+    for value in (1.0, 2.0):
+        write(path, value)
+        contents.append(path.read_bytes())
+    total = operations(tmp_path, lambda: write(path, 2.0))
+    assert total
+    for last in range(1, total + 1):
+        path.write_bytes(contents[0])
+        assert operations(tmp_path, lambda: write(path, 2.0), last) is None
+        assert path.read_bytes() in contents
+        write(path, 2.0)
+        assert path.read_bytes() == contents[1]
+
+
+def test_a_dataset_is_the_old_or_the_new_one_however_long_it_was_written(
+    tmp_path: Path, amount: Amount
+) -> None:
+    path = tmp_path / "result.nc"
+    contents = []
+    for value in (1.0, 2.0):
+        files.write_dataset(path, dataset(value, 200_000))
+        contents.append(path.read_bytes())
+    rng = random.Random(5)
+    cut = 0
+    for _ in range(amount(6, 200)):
+        path.write_bytes(contents[0])
+        cut += killed_after(
+            rng.uniform(0.0, 0.06), lambda: files.write_dataset(path, dataset(2.0, 200_000))
+        )
+        assert path.read_bytes() in contents
+    assert cut
+
+
+@pytest.fixture
+def laboratory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "toy_laboratory", toy)
+    # The state of the repository may change while the tests run; a result must not differ by that.
+    monkeypatch.setattr(provenance, "git_state", lambda folder: None)
+
+
+def run_toys(folder: Path) -> None:
+    session = toy.load(folder, toy.KINDS)
+    result = runner.run(session, toy.STAGES, schemas=toy.SCHEMAS, jobs=0)
+    assert result.exit_code == 0, [o.message for o in result.failures]
+
+
+def watch_toys(folder: Path) -> None:
+    def run_one(session: toy.Session, name: str) -> runner.RunResult:
+        return runner.run(session, toy.STAGES, schemas=toy.SCHEMAS, jobs=0, only=[name])
+
+    watcher = Watcher(folder, toy.KINDS, toy.STAGES, lambda experiment, path: None, run_one)
+    for _ in range(6):
+        assert all(news.state != "failed" for news in watcher.look())
+
+
+PROGRAMS = {"process": run_toys, "watch": watch_toys}
+
+
+@pytest.mark.usefixtures("laboratory")
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_a_run_killed_before_any_operation_is_finished_by_the_next(
+    tmp_path: Path, program: str, amount: Amount
+) -> None:
+    """Results, records, pages, the index and the log: each is killed while it is written."""
+    run = PROGRAMS[program]
+    calm = toy.make_session(tmp_path / "calm")
+    total = operations(tmp_path, lambda: run(calm.root))
+    assert total is not None
+    assert total > 100
+    expected = toy.contents(calm)
+    assert expected
+    for last in moments(total, amount(8, 10_000)):
+        session = toy.make_session(tmp_path / str(last))
+        assert operations(session.root, lambda folder=session.root: run(folder), last) is None
+        run(session.root)
+        assert toy.contents(session) == expected, last
+        assert not list(session.folder.rglob(".*.part")), last
+        assert len(list(runner.events(session))) > 1
+        shutil.rmtree(session.root)
+
+
+@pytest.mark.usefixtures("laboratory")
+def test_a_run_killed_again_and_again_ends_as_an_undisturbed_one(
+    tmp_path: Path, amount: Amount
+) -> None:
+    calm, session = (toy.make_session(tmp_path / name) for name in ("calm", "killed"))
+    run_toys(calm.root)
+    rng = random.Random(2)
+    for _ in range(amount(6, 100)):
+        operations(session.root, lambda: run_toys(session.root), rng.randrange(1, 200))
+    run_toys(session.root)
+    assert toy.contents(session) == toy.contents(calm)

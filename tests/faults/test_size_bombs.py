@@ -1,0 +1,222 @@
+"""A few bytes that declare gigabytes are refused before memory for them is asked for."""
+
+import io
+import os
+import struct
+import time
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import netCDF4
+import numpy as np
+import pytest
+
+import instruments
+from calibration.record import load_record
+from instruments import anton_paar, image_stack, keyence, mach1, phantom
+from labpipe import files
+from labpipe.errors import LabpipeError
+from labpipe.workflow.session import load
+from pipelines.process import SETTINGS
+from tests.faults import seeds
+
+resource = pytest.importorskip("resource", reason="limits of memory are those of Unix")
+MEMORY = 256 * 2**20  # bytes beyond what the test process has already
+SECONDS = 20  # of processor time; what grows with the square of the size takes hours
+
+
+def png(columns: int, rows: int) -> bytes:
+    head = b"IHDR" + struct.pack(">IIBBBBB", columns, rows, 8, 0, 0, 0, 0)
+    chunk = struct.pack(">I", 13) + head + struct.pack(">I", zlib.crc32(head))
+    return b"\x89PNG\r\n\x1a\n" + chunk + b"\0\0\0\0IEND\xaeB`\x82"
+
+
+def tiff(entries: list[tuple[int, int, int, int]], more: bytes = b"", following: int = 0) -> bytes:
+    fields = b"".join(struct.pack("<HHII", *entry) for entry in entries)
+    count = struct.pack("<H", len(entries))
+    return b"II*\0" + struct.pack("<I", 8) + count + fields + struct.pack("<I", following) + more
+
+
+GREY = [(256, 4, 1, 80), (257, 4, 1, 64), (258, 3, 1, 8), (262, 3, 1, 1), (273, 4, 1, 8),
+        (277, 3, 1, 1), (279, 4, 1, 5120)]  # fmt: skip
+
+
+def grey(**changes: tuple[int, int, int, int]) -> list[tuple[int, int, int, int]]:
+    tags = {"columns": 256, "rows": 257, "starts": 273, "sizes": 279}
+    changed = {tags[name]: entry for name, entry in changes.items()}
+    return [changed.get(entry[0], entry) for entry in GREY]
+
+
+def tiff_pages_that_share_a_list(pages: int, length: int) -> bytes:
+    """Every page names the same long list of places: the whole is the product of both."""
+    data = b"II*\0" + struct.pack("<I", 8)
+    entries = grey(starts=(273, 1, length, 8), sizes=(279, 1, length, 8))
+    fields = b"".join(struct.pack("<HHII", *entry) for entry in entries)
+    size = 2 + len(fields) + 4
+    for page in range(1, pages + 1):
+        following = 8 + page * size if page < pages else 0
+        data += struct.pack("<H", len(entries)) + fields + struct.pack("<I", following)
+    return data
+
+
+def film(folder: Path, offset: int, layout: str, value: int) -> bytes:
+    data = bytearray(seeds.film_bytes(folder))
+    struct.pack_into("<" + layout, data, offset, value)
+    return bytes(data)
+
+
+def film_of_shared_frames(folder: Path, count: int = 200_000) -> bytes:
+    """A table of offsets that points at every byte of one frame."""
+    data = bytearray(seeds.film_bytes(folder, count=1, rows=1000, columns=250))
+    struct.pack_into("<I", data, 20, count)
+    first = struct.unpack_from("<q", data, struct.unpack_from("<I", data, 32)[0])[0]
+    struct.pack_into("<I", data, 32, len(data))
+    return bytes(data) + (first + np.arange(count, dtype="<i8")).tobytes()
+
+
+def netcdf(folder: Path) -> bytes:
+    with netCDF4.Dataset(folder / "bomb.nc", "w") as handle:
+        handle.createDimension("time", 2**32)
+        handle.createVariable("z", "f8", ("time",), chunksizes=(2**20,), zlib=False)
+    return (folder / "bomb.nc").read_bytes()
+
+
+def workbook(folder: Path) -> bytes:
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("[Content_Types].xml", "<Types/>")
+        archive.writestr("xl/sharedStrings.xml", "<t>Interval and data points:</t>")
+        with archive.open("xl/worksheets/sheet1.xml", "w") as part:
+            for _ in range(200):
+                part.write(b" " * 2**20)
+    return made.getvalue()
+
+
+def chain(key: str, count: int) -> bytes:
+    return f"labpipe = 1\n{'.'.join([key] * count)} = 1\n".encode()
+
+
+Case = tuple[str, Callable[[Path], bytes], Callable[[Path], object]]
+one_image = lambda path: image_stack.read(path, fps=1.0)[0]  # noqa: E731
+whole_film = lambda path: phantom.read(path).valid  # noqa: E731
+session = lambda path: load(path, SETTINGS)  # noqa: E731
+
+CASES: dict[str, Case] = {
+    "netCDF of 32 GB in 6 kB": ("a.nc", netcdf, files.read_dataset),
+    "cine of 2^31 frames": ("a.cine", lambda f: film(f, 20, "I", 2**31), whole_film),
+    "cine of 32768 x 32768 px": ("a.cine", lambda f: film(f, 48, "i", 2**15), whole_film),
+    "cine with a frame at every byte": ("a.cine", film_of_shared_frames, whole_film),
+    "PNG of 1e10 px": ("1.png", lambda f: png(100_000, 100_000), one_image),
+    "PNG of 2^62 px": ("1.png", lambda f: png(2**31 - 1, 2**31 - 1), one_image),
+    "PNG within the limit but empty": ("1.png", lambda f: png(8192, 8192), one_image),
+    "TIFF of 1e10 px": (
+        "a.tif",
+        lambda f: tiff(grey(columns=(256, 4, 1, 100_000), rows=(257, 4, 1, 100_000))), one_image,
+    ),
+    "TIFF of a list of 4e9 places": (
+        "a.tif", lambda f: tiff(grey(starts=(273, 4, 2**32 - 1, 8))), one_image,
+    ),
+    "TIFF of many lists in one place": (
+        "a.tif", lambda f: tiff([(273, 1, 900_000, 8)] * 400 + GREY, b"\1" * 950_000), one_image,
+    ),
+    "TIFF of pages that share a list": (
+        "a.tif", lambda f: tiff_pages_that_share_a_list(2000, 150_000), one_image,
+    ),
+    "TIFF of pages in a circle": ("a.tif", lambda f: tiff(GREY, following=8), one_image),
+    "TIFF of an empty list": ("a.tif", lambda f: tiff(grey(rows=(257, 3, 0, 0))), one_image),
+    "workbook that unpacks to 200 MB": ("a.xlsx", workbook, anton_paar.read),
+    "Mach-1 of one line": (
+        "a.txt", lambda f: b"<Mach-1 File>\r\n" + b"1" * 40_000_000, mach1.read,
+    ),
+    "Keyence of one line": (
+        "a.csv", lambda f: b"KEYENCE\r\nOUT1\r\n" + b"1," * 20_000_000,
+        lambda path: keyence.read(path, cycle="1 ms"),
+    ),
+    "Anton Paar of one line": (
+        "a.csv", lambda f: b"Interval:\t1\t9\r\n" + b"1\t" * 20_000_000, anton_paar.read,
+    ),
+    "file of nothing but line ends": ("a.txt", lambda f: b"\n" * 20_000_000, instruments.read),
+    "session of 100 MB": ("session.toml", lambda f: b"#" * 100_000_000, session),
+    "session 10,000 arrays deep": (
+        "session.toml", lambda f: b"labpipe = 1\na = " + b"[" * 10_000 + b"]" * 10_000, session,
+    ),
+    "session of a key 300,000 deep": ("session.toml", lambda f: chain("a", 300_000), session),
+    "session of a quoted key 200,000 deep": (
+        "session.toml", lambda f: chain("'a'", 200_000), session,
+    ),
+    "session of a table 300,000 deep": (
+        "session.toml", lambda f: b"labpipe = 1\n[" + b"a." * 300_000 + b"a]\n", session,
+    ),
+    "session of an integer of 900,000 digits": (
+        "session.toml", lambda f: b"labpipe = " + b"1" * 900_000, session,
+    ),
+    "session of 2,000 experiments with mistakes": (
+        "session.toml",
+        lambda f: b"labpipe = 1\n" + b"".join(
+            b"[experiments.e%d]\nkind = 'ball_drop'\nfoo = 1\n" % i for i in range(2_000)),
+        session,
+    ),
+    "record of 15,000 unknown keys": (
+        "laser.toml", lambda f: b"".join(b"abcdef%d = 1\n" % i for i in range(15_000)), load_record,
+    ),
+}  # fmt: skip
+
+
+def address_space() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def refusal(path: Path, read: Callable[[Path], object]) -> str:
+    """Say how a file was refused by a child with little memory and time, or what else happened."""
+    reader, writer = os.pipe()
+    pid = os.fork()
+    if not pid:
+        said = "killed"
+        try:
+            resource.setrlimit(resource.RLIMIT_AS, (address_space() + MEMORY,) * 2)
+            resource.setrlimit(resource.RLIMIT_CPU, (int(time.process_time()) + SECONDS,) * 2)
+            said = f"accepted: {read(path)!r}"
+        except LabpipeError as error:
+            said = f"refused: {error}"
+        except BaseException as error:
+            said = f"{type(error).__name__}: {error}"
+        finally:
+            os.write(writer, said[:4000].encode("utf-8", "replace"))
+            os._exit(0)
+    os.close(writer)
+    with os.fdopen(reader, errors="replace") as stream:
+        said = stream.read()
+    status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    return said if status == 0 else f"ended by signal {-status}"
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of fork, where there are threads
+@pytest.mark.skipif(not Path("/proc/self/statm").is_file(), reason="measures memory by /proc")
+@pytest.mark.parametrize("name", CASES)
+def test_what_declares_too_much_is_refused_with_little_memory(tmp_path: Path, name: str) -> None:
+    file_name, make, read = CASES[name]
+    path = tmp_path / file_name
+    path.write_bytes(make(tmp_path))
+    target = tmp_path if file_name == "1.png" else path
+    said = refusal(target, read)
+    if name == "cine with a frame at every byte":  # the film is read; none of these is a frame
+        assert said.startswith("accepted"), said
+        return
+    assert said.startswith("refused"), said
+    assert len(said) > 40
+    assert file_name in said or str(tmp_path) in said
+
+
+def test_a_sound_file_is_read_within_the_same_limits(tmp_path: Path) -> None:
+    """The limits leave room for what is not a bomb."""
+    cases: dict[str, tuple[bytes, Callable[[Path], object]]] = {
+        "a.cine": (seeds.film_bytes(tmp_path), whole_film),
+        "a.txt": (seeds.mach1_text(), mach1.read),
+        "a.tif": (cv2.imencode(".tiff", np.zeros((9, 9), np.uint8))[1].tobytes(), one_image),
+    }
+    for name, (data, read) in cases.items():
+        (tmp_path / name).write_bytes(data)
+        assert refusal(tmp_path / name, read).startswith("accepted")
