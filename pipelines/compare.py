@@ -17,6 +17,7 @@ from pipelines import process
 if TYPE_CHECKING:
     import xarray as xr
 
+    from labpipe.workflow.runner import Event
     from labpipe.workflow.session import Experiment, Session
 
 _IMPACTS = 3  # the thesis compares the first three
@@ -104,7 +105,9 @@ class _Source:
                    **(labels | own), **values)  # fmt: skip
 
 
-def compare(folder: str | Path, *, jobs: int = 1) -> Comparison:
+def compare(
+    folder: str | Path, *, jobs: int = 1, progress: "Callable[[Event], None] | None" = None
+) -> Comparison:
     """Compare measurement and model of every experiment; what is missing is processed first.
 
     Parameters
@@ -113,6 +116,8 @@ def compare(folder: str | Path, *, jobs: int = 1) -> Comparison:
         The session folder.
     jobs : int
         Experiments processed side by side.
+    progress : callable, optional
+        Called with every event of the processing.
 
     Returns
     -------
@@ -128,7 +133,7 @@ def compare(folder: str | Path, *, jobs: int = 1) -> Comparison:
     names = [n for n, e in session.experiments.items() if e.kind in COLLECTORS]
     failed: dict[str, str] = {}
     if wanted:
-        run = process.process(folder, wanted, names, jobs=jobs)
+        run = process.process(folder, wanted, names, jobs=jobs, progress=progress)
         for outcome in run.failures:
             failed.setdefault(outcome.task.experiment, f"{outcome.task}: {outcome.message}")
     rows: list[Row] = []

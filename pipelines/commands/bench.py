@@ -1,6 +1,5 @@
 """The command bench: accuracy against run time of every numerical part."""
 
-import sys
 from pathlib import Path
 
 import click
@@ -39,8 +38,10 @@ def bench(names: tuple[str, ...], quick: bool, listed: bool, out: Path, as_json:
         return
     from labpipe import files
     from pipelines.bench import machine, page
+    from pipelines.commands.progress import counted
 
-    results, failures = measure_all(wanted, quick, lambda name: _say(name, as_json))
+    with counted(len(wanted), enabled=not as_json) as begin:
+        results, failures = measure_all(wanted, quick, begin or (lambda _: None))
     about = machine.facts()
     document = page.as_document(results, failures, about)
     out.mkdir(parents=True, exist_ok=True)
@@ -53,8 +54,3 @@ def bench(names: tuple[str, ...], quick: bool, listed: bool, out: Path, as_json:
             click.echo(f"failed: {failure.name}: {failure.message}", err=True)
         echo(f"wrote {out / page.PAGE_NAME} and {page.JSON_NAME} beside it")
     click.get_current_context().exit(bool(failures))
-
-
-def _say(name: str, is_quiet: bool) -> None:
-    if not is_quiet and sys.stderr.isatty():
-        click.echo(f"measuring {name} …", err=True)

@@ -28,11 +28,13 @@ def compare(session: Path, jobs: int, as_json: bool) -> None:
     """
     from labpipe import files
     from pipelines import process
+    from pipelines.commands.progress import watching
     from pipelines.compare import compare as collect
     from pipelines.compare_page import render
     from pipelines.overview import write_overview
 
-    found = collect(session, jobs=jobs)
+    with watching(enabled=not as_json) as progress:
+        found = collect(session, jobs=jobs, progress=progress)
     opened = process.open_session(session)
     page = opened.folder / COMPARISON_PAGE
     files.write_text(page, render(opened, found))

@@ -41,6 +41,7 @@ def figures(
     if check:
         _check(as_json)
         return
+    from pipelines.commands.progress import counted
     from pipelines.figures import make
 
     wanted = make.chosen(ids)
@@ -48,7 +49,14 @@ def figures(
     if listed:
         _list(make.states(shelf, wanted), as_json)
         return
-    outcomes = make.make(shelf, wanted, lambda o: None if as_json else _say(o), jobs=jobs)
+    with counted(len(wanted), enabled=not as_json, when="done") as step:
+        # while the bar is shown, the list waits: both on one screen would run into each other
+        say = lambda o: None if as_json else _say(o)  # noqa: E731
+        show = say if step is None else lambda outcome: step(outcome.id)
+        outcomes = make.make(shelf, wanted, show, jobs=jobs)
+    if step is not None:
+        for outcome in outcomes:
+            _say(outcome)
     if as_json:
         echo_json({"out": str(out), "figures": [
             {"id": o.id, "state": o.state, "detail": o.detail, "files": o.files} for o in outcomes

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
     from rich.progress import ProgressColumn
@@ -72,6 +72,59 @@ def _clocks() -> "tuple[ProgressColumn, ...]":
             return Text(rate(task.finished_speed or task.speed))
 
     return Rate(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(compact=True)
+
+
+@contextmanager
+def counted(
+    total: int, enabled: bool = True, *, when: Literal["begun", "done"] = "begun"
+) -> "Iterator[Callable[[str], None] | None]":
+    """Give a function that is told of every piece of work by name, or None where nobody looks.
+
+    Parameters
+    ----------
+    total : int
+        How many pieces of work there are.
+    enabled : bool
+        Whether anything may be shown.
+    when : {"begun", "done"}
+        Whether the function is called when a piece begins or when it has ended.
+    """
+    if not enabled or not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *_clocks())
+    # stdout stays where it is: a list of results may go into a file while the bar is shown
+    with Progress(
+        *columns, console=Console(stderr=True), transient=True, redirect_stdout=False
+    ) as bar:
+        work = bar.add_task("", total=total)
+        done = -1 if when == "begun" else 0
+
+        def step(text: str) -> None:
+            nonlocal done
+            done += 1
+            bar.update(work, completed=done, description=escape(text))
+
+        yield step
+
+
+@contextmanager
+def waiting(text: str, enabled: bool = True) -> Iterator[None]:
+    """Show that something long is done whose end cannot be told, and how long it has taken."""
+    if not enabled or not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        bar.add_task(text, total=None)
+        yield
 
 
 @contextmanager

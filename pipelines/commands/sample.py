@@ -21,6 +21,7 @@ def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) 
     Example:
       labpipe sample core my-session
     """
+    from pipelines.commands.progress import waiting
     from pipelines.rig.samples import SAMPLES, write_sample
 
     if name is None:
@@ -32,7 +33,8 @@ def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) 
         return
     if dest is None:
         raise click.UsageError("name the folder to write into: labpipe sample NAME DEST")
-    experiments = write_sample(name, dest, full_size=full_size)
+    with waiting(f"recording {name}", enabled=not as_json):
+        experiments = write_sample(name, dest, full_size=full_size)
     if as_json:
         echo_json({"folder": str(dest), "experiments": experiments})
     else:
@@ -50,11 +52,12 @@ def demo(dest: Path, as_json: bool) -> None:
       labpipe demo
     """
     from pipelines import process as verbs
-    from pipelines.commands.progress import watching
+    from pipelines.commands.progress import waiting, watching
     from pipelines.commands.session import as_document, summarise
     from pipelines.rig.samples import write_sample
 
-    write_sample("demo", dest)
+    with waiting("recording a session", enabled=not as_json):
+        write_sample("demo", dest)
     with watching(enabled=not as_json) as progress:
         outcome = verbs.process(dest, jobs=2, progress=progress)
     if as_json:

@@ -8,7 +8,6 @@ import pytest
 from click.testing import CliRunner
 
 from pipelines.commands import system
-from pipelines.commands.progress import rate
 
 
 def run(folder: Path, *options: str) -> tuple[int, str]:
@@ -65,10 +64,3 @@ def test_a_broken_session_is_exit_3_and_its_store_is_read_all_the_same(
     code, text = run(session_copy)
     assert code == 4
     assert "the next `labpipe process` makes it again" in text
-
-
-@pytest.mark.parametrize(
-    ("speed", "text"), [(12.34, "12.3/s"), (0.5, "30.0/min"), (None, ""), (0.0, "")]
-)
-def test_a_rate_is_written_in_a_unit_that_can_be_read(speed: float | None, text: str) -> None:
-    assert rate(speed) == text

@@ -1,0 +1,76 @@
+"""Progress on stderr: how fast, how long still, and only where somebody looks."""
+
+import io
+import sys
+from pathlib import Path
+
+import pytest
+
+from pipelines.commands.progress import counted, rate, waiting, watching
+from pipelines.process import process
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
+    """Put a terminal in the place of stderr; in the test itself, as pytest puts its own there."""
+    found = Terminal()
+    monkeypatch.setattr(sys, "stderr", found)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "160")
+    return found
+
+
+@pytest.mark.parametrize(
+    ("speed", "text"), [(12.34, "12.3/s"), (0.5, "30.0/min"), (None, ""), (0.0, "")]
+)
+def test_a_rate_is_written_in_a_unit_that_can_be_read(speed: float | None, text: str) -> None:
+    assert rate(speed) == text
+
+
+def test_a_run_shows_steps_time_gone_and_time_left_and_leaves_stdout_alone(
+    session_copy: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screen = terminal(monkeypatch)
+    with watching() as progress:
+        assert progress is not None
+        process(session_copy, only=["nbr"], full=False, jobs=0, progress=progress)
+    shown = screen.getvalue()
+    assert "nbr: " in shown
+    assert " left " in shown
+    assert capsys.readouterr().out == ""
+
+
+def test_counted_work_shows_the_piece_and_how_many_there_are(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screen = terminal(monkeypatch)
+    with counted(3) as begin:
+        assert begin is not None
+        begin("first [part]")
+        print("a result")  # noqa: T201
+        begin("second")
+    shown = screen.getvalue()
+    assert "second" in shown
+    assert "1/3" in shown
+    assert capsys.readouterr().out == "a result\n"
+
+
+def test_a_long_wait_says_what_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = terminal(monkeypatch)
+    with waiting("recording a session"):
+        pass
+    assert "recording a session" in screen.getvalue()
+
+
+def test_nothing_is_shown_where_nobody_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = terminal(monkeypatch)
+    with counted(3, enabled=False) as step, watching(enabled=False) as progress:
+        assert step is progress is None
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    with counted(3) as step, watching() as progress, waiting("x"):
+        assert step is progress is None
+    assert screen.getvalue() == ""
