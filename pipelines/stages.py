@@ -286,7 +286,7 @@ CONTACT_AREA = (
         summary="fit the fringes around the contact",
     ),
     Stage(
-        "impacts", "pipelines.experiments.contact_area:impacts", 2, ("radius",),
+        "impacts", "pipelines.experiments.contact_area:impacts", 3, ("radius",),
         summary="find the largest radius of each impact, and that at rest",
     ),
     Stage(

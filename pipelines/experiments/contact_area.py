@@ -29,6 +29,7 @@ _STILL = 20e-3  # s of contact after which it is rest, not an impact
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
 _MISSED = 2  # frames without contact within one: a flight lasts longer
 _BRIEF = 0.3  # an impact lasts at least this share of the longest: slower ones last longer
+_SLOWEST = 3.0  # an impact lasts at most this many times the longest before: Hertz's fifth root
 _RESOLVED = 3  # frames of an impact from which single frames elsewhere are not impacts
 _STEP = 2e-5  # s, spacing of the model's curve
 _WINDOW = 3e-3  # s around the largest radius in which film and model are compared
@@ -120,6 +121,7 @@ def _brief_contacts(
     """
     brief = [run for run in runs if time[run[-1]] - time[run[0]] < _STILL]
     brief = [run for run in brief if np.isfinite(a[run]).any()]
+    brief = _without_rest(time, brief)
     longest = max((float(time[run[-1]] - time[run[0]]) for run in brief), default=0.0)
     most = max(map(len, brief), default=0)
     last = len(time) - 1
@@ -130,6 +132,18 @@ def _brief_contacts(
         return bool(between >= _BRIEF * longest) and not is_alone
 
     return [run for run in brief if is_impact(run)]
+
+
+def _without_rest(time: Array, brief: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
+    """Leave out a contact that the film's end cuts off when it is too long for an impact."""
+    last = len(time) - 1
+    ended = [run for run in brief if run[-1] < last]
+    if len(ended) in (0, len(brief)):
+        return brief
+    frame = float(np.median(np.diff(time)))
+    longest = max(float(time[run[-1]] - time[run[0]]) for run in ended) + 2 * frame
+    is_rest = float(time[last] - time[brief[-1][0]]) > _SLOWEST * longest
+    return ended if is_rest else brief
 
 
 def _peak(time: Array, a: Array, u: Array) -> tuple[float, float, float]:

@@ -122,15 +122,15 @@ def relaxation_processes() -> Drawing:
         other.loglog(x, factor, label="loss factor $\\tan\\delta$", **_LOSS)
         axes.set(
             xlabel="frequency $\\omega\\tau_\\alpha$ (1)  (falling temperature $\\rightarrow$)",
-            ylabel="storage modulus $G'$ (Pa)", ylim=(1e2, 1e11),
+            ylabel="storage modulus $G'$ (Pa)", ylim=(1e1, 1e11),
         )  # fmt: skip
-        other.set_ylim(1e-3, 1e3)
+        other.set_ylim(1e-4, 1e3)
         for name, peak in zip(("\\alpha", "\\beta", "\\gamma"), peaks, strict=True):
             axes.axvline(peak, **_GUIDE)
             axes.text(peak, 4e10, f"$\\theta_{name}$", ha="center", va="bottom",
                       backgroundcolor="white", fontsize=7)  # fmt: skip
-        for place, word in ((3e-8, "flow"), (2e-5, "rubber"), (1.0, "transition"), (1e7, "glass")):
-            axes.text(place, 2.2e2, word, ha="center", fontsize=7)
+        for place, word in ((5e-8, "flow"), (3e-5, "rubber"), (1.0, "transition"), (5e6, "glass")):
+            axes.text(place, 2.2e1, word, ha="center", fontsize=7)
         legend_above(figure, [axes, other])
     return Drawing(
         Caption(

@@ -219,14 +219,14 @@ def _spot(place: Any, at: Any, radius: float, size: float, reduction: float) -> 
     # Pixel centres are whole numbers: the image reaches half a pixel further on every side.
     left, right = (-0.5 - x) * size, (columns * reduction - 0.5 - x) * size
     low, high = (-0.5 - y) * size, (rows * reduction - 0.5 - y) * size
-    place.imshow(at["image"].values, cmap="gray", extent=(left, right, high, low),
+    place.imshow(at["image"].values, cmap="gray", extent=(left, right, -high, -low),
                  interpolation="nearest")  # fmt: skip
     fitted = float(at["circle_radius"]) * size
     place.add_patch(Circle((0, 0), radius, fill=False, edgecolor="#ff8c1a", linewidth=2.0,
                            label="model"))  # fmt: skip
     place.add_patch(Circle((0, 0), fitted, fill=False, edgecolor="#56c8ff", linewidth=1.1,
                            linestyle=(0, (4, 3)), label="fit"))  # fmt: skip
-    place.set(xlim=(max(left, -1250), min(right, 1250)), ylim=(high, low))
+    place.set(xlim=(max(left, -1250), min(right, 1250)), ylim=(-high, -low))
     place.grid(visible=False)
 
 

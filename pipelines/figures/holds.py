@@ -30,7 +30,8 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
     """Draw recorded tests with the model that follows the recorded displacement."""
     name = next(iter(inputs.experiments))
     files = inputs.experiments[name].mach1[:_MOST_TESTS]
-    notes = []
+    notes: list[str] = []
+    others: list[Any] = []
     with panels(1, len(files), width=2, aspect=0.38) as (figure, axes):
         for place, letter_, file in zip(axes[0], "abc", files, strict=False):
             loads, ramps, made = (
@@ -55,7 +56,12 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             )
             depth = float(at["depth"])
             peak, plateau = float(at["peak_force"]), float(at["plateau_force"])
-            place.set(xlabel="time from the ramp's begin (s)", ylim=(0.0, 1.15 * peak))
+            moved = loads["position_z"].values - float(ramps["contact_position"])
+            others.append(
+                _depth_axis(place, since[inside][thin], moved[inside][thin] * 1e3,
+                            is_last=file == files[-1])
+            )  # fmt: skip
+            place.set(xlabel="time from the ramp's begin (s)", ylim=(0.0, 1.3 * peak))
             letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3f} mm")
             notes.append(
                 f"{depth * 1e3:.2g} mm: peak {peak:.1f} N, plateau {plateau:.2f} ± "
@@ -64,10 +70,11 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
                 f"{100 * float(made['nrmse_all'][0]):.2f} %{_printed(depth)}"
             )
         axes[0, 0].set_ylabel("force (N)")
-        legend_above(figure, axes[0, 0])
+        legend_above(figure, [axes[0, 0], others[0]])
     return Drawing(
         Caption(
-            "Force while the punch is pressed in at 1 mm/s and held, at three depths.",
+            "Force while the punch is pressed in at 1 mm/s and held, at three depths; right axis: "
+            "indentation from the recorded position.",
             computed=(
                 "boundary-element simulation with the measured displacement, behind the load "
                 "cell's filter."

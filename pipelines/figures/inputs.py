@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from labpipe.errors import InputError
 from labpipe.workflow.session import Experiment, Session
 from pipelines.figures import Need
 
@@ -26,23 +27,48 @@ class Inputs:
 
     Attributes
     ----------
-    folder : Path
-        The session.
-    is_synthetic : bool
-        The session says that its data were made, not measured.
+    plan : Plan
+        Of the whole session, made after the results were.
     experiments : mapping
         Typed settings by name of experiment.
     """
 
-    folder: Path
-    is_synthetic: bool
+    plan: "Plan"
     experiments: Mapping[str, Any]
 
+    @property
+    def folder(self) -> Path:
+        """The session's folder."""
+        return self.plan.session.root
+
+    @property
+    def is_synthetic(self) -> bool:
+        """Whether the session says that its data were made, not measured."""
+        return self.plan.session.synthetic
+
     def result(self, experiment: str, stage: str, recording: str | None = None) -> "xr.Dataset":
-        """Return one stored result, of a stage per recording that of one file."""
+        """Return one stored result, of a stage per recording that of one file.
+
+        Raises
+        ------
+        InputError
+            It is missing or out of date.
+        """
+        from labpipe.workflow.plan import CACHED
+        from labpipe.workflow.store import Store
+        from labpipe.workflow.tasks import TaskId
         from pipelines.process import result
 
-        return result(self.folder, experiment, stage, recording)
+        task = TaskId(experiment, stage, recording)
+        row = next((row for row in self.plan.rows if row.task == task), None)
+        key = None if row is None else self.plan.keys[task].value
+        if row is None or row.state != CACHED or key is None:
+            return result(self.folder, experiment, stage, recording)  # which says what is wrong
+        found = Store(self.plan.session.folder).read(key)
+        if isinstance(found, str):
+            message = f"{task} is a page, not numbers"
+            raise InputError(message)
+        return found
 
     def of_kind(self, kind: str) -> dict[str, Any]:
         """Return the experiments of one kind, from the lowest height."""

@@ -6,11 +6,12 @@ it reads, the files of the library materials it computes with, and the versions 
 that draw. Nothing numerical is imported before a figure is drawn.
 """
 
+import contextlib
 import hashlib
 import importlib
 import json
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib.metadata import version
@@ -39,6 +40,9 @@ IMPOSSIBLE = "cannot be regenerated"
 NOT_DRAWN = "not drawn by this version"
 DRAWN = "drawn"
 FAILED = "failed"
+
+Task = tuple[str, tuple[str, ...], dict[str, str]]
+"""Number of a figure, experiments that it shows, and what failed among them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,6 +129,13 @@ class Shelf:
         except (OSError, ValueError, KeyError, TypeError):
             return {}
 
+    def note(self, outcome: Outcome, entry: Mapping[str, Any]) -> None:
+        """Remember what was drawn; of a failure there is nothing."""
+        if entry:
+            kept = {"labpipe_figures": 1, "figures": self.record() | {outcome.id: dict(entry)}}
+            text = json.dumps(kept, indent=1, sort_keys=True) + "\n"
+            files.write_text(self.folder / RECORD, text)
+
     def state(self, figure: Figure, record: Mapping[str, Any]) -> State:
         """Say whether a figure can be drawn."""
         if not figure.function:
@@ -192,25 +203,26 @@ def make(
     progress : callable
         Called with every outcome.
     jobs : int
-        Experiments processed side by side; 0 runs everything in this process.
+        Experiments processed, and figures drawn, side by side; 0 does all in this process.
 
     Returns
     -------
     tuple of Outcome
         One per figure: drawn, up to date, needs a session, cannot be regenerated, failed.
     """
-    # It remarks on the missing time stamps that make the same figure the same bytes.
-    logging.getLogger("fontTools").setLevel(logging.ERROR)
     found = states(shelf, figures)
-    failures = _process(shelf, [state for state in found if state.state == READY], jobs)
+    ready = [state for state in found if state.state == READY]
+    failures = _process(shelf, ready, jobs)
     outcomes = []
-    for state in found:
-        if state.state == READY:
-            outcome = _drawn(shelf, state, failures)
-        else:
-            outcome = Outcome(state.figure.id, state.state, state.detail)
-        progress(outcome)
-        outcomes.append(outcome)
+    with contextlib.closing(_drawings(shelf, ready, failures, jobs)) as drawings:
+        for state in found:
+            if state.state == READY:
+                outcome, entry = next(drawings)
+                shelf.note(outcome, entry)
+            else:
+                outcome = Outcome(state.figure.id, state.state, state.detail)
+            progress(outcome)
+            outcomes.append(outcome)
     return tuple(outcomes)
 
 
@@ -232,29 +244,67 @@ def _process(shelf: Shelf, ready: list[State], jobs: int) -> dict[str, str]:
     return {o.task.experiment: f"{o.task}: {o.message}" for o in run.failures}
 
 
-def _drawn(shelf: Shelf, state: State, failures: Mapping[str, str]) -> Outcome:
-    figure = state.figure
-    try:
-        written = _write(shelf, figure, _draw(shelf, state))
-    except LabpipeError as error:
-        why = next((failures[n] for n in state.experiments if n in failures), str(error))
-        return Outcome(figure.id, FAILED, why)
-    entry = {"key": shelf.key(figure, state.experiments), "files": written}
-    record = {"labpipe_figures": 1, "figures": shelf.record() | {figure.id: entry}}
-    files.write_text(shelf.folder / RECORD, json.dumps(record, indent=1, sort_keys=True) + "\n")
-    return Outcome(figure.id, DRAWN, "", tuple(written))
+def _drawings(
+    shelf: Shelf, ready: list[State], failures: Mapping[str, str], jobs: int
+) -> Generator[tuple[Outcome, dict[str, Any]]]:
+    """Draw one figure after the other, or some side by side; the order is that of the states."""
+    root = None if shelf.session is None else shelf.session.root
+    tasks = [(state.figure.id, state.experiments, dict(failures)) for state in ready]
+    if jobs < 2 or len(tasks) < 2:
+        # What was processed since the plan was made is in the new one.
+        yield from map(_Drawer(shelf.folder, root), tasks)
+        return
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor
+
+    context = multiprocessing.get_context("forkserver")
+    with ProcessPoolExecutor(
+        min(jobs, len(tasks)), context, initializer=_begin_worker, initargs=(shelf.folder, root)
+    ) as pool:
+        yield from pool.map(_draw_there, tasks)
 
 
-def _draw(shelf: Shelf, state: State) -> "Drawing":
-    module, name = state.figure.function.split(":")
+class _Drawer:
+    """Draws figures of one shelf; its session is opened and planned once."""
+
+    def __init__(self, folder: Path, root: Path | None) -> None:
+        # It remarks on the missing time stamps that make the same figure the same bytes.
+        logging.getLogger("fontTools").setLevel(logging.ERROR)
+        self.shelf = Shelf.of(folder, root)
+
+    def __call__(self, task: Task) -> tuple[Outcome, dict[str, Any]]:
+        name, experiments, failures = task
+        (figure,) = chosen([name])
+        try:
+            written = _write(self.shelf, figure, _draw(self.shelf, figure, experiments))
+        except LabpipeError as error:
+            why = next((failures[n] for n in experiments if n in failures), str(error))
+            return Outcome(name, FAILED, why), {}
+        entry = {"key": self.shelf.key(figure, experiments), "files": written}
+        return Outcome(name, DRAWN, "", tuple(written)), entry
+
+
+_drawers: list[_Drawer] = []
+"""Of a worker process: the one that its figures share."""
+
+
+def _begin_worker(folder: Path, root: Path | None) -> None:
+    _drawers[:] = [_Drawer(folder, root)]
+
+
+def _draw_there(task: Task) -> tuple[Outcome, dict[str, Any]]:
+    return _drawers[0](task)
+
+
+def _draw(shelf: Shelf, figure: Figure, names: tuple[str, ...]) -> "Drawing":
+    module, name = figure.function.split(":")
     function = getattr(importlib.import_module(module), name)
-    if not state.figure.needs:
+    if not figure.needs:
         return function()
-    if shelf.session is None:
+    if shelf.session is None or shelf.plan is None or not names:
         return function(None)
-    experiments = {n: shelf.session.experiments[n].settings for n in state.experiments}
-    inputs = Inputs(shelf.session.root, shelf.session.synthetic, experiments)
-    return function(inputs if experiments else None)
+    experiments = {n: shelf.session.experiments[n].settings for n in names}
+    return function(Inputs(shelf.plan, experiments))
 
 
 def _write(shelf: Shelf, figure: Figure, drawing: "Drawing") -> dict[str, str]:

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from matplotlib import colormaps
 
 from labpipe import contact
 from labpipe.contact import dissipation
@@ -16,6 +17,7 @@ from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, pa
 from pipelines.figures.inputs import Inputs
 
 _SHOWN_CYCLES = 3
+_PRINTED_FREQUENCY = 0.5  # Hz, of panel (a)
 _AXIS = CHARACTERISTIC_TIME * 1e10
 """From Hz to f tau_0 in units of 1e-10, which makes short tick labels."""
 
@@ -42,20 +44,25 @@ def loops(inputs: Inputs) -> Drawing:
     depth = punch.depth.value * punch.tips
     scale = solid.E_relaxed * punch.period.value * depth
     touch = float(parts["model"]["contact_position"])
-    with panels(1, 2, width=2, aspect=0.46) as (figure, axes):
-        below, right = axes[0]
-        frequency = _slowest(below, parts, scale, inputs.origin)
-        _loop_panel(right, parts["loops"], parts["oscillations"], touch, punch.radius.value, scale)
-        letter(below, "a", f"$\\tilde f$ = {frequency * CHARACTERISTIC_TIME:.2e}")
+    radius = punch.radius.value
+    with panels(2, 2, width=2, aspect=0.52, sharex="col") as (figure, axes):
+        above, below = axes[:, 0]
+        right = figure.add_subplot(axes[0, 1].get_gridspec()[:, 1])
+        for unused in axes[:, 1]:
+            unused.remove()
+        frequency = _cycles_at(_PRINTED_FREQUENCY, (above, below), parts, (touch, radius, scale),
+                               inputs.origin)  # fmt: skip
+        _loop_panel(right, parts["loops"], parts["oscillations"], touch, radius, scale)
+        letter(above, "a", f"$\\tilde f$ = {frequency * CHARACTERISTIC_TIME * 1e10:.2f}e-10")
         letter(right, "b", "mean loops")
         legend_above(figure, below)
     error = parts["comparison"]["nrmse"].values
     return Drawing(
         Caption(
-            "(a) Dimensionless force over time at the lowest frequency, the transient cycles left "
-            "out. (b) Mean loop of force over indentation at each frequency, f tau_0, as recorded: "
-            "the lag of the load cell's filter grows with frequency and narrows the loops; the "
-            "works of figure 2.8 are free of it.",
+            f"(a) Indentation (above) and dimensionless force over time at {frequency:.2g} Hz, the "
+            "transient cycles left out. (b) Mean loop of force over indentation at each "
+            "frequency, f tau_0, as recorded: the lag of the load cell's filter grows with "
+            "frequency and narrows the loops; the works of figure 2.8 are free of it.",
             computed=(
                 "simulation with the displacement of the record as input; its force runs through "
                 f"the load cell's filter. nRMSE {100 * np.nanmin(error):.2f} to "
@@ -68,10 +75,18 @@ def loops(inputs: Inputs) -> Drawing:
     )
 
 
-def _slowest(axes: Any, parts: dict[str, xr.Dataset], scale: float, origin: str) -> float:
-    """Draw some cycles of the lowest frequency; return it."""
+def _cycles_at(
+    wanted: float, places: tuple[Any, Any], parts: dict[str, xr.Dataset],
+    scales: tuple[float, float, float], origin: str,
+) -> float:  # fmt: skip
+    """Draw some cycles, indentation and force, at the frequency nearest to ``wanted``; return it.
+
+    ``scales`` are the position of first touch [m], the tips' radius [m] and the unit of force [N].
+    """
+    above, axes = places
+    touch, radius, scale = scales
     table, loads = parts["oscillations"], parts["loads"]
-    number = int(np.argmin(table["frequency"].values))
+    number = int(np.argmin(np.abs(np.log(table["frequency"].values / wanted))))
     row = table.isel(oscillation=number)
     frequency = float(row["frequency"])
     block = json_rows(loads, int(row["block"]))
@@ -82,6 +97,10 @@ def _slowest(axes: Any, parts: dict[str, xr.Dataset], scale: float, origin: str)
     model = parts["comparison"]["simulated_force"].values[block][inside] / scale
     cycles = time[inside] * frequency
     every = max(1, inside.sum() // (30 * _SHOWN_CYCLES))
+    depth = (loads["position_z"].values[block][inside] - touch) / radius
+    above.plot(cycles[::every], depth[::every],
+               **line_arguments("measured", style="points"))  # fmt: skip
+    above.set(ylabel="indentation $\\tilde\\Delta = \\Delta/R$ (1)")
     axes.plot(cycles[::every], force[::every], label=f"force, {origin}",
               **line_arguments("measured", style="points"))  # fmt: skip
     axes.plot(cycles, model, label="model", **line_arguments("model"))
@@ -101,15 +120,16 @@ def _loop_panel(
 ) -> None:
     # Compression-positive force; the stage counts downwards, so that it grows into the sample.
     position = loops_["position"].values
+    # An ordered quantity gets an ordered scale of colours, which colour-blind readers see too.
+    shades = colormaps["cividis"](np.linspace(0.0, 0.88, table.sizes["oscillation"]))
     for number, frequency in enumerate(table["frequency"].values):
         axes.plot(
             (position[number] - touch) / radius, loops_["force"].values[number] / scale,
-            label=f"{frequency * CHARACTERISTIC_TIME:.2e}",
-            **line_arguments("measured", count=number)
-            | {"linestyle": ("-", (0, (6, 2)), (0, (2, 1)), (0, (6, 2, 1, 2)))[number % 4]},
+            label=f"{frequency * _AXIS:.3g}", color=shades[number],
+            linewidth=1.2, linestyle=("-", (0, (5, 1.5)))[number % 2],
         )  # fmt: skip
     axes.set(xlabel="indentation $\\Delta/R$ (1)", ylabel="force $\\tilde F$ (1)")
-    axes.legend(title="$\\tilde f$ (1)", loc="center left", bbox_to_anchor=(1.0, 0.5))
+    axes.legend(title="$\\tilde f$ ($10^{-10}$)", loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 def dissipated_work(inputs: Inputs) -> Drawing:
@@ -130,12 +150,15 @@ def dissipated_work(inputs: Inputs) -> Drawing:
         axes = grid[0, 0]
         axes.plot(fine * _AXIS, dissipation.dimensionless_work(theory, *scale),
                   label="eq. (2.31)", **line_arguments("reference"))  # fmt: skip
-        for source, role, style, word in ((table, "measured", "points", inputs.origin),
-                                          (model, "model", "both", "simulated")):  # fmt: skip
+        # The filled points are drawn last and fit into the open ones, which would hide them.
+        for source, role, style, word, size in ((model, "model", "both", "simulated", 6.5),
+                                                (table, "measured", "points", inputs.origin, 3.0),
+                                                ):  # fmt: skip
             work = dissipation.dimensionless_work(source["work_per_cycle"].values[order], *scale)
             u = dissipation.dimensionless_work(source["u_work_per_cycle"].values[order], *scale)
             axes.errorbar(frequency[order] * _AXIS, work, 2 * u, label=word,
-                          capsize=2, **line_arguments(role, style=style))  # type: ignore[arg-type]  # fmt: skip
+                          capsize=2, markersize=size, zorder=4 if role == "measured" else 3,
+                          **line_arguments(role, style=style))  # type: ignore[arg-type]  # fmt: skip
         axes.set(xlabel="frequency $\\tilde f = f\\tau_0$ ($10^{-10}$)",
                  ylabel="dissipated work $\\tilde W$ (1)")  # fmt: skip
         axes.set_ylim(bottom=0.0)

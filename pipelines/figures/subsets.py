@@ -3,12 +3,16 @@
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 
 from pipelines.figures.drawing import Caption, Drawing, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _PRINTED_TIMES = (0.0, 0.074, 0.085, 0.106, 0.126, 0.138, 0.149, 0.155, 0.161, 0.300)
 """s, of figure 3.8 (b)."""
+
+_FEW = 4
+"""Of the printed times, from which on a film is too short to show them: it shows its own."""
 
 _LINE, _POINT = "#0066a6", "#f2c200"
 
@@ -46,6 +50,17 @@ def _reference(place: Any, keys: Any, track: Any, *, squares: bool) -> None:
     place.grid(visible=False)
 
 
+def _times(last: float) -> tuple[list[float], str]:
+    """Choose the times from release of panel (b), and say which they are."""
+    printed = [t for t in _PRINTED_TIMES if t <= last]
+    if len(printed) == len(_PRINTED_TIMES):
+        return printed, "those printed in the thesis"
+    if len(printed) >= _FEW:
+        return printed, "those printed in the thesis as far as the film lasts"
+    own = np.linspace(0.0, last, len(_PRINTED_TIMES)).tolist()
+    return own, "evenly spaced: the film is too short for those of the thesis"
+
+
 def falling_line(inputs: Inputs) -> Drawing:
     """Figure 3.8: the line on the holder, and where it is at chosen times."""
     name = _film(inputs)
@@ -55,17 +70,18 @@ def falling_line(inputs: Inputs) -> Drawing:
     time = track["time"].values
     # Times count from the release, as the printed ones from the beginning of the fall.
     since = time - float(events["release_time"])
-    chosen = [int(np.argmin(np.abs(since - t))) for t in _PRINTED_TIMES if t <= since[-1]]
+    wanted, told = _times(float(since[-1]))
+    chosen = [int(np.argmin(np.abs(since - t))) for t in wanted]
     with panels(1, 2, width=2, aspect=0.46, width_ratios=(1.0, 2.2)) as (figure, axes):
         _reference(axes[0, 0], keys, track, squares=False)
         letter(axes[0, 0], "a", "reference frame")
         place = axes[0, 1]
-        shades = np.linspace(0.0, 0.85, len(chosen))
+        shades = colormaps["cividis"](np.linspace(0.0, 0.88, len(chosen)))
         for shade, frame in zip(shades, chosen, strict=True):
             at = track.isel(frame=frame, point=slice(1, None))
             x = (at["x"] + at["dx"]).values * size
             place.plot(x, -at["dy"].values * size, marker="o", markersize=2.0, linewidth=1.0,
-                       color=(shade, 0.35 + 0.2 * shade, 0.65 - 0.5 * shade),
+                       color=shade,
                        label=f"{abs(since[frame]):.3f} s")  # fmt: skip
         place.set(xlabel="along the line (mm)", ylabel="displacement (mm)")
         place.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title="from release")
@@ -74,8 +90,7 @@ def falling_line(inputs: Inputs) -> Drawing:
     return Drawing(
         Caption(
             "(a) Reference frame of the holder of a PTFE sphere with the line of subsets that are "
-            "followed; (b) the line at chosen times, at those printed in the thesis as far as the "
-            "film lasts.",
+            f"followed; (b) the line at chosen times, {told}.",
             computed=(
                 f"image correlation; {size * 1e3:.2f} µm per pixel. The holder turns by at most "
                 f"{turned:.2f} mrad."

@@ -25,6 +25,7 @@ from pipelines.rig.fall import Body, DropRig
 from pipelines.rig.film_front import FrontCamera
 from pipelines.rig.film_session import (
     FRONT_HEIGHT,
+    Bursts,
     burst_times,
     front_record,
     front_section,
@@ -34,9 +35,11 @@ from pipelines.rig.film_session import (
     write_under,
 )
 from pipelines.rig.film_under import UnderCamera
-from pipelines.rig.indentation_session import write_indentations
+from pipelines.rig.indentation_session import FREQUENCIES, write_indentations
+from pipelines.rig.indentations import Harmonic
 from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, plate_section, write_ringing_of
+from pipelines.rig.relaxations import Relaxation
 from pipelines.rig.session_text import (
     NOTE,
     dma_section,
@@ -48,16 +51,86 @@ from pipelines.rig.session_text import (
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 
 POLYMERS = ("acrylic", "nylon", "peek", "ptfe")
-HEIGHTS = (1.5e-3, 5e-3, 7e-3, 10e-3)
 HEATED = 39.0
 """degC; of the sphere that was heated, dropped from the highest height."""
 
-_REPEATS, _PLATE_REPEATS = 5, 3
-_SMALL_UNDER = UnderCamera(rows=160, columns=640)  # the widest contact, 1.2 mm, needs 550 px
-_REST, _REST_PER_ROOT_HEIGHT = 0.28, 5.4  # s, s/sqrt(m) after the third impact: acrylic is at rest
-_FULL_FRAMES, _FULL_RATE = 9367, 10_000
+_REST, _REST_PER_ROOT_HEIGHT = 0.28, 5.4
+"""s and s/sqrt(m) after the third impact: acrylic is at rest."""
+
 _DROPS = "\n[[experiments.plate.drops]]"
 _ON_PLATE = 'plate_from = "plate"\n'
+_FULL_FRAMES, _FULL_RATE = 9367, 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """How much a campaign records, and by what.
+
+    ``heights`` are those of the drops that the laser and the camera under the disc see, on
+    the plate too, ``front_height`` that of PTFE before the front camera. ``bursts`` says when the
+    camera under the disc records; without it, it records evenly.
+    """
+
+    heights: tuple[float, ...]
+    ringing: tuple[str, ...]
+    repeats: int
+    plate_repeats: int
+    rig: DropRig
+    plate_rig: DropRig
+    under: UnderCamera
+    bursts: Bursts | None
+    front: FrontCamera
+    front_height: float
+    relaxation: Relaxation
+    harmonic: Harmonic
+    dma: Protocol
+
+
+THESIS = Extent(
+    heights=(1.5e-3, 5e-3, 7e-3, 10e-3),
+    ringing=POLYMERS,
+    repeats=5,
+    plate_repeats=3,
+    rig=DropRig(floor=PLATE),
+    plate_rig=PLATE_RIG,
+    under=UnderCamera(rows=160, columns=640),  # the widest contact, 1.2 mm, needs 550 px
+    bursts=Bursts(),
+    front=FrontCamera(rows=144, columns=96, duration=0.32),  # figure 3.8 (b) ends at 0.3 s
+    front_height=FRONT_HEIGHT,
+    relaxation=Relaxation(),
+    harmonic=Harmonic(frequencies=FREQUENCIES),
+    dma=Protocol(),
+)
+"""Four materials, four heights, five repeats; films of about ten megabytes."""
+
+FULL_SIZE = replace(
+    THESIS,
+    under=replace(film_under.FULL_SIZE, release=5e-3),
+    bursts=None,
+    front=film_front.FULL_SIZE,
+)
+"""The same with films at 1280 × 480 px and 9,367 frames, 5.8 GB each."""
+
+SMALL = replace(
+    THESIS,
+    heights=(1.5e-3,),
+    ringing=("acrylic", "ptfe"),
+    repeats=2,
+    plate_repeats=1,
+    rig=replace(THESIS.rig, sensor=replace(THESIS.rig.sensor, cycle=100e-6), duration=0.4),
+    plate_rig=replace(PLATE_RIG, sensor=replace(PLATE_RIG.sensor, cycle=100e-6), duration=0.12),
+    under=UnderCamera(rows=32),
+    bursts=Bursts(spacing=2e-4, before=0.1e-3, after=1.1e-3, slow=20e-3, frames_at_rest=6),
+    front=FrontCamera(rows=52, columns=52, frame_rate=2000, duration=0.06),
+    front_height=1.5e-3,
+    relaxation=Relaxation(hold=12.0),
+    harmonic=Harmonic(hold=10.0, frequencies=(0.5, 2.0), cycles=6),
+    dma=Protocol(
+        frequencies=tuple(np.geomspace(10.0, 0.1, 6).tolist()),
+        ramp=tuple(np.arange(-40.0, 121.0, 8.0).tolist()),
+    ),
+)
+"""Every kind once or twice, coarse and short: two megabytes, every figure can be drawn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +142,9 @@ class Part:
 
 
 def write_campaign(
-    folder: Path, start: datetime, *, full_size: bool = False, workers: int = 2
+    folder: Path, start: datetime, extent: Extent = THESIS, *, workers: int = 2
 ) -> list[str]:
-    """Write the whole campaign; returns the names of its experiments.
+    """Write a whole campaign; returns the names of its experiments.
 
     Parameters
     ----------
@@ -79,27 +152,28 @@ def write_campaign(
         The session folder.
     start : datetime
         Clock time of the first drop.
-    full_size : bool
-        Films at 1280 × 480 px and 9,367 frames (5.8 GB each) instead of about ten megabytes.
+    extent : Extent
+        How much of it.
     workers : int
         Recordings written side by side; the files do not depend on it.
     """
-    parts = _parts(folder, start, full_size)
+    parts = _parts(folder, start, extent)
     context = multiprocessing.get_context("forkserver")
     with ProcessPoolExecutor(workers, mp_context=context) as pool:
         sections = list(pool.map(_write, [part.write for part in parts]))
-    write_calibration_images(folder)
-    _write_session(folder, sections, full_size)
+    if extent is not SMALL:
+        write_calibration_images(folder)
+    _write_session(folder, sections, is_binned=extent.bursts is not None)
     return [name for part in parts for name in part.names] + ["plate"]
 
 
-def _write_session(folder: Path, sections: list[str], full_size: bool) -> None:
+def _write_session(folder: Path, sections: list[str], *, is_binned: bool) -> None:
     """Write the calibration records, and session.toml with the plate's drops under one head."""
     records = {
         "laser": laser_record(),
         "laser_plate": plate_laser_record(),
         "camera_front": front_record(),
-        "camera_under": under_record(is_binned=not full_size),
+        "camera_under": under_record(is_binned=is_binned),
     }
     for name, text in records.items():
         files.write_text(folder / f"calibration/{name}.toml", text)
@@ -113,49 +187,55 @@ def _write(task: Callable[[], str]) -> str:
     return task()
 
 
-def _parts(folder: Path, start: datetime, full_size: bool) -> list[Part]:
+def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
     """List what is recorded, the longest first, so that two workers end together."""
+    highest = max(extent.heights)
+    filmed = [(highest, HEATED), *((h, None) for h in reversed(extent.heights))]
     films = [
-        Part((_film(h, None),), partial(_contact_film, folder, h, None, full_size))
-        for h in reversed(HEIGHTS)
+        Part((_film(h, warm),), partial(_contact_film, folder, h, warm, extent))
+        for h, warm in filmed
     ]
-    films.insert(
-        0,
-        Part(
-            (_film(HEIGHTS[-1], HEATED),),
-            partial(_contact_film, folder, HEIGHTS[-1], HEATED, full_size),
-        ),
-    )
     rubber = Part(
         ("nbr_relaxation", "nbr_harmonic"),
-        partial(_indentations, folder, start + timedelta(days=20)),
+        partial(_indentations, folder, start + timedelta(days=20), extent),
     )
     static = Part(("ptfe_static",), partial(_static, folder, start + timedelta(days=12)))
-    front = Part(("ptfe_film",), partial(_front_film, folder, full_size))
-    drops, rings = [], []
-    for day, material in enumerate(POLYMERS):
-        for number, height in enumerate(HEIGHTS):
-            begun = start + timedelta(days=day, minutes=20 * number)
-            name = f"{material}_{height_name(height)}"
-            seed = 1000 * sum(map(ord, material)) + 100 * number
-            drops.append(
-                Part((name,), partial(_drops, folder, name, material, height, seed, begun))
-            )
-            later = begun + timedelta(days=5)
-            rings.append(Part((), partial(_rings, folder, material, height, seed + 50, later)))
-    begun = start + timedelta(days=10)
-    heated = f"acrylic_{height_name(HEIGHTS[-1])}_{HEATED:g}C"
-    drops.append(
-        Part(
-            (heated,),
-            partial(_drops, folder, heated, "acrylic", HEIGHTS[-1], 9900, begun, HEATED),
-        )
-    )
+    front = Part(("ptfe_film",), partial(_front_film, folder, extent))
     sweeps = [
-        Part((f"{name}_dma",), partial(_dma, folder, name, 500 + number))
+        Part((f"{name}_dma",), partial(_dma, folder, name, 500 + number, extent.dma))
         for number, name in enumerate(SOLIDS)
     ]
+    drops, rings = _laser_parts(folder, start, extent)
     return [rubber, *films, static, front, *drops, *rings, *sweeps]
+
+
+def _laser_parts(folder: Path, start: datetime, extent: Extent) -> tuple[list[Part], list[Part]]:
+    """List the drops that the laser sees on the holder, and those that it sees on the plate."""
+    drops, rings = [], []
+    for day, material in enumerate(POLYMERS):
+        for number, height in enumerate(extent.heights):
+            begun = start + timedelta(days=day, minutes=20 * number)
+            seed = 1000 * sum(map(ord, material)) + 100 * number
+            drops.append(_drop_part(folder, extent, material, height, seed, begun))
+            later = begun + timedelta(days=5)
+            if material in extent.ringing:
+                rings.append(
+                    Part((), partial(_rings, folder, material, height, seed + 50, later, extent))
+                )
+    warm = start + timedelta(days=10)
+    highest = max(extent.heights)
+    drops.append(_drop_part(folder, extent, "acrylic", highest, 9900, warm, HEATED))
+    return drops, rings
+
+
+def _drop_part(
+    folder: Path, extent: Extent, material: str, height: float, seed: int, start: datetime,
+    temperature: float | None = None,
+) -> Part:  # fmt: skip
+    heated = "" if temperature is None else f"_{temperature:g}C"
+    name = f"{material}_{height_name(height)}{heated}"
+    write = partial(_drops, folder, name, material, height, seed, start, extent, temperature)
+    return Part((name,), write)
 
 
 def _film(height: float, temperature: float | None) -> str:
@@ -163,43 +243,43 @@ def _film(height: float, temperature: float | None) -> str:
     return f"acrylic_{height_name(height)}{heated}_film"
 
 
-def _contact_film(folder: Path, height: float, temperature: float | None, full_size: bool) -> str:
+def _contact_film(folder: Path, height: float, temperature: float | None, extent: Extent) -> str:
     """Film the contact of acrylic through the disc."""
     name = _film(height, temperature)
     body = Body(materials.load("acrylic", temperature=temperature), height, floor=PLATE)
-    if full_size:
-        camera = replace(film_under.FULL_SIZE, release=5e-3)
+    if extent.bursts is None:
         times = np.arange(_FULL_FRAMES, dtype=np.float64) / _FULL_RATE
     else:
-        camera = _SMALL_UNDER
         rest = _REST + _REST_PER_ROOT_HEIGHT * float(np.sqrt(height))
-        times = burst_times(body, camera.release, rest)
+        times = burst_times(body, extent.under.release, replace(extent.bursts, rest=rest))
     seed = 3700 + round(1e4 * height) + (0 if temperature is None else 1)
-    film = write_under(folder, f"{name}_under", body, camera, times, seed)
+    film = write_under(folder, f"{name}_under", body, extent.under, times, seed)
     return under_section(film, name, height, temperature=temperature, extra=_ON_PLATE)
 
 
-def _front_film(folder: Path, full_size: bool) -> str:
-    small = FrontCamera(rows=144, columns=128, duration=0.138)
-    camera = film_front.FULL_SIZE if full_size else small
-    film = write_front(folder, "ptfe", FRONT_HEIGHT, camera, 31, PLATE)
-    return front_section(film, camera)
+def _front_film(folder: Path, extent: Extent) -> str:
+    height = extent.front_height
+    film = write_front(folder, "ptfe", height, extent.front, 31, PLATE)
+    return front_section(film, extent.front, height)
 
 
 def _drops(
     folder: Path, name: str, material: str, height: float, seed: int, start: datetime,
-    temperature: float | None = None,
+    extent: Extent, temperature: float | None = None,
 ) -> str:  # fmt: skip
     """Record the repeats of one height by the laser."""
     solid = materials.load(material, temperature=temperature)
-    rig = DropRig(floor=PLATE)
-    recordings = write_drops(folder, name, rig, solid, height, _REPEATS, seed, start)
+    recordings = write_drops(folder, name, extent.rig, solid, height, extent.repeats, seed, start)
     section = drop_section(name, recordings, height, material, _ON_PLATE)
     return section if temperature is None else f'{section}temperature = "{temperature:g} degC"\n'
 
 
-def _rings(folder: Path, material: str, height: float, seed: int, start: datetime) -> str:
-    return write_ringing_of(folder, PLATE_RIG, material, height, _PLATE_REPEATS, seed, start)
+def _rings(
+    folder: Path, material: str, height: float, seed: int, start: datetime, extent: Extent
+) -> str:
+    return write_ringing_of(
+        folder, extent.plate_rig, material, height, extent.plate_repeats, seed, start
+    )
 
 
 def _static(folder: Path, start: datetime) -> str:
@@ -208,11 +288,11 @@ def _static(folder: Path, start: datetime) -> str:
     return static_section("ptfe_static", file, rig, "ptfe")
 
 
-def _indentations(folder: Path, start: datetime) -> str:
-    return write_indentations(folder, NOTE, start)[1]
+def _indentations(folder: Path, start: datetime, extent: Extent) -> str:
+    return write_indentations(folder, NOTE, start, extent.relaxation, extent.harmonic)[1]
 
 
-def _dma(folder: Path, material: str, seed: int) -> str:
+def _dma(folder: Path, material: str, seed: int, protocol: Protocol) -> str:
     solid = SOLIDS[material]
     name = f"{material}_dma"
-    return dma_section(name, write_dma(folder, name, solid, Protocol(), seed), solid)
+    return dma_section(name, write_dma(folder, name, solid, protocol, seed), solid)

@@ -1,6 +1,6 @@
 """A synthetic session with films: the front view beside the laser, and the view under the disc."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -15,17 +15,34 @@ from pipelines.rig.fall import Body, DropRig, fall
 from pipelines.rig.film_front import FrontCamera, write_front_film, write_truth
 from pipelines.rig.film_under import UnderCamera, write_under_film
 from pipelines.rig.reference_drop import Floor
+from pipelines.rig.session_text import height_name
 
 Array = NDArray[np.float64]
 
 FRONT_HEIGHT, UNDER_HEIGHT = 7e-3, 1.5e-3  # m
-_BURST = 1e-4  # s between frames around an impact, as at 10,000 frames a second
-_SLOW = 5e-3  # s between the other frames of the small film
-_BEFORE, _AFTER = 0.4e-3, 1.4e-3  # s around a touch filmed in a burst
-_REST = 0.62  # s after the third impact: the last bounces of acrylic from 1.5 mm are over
-_REST_FRAMES = 8
 _IMPACTS = 3
-_FULL_FRAMES = 9367  # as the thesis's films
+_BODY_ROW = 0.4
+_FULL_FRAMES, _FULL_RATE = 9367, 10_000  # as the thesis's films
+
+
+_SLOW = 5e-3  # s between the frames where little happens
+
+
+@dataclass(frozen=True, slots=True)
+class Bursts:
+    """When a small film has its frames; s.
+
+    ``spacing`` apart from ``before`` to ``after`` each of the first three touches, as at 10,000
+    frames a second; ``slow`` apart otherwise, until the third; and ``rest`` after it, when the last
+    bounces of acrylic from 1.5 mm are over.
+    """
+
+    spacing: float = 1e-4
+    before: float = 0.4e-3
+    after: float = 1.4e-3
+    slow: float = _SLOW
+    rest: float = 0.62
+    frames_at_rest: int = 8
 
 
 def front_record() -> str:
@@ -85,19 +102,18 @@ def write_under(
     return name
 
 
-def burst_times(body: Body, release: float, rest: float = _REST) -> Array:
+def burst_times(body: Body, release: float, bursts: Bursts) -> Array:
     """Choose the times of a small film: bursts around the first impacts, few frames else, and rest.
 
     Real cameras record so too (image-based triggering, or a film cut to the impacts).
     """
     # Each flight is shorter than the first.
     longest = 1.2 * _IMPACTS * np.sqrt(8 * body.height / 9.81)
-    motion = fall(body, float(longest))
-    touches = release + motion.touch[:_IMPACTS]
-    pieces = [np.arange(t - _BEFORE, t + _AFTER, _BURST) for t in touches]
-    slow = np.arange(0.0, touches[-1], _SLOW)
-    apart = np.min(np.abs(slow[:, None] - touches[None, :]), axis=1) > _AFTER
-    last = touches[-1] + rest + _SLOW * np.arange(_REST_FRAMES)
+    touches = release + fall(body, float(longest)).touch[:_IMPACTS]
+    pieces = [np.arange(t - bursts.before, t + bursts.after, bursts.spacing) for t in touches]
+    slow = np.arange(0.0, touches[-1], bursts.slow)
+    apart = np.min(np.abs(slow[:, None] - touches[None, :]), axis=1) > bursts.after
+    last = touches[-1] + bursts.rest + _SLOW * np.arange(bursts.frames_at_rest)
     times = np.unique(np.concatenate([*pieces, slow[apart], last]).round(7))
     return np.asarray(times)
 
@@ -121,10 +137,10 @@ def write_films(folder: Path, start: datetime, *, full_size: bool = False) -> tu
     under = film_under.FULL_SIZE if full_size else UnderCamera()
     body = Body(materials.load("acrylic"), UNDER_HEIGHT, floor=Floor())
     if full_size:
-        times = np.arange(_FULL_FRAMES, dtype=np.float64) * _BURST
+        times = np.arange(_FULL_FRAMES, dtype=np.float64) / _FULL_RATE
         under = replace(under, release=5e-3)
     else:
-        times = burst_times(body, under.release)
+        times = burst_times(body, under.release, Bursts())
     front_film = write_front(folder, "ptfe", FRONT_HEIGHT, front, 31)
     under_film = write_under(folder, "acrylic_under", body, under, times, 37)
     write_calibration_images(folder)
@@ -132,12 +148,13 @@ def write_films(folder: Path, start: datetime, *, full_size: bool = False) -> tu
     return laser, sections
 
 
-def front_section(film: str, camera: FrontCamera) -> str:
+def front_section(film: str, camera: FrontCamera, height: float = FRONT_HEIGHT) -> str:
     """Return the table of the front film in session.toml."""
-    row = 0.15 * camera.rows if camera.rows < 200 else 0.3 * camera.rows
+    # The body falls through the image; above and below it stays the same share of what is left.
+    row = _BODY_ROW * (camera.rows - height / camera.pixel_size)
     subset = 2 * int(min(row - 3, 100)) + 1
     middle = 0.5 * (camera.columns - 1)
-    small = 31 if camera.rows > 200 else 21
+    small = 31 if camera.rows > 200 else min(21, 2 * (camera.columns // 6) + 1)
     left, right = small, camera.columns - 1 - small
     return f"""
 [experiments.ptfe_film]
@@ -145,7 +162,7 @@ kind = "dic_validation"
 film = "{film}"
 camera = "calibration/camera_front.toml"
 view = "front"
-laser_experiment = "ptfe_7mm"
+laser_experiment = "ptfe_{height_name(height)}"
 
 [experiments.ptfe_film.tracking]
 body = [{middle}, {row:.1f}]  # px in the first image, on the holder

@@ -75,15 +75,14 @@ characteristic_time = "1.56e-10 s"  # tau_0 of the thesis
     return head + punch_section(name, specimen)
 
 
-def write_indentations(folder: Path, note: str, start: datetime) -> tuple[list[str], str]:
+def write_indentations(
+    folder: Path, note: str, start: datetime, held: Relaxation, oscillating: Harmonic
+) -> tuple[list[str], str]:
     """Write recordings, truth and the cell's record; returns experiments and their sections."""
     specimen = Specimen(materials.load(_MATERIAL))
     relaxation, harmonic = f"{_MATERIAL}_relaxation", f"{_MATERIAL}_harmonic"
-    recordings = write_relaxation(folder, relaxation, specimen, Relaxation(), TESTER, 70, start)
-    write_harmonic(
-        folder, harmonic, specimen, Harmonic(frequencies=FREQUENCIES), TESTER, 80,
-        start + timedelta(hours=3),
-    )  # fmt: skip
+    recordings = write_relaxation(folder, relaxation, specimen, held, TESTER, 70, start)
+    write_harmonic(folder, harmonic, specimen, oscillating, TESTER, 80, start + timedelta(hours=3))
     files.write_text(folder / "calibration/load_cell.toml", cell_record(note))
     text = relaxation_section(relaxation, recordings, specimen)
     return [relaxation, harmonic], text + oscillation_section(harmonic, specimen)

@@ -15,11 +15,12 @@ from pipelines.rig.dma import SOLIDS, Protocol, write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.film_session import FRONT_HEIGHT, front_record, under_record, write_films
-from pipelines.rig.indentation_session import write_indentations
+from pipelines.rig.indentation_session import FREQUENCIES, write_indentations
 from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
 from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, write_plate
+from pipelines.rig.relaxations import Relaxation
 from pipelines.rig.session_text import (
     NOTE,
     dma_section,
@@ -176,7 +177,9 @@ def _films(folder: Path, full_size: bool) -> list[str]:
 
 def _indentation(folder: Path, full_size: bool) -> list[str]:
     del full_size  # this sample holds no film
-    names, sections = write_indentations(folder, NOTE, _START + timedelta(days=1))
+    names, sections = write_indentations(
+        folder, NOTE, _START + timedelta(days=1), Relaxation(), Harmonic(frequencies=FREQUENCIES)
+    )
     head = session_head("NBR under a periodic punch (synthetic)")
     files.write_text(folder / "session.toml", head + sections)
     return names
@@ -212,9 +215,17 @@ def _plate(folder: Path, full_size: bool) -> list[str]:
 
 
 def _thesis(folder: Path, full_size: bool) -> list[str]:
-    from pipelines.rig.campaign import write_campaign
+    from pipelines.rig import campaign
 
-    return write_campaign(folder, _START, full_size=full_size)
+    extent = campaign.FULL_SIZE if full_size else campaign.THESIS
+    return campaign.write_campaign(folder, _START, extent)
+
+
+def _thesis_small(folder: Path, full_size: bool) -> list[str]:
+    from pipelines.rig import campaign
+
+    del full_size  # it is small on purpose
+    return campaign.write_campaign(folder, _START, campaign.SMALL)
 
 
 SAMPLES: dict[str, Sample] = {
@@ -227,5 +238,8 @@ SAMPLES: dict[str, Sample] = {
     "plate": Sample("the plate ringing under acrylic and PTFE; a drop modelled on it", _plate),
     "films": Sample("PTFE by laser and front camera; acrylic filmed through the disc", _films),
     "thesis": Sample("every experiment of the thesis: the whole campaign", _thesis),
+    "thesis-small": Sample(
+        "the campaign in two megabytes: every kind, one height, two repeats", _thesis_small
+    ),
     "core": Sample("acrylic from four heights, five repeats; one harmonic indentation", _core),
 }

@@ -13,6 +13,7 @@ from pipelines.process import process, result
 from pipelines.rig.fall import Body
 from pipelines.rig.film_session import (
     UNDER_HEIGHT,
+    Bursts,
     burst_times,
     under_record,
     under_section,
@@ -29,7 +30,7 @@ CAMERA = UnderCamera(samples=3, moments=2)
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("under")
     body = Body(materials.load("acrylic"), UNDER_HEIGHT, floor=Floor())
-    times = burst_times(body, CAMERA.release)
+    times = burst_times(body, CAMERA.release, Bursts())
     times = times[(times < 0.023) | (times > 0.6)]  # the first impact, and rest
     film = write_under(folder, "acrylic_under", body, CAMERA, times, 5)
     files.write_text(folder / "calibration/camera_under.toml", under_record())

@@ -50,3 +50,21 @@ def test_slow_film_with_one_frame_for_each_impact_keeps_them() -> None:
     radius[[10, 22, 31]] = 500e-6, 400e-6, 300e-6
     found = impacts(seen_in_film(time, radius, np.isfinite(radius)), settings=None)
     assert found["peak_time"].values == pytest.approx([20e-3, 44e-3, 62e-3])
+
+
+def test_rest_that_the_film_hardly_shows_is_no_impact() -> None:
+    """Four frames, 5 ms apart, long after the third impact: contact for 15 ms, less than rest."""
+    time, radius, _ = three_impacts()
+    kept = time < 45e-3
+    time = np.concatenate([time[kept], 0.5 + 5e-3 * np.arange(4)])
+    radius = np.concatenate([radius[kept], np.full(4, 200e-6)])
+    found = impacts(seen_in_film(time, radius, np.isfinite(radius)), settings=None)
+    assert found["peak_time"].values == pytest.approx([5.6e-3, 25.6e-3, 40.6e-3], abs=2e-5)
+    assert np.isnan(found["static_radius"])
+
+
+def test_impact_that_the_end_of_the_film_cuts_off_stays_one() -> None:
+    time, radius, seen = three_impacts()
+    kept = time < 40.8e-3
+    found = impacts(seen_in_film(time[kept], radius[kept], seen[kept]), settings=None)
+    assert found["peak_time"].values == pytest.approx([5.6e-3, 25.6e-3, 40.6e-3], abs=2e-5)

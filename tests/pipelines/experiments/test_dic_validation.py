@@ -30,7 +30,11 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     files.write_text(folder / "calibration/laser.toml", laser_record())
     files.write_text(folder / "calibration/camera_front.toml", front_record())
     text = session_head("Film (synthetic)") + drop_section("drop", laser, HEIGHT, "acrylic")
-    text += front_section(film, CAMERA).replace("ptfe_7mm", "drop").replace("ptfe_film", "film")
+    text += (
+        front_section(film, CAMERA, HEIGHT)
+        .replace("ptfe_1p5mm", "drop")
+        .replace("ptfe_film", "film")
+    )
     files.write_text(folder / "session.toml", text)
     outcome = process(folder, only=["film"], jobs=0)
     assert outcome.exit_code == 0, [o.message for o in outcome.failures]

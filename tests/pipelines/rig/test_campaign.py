@@ -54,9 +54,9 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(campaign, "write_dma", one("dma/{}.csv"))
     monkeypatch.setattr(campaign, "write_indentations", rubber)
     monkeypatch.setattr(campaign, "burst_times", lambda *rest: None)
-    parts = campaign._parts(tmp_path, START, full_size=False)
+    parts = campaign._parts(tmp_path, START, campaign.THESIS)
     sections = [part.write() for part in parts]
-    campaign._write_session(tmp_path, sections, full_size=False)
+    campaign._write_session(tmp_path, sections, is_binned=True)
     names = [name for part in parts for name in part.names]
     assert set(names) | {"plate"} == set(
         tomllib.loads((tmp_path / "session.toml").read_text("utf-8"))["experiments"]
