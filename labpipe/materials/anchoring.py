@@ -69,6 +69,10 @@ def anchor_at(points: Points, found: Superposition) -> Anchor:
         groups, gaps = _gaps(points, model.temperature, state.log10_aT)
         groups = groups - (groups @ share)[:, None]
         covariance = covariance + (groups.T * (_GAP_ERROR * gaps**2) ** 2) @ groups
+    if found.alternatives:
+        changes = np.array([other for _, other in found.alternatives]) - state.log10_aT
+        changes = changes - (changes @ share)[:, None]
+        covariance = covariance + changes.T @ changes / len(found.alternatives)
     # An error of the interpolation moves all shifts together.
     covariance = covariance + interpolation**2
     return Anchor(offset, share, moves, covariance)

@@ -54,20 +54,21 @@ def extended_by_a_law(
     weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
     best: Candidate | None = None
     # The present model is fitted anew as well: only costs of equal weights can be compared.
-    present = _screened(points, weight, current, current.model, current.fit.state)
+    present = screened(points, weight, current, current.model, current.fit.state)
     least = _criterion(points, present, current.model)
     for model in [move for move in moves if move.has_delay > current.model.has_delay]:
-        fit = _screened(points, weight, current, model, current.fit.state)
+        fit = screened(points, weight, current, model, current.fit.state)
         if _criterion(points, fit, model) < least:
             # A delay bends the loss of every sweep; the other laws are judged without it.
             return Candidate(model, fit, current.starts)
     # Without a vertical law the shifts may have gone far to make up for it: start anew as well.
     is_plain = current.model.vertical == "none" and not current.model.level_spread
-    restarts = _restarts(points, current) if is_plain and starts is None else []
+    clean = entropic_ln_bT(current.model)
+    first_states = restarts(points, current, clean) if is_plain and starts is None else []
     for model in [move for move in moves if move.has_delay <= current.model.has_delay]:
         is_removal = model.has_delay < current.model.has_delay
-        for first in [current.fit.state, *([] if is_removal else restarts)]:
-            fit = _screened(points, weight, current, model, first)
+        for first in [current.fit.state, *([] if is_removal else first_states)]:
+            fit = screened(points, weight, current, model, first)
             score = _criterion(points, fit, model)
             if score < least:
                 best, least = Candidate(model, fit, current.starts), score
@@ -105,14 +106,13 @@ def _may_gain(points: Points, current: Superposition, moves: list[OuterModel]) -
     return False
 
 
-def _restarts(points: Points, current: Superposition) -> list[State]:
-    """Start anew under b ∝ T, the phase's present delay taken out of the data."""
+def restarts(points: Points, current: Superposition, ln_bT: Array) -> list[State]:
+    """Start anew under a vertical law, the phase's present delay taken out of the data."""
     model, delay = current.model, current.fit.state.delay
     turned = (points.storage + 1j * points.loss) * np.exp(-1j * points.omega * delay)
     if not (turned.imag > 0).all():
         turned = points.storage + 1j * points.loss
     clean = replace(points, storage=turned.real, loss=turned.imag)
-    ln_bT = entropic_ln_bT(model)
     found = (
         overlapped_shifts(clean, model.temperature, ln_bT),
         scanned_shifts(clean, model.temperature, ln_bT),
@@ -126,7 +126,7 @@ def entropic_ln_bT(model: OuterModel) -> Array:
     return np.zeros(model.temperature.size) if found is None else found
 
 
-def _screened(
+def screened(
     points: Points, weight: Array, current: Superposition, model: OuterModel, first: State
 ) -> Fit:
     """Fit another model from a state, well enough to compare it."""

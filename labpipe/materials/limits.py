@@ -33,6 +33,7 @@ def limits_of(
     if found.model.horizontal == "free":
         notes += _identifiability(overlap)
         notes += _other_solutions(found)
+        notes += _violation(found)
     notes += _gaps(overlap)
     if law is not None and data.points.count > len(chosen.parameters) + 1:
         gain = free_shifts_gain(data.points, found)
@@ -44,6 +45,21 @@ def limits_of(
     if kk.verdict != "pass":
         notes.append(f"Kramers-Kronig {kk.verdict}: {kk.reason}")
     return notes
+
+
+def _violation(found: Superposition) -> list[str]:
+    if not found.alternatives:
+        return []
+    state, model = found.fit.state, found.model
+    shifts = np.array([other for _, other in found.alternatives])
+    change = np.abs(shifts - shifts[:, [model.reference]] - state.log10_aT)
+    worst = np.unravel_index(int(np.argmax(change)), change.shape)
+    return [
+        "time-temperature superposition does not hold to the scatter of the sweeps (the fit "
+        f"misses by {found.violation:.1f} times as much): with other weights of the moduli, another "
+        f"vertical law or another start the shifts change by up to {change[worst]:.1f} decades "
+        f"({float(model.temperature[worst[1]]):.0f} °C); their uncertainties hold these changes"
+    ]
 
 
 def _gaps(overlap: xr.Dataset) -> list[str]:

@@ -25,10 +25,10 @@ Horizontal = Literal["free", "wlf", "arrhenius", "fixed"]
 
 #: Steps of polymers: 0.03 to 0.3 decades per kelvin, hardly known beforehand.
 STEP_PER_KELVIN, STEP_SPREAD, STEP_SPREAD_PER_KELVIN = 0.08, 0.5, 0.12
-# The step per isotherm changes from one to the next by this much (decades), plus this share.
-_CHANGE, _CHANGE_SHARE = 0.4, 0.5
-# Closer isotherms than this (K) are repeats; their spacing is not resolved.
-_LEAST_SPACING = 1.0
+#: The step per isotherm changes from one to the next by this much (decades), plus this share.
+CHANGE, CHANGE_SHARE = 0.4, 0.5
+#: Closer isotherms than this (K) are repeats; their spacing is not resolved.
+LEAST_SPACING = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def expected_shifts(temperature: Array, log10_aT: Array) -> Expectation:
     """Return the weak expectation around the present shifts, for free shifts only."""
     order = np.argsort(temperature, kind="stable")
     count = temperature.size
-    spacing = np.maximum(np.diff(temperature[order]), _LEAST_SPACING)
+    spacing = np.maximum(np.diff(temperature[order]), LEAST_SPACING)
     first = np.zeros((count - 1, count))
     at = np.arange(count - 1)
     first[at, order[:-1]], first[at, order[1:]] = 1.0, -1.0
@@ -81,7 +81,7 @@ def expected_shifts(temperature: Array, log10_aT: Array) -> Expectation:
     mean = 0.5 * (spacing[1:] + spacing[:-1])
     second = (slope[:-1] - slope[1:]) * mean[:, None]
     size = np.abs(slope @ log10_aT)
-    change = _CHANGE + _CHANGE_SHARE * np.minimum(size[:-1], size[1:]) * mean
+    change = CHANGE + CHANGE_SHARE * np.minimum(size[:-1], size[1:]) * mean
     return Expectation(
         rows=np.vstack([first / spread[:, None], second / change[:, None]]),
         target=np.concatenate([STEP_PER_KELVIN * spacing / spread, np.zeros(mean.size)]),

@@ -51,6 +51,10 @@ class Superposition:
         from the best ones (largest difference, decades).
     probe : Probe, optional
         What a walk along the barely determined steps found.
+    alternatives : tuple of (str, array (isotherm,))
+        log10 a_T with the model changed, where superposition does not hold to the scatter.
+    violation : float
+        Noise of the fit over scatter of the sweeps, of the worse modulus.
     """
 
     model: OuterModel
@@ -60,6 +64,8 @@ class Superposition:
     standardised: Array
     starts: tuple[tuple[str, float, float], ...]
     probe: Probe | None = None
+    alternatives: tuple[tuple[str, Array], ...] = ()
+    violation: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ leaves a gap between its sweeps, is walked over a wide range, the spectrum follo
 found widens its uncertainty.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,8 @@ _MARGIN = 5.2
 # The walk is coarse and holds the other shifts: a dip that comes within this misfit (in units of
 # twice the log-likelihood) of the present minimum may be a better one.
 _PROMISING = 100.0
+# A walk looks at this many isotherms on either side of its step: further ones hardly see it.
+_NEIGHBOURS = 3
 # Of every walk this many of the lowest dips are fitted, well enough to be compared: tolerance
 # and iterations.
 _MOST_DIPS = 2
@@ -171,6 +173,7 @@ def _walk(
     points: Points, weight: Array, fit: Fit, model: OuterModel, group: Array, strength: float
 ) -> Array:
     """Return the total cost at every offset of a group, less that at none."""
+    points, weight = _near_the_step(points, weight, model, group)
     grid = grid_for(points, fit.state, fit.grid.terms_per_decade, _MARGIN)
     middle = int(np.argmin(np.abs(_OFFSETS)))
     costs = np.empty(_OFFSETS.size)
@@ -182,6 +185,25 @@ def _walk(
             guess = trial.solution
             costs[i] = predictive_cost(trial, model)
     return costs - costs[middle]
+
+
+def _near_the_step(
+    points: Points, weight: Array, model: OuterModel, group: Array
+) -> tuple[Points, Array]:
+    """Leave out the isotherms that are far from the step."""
+    order = np.argsort(model.temperature, kind="stable")
+    step = int(np.flatnonzero(np.diff(group[order]))[0])
+    near = np.zeros(group.size, dtype=bool)
+    near[order[max(step + 1 - _NEIGHBOURS, 0) : step + 1 + _NEIGHBOURS]] = True
+    kept = near[points.isotherm]
+    fewer = replace(
+        points,
+        omega=points.omega[kept],
+        isotherm=points.isotherm[kept],
+        storage=points.storage[kept],
+        loss=points.loss[kept],
+    )
+    return fewer, weight[np.concatenate([kept, kept])]
 
 
 def _moved(model: OuterModel, state: State, log10_aT: Array) -> State:

@@ -28,6 +28,13 @@ from labpipe.materials.law_choice import (
     entropic_ln_bT,
     extended_by_a_law,
 )
+from labpipe.materials.model_doubt import (
+    VIOLATED,
+    alternatives,
+    other_minimum,
+    run_length,
+    violation,
+)
 from labpipe.materials.noise import Noise, first_noise, scatter_of_sweeps
 from labpipe.materials.outer_model import OuterModel, expected_shifts
 from labpipe.materials.settling import (
@@ -42,7 +49,7 @@ from labpipe.materials.settling import (
 from labpipe.materials.shift_law import fit_law
 from labpipe.materials.shift_start import overlapped_shifts, scanned_shifts
 from labpipe.materials.spectrum import MARGIN_DECADES, MOST_TERMS_PER_DECADE, TERMS_PER_DECADE
-from labpipe.materials.step_probe import probe_steps
+from labpipe.materials.step_probe import Probe, probe_steps
 from labpipe.materials.vertical_law import Vertical
 
 Array = NDArray[np.float64]
@@ -106,7 +113,35 @@ def superpose(
             break
         current = _settled_finely(points, extended, current.noise, options)
         current = _probed(points, current, options)
-    return current
+    return _doubted(points, current, options, starts)
+
+
+def _doubted(
+    points: Points,
+    current: Superposition,
+    options: Options,
+    starts: Sequence[tuple[str, Array]] | None,
+) -> Superposition:
+    """Where superposition does not hold to the scatter, look for other minima and other models."""
+    free = current.model.horizontal == "free"
+    for _ in range(_MAX_MOVES if free and starts is None else 0):
+        if violation(current, options) <= VIOLATED:
+            break
+        other = other_minimum(points, current, options)
+        if other is None:
+            break
+        current = _probed(points, settled(points, other, current.noise, options), options)
+    ratio = violation(current, options)
+    if not free or ratio <= VIOLATED:
+        return replace(current, violation=ratio)
+    length = run_length(points, current)
+    doubted = replace(
+        current,
+        covariance=length * current.covariance,
+        alternatives=alternatives(points, current, options),
+        violation=ratio,
+    )
+    return replace(doubted, probe=_walked(points, doubted, options, length, may_move=False))
 
 
 def _settled_finely(
@@ -213,18 +248,28 @@ def _smoothed(points: Points, run: _Run) -> Array:
 
 
 def _probed(points: Points, current: Superposition, options: Options) -> Superposition:
-    """Walk the loose steps; settle anew from better ones, and keep what the last walk says."""
-    if current.model.horizontal != "free":
+    """Walk the loose steps; settle anew from better ones, and keep what the last walk says.
+
+    While the sweeps are missed by far more than they scatter, a law is missing, not a better step.
+    """
+    if current.model.horizontal != "free" or violation(current, options) > VIOLATED:
         return current
     for may_move in (True,) * _MAX_MOVES + (False,):
-        moves = current.model.directions(current.fit.state)[0]
-        known = moves @ current.covariance @ moves.T
-        weight = weights_of(points, current.noise, current.fit.predicted)
-        weight = weight * huber(current, options)
-        probe = probe_steps(points, weight, current.fit, current.model, known, may_move)
+        probe = _walked(points, current, options, 1.0, may_move)
         current = replace(current, probe=probe)
         if probe.better is None:
             break
         candidate = Candidate(current.model, probe.better, current.starts)
         current = settled(points, candidate, current.noise, options)
     return current
+
+
+def _walked(
+    points: Points, current: Superposition, options: Options, length: float, may_move: bool
+) -> Probe:
+    """Walk the loose steps, every residual counting for one over the length of its run."""
+    moves = current.model.directions(current.fit.state)[0]
+    known = moves @ current.covariance @ moves.T
+    weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
+    weight = weight / np.sqrt(length)
+    return probe_steps(points, weight, current.fit, current.model, known, may_move)
