@@ -1,0 +1,133 @@
+"""Many sessions as one table: what is listed, what is read again, and what a query may do."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from labpipe.errors import SourceError, UsageError
+from pipelines.catalogue import FILE, catalogue, query
+from pipelines.commands.catalogue import catalogue as command
+from pipelines.process import result
+
+
+@pytest.fixture(scope="module")
+def sessions(processed_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A processed session, the same one unprocessed under another name, and a broken one."""
+    root = tmp_path_factory.mktemp("sessions")
+    shutil.copytree(processed_session, root / "monday")
+    shutil.copytree(processed_session, root / "2026" / "tuesday")
+    shutil.rmtree(root / "2026" / "tuesday" / "labpipe")
+    (root / "broken").mkdir()
+    (root / "broken" / "session.toml").write_text("[session\n", "utf-8")
+    catalogue([root])
+    return root
+
+
+def test_experiments_are_listed_with_parameters_and_numbers(sessions: Path) -> None:
+    found = query(sessions / FILE, "kind = 'ball_drop'")
+    assert list(found["session"]) == ["2026/tuesday", "monday"]
+    assert found.attrs["units"]["height"] == "m"
+    assert (found["height"] > 0.0).all()
+    assert found["state"][1] == "done"
+    assert "to do" in found["state"][0]
+    expected = result(sessions / "monday", str(found["experiment"][1]), "repeats")["restitution"]
+    assert found["first_restitution"][1] == float(expected[0])
+    assert found["first_restitution"].isna()[0]
+
+
+def test_a_condition_selects(sessions: Path) -> None:
+    everything = query(sessions / FILE, "kind = 'ball_drop'")
+    height, material = float(everything["height"][0]), str(everything["material"][0])
+    names = ["session", "height"]
+    where = f"material = '{material}' and height > {0.9 * height!r}"
+    assert len(query(sessions / FILE, where, names)) == 2
+    assert len(query(sessions / FILE, f"height > {1.1 * height!r}", names)) == 0
+    assert list(query(sessions / FILE, "", names).columns) == names
+
+
+def test_short_results_are_rows(sessions: Path) -> None:
+    where = "variable = 'restitution' and stage = 'repeats'"
+    found = query(sessions / FILE, where, table="results")
+    expected = result(sessions / "monday", str(found["experiment"][0]), "repeats")
+    assert list(found["value"]) == list(expected["restitution"].dropna("impact").values)
+    assert list(found["unit"].unique()) == ["1"]
+    assert (found["height"] > 0.0).all()
+
+
+def test_only_what_changed_is_read_again(sessions: Path, tmp_path: Path) -> None:
+    root = tmp_path / "copy"
+    shutil.copytree(sessions, root)
+    first = catalogue([root])
+    assert set(first.unchanged) == {"monday", "2026/tuesday"}
+    assert first.renewed == ()
+    (root / "broken" / "session.toml").unlink()
+    text = (root / "monday" / "session.toml").read_text("utf-8")
+    (root / "monday" / "session.toml").write_text(text.replace("title = ", "title = 'x' #", 1))
+    shutil.rmtree(root / "2026")
+    second = catalogue([root])
+    assert second.renewed == ("monday",)
+    assert set(second.removed) == {"2026/tuesday", "broken"}
+    assert set(query(root / FILE)["session"]) == {"monday"}
+
+
+def test_a_session_that_cannot_be_read_is_named_and_its_rows_kept(
+    sessions: Path, tmp_path: Path
+) -> None:
+    root = tmp_path / "copy"
+    shutil.copytree(sessions, root)
+    before = query(root / FILE, "session = 'monday'")
+    (root / "monday" / "session.toml").write_text("[session\n", "utf-8")
+    done = catalogue([root])
+    assert set(done.problems) == {"broken", "monday"}
+    assert "session.toml:1" in done.problems["monday"]
+    assert query(root / FILE, "session = 'monday'").equals(before)
+    told = query(root / FILE, "problem is not null", table="sessions")
+    assert set(told["session"]) == {"broken", "monday"}
+
+
+@pytest.mark.parametrize(
+    "where",
+    ["height >", "no_such_column = 1", "1) ; DROP TABLE experiments; --", "load_extension('x')"],
+)
+def test_a_wrong_condition_is_refused_and_changes_nothing(sessions: Path, where: str) -> None:
+    before = (sessions / FILE).read_bytes()
+    with pytest.raises(UsageError, match="the columns are session, experiment, kind"):
+        query(sessions / FILE, where)
+    assert (sessions / FILE).read_bytes() == before
+
+
+def test_a_misspelt_column_gets_a_suggestion(sessions: Path) -> None:
+    with pytest.raises(UsageError, match='did you mean "height"'):
+        query(sessions / FILE, columns=["hieght"])
+
+
+@pytest.mark.parametrize("content", [b"", b"some notes\n" * 100])
+def test_a_foreign_file_is_left_alone(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / FILE).write_bytes(content)
+    with pytest.raises(SourceError, match="not a catalogue of labpipe"):
+        catalogue([tmp_path])
+    assert (tmp_path / FILE).read_bytes() == content
+
+
+def test_a_damaged_catalogue_is_made_anew(sessions: Path, tmp_path: Path) -> None:
+    path = tmp_path / FILE
+    data = bytearray((sessions / FILE).read_bytes())
+    data[4096:] = bytes(len(data) - 4096)
+    path.write_bytes(data)
+    done = catalogue([sessions], path)
+    assert len(done.renewed) == 2
+    assert len(query(path, "kind = 'ball_drop'")) == 2
+
+
+def test_the_command_prints_a_table_and_json(sessions: Path) -> None:
+    run = CliRunner().invoke(command, [str(sessions), "--where", "kind = 'ball_drop'"])
+    assert run.exit_code == 1  # one session is broken
+    assert "height [m]" in run.stdout
+    assert "2 rows; 0 sessions read, 2 unchanged" in run.stdout
+    assert "broken: " in run.stderr
+    run = CliRunner().invoke(command, [str(sessions), "--table", "columns", "--json"])
+    document = json.loads(run.stdout)
+    assert {"name": "height", "unit": "m"} in document["rows"]
