@@ -34,10 +34,10 @@ _RIGID_FLOOR = (
 
 
 def page(
-    readings: list[xr.Dataset] | None,
-    displacement: list[xr.Dataset] | None,
-    velocity: list[xr.Dataset] | None,
-    bounces: list[xr.Dataset] | None,
+    readings: list[xr.Dataset | None] | None,
+    displacement: list[xr.Dataset | None] | None,
+    velocity: list[xr.Dataset | None] | None,
+    bounces: list[xr.Dataset | None] | None,
     repeats: xr.Dataset | None,
     model: xr.Dataset | None,
     comparison: xr.Dataset | None,
@@ -47,18 +47,19 @@ def page(
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
     del velocity
+    moved = pages.present(displacement)
     sections = [_summary(settings, repeats, model, comparison, context)]
     if repeats is not None:
         sections += [motion(repeats, model, comparison), _bounces(repeats, comparison)]
-    if bounces:
-        sections.append(_repeats(settings, bounces, repeats))
-    sections.append(_measured(settings, readings, context))
-    if displacement:
-        sections.append(_calibration(displacement))
+    if pages.present(bounces):
+        sections.append(_repeats(settings, bounces or (), repeats))
+    sections.append(_measured(settings, pages.present(readings), context))
+    if moved:
+        sections.append(_calibration(moved))
     if model is not None:
         sections.append(_model(model))
     if repeats is not None:
-        sections.append(pages.methods(_methods(settings, displacement, repeats, comparison)))
+        sections.append(pages.methods(_methods(settings, moved, repeats, comparison)))
     subtitle = f"Ball drop from {pages.stated(settings.height)}"
     return pages.document(context, subtitle, sections).render()
 
@@ -98,7 +99,7 @@ def _summary(
     return Section("Summary", tuple(blocks))
 
 
-def _measured(settings: BallDrop, readings: list[xr.Dataset] | None, context: Context) -> Section:
+def _measured(settings: BallDrop, readings: list[xr.Dataset], context: Context) -> Section:
     rows = [
         ("recordings", str(len(settings.laser)), "repeats of the same drop"),
         ("sphere radius", pages.stated(settings.sphere.radius), ""),
@@ -216,10 +217,12 @@ def _against_model(comparison: xr.Dataset) -> Table:
 
 
 def _repeats(
-    settings: BallDrop, bounces: Sequence[xr.Dataset], repeats: xr.Dataset | None
+    settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: xr.Dataset | None
 ) -> Section:
     rows = []
     for i, (name, found) in enumerate(zip(settings.laser, bounces, strict=True)):
+        if found is None:
+            continue
         is_outlier = repeats is not None and bool(repeats["is_outlier"][i])
         rows.append(
             (
@@ -235,6 +238,8 @@ def _repeats(
         Column("rest", unit="s"), Column("remark"),
     )  # fmt: skip
     text = "Times of each recording by its own clock. An outlier is flagged, never dropped."
+    if len(rows) < len(bounces):
+        text += f" {len(bounces) - len(rows)} recording(s) gave no bounces: see the errors."
     return Section("Repeats", (Table(columns, rows, caption=text),))
 
 
@@ -269,7 +274,7 @@ def _model(model: xr.Dataset) -> Section:
 
 def _methods(
     settings: BallDrop,
-    displacement: list[xr.Dataset] | None,
+    displacement: list[xr.Dataset],
     repeats: xr.Dataset,
     comparison: xr.Dataset | None,
 ) -> str:

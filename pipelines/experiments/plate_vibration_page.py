@@ -36,9 +36,9 @@ _SHOWN = {
 
 
 def page(
-    readings: list[xr.Dataset] | None,
-    displacement: list[xr.Dataset] | None,
-    ringing: list[xr.Dataset] | None,
+    readings: list[xr.Dataset | None] | None,
+    displacement: list[xr.Dataset | None] | None,
+    ringing: list[xr.Dataset | None] | None,
     table: xr.Dataset | None,
     plate: xr.Dataset | None,
     comparison: xr.Dataset | None,
@@ -47,16 +47,19 @@ def page(
     context: Context,
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
-    sections = [_summary(table, plate, comparison, context), _measured(settings, readings, context)]
-    if displacement:
-        sections.append(_calibration(displacement[0]))
+    sections = [
+        _summary(table, plate, comparison, context),
+        _measured(settings, pages.present(readings), context),
+    ]
+    if moved := pages.present(displacement):
+        sections.append(_calibration(moved[0]))
     if comparison is not None:
         sections.append(_motion(settings, comparison))
     if table is not None:
         sections.append(_table(settings, table, plate, comparison))
         sections.append(_dependence(settings, table))
-    if ringing:
-        sections.append(_recordings(settings, ringing))
+    if pages.present(ringing):
+        sections.append(_recordings(settings, ringing or ()))
     if table is not None:
         sections.append(pages.methods(_methods(settings, table, plate)))
     return pages.document(context, "Vibration of the plate", sections).render()
@@ -115,9 +118,7 @@ def _verdict(table: xr.Dataset, name: str, title: str) -> Notice:
     return Notice("ok", text)
 
 
-def _measured(
-    settings: PlateVibration, readings: list[xr.Dataset] | None, context: Context
-) -> Section:
+def _measured(settings: PlateVibration, readings: list[xr.Dataset], context: Context) -> Section:
     count = sum(len(drops.laser) for drops in settings.drops)
     rows = [
         ("recordings", str(count), f"{len(settings.drops)} combinations of material and height"),
@@ -260,7 +261,7 @@ def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section:
     return Section("Dependence on height and material", charts)
 
 
-def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset]) -> Section:
+def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) -> Section:
     columns = (
         Column("recording"), Column("drop"), Column("blow", unit="s"),
         Column("free from", unit="s"), Column("free to", unit="s"),
@@ -272,6 +273,8 @@ def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset]) -> Sect
     named = [(name, drops_label(drops)) for drops in settings.drops for name in drops.laser]
     rows: list[tuple[float | int | str | bool | None, ...]] = []
     for (name, label), found in zip(named, ringing, strict=True):
+        if found is None:
+            continue
         values = [float(found[n]) for n in ("blow_time", "free_from", "free_to")]
         for n in ("natural_frequency", "damping_ratio", "amplitude"):
             values += [float(found[n]), float(found[f"u_{n}"])]
