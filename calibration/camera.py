@@ -37,7 +37,7 @@ def pixel_size(reference_length: Quantity, pixel_length: Quantity) -> Quantity:
     Raises
     ------
     InputError
-        A length is not positive.
+        A length is not positive, or not finite.
 
     Examples
     --------
@@ -45,9 +45,9 @@ def pixel_size(reference_length: Quantity, pixel_length: Quantity) -> Quantity:
     >>> round(size.value * 1e3, 5), round(size.u / size.value * 100, 2)
     (0.07772, 0.39)
     """
-    if reference_length.value <= 0 or pixel_length.value <= 0:
+    if not (0.0 < reference_length.value < math.inf and 0.0 < pixel_length.value < math.inf):
         message = (
-            "lengths must be positive, found "
+            "lengths must be positive and finite, found "
             f"{reference_length.value} m and {pixel_length.value} px"
         )
         raise InputError(message)

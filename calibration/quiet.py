@@ -129,9 +129,12 @@ def resolution_of(values: NDArray[np.float64], stated: float | None) -> float:
 
 def _refuse_motion(values: NDArray[np.float64], resolution: float) -> None:
     position = np.arange(values.size) - (values.size - 1) / 2
-    slope = float(position @ values / (position @ position))
-    rest = values - values.mean() - slope * position
-    noise = max(float(rest.std()), resolution / np.sqrt(12))
+    # From the first reading, so that equal readings far from zero have no slope by rounding.
+    moved = values - values[0]
+    slope = float(position @ moved / (position @ position))
+    rest = moved - moved.mean() - slope * position
+    rounding = float(np.spacing(np.abs(values).max()))
+    noise = max(float(rest.std()), resolution / np.sqrt(12), rounding)
     u_slope = noise / float(np.sqrt(position @ position))
     drift = abs(slope) * values.size
     # Both: the slope is real, and it moves the level by more than the noise of a sample.

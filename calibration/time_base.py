@@ -1,5 +1,6 @@
 """The time of samples: the true interval, and the delay of a sensor that averages."""
 
+import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -56,14 +57,14 @@ def filter_delay(averaging: int, cycle: float) -> float:
     Raises
     ------
     InputError
-        ``averaging`` is below 1 or ``cycle`` not positive.
+        ``averaging`` is below 1 or ``cycle`` not positive and finite.
 
     Examples
     --------
     >>> filter_delay(5, 50e-6)
     0.0001
     """
-    if averaging < 1 or cycle <= 0:
+    if averaging < 1 or not 0.0 < cycle < math.inf:
         message = f"expected averaging >= 1 and cycle > 0, found {averaging} and {cycle}"
         raise InputError(message)
     return (averaging - 1) / 2 * cycle

@@ -6,6 +6,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.errors import InputError
+
 
 @runtime_checkable
 class FrameSource(Protocol):
@@ -54,7 +56,8 @@ class ArrayFrames:
     Parameters
     ----------
     images : array (frame, row, column)
-        Grey levels of any integer or floating type.
+        Grey levels of any integer or floating type. A frame in which a level is NaN or infinite
+        counts as damaged.
     time : array (frame,), optional [s]
         Defaults to the frame index.
     exposure : array (frame,) or float, optional [s]
@@ -72,7 +75,7 @@ class ArrayFrames:
     ) -> None:
         if images.ndim != 3:
             message = f"images must be (frame, row, column), found {images.ndim} dimensions"
-            raise ValueError(message)
+            raise InputError(message)
         self._images = images
         count = images.shape[0]
         self._time = np.arange(count, dtype=float) if time is None else np.asarray(time, float)
@@ -102,8 +105,10 @@ class ArrayFrames:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """All true: an array in memory is complete."""
-        return np.ones(len(self), dtype=bool)
+        """False for frames with a pixel that is no number; whole numbers always are."""
+        if self._images.dtype.kind != "f":
+            return np.ones(len(self), dtype=bool)
+        return np.array([bool(np.isfinite(image).all()) for image in self._images], dtype=bool)
 
     @property
     def levels(self) -> tuple[float, float]:

@@ -56,6 +56,9 @@ _LONG_TRAVEL = 0.5
 _EDGE_SURE, _FRINGES_SURE = 0.4, 2.0
 #: Least visibility, and least modulation in units of its uncertainty.
 _LEAST_VISIBILITY, _LEAST_SIGNIFICANCE = 0.1, 10.0
+#: Light is never negative, so that fringes have a visibility of one at most; clipped light and
+#: cameras that are not linear were seen to fit with a fifth more.
+_MOST_VISIBILITY = 1.5
 #: Contacts smaller than this many Newton spots are compared with a sphere that does not press.
 _SMALL_CONTACT = 4.0
 #: A contact is at least this share of a Newton spot; smaller ones are not told from touching.
@@ -267,7 +270,7 @@ def is_clear(view: View, found: RingFit) -> bool:
         found.pixels >= _LEAST_PIXELS
         and found.misfit <= MOST_MISFIT
         and light > 0.0
-        and modulation >= _LEAST_VISIBILITY * light
+        and _LEAST_VISIBILITY * light <= modulation <= _MOST_VISIBILITY * light
         and modulation >= _LEAST_SIGNIFICANCE * found.deviation(Parameter.MODULATION)
         and radius > _LEAST_RADIUS * view.newton_spot
         and found.deviation(Parameter.RADIUS) < _MOST_UNCERTAINTY * radius

@@ -57,6 +57,9 @@ def check_film(film: FrameSource, options: FilmOptions) -> None:
     if len(film.shape) != 3 or min(film.shape[1:]) < 16:
         message = f"frames must be grey images of 16 x 16 px or more, found {film.shape}"
         raise InputError(message)
+    if len(film) == 0:
+        message = "the film holds no frames"
+        raise InputError(message)
     if options.exposure is not None:
         exposure = np.asarray(options.exposure, float)
         is_shaped = exposure.shape in {(), (len(film),)}

@@ -66,6 +66,10 @@ def make_pyramid(image: Image32) -> Pyramid:
     """
     import cv2
 
+    # Sums of squares of single precision hold no faint pattern on a bright ground, and the matching
+    # takes small numbers for none: the pattern itself, about zero and of the size one, is matched.
+    spread = float(image.std(dtype=np.float64)) or 1.0
+    image = np.asarray((image - image.mean(dtype=np.float64)) / spread, np.float32)
     factor = 4 if min(image.shape) >= 192 else 2 if min(image.shape) >= 96 else 1
     if factor == 1:
         return Pyramid(image, image, 1)

@@ -33,6 +33,8 @@ Array = NDArray[np.float64]
 _MAX_STEPS = 200
 # While nothing is known below, the guard looks this much nearer to the pole.
 _INWARD = 1e-3
+# Relative distance below which two times are one; a modulus changes by half of that at most.
+_SAME_TIME = 1e-10
 _EPS = float(np.finfo(float).eps)
 
 
@@ -81,16 +83,22 @@ class Retardation:
 def merged(weight: Array, time: Array) -> tuple[Array, Array]:
     """Sort terms by time, drop zero weights, and add up the weights of equal times.
 
+    Times that agree to :data:`_SAME_TIME` are equal: no modulus tells them apart, while the digits
+    in which they differ would be all that the converted weights rest on.
+
     Examples
     --------
     >>> merged(np.array([1.0, 0.0, 2.0, 3.0]), np.array([5.0, 7.0, 1.0, 5.0]))
     (array([2., 4.]), array([1., 5.]))
     """
-    kept = weight > 0
-    unique, index = np.unique(time[kept], return_inverse=True)
-    summed = np.zeros(unique.size)
-    np.add.at(summed, index, weight[kept])
-    return summed, unique
+    kept = np.flatnonzero(weight > 0)
+    order = kept[np.argsort(time[kept], kind="stable")]
+    ordered = time[order]
+    begins = np.concatenate([[True], np.diff(ordered) > _SAME_TIME * ordered[1:]])[: ordered.size]
+    starts = np.flatnonzero(begins)
+    if starts.size == 0:
+        return np.zeros(0), np.zeros(0)
+    return np.add.reduceat(weight[order], starts), ordered[starts]
 
 
 def creep_from_relaxation(family: Relaxation) -> Retardation:

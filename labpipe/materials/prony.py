@@ -230,7 +230,9 @@ class Prony:
         time = times(t)
         family = self._creep
         terms = _sum_over_terms(family.weight, family.time, time, lambda x: -np.expm1(-x))
-        return (family.unrelaxed + terms + family.fluidity * time) / self.factor(mode)
+        # A solid does not flow in an endless time either: no zero times infinity.
+        flow = family.fluidity * time if family.fluidity > 0 else 0.0
+        return (family.unrelaxed + terms + flow) / self.factor(mode)
 
     def complex_modulus(self, omega: ArrayLike, mode: Mode = "tension") -> NDArray[np.complex128]:
         """Return E*(ω) = E′ + iE″ in Pa at the angular frequencies ω ≥ 0 (rad/s), same shape.
@@ -243,9 +245,8 @@ class Prony:
         storage = _sum_over_terms(self.E, 1.0 / self.rho, frequency, _storage_shape)
         loss = _sum_over_terms(self.E, 1.0 / self.rho, frequency, _loss_shape)
         factor = self.factor(mode)
-        return _complex(
-            factor * (self.E_relaxed + storage), factor * (loss + self.viscosity * frequency)
-        )
+        dashpot = self.viscosity * frequency if self.viscosity > 0 else 0.0
+        return _complex(factor * (self.E_relaxed + storage), factor * (loss + dashpot))
 
     def complex_compliance(
         self, omega: ArrayLike, mode: Mode = "tension"
@@ -382,8 +383,11 @@ def _loss_shape(x: Array) -> Array:
 
 
 def _storage_shape(x: Array) -> Array:
-    """x²/(1 + x²), without overflow."""
-    return x * _loss_shape(x)
+    """x²/(1 + x²), without overflow, one at infinity."""
+    with np.errstate(divide="ignore"):
+        smaller = np.minimum(x, 1.0 / x)
+    share = 1.0 / (1.0 + smaller * smaller)
+    return np.where(x > 1.0, share, x * x * share)
 
 
 def _compliance_shape(x: Array) -> Array:

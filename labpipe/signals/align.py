@@ -10,6 +10,7 @@ from scipy.signal import correlate, correlation_lags
 
 from labpipe.errors import InputError
 from labpipe.signals.noise import estimate_noise
+from labpipe.signals.readings import checked_times, refuse_endless, refuse_infinite
 from labpipe.signals.residuals import parameter_covariance
 from labpipe.signals.smoothing import evaluate, smooth
 
@@ -77,8 +78,15 @@ def at_times(record: xr.DataArray, time: Array) -> xr.DataArray:
     Returns
     -------
     DataArray (time,)
+
+    Raises
+    ------
+    InputError
+        The record's times do not increase, or a value is infinite.
     """
-    values = np.interp(time, record["time"].values, record.values, left=np.nan, right=np.nan)
+    own = checked_times(record["time"].values)
+    refuse_infinite(np.asarray(record.values, float), "a record")
+    values = np.interp(time, own, record.values, left=np.nan, right=np.nan)
     coordinate = ("time", np.asarray(time, float), record["time"].attrs)
     return xr.DataArray(
         values, dims="time", coords={"time": coordinate}, name=record.name, attrs=record.attrs
@@ -159,11 +167,12 @@ def lag(first: xr.DataArray, second: xr.DataArray, largest: float | None = None)
 
 
 def _readings(record: xr.DataArray) -> tuple[Array, Array]:
-    t, y = np.asarray(record["time"].values, float), np.asarray(record.values, float)
+    t, y = checked_times(record["time"].values), np.asarray(record.values, float)
+    refuse_infinite(y, "a record")
     finite = np.isfinite(y)
     t, y = t[finite], y[finite]
-    if len(t) < _FEWEST or not np.all(np.diff(t) > 0):
-        message = f"a lag needs {_FEWEST} readings at increasing times; found {len(t)}"
+    if len(t) < _FEWEST:
+        message = f"a lag needs {_FEWEST} readings; found {len(t)}"
         raise InputError(message)
     if float(np.ptp(y)) == 0.0:
         message = "a record does not vary: no lag can be told from it"
@@ -174,6 +183,7 @@ def _readings(record: xr.DataArray) -> tuple[Array, Array]:
 def _coarse(t1: Array, y1: Array, t2: Array, y2: Array, largest: float | None) -> float:
     """Lag of the largest normalised correlation on a common grid."""
     interval = float(min(np.median(np.diff(t1)), np.median(np.diff(t2))))
+    refuse_endless(float(max(t1[-1] - t1[0], t2[-1] - t2[0])), interval)
     grid1 = np.arange(t1[0], t1[-1] + 0.5 * interval, interval)
     grid2 = np.arange(t2[0], t2[-1] + 0.5 * interval, interval)
     a, b = np.interp(grid1, t1, y1), np.interp(grid2, t2, y2)

@@ -101,7 +101,8 @@ def bounces(
     Warns
     -----
     UserWarning
-        The fall began before the record; the record ends before the body is at rest.
+        The fall began before the record; the record ends before the body is at rest; a gap among
+        the readings hides a contact (its uncertainties then hold the gap).
 
     Notes
     -----
@@ -156,6 +157,14 @@ def bounces(
         raise InputError(message)
     prior = PRIORS[contact]
     impacts, last_touch = _fitted(time, height, sigma, turns, (fall, u_fall), prior)
+    for number, impact in enumerate(impacts, 1):
+        if impact.unread is not None:
+            text = (
+                f"impact {number}: nothing was read from {impact.unread[0]:.6g} to "
+                f"{impact.unread[1]:.6g} s, where the body touched; its times, speeds and "
+                "restitution are uncertain by that gap"
+            )
+            warnings.warn(text, UserWarning, stacklevel=2)
     if not impacts:
         message = "no bounce found: no impact between two flights of constant acceleration"
         raise InputError(message)
@@ -187,7 +196,15 @@ def phases(events: xr.Dataset, time: xr.DataArray) -> xr.DataArray:
     DataArray (time,) of int8
         Index into :data:`PHASES`: held until release, falling until first contact, bouncing until
         the last resolved touch, vibration until rest, static from then on.
+
+    Raises
+    ------
+    InputError
+        A time is not a number.
     """
+    if np.isnan(np.asarray(time.values, float)).any():
+        message = "a time that is not a number belongs to no phase; leave it out"
+        raise InputError(message)
     edges = np.array(
         [
             float(events[name])

@@ -60,6 +60,9 @@ _WITH_PRIOR = [3, 4, 5, 8]  # lean, flatness, skewness, gravity
 _LOSS_UPDATES, _LOSS_SETTLED = 3, 0.02
 _MOST_EVALUATIONS = 200
 _TESTED_LOSS, _UNTESTED_SCALE = 0.55, 0.05  # beyond, the shape does not fit: u grows to threefold
+# A gap among the readings hides a contact when it is this much of its duration, and wider than
+# this many usual intervals (a record that is coarse throughout fits, with the scatter it states).
+_HIDING, _GAP = 0.3, 3.0
 _CLEAR = 0.8  # of the guessed duration from its middle: surely out of contact
 
 NAMES = ("level", "speed", "pulse", "lean", "flatness", "skewness", "touch", "liftoff", "gravity")
@@ -70,13 +73,15 @@ NAMES = ("level", "speed", "pulse", "lean", "flatness", "skewness", "touch", "li
 class ImpactFit:
     """Result of :func:`fit_impact`: ``value`` and ``covariance`` in the order of :data:`OUTPUTS`.
 
-    ``chi_square`` is the reduced sum of squares, ``n_evaluations`` the number of model evaluations.
+    ``chi_square`` is the reduced sum of squares, ``n_evaluations`` the number of model evaluations;
+    ``unread`` are begin and end [s] of the gap among the readings that hides the contact, if any.
     """
 
     value: Array
     covariance: Array
     chi_square: float
     n_evaluations: int
+    unread: tuple[float, float] | None = None
 
 
 OUTPUTS = (
@@ -184,7 +189,44 @@ def fit_impact(
     value, gradient = _outputs(p, scale)
     value[:2] += reference
     value[4:7] += height
-    return ImpactFit(value, gradient @ covariance @ gradient.T, chi_square, n_evaluations)
+    output_covariance: Array = np.asarray(gradient @ covariance @ gradient.T, float)
+    unread = _unread_contact(time, float(value[0]), float(value[1]))
+    if unread is not None:
+        output_covariance = output_covariance + _of_unread(value, unread[1] - unread[0])
+    return ImpactFit(value, output_covariance, chi_square, n_evaluations, unread)
+
+
+def _unread_contact(time: Array, touch: float, liftoff: float) -> tuple[float, float] | None:
+    """Begin and end of the widest gap that meets the contact, if it hides it."""
+    interval = np.diff(time)
+    meets = (time[1:] > touch) & (time[:-1] < liftoff)
+    if not meets.any():
+        return None
+    i = int(np.argmax(np.where(meets, interval, 0.0)))
+    is_hidden = interval[i] > max(_HIDING * (liftoff - touch), _GAP * float(np.median(interval)))
+    return (float(time[i]), float(time[i + 1])) if is_hidden else None
+
+
+def _of_unread(value: Array, gap: float) -> Array:
+    """Covariance of the outputs when touch and lift-off may be anywhere in a gap.
+
+    The arcs on both sides are known, so levels and speeds follow the times; what the body did in
+    the gap (how deep, how hard) is not known at all. Fitted and true time are both somewhere in
+    the gap: their difference has the standard deviation gap / sqrt(6).
+    """
+    by_name = {name: i for i, name in enumerate(OUTPUTS)}
+    incoming, outgoing = value[by_name["incoming_speed"]], value[by_name["outgoing_speed"]]
+    gravity = value[by_name["gravity"]]
+    rows = np.zeros((4, len(OUTPUTS)))
+    rows[0, by_name["touch_time"]], rows[0, by_name["touch_level"]] = 1.0, -incoming
+    rows[0, by_name["incoming_speed"]] = gravity
+    rows[1, by_name["liftoff_time"]], rows[1, by_name["liftoff_level"]] = 1.0, outgoing
+    rows[1, by_name["outgoing_speed"]] = -gravity
+    rows[:2, by_name["restitution"]] = [-outgoing * gravity / incoming**2, -gravity / incoming]
+    rows[2, by_name["deepest_level"]] = incoming
+    rows[:3] *= gap / np.sqrt(6.0)
+    rows[3, by_name["peak_acceleration"]] = value[by_name["peak_acceleration"]]
+    return rows.T @ rows
 
 
 class _Pull(NamedTuple):

@@ -12,6 +12,7 @@ from scipy.stats import binomtest, norm
 from scipy.stats import t as student
 
 from labpipe.errors import InputError
+from labpipe.signals.readings import refuse_infinite
 
 Array = NDArray[np.float64]
 
@@ -52,6 +53,8 @@ def _pairs(measured: ArrayLike, model: ArrayLike) -> tuple[Array, Array]:
     if a.shape != b.shape:
         message = f"the two curves differ in shape: {a.shape} and {b.shape}"
         raise InputError(message)
+    refuse_infinite(a, "the first curve")
+    refuse_infinite(b, "the second curve")
     finite = np.isfinite(a) & np.isfinite(b)
     if np.count_nonzero(finite) < 2:
         message = "at least two finite pairs are needed to compare two curves"
@@ -189,10 +192,11 @@ def determination(measured: ArrayLike, model: ArrayLike) -> float:
     1.0
     """
     a, b = _pairs(measured, model)
-    total = float(np.sum((a - a.mean()) ** 2))
-    if total == 0:
+    if float(np.ptp(a)) == 0:
+        # The sum of squares about a rounded mean need not be zero.
         message = "the measurement does not vary, so there is no variance to explain"
         raise InputError(message)
+    total = float(np.sum((a - a.mean()) ** 2))
     return 1.0 - float(np.sum((a - b) ** 2)) / total
 
 
@@ -249,6 +253,9 @@ def independent_count(values: ArrayLike) -> float:
     True
     """
     x = np.asarray(values, float)
+    if not np.isfinite(x).all():
+        message = "independent samples are counted among finite values; leave out the others"
+        raise InputError(message)
     x = x - x.mean()
     power = float(x @ x)
     if x.size < 4 or power == 0:

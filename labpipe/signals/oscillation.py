@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from labpipe.errors import InputError
+from labpipe.signals.readings import checked_times, refuse_infinite
 from labpipe.signals.residuals import parameter_covariance
 
 Array = NDArray[np.float64]
@@ -231,16 +232,19 @@ def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Array, Array]:
     Raises
     ------
     InputError
-        Fewer than six readings, times that do not increase, or a signal that does not vary.
+        Fewer than six readings, times that do not increase, infinite values, or a signal that does
+        not vary.
     """
     t, y = np.array(time, float), np.array(signal, float)
     if t.ndim != 1 or t.shape != y.shape:
         message = f"time and signal must be one-dimensional and alike: {t.shape} and {y.shape}"
         raise InputError(message)
+    checked_times(t)
+    refuse_infinite(y, "the signal")
     finite = np.isfinite(y)
     t, y = t[finite], y[finite]
-    if len(t) < 6 or not np.all(np.diff(t) > 0):
-        message = f"an oscillation needs 6 readings at increasing times; found {len(t)}"
+    if len(t) < 6:
+        message = f"an oscillation needs 6 readings; found {len(t)}"
         raise InputError(message)
     if float(np.ptp(y)) == 0.0:
         message = "the signal does not vary: no oscillation in it"

@@ -7,6 +7,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from labpipe.errors import InputError
+from labpipe.signals.readings import checked_times, refuse_endless, refuse_infinite
 
 Array = NDArray[np.float64]
 
@@ -36,7 +37,8 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
     Raises
     ------
     InputError
-        There are no records, or names or units differ, or counts differ.
+        There are no records, names, units or counts differ, times do not increase, or a value is
+        infinite.
 
     Notes
     -----
@@ -55,6 +57,9 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
     if not np.all(np.isfinite(starts)):
         message = "a repeat has no start to be aligned at"
         raise InputError(message)
+    for k, record in enumerate(records):
+        checked_times(record["time"].values, f"time of repeat {k + 1}")
+        refuse_infinite(np.asarray(record.values, float), f"repeat {k + 1}")
     time = _common_time(records, starts)
     values = np.array([
         _interpolated(time, r["time"].values - s, r.values)
@@ -95,6 +100,7 @@ def _common_time(records: Sequence[xr.DataArray], starts: Array) -> Array:
     interval = min(float(np.median(np.diff(r["time"].values))) for r in records)
     first = min(float(r["time"][0]) - s for r, s in zip(records, starts, strict=True))
     last = max(float(r["time"][-1]) - s for r, s in zip(records, starts, strict=True))
+    refuse_endless(last - first, interval)
     # a grid point on the very edge of a record counts as inside despite rounding
     lowest, highest = np.ceil(first / interval - _ROUNDING), np.floor(last / interval + _ROUNDING)
     return interval * np.arange(lowest, highest + 1)

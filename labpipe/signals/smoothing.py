@@ -41,6 +41,7 @@ _UPDATES = 10  # of lambda at most; more change the result by less than 1e-3 of 
 _SETTLED = 0.2  # change of log lambda below which no further update is made
 _POOL = 6  # knot intervals on either side that share their estimate of lambda
 _SHARED_WEIGHT = 2.0  # weight, in effective parameters, of all intervals of the same length
+_NO_ENERGY = 1e-250  # less roughness than any curve has; divides any count without overflow
 _LAMBDA_RANGE = (1e-8, 1e8)  # relative to h^7; beyond it the penalty is off, or rigid
 _REFINEMENTS = 3
 _AT_CONTACT, _AT_RELEASE = DEGREE - 2, DEGREE - 1  # multiplicity: derivative 3, derivative 2 jumps
@@ -222,11 +223,13 @@ def _pooled_ratio(used: Array, energy: Array, length: Array) -> Array:
     """Parameters used per roughness, pooled over neighbours and over intervals of equal length."""
     octave = np.round(np.log2(length)).astype(int)
     octave -= octave.min()
-    tiny = float(np.finfo(float).tiny)
-    shared = (np.bincount(octave, used) / np.maximum(np.bincount(octave, energy), tiny))[octave]
+    shared = (np.bincount(octave, used) / np.maximum(np.bincount(octave, energy), _NO_ENERGY))[
+        octave
+    ]
     local_used, local_energy = _pooled(used), _pooled(energy)
     return np.asarray(
-        (local_used + _SHARED_WEIGHT) / np.maximum(local_energy + _SHARED_WEIGHT / shared, tiny)
+        (local_used + _SHARED_WEIGHT)
+        / np.maximum(local_energy + _SHARED_WEIGHT / shared, _NO_ENERGY)
     )
 
 

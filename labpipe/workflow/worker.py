@@ -6,7 +6,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, StageError, StoreError
@@ -65,6 +65,7 @@ class Outcome:
 
     ``key`` finds the result in the store (None where there is none). ``message`` says why there
     is none; ``exit_code`` and ``error`` (the class) tell what went wrong, ``details`` where.
+    ``seconds`` passed on the clock, ``processor_seconds`` on all cores of this process.
     """
 
     experiment: str
@@ -77,6 +78,7 @@ class Outcome:
     error: str = ""
     details: str = ""
     seconds: float = 0.0
+    processor_seconds: float = 0.0
 
     @property
     def task(self) -> TaskId:
@@ -136,6 +138,22 @@ def _attempts(job: Job, emit: Emit) -> None:
         store.index.save()
 
 
+class _Clock(NamedTuple):
+    """Moment at which a task began."""
+
+    wall: float
+    processor: float
+
+    @classmethod
+    def now(cls) -> "_Clock":
+        return cls(time.perf_counter(), time.process_time())
+
+    def until_now(self) -> "_Clock":
+        """Return what has passed since."""
+        wall, processor = self.now()
+        return _Clock(wall - self.wall, processor - self.processor)
+
+
 @dataclass(slots=True)
 class _Run:
     """One pass over the rows of one experiment."""
@@ -173,7 +191,7 @@ class _Run:
         if missing and not is_page:
             return Outcome(*task.id, SKIPPED, message=f"{missing[0]} gave no result")
         self.emit("started", task.id)
-        begun = time.perf_counter()
+        begun = _Clock.now()
         try:
             key = self._page_or_result(task)
         except _StartAgain:
@@ -184,10 +202,14 @@ class _Run:
             # A stage is foreign code to the runner: whatever it raises ends this task alone.
             text = f"unexpected {type(error).__name__}: {error}"
             return self._failed(task, error, text, StageError.exit_code, begun)
-        return Outcome(*task.id, DONE, key, seconds=time.perf_counter() - begun)
+        seconds, processor = begun.until_now()
+        return Outcome(*task.id, DONE, key, seconds=seconds, processor_seconds=processor)
 
-    def _failed(self, task: Task, error: Exception, text: str, code: int, begun: float) -> Outcome:
+    def _failed(
+        self, task: Task, error: Exception, text: str, code: int, begun: "_Clock"
+    ) -> Outcome:
         details = "".join(traceback.format_exception(error))
+        seconds, processor = begun.until_now()
         return Outcome(
             *task.id,
             FAILED,
@@ -195,7 +217,8 @@ class _Run:
             exit_code=code,
             error=type(error).__name__,
             details=details,
-            seconds=time.perf_counter() - begun,
+            seconds=seconds,
+            processor_seconds=processor,
         )
 
     def _missing(self, task: Task) -> list[TaskId]:

@@ -3,7 +3,15 @@
 from collections import Counter
 from collections.abc import Mapping
 
-from pipelines.bench import stability_contact, stability_impact
+from pipelines.bench import (
+    stability_bounces,
+    stability_calibration,
+    stability_contact,
+    stability_films,
+    stability_impact,
+    stability_materials,
+    stability_signals,
+)
 from pipelines.bench.measure import Point, Suite
 from pipelines.bench.stability_outcome import Case, Tally, run_family
 
@@ -11,6 +19,11 @@ from pipelines.bench.stability_outcome import Case, Tally, run_family
 FAMILIES: Mapping[str, Mapping[str, tuple[Case, int]]] = {
     "contact": stability_contact.FAMILIES,
     "impact": stability_impact.FAMILIES,
+    "signals": stability_signals.FAMILIES,
+    "bounces": stability_bounces.FAMILIES,
+    "films": stability_films.FAMILIES,
+    "materials": stability_materials.FAMILIES,
+    "calibration": stability_calibration.FAMILIES,
 }
 #: What a full and a quick run try, in multiples of what the tests try.
 _FULL, _QUICK = 10, 0.1
@@ -24,7 +37,7 @@ def run(quick: bool) -> list[Suite]:
     Parameters
     ----------
     quick : bool
-        Some two hundred cases; otherwise some twenty thousand.
+        Some seven hundred cases; otherwise some seventy thousand.
 
     Returns
     -------

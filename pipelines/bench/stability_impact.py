@@ -132,8 +132,8 @@ def any_collision(random: Random) -> Outcome:
 
 #: Families and how many of their cases the tests try.
 FAMILIES: Mapping[str, tuple[Case, int]] = {
-    "any drop": (any_drop, 150),
-    "elastic impact": (elastic_impact, 80),
-    "springs and rings": (two_solvers, 25),
-    "collision": (any_collision, 25),
+    "any drop": (any_drop, 40),
+    "elastic impact": (elastic_impact, 40),
+    "springs and rings": (two_solvers, 15),
+    "collision": (any_collision, 15),
 }

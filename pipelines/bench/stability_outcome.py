@@ -1,13 +1,15 @@
 """What became of a hostile case, and of many of them."""
 
 import time
+import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 
-from labpipe.errors import InputError, LabpipeError
+from labpipe.errors import CalibrationError, InputError, LabpipeError
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +57,20 @@ def worst(*looks: tuple[float, str]) -> Outcome:
     return Outcome(float(np.inf if np.isnan(share) else share), what)
 
 
+@contextmanager
+def silently() -> Iterator[None]:
+    """Take what is said to the user as said; warnings of arithmetic stay what they are."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", UserWarning)
+        yield
+
+
 def run_case(case: Case, seed: int) -> Outcome:
     """Compute one case; a refusal with a reason is an answer, another error is not."""
     try:
         return case(np.random.default_rng(seed))
-    except InputError as error:
+    except (InputError, CalibrationError) as error:
         return Outcome(0.0, "", _reason(error))
     except LabpipeError as error:
         return Outcome(np.inf, f"{type(error).__name__}: {error}")

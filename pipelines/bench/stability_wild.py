@@ -30,3 +30,38 @@ def wild_times(random: Random, count: int) -> Floats:
 def below_zero(values: Floats) -> float:
     """Infinite when any value is negative or no number, else 0."""
     return 0.0 if np.all(values >= 0.0) else np.inf
+
+
+def laid_out(random: Random, values: Floats, *, is_single: bool = False) -> Floats:
+    """Copy into a memory layout that a caller may have: strided, reversed, read-only, swapped.
+
+    With ``is_single`` the numbers are rounded to float32 and come in that type.
+    """
+    kind = np.float32 if is_single else np.float64
+    if random.random() < 0.2:
+        kind = np.dtype(kind).newbyteorder(">")  # type: ignore[assignment]
+    layout = str(random.choice(["plain", "strided", "reversed"]))
+    if layout == "strided":
+        room = np.full((*values.shape[:-1], 3 * values.shape[-1]), np.nan, kind)
+        laid = room[..., 1::3]
+    elif layout == "reversed":
+        laid = np.empty(values.shape, kind)[..., ::-1]
+    else:
+        laid = np.empty(values.shape, kind)
+    laid[...] = values
+    # What is written to a read-only array raises, so that no input is changed unseen.
+    laid.setflags(write=False)
+    return laid
+
+
+def with_gaps(random: Random, values: Floats) -> Floats:
+    """Lose bursts of readings, at most a third of them in all; half of the records lose none."""
+    if random.random() < 0.5:
+        return values
+    gapped = values.copy()
+    for _ in range(int(random.integers(1, 4))):
+        length = int(random.integers(1, max(2, values.size // 9)))
+        begin = int(random.integers(0, values.size))
+        gapped[begin : begin + length] = np.nan
+    gapped.setflags(write=False)
+    return gapped

@@ -160,6 +160,14 @@ def test_record_that_begins_in_motion_has_no_zero():
         laser.displacement(readings_of(moved, drop(500)[1], known), known)
 
 
+def test_reading_that_does_not_change_is_quiet_however_far_from_zero():
+    known = record()
+    made = keyence.make_recording({1: np.zeros(400)}, cycle="50 us", start=DAY)
+    made["out1"] = made.out1.copy(data=np.full(400, -49.92892845434198))
+    result = laser.displacement(made, known)
+    np.testing.assert_allclose(result.displacement.values, 0.0, atol=1e-12)
+
+
 def test_too_short_record_has_no_zero():
     known = record()
     with pytest.raises(CalibrationError, match="valid samples"):

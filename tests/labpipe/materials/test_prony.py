@@ -68,6 +68,12 @@ def test_limits_of_time_and_frequency(acrylic_like):
     assert acrylic_like.creep(1e300) == pytest.approx(0.5e-9, rel=1e-14)
 
 
+def test_limits_are_reached_at_infinity_itself(acrylic_like):
+    assert acrylic_like.creep(np.inf) == pytest.approx(1 / acrylic_like.E_relaxed, rel=1e-12)
+    assert acrylic_like.relaxation(np.inf) == acrylic_like.E_relaxed
+    assert acrylic_like.complex_modulus(np.inf) == pytest.approx(acrylic_like.E_unrelaxed)
+
+
 def test_liquid_flows():
     liquid = Prony(0.0, [1e6], [2.0])
     assert liquid.is_liquid

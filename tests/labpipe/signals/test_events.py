@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
 from labpipe.contact import drop
@@ -122,6 +123,26 @@ def test_dataset_and_gaps_are_accepted(lossy):
     with_gap.values[700:720] = np.nan
     again = bounces(with_gap.to_dataset(name="displacement"))
     np.testing.assert_allclose(again.touch_time[:5], found.touch_time[:5], atol=2e-5)
+
+
+def test_contact_hidden_in_a_gap_is_uncertain_by_the_gap(lossy):
+    truth, record, found = lossy
+    time = record["time"].values
+    hidden = (time > truth.touch[0] - 5e-4) & (time < truth.liftoff[0] + 1e-3)
+    gapped = record.copy(data=np.where(hidden, np.nan, record.values))
+    with pytest.warns(UserWarning, match="impact 1: nothing was read from"):
+        again = bounces(gapped)
+    assert float(again.u_touch_time[0]) > 1e-3 > 20 * float(found.u_touch_time[0])
+    for name, known in (("touch_time", truth.touch), ("liftoff_time", truth.liftoff)):
+        assert abs(float(again[name][0]) - known[0]) < 3 * float(again[f"u_{name}"][0])
+    restitution = truth.outgoing[0] / truth.incoming[0]
+    assert abs(float(again.restitution[0]) - restitution) < 3 * float(again.u_restitution[0])
+    np.testing.assert_allclose(again.touch_time[1:4], found.touch_time[1:4], atol=5e-5)
+
+
+def test_time_that_is_no_number_has_no_phase(lossy):
+    with pytest.raises(InputError, match="belongs to no phase"):
+        phases(lossy[2], xr.DataArray([0.0, np.nan], dims="time"))
 
 
 def test_record_that_starts_in_the_fall_is_extrapolated(bouncing, measure):

@@ -24,6 +24,12 @@ def test_normalised_error_does_not_depend_on_units(scale, shift, error):
     assert found == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.parametrize("measure", [nrmse, determination, agreement])
+def test_infinite_values_are_refused_not_left_out(measure):
+    with pytest.raises(InputError, match="sample 1 is inf"):
+        measure([0.0, 1.0, 2.0, 3.0], [0.0, np.inf, 2.0, 3.0])
+
+
 def test_unread_pairs_are_left_out():
     assert nrmse([0.0, np.nan, 2.0, 4.0], [0.0, 1.0, np.nan, 2.0]) == pytest.approx(
         np.sqrt(2.0) / 4.0

@@ -22,6 +22,13 @@ def five(bad=None):
     return records, starts
 
 
+def test_repeats_whose_time_runs_backwards_are_refused():
+    records, starts = five()
+    turned = records[1].assign_coords(time=records[1]["time"].values[::-1])
+    with pytest.raises(InputError, match="time of repeat 2 must increase"):
+        combine_repeats([records[0], turned], starts[:2])
+
+
 def test_mean_and_band_of_aligned_repeats():
     found = combine_repeats(*five())
     full = found.n == 5

@@ -1,0 +1,77 @@
+"""What a series of readings must be before anything is made of it."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from labpipe.errors import InputError
+
+Array = NDArray[np.float64]
+
+_MOST_SAMPLES = 20_000_000
+"""Of a common time base: a thousand times a long record, and still in memory."""
+
+
+def checked_times(time: ArrayLike, what: str = "time") -> Array:
+    """Return times as float64, or say where they do not increase.
+
+    Parameters
+    ----------
+    time : array (n,) [s]
+    what : str
+        How the message calls the record.
+
+    Raises
+    ------
+    InputError
+        Not one-dimensional, not finite, repeated or running backwards.
+
+    Examples
+    --------
+    >>> checked_times([0, 1, 3])
+    array([0., 1., 3.])
+    """
+    t = np.array(time, float)
+    if t.ndim != 1:
+        message = f"{what} must be one-dimensional; found the shape {t.shape}"
+        raise InputError(message)
+    if t.size and not np.isfinite(t[0]):
+        message = f"{what} must be finite; sample 0 is at {t[0]} s"
+        raise InputError(message)
+    # An infinite time may well follow a finite one, and nothing but infinity follows it.
+    wrong = np.flatnonzero(~(np.isfinite(t[1:]) & (t[1:] > t[:-1])))
+    if wrong.size:
+        i = int(wrong[0])
+        message = f"{what} must increase; sample {i + 1} is at {t[i + 1]} s after {t[i]} s"
+        raise InputError(message)
+    return t
+
+
+def refuse_infinite(values: Array, what: str) -> None:
+    """Refuse infinite readings: NaN is how a reading says that there is none.
+
+    Raises
+    ------
+    InputError
+        Names the first one.
+    """
+    wrong = np.flatnonzero(np.isinf(values))
+    if wrong.size:
+        i = int(wrong[0])
+        message = f"{what} must be finite or NaN; sample {i} is {values.ravel()[i]}"
+        raise InputError(message)
+
+
+def refuse_endless(span: float, interval: float) -> None:
+    """Refuse a common time base that no memory holds, as of records with times in s and in ns.
+
+    Raises
+    ------
+    InputError
+        More than twenty million samples.
+    """
+    if not span <= _MOST_SAMPLES * interval:
+        message = (
+            f"{span:.3g} s at the finest interval of {interval:.3g} s are more than "
+            f"{_MOST_SAMPLES} samples; give all records their times in s"
+        )
+        raise InputError(message)

@@ -1,0 +1,237 @@
+"""Hostile materials and moduli: conversions, fits of a spectrum, master curves.
+
+Moduli are computed here term by term in plain sums, and compliances are their inverses, so that
+the conversion between the two families is held against arithmetic that it does not use.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe import materials
+from labpipe.materials import Prony
+from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
+from pipelines.bench.stability_wild import Floats, Random, laid_out
+
+Complexes = NDArray[np.complex128]
+
+
+def _wild_terms(random: Random, most: int = 60) -> tuple[float, Floats, Floats]:
+    """Draw E_relaxed, weights over twelve decades, times over thirty, some of them equal."""
+    count = int(random.integers(0, most + 1))
+    relaxed = 10 ** random.uniform(0, 13)
+    weight = relaxed * 10 ** random.uniform(-8, 4, count)
+    time = 10 ** random.uniform(-18, 12, count)
+    if count > 3 and random.random() < 0.3:
+        time[1], time[2] = time[0], time[0] * (1.0 + 1e-13)
+    return relaxed, weight, time
+
+
+def _modulus(relaxed: float, weight: Floats, time: Floats, omega: Floats) -> Complexes:
+    x = omega[:, None] * time
+    # x / (1 + x²) without an overflow of x²
+    storage = 1.0 / (1.0 + np.minimum(1.0 / x, 1e150) ** 2)
+    loss = 1.0 / (x + 1.0 / x)
+    return np.asarray(relaxed + storage @ weight + 1j * (loss @ weight))
+
+
+def modulus_and_compliance(random: Random) -> Outcome:
+    """E* from the terms, J* its inverse; creep terms give the same, and the way back."""
+    relaxed, weight, time = _wild_terms(random)
+    material = Prony(relaxed, laid_out(random, weight), laid_out(random, time), nu=0.3)
+    omega = 10 ** random.uniform(-15, 20, 12)
+    exact = _modulus(relaxed, weight, time, omega)
+    found = material.complex_modulus(laid_out(random, omega))
+    compliance = material.complex_compliance(omega)
+    C, tau = material.creep_terms()
+    ordered = bool(np.all(np.diff(tau) > 0.0) and np.all(C > 0.0))
+    back = Prony.from_creep(relaxed, C, tau, nu=0.3).complex_modulus(omega)
+    limit = 1.0 / material.E_unrelaxed + float(C.sum())
+    return worst(
+        (_relative(found, exact) / 1e-12, "a modulus by 1e-12"),
+        (_relative(compliance * exact, np.ones_like(exact)) / 1e-9, "E* times J* off 1 by 1e-9"),
+        (_relative(back, exact) / 1e-6, "the way back by 1e-6"),
+        (abs(limit * relaxed - 1.0) / 1e-9, "a long-time compliance by 1e-9"),
+        (0.0 if ordered else np.inf, "creep terms out of order or below zero"),
+    )
+
+
+def _relative(found: Complexes, exact: Complexes) -> float:
+    """Largest error of either part, relative to the part, down to 1e-3 of the size."""
+    floor = 1e-3 * np.abs(exact)
+    parts = [
+        np.abs(getattr(found - exact, part)) / np.maximum(np.abs(getattr(exact, part)), floor)
+        for part in ("real", "imag")
+    ]
+    return float(np.max(parts))
+
+
+def creep_and_relaxation(random: Random) -> Outcome:
+    """E falls, J rises, their product stays below one, and both meet their limits."""
+    relaxed, weight, time = _wild_terms(random)
+    material = Prony(relaxed, weight, time, nu=float(random.uniform(-0.9, 0.5)))
+    t = np.concatenate([[0.0], np.sort(10 ** random.uniform(-20, 14, 40))])
+    E, J = material.relaxation(t), material.creep(t)
+    plain = relaxed + np.exp(-t[:, None] / time) @ weight
+    slack = 1e-12
+    return worst(
+        (float(np.max(np.abs(E / plain - 1.0))) / 1e-11, "a relaxation modulus by 1e-11"),
+        (float(np.max(np.diff(E) / E[:-1])) / slack, "a modulus that rises"),
+        (float(np.max(-np.diff(J) / J[1:])) / slack, "a compliance that falls"),
+        (float(np.max(E * J - 1.0)) / 1e-9, "more than one by E times J"),
+        (abs(E[0] * J[0] - 1.0) / 1e-9, "E times J at once off one by 1e-9"),
+    )
+
+
+def shifted_material(random: Random) -> Outcome:
+    """Shift in time as in frequency, and scale the stiffness as the modulus."""
+    relaxed, weight, time = _wild_terms(random, 20)
+    material = Prony(relaxed, weight, time)
+    a, b = 10 ** random.uniform(-12, 12), 10 ** random.uniform(-3, 3)
+    omega = 10 ** random.uniform(-8, 8, 8)
+    moved = material.shifted(a, b).complex_modulus(omega)
+    exact = b * _modulus(relaxed, weight, time, omega * a)
+    return Outcome(_relative(moved, exact) / 1e-11, "a shifted modulus by 1e-11")
+
+
+_BAD = (np.nan, np.inf, -np.inf, -1.0, 0.0)
+
+
+def material_that_is_none(random: Random) -> Outcome:
+    """Terms that break thermodynamics, or are no numbers, and times that are none."""
+    fault = str(random.choice(["E", "rho", "relaxed", "nu", "lengths", "creep", "time", "omega",
+                               "shift"]))  # fmt: skip
+    weight, time = 10 ** random.uniform(3, 9, 4), 10 ** random.uniform(-6, 3, 4)
+    bad, place = float(random.choice(_BAD)), int(random.integers(0, 4))
+    relaxed, nu = 1e6, 0.3
+    if fault == "E":
+        weight[place] = bad
+    elif fault == "rho":
+        time[place] = bad
+    elif fault == "relaxed":
+        relaxed = bad
+    elif fault == "nu":
+        nu = float(random.choice([np.nan, np.inf, -1.0, 0.51, 3.0]))
+    elif fault == "lengths":
+        time = time[:place]
+    if (fault, bad) in (("E", 0.0), ("relaxed", 0.0)):
+        return Outcome(0.0, "")  # a term of no weight; a liquid
+    material = Prony(relaxed, weight, time, nu=nu)
+    answers: dict[str, Callable[[], Any]] = {
+        "creep": lambda: Prony.from_creep(1e6, [2e-6], [1.0]),
+        "time": lambda: material.creep([1.0, bad]) + material.relaxation([1.0, bad]),
+        "omega": lambda: material.complex_modulus([1.0, bad]),
+        "shift": lambda: material.shifted(bad),
+    }
+    found = answers[fault]()
+    if fault in ("time", "omega") and (bad >= 0.0 or np.isnan(found[1])):
+        return Outcome(0.0, "")  # at zero and at infinity there is an answer; NaN stays NaN
+    return Outcome(np.inf, f"took {fault} = {bad}")
+
+
+# -- moduli over frequency -------------------------------------------------------------------------
+
+
+def _broad(random: Random) -> tuple[float, Floats, Floats]:
+    """Draw a material with a term in every half decade, as polymers have."""
+    time = 10.0 ** np.arange(-8.0, 6.0, 0.5)
+    relaxed = 10 ** random.uniform(3, 9)
+    centre, width = random.uniform(-5.0, 3.0), random.uniform(1.0, 3.0)
+    weight = np.exp(-0.5 * ((np.log10(time) - centre) / width) ** 2) + 1e-3
+    return relaxed, relaxed * 10 ** random.uniform(0.3, 3) * weight / weight.sum(), time
+
+
+def kramers_kronig(random: Random) -> Outcome:
+    """Moduli of a material pass; a storage that contradicts its loss by a factor does not."""
+    relaxed, weight, time = _broad(random)
+    frequency = np.logspace(-3.0, 3.0, int(random.integers(20, 50)))
+    exact = _modulus(relaxed, weight, time, 2 * np.pi * frequency)
+    factor = 1.0 + 0.003 * random.standard_normal((2, frequency.size))
+    wrong = bool(random.random() < 0.4)
+    # The slope of the storage modulus with frequency is the loss; a loss of other size is none.
+    loss = exact.imag * (float(random.choice([0.2, 5.0])) if wrong else 1.0)
+    order = random.permutation(frequency.size)
+    with silently():
+        found = materials.kramers_kronig(
+            frequency[order], (exact.real * factor[0])[order], (loss * factor[1])[order]
+        )
+    is_told = found.verdict != "pass" if wrong else found.verdict != "fail"
+    return Outcome(0.0 if is_told else np.inf, f"{'wrong' if wrong else 'right'}: {found.verdict}")
+
+
+def _sweeps(random: Random, fault: str = "") -> tuple[Any, Floats]:
+    """Isotherms of a broad material with a smooth law, and their true shifts."""
+    count = int(random.integers(3, 6))
+    relaxed, weight, time = _broad(random)
+    temperature = 20.0 + 10.0 * np.arange(count)
+    shift = -np.cumsum(np.concatenate([[0.0], random.uniform(0.4, 1.0, count - 1)]))
+    frequency = np.logspace(-1.0, 1.0, 8)
+    exact = np.stack([
+        _modulus(relaxed, weight, time, 2 * np.pi * frequency * 10**s) for s in shift
+    ])  # fmt: skip
+    noise = 10 ** random.uniform(-4, -2)
+    storage = exact.real * (1.0 + noise * random.standard_normal(exact.shape))
+    loss = exact.imag * (1.0 + noise * random.standard_normal(exact.shape))
+    place = (int(random.integers(0, count)), int(random.integers(0, 8)))
+    if fault == "infinite":
+        storage[place] = np.inf
+    elif fault == "negative":
+        storage[place] = -1.0
+    elif fault == "no loss":
+        loss[:] = -loss
+    elif fault == "nothing":
+        storage[:] = np.nan
+    elif fault == "frequency":
+        frequency[place[1]] = random.choice([0.0, np.nan, -1.0, np.inf])
+    elif fault == "temperature":
+        temperature[place[0]] = random.choice([np.nan, -300.0, np.inf])
+    elif random.random() < 0.5:
+        storage[place] = loss[place] = np.nan
+    order = random.permutation(count)
+    dims = ("temperature", "frequency")
+    units = {"units": "kPa" if fault == "unit" else "Pa"}
+    sweeps = xr.Dataset(
+        {"storage": (dims, laid_out(random, storage[order]), units),
+         "loss": (dims, laid_out(random, loss[order]), units)},
+        coords={"temperature": temperature[order], "frequency": frequency},
+    )  # fmt: skip
+    return sweeps, shift[order]
+
+
+def shift_factors(random: Random) -> Outcome:
+    """Shifts of unordered isotherms with gaps: right within their own uncertainty."""
+    sweeps, shift = _sweeps(random)
+    with silently():
+        found = materials.master_curve(sweeps, vertical="none", delay=False, levels=False)
+    a, u = found.log10_aT.values, found.u_log10_aT.values
+    at = int(np.argmin(np.abs(sweeps["temperature"].values - found.T_ref)))
+    error = np.abs(a - (shift - shift[at]))
+    return worst(
+        (float(np.max(error / (8.0 * u + 0.02))), "a shift by 8 u and 0.02 decades"),
+        (0.0 if np.isfinite(a).all() else np.inf, "a shift that is none"),
+    )
+
+
+def sweeps_that_are_none(random: Random) -> Outcome:
+    """Moduli, frequencies and temperatures that are none."""
+    fault = str(random.choice(["infinite", "negative", "no loss", "nothing", "frequency",
+                               "temperature", "unit"]))  # fmt: skip
+    sweeps, _ = _sweeps(random, fault)
+    with silently():
+        materials.master_curve(sweeps)
+    return Outcome(np.inf, f"took sweeps with the fault: {fault}")
+
+
+#: Families and how many of their cases the tests try.
+FAMILIES: Mapping[str, tuple[Case, int]] = {
+    "modulus and compliance": (modulus_and_compliance, 300),
+    "creep and relaxation": (creep_and_relaxation, 300),
+    "shifted material": (shifted_material, 150),
+    "material that is none": (material_that_is_none, 500),
+    "Kramers and Kronig": (kramers_kronig, 40),
+    "shift factors": (shift_factors, 6),
+    "sweeps that are none": (sweeps_that_are_none, 150),
+}
