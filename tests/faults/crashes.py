@@ -88,6 +88,24 @@ def operations(folder: Path, program: Callable[[], object], last: int = -1) -> i
     return int(said)
 
 
+def child_result(program: Callable[[], str]) -> str:
+    """Run a program in a child, so that what it does to the process ends with it."""
+    reader, writer = os.pipe()
+    pid = _fork()
+    if not pid:
+        code = 1
+        try:
+            os.write(writer, program().encode())
+            code = 0
+        finally:
+            os._exit(code)
+    os.close(writer)
+    with os.fdopen(reader) as stream:
+        said = stream.read()
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0, "the program itself failed"
+    return said
+
+
 def killed_after(seconds: float, program: Callable[[], object]) -> bool:
     """Run a program in a child and kill it after a time; tell whether it was still at work."""
     pid = _fork()

@@ -1,0 +1,68 @@
+"""What is installed is ours alone, and nothing speaks to the network but acquisition."""
+
+import ast
+import os
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from pipelines.process import process
+from tests.faults.crashes import child_result
+from tests.faults.test_failed_inputs import GARBAGE, session
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ["labpipe", "instruments", "calibration", "pipelines"]
+SPEAKS = {"instruments/keyence_live.py"}
+"""Modules that open a connection: the live acquisition."""
+NETWORK = {"socket", "ssl", "http", "ftplib", "smtplib", "urllib.request", "xmlrpc", "requests",
+           "httpx", "aiohttp", "pooch", "webbrowser", "asyncio", "socketserver"}  # fmt: skip
+
+
+def modules_of(path: Path) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {name.name for name in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{name.name}" for name in node.names)}
+    return found
+
+
+def test_only_acquisition_can_open_a_connection() -> None:
+    speaking = {
+        path.relative_to(ROOT).as_posix()
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+        if any(name in NETWORK or name.split(".")[0] in NETWORK for name in modules_of(path))
+    }
+    assert speaking == SPEAKS
+
+
+def test_the_wheel_is_made_of_the_four_packages() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+    assert project["tool"]["hatch"]["build"]["targets"]["wheel"] == {"packages": PACKAGES}
+    assert list(project["project"]["scripts"]) == ["labpipe"]
+    assert "entry-points" not in project["project"]
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_run_asks_nobody_for_anything(tmp_path: Path) -> None:
+    """No name is looked up, nothing is connected to, no program is started but git."""
+    folder = session(tmp_path / "session", GARBAGE["text"])
+
+    def run() -> str:
+        asked: list[str] = []
+
+        def listen(event: str, arguments: tuple[object, ...]) -> None:
+            if event.startswith(("socket.", "urllib.", "http.", "ftplib.", "smtplib.")):
+                asked.append(event)
+            if event in ("subprocess.Popen", "os.system", "os.exec", "os.posix_spawn"):
+                asked.append(f"{event} {Path(str(arguments[0])).name}")
+
+        sys.addaudithook(listen)
+        process(folder, jobs=0)
+        return "\n".join(sorted(set(asked)))
+
+    assert set(child_result(run).split("\n")) <= {"", "subprocess.Popen git"}
