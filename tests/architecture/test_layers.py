@@ -34,6 +34,7 @@ BELOW = {
     "materials": {"signals"},
     "contact": {"signals", "materials"},
     "imaging": {"signals", "materials", "contact"},
+    "identification": {"signals", "materials", "contact"},
     "workflow": set(),
     "report": set(),
 }

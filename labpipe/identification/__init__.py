@@ -1,0 +1,52 @@
+"""From measurement to material: which Prony series explains the experiments, and how surely.
+
+A :class:`Problem` is a family of spectra, experiments as :class:`Evidence`, and what they leave
+unknown. :func:`fit` finds the most probable answer, :func:`posterior` what is known of it,
+:func:`profile` whether an unknown is determined at all.
+"""
+
+from labpipe.identification.drops import Bounces, DropModel, drop_evidence
+from labpipe.identification.evidence import Evidence, Group, LinearModel
+from labpipe.identification.fit import Fit, fit
+from labpipe.identification.linear import (
+    force_evidence,
+    lee_radok_basis,
+    modulus_evidence,
+    stiffness_evidence,
+)
+from labpipe.identification.parameters import Parameter
+from labpipe.identification.posterior import Posterior, bands, moduli, posterior
+from labpipe.identification.problem import Misfit, Problem
+from labpipe.identification.profiles import Profile, profile
+from labpipe.identification.spectra import (
+    FractionalSpectrum,
+    SmoothSpectrum,
+    relaxation_times,
+)
+
+__all__ = [
+    "Bounces",
+    "DropModel",
+    "Evidence",
+    "Fit",
+    "FractionalSpectrum",
+    "Group",
+    "LinearModel",
+    "Misfit",
+    "Parameter",
+    "Posterior",
+    "Problem",
+    "Profile",
+    "SmoothSpectrum",
+    "bands",
+    "drop_evidence",
+    "fit",
+    "force_evidence",
+    "lee_radok_basis",
+    "moduli",
+    "modulus_evidence",
+    "posterior",
+    "profile",
+    "relaxation_times",
+    "stiffness_evidence",
+]

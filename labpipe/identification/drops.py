@@ -1,0 +1,319 @@
+"""Bounces of a sphere as evidence: times of touch, contact durations, largest contact radii.
+
+The simulator is not linear in the material, so derivatives are central differences, two runs per
+direction. Its answer is smooth, also with coarse steps, whose values a fuller run corrects. Two
+unknowns cost no run: the motion depends on modulus, mass and radius by ``E sqrt(R) / m`` alone
+(gap ``r^2/2R``; contact radii go with ``sqrt(R)`` besides), so their derivatives are those of a
+common factor of all moduli.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe import contact
+from labpipe.contact.mdr import Profile
+from labpipe.errors import InputError
+from labpipe.identification.evidence import Evidence, Given, Group
+from labpipe.materials import Prony
+
+Array = NDArray[np.float64]
+
+_CHANGE = 0.05  # of the logarithm of a modulus or a height, for central differences
+_FROZEN = 100.0  # a term this many times slower than the record does not relax in it
+_FAST = 1e-3  # rtol of the fast model: its differences are as good, its values off by 1e-4
+_MORE_TIME = 1.3  # a run lasts longer than the record: a trial may bounce higher
+_TRIES = 3
+_RESOLVED = 0.1  # of a contact's duration is the shortest time of which it tells
+ROLES = ("height", "mass", "radius", "trigger", "pixel", "plate")
+"""What of a drop may be unknown: fall [m], mass [kg] that moves, radius [m] of the sphere, delay
+[s] of the first contact's reading, scale of the film (1 at best), modal mass [kg] of the plate."""
+
+
+@dataclass(frozen=True, eq=False)
+class DropModel:
+    """Predicts the bounces of one drop.
+
+    Attributes
+    ----------
+    radius, mass, height, gravity : float [m], [kg], [m], [m/s2]
+        Best values.
+    touches, durations, radii : array of int
+        Which impacts, from 0, are observed: times of touch since the first contact (from 1),
+        durations of contact, largest contact radii.
+    last : float [s]
+        Time of the last observation since first contact.
+    expected_duration : float [s]
+        Of a contact.
+    names : mapping of role to str
+        Unknowns of the problem by :data:`ROLES`; what is not named is taken at its best value.
+    profile : "parabola" or "sphere"
+    plate : contact.Plate, optional
+        Of the fuller model; the fast one has a rigid floor and coarser steps.
+    rtol : float
+        Of the simulator for the fuller model.
+    """
+
+    radius: float
+    mass: float
+    height: float
+    gravity: float
+    touches: NDArray[np.int64]
+    durations: NDArray[np.int64]
+    radii: NDArray[np.int64]
+    last: float
+    expected_duration: float
+    names: Mapping[str, str] = field(default_factory=dict)
+    profile: Profile = "parabola"
+    plate: contact.Plate | None = None
+    rtol: float = 1e-4
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Names of the unknowns."""
+        return tuple(self.names.values())
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """A tenth of a contact to the end of the record [s]."""
+        return _RESOLVED * self.expected_duration, self.last + self.expected_duration
+
+    def predict(self, material: Prony, given: Given) -> Array:
+        """Return touches [s], durations [s] and radii [m], one behind the other.
+
+        An impact that does not happen any more counts as at the last one, with no contact.
+        """
+        height = self._value("height", self.height, given)
+        return self._finished(self._run(material, height, given), given)
+
+    def derivatives(
+        self, material: Prony, directions: Array, given: Given
+    ) -> tuple[Array, dict[str, Array]]:
+        """Return differences; see :meth:`Model.derivatives`."""
+        height = self._value("height", self.height, given)
+        at = self._run(material, height, given)
+        by_material, by_factor = self._by_material(material, directions, height, given)
+        others: dict[str, Array] = {}
+        if "height" in self.names:
+            step = _CHANGE * height
+            ends = [self._run(material, height + sign * step, given) for sign in (1, -1)]
+            others[self.names["height"]] = (ends[0] - ends[1]) / (2.0 * step)
+        others |= self._of_body(by_factor, at, given)
+        factor = self._film(given)
+        finished = {name: factor * column for name, column in others.items()}
+        return factor[:, None] * by_material, finished | self._of_recording(at, given)
+
+    def _by_material(
+        self, material: Prony, directions: Array, height: float, given: Given
+    ) -> tuple[Array, Array]:
+        """Return derivatives along directions, and along a common factor of all moduli.
+
+        Where there are as many directions as terms, the terms are changed one by one: a term that
+        relaxes long after the record is stiffness to it, and costs no run.
+        """
+        slow = np.flatnonzero(material.rho > _FROZEN * self.last) + 1
+        ones = np.ones((len(directions), 1))
+        if directions.shape[1] < len(directions) - slow.size:
+            made = self._differences(material, np.hstack([directions, ones]), height, given)
+            return made[:, :-1], made[:, -1]
+        moving = np.setdiff1d(np.arange(len(directions)), slow)
+        by_term = np.empty((self._size, len(directions)))
+        each = np.eye(len(directions))[:, moving]
+        by_term[:, moving] = self._differences(material, each, height, given)
+        by_term[:, slow] = np.outer(by_term[:, 0], material.E[slow - 1] / material.E_relaxed)
+        return by_term @ directions, by_term.sum(axis=1)
+
+    def _differences(
+        self, material: Prony, directions: Array, height: float, given: Given
+    ) -> Array:
+        made = np.empty((self._size, directions.shape[1]))
+        for k, direction in enumerate(directions.T):
+            change = _CHANGE / max(float(np.max(np.abs(direction))), 1e-12)
+            ends = [
+                self._run(_along(material, sign * change * direction), height, given)
+                for sign in (1, -1)
+            ]
+            made[:, k] = (ends[0] - ends[1]) / (2.0 * change)
+        return made
+
+    def refined(self, material: Prony, given: Given) -> Array | None:
+        """Return the numbers of an accurate run, on the ringing plate at its best mass."""
+        height = self._value("height", self.height, given)
+        numbers = self._run(material, height, given, is_full=True)
+        return self._finished(numbers, given)
+
+    def _of_body(self, by_factor: Array, at: Array, given: Given) -> dict[str, Array]:
+        """Return derivatives by mass and radius, from those of a factor of all moduli."""
+        found = {}
+        if "mass" in self.names:
+            found[self.names["mass"]] = -by_factor / given[self.names["mass"]]
+        if "radius" in self.names:
+            by_radius = 0.5 * (by_factor + self._is_radius() * at)
+            found[self.names["radius"]] = by_radius / given[self.names["radius"]]
+        return found
+
+    def _of_recording(self, at: Array, given: Given) -> dict[str, Array]:
+        found = {}
+        if "trigger" in self.names:
+            found[self.names["trigger"]] = -self._is_touch()
+        if "pixel" in self.names:
+            found[self.names["pixel"]] = self._is_radius() * at
+        if "plate" in self.names:
+            found[self.names["plate"]] = np.zeros(at.size)
+        return found
+
+    def share(self, given: Given) -> tuple[float, dict[str, float]]:
+        """Return what is left of the plate's effect at its given mass: it goes as 1/mass."""
+        if self.plate is None or "plate" not in self.names:
+            return 1.0, {}
+        name = self.names["plate"]
+        left = self.plate.mass / given[name]
+        return left, {name: -left / given[name]}
+
+    def _finished(self, numbers: Array, given: Given) -> Array:
+        trigger = self._value("trigger", 0.0, given)
+        return np.asarray(self._film(given) * numbers - trigger * self._is_touch())
+
+    def _film(self, given: Given) -> Array:
+        return np.asarray(self._value("pixel", 1.0, given) ** self._is_radius())
+
+    def _is_touch(self) -> Array:
+        return np.asarray(np.arange(self._size) < self.touches.size, dtype=float)
+
+    def _is_radius(self) -> Array:
+        first = self.touches.size + self.durations.size
+        return np.asarray(np.arange(self._size) >= first, dtype=float)
+
+    @property
+    def _size(self) -> int:
+        return self.touches.size + self.durations.size + self.radii.size
+
+    def _value(self, role: str, best: float, given: Given) -> float:
+        return given[self.names[role]] if role in self.names else best
+
+    def _run(self, material: Prony, height: float, given: Given, *, is_full: bool = False) -> Array:
+        """Simulate with the best mass and radius and a material that makes up for them."""
+        mass = self._value("mass", self.mass, given)
+        radius = self._value("radius", self.radius, given)
+        stiffened = material.scaled(self.mass / mass * sqrt(radius / self.radius))
+        needed = 1 + max((int(w.max()) for w in (self.touches, self.durations, self.radii)
+                          if w.size), default=0)  # fmt: skip
+        duration = sqrt(2.0 * height / self.gravity)
+        duration += _MORE_TIME * self.last + 2.0 * self.expected_duration
+        for _ in range(_TRIES):
+            made = contact.drop(
+                stiffened, self.radius, self.mass, height, duration, "mdr", self.profile,
+                self.rtol if is_full else max(_FAST, self.rtol), gravity=self.gravity,
+                plate=self.plate if is_full else None, times=[0.0],
+            )  # fmt: skip
+            done = made.sizes["impact"] >= needed or np.isfinite(float(made["final_contact_time"]))
+            if done:
+                break
+            duration *= 1.5
+        touch = made["impact_time"].values
+        if not touch.size:
+            message = "the sphere does not bounce: nothing can be predicted"
+            raise InputError(message)
+        lasted, radii = made["contact_duration"].values, made["peak_contact_radius"].values
+        return np.concatenate([
+            touch[np.minimum(self.touches, touch.size - 1)] - touch[0],
+            np.where(self.durations < touch.size, _at(lasted, self.durations), 0.0),
+            np.where(self.radii < touch.size, _at(radii, self.radii), 0.0)
+            * sqrt(radius / self.radius),
+        ])  # fmt: skip
+
+
+def _at(values: Array, index: NDArray[np.int64]) -> Array:
+    return np.asarray(values[np.minimum(index, values.size - 1)])
+
+
+def _along(material: Prony, change: Array) -> Prony:
+    """Return the material with the logarithms of its terms changed."""
+    factor = np.exp(change)
+    return Prony(
+        material.E_relaxed * float(factor[0]), material.E * factor[1:], material.rho, nu=material.nu
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Bounces:
+    """Observed bounces, of a laser record or a film; NaN where one was not seen.
+
+    Attributes
+    ----------
+    touch, u_touch : array (impact,) [s]
+        Times since first contact; the first is 0 and its uncertainty that of the trigger.
+    duration, u_duration : array (impact,) [s]
+        Of the contacts.
+    radius, u_radius : array (impact,) [m]
+        Largest contact radii, without the part of the uncertainty that all share.
+    """
+
+    touch: Array
+    u_touch: Array
+    duration: Array
+    u_duration: Array
+    radius: Array
+    u_radius: Array
+
+
+def drop_evidence(name: str, seen: Bounces, model: DropModel) -> Evidence:
+    """Pair observed bounces with the model that predicts them.
+
+    Parameters
+    ----------
+    name : str
+        Of the experiment.
+    seen : Bounces
+        What was observed.
+    model : DropModel
+        Everything but ``touches``, ``durations``, ``radii``, ``last`` and ``expected_duration``,
+        which follow from what was seen.
+
+    Returns
+    -------
+    Evidence
+
+    Raises
+    ------
+    InputError
+        Nothing was seen.
+    """
+    times = _seen(seen.touch, seen.u_touch)
+    times = times[times > 0]
+    lasted, radii = _seen(seen.duration, seen.u_duration), _seen(seen.radius, seen.u_radius)
+    groups = [
+        Group(label, values[at], u[at], np.asarray(at + 1, float), units, "impact", "1")
+        for label, at, values, u, units in (
+            ("time of touch", times, seen.touch, seen.u_touch, "s"),
+            ("contact duration", lasted, seen.duration, seen.u_duration, "s"),
+            ("largest contact radius", radii, seen.radius, seen.u_radius, "m"),
+        )
+        if at.size
+    ]
+    if not groups:
+        message = f"{name}: no bounce with a known uncertainty was observed"
+        raise InputError(message)
+    expected = _expected_duration(seen.duration[lasted], model)
+    fall = sqrt(2.0 * model.height / model.gravity)
+    last = float(seen.touch[times].max()) if times.size else fall * max(int(radii.max()), 1)
+    full = replace(
+        model, touches=times, durations=lasted, radii=radii, last=last, expected_duration=expected
+    )
+    return Evidence(name, tuple(groups), full)
+
+
+def _seen(values: Array, u: Array) -> NDArray[np.int64]:
+    return np.flatnonzero(np.isfinite(values) & np.isfinite(u) & (u > 0.0))
+
+
+def _expected_duration(observed: Array, model: DropModel) -> float:
+    """Return the usual contact [s]; where none was timed, that of a millimetre's Hertz contact."""
+    if observed.size:
+        return float(np.median(observed))
+    # half a period of a contact of radius R/10 in a body of 1 GPa
+    stiffness = 2.0 * 1e9 * 0.1 * model.radius
+    return float(np.pi * sqrt(model.mass / stiffness))

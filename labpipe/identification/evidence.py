@@ -1,0 +1,227 @@
+"""What was observed, and the forward model that predicts it from a material.
+
+One :class:`Evidence` is one experiment: groups of numbers with their own, independent standard
+uncertainties, and a model. What several numbers share (a height, a trigger, a zero, a scale) is
+not put into their uncertainties: it is an unknown of the problem, with a prior.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+from labpipe.materials import Prony
+
+Array = NDArray[np.float64]
+Given = Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Observed numbers of one kind.
+
+    Attributes
+    ----------
+    name : str
+        Such as "time of touch".
+    values, u : array (n,)
+        Observed, with independent standard uncertainties, in ``units``.
+    axis : array (n,)
+        What they are drawn over.
+    units, axis_units, axis_name : str
+        SI.
+
+    Raises
+    ------
+    InputError
+        A value is not finite, or an uncertainty not positive.
+    """
+
+    name: str
+    values: Array
+    u: Array
+    axis: Array
+    units: str
+    axis_name: str
+    axis_units: str
+
+    def __post_init__(self) -> None:
+        shapes = {self.values.shape, self.u.shape, self.axis.shape}
+        good = np.isfinite(self.values) & np.isfinite(self.u) & (self.u > 0.0)
+        if len(shapes) > 1 or self.values.ndim != 1 or not self.values.size or not good.all():
+            message = (
+                f"{self.name}: expected as many finite values as positive uncertainties and "
+                f"places, found {int(good.sum())} good ones of {self.values.size}"
+            )
+            raise InputError(message)
+
+
+class Model(Protocol):
+    """Predicts the numbers of one experiment."""
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Names of the nuisance parameters on which it depends."""
+        ...
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """Shortest and longest time in s of which the observations can tell."""
+        ...
+
+    def predict(self, material: Prony, given: Given) -> Array:
+        """Return the numbers (n,) of all groups, one behind the other."""
+        ...
+
+    def derivatives(
+        self, material: Prony, directions: Array, given: Given
+    ) -> tuple[Array, dict[str, Array]]:
+        """Return what directions of ln(E_relaxed, E) and what the unknowns do.
+
+        Parameters
+        ----------
+        directions : array (1 + term, direction)
+
+        Returns
+        -------
+        array (n, direction), dict of array (n,)
+        """
+        ...
+
+    def refined(self, material: Prony, given: Given) -> Array | None:
+        """Return what a costlier, fuller model predicts (n,); None where there is none."""
+        ...
+
+    def share(self, given: Given) -> tuple[float, dict[str, float]]:
+        """Return how much of the fuller model's correction applies, and its derivatives."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """One experiment.
+
+    Attributes
+    ----------
+    name : str
+        Of the experiment.
+    groups : tuple of Group
+    model : Model
+        Its numbers are those of the groups, in order.
+    is_prior : bool
+        It is known beforehand (a rheometer's moduli) and shows on the page as prior.
+    """
+
+    name: str
+    groups: tuple[Group, ...]
+    model: Model
+    is_prior: bool = False
+
+    @property
+    def values(self) -> Array:
+        """Observed numbers (n,) of all groups."""
+        return np.concatenate([g.values for g in self.groups])
+
+    @property
+    def u(self) -> Array:
+        """Their own standard uncertainties (n,)."""
+        return np.concatenate([g.u for g in self.groups])
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """Numbers that are linear in the terms of the relaxation modulus.
+
+    ``prediction = factors · (basis + Σ shift · shifts) @ (E_relaxed, E) + offsets``, which holds
+    for the force of a growing contact (Lee and Radok), for dynamic stiffness at small amplitude,
+    and for moduli. Derivatives are exact.
+
+    Attributes
+    ----------
+    basis : array (n, 1 + term)
+        Prediction per Pa of each term.
+    window : tuple of float [s]
+        Shortest and longest time of which the numbers tell.
+    shifts : mapping of str to array (n, 1 + term)
+        Derivative of the basis by an unknown whose best value is 0, such as a zero of depth.
+    factors : mapping of str to array (n,)
+        Unknowns, 1 at best, by which numbers are multiplied where the array is 1.
+    offsets : mapping of str to array (n,)
+        Derivative of the numbers by an unknown, 0 at best, that only adds.
+    fuller : callable, optional
+        The fuller model of :meth:`Model.refined`: takes material and given.
+    """
+
+    basis: Array
+    window: tuple[float, float]
+    shifts: Mapping[str, Array] = field(default_factory=dict)
+    factors: Mapping[str, Array] = field(default_factory=dict)
+    offsets: Mapping[str, Array] = field(default_factory=dict)
+    fuller: "Fuller | None" = None
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Shifts, factors and offsets."""
+        return (*self.shifts, *self.factors, *self.offsets)
+
+    def predict(self, material: Prony, given: Given) -> Array:
+        """Return the numbers (n,)."""
+        linear = self._factor(given) * (self._basis(given) @ _terms(material))
+        return np.asarray(linear + self._offset(given))
+
+    def derivatives(
+        self, material: Prony, directions: Array, given: Given
+    ) -> tuple[Array, dict[str, Array]]:
+        """Return exact derivatives; see :meth:`Model.derivatives`."""
+        terms, factor = _terms(material), self._factor(given)
+        basis = self._basis(given)
+        by_material = factor[:, None] * (basis @ (terms[:, None] * directions))
+        others = {name: factor * (shift @ terms) for name, shift in self.shifts.items()}
+        linear = factor * (basis @ terms)
+        others |= {name: where * linear / given[name] for name, where in self.factors.items()}
+        others |= dict(self.offsets)
+        return by_material, others
+
+    def refined(self, material: Prony, given: Given) -> Array | None:
+        """Return the fuller model's numbers, if there is one."""
+        if self.fuller is None:
+            return None
+        return np.asarray(self._factor(given) * self.fuller(material, given) + self._offset(given))
+
+    def share(self, given: Given) -> tuple[float, dict[str, float]]:
+        """All of the correction applies."""
+        del given
+        return 1.0, {}
+
+    def _basis(self, given: Given) -> Array:
+        made = self.basis
+        for name, shift in self.shifts.items():
+            made = made + given[name] * shift
+        return made
+
+    def _factor(self, given: Given) -> Array:
+        made = np.ones(len(self.basis))
+        for name, where in self.factors.items():
+            made = made * given[name] ** where
+        return made
+
+    def _offset(self, given: Given) -> Array:
+        made = np.zeros(len(self.basis))
+        for name, offset in self.offsets.items():
+            made = made + given[name] * offset
+        return made
+
+
+class Fuller(Protocol):
+    """A fuller model of the linear numbers, without factors and offsets."""
+
+    def __call__(self, material: Prony, given: Given) -> Array:
+        """Return the numbers (n,)."""
+        ...
+
+
+def _terms(material: Prony) -> Array:
+    return np.concatenate([[material.E_relaxed], material.E])

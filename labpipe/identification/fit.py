@@ -1,0 +1,321 @@
+"""The most probable material: least squares in standard coordinates, from several starts.
+
+Steps are Gauss and Newton's, damped as Levenberg's where a step does not help. They end when the
+next one promises less than a set part of the cost: a measure that knows no scale, and that can be
+set above the small noise of differences of a simulator, as the tests of general routines cannot.
+
+Costly models enter as a correction of fast ones that is held during a fit and renewed after it
+until nothing changes any more: the answer is that of the costly model, at a few of its runs.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.stats import chi2
+
+from labpipe.errors import InputError, LabpipeError
+from labpipe.identification.problem import Corrections, Misfit, Problem, split
+
+Array = NDArray[np.float64]
+Misfits = dict[tuple[str, str], Misfit]
+
+_BOUND = 6.0  # standard deviations of the prior: farther out it is not believed
+_MODULI = tuple(np.logspace(5.0, 11.0, 7).tolist())  # Pa, levels that are tried as starts
+_BETWEEN = 10.0**0.4  # steps between them that are tried next, around the best
+_LOSSES = (0.05, 0.01, 0.25)
+_STARTS = 2  # of these, from which a fit is made
+_APART = 1.0  # standard coordinates between two starts that count as different
+_FAR = 1e4  # residual of a trial that the model refuses
+_ROUGH, _EXACT = 0.5, 5e-3  # decrease of the cost, still promised, at which a fit ends
+_MOST_STEPS = 40
+_DAMPING, _WORSE, _BETTER, _MOST_DAMPING = 1e-2, 20.0, 0.05, 1e9
+_FREE = 1.0  # damping below which a short gain means the end, not a short step
+_LONGEST_STEP = 1.5  # standard coordinates: an exponential changes by so much at most
+_ROUNDS = 6  # of corrections and misfits
+_SETTLED = 0.1  # standard deviations by which the answer may still move
+_SURE = 0.99  # a misfit shows where its chi square exceeds this quantile
+_HIGHEST_CORRELATION = 0.9
+_FEWEST_FOR_CORRELATION = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The most probable unknowns and how they were found.
+
+    Attributes
+    ----------
+    problem : Problem
+    xi : array (parameter,)
+        Standard coordinates.
+    corrections : tuple
+        Ratios of the fuller models to the fast ones, there.
+    misfits : dict
+        By names of experiment and group.
+    cost : float
+        Half the sum of squares, prior included.
+    costs_from_starts : tuple of float
+        What the separate starts led to.
+    evaluations, differentiations : int
+        Times all models were run, and their derivatives.
+    is_settled : bool
+        Corrections and misfits do not change any more.
+    """
+
+    problem: Problem
+    xi: Array
+    corrections: Corrections
+    misfits: Misfits
+    cost: float
+    costs_from_starts: tuple[float, ...]
+    evaluations: int
+    differentiations: int
+    is_settled: bool
+
+
+def fit(
+    problem: Problem,
+    *,
+    start: Array | None = None,
+    with_misfit: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """Find the most probable material and nuisances.
+
+    Parameters
+    ----------
+    problem : Problem
+        At least one experiment.
+    start : array (parameter,), optional
+        Standard coordinates to begin from; by default a scan over moduli and losses.
+    with_misfit : bool
+        Allow for a model discrepancy where the residuals show one.
+    progress : callable, optional
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    InputError
+        There is no evidence.
+    LabpipeError
+        No start can be simulated.
+    """
+    if not problem.evidence:
+        message = "nothing was observed: a material cannot be identified from no experiment"
+        raise InputError(message)
+    objective = Objective(problem, problem.no_corrections(), {})
+    starts = [start] if start is not None else _starts(objective)
+    say = progress or _silent
+    ends = []
+    for number, begin in enumerate(starts):
+        say(f"fit from start {number + 1} of {len(starts)}")
+        ends.append(objective.minimised(begin, _ROUGH))
+    costs = tuple(sorted(objective.cost(end) for end in ends))
+    xi = min(ends, key=objective.cost)
+    is_settled = False
+    for round_ in range(_ROUNDS):
+        say(f"fit with corrections, round {round_ + 1}")
+        misfits = objective.new_misfits(xi) if with_misfit and round_ else {}
+        corrections = problem.corrections(xi)
+        objective.renew(corrections, misfits)
+        before, xi = xi, objective.minimised(xi, _EXACT)
+        moved = np.abs(xi - before) / np.sqrt(np.diag(objective.covariance(xi)))
+        if is_settled := bool(round_ and moved.max() < _SETTLED):
+            break
+    return Fit(
+        problem, xi, objective.corrections, objective.misfits, objective.cost(xi), costs,
+        objective.evaluations, objective.differentiated, is_settled,
+    )  # fmt: skip
+
+
+class Objective:
+    """Residuals of a problem, divided by their deviations, with the prior as further rows."""
+
+    def __init__(self, problem: Problem, corrections: Corrections, misfits: Misfits) -> None:
+        self.problem = problem
+        self.corrections = corrections
+        self.misfits = misfits
+        self.evaluations = self.differentiated = 0
+        self._last: tuple[Array, list[Array]] | None = None
+
+    def renew(self, corrections: Corrections, misfits: Misfits) -> None:
+        """Take other corrections and misfits."""
+        self.corrections, self.misfits, self._last = corrections, misfits, None
+
+    def residuals(self, xi: Array) -> Array:
+        """Return the rows (n + parameter,)."""
+        self.evaluations += 1
+        try:
+            predicted = self.problem.predictions(xi, self.corrections)
+        except LabpipeError:
+            size = sum(e.values.size for e in self.problem.evidence)
+            return np.concatenate([np.full(size, _FAR), xi])
+        rows = [
+            (e.values - p) / self.deviations(i)
+            for i, (e, p) in enumerate(zip(self.problem.evidence, predicted, strict=True))
+        ]
+        return np.concatenate([*rows, xi])
+
+    def deviations(self, number: int) -> Array:
+        """Return the deviations (n,) of one experiment; those of a misfit go with the values."""
+        evidence = self.problem.evidence[number]
+        parts = [
+            self.misfits.get((evidence.name, g.name), Misfit()).deviation(g, g.values)
+            for g in evidence.groups
+        ]
+        return np.concatenate(parts)
+
+    def data_jacobian(self, xi: Array) -> Array:
+        """Return the derivative (n, parameter) of the predictions over their deviations."""
+        if self._last is None or not np.array_equal(self._last[0], xi):
+            self.differentiated += 1
+            found = self.problem.jacobians(xi, self.corrections)
+            self._last = (xi.copy(), found)
+        return np.vstack([
+            made / self.deviations(i)[:, None] for i, made in enumerate(self._last[1])
+        ])  # fmt: skip
+
+    def cost(self, xi: Array) -> float:
+        """Return half the sum of squares."""
+        rows = self.residuals(xi)
+        return 0.5 * float(rows @ rows)
+
+    def minimised(self, start: Array, decrease: float, held: int | None = None) -> Array:
+        """Return the minimum from a start, up to a decrease of the cost that is not worth a step.
+
+        Parameters
+        ----------
+        start : array (parameter,)
+            Standard coordinates.
+        decrease : float
+            Of the cost; half a unit is a change of one standard deviation.
+        held : int, optional
+            Number of an unknown that stays where it is.
+        """
+        xi = np.clip(start, -_BOUND, _BOUND)
+        rest = self.residuals(xi)
+        damping = _DAMPING
+        for _ in range(_MOST_STEPS):
+            rows = np.vstack([-self.data_jacobian(xi), np.eye(xi.size)])
+            if held is not None:
+                rows[:, held] = 0.0
+                rows[rest.size - xi.size + held, held] = 1.0
+                rest = rest.copy()
+                rest[rest.size - xi.size + held] = 0.0
+            gradient, curvature = rows.T @ rest, rows.T @ rows
+            if 0.5 * float(gradient @ np.linalg.solve(curvature, gradient)) < decrease:
+                break
+            while damping < _MOST_DAMPING:
+                damped = curvature + damping * np.eye(xi.size)
+                step = -np.linalg.solve(damped, gradient)
+                step *= min(1.0, _LONGEST_STEP / float(np.max(np.abs(step))))
+                trial = np.clip(xi + step, -_BOUND, _BOUND)
+                found = self.residuals(trial)
+                if held is not None:
+                    found[found.size - xi.size + held] = 0.0
+                if found @ found < rest @ rest:
+                    break
+                damping *= _WORSE
+            else:
+                break  # differences promise what the simulator does not keep: as low as it gets
+            gained = 0.5 * float(rest @ rest - found @ found)
+            xi, rest, damping = trial, found, max(damping * _BETTER, 1e-9)
+            if gained < decrease and damping < _FREE:
+                break
+        return xi
+
+    def covariance(self, xi: Array) -> Array:
+        """Return the covariance (parameter, parameter) of Laplace's approximation."""
+        rows = self.data_jacobian(xi)
+        return np.asarray(np.linalg.inv(rows.T @ rows + np.eye(xi.size)))
+
+    def new_misfits(self, xi: Array) -> Misfits:
+        """Estimate the discrepancy of every group that the stated uncertainties do not explain."""
+        rows, covariance = self.data_jacobian(xi), self.covariance(xi)
+        predicted = self.problem.predictions(xi, self.corrections)
+        used = np.einsum("ij,jk,ik->i", rows, covariance, rows)
+        found: Misfits = {}
+        first = 0
+        for each, numbers in zip(self.problem.evidence, predicted, strict=True):
+            for group, part in zip(each.groups, split(each, numbers), strict=True):
+                leverage = float(used[first : first + part.size].sum())
+                first += part.size
+                freedom = max(part.size - leverage, 1.0)
+                known = self.misfits.get((each.name, group.name), Misfit())
+                new = _misfit(group.values - part, group.u, np.abs(group.values), freedom)
+                if new is not None:
+                    found[each.name, group.name] = new
+                elif known.relative > 0.0:
+                    found[each.name, group.name] = Misfit(0.5 * known.relative, 0.0)
+        return found
+
+
+def _misfit(rest: Array, u: Array, size: Array, freedom: float) -> Misfit | None:
+    """Return the discrepancy that makes chi square what it should be; None where it is.
+
+    The discrepancy of Mandel and Paule: chi square over the widened deviations equals the degrees
+    of freedom.
+    """
+    if float(np.sum((rest / u) ** 2)) <= float(chi2.ppf(_SURE, freedom)) or not size.any():
+        return None
+
+    def excess(relative: float) -> float:
+        return float(np.sum(rest**2 / (u**2 + (relative * size) ** 2))) - freedom
+
+    highest = 1.0
+    is_beyond = excess(highest) > 0.0
+    relative = highest if is_beyond else float(brentq(excess, 0.0, highest, xtol=1e-9))
+    return Misfit(relative, neighbours(rest / np.hypot(u, relative * size)))
+
+
+def neighbours(normalised: Array) -> float:
+    """Return the correlation of neighbouring residuals, 0 to 0.9; 0 where there are few."""
+    if normalised.size < _FEWEST_FOR_CORRELATION:
+        return 0.0
+    power = float(normalised @ normalised)
+    value = float(normalised[1:] @ normalised[:-1]) / power if power > 0.0 else 0.0
+    chance = 2.0 / np.sqrt(normalised.size)
+    return float(np.clip(value, 0.0, _HIGHEST_CORRELATION)) if value > chance else 0.0
+
+
+def _starts(objective: Objective) -> list[Array]:
+    """Scan moduli and losses, and return the best that lie apart."""
+    tried = [_tried(objective, modulus, _LOSSES[0]) for modulus in _MODULI]
+    best = _MODULI[int(np.argmin([cost for cost, _ in tried]))]
+    tried += [
+        _tried(objective, modulus, loss)
+        for modulus in (best / _BETWEEN, best, best * _BETWEEN)
+        for loss in _LOSSES
+        if (modulus, loss) != (best, _LOSSES[0])
+    ]
+    tried.sort(key=lambda pair: pair[0])
+    if tried[0][0] >= 0.5 * _FAR**2:
+        message = (
+            "no material between 0.1 MPa and 100 GPa can be simulated with these experiments; "
+            "check mass, radius, heights and depths"
+        )
+        raise LabpipeError(message)
+    kept: list[Array] = []
+    for _, xi in tried:
+        if all(np.linalg.norm(xi - other) > _APART for other in kept):
+            kept.append(xi)
+        if len(kept) == _STARTS:
+            break
+    return kept
+
+
+def _tried(objective: Objective, modulus: float, loss: float) -> tuple[float, Array]:
+    problem = objective.problem
+    xi = np.zeros(len(problem.parameters))
+    xi[: problem.n_material] = problem.spectrum.start(modulus, loss)
+    return objective.cost(xi), xi
+
+
+def _silent(text: str) -> None:
+    del text

@@ -1,0 +1,167 @@
+"""Profile likelihood: how far an unknown may go while the others follow, and what that means.
+
+The prior of the unknown itself is left out, that of the others stays: without it a spectrum could
+be anything. Where the objective does not rise by 1.92 (half the 95 % quantile of chi square with
+one degree of freedom) within three standard deviations of the prior, or has become
+flat, the data set no limit on
+that side.
+
+References
+----------
+A. Raue et al., Bioinformatics 25 (2009) 1923, doi:10.1093/bioinformatics/btp358.
+"""
+
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from labpipe.identification.fit import Objective
+from labpipe.identification.posterior import Posterior
+
+Array = NDArray[np.float64]
+Verdict = Literal["identified", "only an upper limit", "only a lower limit", "not identifiable"]
+
+_EDGE = 3.0  # standard coordinates: the prior holds nothing farther out
+_WORTH_A_STEP = 0.05  # of the objective: less is not worth another step of the others
+_LONGEST_STRIDE = 0.35  # of a logarithm
+_FAR_OVER = 3.0  # of the limit: the stride was too long
+_OVER = 1.3  # of the limit: a side ends where the rise is clearly beyond
+_FLAT, _NO_RISE = 2, 0.05  # so many places without a rise: there will be none
+_GROWTH = 2.0  # from place to place
+_MOST_PLACES = 14  # on one side
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """The objective along one unknown, minimised over all others.
+
+    Attributes
+    ----------
+    name : str
+    values : array (place,)
+        Of the unknown, in its unit, ascending.
+    rise : array (place,)
+        Of minus the logarithm of the likelihood, above its least value.
+    low, high : float
+        Ends of the interval, the wider one of profile and normal approximation; 0 or minus
+        infinity, and infinity, where the data set no limit.
+    verdict : str
+    """
+
+    name: str
+    values: Array
+    rise: Array
+    low: float
+    high: float
+    verdict: Verdict
+
+
+def profile(known: Posterior, number: int, level: float = 0.95) -> Profile:
+    """Follow one unknown to both sides until the data object.
+
+    Parameters
+    ----------
+    known : Posterior
+        Around the most probable answer.
+    number : int
+        Of the unknown.
+    level : float
+        Of the interval.
+
+    Returns
+    -------
+    Profile
+    """
+    limit = 0.5 * float(chi2.ppf(level, 1))
+    found = known.fit
+    objective = Objective(found.problem, found.corrections, found.misfits)
+    parameter = found.problem.parameters[number]
+    start = _objective(objective, found.xi, number)
+    sides = [_side(objective, known, number, sign, start, limit) for sign in (-1.0, 1.0)]
+    places = [(float(found.xi[number]), start)] + sides[0] + sides[1]
+    places.sort()
+    at, height = np.array(places).T
+    rise = height - height.min()
+    low, high = _crossings(at, rise, limit)
+    verdict = _verdict(low, high)
+    # the others' prior pulls a profile to one side, Laplace's normal forgets that it is skew
+    reach = float(norm.ppf(0.5 + 0.5 * level)) * float(known.sd[number])
+    low = min(low, float(found.xi[number]) - reach) if isfinite(low) else low
+    high = max(high, float(found.xi[number]) + reach) if verdict == "identified" else high
+    return Profile(
+        parameter.name,
+        np.array([parameter.value(x) for x in at.tolist()]),
+        rise,
+        parameter.value(low) if isfinite(low) else (0.0 if parameter.is_log else -inf),
+        parameter.value(high) if isfinite(high) else inf,
+        verdict,
+    )
+
+
+def _side(
+    objective: Objective, known: Posterior, number: int, sign: float, start: float, limit: float
+) -> list[tuple[float, float]]:
+    """Walk to one side with growing strides; returns places and heights."""
+    covariance, parameter = known.covariance, known.fit.problem.parameters[number]
+    follow = covariance[:, number] / covariance[number, number]
+    # an exponential must not leave the reach of a linear step
+    longest = _LONGEST_STRIDE / parameter.sd if parameter.is_log else np.inf
+    stride = min(float(known.sd[number]), longest)
+    xi, found = known.fit.xi.copy(), []
+    for _ in range(_MOST_PLACES):
+        target = float(np.clip(xi[number] + sign * stride, -_EDGE, _EDGE))
+        if target == xi[number]:
+            break
+        trial = xi + follow * (target - xi[number])
+        trial[number] = target
+        reached = objective.minimised(trial, _WORTH_A_STEP, number)
+        height = _objective(objective, reached, number)
+        found.append((target, height))
+        if height - start > _FAR_OVER * limit:
+            stride /= _GROWTH**2  # too far to tell where it crossed
+            continue
+        follow = (reached - xi) / (target - xi[number])
+        xi = reached
+        is_flat = len(found) > _FLAT and abs(height - found[-1 - _FLAT][1]) < _NO_RISE
+        if height - start > _OVER * limit or abs(target) >= _EDGE or is_flat:
+            break
+        stride *= _GROWTH
+    return found
+
+
+def _objective(objective: Objective, xi: Array, number: int) -> float:
+    """Half the sum of squares, without the prior of the unknown itself."""
+    return objective.cost(xi) - 0.5 * float(xi[number]) ** 2
+
+
+def _crossings(at: Array, rise: Array, limit: float) -> tuple[float, float]:
+    """Places left and right of the minimum where the rise passes the limit; infinite if nowhere."""
+    least = int(np.argmin(rise))
+    ends = []
+    for side, none in ((range(least, 0, -1), -inf), (range(least, len(at) - 1), inf)):
+        step = -1 if none < 0 else 1
+        place = none
+        for i in side:
+            if rise[i + step] > limit:
+                # the rise is about quadratic: interpolate its root
+                share = (np.sqrt(limit) - np.sqrt(rise[i])) / (
+                    np.sqrt(rise[i + step]) - np.sqrt(rise[i])
+                )
+                place = float(at[i] + share * (at[i + step] - at[i]))
+                break
+        ends.append(place)
+    return ends[0], ends[1]
+
+
+def _verdict(low: float, high: float) -> Verdict:
+    if isfinite(low) and isfinite(high):
+        return "identified"
+    if isfinite(high):
+        return "only an upper limit"
+    if isfinite(low):
+        return "only a lower limit"
+    return "not identifiable"

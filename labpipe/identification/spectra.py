@@ -1,0 +1,310 @@
+r"""Low-dimensional relaxation spectra: what a material may be, in a few unknowns.
+
+Both families hand out a Prony series on a fixed grid of relaxation times, as the natural logarithms
+of ``(E_relaxed, E_1, …, E_n)``, and their derivative by the standard coordinates.
+
+Smooth spectrum. The logarithm of the weight per decade is a random walk over the decades: from one
+decade to the next a spectrum changes by a factor of ten within two standard deviations. Level
+and long-time modulus are known within a factor of a hundred of a polymer's. Nothing else is
+assumed; where data are silent the answer is the prior.
+
+Fractional solid (Cole and Cole's; a springpot where its time lies outside the data):
+
+.. math:: E^*(\omega) = E_{relaxed} + \Delta E \frac{(i\omega\tau)^\alpha}{1 + (i\omega\tau)^\alpha}
+
+with the exact spectrum
+
+.. math::
+    H(\rho) = \frac{\Delta E}{2\pi} \frac{\sin \pi\alpha}{\cosh(\alpha \ln(\rho/\tau)) +
+    \cos \pi\alpha}
+
+References
+----------
+K. S. Cole & R. H. Cole, J. Chem. Phys. 9 (1941) 341, doi:10.1063/1.1750906;
+N. W. Tschoegl, The Phenomenological Theory of Linear Viscoelastic Behavior (1989), ch. 6,
+doi:10.1007/978-3-642-73602-5.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil, log, log10
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+from labpipe.identification.parameters import Parameter
+from labpipe.materials import Prony
+
+Array = NDArray[np.float64]
+
+_POLYMER = log(1e8)
+_WIDE = log(100.0)
+"""A polymer's modulus lies between a rubber's and a glass's: 1e8 Pa within a factor of 100."""
+
+_PER_DECADE = 0.5 * log(10.0)
+"""Standard deviation of the change of a spectrum from one decade to the next: in logarithmic
+coordinates the flanks of spectra are seldom steeper than one to one, which makes two of them."""
+
+_BEYOND = 2.0  # times faster changes where there are no data
+
+_FINE, _COARSE = 2, 1  # terms per decade where data are, and where only the prior speaks
+_MARGIN = 10.0  # the fine grid goes a decade beyond the data
+_HORIZON = 1e4  # s; "relaxed" is what is left after hours
+_FRACTIONAL_PER_DECADE = 2
+
+
+class Spectrum(Protocol):
+    """What a family of spectra offers."""
+
+    @property
+    def rho(self) -> Array:
+        """Relaxation times (term,) in s, ascending."""
+        ...
+
+    @property
+    def nu(self) -> float:
+        """Poisson's ratio."""
+        ...
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The unknowns, in the order of their coordinates."""
+        ...
+
+    def log_terms(self, xi: Array) -> Array:
+        """Return ln of (E_relaxed, E_1, ..., E_n) in Pa at standard coordinates (parameter,)."""
+        ...
+
+    def slopes(self, xi: Array) -> Array:
+        """Return the derivative (1 + term, parameter) of the logarithms."""
+        ...
+
+    def start(self, modulus: float, loss: float) -> Array:
+        """Return coordinates (parameter,) of about this modulus [Pa] and loss factor."""
+        ...
+
+
+def material(spectrum: Spectrum, log_terms: Array) -> Prony:
+    """Return the Prony series of logarithmic terms (1 + term,)."""
+    terms = np.exp(log_terms)
+    return Prony(float(terms[0]), terms[1:], spectrum.rho, nu=spectrum.nu)
+
+
+def relaxation_times(shortest: float, longest: float, horizon: float = _HORIZON) -> Array:
+    """Choose relaxation times for data that reach from one time to another.
+
+    Parameters
+    ----------
+    shortest, longest : float [s]
+        Shortest and longest time that the data can tell of.
+    horizon : float [s]
+        What relaxes later counts as relaxed.
+
+    Returns
+    -------
+    array (term,) [s]
+        Two per decade through the data and a decade beyond them, one per decade to the horizon.
+
+    Raises
+    ------
+    InputError
+        The times are not positive or not in order.
+    """
+    if not 0.0 < shortest <= longest < np.inf:
+        message = f"data from {shortest} s to {longest} s: expected 0 < shortest <= longest"
+        raise InputError(message)
+    low, high = log10(shortest / _MARGIN), log10(longest * _MARGIN)
+    fine = low + np.arange(ceil((high - low) * _FINE) + 1) / _FINE
+    last = max(log10(horizon), fine[-1])
+    coarse = fine[-1] + np.arange(1, ceil((last - fine[-1]) * _COARSE) + 1) / _COARSE
+    return np.asarray(10.0 ** np.concatenate([fine, coarse]))
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothSpectrum:
+    """Weights on a grid, of which the logarithm per decade is a random walk.
+
+    Attributes
+    ----------
+    rho : array (term,) [s]
+        Relaxation times, ascending; at least two.
+    nu : float
+        Poisson's ratio.
+    data : tuple of float [s], optional
+        Shortest and longest time of the data. Beyond them a spectrum may as well end: there its
+        logarithm may change twice as fast.
+
+    Examples
+    --------
+    >>> spectrum = SmoothSpectrum(relaxation_times(1e-2, 1e2), nu=0.5)
+    >>> len(spectrum.parameters) == len(spectrum.rho) + 1
+    True
+    """
+
+    rho: Array
+    nu: float
+    data: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.rho.size < 2 or not np.all(np.diff(self.rho) > 0.0) or not self.rho[0] > 0.0:
+            message = "a spectrum needs at least two relaxation times, positive and ascending"
+            raise InputError(message)
+
+    @cached_property
+    def _widths(self) -> Array:
+        """Decades that belong to each term."""
+        return np.asarray(np.gradient(np.log10(self.rho)))
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Long-time modulus, level of the spectrum in its middle, and its changes."""
+        middle = self.rho.size // 2
+        steps = np.diff(np.log10(self.rho))
+        level = Parameter(
+            "level", _POLYMER - log(10.0), _WIDE, "Pa",
+            f"weight per decade at {self.rho[middle]:.2g} s", is_log=True,
+        )  # fmt: skip
+        changes = [
+            Parameter(
+                f"change {i + 1}", 0.0,
+                _PER_DECADE * float(np.sqrt(step)) * (_BEYOND if self._is_beyond(i) else 1.0), "1",
+                f"ln change of the spectrum, {self.rho[i]:.2g} to {self.rho[i + 1]:.2g} s",
+            )
+            for i, step in enumerate(steps)
+        ]  # fmt: skip
+        return (_relaxed_modulus(), level, *changes)
+
+    def _is_beyond(self, step: int) -> bool:
+        if self.data is None:
+            return False
+        return bool(self.rho[step + 1] < self.data[0] or self.rho[step] > self.data[1])
+
+    def log_terms(self, xi: Array) -> Array:
+        """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
+        means, sds = self._prior
+        terms = self._walk @ (means + sds * xi)
+        terms[1:] += np.log(self._widths)
+        return np.asarray(terms)
+
+    @cached_property
+    def _prior(self) -> tuple[Array, Array]:
+        return _means_and_deviations(self.parameters)
+
+    def slopes(self, xi: Array) -> Array:
+        """Return the derivative (1 + term, parameter); the map is linear."""
+        del xi
+        return np.asarray(self._walk * self._prior[1])
+
+    @cached_property
+    def _walk(self) -> Array:
+        """From E_relaxed, level and changes to the logarithms: sums away from the middle."""
+        n, middle = self.rho.size, self.rho.size // 2
+        walk = np.zeros((n + 1, n + 1))
+        walk[0, 0] = 1.0
+        walk[1:, 1] = 1.0
+        for i in range(n - 1):
+            if i >= middle:
+                walk[i + 2 :, i + 2] = 1.0
+            else:
+                walk[1 : i + 2, i + 2] = -1.0
+        return walk
+
+    def start(self, modulus: float, loss: float) -> Array:
+        """Return a flat spectrum: the weight of a decade is 1.5 times loss factor and modulus.
+
+        A constant weight H per ln(rho) has a loss modulus of pi H/2.
+        """
+        parameters = self.parameters
+        xi = np.zeros(len(parameters))
+        xi[0] = parameters[0].coordinate(modulus)
+        xi[1] = parameters[1].coordinate(2.0 / np.pi * log(10.0) * loss * modulus)
+        return xi
+
+
+@dataclass(frozen=True, eq=False)
+class FractionalSpectrum:
+    """Cole and Cole's fractional solid in four unknowns.
+
+    Attributes
+    ----------
+    rho : array (term,) [s]
+        Relaxation times of the Prony series that stands for it.
+    nu : float
+        Poisson's ratio.
+    centre : float [s]
+        Prior of the characteristic time, within a factor of a thousand.
+    """
+
+    rho: Array
+    nu: float
+    centre: float
+
+    @classmethod
+    def over(cls, shortest: float, longest: float, nu: float) -> "FractionalSpectrum":
+        """Choose the grid for data between two times [s]; it goes two decades beyond them."""
+        low, high = log10(shortest) - 2.0, max(log10(longest) + 2.0, log10(_HORIZON))
+        count = ceil((high - low) * _FRACTIONAL_PER_DECADE) + 1
+        return cls(np.logspace(low, high, count), nu, float(np.sqrt(shortest * longest)))
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Long-time modulus, strength of the dispersion, its time, its order."""
+        return (
+            _relaxed_modulus(),
+            Parameter("strength", _POLYMER, _WIDE, "Pa", "strength of the dispersion", is_log=True),
+            Parameter("time", log(self.centre), log(1e3), "s", "time of the dispersion",
+                      is_log=True),
+            Parameter("order", log(0.25), log(2.0), "1", "fractional order", is_log=True),
+        )  # fmt: skip
+
+    def log_terms(self, xi: Array) -> Array:
+        """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
+        means, sds = _means_and_deviations(self.parameters)
+        relaxed, strength, time, order = means + sds * xi
+        return self._terms(relaxed, strength, time, order)
+
+    def _terms(self, relaxed: float, strength: float, time: float, order: float) -> Array:
+        alpha = min(np.exp(order), _STEEPEST)
+        x = alpha * (np.log(self.rho) - time)
+        shape = np.log(np.sin(np.pi * alpha) / (2.0 * np.pi))
+        # ln(cosh x + cos) without overflow
+        size = np.abs(x)
+        denominator = size + np.log(
+            0.5 * (1.0 + np.exp(-2.0 * size)) + np.cos(np.pi * alpha) * np.exp(-size)
+        )
+        step = float(np.log(self.rho[1] / self.rho[0]))
+        width = np.full(self.rho.size, step)
+        width[[0, -1]] = 0.5 * step + 1.0 / alpha  # what lies beyond the grid falls as a power
+        return np.concatenate([[relaxed], strength + shape - denominator + np.log(width)])
+
+    def slopes(self, xi: Array) -> Array:
+        """Return the derivative (1 + term, parameter), by central differences."""
+        made = np.empty((self.rho.size + 1, xi.size))
+        for k in range(xi.size):
+            change = np.zeros(xi.size)
+            change[k] = _CHANGE
+            made[:, k] = (self.log_terms(xi + change) - self.log_terms(xi - change)) / 2.0 / _CHANGE
+        return made
+
+    def start(self, modulus: float, loss: float) -> Array:
+        """Return a broad dispersion, with this loss factor at its middle."""
+        parameters = self.parameters
+        alpha = 0.25
+        # at its middle the loss modulus is ΔE/2 tan(pi alpha/4)
+        strength = 2.0 * loss * modulus / np.tan(0.25 * np.pi * alpha)
+        values = (modulus, strength, self.centre, alpha)
+        return np.array([p.coordinate(v) for p, v in zip(parameters, values, strict=True)])
+
+
+_STEEPEST = 0.85  # a steeper dispersion is narrower than the grid
+_CHANGE = 1e-5
+
+
+def _means_and_deviations(parameters: tuple[Parameter, ...]) -> tuple[Array, Array]:
+    return np.array([p.mean for p in parameters]), np.array([p.sd for p in parameters])
+
+
+def _relaxed_modulus() -> Parameter:
+    return Parameter("E_relaxed", _POLYMER, _WIDE, "Pa", "long-time modulus", is_log=True)

@@ -1,0 +1,113 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labpipe import contact
+from labpipe.errors import InputError
+from labpipe.identification import (
+    Bounces,
+    DropModel,
+    Parameter,
+    Problem,
+    SmoothSpectrum,
+    drop_evidence,
+    fit,
+    moduli,
+    posterior,
+)
+from labpipe.materials import Prony
+
+SOLID = Prony(2e9, [2e8, 2e8, 2e8], [1e-4, 1e-3, 1e-1], nu=0.35)
+NONE = np.full(3, np.nan)
+NAMES = {r: r for r in ("height", "mass", "radius", "trigger", "pixel")}
+GIVEN = {"height": 1.5e-3, "mass": 0.505, "radius": 9.525e-3, "trigger": 0.0, "pixel": 1.0}
+
+
+def seen() -> Bounces:
+    made = contact.drop(SOLID, 9.525e-3, 0.505, 1.5e-3, 0.12, rtol=1e-5, times=[0.0])
+    touch = made["impact_time"].values[:3] - float(made["impact_time"][0])
+    u = np.ones(3)
+    return Bounces(
+        touch, 2e-5 * u, made["contact_duration"].values[:3], 1e-5 * u,
+        made["peak_contact_radius"].values[:3], 3e-6 * u,
+    )  # fmt: skip
+
+
+def model(**names: str) -> DropModel:
+    empty = np.empty(0, int)
+    return DropModel(9.525e-3, 0.505, 1.5e-3, 9.81, empty, empty, empty, 0.0, 0.0, names)
+
+
+@pytest.fixture(scope="module")
+def evidence():
+    return drop_evidence("drop", seen(), model(**NAMES))
+
+
+@pytest.fixture(scope="module")
+def derivatives(evidence):
+    return evidence.model.derivatives(SOLID, np.eye(4), GIVEN)
+
+
+def test_model_predicts_what_the_simulator_gives(evidence) -> None:
+    assert np.allclose(evidence.model.predict(SOLID, GIVEN), evidence.values, rtol=1e-3)
+    assert np.allclose(evidence.model.refined(SOLID, GIVEN), evidence.values, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("name", "change"), [("mass", 0.01), ("radius", 2e-4)])
+def test_mass_and_radius_act_as_a_factor_of_the_moduli(derivatives, name, change) -> None:
+    ends = []
+    for sign in (1, -1):
+        body = {"mass": 0.505, "radius": 9.525e-3}
+        body[name] += sign * change
+        made = contact.drop(SOLID, body["radius"], body["mass"], 1.5e-3, 0.12, times=[0.0])
+        touch = made["impact_time"].values
+        ends.append(np.concatenate([
+            touch[1:3] - touch[0], made["contact_duration"].values[:3],
+            made["peak_contact_radius"].values[:3],
+        ]))  # fmt: skip
+    direct = (ends[0] - ends[1]) / (2 * change)
+    assert np.allclose(derivatives[1][name], direct, rtol=0.03, atol=1e-3 * np.abs(direct).max())
+
+
+def test_higher_drops_last_longer_and_reach_wider(derivatives) -> None:
+    by_height = derivatives[1]["height"]
+    assert by_height[:2].min() > 0
+    assert by_height[2:5].max() < 0
+    assert by_height[5:].min() > 0
+
+
+def test_recording_acts_on_its_own_numbers_only(derivatives, evidence) -> None:
+    others = derivatives[1]
+    assert others["trigger"].tolist() == [-1, -1, 0, 0, 0, 0, 0, 0]
+    assert np.allclose(others["pixel"][5:], evidence.values[5:], rtol=1e-3)
+    assert not others["pixel"][:5].any()
+
+
+def test_frozen_terms_cost_no_run_and_count_as_stiffness(evidence) -> None:
+    slow = Prony(1.9e9, [2e8, 1e8], [1e-3, 1e5], nu=0.35)
+    made, _ = evidence.model.derivatives(slow, np.eye(3), GIVEN)
+    assert np.allclose(made[:, 2], made[:, 0] * 1e8 / 1.9e9)
+
+
+def test_few_impacts_identify_modulus_and_loss_at_their_own_frequency() -> None:
+    evidence = drop_evidence("drop", replace(seen(), radius=NONE), model(height="height"))
+    spectrum = SmoothSpectrum(np.array([1e-4, 1e-3, 1e-2, 1.0]), 0.35)
+    height = Parameter("height", 1.5e-3, 5e-6, "m", "height", is_nuisance=True)
+    problem = Problem(spectrum, (evidence,), (height,))
+    start = np.append(spectrum.start(2e9, 0.1), 0.0)
+    known = posterior(fit(problem, start=start))
+    frequency = np.array([0.5 / float(evidence.groups[1].values[0])])
+    found = moduli(known, frequency)
+    truth = complex(SOLID.complex_modulus(2 * np.pi * frequency)[0])
+    assert abs(np.log(found.storage[0] / truth.real)) < 3 * found.u_ln_storage[0]
+    loss = truth.imag / truth.real
+    assert abs(np.log(found.loss_factor[0] / loss)) < 3 * found.u_ln_loss_factor[0]
+    assert found.u_ln_storage[0] < 0.05
+    assert found.is_determined[0]
+
+
+def test_drop_without_any_observation_is_refused() -> None:
+    nothing = Bounces(NONE, NONE, NONE, NONE, NONE, NONE)
+    with pytest.raises(InputError, match="no bounce"):
+        drop_evidence("drop", nothing, model())

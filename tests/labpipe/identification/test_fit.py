@@ -1,0 +1,138 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labpipe.errors import InputError
+from labpipe.identification import (
+    Problem,
+    SmoothSpectrum,
+    bands,
+    fit,
+    moduli,
+    modulus_evidence,
+    posterior,
+    profile,
+)
+from tests.labpipe.identification.holds import RUBBER, hold_problem, with_values
+
+_SEEDS = 40
+
+
+@pytest.fixture(scope="module")
+def known():
+    return posterior(fit(hold_problem(1)))
+
+
+def test_hold_identifies_the_relaxed_modulus(known) -> None:
+    found = profile(known, 0)
+    assert found.verdict == "identified"
+    assert found.low < RUBBER.E_relaxed < found.high
+    assert found.high / found.low < 1.25
+
+
+def test_profile_rises_to_both_sides_and_its_interval_holds_the_normal_one(known) -> None:
+    found = profile(known, 0)
+    _, low, high = known.interval(0)
+    least = int(np.argmin(found.rise))
+    assert (np.diff(found.rise[: least + 1]) < 0).all()
+    assert (np.diff(found.rise[least:]) > 0).all()
+    assert found.low <= low
+    assert found.high >= high
+
+
+def test_short_hold_says_that_the_relaxed_modulus_is_not_identified() -> None:
+    known = posterior(fit(hold_problem(2, longest=0.3)))
+    found = profile(known, 0)
+    assert found.verdict in {"only an upper limit", "not identifiable"}
+    assert found.low < RUBBER.E_relaxed < found.high
+
+
+def test_moduli_are_determined_where_the_data_are_and_nowhere_else(known) -> None:
+    frequency = np.array([1e-9, 1e-2, 1.0, 1e7])
+    found = moduli(known, frequency)
+    assert found.is_determined[1:3].all()
+    spread = found.u_ln_loss_factor
+    assert spread[2] < 0.1
+    assert spread[3] > 10 * spread[2]
+
+
+def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
+    frequency = np.array([0.02, 0.2, 2.0])
+    truth = RUBBER.complex_modulus(2 * np.pi * frequency)
+    deviations = []
+    for seed in range(_SEEDS):
+        known = posterior(fit(hold_problem(100 + seed)))
+        value, low, high = known.interval(0, 0.6827)
+        deviations.append((np.log(value) - np.log(RUBBER.E_relaxed)) / (0.5 * np.log(high / low)))
+        found = moduli(known, frequency)
+        deviations += list(np.log(found.storage / truth.real) / found.u_ln_storage)
+        deviations += list(
+            np.log(found.loss_factor / (truth.imag / truth.real)) / found.u_ln_loss_factor
+        )
+    assert np.mean(np.abs(deviations) < 1.96) >= 0.9
+    assert np.sqrt(np.mean(np.square(deviations))) < 1.2
+
+
+def test_scale_that_all_readings_share_is_not_averaged_away(known) -> None:
+    assert float(known.sd[0]) * known.fit.problem.parameters[0].sd > 0.004
+
+
+def test_discrepancy_shows_and_widens_the_answer(known) -> None:
+    problem = hold_problem(1)
+    evidence = problem.evidence[0]
+    wave = 1 + 0.02 * np.sin(4 * np.log(evidence.groups[0].axis))
+    bent = replace(problem, evidence=(with_values(evidence, evidence.values * wave),))
+    found = fit(bent)
+    misfit = found.misfits["hold", "force"]
+    assert misfit.relative > 2e-3
+    assert posterior(found).sd[0] > 1.2 * known.sd[0]
+
+
+def test_noise_as_stated_shows_no_discrepancy(known) -> None:
+    assert known.fit.misfits == {}
+    assert known.fit.is_settled
+
+
+def test_residuals_of_the_band_are_those_of_the_stated_noise(known) -> None:
+    (band,) = bands(known)
+    assert np.sqrt(np.mean(band.residual**2)) == pytest.approx(1.0, abs=0.35)
+    assert (band.u_predicted < band.group.u * 4).all()
+
+
+def test_rheometer_as_prior_narrows_what_the_hold_leaves_open() -> None:
+    problem = hold_problem(3, longest=0.3)
+    frequency = np.geomspace(1e-3, 1e3, 13)
+    truth = RUBBER.complex_modulus(2 * np.pi * frequency)
+    sweep = modulus_evidence(
+        "dma", frequency, (truth.real, 0.01 * truth.real), (truth.imag, 0.03 * truth.imag),
+        problem.spectrum.rho,
+    )  # fmt: skip
+    joint = replace(problem, evidence=(*problem.evidence, sweep))
+    alone, both = (posterior(fit(p)) for p in (problem, joint))
+    assert both.sd[0] < 0.2 * alone.sd[0]
+    _, low, high = both.interval(0, 0.999)
+    assert low < RUBBER.E_relaxed < high
+    assert joint.only(prior=True).evidence == (sweep,)
+
+
+def test_singular_values_count_what_the_data_know(known) -> None:
+    assert 3 <= known.n_determined < len(known.fit.problem.parameters)
+    assert (np.diff(known.singular_values) <= 0).all()
+
+
+def test_same_answer_every_time() -> None:
+    first, second = fit(hold_problem(5)), fit(hold_problem(5))
+    assert (first.xi == second.xi).all()
+
+
+def test_no_experiment_is_refused() -> None:
+    problem = Problem(SmoothSpectrum(np.array([1.0, 10.0]), 0.5), ())
+    with pytest.raises(InputError, match="nothing was observed"):
+        fit(problem)
+
+
+def test_unknown_without_a_prior_is_named() -> None:
+    problem = hold_problem(1)
+    with pytest.raises(InputError, match="no prior is given for: gain"):
+        replace(problem, nuisances=())
