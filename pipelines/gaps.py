@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 
@@ -11,7 +11,9 @@ from labpipe.units import quantity, unit
 
 GAP = "FILL"
 _LINE = re.compile(rf'^\s*(\w+)\s*=\s*"{GAP}(?: ([^"]*))?"(?:\s*#\s*(.*))?$')
-_TABLE = re.compile(r"^\[(?:experiments\.)?(.+)\]$")
+_TABLE = re.compile(r"^\[{1,2}(?:experiments\.)?([^\]]+)\]{1,2}\s*(?:#.*)?$")
+NONE = "none"
+"""The answer that leaves a line out, where its remark offers it."""
 _DAYS = ("valid_from", "valid_until", "when")
 _MODES = ("tension", "bending", "shear", "torsion")
 
@@ -38,7 +40,17 @@ class Gap:
     def question(self) -> str:
         """What to ask a person."""
         remark = f" ({self.remark})" if self.remark else ""
-        return f"{self.table}: {self.key}{remark}"
+        return f"{self.table}: {self.key.replace('_', ' ')}{remark}"
+
+    @property
+    def may_be_left_out(self) -> bool:
+        """Whether there may be no such value at all."""
+        return f'"{NONE}"' in self.remark
+
+    @property
+    def sort(self) -> tuple[str, str, str]:
+        """What two questions of one sort share; the answer to one is offered for the next."""
+        return self.key, self.unit, self.remark
 
 
 def gaps(text: str) -> Iterator[Gap]:
@@ -81,6 +93,8 @@ def checked(gap: Gap, answer: str) -> str:
     if '"' in answer or "\\" in answer or not answer.isprintable():
         message = f"found {answer!r}; write it without quotes and backslashes"
         raise InputError(message)
+    if gap.may_be_left_out and answer.lower() == NONE:
+        return NONE
     if gap.key in _DAYS:
         return _day(answer)
     for key, allowed in (("material", library_names()), ("mode", _MODES)):
@@ -113,7 +127,7 @@ def _with_unit(gap: Gap, answer: str) -> str:
     return text
 
 
-def filled(text: str, ask: Callable[[Gap], str | None]) -> str:
+def filled(text: str, ask: Callable[[Gap], str | None], owner: str = "") -> str:
     """Ask for every gap of a text and write the answers into it.
 
     Parameters
@@ -122,11 +136,15 @@ def filled(text: str, ask: Callable[[Gap], str | None]) -> str:
         TOML with gaps.
     ask : callable
         Returns the checked answer to a gap, or None to leave it open.
+    owner : str
+        Stands in the questions instead of the tables' names, where those say too little.
     """
     lines = text.splitlines(keepends=True)
     for gap in gaps(text):
-        answer = ask(gap)
-        if answer is not None:
+        answer = ask(replace(gap, table=owner) if owner else gap)
+        if answer == NONE and gap.may_be_left_out:
+            lines[gap.line - 1] = f"# {gap.key}: there is none\n"
+        elif answer is not None:
             old = f'"{GAP} {gap.unit}"' if gap.unit else f'"{GAP}"'
             # A day is a value of its own in TOML; everything else is a text.
             new = answer if gap.key in _DAYS else f'"{answer}"'

@@ -86,15 +86,19 @@ def _free(folder: Path, stem: str) -> str:
 
 def _about(folder: Path, names: list[str]) -> tuple[str, list[date]]:
     """Model of the sensor and days of the recordings, as far as the files tell."""
+    from pipelines.experiments.film_frames import recorded_on
+
     models, days = [], []
     for name in names:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                attrs = getattr(instruments.read(folder / name), "attrs", {})
+                found = instruments.read(folder / name)
         except LabpipeError:
             continue  # `plan` and `process` say what is wrong with it
+        attrs = getattr(found, "attrs", {})
         models.append(str(attrs.get("model", "")))
-        if attrs.get("start"):
-            days.append(date.fromisoformat(str(attrs["start"])[:10]))
+        day = str(attrs.get("start", ""))[:10] or recorded_on(found)
+        if day:
+            days.append(date.fromisoformat(day))
     return next(filter(None, models), ""), days

@@ -88,7 +88,7 @@ def write_session_file(
     begun = {n: (folder / n).read_text("utf-8") for n in _records(found)}
     texts = {FILE_NAME: text, **records, **{n: t for n, t in begun.items() if GAP in t}}
     if ask is not None:
-        texts = {name: filled(content, ask) for name, content in texts.items()}
+        texts = {name: filled(content, ask, _owner(name)) for name, content in texts.items()}
     for name in reversed(texts):  # session.toml last: with it, the folder is a session
         if texts[name] != begun.get(name):
             files.write_text(folder / name, texts[name])
@@ -105,6 +105,11 @@ def write_session_file(
         if f'"{_quoted(name)}"' not in text
     ]
     return Scan(path, names, gaps, [folder / name for name in records], unused)
+
+
+def _owner(name: str) -> str:
+    """Name a calibration record in questions; session.toml's tables are named already."""
+    return "" if name == FILE_NAME else f"calibration of {Path(name).stem.replace('_', ' ')}"
 
 
 def _camera_records(folder: Path, found: dict[str, list[str]]) -> dict[str, str]:
@@ -193,12 +198,19 @@ def propose(folder: Path, found: dict[str, list[str]]) -> tuple[str, list[str]]:
     ]
     for instrument, proposal in PROPOSALS.items():
         for group in _grouped(found.get(instrument, []), instrument in REPEATED):
-            name = _unused(group.name, names)
+            name = _unused(_experiment_name(folder, group, instrument), names)
             text = proposal(folder, name, group.files, found)
             if text is not None:
                 names.append(name)
                 sections += ["", text]
     return "\n".join(sections) + "\n", names
+
+
+def _experiment_name(folder: Path, group: _Group, instrument: str) -> str:
+    """Name an experiment; relaxations to several depths are one, which no depth names."""
+    if instrument == "mach1" and _relaxes(folder, group.files[0]):
+        return _identifier(_depthless(group.files[0]))
+    return group.name
 
 
 def _grouped(names: list[str], is_repeated: bool) -> list[_Group]:
@@ -229,8 +241,12 @@ def _list(names: list[str]) -> str:
     return "[\n" + "".join(f'  "{_quoted(name)}",\n' for name in names) + "]"
 
 
+def _material_word(name: str) -> str | None:
+    return next((m for m in _MATERIALS if m in name.lower()), None)
+
+
 def _material(name: str) -> str:
-    known = next((m for m in _MATERIALS if m in name.lower()), None)
+    known = _material_word(name)
     if known is None:
         return f'material = "{GAP}"  # acrylic, peek, nylon, ptfe, nbr, or use material_file'
     return f'material = "{known.replace("pmma", "acrylic")}"  # proposed from the file name'
@@ -381,7 +397,6 @@ nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"
 
 def _film(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str:
     """Propose what a film shows by its name; a person knows better."""
-    del folder
     word = _view(names[0])
     is_under = word == "under"
     records = found.get("record:camera", [])
@@ -393,16 +408,32 @@ camera = "{record}"  # image scale of this view, with its uncertainty
 view = "{word}"  # as the record says"""
     if not is_under:
         return f"""{head}
-# laser_experiment = "NAME"  # the ball drop whose laser saw the same motion
+{_laser_beside(folder, names[0], found)}
 # tracking = {{ body = [x, y], body_subset = 101 }}  # px in the first image, on the holder"""
     return f"""{head}
-wavelength = "{GAP} nm"  # of the light; leave the line out for white light
+wavelength = "{GAP} nm"  # of the light; "none" for white light
 {_height(name)}
 
 [experiments.{name}.sphere]
 radius = "{GAP} mm"  # of the sphere, e.g. "9.525 ± 0.005 mm"
 mass = "{GAP} g"  # of all that moves: sphere and holder
 {_material(name)}"""
+
+
+def _laser_beside(folder: Path, film: str, found: dict[str, list[str]]) -> str:
+    """Propose the one drop of the film's material as what the laser saw of the same motion."""
+    word = _material_word(film)
+    drops = [
+        group.name
+        for group in _grouped(found.get("keyence", []), is_repeated=True)
+        if word is not None
+        and word == _material_word(group.files[0])
+        and not _PLATE.search(group.files[0])
+        and _interval(folder / group.files[0]) < _SLOW
+    ]
+    if len(drops) == 1:
+        return f'laser_experiment = "{drops[0]}"  # proposed: the only drop of this material'
+    return '# laser_experiment = "NAME"  # the ball drop whose laser saw the same motion'
 
 
 REPEATED = {"keyence"}

@@ -179,7 +179,7 @@ STATIC_LOADING = (
         summary="correct the inclination, with uncertainty",
     ),
     Stage(
-        "steps", "pipelines.experiments.static_loading:steps", 2, ("displacement",),
+        "steps", "pipelines.experiments.static_loading:steps", 3, ("displacement",),
         ("loads", "sphere.radius", "zero", "steps", "model.gravity"), schema="steps",
         summary="find the loads' times and first touch; creep compliance",
     ),

@@ -52,7 +52,8 @@ def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
         return
     echo(f"wrote {found.path} with {len(found.experiments)} experiment(s)")
     for path in found.records:
-        echo(f"wrote {path}, a calibration record to complete")
+        is_open = any(line.startswith(path.relative_to(folder).as_posix()) for line in found.gaps)
+        echo(f"wrote {path}, a calibration record{' to complete' if is_open else ''}")
     for line in found.gaps:
         echo(f"  to fill in: {line}")
     for line in found.unused:
@@ -64,7 +65,7 @@ class _Asker:
     """Asks a person; the last answer to the same question is offered for the next one."""
 
     def __init__(self) -> None:
-        self.last: dict[str, str] = {}
+        self.last: dict[tuple[str, str, str], str] = {}
         self.has_begun = False
 
     def __call__(self, gap: "Gap") -> str | None:
@@ -76,18 +77,18 @@ class _Asker:
                        err=True)  # fmt: skip
             self.has_begun = True
         while True:
-            default = self.last.get(gap.key, "")
+            default = self.last.get(gap.sort, "")
             answer = click.prompt(
                 printable(gap.question), default=default, show_default=bool(default), err=True
             )
             if not answer.strip():
                 return None
             try:
-                self.last[gap.key] = checked(gap, answer)
+                self.last[gap.sort] = checked(gap, answer)
             except LabpipeError as error:
                 click.echo(f"  {printable(str(error))}", err=True)
                 continue
-            return self.last[gap.key]
+            return self.last[gap.sort]
 
 
 def _split(values: Sequence[str]) -> list[str] | None:

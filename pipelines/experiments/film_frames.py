@@ -40,10 +40,10 @@ def open_film(path: Path, frame_rate: Quantity | None = None) -> FrameSource:
     return found
 
 
-def recorded_on(film: FrameSource) -> str:
+def recorded_on(film: object) -> str:
     """Return the day of the film's trigger (UTC) as text, "" when the file does not know it."""
     header = getattr(film, "header", None)
-    if header is None:
+    if header is None or not hasattr(header, "trigger"):
         return ""
     seconds = int(header.trigger) >> 32
     # a camera whose clock was never set counts from 1970 or from its own first day

@@ -41,6 +41,7 @@ Array = NDArray[np.float64]
 _TERMS_PER_DECADE = 2  # of the creep compliance that is fitted
 _SIDE = 4  # readings on either side of a step
 _CLEAR = 5.0  # standard deviations by which a step must stand out
+_MORE = 0.1  # of the smallest step that was found, above which another one counts
 _ELAPSED = 60  # points of the compliance curve
 _STEP_POINTS = 80  # of the simulation in one load step, evenly in the logarithm of time
 _SMOOTH = 60.0  # s, the moving average of the thesis's smoothed curve
@@ -146,6 +147,7 @@ def _starts(
         starts.append(0.5 * float(time[at - 1] + time[at]))
         sizes.append(float(jump[best]))
         free[max(0, best - gap) : best + gap + 1] = False
+    _warn_of_more(time[place[free]], jump[free], sizes[1:], noise)
     order = np.argsort(starts)
     tolerance = 0.5 * settings.steps.search.value
     late = [
@@ -160,6 +162,20 @@ def _starts(
             stacklevel=2,
         )
     return np.array(starts)[order], np.array(sizes)[order]
+
+
+def _warn_of_more(time: Array, jump: Array, found: list[float], noise: float) -> None:
+    """Say that the record steps where no load is stated; a load left out spoils all others."""
+    if not (found and jump.size):
+        return
+    largest = int(np.argmax(jump))
+    if jump[largest] > max(_CLEAR * noise, _MORE * min(found)):
+        warnings.warn(
+            f"the displacement steps by {jump[largest]:.3g} m at {time[largest]:.0f} s, where no "
+            f"load is stated ({len(found) + 1} are); state every load that was put on, in its own "
+            "[[loads]]",
+            stacklevel=3,
+        )
 
 
 def _sharpened(moved: Array, near: int) -> int:

@@ -1,10 +1,14 @@
 """From a pile of files to a first session.toml."""
 
 import shutil
+from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from instruments import phantom_writer
+from instruments.phantom_writer import Recording
 from labpipe import files, materials
 from labpipe.errors import ConfigError, UsageError
 from pipelines.process import open_session
@@ -13,7 +17,8 @@ from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import laser_record
 from pipelines.rig.static_loading import StaticRig, write_static
 from pipelines.scan import write_session_file
-from tests.pipelines.conftest import START
+
+START = datetime(2024, 5, 14, 9, 30)
 
 
 @pytest.fixture
@@ -98,6 +103,7 @@ def test_relaxations_to_several_depths_are_one_experiment(tmp_path: Path) -> Non
     write_relaxation(tmp_path, "rubber", specimen, protocol, TESTER, 1, START)
     write_session_file(tmp_path)
     (experiment,) = open_session(tmp_path).experiments.values()
+    assert experiment.name == "rubber"
     assert experiment.kind == "relaxation"
     assert experiment.settings.mach1 == ["mach1/rubber_100um.txt", "mach1/rubber_200um.txt"]
 
@@ -115,3 +121,37 @@ def test_slow_readings_of_a_laser_are_a_static_loading(tmp_path: Path) -> None:
     (experiment,) = open_session(tmp_path).experiments.values()
     assert experiment.kind == "static_loading"
     assert len(experiment.settings.loads) == 2
+
+
+@pytest.fixture
+def filmed(small_session: Path, tmp_path: Path) -> Path:
+    """A drop by the laser, and a film of three frames from the front."""
+    frames = np.full((3, 8, 16), 90, dtype=np.uint8)
+    day = int(START.replace(tzinfo=UTC).timestamp())
+    recording = Recording(frame_rate=4000, exposure=5e-5, bits=8, trigger=day)
+    phantom_writer.write(
+        tmp_path / "acrylic_front.cine", frames, frames.shape, np.arange(3) / 4000, recording
+    )
+    shutil.copy(small_session / "laser/drop_1.csv", tmp_path / "acrylic_7mm_1.csv")
+    return tmp_path
+
+
+def test_a_film_is_laid_beside_the_only_drop_of_its_material(filmed: Path) -> None:
+    text = write_session_file(filmed).path.read_text("utf-8")
+    assert 'laser_experiment = "acrylic_7mm"' in text
+    shutil.copy(filmed / "acrylic_7mm_1.csv", filmed / "acrylic_5mm_1.csv")
+    text = write_session_file(filmed, replace=True).path.read_text("utf-8")
+    assert '# laser_experiment = "NAME"' in text
+
+
+def test_the_record_of_a_camera_knows_the_day_of_its_film_and_is_named_in_questions(
+    filmed: Path,
+) -> None:
+    asked: list[str] = []
+    write_session_file(filmed, ask=lambda gap: asked.append(gap.question))
+    text = (filmed / "calibration/camera_front.toml").read_text("utf-8")
+    assert "valid_from = 2024-05-14" in text
+    about_camera = [q for q in asked if q.startswith("calibration of camera front: ")]
+    assert [q.split(": ")[1].split(" (")[0] for q in about_camera] == [
+        "who", "how", "reference length", "pixel length"
+    ]  # fmt: skip

@@ -1,6 +1,8 @@
 """Static loading: approach, radius, creep and first touch against the rig's truth."""
 
 import json
+import re
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
@@ -171,6 +173,18 @@ def test_a_load_too_many_is_refused(session: Path) -> None:
     changed = msgspec.structs.replace(chosen, loads=[*chosen.loads, more])
     with pytest.raises(InputError, match=r"no step .* for the load 6.5 kg"):
         static_loading.steps(stage(session, "displacement"), settings=changed)
+
+
+def test_a_load_that_nobody_stated_is_noticed(session: Path) -> None:
+    stated = settings(session)
+    fewer = msgspec.structs.replace(stated, loads=stated.loads[:2])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        static_loading.steps(stage(session, "displacement"), settings=fewer)
+    found = [str(w.message) for w in caught if "where no load is stated (2 are)" in str(w.message)]
+    assert len(found) == 1
+    at = float(re.search(r"at (\d+) s", found[0])[1])
+    assert np.abs(stage(session, "steps")["begin"].values - at).min() < 30
 
 
 def test_a_sensor_that_counts_the_other_way_is_noticed(session: Path) -> None:
