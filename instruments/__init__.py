@@ -35,6 +35,7 @@ READERS: tuple[Reader, ...] = (
     Reader("mach1", sniff.is_mach1, "instruments.mach1:read"),
     Reader("phantom", sniff.is_phantom, "instruments.phantom:read"),
     Reader("anton_paar", sniff.is_anton_paar, "instruments.anton_paar:read"),
+    Reader("plain_table", sniff.is_plain_table, "instruments.plain_table:read"),
     Reader("dice", sniff.is_dice, "instruments.dice:read"),
     Reader("image_stack", sniff.is_image_stack, "instruments.image_stack:read"),
     # The Keyence layout has no magic number, so it is asked last.

@@ -14,6 +14,15 @@ _KEYENCE = re.compile(
 )
 
 
+def head(path: Path) -> bytes:
+    """Return the first bytes of a file; nothing of a folder or of a file that does not open."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(HEAD_BYTES)
+    except OSError:
+        return b""
+
+
 def _text(head: bytes) -> str:
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         return head.decode("utf-16", errors="replace")
@@ -76,6 +85,16 @@ def _is_anton_paar_workbook(path: Path) -> bool:
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError):
         return False  # not told apart from any other archive; the reader says what is wrong
     return False
+
+
+def is_plain_table(head: bytes, path: Path) -> bool:
+    """Tell a plain table of sweeps or shift factors by the quantities in its first line."""
+    from instruments.plain_table_words import recognises
+
+    del path
+    text = _text(head)
+    first = next((line for line in text.splitlines() if line.strip()), "")
+    return "\0" not in text and recognises(first.removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}"))
 
 
 def is_dice(head: bytes, path: Path) -> bool:

@@ -377,7 +377,6 @@ def _depthless(name: str) -> str:
 
 
 def _dma(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str | None:
-    del found
     try:
         readings = instruments.read(folder / names[0])
     except LabpipeError:
@@ -392,7 +391,23 @@ rheometer = {_list(names)}
 mode = "{GAP}"  # tension, bending, shear or torsion; the file does not say it
 nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"
 # T_ref = "20 degC"  # of the master curve; by default the middle temperature\
-"""
+{_published(folder, found)}"""
+
+
+def _published(folder: Path, found: dict[str, list[str]]) -> str:
+    """Propose the comparison with a table of shift factors, if there is exactly one."""
+    tables = [n for n in found.get("plain_table", []) if _holds_shifts(folder / n)]
+    if len(tables) != 1:
+        return ""
+    return f'''
+published = {{ shifts = "{_quoted(tables[0])}", source = "" }}  # to compare with'''
+
+
+def _holds_shifts(path: Path) -> bool:
+    try:
+        return "log10_aT" in getattr(instruments.read(path), "data_vars", ())
+    except LabpipeError:
+        return False
 
 
 def _film(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str:
@@ -444,4 +459,5 @@ PROPOSALS: dict[str, Callable[[Path, str, list[str], dict[str, list[str]]], str 
     "mach1": _indentation,
     "phantom": _film,
     "anton_paar": _dma,
+    "plain_table": _dma,
 }

@@ -220,9 +220,14 @@ DMA = (
         summary="gather isothermal sweeps, in tension",
     ),
     Stage(
-        "master_curve", "pipelines.experiments.dma:master_curve", 2,
+        "master_curve", "pipelines.experiments.dma:master_curve", 3,
         ("sweeps",), ("T_ref", "nu", "fit"), schema="master_curve",
         summary="fit all shifts and one spectrum",
+    ),
+    Stage(
+        "published", "pipelines.experiments.dma_published:compared", 1,
+        ("sweeps", "master_curve", "file:published.shifts"), ("nu", "fit", "export", "published"),
+        summary="compare the shifts with a published table",
     ),
     Stage(
         "temperature_sweep", "pipelines.experiments.dma:temperature_sweep", 1,
@@ -230,8 +235,8 @@ DMA = (
         summary="find the glass transition",
     ),
     Stage(
-        "report", "pipelines.experiments.dma_page:page", 3,
-        ("readings", "sweeps", "master_curve", "temperature_sweep"), ("*",),
+        "report", "pipelines.experiments.dma_page:page", 4,
+        ("readings", "sweeps", "master_curve", "published", "temperature_sweep"), ("*",),
         output="page", context=True,
         summary="write the page",
     ),

@@ -14,6 +14,7 @@ from labpipe.errors import InputError
 from labpipe.materials.joint_fit import Points
 from labpipe.materials.settling import Superposition
 from labpipe.materials.shift_law import fit_law
+from labpipe.materials.spectrum import TERMS_PER_DECADE
 
 Array = NDArray[np.float64]
 
@@ -22,6 +23,9 @@ _EQUAL = 0.05
 # A gap of g decades between two sweeps is bridged by the smoothness of the spectrum. On known
 # materials the step was then wrong by about this times g² decades (0.03 at 0.65, 0.11 at 1.5).
 _GAP_ERROR = 0.05
+# A material of few single times needs a finer grid, and its times still fall between those of the
+# grid: on known materials every shift was then wrong by this share of the spacing.
+_GRID_SHARE = 0.07
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +73,9 @@ def anchor_at(points: Points, found: Superposition) -> Anchor:
         groups, gaps = _gaps(points, model.temperature, state.log10_aT)
         groups = groups - (groups @ share)[:, None]
         covariance = covariance + (groups.T * (_GAP_ERROR * gaps**2) ** 2) @ groups
+        error = _GRID_SHARE / found.fit.grid.terms_per_decade if _is_fine(found) else 0.0
+        apart = np.eye(model.temperature.size) - share
+        covariance = covariance + error**2 * (apart @ apart.T)
     if found.alternatives:
         changes = np.array([other for _, other in found.alternatives]) - state.log10_aT
         changes = changes - (changes @ share)[:, None]
@@ -89,6 +96,10 @@ def _gaps(points: Points, temperature: Array, log10_aT: Array) -> tuple[Array, A
     for k in range(gaps.size):
         groups[k, order[: k + 1]] = 1.0
     return groups[gaps > 0], gaps[gaps > 0]
+
+
+def _is_fine(found: Superposition) -> bool:
+    return found.fit.grid.terms_per_decade > TERMS_PER_DECADE
 
 
 def _shares(temperature: Array, T_ref: float) -> Array:

@@ -56,9 +56,10 @@ def _violation(found: Superposition) -> list[str]:
     worst = np.unravel_index(int(np.argmax(change)), change.shape)
     return [
         "time-temperature superposition does not hold to the scatter of the sweeps (the fit "
-        f"misses by {found.violation:.1f} times as much): with other weights of the moduli, another "
-        f"vertical law or another start the shifts change by up to {change[worst]:.1f} decades "
-        f"({float(model.temperature[worst[1]]):.0f} °C); their uncertainties hold these changes"
+        f"misses by {found.violation:.1f} times as much): with other weights of the moduli, "
+        "another vertical law or another start the shifts change by up to "
+        f"{change[worst]:.1f} decades ({float(model.temperature[worst[1]]):.0f} °C); their "
+        "uncertainties hold these changes"
     ]
 
 
@@ -67,7 +68,7 @@ def _gaps(overlap: xr.Dataset) -> list[str]:
     if not apart.sizes["pair"]:
         return []
     pairs = ", ".join(
-        f"{float(a):g} and {float(b):g} °C (by {-float(shared):.2f} decades)"
+        f"{float(a):.4g} and {float(b):.4g} °C (by {-float(shared):.2f} decades)"
         for a, b, shared in zip(apart["colder"], apart["warmer"], apart["overlap"], strict=True)
     )
     return [
@@ -81,7 +82,7 @@ def _identifiability(overlap: xr.Dataset) -> list[str]:
     if not loose.sizes["pair"]:
         return []
     pairs = ", ".join(
-        f"{float(a):g}/{float(b):g} °C (±{float(u):.2f})"
+        f"{float(a):.4g}/{float(b):.4g} °C (±{float(u):.2f})"
         for a, b, u in zip(loose["colder"], loose["warmer"], loose["u_step"], strict=True)
     )
     return [

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from labpipe.materials.joint_fit import Points, predictive_cost
 from labpipe.materials.law_choice import restarts, screened
-from labpipe.materials.outer_model import OuterModel
+from labpipe.materials.outer_model import OuterModel, State
 from labpipe.materials.settling import (
     FIRST_LEVELS,
     Candidate,
@@ -75,7 +75,7 @@ def other_minimum(points: Points, current: Superposition, options: Options) -> C
     present = screened(points, weight, current, model, state)
     least = predictive_cost(present, model) - _BETTER
     best: Candidate | None = None
-    for first in restarts(points, current, state.ln_bT):
+    for first in _starts(points, current):
         fit = screened(points, weight, current, model, first)
         cost = predictive_cost(fit, model)
         if cost < least:
@@ -100,11 +100,18 @@ def alternatives(
         fit = screened(points, weight, current, other, state)
         found.append((f"vertical {other.vertical}", fit.state.log10_aT))
     limit = _SIMILAR * current.fit.solution.misfit
-    for first in restarts(points, current, state.ln_bT):
+    for first in _starts(points, current):
         fit = screened(points, weight, current, model, first)
         if fit.solution.misfit < limit:
             found.append(("start", fit.state.log10_aT))
     return tuple(found)
+
+
+def _starts(points: Points, current: Superposition) -> list[State]:
+    """Start anew with the vertical factors as fitted, and without any."""
+    ln_bT = current.fit.state.ln_bT
+    found = restarts(points, current, ln_bT)
+    return found + restarts(points, current, np.zeros(ln_bT.size)) if ln_bT.any() else found
 
 
 def _weight(points: Points, current: Superposition, options: Options) -> Array:

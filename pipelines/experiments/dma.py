@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from instruments import anton_paar
+from instruments import anton_paar, plain_table, sniff
 from labpipe import materials
 from labpipe.errors import InputError
 from labpipe.materials import MasterCurve
@@ -29,9 +29,10 @@ _UNTRUSTED = ("ME-",)  # the torque was too small for a reading
 
 
 def readings(path: Path, *, settings: Dma) -> xr.Dataset:
-    """Read one export."""
+    """Read one export, of a rheometer or as a plain table."""
     options = settings.export
-    return anton_paar.read(
+    read = plain_table.read if sniff.is_plain_table(sniff.head(path), path) else anton_paar.read
+    return read(
         path, encoding=options.encoding, decimal=options.decimal,
         allow_incomplete=options.allow_incomplete,
     )  # fmt: skip
@@ -74,7 +75,8 @@ def sweeps(
     Parameters
     ----------
     datasets : Dataset or sequence of Dataset
-        As :func:`instruments.anton_paar.read` returns them.
+        As :func:`instruments.anton_paar.read` and :func:`instruments.plain_table.read` return
+        them.
     mode : {"tension", "bending", "shear", "torsion"}
         What was loaded; shear moduli become E = 2 (1 + ν) G.
     nu : float

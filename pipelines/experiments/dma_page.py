@@ -24,7 +24,7 @@ from labpipe.report import (
 )
 from labpipe.workflow.context import Context
 from pipelines import pages
-from pipelines.experiments import dma_export
+from pipelines.experiments import dma_export, dma_published_page
 from pipelines.settings.dma import Dma
 
 Array = NDArray[np.float64]
@@ -38,6 +38,7 @@ def page(
     readings: list[xr.Dataset] | None,
     sweeps: xr.Dataset | None,
     master_curve: xr.Dataset | None,
+    published: xr.Dataset | None,
     temperature_sweep: xr.Dataset | None,
     *,
     settings: Dma,
@@ -48,8 +49,11 @@ def page(
     if sweeps is not None:
         sections.append(_sweeps(settings, readings, sweeps))
     if master_curve is not None:
-        sections += [_master(master_curve), _shifts(master_curve), _spectrum(master_curve),
-                     _kramers_kronig(master_curve), _residuals(master_curve)]  # fmt: skip
+        sections += [_master(master_curve), _shifts(master_curve)]
+        if published is not None and "absent" not in published.attrs:
+            sections.append(dma_published_page.section(published, master_curve))
+        sections += [_spectrum(master_curve), _kramers_kronig(master_curve),
+                     _residuals(master_curve)]  # fmt: skip
     if temperature_sweep is not None:
         sections.append(_transition(temperature_sweep))
     if master_curve is not None:

@@ -46,8 +46,19 @@ class Fit(Table, frozen=True, kw_only=True):
     noise_ratio: Annotated[float, POSITIVE] | None = None
 
 
+class Published(Table, frozen=True, kw_only=True):
+    """Shift factors that others found for the same readings, to compare with.
+
+    ``shifts`` is a table of temperature and log_aT with a row of units; ``source`` says where it
+    is from. The published reference temperature does not matter.
+    """
+
+    shifts: File
+    source: str = ""
+
+
 class Dma(Table, frozen=True, kw_only=True):
-    """Exports of one specimen on an Anton Paar rheometer.
+    """Exports of one specimen: of an Anton Paar rheometer, or plain tables of another analyser.
 
     ``mode`` says what was loaded; the file does not tell tension from shear. Moduli are taken to
     tension, for shear by E = 2 (1 + ν) G. ``nu`` goes on with the material. ``T_ref`` is the
@@ -62,3 +73,4 @@ class Dma(Table, frozen=True, kw_only=True):
     export: Export = Export()
     sweeps: Sweeps = Sweeps()
     fit: Fit = Fit()
+    published: Published | None = None

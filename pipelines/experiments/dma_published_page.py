@@ -1,0 +1,223 @@
+"""The section of the DMA page that compares the shifts with a published table."""
+
+import json
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe.report import Block, Column, Details, LineChart, Paragraph, Section, Series, Table
+
+Array = NDArray[np.float64]
+
+_LOOSE = 0.15  # decades; as labpipe.materials calls a step barely determined
+_DIFFERENT = 2.0  # standard uncertainties
+_SMALL = 0.005  # decades
+
+
+def section(found: xr.Dataset, curve: xr.Dataset) -> Section:
+    """Draw both tables, their difference, and say where it comes from."""
+    T = found["temperature"].values
+    order = np.argsort(T, kind="stable")
+    fitted, u, published = (
+        found[n].values[order] for n in ("fitted", "u_fitted", "published")
+    )  # fmt: skip
+    shared = np.isfinite(published)
+    chart = LineChart(
+        "Shift factors, fitted and published", "temperature / °C", "log₁₀ a_T",
+        [
+            Series("fitted", T[order], fitted, style="points", role="measured", u=u),
+            Series("published", T[order][shared], published[shared], style="points",
+                   role="reference"),
+        ],
+        group="published", caption="Both are zero at the reference temperature of this page; bars "
+        "are standard uncertainties.",
+    )  # fmt: skip
+    gap = LineChart(
+        "Fitted less published", "temperature / °C", "difference of log₁₀ a_T",
+        [Series("difference", T[order][shared], (fitted - published)[shared], style="points",
+                role="measured", u=u[shared])],
+        group="published", height_px=220,
+    )  # fmt: skip
+    blocks: list[Block] = [Paragraph(text) for text in reasons(found, curve)]
+    return Section(
+        "Comparison with published shifts",
+        (*blocks[:1], chart, gap, *blocks[1:], _shift_table(found, order), _step_table(found)),
+    )
+
+
+def reasons(found: xr.Dataset, curve: xr.Dataset) -> list[str]:
+    """Say in sentences how large the difference is, where it arises, and why."""
+    difference = found["difference"].values
+    good = np.isfinite(difference)
+    T = found["temperature"].values
+    worst = int(np.nanargmax(np.abs(difference)))
+    name = found.attrs["published_source"] or found.attrs["published_file"]
+    T_ref = float(curve["T_ref"])
+    texts = [
+        f"The shifts of {name} differ from the fitted ones by "
+        f"{float(np.sqrt(np.mean(difference[good] ** 2))):.2f} decades (rms), at most by "
+        f"{abs(difference[worst]):.1f} at {_celsius(T[worst])}.",
+        _reference(found, T_ref),
+        _where(found),
+        _vertical(found, curve),
+        _imposed(found, curve),
+    ]
+    return [text for text in texts if text]
+
+
+def _reference(found: xr.Dataset, T_ref: float) -> str:
+    """Say what was done about reference and temperatures."""
+    offset = found.attrs["published_at_reference"]
+    shift = (
+        "which is the reference here too"
+        if abs(offset) < _SMALL
+        else f"at {_celsius(T_ref)} it has {_signed(offset)}, which is taken off"
+    )
+    return (
+        f"Reference: the published table is zero at {_celsius(found.attrs['published_zero'])}; "
+        f"{shift}; so the reference is no reason for a difference. Its temperatures lie up to "
+        f"{found.attrs['temperature_distance']:.1f} K from the measured means; it was interpolated."
+    )
+
+
+def _where(found: xr.Dataset) -> str:
+    """Name the steps at which the tables part, loose ones apart from determined ones."""
+    step, u = found["step_fitted"].values, found["u_step_fitted"].values
+    change = step - found["step_published"].values
+    loose = u > _LOOSE
+    parts = [
+        "Where: differences add up away from the reference, so the steps between neighbours tell "
+        "where they arise."
+    ]
+    if loose.any():
+        parts.append(
+            f"{int(loose.sum())} steps are barely determined by the readings (standard uncertainty "
+            f"above {_LOOSE} decades); they hold {float(np.abs(change[loose]).sum()):.1f} of "
+            f"{float(np.abs(change).sum()):.1f} decades of the summed difference."
+        )
+    firm = ~loose & (np.abs(change) > _DIFFERENT * np.maximum(u, 1e-12))
+    if firm.any():
+        listed = ", ".join(
+            f"{_celsius(a)} to {_celsius(b)} (fitted {s:.2f} ± {v:.2f}, published {p:.2f}, "
+            f"E′ alone {e:.2f})"
+            for a, b, s, v, p, e in _largest(found, firm, change)
+        )
+        parts.append(
+            f"{int(firm.sum())} well determined steps differ by more than {_DIFFERENT:g} standard "
+            f"uncertainties, the largest: {listed}."
+        )
+    else:
+        parts.append("No well determined step differs by more than its uncertainty explains.")
+    return " ".join(parts)
+
+
+def _largest(found: xr.Dataset, which: NDArray[np.bool_], change: Array) -> list[tuple[float, ...]]:
+    """Return the three steps with the largest change."""
+    at = np.flatnonzero(which)
+    at = np.sort(at[np.argsort(-np.abs(change[at]), kind="stable")[:3]])
+    names = ("step_colder", "step_warmer", "step_fitted", "u_step_fitted", "step_published",
+             "step_storage")  # fmt: skip
+    return [tuple(float(found[n].values[i]) for n in names) for i in at]
+
+
+def _vertical(found: xr.Dataset, curve: xr.Dataset) -> str:
+    """Say what the vertical factors are worth sideways."""
+    factor = curve["b_T"].values * curve["level"].values
+    worth = found["step_vertical"].values
+    if np.nanmax(np.abs(factor - 1.0)) < 1e-9 or not np.isfinite(worth).any():
+        return ""
+    most = int(np.nanargmax(np.abs(worth)))
+    fitted = float(found["step_fitted"].sum())
+    published, alone = float(found["step_published"].sum()), float(found["step_storage"].sum())
+    return (
+        f"Vertical factors: the fit allows them (b_T with the levels of the sweeps from "
+        f"{np.nanmin(factor):.3f} to {np.nanmax(factor):.3f}); a purely horizontal table moves "
+        "curves sideways instead. In the glass the storage modulus is so flat that this matters "
+        f"most: between {_celsius(float(found['step_colder'][most]))} and "
+        f"{_celsius(float(found['step_warmer'][most]))} the factors are worth "
+        f"{abs(worth[most]):.1f} decades by the slope of E′. Over all temperatures the fit spans "
+        f"{fitted:.1f} decades, the published table {published:.1f}; continuing E′ alone without "
+        f"vertical factors would span {alone:.1f}."
+    )
+
+
+def _imposed(found: xr.Dataset, curve: xr.Dataset) -> str:
+    """Compare the residuals that either table leaves."""
+    ours = [_rms(curve[name].values) * 100 for name in ("storage_residual", "loss_residual")]
+    theirs = [found.attrs[name] * 100 for name in ("residual_storage", "residual_loss")]
+    delay = float(curve["delay"])
+    also = f" and the delay of {delay * 1e6:.0f} µs" if delay else ""
+    if max(theirs[0] / max(ours[0], 1e-9), theirs[1] / max(ours[1], 1e-9)) > 1.3:
+        verdict = (
+            "one spectrum through both moduli contradicts the published steps; a table made from "
+            "one modulus, by other vertical factors or by hand need not keep both"
+        )
+    else:
+        verdict = "the readings cannot tell the two tables apart"
+    text = (
+        f"Test: imposed on these readings, with the same vertical law{also}, the published shifts "
+        f"leave {theirs[0]:.1f} % (E′) and {theirs[1]:.1f} % (E″) rms where the fitted ones leave "
+        f"{ours[0]:.1f} % and {ours[1]:.1f} %: {verdict}."
+    )
+    if any("superposition does not hold" in note for note in json.loads(curve.attrs["notes"])):
+        text += (
+            " Superposition itself does not hold to the scatter of the sweeps, so no table of "
+            "shifts fits both moduli; the stated uncertainties hold how far ours depend on weights "
+            "and laws."
+        )
+    return text
+
+
+def _shift_table(found: xr.Dataset, order: NDArray[np.intp]) -> Table:
+    rows: list[list[float | str | None]] = []
+    for i in order:
+        values = [float(found[n].values[i]) for n in
+                  ("fitted", "u_fitted", "published", "difference",
+                   "imposed_storage_residual", "imposed_loss_residual")]  # fmt: skip
+        if not np.isfinite(values[2]):
+            continue
+        ratio = values[3] / values[1] if values[1] > 0 else float("nan")
+        rows.append([float(found["temperature"].values[i]), *values[:4], ratio,
+                     100 * values[4], 100 * values[5]])  # fmt: skip
+    return Table(
+        (Column("temperature / °C", digits=3), Column("fitted", u=2), Column("u"),
+         Column("published", digits=4), Column("difference", digits=3),
+         Column("difference / u", digits=2), Column("imposed: E′ / %", digits=2),
+         Column("E″ / %", digits=2)),
+        rows,
+        caption="log₁₀ a_T. The last columns are the residuals (rms) that the published shifts "
+        "leave when they are imposed.",
+    )  # fmt: skip
+
+
+def _step_table(found: xr.Dataset) -> Details:
+    rows: list[list[float | str]] = []
+    for i in range(found.sizes["step"]):
+        values = [float(found[n].values[i]) for n in
+                  ("step_colder", "step_warmer", "step_fitted", "u_step_fitted", "step_published",
+                   "step_storage")]  # fmt: skip
+        loose = "loose" if values[3] > _LOOSE else ""
+        rows.append([*values, values[2] - values[4], loose])
+    table = Table(
+        (Column("from / °C", digits=3), Column("to / °C", digits=3), Column("fitted", u=3),
+         Column("u"), Column("published", digits=3), Column("E′ alone", digits=3),
+         Column("difference", digits=3), Column("remark")),
+        rows,
+        caption="Steps of log₁₀ a_T. “E′ alone” continues the storage modulus without vertical "
+        "factors, within what polymers do.",
+    )  # fmt: skip
+    return Details("Step by step", (table,))
+
+
+def _celsius(value: float) -> str:
+    return f"{value:.0f} °C".replace("-", "\N{MINUS SIGN}")
+
+
+def _signed(value: float) -> str:
+    return f"{value:+.2f}".replace("-", "\N{MINUS SIGN}")
+
+
+def _rms(values: Array) -> float:
+    good = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(good**2))) if good.size else float("nan")

@@ -1,0 +1,130 @@
+"""Plain tables of other analysers: columns by name, units by the file, faults with their place."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import instruments
+from instruments import plain_table, plain_table_words
+from labpipe.errors import SourceError
+
+SAMPLES = Path(__file__).parents[2] / "../shared/samples/dma"
+
+SWEEPS = """f,E_stor,E_loss,T,Set
+Hz, MPa, MPa, C, -
+0.1,1000,100,20.1,0
+1,1100,90,20.2,0
+0.1,500,120,40.0,1
+1,600,130,40.1,1
+"""
+SHIFTS = "T,log_aT\nC, -\n40,-1.5\n20,0\n"
+
+
+def read(folder, text, encoding="utf-8", **options):
+    path = folder / "table.csv"
+    path.write_bytes(text.encode(encoding))
+    return plain_table.read(path, **options)
+
+
+def assert_is_the_table(found):
+    np.testing.assert_allclose(found.frequency, [0.1, 1, 0.1, 1], rtol=1e-12)
+    np.testing.assert_allclose(found.storage_modulus, [1e9, 1.1e9, 5e8, 6e8], rtol=1e-12)
+    np.testing.assert_allclose(found.loss_modulus, [1e8, 9e7, 1.2e8, 1.3e8], rtol=1e-12)
+    np.testing.assert_allclose(found.temperature, [20.1, 20.2, 40.0, 40.1], rtol=1e-12)
+
+
+def test_a_table_with_a_row_of_units_is_read_in_si(tmp_path):
+    found = read(tmp_path, SWEEPS)
+    assert_is_the_table(found)
+    assert found.interval.values.tolist() == [1, 1, 2, 2]
+    assert [entry["rows"] for entry in json.loads(found.attrs["tests"])] == [2, 2]
+    assert found.storage_modulus.attrs["units"] == "Pa"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        SWEEPS.replace(",", "\t"),
+        SWEEPS.replace(",", ";").replace("20.1", "20,1").replace("20.2", "20,2")
+        .replace("40.0", "40,0").replace("40.1", "40,1").replace("0.1;", "0,1;"),
+        SWEEPS.replace("f,E_stor,E_loss,T,Set\nHz, MPa, MPa, C, -",
+                       "Frequency (Hz),E' [MPa],E'' [MPa],Temperature (°C),sweep"),
+        SWEEPS.replace("E_stor,E_loss", "Speichermodul,Verlustmodul"),
+        SWEEPS.replace("20.1", "293.25").replace("20.2", "293.35").replace("40.0", "313.15")
+        .replace("40.1", "313.25").replace("C, -", "K, -"),
+        SWEEPS.replace("\n", ",,\r\n"),
+    ],
+)  # fmt: skip
+def test_other_forms_give_the_same_numbers(tmp_path, text):
+    assert_is_the_table(read(tmp_path, text))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+def test_encodings_are_told_apart(tmp_path, encoding):
+    assert_is_the_table(read(tmp_path, SWEEPS, encoding))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [SHIFTS, "T,aT\nC,-\n40,0.0316227766\n20,1\n", "T,ln aT\nC,1\n40,-3.4538776394910684\n20,0\n"],
+)
+def test_shift_factors_become_decimal_logarithms(tmp_path, text):
+    found = read(tmp_path, text)
+    np.testing.assert_allclose(found.log10_aT, [-1.5, 0.0], atol=1e-9)
+    np.testing.assert_allclose(found.temperature, [40.0, 20.0])
+
+
+def test_an_empty_cell_is_no_reading(tmp_path):
+    found = read(tmp_path, SWEEPS.replace("1,1100,90,", "1,1100,,"))
+    assert np.isnan(found.loss_modulus.values).tolist() == [False, True, False, False]
+    assert found.attrs["empty_cells"] == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "message"),
+    [
+        (SWEEPS.replace("1100", "11oo"), 4, "expected a number"),
+        (SWEEPS.replace("1,600,130", "1,600,130,7"), 6, "found 6 cells, expected 5"),
+        (SWEEPS.replace("Hz, MPa", "s, MPa"), 2, 'f is in "?.?s.*Hz or rad/s'),
+        (SWEEPS.replace("Hz, MPa, MPa, C, -\n", ""), 1, "expected a unit of"),
+        (SWEEPS.replace("E_loss", "E_stor"), 1, "expected frequency, temperature, storage"),
+        (SHIFTS.replace("log_aT", "colour"), 1, "expected frequency, temperature, storage"),
+        ("T,log_aT\nC,-\n", 1, "no row of numbers"),
+        (SWEEPS.rstrip("\n"), 6, "no line end"),
+        ("T,aT\nC,-\n40,-0.5\n20,1\n", None, "zero or negative"),
+    ],
+)
+def test_a_fault_is_named_with_its_line(tmp_path, text, line, message):
+    with pytest.raises(SourceError, match=message.replace('"?.?', ".")) as caught:
+        read(tmp_path, text)
+    assert caught.value.line == line
+
+
+def test_a_cut_last_line_is_dropped_on_request(tmp_path):
+    with pytest.warns(UserWarning, match="dropped"):
+        found = read(tmp_path, SWEEPS.rstrip("\n"), allow_incomplete=True)
+    assert found.sizes["sample"] == 3
+
+
+def test_the_content_tells_the_reader(tmp_path):
+    for text in (SWEEPS, SHIFTS):
+        path = tmp_path / "anything.dat"
+        path.write_text(text, encoding="utf-8")
+        assert instruments.identify(path) == "plain_table"
+
+
+@pytest.mark.parametrize("line", ["x,y,z", "Time,Temperature", "f,E_stor,T", "no delimiter"])
+def test_other_tables_are_not_claimed(line):
+    assert not plain_table_words.recognises(line)
+
+
+@pytest.mark.skipif(not SAMPLES.exists(), reason="the sample files lie beside the checkout only")
+def test_the_published_samples_read():
+    sweeps = instruments.read(SAMPLES / "backsheet_tension_21_temperatures.csv")
+    assert len(json.loads(sweeps.attrs["tests"])) == 21
+    assert float(sweeps.storage_modulus[0]) == pytest.approx(8097.175545e6)
+    shifts = instruments.read(SAMPLES / "backsheet_published_shift_factors.csv")
+    assert float(shifts.log10_aT[0]) == -11.7
+    assert shifts.sizes["sample"] == 21
