@@ -1,7 +1,9 @@
 """Settings of all tests."""
 
 import signal
+from collections.abc import Callable
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 # Tests hold results, never seconds: a busy machine must not fail them. The same examples at every
@@ -20,3 +22,28 @@ settings.load_profile("steady")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGHUP"):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+def _is_nightly(config: pytest.Config) -> bool:
+    return "nightly" in str(config.getoption("-m") or "").split()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave large sizes out, but for ``-m nightly``, which takes them alone."""
+    if _is_nightly(config):
+        for item in items:
+            if "amount" in getattr(item, "fixturenames", ()):
+                item.add_marker("nightly")
+        return
+    large = [item for item in items if item.get_closest_marker("nightly")]
+    if large:
+        config.hook.pytest_deselected(items=large)
+        items[:] = [item for item in items if not item.get_closest_marker("nightly")]
+
+
+@pytest.fixture
+def amount(request: pytest.FixtureRequest) -> Callable[[int, int], int]:
+    """Choose between a small number of cases and, under ``-m nightly``, a large one."""
+    is_nightly = _is_nightly(request.config)
+    return lambda usual, nightly: nightly if is_nightly else usual

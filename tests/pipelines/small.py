@@ -1,0 +1,26 @@
+"""The small synthetic session that the tests of the pipelines share."""
+
+from datetime import datetime
+from pathlib import Path
+
+from labpipe import files, materials
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import DropRig
+from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
+from pipelines.rig.mach1_tester import Tester
+from pipelines.rig.samples import drop_section, harmonic_section, laser_record, session_head
+
+START = datetime(2024, 5, 14, 9, 30)
+
+
+def write_small(folder: Path) -> Path:
+    """Two drops of acrylic over 0.15 s and a short indentation of NBR; not processed."""
+    rig = DropRig(duration=0.15)
+    names = write_drops(folder, "drop", rig, materials.load("acrylic"), 1.5e-3, 2, 11, START)
+    specimen = Specimen(materials.load("nbr"))
+    protocol = Harmonic(hold=5.0, frequencies=(1.0, 2.0), cycles=7)
+    write_harmonic(folder, "nbr", specimen, protocol, Tester(), 5, START)
+    files.write_text(folder / "calibration/laser.toml", laser_record())
+    text = session_head("Small (synthetic)") + drop_section("drop", names, 1.5e-3, "acrylic")
+    files.write_text(folder / "session.toml", text + harmonic_section("nbr", specimen, "nbr"))
+    return folder

@@ -1,0 +1,39 @@
+"""Numbers of whole sessions stay what they were, unless a reason was recorded."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.pipelines.golden import SESSIONS, changes, numbers, processed, recorded
+
+ADVICE = "record the reason: python -m tests.pipelines.golden SESSION 'why they changed'"
+
+
+def test_the_numbers_of_the_small_session_are_the_recorded_ones(processed_session: Path) -> None:
+    now = numbers(processed_session)
+    assert len(now) > 60
+    assert changes(recorded()["numbers"]["small"], now) == [], ADVICE
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", [name for name in SESSIONS if name != "small"])
+def test_the_numbers_of_the_sample_sessions_are_the_recorded_ones(
+    tmp_path: Path, name: str
+) -> None:
+    now = numbers(processed(name, tmp_path))
+    shutil.rmtree(tmp_path)
+    assert changes(recorded()["numbers"][name], now) == [], ADVICE
+
+
+def test_every_record_has_a_reason() -> None:
+    found = recorded()
+    assert sum(map(len, found["numbers"].values())) >= 200
+    assert {entry["session"] for entry in found["history"]} == set(found["numbers"])
+    assert all(len(entry["reason"].split()) >= 3 for entry in found["history"])
+
+
+def test_a_number_off_by_more_than_its_tolerance_is_a_change() -> None:
+    before = {"a": [1.0, 0.1], "b": [2.0, 0.1], "c": [3.0, 0.1]}
+    now = {"a": [1.05, 0.1], "b": [2.2, 0.1], "d": [0.0, 0.1]}
+    assert changes(before, now) == ["b: 2.0 -> 2.2 (tolerance 0.1)", "c: gone", "d: new"]
