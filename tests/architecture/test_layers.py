@@ -1,6 +1,7 @@
 """The one-way rule: who may import whom, read from the source, not from what happens to load."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -40,10 +41,15 @@ BELOW = {
 }
 
 
+@cache
+def nodes(path: Path) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+
+
+@cache
 def imported_modules(path: Path) -> set[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
     found = set()
-    for node in ast.walk(tree):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -51,6 +57,7 @@ def imported_modules(path: Path) -> set[str]:
     return found
 
 
+@cache
 def sources(package: str) -> list[Path]:
     return sorted((ROOT / package).rglob("*.py"))
 
@@ -103,7 +110,7 @@ def test_only_the_file_module_writes_files() -> None:
         for path in sources(package):
             if path.relative_to(ROOT).as_posix() == "labpipe/files.py":
                 continue
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for node in nodes(path):
                 if not isinstance(node, ast.Call):
                     continue
                 if isinstance(node.func, ast.Attribute) and node.func.attr in forbidden:
@@ -124,7 +131,7 @@ def writes_to_memory(call: ast.Call, path: Path) -> bool:
     """Tell whether the target of a call is a buffer made in the same file."""
     buffers = {
         target.id
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in nodes(path)
         if isinstance(node, ast.Assign)
         and isinstance(node.value, ast.Call)
         and isinstance(node.value.func, ast.Name)
@@ -146,7 +153,7 @@ def test_nothing_loads_code_or_pickles_from_data() -> None:
     ]
     for package in PACKAGES:
         for path in sources(package):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            for node in nodes(path):
                 is_call = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
                 if is_call and node.func.id in {"eval", "exec"}:
                     wrong.append(f"{path.relative_to(ROOT)}:{node.lineno} {node.func.id}")
