@@ -30,7 +30,7 @@ def _is_nightly(config: pytest.Config) -> bool:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave large sizes out, but for ``-m nightly``, which takes them alone."""
+    """Leave large sizes out, but for ``-m nightly``, which takes them alone; long files first."""
     if _is_nightly(config):
         for item in items:
             if "amount" in getattr(item, "fixturenames", ()):
@@ -40,6 +40,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if large:
         config.hook.pytest_deselected(items=large)
         items[:] = [item for item in items if not item.get_closest_marker("nightly")]
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Begin with the files that hold long tests, lest one worker be left alone with them.
+
+    By itself pytest-xdist begins with the files of many tests, which are the quick ones.
+    """
+    if hasattr(config.option, "loadscopereorder"):
+        config.option.loadscopereorder = False
 
 
 @pytest.fixture
