@@ -22,7 +22,7 @@ PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
 COMPARISON_PAGE = "compare.html"
 """Beside it, once ``labpipe compare`` has written it."""
-_FORMAT = 3
+_FORMAT = 4
 """Raised when the page's content changes for equal results."""
 
 
@@ -68,7 +68,14 @@ PICTURES = {
 Of a stage that runs per recording, the first recording is shown.
 """
 
-_REPORT = "report"
+_REPORT, _DONE = "report", "done"
+_TITLES = {"dma": "DMA", "dic_validation": "Camera against laser"}
+_FEW_KINDS = 3  # that share one table
+_CAPTION = (
+    "Select a heading to sort. The error is the root mean square of measurement minus model (of "
+    "film minus laser) over the range of the measurement, that of the worst repeat, impact or "
+    "frequency."
+)
 _COMPARISON, _ERROR = "comparison", "nrmse"
 _ERRORS = {"static_loading": "nrmse_approach_model", "relaxation": "nrmse_all"}
 """Kinds whose comparison has several errors: the one that speaks for the whole."""
@@ -114,20 +121,42 @@ def _state_digest(plan: Plan) -> str:
 
 
 def _page(plan: Plan, store: Store) -> str:
-    from labpipe.report import index_page
+    from labpipe.report import Document, IndexTable, Section
 
     session = plan.session
-    columns, cells = _columns(plan, store)
-    rows = [_row(plan, store, name, cells[name]) for name in session.experiments]
-    who = f"recorded by {session.operator}" if session.operator else ""
-    return index_page(
-        session.title, rows, columns, subtitle=who,
-        badge="synthetic data" if session.synthetic else "",
-        caption="Select a heading to sort. The error is the root mean square of measurement minus "
-        "model (of film minus laser) over the range of the measurement, that of the worst repeat, "
-        "impact or frequency.",
-        blocks=_below(session),
-    )  # fmt: skip
+    caption = _CAPTION
+    sections, states = [], []
+    for title, names in _groups(session):
+        columns, cells = _columns(plan, store, names)
+        rows = tuple(_row(plan, store, name, cells[name]) for name in names)
+        sections.append(Section(title, (IndexTable(tuple(columns), rows, caption),)))
+        states += [row.state for row in rows]
+        caption = ""  # once is enough
+    if below := _below(session):
+        sections.append(Section("Session", below))
+    about = [f"{states.count(_DONE)} of {len(states)} experiments done"]
+    if session.operator:
+        about.insert(0, f"recorded by {session.operator}")
+    return Document(
+        session.title, " · ".join(about), "synthetic data" if session.synthetic else "",
+        tuple(sections),
+    ).render()  # fmt: skip
+
+
+def _groups(session: Session) -> list[tuple[str, list[str]]]:
+    """Put all experiments into one table, or those of each kind where kinds are many.
+
+    Every kind has key numbers of its own; a table of all would be wide and mostly empty.
+    """
+    by_kind: dict[str, list[str]] = {}
+    for name, experiment in session.experiments.items():
+        by_kind.setdefault(experiment.kind, []).append(name)
+    if len(by_kind) <= _FEW_KINDS:
+        return [("Experiments", list(session.experiments))]
+    return [
+        (_TITLES.get(kind, kind.replace("_", " ").capitalize()), names)
+        for kind, names in by_kind.items()
+    ]
 
 
 def _below(session: Session) -> tuple[Any, ...]:
@@ -143,11 +172,13 @@ def _below(session: Session) -> tuple[Any, ...]:
     return tuple(blocks)
 
 
-def _columns(plan: Plan, store: Store) -> "tuple[list[Column], dict[str, list[Any]]]":
-    """Columns that at least one experiment has a number for, and the cells of every one."""
+def _columns(
+    plan: Plan, store: Store, names: Sequence[str]
+) -> "tuple[list[Column], dict[str, list[Any]]]":
+    """Columns that at least one of the experiments has a number for, and the cells of each."""
     from labpipe.report import Column
 
-    experiments = plan.session.experiments.values()
+    experiments = [plan.session.experiments[name] for name in names]
     columns = [
         Column("error", "1", digits=2),
         *(Column(number.title, number.unit, digits=4) for number in KEY_NUMBERS),
@@ -210,7 +241,7 @@ def _row(plan: Plan, store: Store, name: str, cells: Sequence[Any]) -> "IndexRow
     waiting = [row for row in rows if row.state != CACHED]
     kind = plan.session.experiments[name].kind.replace("_", " ")
     unreadable = next((plan.keys[r.task].problem for r in rows if plan.keys[r.task].problem), "")
-    state, level = "done", "ok"
+    state, level = _DONE, "ok"
     if unreadable:
         state, level = "waiting for files", "warning"
     elif has_page and {row.stage for row in waiting} == {_REPORT}:

@@ -87,6 +87,26 @@ def test_key_numbers_and_pictures_name_stages_that_exist(kind: str, stage: str) 
     assert stage in {s.name for s in STAGES[kind]}
 
 
+def test_where_kinds_are_many_each_has_a_table_with_its_own_numbers(session_copy: Path) -> None:
+    toml = session_copy / "session.toml"
+    text = toml.read_text("utf-8")
+    assert "<h2>Experiments</h2>" in page(session_copy)
+    film = 'film = "laser/drop_1.csv"\ncamera = "calibration/laser.toml"\n'
+    table = 'rheometer = ["laser/drop_1.csv"]\nmode = "shear"\nnu = "0.35"\n'
+    text += f'\n[experiments.front]\nkind = "dic_validation"\n{film}'
+    text += '\n[experiments.melt]\nkind = "dma"\n' + table
+    toml.write_text(text, "utf-8")
+    write_overview(open_session(session_copy), STAGES)
+    found = page(session_copy)
+    titles = re.findall("<h2>(.*?)</h2>", found)
+    assert titles[:4] == ["Ball drop", "Harmonic", "Camera against laser", "DMA"]
+    assert "2 of 4 experiments done" in found
+    assert found.count('class="data sortable index"') == 4
+    drop = found[found.index("<h2>Ball drop") : found.index("<h2>Harmonic")]
+    assert "first restitution" in drop
+    assert "storage stiffness" not in drop
+
+
 def test_a_gap_in_a_curve_stays_a_gap_in_its_picture() -> None:
     y = [1.0, 2.0, np.nan, 3.0, 4.0]
     drawn = _chart(xr.Dataset({"a": ("x", y)}, coords={"x": np.arange(5.0)}), "x", "a", "linear")
