@@ -1,9 +1,10 @@
 """Kill -9 at a chosen operation on files: every moment of a program can be tried, none by chance.
 
 A child of ``fork`` runs the program and kills itself before its n-th operation that changes a
-folder (opening for writing, renaming, deleting, making a folder, flushing). What lies between two
-such operations changes no file, but for the writing of netCDF, which :func:`killed_after` covers
-by time.
+folder (opening for writing, renaming, deleting, making a folder, flushing); or, from there on,
+each of them fails as it does on a full disk, a read-only one, or a share that went away. What lies
+between two such operations changes no file, but for the writing of netCDF, which
+:func:`killed_after` covers by time.
 """
 
 import os
@@ -20,10 +21,10 @@ _CHANGES = {"os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate", "os
 
 
 class _Counter:
-    """Counts operations below a folder; dies before the one it is told."""
+    """Counts operations below a folder; dies before the one it is told, or lets all fail there."""
 
-    def __init__(self, folder: Path, last: int) -> None:
-        self.folder, self.last, self.count = str(folder), last, 0
+    def __init__(self, folder: Path, last: int, error: int = 0) -> None:
+        self.folder, self.last, self.count, self.error = str(folder), last, 0, error
 
     def __call__(self, event: str, arguments: tuple[Any, ...]) -> None:
         if event == "open":
@@ -32,12 +33,14 @@ class _Counter:
         else:
             path, is_change = (arguments or ("",))[0], event in _CHANGES
         if is_change and str(path).startswith(self.folder):
-            self.note()
+            self.note(path)
 
-    def note(self) -> None:
+    def note(self, path: object = None) -> None:
         self.count += 1
-        if self.count == self.last:
+        if self.count == self.last and not self.error:
             os.kill(os.getpid(), signal.SIGKILL)
+        if self.error and 0 < self.last <= self.count:
+            raise OSError(self.error, os.strerror(self.error), path)
 
 
 def _fork() -> int:
@@ -46,10 +49,10 @@ def _fork() -> int:
         return os.fork()
 
 
-def _child(folder: Path, last: int, program: Callable[[], object], report: int) -> None:
+def _child(folder: Path, last: int, program: Callable[[], object], report: int, error: int) -> None:
     code = 1
     try:
-        counter = _Counter(folder, last)
+        counter = _Counter(folder, last, error)
         sys.addaudithook(counter)
         flush = os.fsync
 
@@ -58,11 +61,25 @@ def _child(folder: Path, last: int, program: Callable[[], object], report: int) 
             flush(handle)
 
         os.fsync = fsync  # type: ignore[assignment]  # flushing raises no audit event
-        program()
-        os.write(report, str(counter.count).encode())
+        said = program()
+        os.write(report, str(said if error else counter.count).encode())
         code = 0
+    except BaseException as found:
+        os.write(report, f"{type(found).__name__}: {found}".encode())
+        code = 0 if error else 1
     finally:
         os._exit(code)
+
+
+def failing(folder: Path, program: Callable[[], object], first: int, error: int) -> str:
+    """Run a program in a child where operations fail from number ``first`` on.
+
+    Returns
+    -------
+    str
+        What the program returned, or the exception that it ended with.
+    """
+    return _run(folder, program, first, error) or "killed"
 
 
 def operations(folder: Path, program: Callable[[], object], last: int = -1) -> int | None:
@@ -73,19 +90,24 @@ def operations(folder: Path, program: Callable[[], object], last: int = -1) -> i
     int or None
         How many operations it did; None when it was killed.
     """
+    said = _run(folder, program, last, 0)
+    return None if said is None else int(said)
+
+
+def _run(folder: Path, program: Callable[[], object], last: int, error: int) -> str | None:
     reader, writer = os.pipe()
     pid = _fork()
     if not pid:
         os.close(reader)
-        _child(folder, last, program, writer)
+        _child(folder, last, program, writer, error)
     os.close(writer)
     with os.fdopen(reader) as stream:
         said = stream.read()
     status = os.waitpid(pid, 0)[1]
     if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGKILL:
         return None
-    assert os.waitstatus_to_exitcode(status) == 0, "the program itself failed"
-    return int(said)
+    assert os.waitstatus_to_exitcode(status) == 0, f"the program itself failed: {said}"
+    return said
 
 
 def child_result(program: Callable[[], str]) -> str:

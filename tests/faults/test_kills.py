@@ -1,5 +1,6 @@
 """Killed at any operation on files: the next run finishes and equals an undisturbed one."""
 
+import errno
 import os
 import random
 import shutil
@@ -14,7 +15,7 @@ import xarray as xr
 from labpipe import files
 from labpipe.workflow import provenance, runner
 from labpipe.workflow.watch import Watcher
-from tests.faults.crashes import killed_after, moments, operations
+from tests.faults.crashes import failing, killed_after, moments, operations
 from tests.labpipe.workflow import toy_laboratory as toy
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
@@ -131,3 +132,50 @@ def test_a_run_killed_again_and_again_ends_as_an_undisturbed_one(
         operations(session.root, lambda: run_toys(session.root), rng.randrange(1, 200))
     run_toys(session.root)
     assert toy.contents(session) == toy.contents(calm)
+
+
+DISKS = {"full": errno.ENOSPC, "read-only": errno.EROFS, "no permission": errno.EACCES,
+         "share gone": errno.ESTALE, "failing": errno.EIO}  # fmt: skip
+
+
+def run_and_tell(folder: Path) -> str:
+    session = toy.load(folder, toy.KINDS)
+    result = runner.run(session, toy.STAGES, schemas=toy.SCHEMAS, jobs=0)
+    texts = [o.message for o in result.failures]
+    return f"{result.exit_code} {texts}" if texts else str(result.exit_code)
+
+
+def damage(session: toy.Session) -> None:
+    for path in session.folder.glob("store/??/*.nc"):
+        path.write_bytes(path.read_bytes()[:-1])
+
+
+@pytest.mark.usefixtures("laboratory")
+@pytest.mark.parametrize("store", ["empty", "damaged"])
+@pytest.mark.parametrize("disk", DISKS)
+def test_a_disk_that_fails_from_any_operation_on_is_named_and_spoils_nothing(
+    tmp_path: Path, disk: str, store: str, amount: Amount
+) -> None:
+    calm = toy.make_session(tmp_path / "calm")
+    run_toys(calm.root)
+    expected = toy.contents(calm)
+    if store == "damaged":
+        damage(calm)
+    else:
+        shutil.rmtree(calm.folder)
+    total = operations(tmp_path, lambda: run_toys(calm.root))
+    assert total
+    for first in moments(total, amount(3, 10_000)):
+        session = toy.make_session(tmp_path / str(first))
+        if store == "damaged":
+            run_toys(session.root)
+            damage(session)
+        root = session.root
+        said = failing(root, lambda folder=root: run_and_tell(folder), first, DISKS[disk])
+        assert said == "0" or said.startswith(("5 [", "StorageError: ")), (first, said)
+        assert "unexpected" not in said, (first, said)
+        run_toys(session.root)
+        found = {name: data for name, data in toy.contents(session).items() if "quar" not in name}
+        assert found == expected, first
+        assert not list(session.folder.rglob(".*.part")), first
+        shutil.rmtree(session.root)
