@@ -4,6 +4,7 @@ The fields are the user's choice, so columns are found by their names. Pixels, y
 point that failed carries SIGMA = -1 and becomes NaN.
 """
 
+import math
 import os
 import re
 import warnings
@@ -132,9 +133,12 @@ def _one(path: Path) -> tuple[list[str], Array]:
 
 def _number(path: Path, cell: str, line: int, column: int) -> float:
     try:
-        return float(cell) if "_" not in cell else float("x")
+        value = float(cell) if "_" not in cell else math.inf
     except ValueError:
-        raise text.not_a_number(cell, path=path, line_number=line, column=column) from None
+        value = math.inf
+    if math.isinf(value):
+        raise text.not_a_number(cell, path=path, line_number=line, column=column)
+    return value
 
 
 def _dataset(

@@ -67,6 +67,11 @@ def _contradiction(
     )
 
 
+_SHORTEST, _LONGEST = 1e-7, 86400.0
+"""s; a cycle of any sensor of this family, and the time between stored points, lies within."""
+_LARGEST_FACTOR = 1e9
+
+
 def stated_cycle(path: Path, header: Header, given: str | float | None) -> float:
     """Return the sampling cycle in s, from the file or from the caller.
 
@@ -103,14 +108,15 @@ def stated_cycle(path: Path, header: Header, given: str | float | None) -> float
 
 
 def _time(text: str) -> float | None:
-    """Read a time, or a rate as its inverse; None when it is neither or not positive."""
+    """Read a time, or a rate as its inverse; None when it is neither, or cannot be meant."""
     try:
         found = quantity(text.replace(",", "."))
     except InputError:
         return None
     if found.value <= 0 or found.si not in ("s", "Hz"):
         return None
-    return found.value if found.si == "s" else 1.0 / found.value
+    seconds = found.value if found.si == "s" else 1.0 / found.value
+    return seconds if _SHORTEST <= seconds <= _LONGEST else None
 
 
 def stated_storage(
@@ -137,7 +143,7 @@ def stated_storage(
     interval = _time(f"{text} {unit_text}".strip())
     by_interval = interval / cycle if interval else 0.0
     factor = float(match[1]) if match and not unit_text else by_interval
-    if factor < 1 or abs(factor - round(factor)) > 1e-6 * factor:
+    if not 1 <= factor <= _LARGEST_FACTOR or abs(factor - round(factor)) > 1e-6 * factor:
         raise SourceError(
             path,
             f"found the storage cycle {shorten(text)}, expected a whole factor such as x1",

@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from typing import Any
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from instruments.mach1_blocks import DECLARED, Block, Column, Parameter
 from labpipe.errors import InputError
+from labpipe.numbers import is_number, shorten
 
 INSTRUMENT = "Biomomentum Mach-1"
 
@@ -248,10 +250,14 @@ def _filter(info: Mapping[str, str]) -> dict[str, float | int] | None:
     """Order and cutoff [Hz] of the low-pass, or None when the header declares none."""
     if info.get("Load Cell Low-pass filter") != "Yes":
         return None
-    try:
-        return {
-            "order": int(info["Load Cell Low-pass filter Order"]),
-            "cutoff": float(info["Load Cell Low-pass filter Cutoff frequency (Hz)"]),
-        }
-    except (KeyError, ValueError):
-        return None
+    order = info.get("Load Cell Low-pass filter Order", "")
+    cutoff = info.get("Load Cell Low-pass filter Cutoff frequency (Hz)", "")
+    if is_number(cutoff) and float(cutoff) > 0 and re.fullmatch("[1-9]", order.strip()):
+        return {"order": int(order), "cutoff": float(cutoff)}
+    warnings.warn(
+        f"the header declares a low-pass filter of order {shorten(order)} and cutoff "
+        f"{shorten(cutoff)} Hz; the readings cannot be corrected for it",
+        UserWarning,
+        stacklevel=2,
+    )
+    return None

@@ -35,7 +35,8 @@ def numbers(folder: Path) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
     for experiment in open_session(folder).experiments:
         for node in results(folder, experiment).subtree:
-            if node.path.strip("/").split("/")[0] not in SKIPPED:
+            stage, _, recording = node.path.strip("/").partition("/")
+            if stage not in SKIPPED and not recording:  # what repeats have in common is enough
                 for name, value, tolerance in _numbers(node.to_dataset()):
                     found[f"{experiment}{node.path}.{name}"] = [value, float(f"{tolerance:.3g}")]
     return found

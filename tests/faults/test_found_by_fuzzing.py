@@ -1,0 +1,65 @@
+"""Inputs that once ended in anything but a result or an error of labpipe, one case each."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from instruments import dice, keyence, mach1
+from labpipe.errors import SourceError
+from tests.faults import fuzz, seeds
+
+CORPUS = sorted(path for path in fuzz.CORPUS.glob("*/*") if path.is_file())
+KEYENCE, MACH1 = seeds.keyence_text(), seeds.mach1_text()
+
+
+def changed(data: bytes, old: bytes, new: bytes) -> bytes:
+    assert old in data
+    return data.replace(old, new, 1)
+
+
+REFUSED: dict[str, tuple[bytes, Callable[[Path], object], str]] = {
+    "a sampling cycle beyond any number": (
+        changed(KEYENCE, b"50us", b"501e999us"), keyence.read, "sampling cycle"),
+    "a sampling cycle of a year": (changed(KEYENCE, b"50us", b"8766h"), keyence.read, "cycle"),
+    "a sampling rate beyond any clock": (
+        changed(KEYENCE, b"50us", b"1e300kHz"), keyence.read, "sampling cycle"),
+    "a storage factor of 500 digits": (
+        changed(KEYENCE, b"x1", b"x" + b"9" * 500), keyence.read, "storage cycle"),
+    "a storage cycle beyond any number": (
+        changed(KEYENCE, b"x1", b"1e999 s"), keyence.read, "storage cycle"),
+    "a point at infinity": (
+        b"COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y\n1,2,3,-inf\n",
+        lambda path: dice.read(path.rename(path.with_name("DICe_solution_0.txt"))), "-inf"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_it_is_refused_with_its_place(tmp_path: Path, name: str) -> None:
+    data, read, words = REFUSED[name]
+    (tmp_path / "a.txt").write_bytes(data)
+    with pytest.raises(SourceError, match=words) as caught:
+        read(tmp_path / "a.txt")
+    assert caught.value.line is not None
+
+
+FILTER = b"Load Cell Low-pass filter Cutoff frequency (Hz):\t"
+
+
+@pytest.mark.parametrize("value", [b"-150", b"0", b"0.0"])
+def test_a_filter_that_is_not_understood_is_warned_of(tmp_path: Path, value: bytes) -> None:
+    start = MACH1.index(FILTER) + len(FILTER)
+    end = MACH1.index(b"\r\n", start)
+    (tmp_path / "a.txt").write_bytes(MACH1[:start] + value + MACH1[end:])
+    with pytest.warns(UserWarning, match="declares a low-pass filter"):
+        found = mach1.read(tmp_path / "a.txt")
+    assert np.isfinite(found["position_z"]).all()
+
+
+@pytest.mark.parametrize("path", CORPUS, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_the_corpus_of_the_fuzzer_is_read_or_refused(tmp_path: Path, path: Path) -> None:
+    target = path.parent.name
+    name = "session.toml" if target == "configuration" else "input"
+    (tmp_path / name).write_bytes(path.read_bytes())
+    fuzz.attempt(target, tmp_path / name)
