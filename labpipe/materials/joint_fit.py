@@ -208,7 +208,7 @@ def projected_normal(fit: Fit, change: Array) -> tuple[Array, Array]:
 def outer_problem(points: Points, fit: Fit, model: OuterModel) -> tuple[Array, Array]:
     """Return normal matrix and gradient of the outer parameters, expectation included."""
     normal, gradient = projected_normal(fit, sensitivity(points, fit, model))
-    more_normal, more_gradient, _ = model.pull(fit.state)
+    more_normal, more_gradient = model.pull(fit.state)
     return normal + more_normal, gradient + more_gradient
 
 
@@ -235,7 +235,7 @@ def minimise(
 
 def total_cost(fit: Fit, model: OuterModel) -> float:
     """Return what the outer iteration minimises: misfit, roughness, expectation."""
-    return fit.cost + model.pull(fit.state)[2]
+    return fit.cost + model.pull_cost(fit.state)
 
 
 def predictive_cost(fit: Fit, model: OuterModel) -> float:
@@ -249,7 +249,7 @@ def predictive_cost(fit: Fit, model: OuterModel) -> float:
     ----------
     Mallows, Technometrics 15 (1973) 661, doi:10.1080/00401706.1973.10489103.
     """
-    return fit.solution.misfit + 2.0 * fit.solution.freedom + model.pull(fit.state)[2]
+    return fit.solution.misfit + 2.0 * fit.solution.freedom + model.pull_cost(fit.state)
 
 
 def _damped_step(

@@ -102,9 +102,13 @@ def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) ->
     ln_omega = np.log(2.0 * np.pi * f)
     grid = make_grid(ln_omega, first, second)
     alone_storage = _fit(ln_omega, grid, storage=first)
-    alone_loss = _fit(ln_omega, grid, loss=second)
+    alone_loss = _fit(ln_omega, grid, loss=second, near=alone_storage.strength)
     noise = (alone_storage.misfit[0], alone_loss.misfit[1])
-    common = _fit(ln_omega, grid, storage=first, loss=second, noise=noise)
+    # The same smoothing in units of the noise: a start to walk from.
+    near = np.sqrt(alone_storage.strength * alone_loss.strength) / (
+        max(noise[0], _LEAST_MISFIT) * max(noise[1], _LEAST_MISFIT)
+    )
+    common = _fit(ln_omega, grid, storage=first, loss=second, noise=noise, near=float(near))
     # The loss says nothing of the relaxed modulus: the constant that fits the storage best.
     relative = 1.0 / first**2
     constant = float(np.sum((first - alone_loss.storage) * relative) / np.sum(relative))
@@ -152,6 +156,7 @@ class _Fitted:
     storage: Array
     loss: Array
     misfit: tuple[float, float]
+    strength: float
 
 
 def _fit(
@@ -161,6 +166,7 @@ def _fit(
     storage: Array | None = None,
     loss: Array | None = None,
     noise: tuple[float, float] = (1.0, 1.0),
+    near: float | None = None,
 ) -> _Fitted:
     """Fit one spectrum to one modulus or to both, rows relative to the measured values."""
     storage_shape, loss_shape = maxwell_shapes(ln_omega, grid.ln_time)
@@ -178,7 +184,7 @@ def _fit(
     rows = np.vstack([block[0] for block in blocks])[:, used]
     target = np.concatenate([block[1] for block in blocks])
     solution = solve_by_cross_validation(
-        *compress(rows, target), grid.penalty[:, used], target.size
+        *compress(rows, target), grid.penalty[:, used], target.size, near
     )
     coefficient = np.zeros(used.size)
     coefficient[used] = solution.coefficient
@@ -188,7 +194,8 @@ def _fit(
         _rms(model / values - 1.0) / np.sqrt(share) if values is not None else np.nan
         for model, values in zip(fitted, (storage, loss), strict=True)
     ]
-    return _Fitted(fitted[0], fitted[1], (float(misfit[0]), float(misfit[1])))
+    errors = (float(misfit[0]), float(misfit[1]))
+    return _Fitted(fitted[0], fitted[1], errors, solution.strength)
 
 
 def _checked(

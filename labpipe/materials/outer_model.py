@@ -195,22 +195,30 @@ class OuterModel:
         delay = float(tail[0]) * self.delay_unit if self.has_delay else 0.0
         return State(parameters, shifts, ln_bT, delay)
 
-    def pull(self, state: State) -> tuple[Array, Array, float]:
-        """Return what the expectations add to the normal matrix, the gradient and the cost."""
-        normal, gradient, cost = np.zeros((self.size, self.size)), np.zeros(self.size), 0.0
+    def pull(self, state: State) -> tuple[Array, Array]:
+        """Return what the expectations add to the normal matrix and the gradient."""
+        normal, gradient = np.zeros((self.size, self.size)), np.zeros(self.size)
         if self.expectation is not None and self.horizontal == "free":
             known = self.expectation
             rows = known.rows @ self.directions(state)[0]
             normal += rows.T @ rows
             gradient -= rows.T @ (known.rows @ state.log10_aT - known.target)
-            cost += known.cost(state.log10_aT)
         if self.level_spread > 0:
             at = np.arange(self.size)[self.level_slice]
             levels = state.parameters[at]
             normal[at, at] += 1.0 / self.level_spread**2
             gradient[at] -= levels / self.level_spread**2
+        return normal, gradient
+
+    def pull_cost(self, state: State) -> float:
+        """Return the cost of :meth:`pull` alone, which every trial step asks for."""
+        cost = 0.0
+        if self.expectation is not None and self.horizontal == "free":
+            cost += self.expectation.cost(state.log10_aT)
+        if self.level_spread > 0:
+            levels = state.parameters[self.level_slice]
             cost += float(np.sum((levels / self.level_spread) ** 2))
-        return normal, gradient, cost
+        return cost
 
     def directions(self, state: State) -> tuple[Array, Array, Array]:
         """Return the changes of log10 a (isotherm, p), ln b (isotherm, p) and delay (p,)."""

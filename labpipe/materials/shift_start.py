@@ -34,6 +34,9 @@ _LN10 = float(np.log(10.0))
 # Trial steps from an isotherm to its warmer neighbour, in decades of frequency; the best few of
 # them are followed into dips that may be narrower, down to the finest move that counts.
 _STEPS = np.arange(-1.0, 6.01, 0.5)
+# Further steps than so many are tried only where the near ones show no dip far below their ends:
+# two sweeps that are torn apart fit as well as any, and say nothing.
+_NEAR, _CLEAR = 10, 0.3
 _MOST_DIPS, _DESCENTS, _MOST_MOVE, _FINEST = 2, 4, 0.3, 0.01
 _TERMS_PER_DECADE = 2
 _MARGIN_DECADES = 0.7
@@ -132,8 +135,11 @@ def _overlapped_step(pair: _Pair) -> float:
 def _scanned(pair: _Pair) -> _Scan:
     """Judge trial steps by the misfit of one spectrum to both isotherms."""
     trial = _Trial(pair)
-    tries = [trial.at(float(step)) for step in _STEPS]
+    tries = [trial.at(float(step)) for step in _STEPS[:_NEAR]]
     costs = np.array([one.cost for one in tries])
+    if not _has_a_clear_dip(costs):
+        tries += [trial.at(float(step)) for step in _STEPS[_NEAR:]]
+        costs = np.array([one.cost for one in tries])
     for k in _dips(costs):
         tries += trial.descended(tries[k])
     steps, costs, terms = (
@@ -144,6 +150,11 @@ def _scanned(pair: _Pair) -> _Scan:
     mean, spread = _expected(pair.difference)
     # Isotherms that are torn apart have a spectrum each: what more terms gain is not the step's.
     return _Scan(steps, costs / noise + 2.0 * terms + ((steps - mean) / spread) ** 2)
+
+
+def _has_a_clear_dip(costs: Array) -> bool:
+    """Tell whether the best of some trial steps lies inside them, far below both ends."""
+    return bool(np.min(costs[1:-1]) < _CLEAR * min(costs[0], costs[-1]))
 
 
 def _dips(costs: Array) -> NDArray[np.intp]:

@@ -110,6 +110,27 @@ def abaqus(series: Series, law: dict[str, Any], T_ref: float, name: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+def as_csv(curve: xr.Dataset, series: Series) -> str:
+    """Return terms and shift factors as rows that any spreadsheet reads, units in the heads."""
+    lines = [
+        f"# E(t) = E_relaxed + sum E exp(-t/rho) at T_ref = {float(curve['T_ref']):.8g} degC",
+        f"# nu = {float(curve['nu']):.6g}",
+        "series,term,rho / s,E / Pa,extrapolated",
+        f"full,E_relaxed,inf,{float(curve['E_relaxed']):.8g},0",
+    ]
+    outside = curve["extrapolated"].values.astype(int)
+    for i, (time, weight) in enumerate(zip(curve["rho"].values, curve["E"].values, strict=True)):
+        lines.append(f"full,{i + 1},{time:.8g},{weight:.8g},{outside[i]}")
+    lines.append(f"reduced,E_relaxed,inf,{series.relaxed:.8g},0")
+    for i, (time, weight) in enumerate(zip(series.rho, series.E, strict=True)):
+        lines.append(f"reduced,{i + 1},{time:.8g},{weight:.8g},0")
+    lines += ["", "temperature / degC,log10_aT,u_log10_aT,b_T,u_b_T,level"]
+    names = ("temperature", "log10_aT", "u_log10_aT", "b_T", "u_b_T", "level")
+    columns = [curve[name].values for name in names]
+    lines += [",".join(f"{value:.8g}" for value in row) for row in zip(*columns, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
 def as_json(curve: xr.Dataset, series: Series) -> str:
     """Return the full and the reduced series with the shift law as JSON."""
     document = {

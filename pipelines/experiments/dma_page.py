@@ -453,6 +453,7 @@ def _terms(curve: xr.Dataset, name: str) -> Section:
         Details(f"All {outside.size} terms", (full,)),
         Details("For ANSYS (APDL)", text=dma_export.ansys(reduced, law, T_ref)),
         Details("For Abaqus", text=dma_export.abaqus(reduced, law, T_ref, name)),
+        Details("CSV, all terms and the shift factors", text=dma_export.as_csv(curve, reduced)),
         Details("JSON, all terms and the shift law", text=dma_export.as_json(curve, reduced)),
     )
     return Section("Terms", blocks)

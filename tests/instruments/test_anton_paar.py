@@ -202,8 +202,17 @@ def test_an_angular_frequency_may_leave_the_radian_out_but_a_frequency_may_not(t
         read_text(tmp_path, rheocompass(columns=columns, units=units))
 
 
-@pytest.mark.parametrize("name", ["freqsweep.csv", "multiple_relaxation.csv",
-                                  "multiple_relaxation.xlsx", "viscosity_curves.csv"])  # fmt: skip
+MEASUREMENTS = ("freqsweep.csv", "multiple_relaxation.csv", "multiple_relaxation.xlsx",
+                "viscosity_curves.csv")  # fmt: skip
+
+
+@pytest.mark.skipif(not SAMPLES.exists(), reason="the real files lie outside the project")
+def test_every_real_file_is_tested_here():
+    refused = {"window_definition_not_data.xml"}
+    assert {path.name for path in SAMPLES.iterdir()} == refused.union(MEASUREMENTS)
+
+
+@pytest.mark.parametrize("name", MEASUREMENTS)
 def test_real_files_read_without_a_warning(name):
     if not (SAMPLES / name).is_file():
         pytest.skip("the real files lie outside the project")

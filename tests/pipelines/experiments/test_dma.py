@@ -207,6 +207,18 @@ def test_exports_hold_relative_moduli_that_sum_below_one(curve):
     assert json.loads(dma_export.as_json(curve, reduced))["nu"] == 0.46
 
 
+def test_the_table_for_a_spreadsheet_holds_every_term_and_shift(curve):
+    reduced = dma_export.fewest_terms(curve)
+    terms, shifts = dma_export.as_csv(curve, reduced).split("\n\n")
+    rows = [line.split(",") for line in terms.splitlines() if line.startswith("full,")]
+    assert float(rows[0][3]) == pytest.approx(float(curve.E_relaxed), rel=1e-7)
+    np.testing.assert_allclose([float(r[3]) for r in rows[1:]], curve.E, rtol=1e-7)
+    np.testing.assert_allclose([float(r[2]) for r in rows[1:]], curve.rho, rtol=1e-7)
+    assert terms.count("reduced,") == reduced.E.size + 1
+    found = np.array([line.split(",") for line in shifts.splitlines()[1:]], dtype=float)
+    np.testing.assert_allclose(found[:, 1], curve.log10_aT, rtol=1e-7)
+
+
 @pytest.fixture
 def session(tmp_path: Path) -> Path:
     solid = SOLIDS["ptfe"]
