@@ -159,8 +159,11 @@ def _digest_before(path: Path, end: int) -> bytes:
     return total.digest()
 
 
-def _check_trailer(path: Path) -> None:
-    """Refuse a file of ours whose bytes have changed; one without our mark has other checks."""
+def _check_trailer(path: Path) -> bool:
+    """Refuse a file of ours whose bytes have changed; tell whether it is one of ours.
+
+    One without our mark has other checks.
+    """
     end = max(path.stat().st_size - _TRAILER, 0)
     with path.open("rb") as stream:
         stream.seek(max(end - _TRAILER, 0))
@@ -169,6 +172,7 @@ def _check_trailer(path: Path) -> None:
     if _MARK in found and found[-_TRAILER:] != _MARK + _digest_before(path, end):
         message = f"{path}: damaged: its bytes do not fit its own digest; delete it and run again"
         raise StoreError(message)
+    return _MARK in found
 
 
 def verify(path: Path, prepared: xr.Dataset) -> None:
@@ -186,9 +190,11 @@ def verify(path: Path, prepared: xr.Dataset) -> None:
 def read(path: Path) -> xr.Dataset:
     """Read a file whole after comparing its digest, and what it declares with its size."""
     try:
-        _check_trailer(path)
+        is_ours = _check_trailer(path)
         with netCDF4.Dataset(os.fspath(path), "r") as handle:
             _check_sizes(path, handle)
+            if is_ours:
+                return _as_written(handle)
         return _load(path)
     except StoreError:
         raise
@@ -196,6 +202,35 @@ def read(path: Path) -> xr.Dataset:
         # The libraries answer damage with OSError, RuntimeError, KeyError, ValueError and others.
         message = f"{path}: damaged: {error}; delete it and run again"
         raise StoreError(message) from error
+
+
+def _as_written(handle: netCDF4.Dataset) -> xr.Dataset:
+    """Take back what was written here, without asking what other programs may have meant.
+
+    A session is some thousand small files: by xarray's own reader, which knows all conventions,
+    opening them takes longer than many a stage computes.
+    """
+    handle.set_auto_maskandscale(False)
+    attributes = _given(handle)
+    coordinates = set(str(attributes.pop("coordinates", "")).split())
+    variables = {}
+    for name, stored in handle.variables.items():
+        own = _given(stored)
+        coordinates |= set(str(own.pop("coordinates", "")).split())
+        values = np.asarray(stored[...])
+        if stored.dtype is str:
+            values = values.astype(str)
+        elif own.get("dtype") == "bool":
+            values = values.astype(bool)
+            del own["dtype"]
+        variables[name] = xr.Variable(stored.dimensions, values, own)
+    coordinates |= set(variables) & set(handle.dimensions)
+    held = {name: variables.pop(name) for name in list(variables) if name in coordinates}
+    return xr.Dataset(variables, held, attributes)
+
+
+def _given(holder: Any) -> dict[str, Any]:
+    return {name: holder.getncattr(name) for name in holder.ncattrs()}
 
 
 def _load(path: Path) -> xr.Dataset:

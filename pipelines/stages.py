@@ -52,6 +52,7 @@ BALL_DROP = (
         ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve",
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
+        imports=("labpipe.contact.bounce_compiled",),
         summary="simulate the drop",
     ),
     Stage(
@@ -60,7 +61,7 @@ BALL_DROP = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.ball_drop_page:page", 4,
+        "report", "pipelines.experiments.ball_drop_page:page", 5,
         ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
         ("*",), output="page", context=True,
         summary="write the page",
@@ -247,6 +248,7 @@ DIC_VALIDATION = (
         "track", "pipelines.experiments.dic_validation:track", 1, ("file:film",),
         ("tracking", "frame_rate"),
         shortcuts=True,
+        imports=("labpipe.imaging.dic_tracker",),
         summary="follow the holder through the film",
     ),
     Stage(
@@ -288,6 +290,7 @@ CONTACT_AREA = (
         "radius", "pipelines.experiments.contact_area:radius", 2, ("file:film", "file:camera"),
         ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate"),
         shortcuts=True,
+        imports=("labpipe.imaging.radius_film",),
         summary="fit the fringes around the contact",
     ),
     Stage(
@@ -299,6 +302,7 @@ CONTACT_AREA = (
         ("radius", "impacts", "file:sphere.material_file",
          "other:sphere.material_from/master_curve", "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
+        imports=("labpipe.contact.bounce_compiled",),
         summary="simulate the drop",
     ),
     Stage(
@@ -349,6 +353,7 @@ PLATE_VIBRATION = (
     Stage(
         "model", "pipelines.experiments.plate_vibration:model", 1, ("table", "plate"),
         ("drops", "sphere", "model"),
+        imports=("labpipe.contact.bounce_compiled",),
         summary="simulate the drops on the plate",
     ),
     Stage(

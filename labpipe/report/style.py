@@ -278,6 +278,9 @@ def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -
         raise InputError(message)
     from matplotlib import rc_context
 
+    from labpipe.report.tick_text import write_plain_numbers
+
+    write_plain_numbers(figure)
     keys = ("svg.hashsalt", "svg.fonttype", "pdf.fonttype", "savefig.dpi", "path.simplify")
     settings: Any = {key: _settings()[key] for key in keys}
     target = BytesIO()

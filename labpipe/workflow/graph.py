@@ -62,6 +62,9 @@ class Stage:
         input that is missing for that reason is None).
     shortcuts : bool
         Whether the function takes the keyword ``full`` (bool) and gives a different result by it.
+    imports : tuple of str
+        Modules that the function imports only when it is called and that take long to load, such
+        as compiled loops; the processes of a run find them loaded.
     """
 
     name: str
@@ -76,6 +79,7 @@ class Stage:
     summary: str = ""
     context: bool = False
     shortcuts: bool = False
+    imports: tuple[str, ...] = ()
 
 
 def ordered(

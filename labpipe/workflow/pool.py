@@ -21,6 +21,14 @@ from labpipe.workflow.worker import Job, run_job
 PRELOADED = ("numpy", "xarray", "netCDF4", "labpipe.netcdf", "labpipe.workflow.worker")
 """What every worker needs."""
 
+PRELOADED_TO_DRAW = (
+    "jinja2",
+    "matplotlib.figure",
+    "matplotlib.backends.backend_svg",
+    "matplotlib.backends.backend_agg",
+)
+"""What workers need that write pages: loaded once, not once for every experiment."""
+
 _WORKER_ENVIRONMENT = {
     "OMP_NUM_THREADS": "1",
     "OPENBLAS_NUM_THREADS": "1",

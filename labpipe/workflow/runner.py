@@ -349,9 +349,11 @@ class _State:
         """Run every experiment in a process of its own, at most ``jobs`` at a time."""
         waiting = self.waiting()
         running: list[pool.Worker] = []
-        preload = sorted(
-            {self.plan.tasks[r.task].stage.function.partition(":")[0] for r in self.plan.to_run}
-        )
+        stages = [self.plan.tasks[row.task].stage for row in self.plan.to_run]
+        preload = sorted({stage.function.partition(":")[0] for stage in stages})
+        preload += sorted({name for stage in stages for name in stage.imports})
+        if any(stage.output == "page" for stage in stages):
+            preload += pool.PRELOADED_TO_DRAW
         try:
             while (waiting or running) and not self.must_stop():
                 busy = {worker.job.experiment for worker in running}

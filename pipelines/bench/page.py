@@ -48,7 +48,12 @@ def as_document(
     return {
         "machine": dict(machine),
         "parts": [
-            {"name": r.name, "seconds": r.seconds, "suites": [_suite(s) for s in r.suites]}
+            {
+                "name": r.name,
+                "seconds": r.seconds,
+                "processor_seconds": _plain(r.processor_seconds),
+                "suites": [_suite(s) for s in r.suites],
+            }
             for r in results
         ],
         "failures": [{"name": f.name, "message": f.message} for f in failures],
@@ -137,8 +142,15 @@ def _blocks(result: PartResult) -> tuple[Block, ...]:
             blocks.append(Picture(draw(suite), alt))
         blocks.append(table(suite))
         blocks.extend(Notice("info", note) for note in suite.notes)
-    blocks.append(Paragraph(f"Measured in {number(result.seconds, 3)} s."))
+    blocks.append(Paragraph(_duration(result)))
     return tuple(blocks)
+
+
+def _duration(result: PartResult) -> str:
+    text = f"Measured in {number(result.seconds, 3)} s"
+    if math.isfinite(result.processor_seconds):
+        text += f", {number(result.processor_seconds, 3)} s of processor time"
+    return text + "."
 
 
 def table(suite: Suite) -> Table:

@@ -88,3 +88,16 @@ def test_figures_are_saved_in_every_format_or_not_at_all(tmp_path):
     written = save_figure(figure, tmp_path / "fig_2.4", ("pdf", "png"))
     assert written == (Path(tmp_path / "fig_2.4.pdf"), Path(tmp_path / "fig_2.4.png"))
     assert written[1].read_bytes().startswith(b"\x89PNG")
+
+
+def test_numbers_at_ticks_are_text_and_no_formulas():
+    with figure_style():
+        figure = Figure()
+        linear, powers = figure.subplots(1, 2)
+        linear.plot([0.0, 2e-7], [-1e12, 2e12])
+        powers.loglog([1e-5, 1e3], [1.0, 1e9])
+        text = figure_bytes(figure, "svg").decode()
+    assert ">10⁻⁴<" in text
+    assert ">10⁸<" in text
+    assert ">×10¹²<" in text
+    assert "mathdefault" not in text
