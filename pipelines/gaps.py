@@ -15,7 +15,7 @@ _TABLE = re.compile(r"^\[{1,2}(?:experiments\.)?([^\]]+)\]{1,2}\s*(?:#.*)?$")
 NONE = "none"
 """The answer that leaves a line out, where its remark offers it."""
 _DAYS = ("valid_from", "valid_until", "when")
-_MODES = ("tension", "bending", "shear", "torsion")
+MODES = ("tension", "bending", "shear", "torsion")
 
 
 def library_names() -> tuple[str, ...]:
@@ -97,7 +97,7 @@ def checked(gap: Gap, answer: str) -> str:
         return NONE
     if gap.key in _DAYS:
         return _day(answer)
-    for key, allowed in (("material", library_names()), ("mode", _MODES)):
+    for key, allowed in (("material", library_names()), ("mode", MODES)):
         if gap.key == key and answer not in allowed:
             message = f'expected one of {", ".join(allowed)}; found "{answer}"'
             raise InputError(message)

@@ -15,7 +15,7 @@ import instruments
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
 from labpipe.workflow.session import FILE_NAME, VERSION
-from pipelines.gaps import GAP, Gap, filled
+from pipelines.gaps import GAP, MODES, Gap, filled
 from pipelines.record_templates import camera_template, missing_records
 
 _HEIGHT = re.compile(r"(?<![\d.])(\d+(?:[.p]\d+)?)\s*mm", re.IGNORECASE)
@@ -252,6 +252,13 @@ def _material(name: str) -> str:
     return f'material = "{known.replace("pmma", "acrylic")}"  # proposed from the file name'
 
 
+def _mode(name: str) -> str:
+    known = next((m for m in MODES if m in name.lower()), None)
+    if known is None:
+        return f'mode = "{GAP}"  # {", ".join(MODES[:-1])} or {MODES[-1]}; the file does not say it'
+    return f'mode = "{known}"  # proposed from the file name'
+
+
 def _height(name: str) -> str:
     match = _HEIGHT.search(name) or _SHORT_HEIGHT.search(name)
     if match is None:
@@ -388,7 +395,7 @@ def _dma(folder: Path, name: str, names: list[str], found: dict[str, list[str]])
     return f"""[experiments.{name}]
 kind = "dma"
 rheometer = {_list(names)}
-mode = "{GAP}"  # tension, bending, shear or torsion; the file does not say it
+{_mode(name)}
 nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"
 # T_ref = "20 degC"  # of the master curve; by default the middle temperature\
 {_published(folder, found)}"""

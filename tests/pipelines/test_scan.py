@@ -16,7 +16,7 @@ from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import laser_record
 from pipelines.rig.static_loading import StaticRig, write_static
-from pipelines.scan import write_session_file
+from pipelines.scan import _mode, write_session_file
 
 START = datetime(2024, 5, 14, 9, 30)
 
@@ -155,3 +155,14 @@ def test_the_record_of_a_camera_knows_the_day_of_its_film_and_is_named_in_questi
     assert [q.split(": ")[1].split(" (")[0] for q in about_camera] == [
         "who", "how", "reference length", "pixel length"
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("ptfe_tension", 'mode = "tension"  # proposed from the file name'),
+        ("ptfe", 'mode = "FILL"  # tension, bending, shear or torsion; the file does not say it'),
+    ],
+)
+def test_the_mode_of_a_rheometer_is_proposed_from_the_name(name: str, line: str) -> None:
+    assert _mode(name) == line
