@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from labpipe import signals
 from pipelines import process
 
 if TYPE_CHECKING:
@@ -301,6 +302,22 @@ def _plate_vibration(source: _Source) -> Iterator[Row]:
         )  # fmt: skip
 
 
+def _dma(source: _Source) -> Iterator[Row]:
+    made = source.result("master_curve")
+    parts = ("storage", "loss")
+    measured = np.concatenate([made[f"{part}_reduced"].values.ravel() for part in parts])
+    ratio = 1 + np.concatenate([made[f"{part}_residual"].values.ravel() for part in parts])
+    known = (measured > 0) & (ratio > 0)
+    # As they are drawn: a modulus spans decades, and both parts belong to one curve.
+    ours = np.log10(measured[known])
+    theirs = ours + np.log10(ratio[known])
+    yield source.row(
+        "storage and loss modulus, log10", "1", int(known.sum()), against="fit",
+        nrmse=signals.nrmse(ours, theirs), difference=np.mean(ours - theirs),
+        condition=f"{float(made['T_ref']):g} °C",
+    )  # fmt: skip
+
+
 COLLECTORS: dict[str, tuple[tuple[str, ...], Callable[[_Source], Iterator[Row]]]] = {
     "ball_drop": (("comparison", "repeats", "model"), _ball_drop),
     "contact_area": (("comparison", "impacts", "model"), _contact_area),
@@ -309,5 +326,6 @@ COLLECTORS: dict[str, tuple[tuple[str, ...], Callable[[_Source], Iterator[Row]]]
     "static_loading": (("comparison",), _static_loading),
     "relaxation": (("tests",), _relaxation),
     "harmonic": (("comparison", "oscillations", "model"), _harmonic),
+    "dma": (("master_curve",), _dma),
 }
 """What of each kind is read, and how it becomes rows."""

@@ -7,6 +7,7 @@ length in pixels into a phase.
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -230,8 +231,17 @@ def exposure_nodes(travel: float, spacing: float) -> tuple[Floats, Floats]:
     if travel == 0.0:
         return np.zeros(1), np.ones(1)
     wanted = _LEAST_NODES + math.ceil(_NODES_PER_FRINGE * abs(travel) / spacing)
-    nodes, weights = np.polynomial.legendre.leggauss(min(wanted, _MOST_NODES))
-    return nodes, 0.5 * weights
+    return _gauss(min(wanted, _MOST_NODES))
+
+
+@lru_cache(maxsize=_MOST_NODES)
+def _gauss(count: int) -> tuple[Floats, Floats]:
+    """Nodes and weights of a mean by Gauss's rule: every fit asks for the same few."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    weights *= 0.5
+    for array in (nodes, weights):
+        array.setflags(write=False)
+    return nodes, weights
 
 
 def pixel_weights(blur: float) -> Floats:

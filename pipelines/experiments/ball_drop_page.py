@@ -53,6 +53,7 @@ def page(
         sections += [motion(repeats, model, comparison), _bounces(repeats, comparison)]
     if pages.present(bounces):
         sections.append(_repeats(settings, bounces or (), repeats))
+        sections.append(_phases(settings, bounces or ()))
     sections.append(_measured(settings, pages.present(readings), context))
     if moved:
         sections.append(_calibration(moved))
@@ -241,6 +242,30 @@ def _repeats(
     if len(rows) < len(bounces):
         text += f" {len(bounces) - len(rows)} recording(s) gave no bounces: see the errors."
     return Section("Repeats", (Table(columns, rows, caption=text),))
+
+
+def _phases(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> Section:
+    """Say of every recording how long the sphere bounces, vibrates and rests."""
+    rows = []
+    for name, found in zip(settings.laser, bounces, strict=True):
+        if found is not None:
+            touch, settled, rest = (
+                float(found[f"{which}_time"]) for which in ("first_contact", "settling", "rest")
+            )
+            rows.append(
+                (name, settled - touch, rest - settled, rest - touch, float(found["u_rest_time"]),
+                 "" if np.isfinite(rest) else "not at rest when the record ends: it goes on")
+            )  # fmt: skip
+    columns = (
+        Column("recording"), Column("bouncing", unit="s"), Column("vibration", unit="s"),
+        Column("static from", unit="s", u=4), Column("u"), Column("remark"),
+    )  # fmt: skip
+    text = (
+        "Bouncing lasts from first contact to the last touch after which no flight is resolved, "
+        "vibration from there until the speed stays below a hundredth of the first impact's; "
+        "static from then on, counted from first contact."
+    )
+    return Section("Phases", (Table(columns, rows, caption=text),))
 
 
 def _model(model: xr.Dataset) -> Section:

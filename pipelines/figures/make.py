@@ -256,12 +256,21 @@ def _drawings(
         return
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
+    from concurrent.futures.process import BrokenProcessPool
 
     context = multiprocessing.get_context("forkserver")
-    with ProcessPoolExecutor(
-        min(jobs, len(tasks)), context, initializer=_begin_worker, initargs=(shelf.folder, root)
-    ) as pool:
-        yield from pool.map(_draw_there, tasks)
+    done = 0
+    with (
+        contextlib.suppress(BrokenProcessPool),
+        ProcessPoolExecutor(
+            min(jobs, len(tasks)), context, initializer=_begin_worker, initargs=(shelf.folder, root)
+        ) as pool,
+    ):
+        for drawn in pool.map(_draw_there, tasks):
+            done += 1
+            yield drawn
+    if done < len(tasks):  # a process died, of too little memory perhaps: go on alone
+        yield from map(_Drawer(shelf.folder, root), tasks[done:])
 
 
 class _Drawer:

@@ -1,5 +1,6 @@
 """The floor in the comparison of a drop: stated, the model agrees; left out, it does not."""
 
+import shutil
 from pathlib import Path
 
 import msgspec
@@ -9,7 +10,7 @@ import xarray as xr
 
 from labpipe.units import Quantity
 from pipelines.experiments.ball_drop import comparison, model
-from pipelines.process import open_session, result
+from pipelines.process import open_session, process, result
 from pipelines.settings.ball_drop import BallDrop
 from pipelines.settings.common import Plate
 
@@ -44,6 +45,7 @@ def test_with_the_floor_stated_restitution_agrees_within_uncertainty(
     measured: Measured,
 ) -> None:
     made, found = compared(measured, STATED)
+    assert float(found["nrmse"]) < 0.01
     assert np.abs(z(found)).max() < 3.0
     assert np.sqrt(np.mean(z(found) ** 2)) < 1.5
     # The table's own uncertainty is part of it, and not all of it.
@@ -58,3 +60,49 @@ def test_without_the_floor_the_model_rebounds_too_fast(measured: Measured) -> No
     difference = found["restitution_difference"].values
     assert np.all(difference < 0.0)
     assert difference.mean() == pytest.approx(-5e-4, abs=2e-4)
+
+
+def test_the_page_tells_the_phases_of_every_recording(processed_session: Path) -> None:
+    page = (processed_session / "labpipe/reports/drop.html").read_text("utf-8")
+    assert "Phases" in page
+    assert "static from" in page
+    assert page.count("not at rest when the record ends") >= 2  # 0.15 s are too short
+
+
+@pytest.mark.parametrize(
+    ("wrong", "at_least"),
+    [
+        ({"mass": Quantity(1.01, 5e-4, "kg")}, 0.03),  # twice as heavy; hardly felt: a ∝ m^0.2
+        ({"material": "nylon"}, 0.05),
+        ({"height": Quantity(1.575e-3, 5e-6, "m")}, 0.05),  # a twentieth too high
+    ],
+    ids=["mass", "material", "height"],
+)
+def test_a_wrong_input_shows_in_the_comparison(
+    measured: Measured, wrong: dict[str, object], at_least: float
+) -> None:
+    """The comparison can fail; with the right inputs it stays below 1 % (above)."""
+    settings, repeats = measured
+    sphere = {k: v for k, v in wrong.items() if k != "height"}
+    changed = msgspec.structs.replace(
+        settings,
+        height=wrong.get("height", settings.height),
+        sphere=msgspec.structs.replace(settings.sphere, **sphere),
+    )
+    _, found = compared((changed, repeats), STATED)
+    assert float(found["nrmse"]) > at_least
+
+
+def test_a_wrong_inclination_shows_in_the_comparison(
+    processed_session: Path, tmp_path: Path
+) -> None:
+    """30 instead of 12 degrees stretch every length by 13 %."""
+    folder = tmp_path / "session"
+    shutil.copytree(processed_session, folder)
+    record = folder / "calibration/laser.toml"
+    text = record.read_text("utf-8")
+    assert "12.00 ±" in text
+    record.write_text(text.replace("12.00 ±", "30.00 ±"), "utf-8")
+    outcome = process(folder, ["comparison"], ["drop"], jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    assert float(result(folder, "drop", "comparison")["nrmse"]) > 0.03

@@ -1,6 +1,7 @@
 """A film of the holder against the laser's drops: results against the truth of both."""
 
 import json
+import shutil
 from datetime import datetime
 from pathlib import Path
 
@@ -82,9 +83,22 @@ def test_the_figures_show_the_line_of_subsets(session: Path, tmp_path: Path) -> 
     assert "subsets of" in (tmp_path / "D.1.txt").read_text("utf-8")
 
 
-def test_another_views_record_is_refused(session: Path, tmp_path: Path) -> None:
-    import shutil
+def test_a_wrong_pixel_size_shows_against_the_laser(session: Path, tmp_path: Path) -> None:
+    """The comparison can fail: 355 instead of 386 px in 30 mm make every length 9 % too large."""
+    folder = tmp_path / "session"
+    shutil.copytree(session, folder)
+    record = folder / "calibration/camera_front.toml"
+    text = record.read_text("utf-8")
+    assert "386 ±" in text
+    record.write_text(text.replace("386 ±", "355 ±"), "utf-8")
+    outcome = process(folder, ["comparison"], ["film"], jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    found = result(folder, "film", "comparison")
+    assert float(found["nrmse"]) > 0.03
+    assert float(found["gain"]) == pytest.approx(355 / 386, rel=0.02)
 
+
+def test_another_views_record_is_refused(session: Path, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     shutil.copytree(session, folder)
     (folder / "calibration/camera_front.toml").write_text(under_record(), "utf-8")

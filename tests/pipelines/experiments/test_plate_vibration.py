@@ -70,6 +70,19 @@ def test_measurement_and_model_of_the_plate_agree(session: Path) -> None:
     assert float(result(session, "plate", "comparison")["nrmse"].max()) < 0.03
 
 
+def test_a_wrong_height_shows_in_the_comparison(session: Path, tmp_path: Path) -> None:
+    """One plate cannot fit both: PTFE said to fall from 10 mm instead of 5 mm."""
+    folder = tmp_path / "session"
+    shutil.copytree(session, folder)
+    path = folder / "session.toml"
+    head, second = path.read_text("utf-8").split('material = "ptfe"', 1)
+    second = second.replace('height = "5 ', 'height = "10 ', 1)
+    path.write_text(f'{head}material = "ptfe"{second}', "utf-8")
+    outcome = process(folder, ["comparison"], ["plate"], jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    assert float(result(folder, "plate", "comparison")["nrmse"].max()) > 0.05
+
+
 def test_a_drop_on_a_plate_needs_the_plate_in_its_model(session: Path) -> None:
     with_plate, rigid = (result(session, name, "comparison") for name in ("drop", "rigid"))
     assert float(with_plate["nrmse"]) < 0.01
