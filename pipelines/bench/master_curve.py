@@ -9,7 +9,15 @@ import numpy as np
 from labpipe.materials import MasterCurve, master_curve
 from pipelines.bench import rheology_peers
 from pipelines.bench.measure import Point, Suite, paired, peak_bytes
-from pipelines.bench.rheology_truth import FRACTIONAL, MAXWELL, Measured, Truth, measured
+from pipelines.bench.rheology_truth import (
+    FRACTIONAL,
+    GLASS,
+    MAXWELL,
+    SINGLE_TIMES,
+    Measured,
+    Truth,
+    measured,
+)
 
 _FIRST_SEED = 700
 _OTHER_DATA: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -27,6 +35,7 @@ def run(quick: bool) -> tuple[Suite, ...]:
     return (
         _against_peers("master-curve", MAXWELL, quick),
         _against_peers("master-curve-fractional", FRACTIONAL, quick),
+        _other_truths(quick),
         _other_data(quick),
     )
 
@@ -66,6 +75,44 @@ def _against_peers(name: str, truth: Truth, quick: bool) -> Suite:
     notes += ["peers are left out of the quick run"] if quick else rheology_peers.missing()
     return Suite(name, f"Shifts of {truth.name}", "RMS error of log10 a_T (decades)", points,
                  notes=notes)  # fmt: skip
+
+
+def _other_truths(quick: bool) -> Suite:
+    """Show the default on hard materials: how far it errs, and whether its bars say so."""
+    seeds = range(_FIRST_SEED, _FIRST_SEED + (2 if quick else 20))
+    points = []
+    for truth, options in (
+        (MAXWELL, {}), (FRACTIONAL, {}), (SINGLE_TIMES, {}), (GLASS, {}),
+        (MAXWELL, {"points": 3}), (FRACTIONAL, {"points": 3}),
+    ):  # fmt: skip
+        label = truth.name + (f", {options['points']} points a sweep" if options else "")
+        sets = [measured(truth, seed, **options) for seed in seeds]
+        timing = paired({label: _ours(sets[0], {})}, 1 if quick else 3)[label]
+        found = [_result(made, {}) for made in sets]
+        errors = [made.error(one.log10_aT.values) for made, one in zip(sets, found, strict=True)]
+        points.append(
+            Point(label, float(np.mean(errors)), timing.seconds,
+                  is_default=truth is MAXWELL and not options,
+                  extra={"worst (decades)": float(np.max(errors)),
+                         "95 % bars that hold (%)": 100.0 * _covered(sets, found)})
+        )  # fmt: skip
+    return Suite(
+        "master-curve-truths",
+        "Shifts of other materials",
+        "RMS error of log10 a_T (decades)",
+        points,
+        notes=[f"the default over {len(seeds)} seeds; 12 temperatures, 2 % noise"],
+    )
+
+
+def _covered(sets: list[Measured], found: list[MasterCurve]) -> float:
+    """Return how often the true shift lies within 1.96 stated standard uncertainties."""
+    hits: list[bool] = []
+    for made, one in zip(sets, found, strict=True):
+        off = np.abs(one.log10_aT.values - made.log10_aT)
+        at = int(np.argmin(np.abs(made.sweeps["temperature"].values - made.reference)))
+        hits += np.delete(off <= 1.96 * one.u_log10_aT.values, at).tolist()
+    return float(np.mean(hits))
 
 
 def _other_data(quick: bool) -> Suite:

@@ -104,6 +104,18 @@ def _fractional(omega: Floats) -> Complexes:
     return total
 
 
+def _single_times(omega: Floats) -> Complexes:
+    """Three single relaxation times: most sweeps hold no process of their own."""
+    z = 1j * omega[..., None] * np.array([2e-4, 1e-2, 0.3])
+    return np.asarray(2e7 + (z / (1.0 + z)) @ np.array([1.2e9, 4e8, 6e7]))
+
+
+def _glass(omega: Floats) -> Complexes:
+    """Return a stiff glass with a weak second process; the coldest sweeps hardly change."""
+    first, second = (1j * omega * 30.0) ** 0.4, (1j * omega * 1e-7) ** 0.22
+    return np.asarray(3e7 + 1.8e9 * first / (1.0 + first) + 4e8 * second / (1.0 + second))
+
+
 def _wlf(temperature: Floats) -> Floats:
     return np.asarray(-15.0 * (temperature - 40.0) / (210.0 + temperature))
 
@@ -117,3 +129,5 @@ def _kinked(temperature: Floats) -> Floats:
 
 MAXWELL = Truth("twenty Maxwell terms, WLF", 60.0, _maxwell, _wlf)
 FRACTIONAL = Truth("two fractional elements, kinked law", 40.0, _fractional, _kinked)
+SINGLE_TIMES = Truth("three single relaxation times, WLF", 60.0, _single_times, _wlf)
+GLASS = Truth("a glass of two fractional elements, kinked law", 60.0, _glass, _kinked)
