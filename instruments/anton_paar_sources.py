@@ -84,7 +84,6 @@ def workbook_rows(path: Path) -> Iterator[Row]:
     """
     _check_sizes(path)
     import openpyxl
-    from openpyxl.utils.exceptions import InvalidFileException
 
     try:
         # A stream, because the library would go by the file's extension.
@@ -95,7 +94,8 @@ def workbook_rows(path: Path) -> Iterator[Row]:
                 yield from _sheet_rows(path, sheet)
     except SourceError:
         raise
-    except (*_DAMAGE, InvalidFileException) as error:
+    except Exception as error:
+        # The library answers damage with KeyError, LookupError, TypeError, zlib's and others.
         raise _damaged(path, error) from None
 
 

@@ -1,12 +1,13 @@
 """Inputs that once ended in anything but a result or an error of labpipe, one case each."""
 
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from instruments import dice, keyence, mach1
+from instruments import anton_paar, dice, keyence, mach1
 from labpipe.errors import SourceError
 from tests.faults import fuzz, seeds
 
@@ -42,6 +43,18 @@ def test_it_is_refused_with_its_place(tmp_path: Path, name: str) -> None:
     with pytest.raises(SourceError, match=words) as caught:
         read(tmp_path / "a.txt")
     assert caught.value.line is not None
+
+
+def test_a_workbook_in_an_unknown_encoding_is_refused(tmp_path: Path) -> None:
+    parts = {
+        "[Content_Types].xml": "<?xml version='1.0' encoding='USF-8'?><Types/>",
+        "xl/sharedStrings.xml": "<t>Interval and data points:</t>",
+    }
+    with zipfile.ZipFile(tmp_path / "a.xlsx", "w") as archive:
+        for name, text in parts.items():
+            archive.writestr(name, text)
+    with pytest.raises(SourceError, match="workbook"):
+        anton_paar.read(tmp_path / "a.xlsx")
 
 
 FILTER = b"Load Cell Low-pass filter Cutoff frequency (Hz):\t"

@@ -64,7 +64,7 @@ def test_a_dataset_is_the_old_or_the_new_one_however_long_it_was_written(
         contents.append(path.read_bytes())
     rng = random.Random(5)
     cut = 0
-    for _ in range(amount(6, 200)):
+    for _ in range(amount(6, 100)):
         path.write_bytes(contents[0])
         cut += killed_after(
             rng.uniform(0.0, 0.06), lambda: files.write_dataset(path, dataset(2.0, 200_000))
@@ -165,7 +165,7 @@ def test_a_disk_that_fails_from_any_operation_on_is_named_and_spoils_nothing(
         shutil.rmtree(calm.folder)
     total = operations(tmp_path, lambda: run_toys(calm.root))
     assert total
-    for first in moments(total, amount(3, 10_000)):
+    for first in moments(total, amount(3, 25)):
         session = toy.make_session(tmp_path / str(first))
         if store == "damaged":
             run_toys(session.root)
