@@ -75,7 +75,7 @@ def cell(loads: xr.Dataset) -> list[Block]:
     if loads.attrs["calibration"].startswith("{"):
         blocks.append(pages.calibration_rows(loads.attrs["calibration"]))
     caption = "Budget for the largest force of the file"
-    return [*blocks, *pages.budget_table(json.loads(loads.attrs["budget"]), caption)]
+    return [*blocks, *pages.budget_table(json.loads(loads.attrs["budget"]), caption, "N")]
 
 
 def header_blocks(readings: xr.Dataset | None, loads: xr.Dataset | None, name: str) -> list[Block]:
