@@ -6,6 +6,7 @@ against the file first. Only what the films of a laboratory need is accepted: gr
 
 import os
 import struct
+import zlib
 from pathlib import Path
 from typing import NamedTuple
 
@@ -85,6 +86,26 @@ def _png(path: Path, head: bytes, tail: bytes) -> ImageHeader:
     _check_size(path, rows, columns, bits)
     fault = "" if tail == _PNG_END else "the PNG is cut off: its end mark is missing"
     return ImageHeader(rows, columns, bits, fault)
+
+
+def png_fault(path: Path) -> str:
+    """Say what is wrong with the parts of a PNG by their own checksums, or "".
+
+    A decoder would return nothing for such an image, or one that is not the one that was taken.
+    """
+    try:
+        data = memoryview(path.read_bytes())
+    except OSError as error:
+        return f"cannot be opened: {error.strerror}"
+    at = len(_PNG)
+    while at + 12 <= len(data):
+        end = at + 8 + int.from_bytes(data[at : at + 4], "big")
+        if end + 4 > len(data):
+            return f"the PNG's part at byte {at} ends behind the file"
+        if zlib.crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
+            return f"the PNG's part at byte {at} does not fit its checksum"
+        at = end + 4
+    return "" if at == len(data) else "the PNG goes on behind its last part"
 
 
 def _check_size(path: Path, rows: int, columns: int, bits: int) -> None:

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.image_headers import ImageHeader, read_headers
+from instruments.image_headers import ImageHeader, png_fault, read_headers
 from labpipe import files
 from labpipe.errors import InputError, SourceError
 
@@ -170,8 +170,10 @@ class ImageFrames:
         exposure: float | None,
         rows: slice = slice(None),
         columns: slice = slice(None),
+        faults: dict[int, str] | None = None,
     ) -> None:
         header = places[0].header
+        self._faults = {} if faults is None else faults  # views of one film share what is known
         self._places, self._time, self._exposure = list(places), time, exposure
         self._rows, self._columns = range(header.rows)[rows], range(header.columns)[columns]
         if not self._rows or not self._columns or self._rows.step != 1 or self._columns.step != 1:
@@ -195,8 +197,15 @@ class ImageFrames:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """False for images that are cut off."""
-        return np.array([not place.header.fault for place in self._places])
+        """False for images that are cut off, or that contradict their own checksums."""
+        return np.array([not self._fault(index) for index in range(len(self))])
+
+    def _fault(self, index: int) -> str:
+        if index not in self._faults:
+            place = self._places[index]
+            is_png = place.path.suffix.lower() == ".png"
+            self._faults[index] = place.header.fault or (png_fault(place.path) if is_png else "")
+        return self._faults[index]
 
     @property
     def levels(self) -> tuple[float, float]:
@@ -212,9 +221,10 @@ class ImageFrames:
         if not -len(self) <= index < len(self):
             message = f"frame {index} of {len(self)}"
             raise IndexError(message)
+        index %= len(self)
         place = self._places[index]
-        if place.header.fault:
-            raise SourceError(place.path, place.header.fault,
+        if fault := self._fault(index):
+            raise SourceError(place.path, fault,
                               hint="Use the frames marked in `.valid`.")  # fmt: skip
         image = _decode(place)
         expected = (place.header.rows, place.header.columns)
@@ -234,6 +244,7 @@ class ImageFrames:
             self._places, self._time, self._exposure,
             slice(inner.start, inner.stop, inner.step),
             slice(across.start, across.stop, across.step),
+            self._faults,
         )  # fmt: skip
 
 
