@@ -111,7 +111,7 @@ def test_a_run_killed_before_any_operation_is_finished_by_the_next(
     assert total > 100
     expected = toy.contents(calm)
     assert expected
-    for last in moments(total, amount(8, 10_000)):
+    for last in moments(total, amount(6, 60)):
         session = toy.make_session(tmp_path / str(last))
         assert operations(session.root, lambda folder=session.root: run(folder), last) is None
         run(session.root)
@@ -165,7 +165,7 @@ def test_a_disk_that_fails_from_any_operation_on_is_named_and_spoils_nothing(
         shutil.rmtree(calm.folder)
     total = operations(tmp_path, lambda: run_toys(calm.root))
     assert total
-    for first in moments(total, amount(3, 25)):
+    for first in moments(total, amount(3, 12)):
         session = toy.make_session(tmp_path / str(first))
         if store == "damaged":
             run_toys(session.root)
