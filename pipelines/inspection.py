@@ -19,6 +19,7 @@ _KNOWN = (
     "instrument", "model", "serial", "head", "start", "sampling_interval", "sampling_cycle",
     "storage_factor", "averaging", "layout", "encoding", "delimiter", "decimal",
 )  # fmt: skip
+_LOOK, _SHOWN = 4096, 60  # bytes of an unknown file that are looked at, characters that are shown
 _IRREGULAR = 0.01
 """Of the median interval: a step that differs by more is worth telling."""
 
@@ -71,7 +72,10 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
 
     import instruments
 
-    name = instruments.identify(file)
+    try:
+        name = instruments.identify(file)
+    except SourceError as error:
+        raise _with_a_look(file, error) from None
     given = options if name == "keyence" else {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -83,6 +87,25 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
     return {
         "reader": name, "kind": "table" if is_table else "film", **found, "problems": problems,
     }  # fmt: skip
+
+
+def _with_a_look(file: Path, error: SourceError) -> SourceError:
+    """Add what can be seen of a file that no instrument recognises."""
+    if not file.is_file():
+        return error
+    with file.open("rb") as opened:
+        head = opened.read(_LOOK)
+    try:
+        text = head.decode("utf-8", "strict" if len(head) < _LOOK else "ignore")
+    except UnicodeDecodeError:
+        text = ""
+    line = next((line.strip() for line in text.splitlines() if line.strip()), "")
+    if line.isprintable() and line:
+        seen = f'text that begins with "{line[:_SHOWN]}"'
+    else:
+        seen = f"{file.stat().st_size} bytes that begin with {head[:8]!r}" if head else "empty"
+    hint = f"It is {seen}. {error.hint}" if error.hint else f"It is {seen}."
+    return SourceError(file, error.message, hint=hint)
 
 
 def table(dataset: "xr.Dataset") -> dict[str, Any]:

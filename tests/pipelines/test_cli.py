@@ -124,6 +124,11 @@ def test_inspect_of_an_unknown_file_is_exit_3(
     code, _, err = run(capsys, "inspect", str(tmp_path / "x.bin"))
     assert code == 3
     assert "x.bin" in err
+    assert "It is 256 bytes that begin with b'\\x00\\x01" in err
+    (tmp_path / "notes.txt").write_text("\n  Monday: sphere 2\n", "utf-8")
+    code, _, err = run(capsys, "inspect", str(tmp_path / "notes.txt"))
+    assert code == 3
+    assert 'It is text that begins with "Monday: sphere 2". If you know' in err
 
 
 def test_simulate_writes_what_is_asked_for(
