@@ -34,7 +34,8 @@ def run(quick: bool) -> Suite:
     timings = paired({name: call for name, (_, call) in calls.items()}, 3 if quick else 7, 30.0)
     points = [
         Point(name, _error(timings[name].value), timings[name].seconds, group,
-              name == "events, eighth order", timings[name].cold_seconds)
+              name == "events, eighth order", timings[name].cold_seconds,
+              samples=timings[name].samples)
         for name, (group, _) in calls.items()
     ]  # fmt: skip
     return Suite(

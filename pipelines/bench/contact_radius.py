@@ -86,6 +86,7 @@ def _settings(scene: Scene, frames: int, repeats: int) -> Suite:
                 "" if name.endswith(("fringes", "fringe", "ellipse", "compared")) else _PEER,
                 is_default=name == _DEFAULT,
                 cold_seconds=timing.cold_seconds,
+                samples=timing.samples,
                 peak_bytes=peak_bytes(contenders[name]),
                 extra={
                     "bias (µm)": float(np.nanmean(error)) if np.isfinite(rms) else None,

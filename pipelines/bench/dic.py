@@ -81,6 +81,7 @@ def run(quick: bool) -> Suite:
                 contender.group,
                 is_default=name == _DEFAULT,
                 cold_seconds=timing.cold_seconds,
+                samples=timing.samples,
                 peak_bytes=peak_bytes(calls[name]),
                 extra={
                     "bias (px)": float(np.abs(np.nanmean(bias, axis=1)).max()),

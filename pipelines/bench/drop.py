@@ -118,7 +118,8 @@ def _measure(
         points.append(
             Point(
                 setting.name, error(found), timing.seconds, setting.group, setting.is_default,
-                timing.cold_seconds, extra={"bounces": int(found.sizes["impact"])},
+                timing.cold_seconds, samples=timing.samples,
+                extra={"bounces": int(found.sizes["impact"])},
             )
         )  # fmt: skip
     return points, speed_up(points, timings)

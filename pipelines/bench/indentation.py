@@ -161,7 +161,7 @@ def _measured(
     return [
         Point(
             name, error(timings[name].value), timings[name].seconds, group, name == default,
-            timings[name].cold_seconds,
+            timings[name].cold_seconds, samples=timings[name].samples,
         )
         for name, (group, _) in calls.items()
     ]  # fmt: skip
@@ -179,7 +179,8 @@ def _tapping(quick: bool, solid: _Solid) -> Suite:
     timings = paired({name: call for name, (_, call) in calls.items()}, 1 if quick else 3, 60.0)
     points = [
         Point(name, _tapping_error(timings[name].value, solid), timings[name].seconds, group,
-              name == "adaptive, rtol 1e-05", timings[name].cold_seconds)
+              name == "adaptive, rtol 1e-05", timings[name].cold_seconds,
+              samples=timings[name].samples)
         for name, (group, _) in calls.items()
     ]  # fmt: skip
     return Suite(

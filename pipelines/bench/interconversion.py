@@ -55,6 +55,7 @@ def run(quick: bool) -> Suite:
                 group,
                 is_default=label == f"secular equation, {_COMPARED} terms",
                 cold_seconds=timings[label].cold_seconds,
+                samples=timings[label].samples,
                 peak_bytes=peak_bytes(call),
                 extra={"times": error_of_time, "weights": error_of_weight},
             )

@@ -58,6 +58,7 @@ def run(quick: bool) -> list[Suite]:
             group,
             is_default=name == "any solid",
             cold_seconds=timing.cold_seconds,
+            samples=timing.samples,
             peak_bytes=peak_bytes(call),
             extra={
                 "largest (s)": float(np.abs(late).max(initial=0.0)),

@@ -67,6 +67,7 @@ def _against_peers(name: str, truth: Truth, quick: bool) -> Suite:
                 peers[label][0] if label in peers else "",
                 is_default=label == "free shifts",
                 cold_seconds=timing.cold_seconds,
+                samples=timing.samples,
                 peak_bytes=peak_bytes(calls[label]),
                 extra={"worst (decades)": float(np.max(errors))},
             )

@@ -50,6 +50,8 @@ class Point:
         The first run of the process, compilation or cache loading included (s).
     peak_bytes : int, optional
         Most memory in use at once during one run.
+    samples : tuple of float, optional
+        The warm runs in order (s), of contenders that ran in turn: for ratios run by run.
     extra : mapping of str to number or text, optional
         Further columns of the table, unit in the name ("bias (px)").
     """
@@ -62,6 +64,7 @@ class Point:
     cold_seconds: float | None = None
     peak_bytes: int | None = None
     extra: Extra = field(default_factory=dict)
+    samples: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if self.seconds < 0 or math.isinf(self.seconds):

@@ -50,6 +50,7 @@ def _suite(name: str, truth: Truth, quick: bool) -> Suite:
                 group,
                 is_default=label == f"{TERMS_PER_DECADE} terms/decade",
                 cold_seconds=timings[label].cold_seconds,
+                samples=timings[label].samples,
                 peak_bytes=peak_bytes(call),
                 extra={
                     "storage, worst (%)": 100.0 * float(np.max(np.abs(storage))),

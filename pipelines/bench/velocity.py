@@ -36,6 +36,7 @@ def run(quick: bool) -> Suite:
                 group,
                 is_default=name == "spline",
                 cold_seconds=timing.cold_seconds,
+                samples=timing.samples,
                 peak_bytes=peak_bytes(call),
                 extra={
                     "near contacts (m/s)": contact,

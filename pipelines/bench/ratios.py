@@ -1,0 +1,109 @@
+"""Ours beside the thesis's methods and peers at equal error, in one table.
+
+For every other method the most accurate of its settings is taken, and of ours the fastest that errs
+no more; where none of ours is as accurate, our default, and the table shows who errs less. Times
+are compared run by run, as the contenders of a suite ran in turn on the same data.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from labpipe.report import Column, Table, number
+from pipelines.bench.measure import OURS, Point, Suite
+
+
+@dataclass(frozen=True, slots=True)
+class Ratio:
+    """One other method: its error over ours, and its run time over ours with its spread.
+
+    ``lowest`` and ``highest`` are NaN where runs were not taken in turn.
+    """
+
+    suite: str
+    what: str
+    other: str
+    ours: str
+    error: float
+    time: float
+    lowest: float
+    highest: float
+
+
+def ratios_of(suite: Suite) -> list[Ratio]:
+    """Return one ratio for every group of a suite that is not ours.
+
+    Parameters
+    ----------
+    suite : Suite
+        Points without an error or a run time are left out, and so is a suite without a diagram.
+    """
+    if not suite.has_diagram:
+        return []
+    points = [p for p in suite.points if p.seconds > 0 and math.isfinite(p.error)]
+    ours = [p for p in points if p.group == OURS]
+    groups = dict.fromkeys(p.group for p in points if p.group != OURS)
+    if not ours:
+        return []
+    return [
+        _ratio(suite, min((p for p in points if p.group == group), key=lambda p: p.error), ours)
+        for group in groups
+    ]
+
+
+def _ratio(suite: Suite, other: Point, ours: Sequence[Point]) -> Ratio:
+    as_good = [p for p in ours if p.error <= other.error]
+    defaults = [p for p in ours if p.is_default] or list(ours)
+    mine = min(as_good, key=lambda p: p.seconds) if as_good else defaults[0]
+    group = other.setting if other.group in other.setting else f"{other.group}: {other.setting}"
+    error = other.error / mine.error if mine.error > 0 else math.inf
+    if mine.samples and len(mine.samples) == len(other.samples):
+        pairs = [b / a for a, b in zip(mine.samples, other.samples, strict=True)]
+        # Rows of a suite may be of unequal work (per point and frame): times say by how much.
+        per_run = (other.seconds / mine.seconds) / (median(other.samples) / median(mine.samples))
+        time, lowest, highest = (per_run * f for f in (median(pairs), min(pairs), max(pairs)))
+    else:
+        time, lowest, highest = other.seconds / mine.seconds, math.nan, math.nan
+    return Ratio(suite.name, suite.title, group, mine.setting, error, time, lowest, highest)
+
+
+def table(suites: Iterable[Suite]) -> Table | None:
+    """Return the ratios of all suites, or None when there are none."""
+    rows = [ratio for suite in suites for ratio in ratios_of(suite)]
+    if not rows:
+        return None
+    columns = (
+        Column("part"),
+        Column("other method"),
+        Column("ours"),
+        Column("its error / ours", digits=3),
+        Column("its time / ours", digits=3),
+        Column("lowest", digits=3),
+        Column("highest", digits=3),
+    )
+    cells = [
+        (r.suite, r.other, r.ours, *map(_known, (r.error, r.time, r.lowest, r.highest)))
+        for r in rows
+    ]
+    return Table(columns, cells)
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def markdown(suites: Iterable[Suite]) -> str:
+    """Return the same as a table in Markdown."""
+    head = ("part", "other method", "ours", "its error / ours", "its time / ours (spread)")
+    lines = [f"| {' | '.join(head)} |", "|---|---|---|---|---|"]
+    for suite in suites:
+        for r in ratios_of(suite):
+            spread = "" if math.isnan(r.lowest) else f" ({_short(r.lowest)} – {_short(r.highest)})"
+            lines.append(f"| {r.suite} | {r.other} | {r.ours} | {_short(r.error)} | "
+                         f"{_short(r.time)}{spread} |")  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def _short(value: float) -> str:
+    return number(value, 2)
