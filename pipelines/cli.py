@@ -38,6 +38,7 @@ COMMANDS: dict[str, Command] = {
     "export": Command(f"{_HOME}.export:export", "Write results as csv, netCDF, MATLAB or JSON."),
     "compare": Command(f"{_HOME}.compare:compare", "Compare measurement and model on one page."),
     "catalogue": Command(f"{_HOME}.catalogue:catalogue", "List many sessions as one table."),
+    "identify": Command(f"{_HOME}.identify:identify", "Find the material behind the experiments."),
     "figures": Command(f"{_HOME}.figures:figures", "Draw the thesis's figures by number."),
     "simulate": Command(f"{_HOME}.simulate:simulate", "Run the bundled simulator alone."),
     "sample": Command(f"{_HOME}.sample:sample", "Write a synthetic session with its truth."),

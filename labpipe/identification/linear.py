@@ -119,6 +119,7 @@ def stiffness_evidence(
     *,
     slope_by: Mapping[str, Array] | None = None,
     factors: tuple[str, ...] = (),
+    offsets: Mapping[str, Array] | None = None,
     fuller: Fuller | None = None,
 ) -> Evidence:
     """Take the dynamic stiffness of an oscillating punch as evidence.
@@ -138,6 +139,8 @@ def stiffness_evidence(
         Derivative of ``slope`` by unknowns, such as the zero of depth.
     factors : tuple of str
         Unknowns that multiply every stiffness.
+    offsets : mapping of str to array (2 n,)
+        Derivative of storage, then loss stiffness by unknowns that only add, such as a phase.
     fuller : Fuller, optional
         A simulation of the finite amplitude; numbers are storage, then loss.
     """
@@ -148,7 +151,7 @@ def stiffness_evidence(
     omega = 2.0 * np.pi * frequency
     model = LinearModel(
         twice[:, None] * reduced, (1.0 / float(omega.max()), 1.0 / float(omega.min())), shifts,
-        {f: np.ones(twice.size) for f in factors}, {}, fuller,
+        {f: np.ones(twice.size) for f in factors}, dict(offsets or {}), fuller,
     )  # fmt: skip
     groups = tuple(
         Group(f"{label} stiffness", values, u, frequency, "N/m", "frequency", "Hz")

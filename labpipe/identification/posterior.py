@@ -103,6 +103,8 @@ class Moduli:
         Those of the prior.
     derivatives : array (2 n, parameter)
         Of the logarithms (storage, then loss factor) by standard coordinates.
+    data : tuple of float [Hz]
+        Lowest and highest frequency of which the observations tell.
     """
 
     frequency: Array
@@ -113,13 +115,18 @@ class Moduli:
     prior_ln_storage: Array
     prior_ln_loss_factor: Array
     derivatives: Array
+    data: tuple[float, float]
 
     @property
     def is_determined(self) -> NDArray[np.bool_]:
-        """Where the data at least halve both standard deviations."""
+        """Where the data at least halve both standard deviations, inside their own range.
+
+        Beyond it everything is extrapolation: a spectrum that the prior holds for likely.
+        """
         storage = self.u_ln_storage < DETERMINED * self.prior_ln_storage
         loss = self.u_ln_loss_factor < DETERMINED * self.prior_ln_loss_factor
-        return np.asarray(storage & loss)
+        is_inside = (self.frequency >= self.data[0]) & (self.frequency <= self.data[1])
+        return np.asarray(storage & loss & is_inside)
 
 
 def moduli(known: Posterior, frequency: Array) -> Moduli:
@@ -146,7 +153,17 @@ def moduli(known: Posterior, frequency: Array) -> Moduli:
     u = np.sqrt(np.diag(known.carried(by_xi)))
     prior = _prior_spread(spectrum_draws(known), bases)
     half = frequency.size
-    return Moduli(frequency, storage, loss / storage, u[:half], u[half:], prior[0], prior[1], by_xi)
+    return Moduli(
+        frequency, storage, loss / storage, u[:half], u[half:], prior[0], prior[1], by_xi,
+        frequencies(known),
+    )  # fmt: skip
+
+
+def frequencies(known: Posterior) -> tuple[float, float]:
+    """Return the lowest and highest frequency in Hz of which the observations tell."""
+    windows = [each.model.window for each in known.fit.problem.evidence]
+    longest, shortest = max(w[1] for w in windows), min(w[0] for w in windows)
+    return 0.5 / np.pi / longest, 0.5 / np.pi / shortest
 
 
 def spectrum_draws(known: Posterior) -> Array:

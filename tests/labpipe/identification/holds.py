@@ -32,7 +32,12 @@ def exact_force(solid: Prony, lag: np.ndarray) -> np.ndarray:
 
 
 def hold_problem(
-    seed: int, *, longest: float = 600.0, relative: float = 2e-3, gain: float = 5e-3
+    seed: int,
+    *,
+    longest: float = 600.0,
+    relative: float = 2e-3,
+    gain: float = 5e-3,
+    rho: np.ndarray | None = None,
 ) -> Problem:
     """A hold with noise and a gain that is only known to ``gain``."""
     rng = np.random.default_rng(seed)
@@ -42,9 +47,8 @@ def hold_problem(
     force = (
         clean * (1 + gain * rng.standard_normal()) * (1 + relative * rng.standard_normal(lag.size))
     )
-    spectrum = SmoothSpectrum(
-        relaxation_times(float(lag[0]), float(lag[-1])), 0.5, (float(lag[0]), float(lag[-1]))
-    )
+    rho = relaxation_times(float(lag[0]), float(lag[-1])) if rho is None else rho
+    spectrum = SmoothSpectrum(rho, 0.5, (float(lag[0]), float(lag[-1])))
     basis = lee_radok_basis(time, area, spectrum.rho, 0.5)[22::2]
     evidence = force_evidence("hold", lag, force, relative * clean, basis, factors=("gain",))
     return Problem(

@@ -1,0 +1,100 @@
+"""The command identify: the material behind the experiments of a session."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from pipelines.commands.options import echo, echo_json, json_option, session_argument
+
+if TYPE_CHECKING:
+    from pipelines.identify import Identified
+
+STEM = "identify_"
+
+
+@click.command()
+@session_argument
+@click.option(
+    "--experiments",
+    "-e",
+    multiple=True,
+    metavar="NAME",
+    help="Only these; all that can tell of a material by default. Repeatable.",
+)
+@click.option(
+    "--prior",
+    metavar="dma|NAME",
+    help="Take the moduli of the session's rheometer experiment as prior.",
+)
+@click.option(
+    "--spectrum",
+    type=click.Choice(["smooth", "fractional"]),
+    default="smooth",
+    show_default=True,
+    help="Family of relaxation spectra.",
+)
+@click.option(
+    "--impacts",
+    default=6,
+    show_default=True,
+    type=click.IntRange(min=1, max=100),
+    help="Bounces of a drop that count.",
+)
+@click.option(
+    "--no-profile",
+    is_flag=True,
+    help="Do not examine whether the long-time modulus is determined (faster).",
+)
+@json_option
+def identify(session: Path, experiments: tuple[str, ...], prior: str | None, spectrum: str,
+             impacts: int, no_profile: bool, as_json: bool) -> None:  # fmt: skip
+    r"""Find the materials behind the experiments in SESSION, with honest intervals.
+
+    Drops, contact films, relaxations and harmonic indentations of one material are fitted
+    together. What is missing is processed first. One page and one netCDF file per material:
+    SESSION/labpipe/identify_MATERIAL.html and .nc.
+
+    \b
+    Example:
+      labpipe identify my-session
+      labpipe identify my-session -e acrylic_5mm -e acrylic_10mm
+      labpipe identify my-session -e nbr_relaxation --prior dma
+    """
+    from labpipe import files
+    from pipelines import process
+    from pipelines.identify import Wish
+    from pipelines.identify import identify as found_in
+    from pipelines.identify_page import render
+    from pipelines.identify_result import dataset, document
+
+    wish = Wish(experiments, prior, spectrum, impacts, not no_profile)
+    found = found_in(session, wish, say=_say)
+    opened = process.open_session(session)
+    documents = []
+    for one in found:
+        stem = STEM + "".join(c if c.isalnum() or c in "-_" else "_" for c in one.material)
+        page, result = opened.folder / f"{stem}.html", opened.folder / f"{stem}.nc"
+        files.write_dataset(result, dataset(one))
+        files.write_text(page, render(opened, one))
+        documents.append(document(one) | {"page": str(page), "result": str(result)})
+        if not as_json:
+            for text in lines(one):
+                echo(text)
+            echo(f"page: {page}")
+    if as_json:
+        echo_json(documents)
+
+
+def _say(text: str) -> None:
+    """Tell a terminal what goes on; a file or a pipe gets nothing."""
+    if sys.stderr.isatty():
+        click.echo(text, err=True)
+
+
+def lines(found: "Identified") -> list[str]:
+    """Return the main results as lines of text."""
+    from pipelines.identify_page import relaxed_text, statements
+
+    return [f"{found.material}: {relaxed_text(found)}", *(f"  {s}" for s in statements(found))]

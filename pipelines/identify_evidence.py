@@ -1,0 +1,488 @@
+"""How the results of each kind of experiment become evidence on its material."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe import contact
+from labpipe.errors import InputError, UsageError
+from labpipe.identification import (
+    Bounces,
+    DropModel,
+    Evidence,
+    Parameter,
+    drop_evidence,
+    force_evidence,
+    lee_radok_basis,
+    modulus_evidence,
+    stiffness_evidence,
+)
+from labpipe.materials import Prony
+from labpipe.signals import common_fit
+from labpipe.uncertainty import combined
+from labpipe.workflow.session import Experiment, Session
+from pipelines import process
+from pipelines.experiments import holds, mach1_file
+from pipelines.experiments.indentation import Geometry, elastic_force, relative_sources
+from pipelines.experiments.material import resolve
+from pipelines.experiments.plate import plate_inputs, resolve_plate
+from pipelines.experiments.relaxation import elastic_area
+
+Array = NDArray[np.float64]
+
+_DELAYS = 20.0  # time constants of the cell's filter after which it leaves a relaxation as it is
+_SHIFT = 1e-7  # m of first touch by which a derivative is found
+_LEAST_RELATIVE = 5e-4  # of a force: bins of a hold are not known better than their model of time
+_SPECIMEN = 0.05  # relative: what a rheometer's clamp and the specimen's size leave uncertain
+_PER_DECADE = 2  # frequencies of the rheometer's moduli
+_LEAST_NOISE = (0.01, 0.03)  # relative, of its storage and loss modulus
+
+
+@dataclass(frozen=True, eq=False)
+class Proof:
+    """One experiment, ready to become evidence once the relaxation times are chosen.
+
+    Attributes
+    ----------
+    material : str
+    nu : float
+    window : tuple of float [s]
+        Shortest and longest time of which it tells.
+    unknowns : tuple of Parameter
+        What it leaves unknown besides the material.
+    build : callable
+        Takes relaxation times (term,) and returns the evidence.
+    """
+
+    material: str
+    nu: float
+    window: tuple[float, float]
+    unknowns: tuple[Parameter, ...]
+    build: Callable[[Array], Evidence]
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What a kind of experiment needs and how it is gathered; a text says why it cannot be."""
+
+    stages: tuple[str, ...]
+    gather: Callable[[Session, Experiment, int], Proof | str]
+    holder: str
+
+    def material(self, experiment: Experiment) -> str:
+        """Return how the session names the material."""
+        choice = getattr(experiment.settings, self.holder)
+        return str(choice.material or choice.material_from or choice.material_file)
+
+
+def _solid(session: Session, experiment: Experiment, holder: str) -> Prony:
+    """Return the material that the session assumes: only its Poisson's ratio is used."""
+    choice = getattr(experiment.settings, holder)
+    if choice.material_from is not None:
+        fitted = process.result(session.root, choice.material_from, "master_curve")
+        return resolve(choice, None, fitted)
+    file = None if choice.material_file is None else session.root / choice.material_file
+    return resolve(choice, file, None)
+
+
+def _nuisance(name: str, mean: float, sd: float, unit: str, text: str) -> Parameter:
+    return Parameter(name, mean, sd, unit, text, is_nuisance=True)
+
+
+def _body(experiment: Experiment) -> tuple[dict[str, str], list[Parameter]]:
+    """Return mass and radius of a sphere; equal spheres are one."""
+    sphere = experiment.settings.sphere  # type: ignore[attr-defined]
+    names, unknowns = {}, []
+    for role, given, text in (
+        ("mass", sphere.mass, "mass that moves"),
+        ("radius", sphere.radius, "radius of the sphere"),
+    ):
+        if given.u > 0.0:
+            names[role] = f"{role} {given.value:g} {given.si}"
+            unknowns.append(_nuisance(names[role], given.value, given.u, given.si, text))
+    return names, unknowns
+
+
+def _drop_model(
+    session: Session, experiment: Experiment, names: dict[str, str], unknowns: list[Parameter]
+) -> DropModel:
+    """Return the model of a drop, with the plate's mass among its unknowns."""
+    settings: Any = experiment.settings
+    found = None
+    if settings.plate_from is not None:
+        found = process.result(session.root, settings.plate_from, "plate")
+    plate = resolve_plate(settings.plate, found)
+    mass = plate_inputs(settings.plate, found).get("mass")
+    if plate is not None and mass is not None and mass.u > 0.0:
+        names["plate"] = "mass of the plate"
+        unknowns.append(
+            _nuisance(names["plate"], plate.mass, mass.u, "kg", "modal mass of the plate")
+        )
+    empty = np.empty(0, dtype=np.int64)
+    return DropModel(
+        settings.sphere.radius.value, settings.sphere.mass.value, settings.height.value,
+        settings.model.gravity.value, empty, empty, empty, 0.0, 0.0, names,
+        settings.model.profile, plate, settings.model.rtol,
+    )  # fmt: skip
+
+
+def _height(experiment: Experiment, heights: Array) -> Parameter:
+    """Return the mean height of the repeats: the stated one, as far as it is repeated."""
+    given = experiment.settings.height  # type: ignore[attr-defined]
+    spread = float(np.std(heights, ddof=1)) if heights.size > 1 else 0.0
+    sd = float(np.hypot(given.u, spread / np.sqrt(max(heights.size, 1))))
+    if sd == 0.0:
+        message = (
+            f"{experiment.name}: the height is stated without an uncertainty; write it as "
+            f'"{given.value * 1e3:g} ± 0.01 mm"'
+        )
+        raise InputError(message)
+    name = f"{experiment.name} height"
+    return _nuisance(name, given.value, sd, "m", "mean height of the drops")
+
+
+def _ball_drop(session: Session, experiment: Experiment, impacts: int) -> Proof | str:
+    settings: Any = experiment.settings
+    made = [
+        process.result(session.root, experiment.name, "bounces", file) for file in settings.laser
+    ]
+    count = min(impacts + 1, *(b.sizes["impact"] for b in made))
+    if count < 2:
+        return "fewer than two impacts were seen"
+    touch = np.array([b["touch_time"].values[:count] - float(b["touch_time"][0]) for b in made])
+    own = np.array([b["u_touch_time"].values[:count] for b in made])
+    n = len(made)
+    u_touch = np.maximum(np.sqrt(np.mean(own**2, axis=0)), _scatter(touch)) / np.sqrt(n)
+    table = process.result(session.root, experiment.name, "repeats").isel(impact=slice(count))
+    names, unknowns = _body(experiment)
+    height = _height(experiment, np.array([float(b["drop_height"]) for b in made]))
+    trigger = _nuisance(
+        f"{experiment.name} trigger", 0.0, float(u_touch[0]), "s", "delay of the first contact"
+    )
+    names |= {"height": height.name, "trigger": trigger.name}
+    unknowns += [height, trigger]
+    none = np.full(count, np.nan)
+    seen = Bounces(
+        touch.mean(axis=0), u_touch, table["contact_duration"].values[:count],
+        table["u_contact_duration"].values[:count], none, none,
+    )  # fmt: skip
+    return _proof_of_drop(session, experiment, seen, names, unknowns)
+
+
+def _scatter(touch: Array) -> Array:
+    """Return the scatter (impact,) of times between repeats that their heights do not explain.
+
+    All times go with the root of the height: what repeats have in common with the mean is height.
+    """
+    if len(touch) < 3:
+        return np.zeros(touch.shape[1])
+    mean = touch.mean(axis=0)
+    share = touch @ mean / (mean @ mean)
+    rest = touch - share[:, None] * mean
+    return np.asarray(np.sqrt(np.sum(rest**2, axis=0) / (len(touch) - 1)))
+
+
+def _contact_area(session: Session, experiment: Experiment, impacts: int) -> Proof | str:
+    made = process.result(session.root, experiment.name, "impacts")
+    count = min(impacts, made.sizes["impact"])
+    if not count:
+        return "no impact was seen in the film"
+    film = process.result(session.root, experiment.name, "radius")
+    relative = float(film.attrs["u_systematic_relative"])
+    radius = made["peak_radius"].values[:count]
+    u = np.sqrt(np.maximum(made["u_peak_radius"].values[:count] ** 2 - (relative * radius) ** 2,
+                           (_LEAST_RELATIVE * radius) ** 2))  # fmt: skip
+    names, unknowns = _body(experiment)
+    height = _height(experiment, np.empty(0))
+    pixel = _nuisance(f"{experiment.name} scale", 1.0, relative, "1", "scale of the film")
+    names |= {"height": height.name, "pixel": pixel.name}
+    unknowns += [height, pixel]
+    none = np.full(count, np.nan)
+    seen = Bounces(none, none, none, none, radius, u)
+    return _proof_of_drop(session, experiment, seen, names, unknowns)
+
+
+def _proof_of_drop(
+    session: Session, experiment: Experiment, seen: Bounces, names: dict[str, str],
+    unknowns: list[Parameter],
+) -> Proof:  # fmt: skip
+    model = _drop_model(session, experiment, names, unknowns)
+    evidence = drop_evidence(experiment.name, seen, model)
+    solid = _solid(session, experiment, "sphere")
+    return Proof(
+        KINDS[experiment.kind].material(experiment), float(solid.nu), evidence.model.window,
+        tuple(unknowns), lambda rho: evidence,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Punched:
+    """What relaxation and harmonic indentation share."""
+
+    geometry: Geometry
+    nu: float
+    unknowns: list[Parameter]
+    factors: tuple[str, ...]
+
+
+def _punched(session: Session, experiment: Experiment, loads: xr.Dataset, depth: float
+             ) -> _Punched | str:  # fmt: skip
+    settings: Any = experiment.settings
+    if settings.punch is None or settings.substrate is None:
+        return "session.toml names no punch and no substrate"
+    nu = float(_solid(session, experiment, "substrate").nu)
+    geometry = Geometry.of(settings.punch, settings.substrate, settings.model, nu)
+    unknowns, factors = [], []
+    relative = combined(relative_sources(depth, 0.0, geometry))
+    gain = float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
+    for name, sd, text in (
+        ("punch", relative, "effect of the punch's dimensions on the force"),
+        ("load cell", gain, "gain of the load cell"),
+    ):
+        if sd > 0.0:
+            unknowns.append(_nuisance(name, 1.0, sd, "1", text))
+            factors.append(name)
+    return _Punched(geometry, nu, unknowns, tuple(factors))
+
+
+def _relaxation(session: Session, experiment: Experiment, impacts: int) -> Proof | str:
+    del impacts
+    settings: Any = experiment.settings
+    parts = []
+    for number, file in enumerate(settings.mach1):
+        loads, ramps, curves = (
+            process.result(session.root, experiment.name, stage, file)
+            for stage in ("loads", "ramps", "curves")
+        )
+        if not np.isfinite(float(ramps["contact_position"])):
+            return f"first touch was not found in {file}"
+        shared = _punched(session, experiment, loads, float(ramps["depth"].max()))
+        if isinstance(shared, str):
+            return shared
+        label = experiment.name + (f" {number + 1}" if len(settings.mach1) > 1 else "")
+        parts.append(_Hold(label, loads, ramps, curves, shared))
+    unknowns = [p for part in parts for p in part.unknowns]
+    lags = np.concatenate([part.lag for part in parts])
+    return Proof(
+        KINDS[experiment.kind].material(experiment), parts[0].shared.nu,
+        (float(lags.min()), float(lags.max())), tuple(unknowns),
+        lambda rho: _joined(experiment.name, [part.evidence(rho) for part in parts]),
+    )  # fmt: skip
+
+
+class _Hold:
+    """Ramps and holds of one file as evidence."""
+
+    def __init__(self, label: str, loads: xr.Dataset, ramps: xr.Dataset, curves: xr.Dataset,
+                 shared: _Punched) -> None:  # fmt: skip
+        self.label, self.loads, self.shared = label, loads, shared
+        self.touch = float(ramps["contact_position"])
+        declared = mach1_file.declared_filter(loads)
+        quickest = 0.0 if declared is None else _DELAYS / (2.0 * np.pi * declared["cutoff"])
+        kept = (curves["lag"].values >= quickest) & np.isfinite(curves["force"].values)
+        ramp, place = np.nonzero(kept)
+        self.lag = curves["lag"].values[place]
+        self.force = curves["force"].values[kept]
+        self.u = np.maximum(curves["u_force"].values[kept], _LEAST_RELATIVE * self.force)
+        self.at = self._clock_of(ramp)
+        self.zero = _nuisance(f"{label} first touch", 0.0, float(ramps["u_contact_position"]), "m",
+                              "stage position of first touch")  # fmt: skip
+        self.tare = _nuisance(
+            f"{label} tare", 0.0, max(float(loads["u_tare"]), 1e-6), "N", "zero of the force"
+        )
+
+    @property
+    def unknowns(self) -> list[Parameter]:
+        return [*self.shared.unknowns, self.zero, self.tare]
+
+    def _clock_of(self, ramp: NDArray[np.intp]) -> Array:
+        """Return the file's time (reading,) of every lag."""
+        clock, time = mach1_file.clock(self.loads), self.loads["time"].values
+        begins = [clock[h.rows.start] - time[h.rows.start] + h.end for h in holds.find(self.loads)]
+        return np.asarray(np.array(begins)[ramp] + self.lag)
+
+    def basis(self, rho: Array, shift: float) -> Array:
+        clock = mach1_file.clock(self.loads)
+        depth = self.loads["position_z"].values - self.touch - shift
+        kept = mach1_file.history(clock, depth)
+        area = elastic_area(depth[kept], self.shared.geometry)
+        made = lee_radok_basis(clock[kept], area, rho, self.shared.nu)
+        return np.column_stack([np.interp(self.at, clock[kept], column) for column in made.T])
+
+    def evidence(self, rho: Array) -> Evidence:
+        basis = self.basis(rho, 0.0)
+        shifted = (self.basis(rho, _SHIFT) - basis) / _SHIFT
+        return force_evidence(
+            self.label, self.lag, self.force, self.u, basis, shifts={self.zero.name: shifted},
+            factors=self.shared.factors, offsets=(self.tare.name,),
+        )  # fmt: skip
+
+
+def _joined(name: str, parts: list[Evidence]) -> Evidence:
+    """Return the holds of several files as one experiment."""
+    from labpipe.identification.joined import JoinedModel
+
+    if len(parts) == 1:
+        return parts[0]
+    groups = tuple(g for part in parts for g in part.groups)
+    return Evidence(name, groups, JoinedModel(tuple(part.model for part in parts)))
+
+
+def _harmonic(session: Session, experiment: Experiment, impacts: int) -> Proof | str:
+    del impacts
+    settings: Any = experiment.settings
+    loads, waves = (
+        process.result(session.root, experiment.name, stage) for stage in ("loads", "oscillations")
+    )
+    touch, _ = mach1_file.contact_position(loads, settings.contact)
+    mean = waves["mean_position"].values - touch.value
+    shared = _punched(session, experiment, loads, float(mean.max()))
+    if isinstance(shared, str):
+        return shared
+    if mean.min() <= 0.0:
+        return "an oscillation lies above first touch"
+    frequency = waves["frequency"].values
+    zero = _nuisance(f"{experiment.name} first touch", 0.0, touch.u, "m",
+                     "stage position of first touch")  # fmt: skip
+    phase = _nuisance(f"{experiment.name} filter", 0.0, 1.0, "1",
+                      "phase of the cell's filter, in units of its uncertainty")  # fmt: skip
+    omega = 2.0 * np.pi * frequency
+
+    def slope(shift: float) -> Array:
+        ends = [elastic_force(mean - shift + s * _SHIFT, shared.geometry) for s in (1, -1)]
+        return np.asarray((ends[0] - ends[1]) / (2.0 * _SHIFT))
+
+    def build(rho: Array) -> Evidence:
+        storage, loss, by_phase = _stiffness(waves)
+        return stiffness_evidence(
+            experiment.name, frequency, storage, loss, slope(0.0), rho, shared.nu,
+            slope_by={zero.name: (slope(_SHIFT) - slope(-_SHIFT)) / (2.0 * _SHIFT)},
+            factors=shared.factors, offsets={phase.name: by_phase},
+            fuller=_Oscillation(loads, waves, touch.value, shared.geometry, zero.name),
+        )  # fmt: skip
+
+    return Proof(
+        KINDS[experiment.kind].material(experiment), shared.nu,
+        (1.0 / float(omega.max()), 1.0 / float(omega.min())),
+        (*shared.unknowns, zero, phase), build,
+    )  # fmt: skip
+
+
+def _stiffness(waves: xr.Dataset) -> tuple[tuple[Array, Array], tuple[Array, Array], Array]:
+    """Return storage and loss with their random part, and what one deviation of phase does.
+
+    The filter's unknown type turns all phases the same way: it is one unknown, not noise.
+    """
+    storage, loss = waves["storage_stiffness"].values, waves["loss_stiffness"].values
+    u_phase = waves["u_phase_lag"].values
+    by_phase = np.concatenate([loss * u_phase, -storage * u_phase])
+    u = np.concatenate([waves[f"u_{n}_stiffness"].values for n in ("storage", "loss")])
+    size = np.hypot(storage, loss)
+    least = np.concatenate([_LEAST_RELATIVE * size, _LEAST_RELATIVE * size])
+    own = np.sqrt(np.maximum(u**2 - by_phase**2, least**2))
+    return (storage, own[: storage.size]), (loss, own[storage.size :]), by_phase
+
+
+@dataclass(frozen=True, eq=False)
+class _Oscillation:
+    """Stiffness of the whole simulated file: finite amplitude, edges that come and go."""
+
+    loads: xr.Dataset
+    waves: xr.Dataset
+    touch: float
+    geometry: Geometry
+    zero: str
+
+    def __call__(self, material: Prony, given: Any) -> Array:
+        geometry, time = self.geometry, mach1_file.clock(self.loads)
+        depth = self.loads["position_z"].values - self.touch - given[self.zero]
+        kept = mach1_file.history(time, depth)
+        made = contact.indent(
+            material, geometry.radius.value, geometry.period.value,
+            geometry.depth.value * geometry.tips, time[kept], depth[kept],
+            profile=geometry.model.profile, thickness=geometry.thickness,
+            elements=geometry.model.elements,
+        )  # fmt: skip
+        force = np.interp(time, time[kept], made["force"].values)
+        storage, loss = [], []
+        for i in range(self.waves.sizes["oscillation"]):
+            at = self.waves.isel(oscillation=i)
+            rows = mach1_file.rows(self.loads, int(at["block"]))
+            clock = self.loads["time"].values[rows]
+            used = (clock >= float(at["begin"])) & (clock <= float(at["end"]))
+            position = self.loads["position_z"].values[rows][used]
+            wave = common_fit(clock[used], position, force[rows][used], float(at["frequency"]))
+            storage.append(wave.storage_stiffness)
+            loss.append(wave.loss_stiffness)
+        return np.array(storage + loss)
+
+
+KINDS: dict[str, Kind] = {
+    "ball_drop": Kind(("bounces", "repeats"), _ball_drop, "sphere"),
+    "contact_area": Kind(("radius", "impacts"), _contact_area, "sphere"),
+    "relaxation": Kind(("loads", "ramps", "curves"), _relaxation, "substrate"),
+    "harmonic": Kind(("loads", "oscillations"), _harmonic, "substrate"),
+}
+"""Kinds that tell of a material."""
+
+
+def dma_prior(
+    session: Session, wanted: str, experiments: list[Experiment], rho: Array
+) -> tuple[Evidence, Parameter]:
+    """Return the moduli of a rheometer experiment, at the temperature of the others, as prior.
+
+    Raises
+    ------
+    UsageError
+        There is no such experiment, or it is not clear which one is meant.
+    """
+    name = _rheometer(session, wanted, experiments)
+    process.process(session.root, [f"{name}/master_curve"], [name])
+    fitted = process.result(session.root, name, "master_curve")
+    choice = next(
+        getattr(e.settings, KINDS[e.kind].holder) for e in experiments
+    )  # all are of one material
+    solid = resolve(choice if choice.material_from else _plain(choice, name), None, fitted)
+    sweeps = process.result(session.root, name, "sweeps")
+    frequency = sweeps["frequency"].values
+    shift = 10.0 ** fitted["log10_aT"].values
+    own = float(solid.rho[0] / fitted["rho"].values[0]) if len(solid.rho) else 1.0
+    low, high = frequency.min() * shift.min() / own, frequency.max() * shift.max() / own
+    places = np.geomspace(low, high, max(int(np.log10(high / low) * _PER_DECADE), 2))
+    modulus = solid.complex_modulus(2.0 * np.pi * places)
+    u = [noise * part for noise, part in zip(_LEAST_NOISE, (modulus.real, modulus.imag),
+                                             strict=True)]  # fmt: skip
+    scale = _nuisance(f"{name} specimen", 1.0, _SPECIMEN, "1", "size of the rheometer's specimen")
+    evidence = modulus_evidence(
+        name, places, (modulus.real, u[0]), (modulus.imag, u[1]), rho, factors=(scale.name,)
+    )
+    return evidence, scale
+
+
+def _plain(choice: Any, name: str) -> Any:
+    import msgspec
+
+    return msgspec.structs.replace(choice, material=None, material_file=None, material_from=name)
+
+
+def _rheometer(session: Session, wanted: str, experiments: list[Experiment]) -> str:
+    sweeps = [n for n, e in session.experiments.items() if e.kind == "dma"]
+    if wanted in sweeps:
+        return wanted
+    if wanted != "dma":
+        message = f'there is no rheometer experiment "{wanted}"; known are {", ".join(sweeps)}'
+        raise UsageError(message)
+    named = {
+        getattr(e.settings, KINDS[e.kind].holder).material_from for e in experiments
+    } - {None}  # fmt: skip
+    if len(named) == 1:
+        return str(named.pop())
+    if len(sweeps) == 1:
+        return sweeps[0]
+    found = ", ".join(sweeps) or "none"
+    message = f"which rheometer experiment is the prior? Give --prior NAME; there are: {found}"
+    raise UsageError(message)

@@ -1,0 +1,364 @@
+"""The page of an identification: the answer first, then why it may be believed."""
+
+from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.identification import bands, moduli
+from labpipe.identification.posterior import Band as Prediction
+from labpipe.report import (
+    Band,
+    Bars,
+    Block,
+    Column,
+    Document,
+    KeyValues,
+    LineChart,
+    Notice,
+    Paragraph,
+    Picture,
+    Section,
+    Series,
+    Table,
+    quantity,
+)
+from labpipe.workflow.session import Session
+from pipelines.identify import Identified
+from pipelines.identify_result import dataset, verdicts
+from pipelines.overview import PAGE
+from pipelines.pages import SYNTHETIC, synthetic_notice
+
+Array = NDArray[np.float64]
+
+_REACH = 1.96
+_IN_CORNER = 6  # unknowns that the corner plot shows, the best determined ones
+_MOST_COMBINATIONS = 12
+_LOUD = 2.5  # standard deviations by which a nuisance may leave its prior without a remark
+
+
+def render(session: Session, found: Identified) -> str:
+    """Return the page as HTML text.
+
+    Parameters
+    ----------
+    session : Session
+    found : Identified
+    """
+    head: tuple[Block, ...] = (synthetic_notice(),) if session.synthetic else ()
+    sections = (
+        Section("Answer", (*head, *_answer(found))),
+        Section("Moduli over frequency", _curves(found)),
+        Section("Fit and residuals", _fits(found)),
+        Section("Unknowns", _unknowns(found)),
+        Section("What the data determine", _combinations(found)),
+        Section("Method", _method(found)),
+    )
+    return Document(
+        title=f"Identification: {found.material}",
+        subtitle=session.title,
+        badge=SYNTHETIC if session.synthetic else "",
+        home=PAGE,
+        sections=sections,
+    ).render()
+
+
+def relaxed_text(found: Identified) -> str:
+    """Say what is known of the long-time modulus."""
+    value, low, high = found.known.interval(0)
+    if found.relaxed is None:
+        return (
+            f"E_relaxed {quantity(value, 'Pa')}, {quantity(low, 'Pa')} to {quantity(high, 'Pa')} "
+            "if it is determined at all, which was not examined"
+        )
+    if found.relaxed.verdict == "identified":
+        ends = f"{quantity(found.relaxed.low, 'Pa')} to {quantity(found.relaxed.high, 'Pa')}"
+        return f"E_relaxed {quantity(value, 'Pa')} (95 %: {ends})"
+    texts = {
+        "only an upper limit": f"below {quantity(found.relaxed.high, 'Pa')} (95 %)",
+        "only a lower limit": f"above {quantity(found.relaxed.low, 'Pa')} (95 %)",
+        "not identifiable": "without any limit",
+    }
+    return f"E_relaxed is not identifiable from these experiments: {texts[found.relaxed.verdict]}"
+
+
+def statements(found: Identified) -> list[str]:
+    """Return what else a reader must know, one sentence each."""
+    known = found.known
+    texts = [_at_middle(found)]
+    texts.append(
+        f"{known.n_determined} of {len(known.fit.xi)} combinations of unknowns are known better "
+        "from the data than before"
+    )
+    for (experiment, group), misfit in known.fit.misfits.items():
+        texts.append(
+            f"{experiment}, {group}: the model misses by {100 * misfit.relative:.2g} % more than "
+            "the stated uncertainties explain; the intervals allow for it"
+        )
+    for i, parameter in enumerate(known.fit.problem.parameters):
+        away = float(known.fit.xi[i])
+        if parameter.is_nuisance and abs(away) > _LOUD:
+            texts.append(
+                f"{parameter.name} lies {abs(away):.1f} standard deviations from what is stated"
+            )
+    if not known.fit.is_settled:
+        texts.append("the fit did not settle; take the intervals with care")
+    return [*texts, *found.remarks]
+
+
+def _at_middle(found: Identified) -> str:
+    """Say modulus and loss where the data know them best."""
+    made = dataset(found)
+    spread = made["u_ln_storage"].values ** 2 + made["u_ln_loss_factor"].values ** 2
+    inside = made["is_determined"].values.astype(bool)
+    if not inside.any():
+        return "modulus and loss are not determined at any frequency"
+    best = int(np.argmin(np.where(inside, spread, np.inf)))
+    frequency = float(made["frequency"][best])
+    storage, loss = float(made["storage"][best]), float(made["loss_factor"][best])
+    u, u_loss = (float(made[f"u_ln_{n}"][best]) for n in ("storage", "loss_factor"))
+    return (
+        f"best known at {quantity(frequency, 'Hz')}: storage modulus {quantity(storage, 'Pa')} "
+        f"± {100 * u:.2g} %, loss factor {loss:.3g} ± {100 * u_loss:.2g} %"
+    )
+
+
+def _answer(found: Identified) -> tuple[Block, ...]:
+    is_known = found.relaxed is not None and found.relaxed.verdict == "identified"
+    first = Notice("ok" if is_known else "warning", relaxed_text(found))
+    rows = [("experiments", ", ".join(e.name for e in found.known.fit.problem.evidence), "")]
+    rows += [(f"{i + 1}", text, "") for i, text in enumerate(statements(found))]
+    return first, KeyValues(rows)
+
+
+def _curves(found: Identified) -> tuple[Block, ...]:
+    made = dataset(found)
+    frequency = made["frequency"].values
+    low, high = float(made["lowest_frequency"]), float(made["highest_frequency"])
+    marks = (("data begin", low), ("data end", high))
+    charts: list[Block] = []
+    for name, title, label in (
+        ("storage", "Storage modulus", "storage modulus / Pa"),
+        ("loss_factor", "Loss factor", "loss factor"),
+    ):
+        value, u = made[name].values, made[f"u_ln_{name}"].values
+        wide = np.minimum(_REACH * u, np.log(1e3))
+        series: list[Series | Band] = [
+            Band("95 % of the posterior", frequency, value * np.exp(-wide), value * np.exp(wide)),
+            Series("most probable", frequency, value, role="model"),
+        ]
+        if found.prior is not None:
+            before = moduli(found.prior, frequency)
+            values = before.storage if name == "storage" else before.loss_factor
+            series.append(Series("rheometer alone", frequency, values, role="reference"))
+        charts.append(
+            LineChart(
+                title, "frequency / Hz", label, series, group="frequency", x_scale="log",
+                y_scale="log", vlines=marks,
+            )
+        )  # fmt: skip
+    spreads = [
+        Series(
+            f"{name}, {'after' if prefix == 'u' else 'before'}", frequency,
+            made[f"{prefix}_ln_{key}"].values, role="model" if prefix == "u" else "reference",
+        )
+        for key, name in (("storage", "storage modulus"), ("loss_factor", "loss factor"))
+        for prefix in ("u", "prior")
+    ]  # fmt: skip
+    text = (
+        "Outside the two marks nothing was observed: there the curves follow the prior, and the "
+        "bands say how far a spectrum usually goes astray."
+    )
+    chart = LineChart(
+        "Prior against posterior", "frequency / Hz", "standard deviation of the logarithm",
+        spreads, group="frequency", x_scale="log", y_scale="log", vlines=marks,
+    )  # fmt: skip
+    return Paragraph(text), *charts, chart
+
+
+def _fits(found: Identified) -> tuple[Block, ...]:
+    made = bands(found.known)
+    rows = [
+        (
+            b.evidence, b.group.name, b.group.values.size, b.chi_square / b.group.values.size,
+            100 * b.misfit.relative, b.misfit.correlation,
+        )
+        for b in made
+    ]  # fmt: skip
+    table = Table(
+        (
+            Column("experiment"), Column("quantity"), Column("n"),
+            Column("chi square / n", digits=3), Column("discrepancy", "%", digits=2),
+            Column("correlation of neighbours", digits=2),
+        ),
+        rows,
+        caption="chi square over the stated uncertainties alone; a discrepancy is taken where it "
+        "exceeds its 99 % quantile",
+    )  # fmt: skip
+    charts = [chart for b in made for chart in _fit_charts(b)]
+    return table, *charts
+
+
+def _fit_charts(shown: Prediction) -> tuple[Block, ...]:
+    group = shown.group
+    if group.values.size < 2:
+        return ()
+    order = np.argsort(group.axis, kind="stable")
+    axis = group.axis[order]
+    scale = "log" if axis[0] > 0 and axis[-1] / axis[0] > 100 else "linear"
+    values, u = group.values[order], group.u[order]
+    predicted, wide = shown.predicted[order], _REACH * shown.u_predicted[order]
+    label = f"{group.axis_name} / {group.axis_units}" if group.axis_units != "1" else "impact"
+    title = f"{shown.evidence}: {group.name}"
+    fit = LineChart(
+        title, label, f"{group.name} / {group.units}",
+        (
+            Band("95 % of the prediction", axis, predicted - wide, predicted + wide),
+            Series("predicted", axis, predicted, role="model"),
+            Series("observed", axis, values, "points", "measured", u),
+        ),
+        group=title, x_scale="log" if scale == "log" else "linear",
+    )  # fmt: skip
+    rest = LineChart(
+        f"{title}, residuals", label, "observed − predicted, in deviations",
+        (Series("residual", axis, shown.residual[order], "points", "residual"),),
+        group=title, x_scale="log" if scale == "log" else "linear", height_px=180,
+    )  # fmt: skip
+    return fit, rest
+
+
+def _unknowns(found: Identified) -> tuple[Block, ...]:
+    made = dataset(found)
+    texts = verdicts(found)
+    rows = []
+    for i, parameter in enumerate(found.known.fit.problem.parameters):
+        ends = [float(made[n][i]) for n in ("low", "high", "prior_low", "prior_high")]
+        shown = [quantity(e, parameter.unit) if isfinite(e) else "none" for e in ends]
+        rows.append((
+            parameter.name, parameter.text, quantity(float(made["value"][i]), parameter.unit),
+            f"{shown[0]} to {shown[1]}", f"{shown[2]} to {shown[3]}", texts[i],
+        ))  # fmt: skip
+    table = Table(
+        (
+            Column("unknown"), Column("what it is"), Column("most probable"),
+            Column("95 % after the data"), Column("95 % before"), Column("verdict"),
+        ),
+        rows, sortable=False,
+    )  # fmt: skip
+    picture = Picture(corner(found), "corner plot of the best determined unknowns",
+                      "68 % and 95 % of the normal approximation, in standard deviations of the "
+                      "prior; dotted: the prior's own 68 %.", 640)  # fmt: skip
+    profile: tuple[Block, ...] = ()
+    if found.relaxed is not None and found.relaxed.values.size > 1:
+        profile = (
+            LineChart(
+                "Profile of the long-time modulus", "E_relaxed / Pa", "rise of −ln likelihood",
+                (
+                    Series("all others follow", found.relaxed.values,
+                           np.minimum(found.relaxed.rise, 10.0), role="model"),
+                    Series("95 %", found.relaxed.values[[0, -1]], [1.92, 1.92], role="reference"),
+                ),
+                x_scale="log",
+                caption="Where the curve stays below the line the data do not object.",
+            ),
+        )  # fmt: skip
+    return table, *profile, picture
+
+
+def corner(found: Identified) -> bytes:
+    """Draw the joint distributions of the best determined unknowns as a PNG file."""
+    from matplotlib.figure import Figure
+
+    from labpipe.report import figure_style, line_arguments
+    from labpipe.report.style import figure_bytes
+
+    known = found.known
+    chosen = np.sort(np.argsort(known.sd)[:_IN_CORNER])
+    if 0 not in chosen:
+        chosen = np.concatenate([[0], chosen[:-1]])
+    names = [known.fit.problem.parameters[i].name for i in chosen.tolist()]
+    turn = np.linspace(0.0, 2.0 * np.pi, 90)
+    circle = np.stack([np.cos(turn), np.sin(turn)])
+    with figure_style(columns=2, aspect=1.0):
+        figure = Figure()
+        axes = figure.subplots(len(chosen), len(chosen), squeeze=False)
+        for i, row in enumerate(chosen.tolist()):
+            for j, column in enumerate(chosen.tolist()):
+                panel = axes[i, j]
+                panel.tick_params(labelsize=5)
+                if j > i:
+                    panel.set_axis_off()
+                    continue
+                if i == j:
+                    _bell(panel, float(known.fit.xi[row]), float(known.sd[row]))
+                else:
+                    part = known.covariance[np.ix_([column, row], [column, row])]
+                    root = np.linalg.cholesky(part + 1e-15 * np.eye(2))
+                    for reach in (1.515, 2.448):  # 68 % and 95 % of two dimensions
+                        ring = known.fit.xi[[column, row], None] + reach * root @ circle
+                        panel.plot(*ring, **line_arguments("model"))
+                if i == len(chosen) - 1:
+                    panel.set_xlabel(names[j], fontsize=5)
+                if j == 0:
+                    panel.set_ylabel(names[i], fontsize=5)
+        return figure_bytes(figure, "png", 160)
+
+
+def _bell(panel: "object", at: float, sd: float) -> None:
+    from typing import Any, cast
+
+    from labpipe.report import line_arguments
+
+    axes = cast("Any", panel)
+    x = np.linspace(at - 4 * sd, at + 4 * sd, 120)
+    axes.plot(x, np.exp(-0.5 * ((x - at) / sd) ** 2), **line_arguments("model"))
+    axes.axvspan(-1.0, 1.0, alpha=0.08)
+    axes.set_xlim(x[0], x[-1])
+    axes.set_yticks([])
+
+
+def _combinations(found: Identified) -> tuple[Block, ...]:
+    known = found.known
+    parameters = known.fit.problem.parameters
+    rows = []
+    for value, vector in zip(known.singular_values[:_MOST_COMBINATIONS], known.combinations,
+                             strict=False):  # fmt: skip
+        order = np.argsort(-np.abs(vector))[:4]
+        text = ", ".join(f"{vector[i]:+.2f} {parameters[i].name}" for i in order.tolist())
+        rows.append((float(value), "yes" if value > 1.0 else "no", text))
+    table = Table(
+        (Column("singular value", digits=3), Column("determined"), Column("mostly made of")),
+        rows,
+        caption="Combinations of unknowns, in standard deviations of their prior; a singular value "
+        "says how many times better than the prior the data know one.",
+        sortable=False,
+    )
+    bars = Bars(
+        "Part of the prior's variance that the data took",
+        [
+            (p.name, float(np.clip(1.0 - sd**2, 0.0, 1.0)), "")
+            for p, sd in zip(parameters, known.sd.tolist(), strict=True)
+        ],
+    )
+    return table, bars
+
+
+def _method(found: Identified) -> tuple[Block, ...]:
+    fit = found.known.fit
+    starts = ", ".join(f"{c:.4g}" for c in fit.costs_from_starts)
+    text = (
+        "Least squares in coordinates in which the prior is standard normal, from several starts; "
+        "costlier models (finite amplitude, a ringing plate, finer steps) correct the fast ones "
+        "until nothing changes. Intervals are Laplace's; that of the long-time modulus is its "
+        "profile likelihood. The spectrum is a random walk over the decades: within two standard "
+        "deviations a factor of ten per decade, twice as much where there are no data. Poisson's "
+        "ratio is taken as stated: only E/(1 − ν²) is observed. What relaxes after hours counts as "
+        "relaxed."
+    )
+    rows = [
+        ("cost from the starts", starts, "half the sum of squares; fits from a start end roughly"),
+        ("cost at the end", f"{fit.cost:.4g}", ""),
+        ("runs of all models", str(fit.evaluations), ""),
+        ("derivatives of all models", str(fit.differentiations), ""),
+    ]
+    return Paragraph(text, copyable=True), KeyValues(rows)

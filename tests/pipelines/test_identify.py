@@ -1,0 +1,100 @@
+import contextlib
+import io
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labpipe import files, materials
+from labpipe.errors import UsageError
+from pipelines.cli import main
+from pipelines.identify import Wish, identify
+from pipelines.identify_evidence import KINDS
+from pipelines.process import open_session
+
+
+@pytest.fixture(scope="module")
+def rubber(processed_session: Path, tmp_path_factory: pytest.TempPathFactory):
+    """What the harmonic indentation of the small session tells, by the command line."""
+    folder = tmp_path_factory.mktemp("identified") / "session"
+    shutil.copytree(processed_session, folder)
+    said = io.StringIO()
+    with pytest.raises(SystemExit) as left, contextlib.redirect_stdout(said):
+        main(["identify", str(folder), "-e", "nbr", "--json"])
+    assert left.value.code == 0
+    files.write_text(folder / "said.json", said.getvalue())
+    return folder
+
+
+def test_indentation_finds_the_rigs_modulus_where_it_oscillated(rubber: Path) -> None:
+    found = files.read_dataset(rubber / "labpipe/identify_nbr.nc")
+    truth = materials.load("nbr").complex_modulus(2 * np.pi * found["frequency"].values)
+    known = found["is_determined"].values == 1
+    assert known.any()
+    for name, exact in (("storage", truth.real), ("loss_factor", truth.imag / truth.real)):
+        gap = np.log(found[name].values / exact) / found[f"u_ln_{name}"].values
+        assert np.abs(gap[known]).max() < 3
+
+
+def test_indentation_alone_does_not_claim_the_long_time_modulus(rubber: Path) -> None:
+    found = files.read_dataset(rubber / "labpipe/identify_nbr.nc")
+    assert str(found["verdict"].values[0]) == "only an upper limit"
+    assert float(found["high"][0]) > materials.load("nbr").E_relaxed
+    page = (rubber / "labpipe/identify_nbr.html").read_text(encoding="utf-8")
+    assert "not identifiable from these experiments" in page
+    assert "Synthetic data" in page
+
+
+def test_result_is_a_material_again(rubber: Path) -> None:
+    found = files.read_dataset(rubber / "labpipe/identify_nbr.nc")
+    solid = materials.Prony(
+        float(found["E_relaxed"]), found["E"].values, found["rho"].values, nu=float(found["nu"])
+    )
+    at = found["frequency"].values
+    assert np.allclose(solid.complex_modulus(2 * np.pi * at).real, found["storage"].values)
+
+
+def test_document_names_the_unknowns_with_verdicts(rubber: Path) -> None:
+    (document,) = json.loads((rubber / "said.json").read_text(encoding="utf-8"))
+    assert document["E_relaxed"]["verdict"] == "only an upper limit"
+    verdicts = {row["name"]: row["verdict"] for row in document["unknowns"]}
+    assert verdicts["level"] == "determined by the data"
+    assert verdicts["nbr filter"] in {"determined by the data", "known from the prior only"}
+    assert document["frequency_range"][0] == pytest.approx(1.0, rel=0.02)
+
+
+def test_moduli_outside_the_data_are_never_called_determined(rubber: Path) -> None:
+    found = files.read_dataset(rubber / "labpipe/identify_nbr.nc")
+    known = found["frequency"].values[found["is_determined"].values == 1]
+    assert known.min() >= float(found["lowest_frequency"])
+    assert known.max() <= float(found["highest_frequency"])
+
+
+def test_drop_becomes_evidence_without_the_scatter_of_its_heights(processed_session: Path) -> None:
+    session = open_session(processed_session)
+    proof = KINDS["ball_drop"].gather(session, session.experiments["drop"], 2)
+    evidence = proof.build(np.array([1e-3]))
+    touch, duration = evidence.groups
+    assert touch.name == "time of touch"
+    assert touch.u.max() < 2e-5
+    assert duration.values.min() > 5e-4
+    names = {p.name for p in proof.unknowns}
+    assert {"drop height", "drop trigger"} <= names
+    # the true material predicts what was seen, within height and readings
+    given = {p.name: p.mean for p in proof.unknowns}
+    model = replace(evidence.model, rtol=1e-4)
+    predicted = model.refined(materials.load("acrylic"), given)
+    assert np.abs(predicted / evidence.values - 1).max() < 0.03
+
+
+def test_unknown_experiment_is_named(processed_session: Path) -> None:
+    with pytest.raises(UsageError, match="there is no experiment steel"):
+        identify(processed_session, Wish(("steel",)))
+
+
+def test_prior_without_a_rheometer_is_refused(processed_session: Path) -> None:
+    with pytest.raises(UsageError, match="there are: none"):
+        identify(processed_session, Wish(("nbr",), prior="dma", with_profile=False))
