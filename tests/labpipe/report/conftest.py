@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from labpipe.report import MAX_PAGE_BYTES
+
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))),
     None,
@@ -236,6 +238,31 @@ class Charts:
             f"document.querySelectorAll('figure.chart')[{place}].dataset.window"
         )
         return [float(part) for part in text.split()]
+
+
+def assert_fit_to_read(path: Path, profile: Path) -> None:
+    """Open a report on a phone and on a large screen: quiet, alone, whole, and small enough."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine; the report is not looked at")
+    window = Browser(profile)
+    try:
+        for width, scheme in ((400, "dark"), (2000, "light")):
+            window.media(prefers_color_scheme=scheme)
+            window.open(path, width=width)
+            assert window.complaints() == []
+            assert window.requests() == [path.as_uri()]
+            assert window.run("document.documentElement.scrollWidth") <= width
+        drawn = "[...document.querySelectorAll('figure.chart')].map(f => Boolean(f.dataset.window))"
+        assert all(window.run(drawn))
+        assert window.run("document.querySelectorAll('.gallery .frame.is-shown').length") == 1
+        canvas = "document.querySelector('.uplot canvas').toDataURL()"
+        before = window.run(canvas)
+        window.run("document.querySelector('.gallery-next').click()")
+        window.settle()
+        assert window.run(canvas) != before, "the chart does not mark the frame that is shown"
+    finally:
+        window.close()
+    assert path.stat().st_size <= MAX_PAGE_BYTES
 
 
 @pytest.fixture

@@ -22,6 +22,7 @@ from pipelines.rig.film_session import (
 from pipelines.rig.film_under import UnderCamera
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.samples import session_head
+from tests.labpipe.report.conftest import assert_fit_to_read
 
 CAMERA = UnderCamera(samples=3, moments=2)
 
@@ -92,6 +93,12 @@ def test_the_page_shows_the_fitted_circles(session: Path) -> None:
     page = (session / "labpipe/reports/acrylic_film.html").read_text("utf-8")
     assert "Key frames with the fitted circle" in page
     assert len(page.encode()) < 3_000_000
+
+
+def test_the_page_is_fit_to_read(session: Path, tmp_path: Path) -> None:
+    page = session / "labpipe/reports/acrylic_film.html"
+    assert "Raw header of film/" in page.read_text("utf-8")
+    assert_fit_to_read(page, tmp_path)
 
 
 def test_the_figure_shows_the_spots_with_the_model_s_circles(session: Path, tmp_path: Path) -> None:

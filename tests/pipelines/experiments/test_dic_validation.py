@@ -16,6 +16,7 @@ from pipelines.rig.fall import DropRig
 from pipelines.rig.film_front import FrontCamera
 from pipelines.rig.film_session import front_record, front_section, under_record, write_front
 from pipelines.rig.samples import drop_section, laser_record, session_head
+from tests.labpipe.report.conftest import assert_fit_to_read
 
 CAMERA = FrontCamera(rows=72, columns=48, frame_rate=4000, duration=0.075, release=0.006)
 HEIGHT = 1.5e-3
@@ -75,6 +76,12 @@ def test_the_page_shows_key_frames_and_counts_what_was_read(session: Path) -> No
     assert "Key frames with the tracked subsets" in page
     assert "bytes read" in page
     assert len(page.encode()) < 3_000_000
+
+
+def test_the_page_is_fit_to_read(session: Path, tmp_path: Path) -> None:
+    page = session / "labpipe/reports/film.html"
+    assert "Raw header of film/" in page.read_text("utf-8")
+    assert_fit_to_read(page, tmp_path)
 
 
 def test_the_figures_show_the_line_of_subsets(session: Path, tmp_path: Path) -> None:
