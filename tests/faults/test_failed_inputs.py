@@ -51,7 +51,7 @@ def test_every_kind_of_experiment_is_tried() -> None:
 def test_every_page_tells_why_there_are_no_results(tmp_path: Path, what: str) -> None:
     folder = session(tmp_path / "session", GARBAGE[what])
     result = process(folder, jobs=0)
-    assert result.exit_code == 1
+    assert result.exit_code == 3
     assert unexpected(result) == []
     for kind in KINDS:
         page = (folder / f"labpipe/reports/{kind}.html").read_text("utf-8")

@@ -21,8 +21,11 @@ NETWORK = {"socket", "ssl", "http", "ftplib", "smtplib", "urllib.request", "xmlr
 
 
 def modules_of(path: Path) -> set[str]:
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    text = path.read_text("utf-8")
+    found: set[str] = set()
+    if not any(name.split(".")[0] in text for name in NETWORK):
+        return found
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
             found |= {name.name for name in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
