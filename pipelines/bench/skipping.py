@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -18,6 +19,8 @@ import instruments
 from instruments import phantom_writer
 from labpipe import contact, imaging, materials
 from labpipe.contact.memory import Creep, advance, history, step_weights
+from pipelines import process as verbs
+from pipelines.bench import sessions
 from pipelines.bench.dic import make_film
 from pipelines.bench.measure import Point, Suite, paired
 from pipelines.experiments import dic_validation
@@ -59,6 +62,9 @@ def run(quick: bool) -> Suite:
             _frames_without_contact(128 if quick else 800),
             _rows_outside(Path(folder)),
             _bytes_instead_of_floats(quick),
+            _subsets_asked_for(),
+            _one_reference(8 if quick else 40),
+            _steps_behind_a_target(Path(folder)),
             _folded_terms(),
             _memory(400 if quick else 1500),
             _imports(),
@@ -241,6 +247,83 @@ def _bytes_instead_of_floats(quick: bool) -> Shortcut:
         "0.0001 px",
         _counted("pixels_read"),
         "pixels",
+    )
+
+
+def _subsets_asked_for() -> Shortcut:
+    """Follow the four points that are wanted, not the whole field to choose from afterwards."""
+    film, _ = make_film(256, 5, 2.0)
+    axis = np.arange(30.0, 226.0, 14.0)
+    field = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    wanted = np.array([0, len(axis) - 1, len(field) // 2, len(field) - 1])
+
+    def difference(short: xr.Dataset, whole: xr.Dataset) -> float:
+        return float(np.abs(short["dx"].values - whole["dx"].values[:, wanted]).max() / 1e-4)
+
+    return Shortcut(
+        "image correlation: the subsets asked for",
+        lambda: imaging.track(film, field[wanted]),
+        lambda: imaging.track(film, field),
+        difference,
+        "0.0001 px",
+        _counted("subsets_solved"),
+        "subsets",
+    )
+
+
+def _one_reference(count: int) -> Shortcut:
+    """Prepare the reference once and start from the motion, not anew for every frame."""
+    film, _ = make_film(128, count, 2.0)
+    points = np.array([[48.0, 48.0], [80.0, 48.0], [64.0, 80.0]])
+
+    def anew() -> xr.Dataset:
+        pairs = [imaging.track(film, points, select=[k]) for k in range(count)]
+        found = xr.concat(pairs, "frame", combine_attrs="drop")
+        evaluations = float(found["iterations"].sum())
+        found.attrs["work"] = json.dumps({"iterations": evaluations})
+        return found
+
+    def once() -> xr.Dataset:
+        found = imaging.track(film, points)
+        return found.assign_attrs(work=json.dumps({"iterations": float(found["iterations"].sum())}))
+
+    def difference(short: xr.Dataset, whole: xr.Dataset) -> float:
+        return float(np.abs(short["dx"].values - whole["dx"].values).max() / 1e-3)
+
+    return Shortcut(
+        "image correlation: one reference, start from the motion",
+        once,
+        anew,
+        difference,
+        "0.001 px",
+        _counted("iterations"),
+        "iterations",
+    )
+
+
+def _steps_behind_a_target(folder: Path) -> Shortcut:
+    """Compute the bounces alone when only they are wanted, not models and reports."""
+    original = folder / "quick session"
+    sessions.write_quick(original)
+    numbers = itertools.count()
+
+    def process(to: str | None) -> tuple[Path, int]:
+        copy = folder / f"run {next(numbers)}"
+        shutil.copytree(original, copy)
+        outcome = verbs.process(copy, None if to is None else [to], jobs=0)
+        return copy, sum(o.state == "done" for o in outcome.outcomes)
+
+    def difference(short: tuple[Path, int], whole: tuple[Path, int]) -> float:
+        return abs(sessions.restitution_error(short[0]) - sessions.restitution_error(whole[0]))
+
+    return Shortcut(
+        "session: the steps behind a target (--to bounces)",
+        lambda: process("bounces"),
+        lambda: process(None),
+        difference,
+        "the same numbers",
+        lambda found: float(found[1]),
+        "steps",
     )
 
 

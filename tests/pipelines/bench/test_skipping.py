@@ -25,13 +25,15 @@ def test_no_shortcut_of_the_simulator_changes_more_than_it_may() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["rest", "contact", "rows", "bytes"])
+@pytest.mark.parametrize("kind", ["rest", "contact", "rows", "bytes", "subsets", "reference"])
 def test_no_shortcut_of_a_film_changes_more_than_it_may(kind: str, tmp_path: Path) -> None:
     shortcut = {
         "rest": lambda: skipping._rest_in_a_film(tmp_path, 400),
         "contact": lambda: skipping._frames_without_contact(112),
         "rows": lambda: skipping._rows_outside(tmp_path),
         "bytes": lambda: skipping._bytes_instead_of_floats(quick=True),
+        "subsets": skipping._subsets_asked_for,
+        "reference": lambda: skipping._one_reference(5),
     }[kind]()
     short, whole = shortcut.short(), shortcut.whole()
     assert shortcut.difference(short, whole) <= 1.0
