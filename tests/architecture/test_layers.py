@@ -29,6 +29,7 @@ GROUND = {
     "numbers",
     "binary",
     "uncertainty",
+    "propagation",
 }
 BELOW = {
     "signals": set(),
