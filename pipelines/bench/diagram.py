@@ -1,6 +1,7 @@
 """The work–precision diagram: error against run time, both logarithmic."""
 
 import math
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,6 +19,8 @@ _MARKER, _DEFAULT_MARKER = 5.0, 8.0
 #: An error of exactly 0 has no place on a logarithmic axis; it is drawn this far below the least.
 _ZERO_BELOW = 10.0
 _LEAST = 1e-17
+#: What stands along the height of a diagram.
+_LABEL_CHARACTERS = 42
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +56,7 @@ def draw(suite: Suite) -> bytes:
         _draw_bounds(axes, suite)
         axes.margins(0.12, 0.15)
         axes.set_xlabel(suite.time_label)
-        axes.set_ylabel(suite.error_label)
+        axes.set_ylabel(textwrap.fill(suite.error_label, _LABEL_CHARACTERS))
         figure.legend(loc="outside right upper")
         return figure_bytes(figure, "svg")
 
