@@ -41,6 +41,7 @@ COMMANDS: dict[str, Command] = {
     "identify": Command(f"{_HOME}.identify:identify", "Find the material behind the experiments."),
     "figures": Command(f"{_HOME}.figures:figures", "Draw the thesis's figures by number."),
     "simulate": Command(f"{_HOME}.simulate:simulate", "Run the bundled simulator alone."),
+    "sweep": Command(f"{_HOME}.sweep:sweep", "Map the simulator over its parameters."),
     "sample": Command(f"{_HOME}.sample:sample", "Write a synthetic session with its truth."),
     "bench": Command(f"{_HOME}.bench:bench", "Measure accuracy against run time of every part."),
     "doctor": Command(f"{_HOME}.system:doctor", "Check the installation and a session's store."),

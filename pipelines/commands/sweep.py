@@ -1,0 +1,87 @@
+"""The command sweep: maps of the simulator over its parameters."""
+
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pipelines.commands.options import echo, echo_json, json_option
+
+
+@click.command()
+@click.argument("simulator", type=click.Choice(["drop", "indent"]))
+@click.option("--vary", multiple=True, metavar="NAME=VALUES",
+              help='"height = 1 mm : 10 mm : 7", ": log" for equal ratios, or a list.')  # fmt: skip
+@click.option("--set", "fixed", multiple=True, metavar="NAME=VALUE",
+              help='A parameter that does not vary; with "±" and --draws it is drawn.')  # fmt: skip
+@click.option("--draws", type=click.IntRange(min=0), default=0, help="Random draws per point.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
+              help="Of the draws.")  # fmt: skip
+@click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path),
+              help="netCDF file; the page lies beside it.")  # fmt: skip
+@click.option("--jobs", "-j", type=click.IntRange(min=0), default=1, show_default=True,
+              help="Local processes; 0 for one per processor.")  # fmt: skip
+@click.option("--cluster", help="Address of a Dask scheduler, tcp://host:port.")
+@json_option
+def sweep(
+    simulator: str,
+    vary: tuple[str, ...],
+    fixed: tuple[str, ...],
+    draws: int,
+    seed: int,
+    out: Path,
+    jobs: int,
+    cluster: str | None,
+    as_json: bool,
+) -> None:
+    r"""Simulate every combination of some parameters; the results are one netCDF and a page.
+
+    A sweep that was stopped goes on where it was when the same command is given again, and tries
+    failed points anew. Who computes it makes no difference to the result.
+
+    \b
+    Example:
+      labpipe sweep drop --vary "material = acrylic, ptfe" --vary "height = 1 mm : 10 mm : 7" \
+          --set "radius = 9.525 ± 0.005 mm" --draws 20 --out heights.nc
+    """
+    from labpipe import files
+    from pipelines.commands.progress import fraction
+    from pipelines.sweeps import Dask, Engine, Processes, Serial, axis, design
+    from pipelines.sweeps import sweep as run
+    from pipelines.sweeps.page import render
+
+    axes = [axis(simulator, name, text) for name, text in map(_split, vary)]
+    constants = [_split(text) for text in fixed]
+    _refuse_repeated([name for name, _ in constants])
+    plan = design(simulator, axes, dict(constants), draws=draws, seed=seed)
+    engine: Engine = Serial() if jobs == 1 else Processes(jobs)
+    if cluster is not None:
+        engine = Dask(cluster)
+    progress: Any = nullcontext(None) if as_json else fraction("simulating")
+    with progress as shown:
+        swept = run(plan, out, engine, progress=shown)
+    page = out.with_suffix(".html")
+    files.write_text(page, render(plan, swept))
+    if as_json:
+        echo_json({"netcdf": str(out), "page": str(page), "computed": swept.computed,
+                   "reused": swept.reused, "failed": swept.failed})  # fmt: skip
+    else:
+        echo(f"{swept.computed} points computed, {swept.reused} taken from before, "
+             f"{swept.failed} without result")  # fmt: skip
+        echo(f"results: {out}")
+        echo(f"page: {page}")
+    click.get_current_context().exit(1 if swept.failed else 0)
+
+
+def _split(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip() or not value.strip():
+        raise click.UsageError(f'"{text}": expected NAME=VALUE, such as "height=1.5 mm"')
+    return name.strip(), value.strip()
+
+
+def _refuse_repeated(names: list[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise click.UsageError(f"{name} is set twice")

@@ -1,0 +1,219 @@
+"""Which points a sweep has: the product of its axes, times random draws of what is uncertain."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from labpipe.errors import InputError, UsageError
+from labpipe.units import Quantity, quantity
+from labpipe.workflow.fields import suggest
+from pipelines.sweeps.simulators import SIMULATORS, Parameter, Simulator, Value
+
+DRAW = "draw"
+"""Name of the dimension of random draws."""
+MOST_POINTS = 10_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One swept parameter and its values, SI."""
+
+    name: str
+    values: tuple[Value, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """All points of a sweep.
+
+    Attributes
+    ----------
+    simulator : str
+        Key of :data:`SIMULATORS`.
+    axes : tuple of Axis
+        Their product is the grid; the first varies slowest.
+    fixed : dict
+        Every other parameter.
+    drawn : dict
+        Parameters with a standard uncertainty: one value per draw. The same draws at every point
+        of the grid, so that differences over the grid are not noise.
+    """
+
+    simulator: str
+    axes: tuple[Axis, ...]
+    fixed: dict[str, Value]
+    drawn: dict[str, tuple[float, ...]]
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Names of the dimensions, draws last."""
+        return tuple(a.name for a in self.axes) + ((DRAW,) if self.drawn else ())
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Points along each dimension."""
+        draws = len(next(iter(self.drawn.values()))) if self.drawn else 0
+        return tuple(len(a.values) for a in self.axes) + ((draws,) if draws else ())
+
+    def points(self) -> list[dict[str, Value]]:
+        """All parameters of every point, in the order of the flattened grid."""
+        draws: list[dict[str, Value]] = [{}]
+        if self.drawn:
+            rows = zip(*self.drawn.values(), strict=True)
+            draws = [dict(zip(self.drawn, row, strict=True)) for row in rows]
+        names = [a.name for a in self.axes]
+        return [
+            self.fixed | dict(zip(names, values, strict=True)) | draw
+            for values in product(*(a.values for a in self.axes))
+            for draw in draws
+        ]
+
+
+def axis(simulator: str, name: str, text: str) -> Axis:
+    """Parse the values of one axis.
+
+    Parameters
+    ----------
+    simulator, name : str
+        Whose parameter it is.
+    text : str
+        ``"acrylic, nylon"``, ``"1.5 mm, 5 mm"``, or a range ``"1 mm : 10 mm : 7"``; a fourth part
+        ``log`` spaces it by equal ratios.
+
+    Raises
+    ------
+    UsageError
+        The text is none of these, or in another unit.
+
+    Examples
+    --------
+    >>> axis("drop", "height", "1 mm : 4 mm : 3 : log").values
+    (0.001, 0.002, 0.004)
+    """
+    parameter = _parameter(simulator, name)
+    parts = [part.strip() for part in text.split(":")]
+    if len(parts) == 1 or not parameter.unit:
+        values = [_value(simulator, name, part.strip()) for part in text.split(",")]
+        if any(isinstance(v, Quantity) and v.u > 0.0 for v in values):
+            message = f"{name}: a swept value has no uncertainty; set it fixed, with draws"
+            raise UsageError(message)
+        return Axis(name, tuple(v.value if isinstance(v, Quantity) else v for v in values))
+    is_log = parts[3:] == ["log"]
+    if len(parts) not in (3, 4) or not (is_log or len(parts) == 3) or not parts[2].isdigit():
+        message = (
+            f'{name}: cannot understand "{text}"; expected values separated by commas, or '
+            '"first : last : number", with ": log" for equal ratios'
+        )
+        raise UsageError(message)
+    first, last = (_value(simulator, name, part) for part in parts[:2])
+    if not (isinstance(first, Quantity) and isinstance(last, Quantity) and int(parts[2]) >= 2):
+        message = f"{name}: a range needs two numbers and at least two points"
+        raise UsageError(message)
+    if is_log and min(first.value, last.value) <= 0.0:
+        message = f"{name}: equal ratios need positive ends"
+        raise UsageError(message)
+    spaced = (np.geomspace if is_log else np.linspace)(first.value, last.value, int(parts[2]))
+    # Twelve digits: 0.004 and not 0.0040000000000000001 of one machine and ..2 of another.
+    return Axis(name, tuple(float(f"{v:.12g}") for v in spaced))
+
+
+def design(
+    simulator: str,
+    axes: Sequence[Axis],
+    fixed: Mapping[str, str | float] | None = None,
+    *,
+    draws: int = 0,
+    seed: int = 0,
+) -> Design:
+    """Spell out a sweep.
+
+    Parameters
+    ----------
+    simulator : {"drop", "indent"}
+    axes : sequence of Axis
+        Swept parameters.
+    fixed : mapping
+        Text with a unit, ``"9.525 ± 0.005 mm"``, or numbers in SI; the others keep their default.
+    draws : int
+        Random draws of what is uncertain (normal distribution).
+    seed : int
+        Of the draws.
+
+    Raises
+    ------
+    UsageError
+        A parameter is unknown, given twice or in another unit; draws and uncertainties do not
+        belong together; or the points are more than ten million.
+    """
+    known = _simulator(simulator).parameters
+    names = [a.name for a in axes]
+    given = dict(fixed or {})
+    for name in [*names, *given]:
+        _parameter(simulator, name)
+        if [*names, *given].count(name) > 1:
+            message = f"{name} is given twice"
+            raise UsageError(message)
+    values: dict[str, Value] = {}
+    spread: dict[str, Quantity] = {}
+    for name, parameter in known.items():
+        found = _value(simulator, name, given[name]) if name in given else parameter.default
+        if isinstance(found, Quantity):
+            if found.u > 0.0:
+                spread[name] = found
+            found = found.value
+        if name not in names:
+            values[name] = found
+    if bool(spread) != bool(draws):
+        message = (
+            f"{', '.join(spread)} has an uncertainty: say how many draws"
+            if spread
+            else 'draws of what? give a fixed parameter an uncertainty, "9.525 ± 0.005 mm"'
+        )
+        raise UsageError(message)
+    made = Design(simulator, tuple(axes), values, _draw(spread, draws, seed))
+    count = int(np.prod(made.shape, dtype=float))
+    if count > MOST_POINTS:
+        message = f"{count} points; at most {MOST_POINTS} in one sweep"
+        raise UsageError(message)
+    return made
+
+
+def _draw(spread: Mapping[str, Quantity], draws: int, seed: int) -> dict[str, tuple[float, ...]]:
+    generator = np.random.default_rng(seed)
+    return {
+        name: tuple(generator.normal(q.value, q.u, draws).tolist()) for name, q in spread.items()
+    }
+
+
+def _simulator(name: str) -> Simulator:
+    if name not in SIMULATORS:
+        known = ", ".join(SIMULATORS)
+        message = f'no simulator "{name}"{suggest(name, SIMULATORS)}; there are {known}'
+        raise UsageError(message)
+    return SIMULATORS[name]
+
+
+def _parameter(simulator: str, name: str) -> Parameter:
+    known = _simulator(simulator).parameters
+    if name not in known:
+        message = f'no parameter "{name}"{suggest(name, known)}; there are {", ".join(known)}'
+        raise UsageError(message)
+    return known[name]
+
+
+def _value(simulator: str, name: str, given: str | float) -> Quantity | str:
+    unit = SIMULATORS[simulator].parameters[name].unit
+    if not unit:
+        return str(given)
+    try:
+        found = quantity(given) if isinstance(given, str) else Quantity(float(given), 0.0, unit)
+    except InputError as error:
+        message = f"{name}: {error}"
+        raise UsageError(message) from error
+    if found.si != unit:
+        is_in = "has no unit" if found.si == "1" else f"is in {found.si}"
+        message = f'{name}: "{given}" {is_in}; expected {unit}'
+        raise UsageError(message)
+    return found

@@ -1,0 +1,159 @@
+"""What can be swept: a parameter set in, a few numbers out.
+
+Each takes plain values in SI and returns plain floats, so that a point means the same in this
+process, in another one, and on another machine.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from labpipe.materials import Prony
+
+Value = float | str | None
+"""None: the parameter is not there."""
+Outputs = dict[str, float]
+
+_NAMES = ("material", "profile")
+"""Parameters that are no numbers."""
+_TEMPERATURE = "of the material; without it, that of its data"
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter: SI unit ("" for a name), default, and what it is."""
+
+    unit: str
+    default: Value
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Simulator:
+    """A function of parameters, its version, and the units of what it returns."""
+
+    run: Callable[[Mapping[str, Value]], Outputs]
+    version: int
+    parameters: dict[str, Parameter]
+    outputs: dict[str, tuple[str, str]]
+
+
+def drop(point: Mapping[str, Value]) -> Outputs:
+    """First impact of a viscoelastic sphere on a rigid flat (or a ringing plate)."""
+    from labpipe import contact
+
+    number = {n: float(v) for n, v in point.items() if n not in _NAMES and v is not None}
+    plate = None
+    if number["plate_mass"] > 0.0:
+        plate = contact.Plate(
+            number["plate_mass"], number["plate_frequency"], number["plate_damping"]
+        )
+    fall = np.sqrt(2.0 * number["height"] / number["gravity"])
+    found = contact.drop(
+        material(point), number["radius"], number["mass"], number["height"],
+        float(fall) + number["after_touch"], rtol=number["rtol"], gravity=number["gravity"],
+        plate=plate,
+    )  # fmt: skip
+    if not found.sizes["impact"] or not np.isfinite(found["lift_off_time"].values[0]):
+        message = (
+            f"the sphere has not left within {number['after_touch']:g} s after its fall; "
+            "raise after_touch"
+        )
+        raise ValueError(message)
+    names = ("restitution", "peak_force", "peak_contact_radius", "contact_duration")
+    values = {name: float(found[name].values[0]) for name in names}
+    return values | {"solver_steps": float(json.loads(found.attrs["work"])["solver_steps"])}
+
+
+def indent(point: Mapping[str, Value]) -> Outputs:
+    """Oscillation of a periodic punch in a half-plane after a ramp and a hold."""
+    from labpipe import contact
+
+    number = {n: float(v) for n, v in point.items() if n not in _NAMES and v is not None}
+    mean, cycles = number["mean"], round(number["cycles"])
+    pressed = np.linspace(0.0, mean / number["ramp"], 41)
+    held = pressed[-1] + np.geomspace(1e-3, max(number["hold"], 2e-3), 120)
+    swing = np.linspace(0, cycles / number["frequency"], 200 * cycles + 1)[1:]
+    moved = mean + number["amplitude"] * np.sin(2 * np.pi * number["frequency"] * swing)
+    time = np.concatenate([pressed, held, held[-1] + swing])
+    displacement = np.concatenate([pressed * number["ramp"], np.full(held.size, mean), moved])
+    found = contact.indent(
+        material(point), number["tip_radius"], number["period"], number["depth"], time,
+        displacement, profile=str(point["profile"]),
+    )  # fmt: skip
+    force = found["force"].values
+    last = slice(time.size - 201, None)
+    return {
+        "peak_force": float(force.max()),
+        "plateau_force": float(force[pressed.size + held.size - 1]),
+        "dissipated_work": float(np.trapezoid(force[last], displacement[last])),
+        "least_half_width": float(found["contact_half_width"].values[last].min()),
+        "solver_steps": float(json.loads(found.attrs["work"])["solver_steps"]),
+    }
+
+
+def material(point: Mapping[str, Value]) -> "Prony":
+    """Return the material of a point, from the library or a file, at its temperature."""
+    from labpipe import materials
+
+    name, given = str(point["material"]), point["temperature"]
+    temperature = None if given is None else float(given)
+    load = materials.load_file if name.endswith(".toml") else materials.load
+    return load(name, temperature)
+
+
+SIMULATORS = {
+    "drop": Simulator(
+        drop,
+        1,
+        {
+            "material": Parameter("", "acrylic", "library name or TOML file"),
+            "temperature": Parameter("degC", None, _TEMPERATURE),
+            "radius": Parameter("m", 9.525e-3, "of the sphere"),
+            "mass": Parameter("kg", 0.505, "all that moves"),
+            "height": Parameter("m", 1.5e-3, "fall to touch"),
+            "gravity": Parameter("m/s2", 9.81, "of the place"),
+            "after_touch": Parameter("s", 20e-3, "simulated after the fall"),
+            "plate_mass": Parameter("kg", 0.0, "of a ringing substrate; 0 for a rigid one"),
+            "plate_frequency": Parameter("Hz", 390.0, "natural frequency of the substrate"),
+            "plate_damping": Parameter("1", 0.03, "damping ratio of the substrate"),
+            "rtol": Parameter("1", 1e-4, "relative error aimed at"),
+        },
+        {
+            "restitution": ("1", "Restitution of the first impact"),
+            "peak_force": ("N", "Largest force of the first impact"),
+            "peak_contact_radius": ("m", "Largest contact radius of the first impact"),
+            "contact_duration": ("s", "Duration of the first contact"),
+            "solver_steps": ("1", "Steps of the simulator"),
+        },
+    ),
+    "indent": Simulator(
+        indent,
+        1,
+        {
+            "material": Parameter("", "nbr", "library name or TOML file"),
+            "temperature": Parameter("degC", None, _TEMPERATURE),
+            "tip_radius": Parameter("m", 2e-3, "of curvature"),
+            "period": Parameter("m", 8e-3, "distance of two tips"),
+            "depth": Parameter("m", 18e-3, "contact length summed over the tips"),
+            "mean": Parameter("m", 1e-4, "mean indentation"),
+            "amplitude": Parameter("m", 1e-5, "of the oscillation"),
+            "frequency": Parameter("Hz", 1.0, "of the oscillation"),
+            "cycles": Parameter("1", 5.0, "whole cycles; the last one is evaluated"),
+            "hold": Parameter("s", 600.0, "before the oscillation"),
+            "ramp": Parameter("m/s", 1e-3, "speed of pressing in"),
+            "profile": Parameter("", "circle", "parabola, circle or cosine"),
+        },
+        {
+            "peak_force": ("N", "Largest force"),
+            "plateau_force": ("N", "Force at the end of the hold"),
+            "dissipated_work": ("J", "Work dissipated in the last cycle"),
+            "least_half_width": ("m", "Smallest contact half width of the last cycle"),
+            "solver_steps": ("1", "Steps of the simulator"),
+        },
+    ),
+}

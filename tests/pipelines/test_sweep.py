@@ -1,0 +1,256 @@
+"""Maps of the simulator: the points, the engines that compute them, and stops in between."""
+
+import json
+import os
+import signal
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from labpipe import contact, files, materials
+from labpipe.errors import InputError, UsageError
+from pipelines.commands.sweep import sweep as command
+from pipelines.sweeps import Dask, Processes, Serial, axis, design, engines, sweep
+from pipelines.sweeps import run as run_module
+from pipelines.sweeps.engines import Block, Outcome
+from pipelines.sweeps.page import render
+from pipelines.sweeps.simulators import SIMULATORS, Parameter, Simulator, Value
+
+
+def _toy(point: Mapping[str, Value]) -> dict[str, float]:
+    x, y = float(point["x"] or 0.0), float(point["y"] or 0.0)
+    if x < 0.0:
+        raise InputError("x is negative")
+    return {"sum": x + y, "product": x * y}
+
+
+TOY = Simulator(
+    _toy,
+    1,
+    {"material": Parameter("", "acrylic", ""), "temperature": Parameter("degC", None, ""),
+     "marker": Parameter("", "", ""),
+     "x": Parameter("1", 1.0, ""), "y": Parameter("1", 2.0, "")},
+    {"sum": ("1", "Sum"), "product": ("1", "Product")},
+)  # fmt: skip
+
+
+def deadly(_simulator: str, block: Block) -> list[Outcome]:
+    """Kill the worker: once at x = 7, always at x = 13."""
+    for point in block:
+        marker = Path(str(point["marker"]))
+        if point["x"] == 13.0 or (point["x"] == 7.0 and marker.exists()):
+            marker.unlink(missing_ok=True)
+            os.kill(os.getpid(), signal.SIGKILL)
+    return [_toy(point) for point in block]
+
+
+@pytest.fixture
+def toy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(SIMULATORS, "toy", TOY)
+
+
+class Counting:
+    """An engine that counts its points, and may stop."""
+
+    def __init__(self, stop_after: int | None = None) -> None:
+        self.points, self.stop_after = 0, stop_after
+
+    def run(
+        self, simulator: str, blocks: Mapping[str, Block]
+    ) -> Iterator[tuple[str, list[Outcome]]]:
+        for number, (key, outcome) in enumerate(Serial().run(simulator, blocks)):
+            if number == self.stop_after:
+                raise KeyboardInterrupt
+            self.points += len(outcome)
+            yield key, outcome
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "values"),
+    [
+        ("height", "1 mm, 5 mm", (0.001, 0.005)),
+        ("height", "1 mm : 10 mm : 4", (0.001, 0.004, 0.007, 0.01)),
+        ("height", "1 mm : 4 mm : 3 : log", (0.001, 0.002, 0.004)),
+        ("material", "acrylic, nylon", ("acrylic", "nylon")),
+        ("temperature", "20 degC : 40 degC : 3", (20.0, 30.0, 40.0)),
+    ],
+)
+def test_values_of_an_axis_are_read(name: str, text: str, values: tuple[Value, ...]) -> None:
+    assert axis("drop", name, text).values == pytest.approx(values)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("heigth", "1 mm", 'did you mean "height"'),
+        ("height", "1 kg", "is in kg; expected m"),
+        ("height", "1 mm : 2 mm", "first : last : number"),
+        ("height", "1 mm : 2 mm : 1", "at least two points"),
+        ("height", "0 mm : 2 mm : 3 : log", "positive ends"),
+        ("height", "1 ± 0.1 mm", "no uncertainty"),
+    ],
+)
+def test_a_wrong_axis_is_refused(name: str, text: str, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        axis("drop", name, text)
+
+
+def test_uncertain_parameters_need_draws_and_draws_need_them() -> None:
+    with pytest.raises(UsageError, match="radius has an uncertainty: say how many draws"):
+        design("drop", [], {"radius": "9.5 ± 0.1 mm"})
+    with pytest.raises(UsageError, match="draws of what"):
+        design("drop", [], {"radius": "9.5 mm"}, draws=3)
+    with pytest.raises(UsageError, match="height is given twice"):
+        design("drop", [axis("drop", "height", "1 mm")], {"height": "2 mm"})
+
+
+def test_every_point_of_a_map_is_what_the_simulator_says(tmp_path: Path) -> None:
+    plan = design(
+        "drop",
+        [axis("drop", "material", "acrylic, ptfe"), axis("drop", "height", "1.5 mm, 5 mm")],
+        {"mass": "28.2 g"},
+    )
+    swept = sweep(plan, tmp_path / "map.nc")
+    assert swept.dataset.restitution.dims == ("material", "height")
+    point = swept.dataset.sel(material="ptfe", height=5e-3)
+    alone = contact.drop(materials.load("ptfe"), 9.525e-3, 28.2e-3, 5e-3, 0.052)
+    assert float(point.restitution) == pytest.approx(float(alone.restitution[0]), abs=2e-5)
+    assert float(point.peak_force) == pytest.approx(float(alone.peak_force[0]), rel=2e-5)
+    assert swept.dataset.restitution.attrs["units"] == "1"
+    assert (swept.computed, swept.reused, swept.failed) == (4, 0, 0)
+    assert not (tmp_path / "map.parts").exists()
+
+
+def test_work_of_an_oscillation_follows_the_loss(tmp_path: Path) -> None:
+    """Rubber loses more in a swing at a higher frequency of its transition; glass loses little."""
+    plan = design("indent", [axis("indent", "amplitude", "2 um, 4 um")], {"hold": "10 s"})
+    found = sweep(plan, tmp_path / "work.nc").dataset
+    work = found.dissipated_work.values
+    assert work[1] / work[0] == pytest.approx(4.0, rel=0.05)  # quadratic while contact holds
+    assert (found.least_half_width > 0.0).all()
+
+
+def test_a_stopped_sweep_goes_on_and_gives_the_same_bytes(toy: None, tmp_path: Path) -> None:
+    plan = design("toy", [axis("toy", "x", "1:40:40"), axis("toy", "y", "1:3:3")])
+    whole = sweep(plan, tmp_path / "whole.nc", Counting())
+    with pytest.raises(KeyboardInterrupt):
+        sweep(plan, tmp_path / "part.nc", Counting(stop_after=2))
+    assert not (tmp_path / "part.nc").exists()
+    damaged = sorted((tmp_path / "part.parts").iterdir())[0]
+    damaged.write_bytes(damaged.read_bytes()[:-9])
+    engine = Counting()
+    rest = sweep(plan, tmp_path / "part.nc", engine)
+    assert (rest.reused, rest.computed, engine.points) == (25, 95, 95)
+    assert (tmp_path / "part.nc").read_bytes() == (tmp_path / "whole.nc").read_bytes()
+    np.testing.assert_array_equal(
+        whole.dataset["product"].values, np.outer(np.arange(1, 41), [1.0, 2.0, 3.0])
+    )
+
+
+def test_failed_points_are_told_kept_apart_and_tried_again(
+    toy: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_module, "BLOCK", 2)
+    plan = design("toy", [axis("toy", "x", "-1, 1, 2, 3")])
+    swept = sweep(plan, tmp_path / "map.nc")
+    assert swept.failed == 1
+    assert np.isnan(swept.dataset["sum"].values[0])
+    assert "x is negative" in str(swept.dataset["problem"].values[0])
+    page = render(plan, swept)
+    assert "1 points have no result" in page
+    assert "x is negative" in page
+    again = sweep(plan, tmp_path / "map.nc")
+    assert (again.computed, again.reused) == (2, 2)  # the block of the failed point
+
+
+def test_draws_are_the_same_at_every_point_of_the_grid(toy: None, tmp_path: Path) -> None:
+    plan = design("toy", [axis("toy", "x", "1, 2")], {"y": "5 ± 0.5"}, draws=400, seed=3)
+    found = sweep(plan, tmp_path / "map.nc").dataset
+    assert found["sum"].dims == ("x", "draw")
+    np.testing.assert_allclose(found["sum"][1] - found["sum"][0], 1.0)
+    assert float(found.y.mean()) == pytest.approx(5.0, abs=0.1)
+    assert float(found.y.std()) == pytest.approx(0.5, rel=0.15)
+
+
+def test_processes_give_the_bytes_of_one_process(tmp_path: Path) -> None:
+    plan = design("drop", [axis("drop", "height", "1 mm : 3 mm : 30")], {"rtol": "0.001"})
+    sweep(plan, tmp_path / "one.nc")
+    sweep(plan, tmp_path / "two.nc", Processes(2))
+    assert (tmp_path / "one.nc").read_bytes() == (tmp_path / "two.nc").read_bytes()
+
+
+def test_a_killed_worker_costs_nothing_and_a_deadly_block_only_itself(
+    toy: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    marker = tmp_path / "alive"
+    marker.touch()
+    monkeypatch.setattr(engines, "compute", deadly)
+    monkeypatch.setattr(run_module, "BLOCK", 2)
+    plan = design("toy", [axis("toy", "x", "1:20:20")], {"marker": str(marker)})
+    found = sweep(plan, tmp_path / "map.nc", Processes(2)).dataset
+    assert not marker.exists()
+    lost = np.flatnonzero(found["problem"].values == "the worker died")
+    assert list(found["x"].values[lost]) == [13.0, 14.0]
+    kept = np.delete(np.arange(20), lost)
+    np.testing.assert_array_equal(found["sum"].values[kept], kept + 3.0)
+
+
+def test_another_material_in_the_same_file_is_another_point(tmp_path: Path) -> None:
+    from importlib import resources
+
+    library = resources.files("labpipe.materials") / "library"
+    own = tmp_path / "own.toml"
+    own.write_text((library / "acrylic.toml").read_text("utf-8"), "utf-8")
+    plan = design("drop", [], {"material": str(own), "rtol": "0.001"})
+    first = sweep(plan, tmp_path / "map.nc").dataset
+    own.write_text((library / "ptfe.toml").read_text("utf-8"), "utf-8")
+    second = sweep(plan, tmp_path / "map.nc").dataset
+    assert float(first.restitution) - float(second.restitution) > 0.05
+
+
+def test_an_unknown_material_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='no material "steel"'):
+        sweep(design("drop", [], {"material": "steel"}), tmp_path / "map.nc")
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
+    plan = design("drop", [axis("drop", "height", "1 mm : 3 mm : 200")], {"rtol": "0.001"})
+    sweep(plan, tmp_path / "one.nc")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        engine = Dask(cluster.scheduler_address)
+
+        def kill_one(done: float) -> None:
+            if 0.1 < done < 0.3:
+                worker = next(iter(cluster.workers.values()))
+                os.kill(worker.pid, signal.SIGKILL)
+
+        swept = sweep(plan, tmp_path / "many.nc", engine, progress=kill_one)
+    assert swept.failed == 0
+    assert (tmp_path / "one.nc").read_bytes() == (tmp_path / "many.nc").read_bytes()
+
+
+def test_the_command_writes_a_page_and_goes_on_from_what_is_there(tmp_path: Path) -> None:
+    out = tmp_path / "map.nc"
+    arguments = ["drop", "--vary", "material=acrylic,ptfe", "--vary", "height=1 mm:2 mm:3:log",
+                 "--vary", "mass=100 g, 200 g", "--set", "rtol=0.001", "--out", str(out),
+                 "--json"]  # fmt: skip
+    run = CliRunner().invoke(command, arguments)
+    assert run.exit_code == 0, run.output
+    document = json.loads(run.stdout)
+    assert document["computed"] == 12
+    page = Path(document["page"]).read_text("utf-8")
+    assert "Restitution of the first impact" in page
+    assert files.read_dataset(out).sizes == {"material": 2, "height": 3, "mass": 2}
+
+
+def test_a_command_that_says_too_little_is_told_the_form() -> None:
+    run = CliRunner().invoke(command, ["drop", "--vary", "height", "--out", "x.nc"])
+    assert run.exit_code == 2
+    assert "expected NAME=VALUE" in run.stderr
