@@ -251,15 +251,23 @@ def _with_log_shift(path: Path, columns: dict[str, Column]) -> dict[str, Column]
     return columns
 
 
+def _sets(columns: dict[str, Column], count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the rows set by set, in the order in which sets begin, and where every set starts."""
+    if "set" not in columns:
+        return np.arange(count), np.array([0])
+    numbers = np.asarray(columns["set"].values, dtype=float)
+    _, first, member = np.unique(numbers, return_index=True, return_inverse=True)
+    order = np.argsort(first[member], kind="stable")
+    begins = np.concatenate([[True], np.diff(first[member][order]) != 0])
+    return order, np.flatnonzero(begins)
+
+
 def _assembled(
     path: Path, source: TextFile, columns: dict[str, Column], how: dict[str, str]
 ) -> xr.Dataset:
     """Make one interval of every run of a set, or of the whole table."""
     count = len(next(iter(columns.values())).values)
-    starts = np.array([0])
-    if "set" in columns:
-        numbers = np.asarray(columns["set"].values, dtype=float)
-        starts = np.flatnonzero(np.concatenate([[True], np.diff(numbers) != 0]))
+    order, starts = _sets(columns, count)
     stops = np.append(starts[1:], count)
     kept = [column for name, column in columns.items() if name != "set"]
     intervals = [
@@ -267,7 +275,7 @@ def _assembled(
             path.stem, "table", number, None, np.arange(1, stop - start + 1),
             np.ones(stop - start, dtype=bool),
             tuple(
-                Column(c.name, c.header, c.unit, c.si, np.asarray(c.values)[start:stop])
+                Column(c.name, c.header, c.unit, c.si, np.asarray(c.values)[order[start:stop]])
                 for c in kept
             ),
         )

@@ -61,6 +61,13 @@ def test_other_forms_give_the_same_numbers(tmp_path, text):
     assert_is_the_table(read(tmp_path, text))
 
 
+def test_rows_of_a_set_are_found_wherever_they_stand(tmp_path):
+    lines = SWEEPS.splitlines()
+    found = read(tmp_path, "\n".join([*lines[:2], *(lines[k] for k in (2, 4, 3, 5))]) + "\n")
+    assert_is_the_table(found)
+    assert [entry["rows"] for entry in json.loads(found.attrs["tests"])] == [2, 2]
+
+
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
 def test_encodings_are_told_apart(tmp_path, encoding):
     assert_is_the_table(read(tmp_path, SWEEPS, encoding))
