@@ -439,3 +439,16 @@ def test_the_index_is_cards_on_a_phone_and_loses_no_number(browser, tmp_path):
     assert browser.run(label) == '"largest contact radius / mm"'
     browser.run("document.querySelectorAll('.sort')[2].click()")
     assert browser.complaints() == []
+
+
+def test_a_table_of_many_columns_fits_on_paper(browser, tmp_path):
+    columns = tuple(Column(f"a quantity {n}", "m") for n in range(11))
+    rows = [tuple(1.23456e-3 * n for n in range(11))] * 3
+    path = tmp_path / "wide.html"
+    page = Document("Wide", sections=(Section("Table", (Table(columns, rows),)),))
+    path.write_text(page.render(), encoding="utf-8")
+    paper = round((210 - 2 * 16) / 25.4 * 96)  # px of A4 between its margins
+    browser.open(path, width=paper)
+    browser.media("print")
+    assert browser.run("document.querySelector('table').getBoundingClientRect().right") <= paper
+    browser.media()
