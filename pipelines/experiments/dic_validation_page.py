@@ -87,9 +87,11 @@ def _summary(
     rows = [("film", settings.film, f'view "{settings.view}"')]
     if track is not None:
         share = float(track["valid"].mean())
+        count = track.sizes["point"]
+        followed = "one point" if count == 1 else f"{count} points"
         rows.append(
             ("frames", str(track.sizes["frame"]),
-             f"{track.sizes['point']} points followed; found in {share * 100:.2f} % of the frames")
+             f"{followed} followed; found in {share * 100:.2f} % of the frames")
         )  # fmt: skip
     if bounces is not None and bounces.sizes["impact"]:
         rows.append(("restitution of the first impact, film", _value(bounces, "restitution", 0),
