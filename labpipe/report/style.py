@@ -322,7 +322,14 @@ def save_figure(
     """
     from labpipe.files import write_bytes
 
-    drawn = [(f"{path_stem}.{name}", figure_bytes(figure, name)) for name in formats]
+    engine = figure.get_layout_engine()
+    drawn = []
+    for name in formats:
+        drawn.append((f"{path_stem}.{name}", figure_bytes(figure, name)))
+        # Laying out takes as long as drawing; the first format has found the places for all.
+        figure.set_layout_engine("none")
+    if engine is not None:
+        figure.set_layout_engine(engine)
     for path, data in drawn:
         write_bytes(Path(path), data)
     return tuple(Path(path) for path, _ in drawn)
