@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.materials.joint_fit import Points, predictive_cost
+from labpipe.materials.joint_fit import Fit, Points, predictive_cost
 from labpipe.materials.law_choice import restarts, screened
-from labpipe.materials.outer_model import OuterModel, State
+from labpipe.materials.outer_model import OuterModel
 from labpipe.materials.settling import (
     FIRST_LEVELS,
     Candidate,
@@ -65,26 +65,34 @@ def run_length(points: Points, current: Superposition) -> float:
     return (1.0 + r) / (1.0 - r)
 
 
-def other_minimum(points: Points, current: Superposition, options: Options) -> Candidate | None:
-    """Start anew under the laws that were chosen; return a better minimum if there is one.
+def started_anew(points: Points, current: Superposition, options: Options) -> list[Fit]:
+    """Fit anew under the laws that were chosen, with their vertical factors and without any.
 
     The first starts knew nothing of delay and vertical law.
     """
     weight = _weight(points, current, options)
-    model, state = current.model, current.fit.state
-    present = screened(points, weight, current, model, state)
-    least = predictive_cost(present, model) - _BETTER
-    best: Candidate | None = None
-    for first in _starts(points, current):
-        fit = screened(points, weight, current, model, first)
-        cost = predictive_cost(fit, model)
-        if cost < least:
-            best, least = Candidate(model, fit, current.starts), cost
-    return best
+    ln_bT = current.fit.state.ln_bT
+    starts = restarts(points, current, ln_bT)
+    if ln_bT.any():
+        starts += restarts(points, current, np.zeros(ln_bT.size))
+    return [screened(points, weight, current, current.model, first) for first in starts]
+
+
+def other_minimum(
+    points: Points, current: Superposition, options: Options, anew: list[Fit]
+) -> Candidate | None:
+    """Return the best of some further fits if it is better than the present one."""
+    model = current.model
+    weight = _weight(points, current, options)
+    present = screened(points, weight, current, model, current.fit.state)
+    best = min(anew, key=lambda fit: predictive_cost(fit, model))
+    if predictive_cost(best, model) >= predictive_cost(present, model) - _BETTER:
+        return None
+    return Candidate(model, best, current.starts)
 
 
 def alternatives(
-    points: Points, current: Superposition, options: Options
+    points: Points, current: Superposition, options: Options, anew: list[Fit]
 ) -> tuple[tuple[str, Array], ...]:
     """Return log10 a_T (isotherm,) of every repetition, with what was changed in it."""
     weight = _weight(points, current, options)
@@ -100,18 +108,8 @@ def alternatives(
         fit = screened(points, weight, current, other, state)
         found.append((f"vertical {other.vertical}", fit.state.log10_aT))
     limit = _SIMILAR * current.fit.solution.misfit
-    for first in _starts(points, current):
-        fit = screened(points, weight, current, model, first)
-        if fit.solution.misfit < limit:
-            found.append(("start", fit.state.log10_aT))
+    found += [("start", fit.state.log10_aT) for fit in anew if fit.solution.misfit < limit]
     return tuple(found)
-
-
-def _starts(points: Points, current: Superposition) -> list[State]:
-    """Start anew with the vertical factors as fitted, and without any."""
-    ln_bT = current.fit.state.ln_bT
-    found = restarts(points, current, ln_bT)
-    return found + restarts(points, current, np.zeros(ln_bT.size)) if ln_bT.any() else found
 
 
 def _weight(points: Points, current: Superposition, options: Options) -> Array:

@@ -33,6 +33,7 @@ from labpipe.materials.model_doubt import (
     alternatives,
     other_minimum,
     run_length,
+    started_anew,
     violation,
 )
 from labpipe.materials.noise import Noise, first_noise, scatter_of_sweeps
@@ -124,21 +125,23 @@ def _doubted(
 ) -> Superposition:
     """Where superposition does not hold to the scatter, look for other minima and other models."""
     free = current.model.horizontal == "free"
-    for _ in range(_MAX_MOVES if free and starts is None else 0):
-        if violation(current, options) <= VIOLATED:
+    anew: list[Fit] = []
+    for _ in range(_MAX_MOVES + 1):
+        ratio = violation(current, options)
+        if not free or ratio <= VIOLATED:
+            return replace(current, violation=ratio)
+        if starts is not None:
             break
-        other = other_minimum(points, current, options)
+        anew = started_anew(points, current, options)
+        other = other_minimum(points, current, options, anew)
         if other is None:
             break
         current = _probed(points, settled(points, other, current.noise, options), options)
-    ratio = violation(current, options)
-    if not free or ratio <= VIOLATED:
-        return replace(current, violation=ratio)
     length = run_length(points, current)
     doubted = replace(
         current,
         covariance=length * current.covariance,
-        alternatives=alternatives(points, current, options),
+        alternatives=alternatives(points, current, options, anew),
         violation=ratio,
     )
     return replace(doubted, probe=_walked(points, doubted, options, length, may_move=False))
