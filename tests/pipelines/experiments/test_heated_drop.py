@@ -11,7 +11,7 @@ from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.plate import PLATE
 from pipelines.rig.session_text import drop_section, laser_record, session_head
-from tests.pipelines.conftest import START
+from tests.pipelines.small import START
 
 HEIGHT, HEATED = 5e-3, 39.0
 ON_PLATE = 'plate = { mass = "30 kg", frequency = "180 Hz", damping_ratio = 0.03 }\n'

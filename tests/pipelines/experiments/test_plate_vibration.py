@@ -17,7 +17,7 @@ from pipelines.rig.fall import DropRig
 from pipelines.rig.plate import PLATE, PLATE_RIG, ring_once
 from pipelines.rig.plate_session import plate_laser_record, write_plate
 from pipelines.rig.samples import drop_section, laser_record, session_head
-from tests.pipelines.conftest import START
+from tests.pipelines.small import START
 
 NAMES = ("acrylic", "ptfe")
 PTFE = "laser_plate/plate_ptfe_5mm"
