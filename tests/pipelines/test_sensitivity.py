@@ -1,0 +1,78 @@
+import json
+from math import cos, tan
+from pathlib import Path
+
+import pytest
+
+from labpipe.errors import UsageError
+from labpipe.uncertainty import Input
+from pipelines import process
+from pipelines.cli import main
+from pipelines.sensitivity import Quantity, examine, examined
+from pipelines.sensitivity_page import advice
+
+
+@pytest.fixture(scope="module")
+def found(processed_session: Path):
+    return {(e.experiment, e.quantity.name): e for e in examine(processed_session)}
+
+
+def test_budgets_give_back_what_the_results_report(processed_session: Path, found) -> None:
+    waves = process.result(processed_session, "nbr", "oscillations")
+    work = found["nbr", f"work per cycle at {float(waves['frequency'][0]):.3g} Hz"]
+    assert work.budget.value == pytest.approx(float(waves["work_per_cycle"][0]), rel=1e-3)
+    assert work.budget.u == pytest.approx(float(waves["u_work_per_cycle"][0]), rel=0.15)
+    repeats = process.result(processed_session, "drop", "repeats")
+    bounce = found["drop", "restitution, impact 1"]
+    assert bounce.budget.value == pytest.approx(float(repeats["restitution"][0]), rel=1e-6)
+
+
+def test_height_of_the_fall_counts_the_inclination(processed_session: Path, found) -> None:
+    height = found["drop", "height of the fall"]
+    tilt = height.quantity.inputs["inclination"]
+    row = next(r for r in height.budget.rows if r["source"] == "inclination")
+    exact = height.budget.value * tilt.u * tan(tilt.value)
+    assert row["contribution"] == pytest.approx(exact, rel=1e-3)
+
+
+def test_two_repeats_show_in_the_coverage_factor(found) -> None:
+    height = found["drop", "height of the fall"]
+    assert height.quantity.inputs["repeatability"].degrees_of_freedom == 1
+    assert height.coverage_factor > 1.9599
+
+
+def test_phase_limits_the_work_and_the_advice_says_so(found) -> None:
+    work = next(e for (name, _), e in found.items() if name == "nbr")
+    assert advice(work).startswith("know phase")
+    assert work.indices["phase"].total > 0.9
+
+
+def test_advice_is_true() -> None:
+    def along(reading: float, inclination: float, noise: float) -> float:
+        return reading / cos(inclination) + noise
+
+    inputs = {"reading": Input(1.0, 1e-4), "inclination": Input(0.3, 2e-3), "noise": Input(0, 1e-4)}
+    first = examined("a", Quantity("x", "m", along, inputs))
+    assert advice(first) == "know inclination 2.2 times better"
+    better = inputs | {"inclination": Input(0.3, 2e-3 / 2.17)}
+    second = examined("a", Quantity("x", "m", along, better))
+    assert second.budget.u == pytest.approx(0.5 * first.budget.u, rel=0.01)
+
+
+def test_command_writes_a_page_per_kind(
+    session_copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["sensitivity", str(session_copy), "harmonic", "--json"])
+    assert left.value.code == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [Path(p).name for p in document["pages"]] == ["sensitivity_harmonic.html"]
+    page = (session_copy / "labpipe/sensitivity_harmonic.html").read_text(encoding="utf-8")
+    assert "Share in the variance" in page
+    assert "Monte Carlo" in page
+    assert {row["experiment"] for row in document["quantities"]} == {"nbr"}
+
+
+def test_unknown_kind_is_refused(processed_session: Path) -> None:
+    with pytest.raises(UsageError, match="kinds with budgets: ball_drop"):
+        examine(processed_session, "dma")
