@@ -220,6 +220,12 @@ class CineFrames:
         rank[self._order] = np.arange(len(self))
         return rank
 
+    @cached_property
+    def _gaps(self) -> NDArray[np.float64]:
+        """Bytes from each place to the next in that order, and beyond both ends."""
+        places = self._header.offsets[self._order].astype(np.float64)  # no difference overflows
+        return np.diff(places, prepend=-np.inf, append=np.inf)
+
     def _fault(self, index: int) -> str | None:
         """Say what is wrong with a frame's place in the file, or None."""
         return self._own_fault(index) or self._overlap(index)
@@ -227,10 +233,14 @@ class CineFrames:
     def _overlap(self, index: int) -> str | None:
         """Say which sound frame holds the same bytes; two frames cannot share any."""
         offsets, rank = self._header.offsets, int(self._rank[index])
-        if rank and offsets[self._order[rank - 1]] == offsets[index]:
+        before, after = self._gaps[rank], self._gaps[rank + 1]
+        length = self._pixels_at(index) + self._header.image_bytes - int(offsets[index])
+        if before > 0 and after >= length:
+            return None
+        if before == 0:
             # of two frames at one place the earlier is believed
             return f"it lies where frame {self._order[rank - 1]} does"
-        end = self._pixels_at(index) + self._header.image_bytes
+        end = int(offsets[index]) + length
         behind = self._order[rank + 1 : rank + 1 + _MOST_NEIGHBOURS]
         inside = behind[(offsets[behind] > offsets[index]) & (offsets[behind] < end)]
         if inside.size == _MOST_NEIGHBOURS:
