@@ -84,10 +84,13 @@ def _pyvisco_series(made: Measured) -> Floats:
 
 
 def _gaussian_processes(made: Measured) -> Floats:
-    """Superpose the loss modulus pair by pair, from the hottest isotherm on."""
+    """Superpose the loss modulus pair by pair, from the coldest isotherm on.
+
+    The package looks for factors from 0.01 to 1, those of a warmer isotherm on a colder one.
+    """
     package = importlib.import_module("mastercurves")
     transforms = importlib.import_module("mastercurves.transforms")
-    sweeps = made.sweeps.isel(temperature=slice(None, None, -1))
+    sweeps = made.sweeps
     count = sweeps.sizes["temperature"]
     with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
         warnings.simplefilter("ignore")
@@ -99,4 +102,4 @@ def _gaussian_processes(made: Measured) -> Floats:
         )
         curve.add_htransform(transforms.Multiply())
         curve.superpose()
-    return np.log10(np.asarray(curve.hparams[0], dtype=float))[::-1]
+    return np.log10(np.asarray(curve.hparams[0], dtype=float))
