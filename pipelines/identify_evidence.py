@@ -1,7 +1,7 @@
 """How the results of each kind of experiment become evidence on its material."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -328,7 +328,11 @@ def _joined(name: str, parts: list[Evidence]) -> Evidence:
 
     if len(parts) == 1:
         return parts[0]
-    groups = tuple(g for part in parts for g in part.groups)
+    groups = tuple(
+        replace(g, name=f"{g.name}, test {i + 1}")
+        for i, part in enumerate(parts)
+        for g in part.groups
+    )
     return Evidence(name, groups, JoinedModel(tuple(part.model for part in parts)))
 
 

@@ -3,6 +3,7 @@ import io
 import json
 import shutil
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,15 @@ import pytest
 
 from labpipe import files, materials
 from labpipe.errors import UsageError
+from labpipe.identification import moduli
 from pipelines.cli import main
 from pipelines.identify import Wish, identify
 from pipelines.identify_evidence import KINDS
 from pipelines.process import open_session
+from pipelines.rig.indentation_session import cell_record, relaxation_section
+from pipelines.rig.indentations import Specimen
+from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+from pipelines.rig.samples import session_head
 
 
 @pytest.fixture(scope="module")
@@ -88,6 +94,26 @@ def test_drop_becomes_evidence_without_the_scatter_of_its_heights(processed_sess
     model = replace(evidence.model, rtol=1e-4)
     predicted = model.refined(materials.load("acrylic"), given)
     assert np.abs(predicted / evidence.values - 1).max() < 0.03
+
+
+def test_relaxations_at_two_depths_are_one_material(tmp_path: Path) -> None:
+    solid = materials.load("nbr")
+    specimen = Specimen(solid)
+    held = Relaxation((0.1e-3, 0.2e-3), 20.0)
+    names = write_relaxation(tmp_path, "hold", specimen, held, TESTER, 5, datetime(2024, 5, 14))
+    files.write_text(tmp_path / "calibration/load_cell.toml", cell_record("synthetic"))
+    text = session_head("Two depths (synthetic)") + relaxation_section("hold", names, specimen)
+    files.write_text(tmp_path / "session.toml", text)
+    (found,) = identify(tmp_path, Wish())
+    first, second = found.known.fit.problem.evidence[0].groups
+    assert first.name != second.name
+    curve = moduli(found.known, np.array([0.02, 0.1]))
+    truth = solid.complex_modulus(2 * np.pi * curve.frequency)
+    assert curve.is_determined.all()
+    assert (np.abs(np.log(curve.storage / truth.real)) < 3 * curve.u_ln_storage).all()
+    assert curve.u_ln_storage.max() < 0.02
+    assert found.relaxed is not None
+    assert found.relaxed.low < solid.E_relaxed < found.relaxed.high
 
 
 def test_unknown_experiment_is_named(processed_session: Path) -> None:
