@@ -31,9 +31,10 @@ Array = NDArray[np.float64]
 VIOLATED = 1.5
 # Either modulus counts this much more than the other in one of the repetitions.
 _EMPHASIS = 3.0
-# Another minimum counts when its misfit is larger by less than this factor, and replaces the
-# present one when its cost is lower by this much, in units of twice the log-likelihood.
-_SIMILAR, _BETTER = 1.5, 1.0
+# In units of twice the log-likelihood: another minimum counts when its cost is higher by less than
+# this (three standard deviations) times the length of a run of residuals, and replaces the present
+# one when its cost is lower by this much.
+_SIMILAR, _BETTER = 9.0, 1.0
 # Neighbours are not taken to be more alike than this: a sweep still holds two statements.
 _MOST_CORRELATION = 0.8
 
@@ -107,8 +108,8 @@ def alternatives(
     for other in _other_laws(model, options):
         fit = screened(points, weight, current, other, state)
         found.append((f"vertical {other.vertical}", fit.state.log10_aT))
-    limit = _SIMILAR * current.fit.solution.misfit
-    found += [("start", fit.state.log10_aT) for fit in anew if fit.solution.misfit < limit]
+    limit = predictive_cost(current.fit, model) + _SIMILAR * run_length(points, current)
+    found += [("start", fit.state.log10_aT) for fit in anew if predictive_cost(fit, model) < limit]
     return tuple(found)
 
 

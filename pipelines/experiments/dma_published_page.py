@@ -75,7 +75,7 @@ def _reference(found: xr.Dataset, T_ref: float) -> str:
         else f"at {_celsius(T_ref)} it has {_signed(offset)}, which is taken off"
     )
     return (
-        f"Reference: the published table is zero at {_celsius(found.attrs['published_zero'])}; "
+        f"Reference: the published table is zero at {_celsius(found.attrs['published_zero'])}, "
         f"{shift}; so the reference is no reason for a difference. Its temperatures lie up to "
         f"{found.attrs['temperature_distance']:.1f} K from the measured means; it was interpolated."
     )
