@@ -1,0 +1,20 @@
+import numpy as np
+
+from pipelines.bench import identification
+
+
+def test_quick_run_covers_the_truth_and_reaches_the_bound(monkeypatch) -> None:
+    monkeypatch.setattr(identification, "_FEW_HOLDS", 12)
+    suite = identification.run(quick=True)
+    *moduli, verdict = suite.points
+    assert all(0.3 < point.error < 1.4 for point in moduli)
+    assert np.mean([point.extra["coverage (%)"] for point in moduli]) >= 90.0
+    assert verdict.extra["limits hold the truth (%)"] >= 90.0
+
+
+def test_truths_are_admissible_and_differ() -> None:
+    solids = [identification.random_solid(seed, is_rubber=False) for seed in range(5)]
+    loss = [float(s.loss_factor(2 * np.pi * 1e3)) for s in solids]
+    assert min(loss) > 0.003
+    assert max(loss) < 0.1
+    assert len({round(s.E_relaxed) for s in solids}) == 5
