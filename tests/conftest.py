@@ -1,10 +1,16 @@
 """Settings of all tests."""
 
+import os
 import signal
 from collections.abc import Callable
 
 import pytest
 from hypothesis import HealthCheck, settings
+
+# Before numpy is imported: two workers with as many threads each as there are processors spend their
+# time waiting for each other. The command line does the same for its workers.
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
 
 # Tests hold results, never seconds: a busy machine must not fail them. The same examples at every
 # run, so that a failure belongs to the change that caused it; `--hypothesis-profile=explore` looks
