@@ -7,8 +7,8 @@ from collections.abc import Callable
 import pytest
 from hypothesis import HealthCheck, settings
 
-# Before numpy is imported: two workers with as many threads each as there are processors spend their
-# time waiting for each other. The command line does the same for its workers.
+# Before numpy is imported: workers with as many threads each as there are processors spend their
+# time waiting for each other. The command line does the same for its own.
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
