@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
+from threadpoolctl import threadpool_limits
 
 from labpipe.errors import InputError
 from labpipe.materials.master_curve_result import MasterCurve, assembled
@@ -123,17 +124,21 @@ def master_curve(
         delay_unit=1.0 / float(np.max(data.points.omega)),
         horizontal=horizontal,
     )
-    found = superpose(
-        data.points,
-        model,
-        starts=(("given", model.given),) if given is not None or horizontal == "fixed" else None,
-        verticals=_verticals(vertical, data.points.count),
-        delay=None if delay == "auto" else delay,
-        levels=_levels(levels, data.points.count),
-        robust=robust,
-        noise_ratio=noise_ratio,
-    )
-    return assembled(sweeps, data, found, law, nu)
+    is_started = given is not None or horizontal == "fixed"
+    starts = (("given", model.given),) if is_started else None
+    # Thousands of small systems: more threads of linear algebra would only wait for each other.
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = superpose(
+            data.points,
+            model,
+            starts=starts,
+            verticals=_verticals(vertical, data.points.count),
+            delay=None if delay == "auto" else delay,
+            levels=_levels(levels, data.points.count),
+            robust=robust,
+            noise_ratio=noise_ratio,
+        )
+        return assembled(sweeps, data, found, law, nu)
 
 
 def _verticals(vertical: str, count: int) -> tuple[Vertical, ...]:
