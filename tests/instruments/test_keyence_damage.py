@@ -393,7 +393,7 @@ def test_mutations_are_refused_or_read_as_they_stand(tmp_path, mutations):
 
 @pytest.mark.slow
 @settings(
-    max_examples=3_000,
+    max_examples=1000,
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
