@@ -92,7 +92,7 @@ def read(
     source = survey(path, declared=("latin-1",), limits=limits or Limits())
     blocks = parse(source, Options(decimal, allow_incomplete, allow_gaps))
     _note_unknown_starts(source.path, blocks)
-    dataset = assemble(blocks)
+    dataset = assemble(blocks, decimal)
     n_rows = int(dataset.sizes["sample"])
     work = {"bytes_read": source.size, "blocks": len(blocks), "rows_read": n_rows}
     dataset.attrs |= {

@@ -26,13 +26,15 @@ _CLOCK = re.compile(r"([0-9]{1,2}):([0-9]{2}):([0-9]{2})(?:\.([0-9]{1,6}))?")
 COMPRESSION_SIGN = {"Multiple-axis": -1, "Single-axis": 1}
 
 
-def assemble(blocks: Sequence[Block]) -> xr.Dataset:
+def assemble(blocks: Sequence[Block], decimal: str = ".") -> xr.Dataset:
     """Join blocks to one Dataset in SI, of the form that :func:`read` returns.
 
     Parameters
     ----------
     blocks : sequence of Block
         As parsed, or made by :func:`make_block`.
+    decimal : str
+        Of numbers in the header that are kept as text.
 
     Raises
     ------
@@ -62,7 +64,7 @@ def assemble(blocks: Sequence[Block]) -> xr.Dataset:
             "block": ("sample", np.repeat(np.arange(len(blocks)), counts), _label("block")),
             "segment": ("sample", _segments(blocks), _label("dividers so far in the block")),
         },
-        attrs=_file_attributes(blocks),
+        attrs=_file_attributes(blocks, decimal),
     )
     return dataset.assign(_block_variables(blocks))
 
@@ -176,11 +178,11 @@ def start_of(block: Block) -> str:
     return start.isoformat(timespec="milliseconds")
 
 
-def _file_attributes(blocks: Sequence[Block]) -> dict[str, Any]:
+def _file_attributes(blocks: Sequence[Block], decimal: str) -> dict[str, Any]:
     attrs: dict[str, Any] = {
         "instrument": INSTRUMENT,
         "header": "\n".join(_header_text(block) for block in blocks),
-        "blocks": json.dumps([_describe(block) for block in blocks], ensure_ascii=False),
+        "blocks": json.dumps([_describe(block, decimal) for block in blocks], ensure_ascii=False),
         "start": start_of(blocks[0]),
         "clock": "local wall clock without a zone",
         "incomplete": int(not all(block.is_complete for block in blocks)),
@@ -197,7 +199,7 @@ def _header_text(block: Block) -> str:
     )
 
 
-def _describe(block: Block) -> dict[str, Any]:
+def _describe(block: Block, decimal: str) -> dict[str, Any]:
     """Put everything that a block says of itself into plain JSON types."""
     info = dict(block.info)
     return {
@@ -228,7 +230,7 @@ def _describe(block: Block) -> dict[str, Any]:
         "dividers": block.dividers,
         "sampling_interval": None if math.isnan(_interval(block)) else _interval(block),
         "load_cell": _load_cell(info),
-        "filter": _filter(info),
+        "filter": _filter(info, decimal),
         "images_folder": info.get("Captured Images Folder"),
         "compression_sign": _compression_sign(block),
         "has_data": block.has_data,
@@ -246,12 +248,12 @@ def _load_cell(info: Mapping[str, str]) -> dict[str, str | None]:
     return {key.lower().replace(" ", "_"): info.get(f"Load Cell {key}") for key in keys}
 
 
-def _filter(info: Mapping[str, str]) -> dict[str, float | int] | None:
+def _filter(info: Mapping[str, str], decimal: str) -> dict[str, float | int] | None:
     """Order and cutoff [Hz] of the low-pass, or None when the header declares none."""
     if info.get("Load Cell Low-pass filter") != "Yes":
         return None
     order = info.get("Load Cell Low-pass filter Order", "")
-    cutoff = info.get("Load Cell Low-pass filter Cutoff frequency (Hz)", "")
+    cutoff = info.get("Load Cell Low-pass filter Cutoff frequency (Hz)", "").replace(decimal, ".")
     if is_number(cutoff) and float(cutoff) > 0 and re.fullmatch("[1-9]", order.strip()):
         return {"order": int(order), "cutoff": float(cutoff)}
     warnings.warn(

@@ -1,5 +1,6 @@
 """Damaged Mach-1 files: the right line and column, or the right numbers; never a shorter result."""
 
+import json
 import re
 import warnings
 from datetime import datetime
@@ -295,6 +296,7 @@ def test_decimal_comma_is_refused_without_and_read_with_the_option(tmp_path):
     with pytest.warns(UserWarning, match="date and time"):  # the clock has a comma too
         readings = mach1.read(path, decimal=",")
     np.testing.assert_array_equal(readings.force_z.values, mach1.assemble(_blocks()).force_z.values)
+    assert json.loads(readings.attrs["blocks"])[0]["filter"] == {"order": 3, "cutoff": 20.0}
 
 
 def test_point_is_refused_under_decimal_comma(tmp_path):

@@ -68,7 +68,7 @@ def test_a_run_killed_twenty_times_ends_as_an_undisturbed_one(
         running = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
         )
-        time.sleep(float(generator.uniform(0.3, 4.0)))
+        time.sleep(float(generator.uniform(0.3, 3.0)))
         os.killpg(running.pid, signal.SIGKILL)
         running.wait()
     done = subprocess.run(command, capture_output=True, text=True, check=False)
