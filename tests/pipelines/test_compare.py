@@ -33,16 +33,16 @@ def test_every_experiment_gives_its_curves_and_events(processed_session: Path) -
 
 
 def test_the_command_prints_one_document_and_writes_one_page(
-    processed_session: Path, capsys: pytest.CaptureFixture[str]
+    session_copy: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, out = run(capsys, "compare", str(processed_session), "--jobs", "0", "--json")
+    code, out = run(capsys, "compare", str(session_copy), "--jobs", "0", "--json")
     document = json.loads(out)
     assert code == 0
     assert {"experiment", "nrmse", "difference", "deviation", "n"} <= set(document["rows"][0])
     page = Path(document["page"]).read_text("utf-8")
     assert "Measurement against model" in page
     assert "synthetic" in page
-    _, text = run(capsys, "compare", str(processed_session), "--jobs", "0")
+    _, text = run(capsys, "compare", str(session_copy), "--jobs", "0")
     assert "nRMSE" in text
     assert "restitution, impact 1" in text
 
