@@ -1,7 +1,7 @@
 """Commands that run the bundled simulator alone: simulate drop and simulate indent."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
@@ -13,9 +13,6 @@ from pipelines.commands.simulation_output import (
     indent_panels,
     indent_summary,
 )
-
-if TYPE_CHECKING:
-    from labpipe.materials import Prony
 
 
 class Quantity(click.ParamType):  # type: ignore[type-arg]  # generic only since click 8.2
@@ -60,12 +57,6 @@ def simulate() -> None:
     Example:
       labpipe simulate drop --height "1.5 mm" --picture drop.png
     """
-
-
-def _material(text: str) -> "Prony":
-    from labpipe import materials
-
-    return materials.load_file(text) if text.endswith(".toml") else materials.load(text)
 
 
 @simulate.command()
@@ -116,6 +107,7 @@ def drop(
       labpipe simulate drop --material ptfe --height "7 mm" --out drop.nc
     """
     from labpipe import contact
+    from pipelines.simulator_inputs import material as load
 
     parts = (plate_mass, plate_frequency, plate_damping)
     if any(p is not None for p in parts) and any(p is None for p in parts):
@@ -127,7 +119,7 @@ def drop(
         plate = contact.Plate(plate_mass, plate_frequency, plate_damping)
     with _progress(as_json) as shown:
         found = contact.drop(
-            _material(material), radius, mass, height, duration, solver, profile, rtol,
+            load(material), radius, mass, height, duration, solver, profile, rtol,
             plate=plate, maps=sorted(set(maps)) or None, progress=shown,
         )  # fmt: skip
     deliver(found, out, picture, as_json, drop_summary, drop_panels)
@@ -188,22 +180,16 @@ def indent(
     import numpy as np
 
     from labpipe import contact
+    from pipelines.simulator_inputs import material as load
+    from pipelines.simulator_inputs import ramp_hold_oscillation
 
     _require_positive(mean=mean, frequency=frequency, ramp=ramp)
-    pressed = np.linspace(0.0, mean / ramp, 41)
-    held = pressed[-1] + np.geomspace(1e-3, max(hold, 2e-3), 120)
-    swing = held[-1] + np.linspace(0, cycles / frequency, 100 * cycles + 1)[1:]
-    time = np.concatenate([pressed, held, swing])
-    moved = np.concatenate(
-        [
-            pressed * ramp,
-            np.full(held.size, mean),
-            mean + amplitude * np.sin(2 * np.pi * frequency * (swing - held[-1])),
-        ]
+    time, moved = ramp_hold_oscillation(
+        mean, amplitude, frequency, cycles, hold=hold, ramp=ramp, per_cycle=100
     )
     with _progress(as_json) as shown:
         found = contact.indent(
-            _material(material), tip_radius, period, depth, time, moved, profile=profile,
+            load(material), tip_radius, period, depth, time, moved, profile=profile,
             thickness=np.inf if thickness is None else thickness, elements=elements,
             outputs=("energy", "pressure", "surface") if maps else ("energy",), progress=shown,
         )  # fmt: skip

@@ -11,9 +11,10 @@ import numpy as np
 
 from labpipe import files
 from labpipe.errors import UsageError
+from pipelines.simulator_inputs import material
 from pipelines.sweeps.engines import Block, Engine, Outcome, Serial
 from pipelines.sweeps.grid import DRAW, Design
-from pipelines.sweeps.simulators import SIMULATORS, material
+from pipelines.sweeps.simulators import SIMULATORS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -113,7 +114,7 @@ def _materials(points: Block) -> dict[str, str]:
     """Numbers behind every material: its name alone does not say what was simulated."""
     contents = {}
     for name in sorted({str(point["material"]) for point in points}):
-        solid = material({"material": name, "temperature": None})
+        solid = material(name)
         numbers = [solid.E_relaxed, solid.E.tolist(), solid.rho.tolist(), solid.nu]
         contents[name] = files.canonical(numbers)
     return contents

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pipelines.simulator_inputs import material, ramp_hold_oscillation
+
 if TYPE_CHECKING:
     from labpipe.materials import Prony
 
@@ -20,6 +22,7 @@ Outputs = dict[str, float]
 
 _NAMES = ("material", "profile")
 """Parameters that are no numbers."""
+_PER_CYCLE = 200
 _TEMPERATURE = "of the material; without it, that of its data"
 
 
@@ -54,7 +57,7 @@ def drop(point: Mapping[str, Value]) -> Outputs:
         )
     fall = np.sqrt(2.0 * number["height"] / number["gravity"])
     found = contact.drop(
-        material(point), number["radius"], number["mass"], number["height"],
+        _material(point), number["radius"], number["mass"], number["height"],
         float(fall) + number["after_touch"], rtol=number["rtol"], gravity=number["gravity"],
         plate=plate,
     )  # fmt: skip
@@ -74,36 +77,28 @@ def indent(point: Mapping[str, Value]) -> Outputs:
     from labpipe import contact
 
     number = {n: float(v) for n, v in point.items() if n not in _NAMES and v is not None}
-    mean, cycles = number["mean"], round(number["cycles"])
-    pressed = np.linspace(0.0, mean / number["ramp"], 41)
-    held = pressed[-1] + np.geomspace(1e-3, max(number["hold"], 2e-3), 120)
-    swing = np.linspace(0, cycles / number["frequency"], 200 * cycles + 1)[1:]
-    moved = mean + number["amplitude"] * np.sin(2 * np.pi * number["frequency"] * swing)
-    time = np.concatenate([pressed, held, held[-1] + swing])
-    displacement = np.concatenate([pressed * number["ramp"], np.full(held.size, mean), moved])
+    time, displacement = ramp_hold_oscillation(
+        number["mean"], number["amplitude"], number["frequency"], round(number["cycles"]),
+        hold=number["hold"], ramp=number["ramp"], per_cycle=_PER_CYCLE,
+    )  # fmt: skip
     found = contact.indent(
-        material(point), number["tip_radius"], number["period"], number["depth"], time,
+        _material(point), number["tip_radius"], number["period"], number["depth"], time,
         displacement, profile=str(point["profile"]),
     )  # fmt: skip
     force = found["force"].values
-    last = slice(time.size - 201, None)
+    last = slice(time.size - _PER_CYCLE - 1, None)
     return {
         "peak_force": float(force.max()),
-        "plateau_force": float(force[pressed.size + held.size - 1]),
+        "plateau_force": float(force[-_PER_CYCLE * round(number["cycles"]) - 1]),
         "dissipated_work": float(np.trapezoid(force[last], displacement[last])),
         "least_half_width": float(found["contact_half_width"].values[last].min()),
         "solver_steps": float(json.loads(found.attrs["work"])["solver_steps"]),
     }
 
 
-def material(point: Mapping[str, Value]) -> "Prony":
-    """Return the material of a point, from the library or a file, at its temperature."""
-    from labpipe import materials
-
-    name, given = str(point["material"]), point["temperature"]
-    temperature = None if given is None else float(given)
-    load = materials.load_file if name.endswith(".toml") else materials.load
-    return load(name, temperature)
+def _material(point: Mapping[str, Value]) -> "Prony":
+    temperature = point["temperature"]
+    return material(str(point["material"]), None if temperature is None else float(temperature))
 
 
 SIMULATORS = {

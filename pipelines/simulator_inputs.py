@@ -1,0 +1,62 @@
+"""What ``simulate`` and ``sweep`` give to the simulator: a material by its name, and a history."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from labpipe.materials import Prony
+
+_RAMP_SAMPLES, _HOLD_SAMPLES = 41, 120
+_FIRST_HOLD, _SHORTEST_HOLD = 1e-3, 2e-3  # s; a hold is sampled by equal ratios
+
+
+def material(name: str, temperature: float | None = None) -> "Prony":
+    """Return a material of the library, or of a TOML file when the name ends in ``.toml``."""
+    from labpipe import materials
+
+    load = materials.load_file if name.endswith(".toml") else materials.load
+    return load(name, temperature)
+
+
+def ramp_hold_oscillation(
+    mean: float,
+    amplitude: float,
+    frequency: float,
+    cycles: int,
+    *,
+    hold: float,
+    ramp: float,
+    per_cycle: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Sample a punch that presses in, holds, then oscillates.
+
+    Parameters
+    ----------
+    mean, amplitude : float [m]
+        Indentation of the hold, and of the oscillation about it.
+    frequency : float [Hz]
+    cycles : int
+        0 ends with the hold.
+    hold : float [s]
+    ramp : float [m/s]
+        Speed of pressing in.
+    per_cycle : int
+        Samples of a cycle; the last cycle ends the history.
+
+    Returns
+    -------
+    time, displacement : array (n,) [s], [m]
+    """
+    pressed = np.linspace(0.0, mean / ramp, _RAMP_SAMPLES)
+    held = pressed[-1] + np.geomspace(_FIRST_HOLD, max(hold, _SHORTEST_HOLD), _HOLD_SAMPLES)
+    swing = held[-1] + np.linspace(0, cycles / frequency, per_cycle * cycles + 1)[1:]
+    displacement = np.concatenate(
+        [
+            pressed * ramp,
+            np.full(held.size, mean),
+            mean + amplitude * np.sin(2 * np.pi * frequency * (swing - held[-1])),
+        ]
+    )
+    return np.concatenate([pressed, held, swing]), displacement
