@@ -23,7 +23,7 @@ from labpipe.workflow.plan import CACHED, Plan
 from labpipe.workflow.session import FILE_NAME
 from labpipe.workflow.store import Store
 from pipelines import process
-from pipelines.overview import KEY_NUMBERS
+from pipelines.overview import KEY_NUMBERS, up_to_date
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -302,7 +302,7 @@ def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> 
                         "state": state})  # fmt: skip
         entry.add_settings((), experiment.settings)
         for row in rows:
-            dataset = _dataset(store, plan, row)
+            dataset = up_to_date(plan, store, row)
             if dataset is None:
                 continue
             entry.add_key_numbers(experiment.kind, row.stage, dataset)
@@ -312,14 +312,6 @@ def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> 
                 [(*label, *value) for value in _values(dataset)],
             )
         entry.insert(connection)
-
-
-def _dataset(store: Store, plan: Plan, row: Any) -> "xr.Dataset | None":
-    key = plan.keys[row.task].value
-    if row.state != CACHED or key is None or plan.tasks[row.task].stage.output != "dataset":
-        return None
-    found = store.read(key)
-    return None if isinstance(found, str) else found
 
 
 def _values(dataset: "xr.Dataset") -> Iterator[tuple[str, int, float, float | None, str]]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe import files
 from labpipe.errors import LabpipeError
-from labpipe.workflow.plan import CACHED, Plan, make_plan, page_name
+from labpipe.workflow.plan import CACHED, Plan, Row, make_plan, page_name
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, spell_out
@@ -214,11 +214,15 @@ def _number(
 
 
 def _dataset(plan: Plan, store: Store, name: str, stage: str) -> "xr.Dataset | None":
-    """Return a result that is up to date; None when there is none, or it is damaged."""
     rows = (row for row in plan.rows if (row.experiment, row.stage) == (name, stage))
     row = next(rows, None)
-    key = None if row is None else plan.keys[row.task].value
-    if row is None or row.state != CACHED or key is None:
+    return None if row is None else up_to_date(plan, store, row)
+
+
+def up_to_date(plan: Plan, store: Store, row: Row) -> "xr.Dataset | None":
+    """Return a result that is up to date; None when there is none, or it is damaged."""
+    key = plan.keys[row.task].value
+    if row.state != CACHED or key is None or plan.tasks[row.task].stage.output != "dataset":
         return None
     try:
         found = store.read(key)
