@@ -144,19 +144,16 @@ def stiffness_evidence(
     fuller : Fuller, optional
         A simulation of the finite amplitude; numbers are storage, then loss.
     """
-    parts = modulus_basis(2.0 * np.pi * frequency, rho)
+    omega = 2.0 * np.pi * frequency
+    parts = modulus_basis(omega, rho)
     reduced = np.vstack(parts) / (1.0 - nu**2)
     twice = np.concatenate([slope, slope])
     shifts = {n: np.concatenate([d, d])[:, None] * reduced for n, d in (slope_by or {}).items()}
-    omega = 2.0 * np.pi * frequency
     model = LinearModel(
-        twice[:, None] * reduced, (1.0 / float(omega.max()), 1.0 / float(omega.min())), shifts,
+        twice[:, None] * reduced, _window(omega), shifts,
         {f: np.ones(twice.size) for f in factors}, dict(offsets or {}), fuller,
     )  # fmt: skip
-    groups = tuple(
-        Group(f"{label} stiffness", values, u, frequency, "N/m", "frequency", "Hz")
-        for label, (values, u) in (("storage", storage), ("loss", loss))
-    )
+    groups = _storage_and_loss("stiffness", "N/m", frequency, storage, loss)
     return Evidence(name, groups, model)
 
 
@@ -190,11 +187,26 @@ def modulus_evidence(
     omega = 2.0 * np.pi * frequency
     basis = np.vstack(modulus_basis(omega, rho))
     model = LinearModel(
-        basis, (1.0 / float(omega.max()), 1.0 / float(omega.min())), {},
+        basis, _window(omega), {},
         {f: np.ones(len(basis)) for f in factors},
     )  # fmt: skip
-    groups = tuple(
-        Group(f"{label} modulus", values, u, frequency, "Pa", "frequency", "Hz")
+    groups = _storage_and_loss("modulus", "Pa", frequency, storage, loss)
+    return Evidence(name, groups, model, is_prior)
+
+
+def _storage_and_loss(
+    noun: str,
+    unit: str,
+    frequency: Array,
+    storage: tuple[Array, Array],
+    loss: tuple[Array, Array],
+) -> tuple[Group, ...]:
+    return tuple(
+        Group(f"{label} {noun}", values, u, frequency, unit, "frequency", "Hz")
         for label, (values, u) in (("storage", storage), ("loss", loss))
     )
-    return Evidence(name, groups, model, is_prior)
+
+
+def _window(omega: Array) -> tuple[float, float]:
+    """Return the times that frequencies tell of [s]."""
+    return 1.0 / float(omega.max()), 1.0 / float(omega.min())

@@ -12,6 +12,7 @@ import pytest
 
 from labpipe.contact import bounce_compiled, drop
 from labpipe.materials import Prony
+from tests.labpipe.without_cache import printed_without_cache
 
 SLS = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
 BODY: dict[str, Any] = {"radius": 9.525e-3, "mass": 0.505, "height": 1.5e-3, "duration": 0.022}
@@ -34,21 +35,7 @@ def expected() -> float:
 
 
 def test_no_place_for_compiled_code_is_said_and_survived(tmp_path: Path, expected: float) -> None:
-    """The cache folder would have to be made below a file: impossible for any user."""
-    (tmp_path / "file").write_text("no folder")
-    environment = os.environ | {
-        "NUMBA_CACHE_DIR": str(tmp_path / "file" / "cache"),
-        "NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator",
-        "PYTHONPATH": os.pathsep.join(sys.path),
-    }
-    run = subprocess.run(
-        [sys.executable, "-c", _PROGRAM],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    restitution, said = run.stdout.splitlines()
+    restitution, said = printed_without_cache(_PROGRAM, tmp_path).splitlines()
     assert float(restitution) == pytest.approx(expected, abs=1e-9)
     assert "no locator available" in said
     assert "NUMBA_CACHE_DIR" in said

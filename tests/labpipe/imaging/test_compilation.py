@@ -1,14 +1,12 @@
 """Where numba can keep its code nowhere, the kernels are compiled again: said once, same answer."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 
 from labpipe.imaging.spline import prefilter
+from tests.labpipe.without_cache import printed_without_cache
 
 _PROGRAM = """
 import json, warnings
@@ -22,21 +20,7 @@ print(json.dumps({"found": prefilter(image, 3).tolist(), "said": [str(w.message)
 
 
 def test_no_place_for_compiled_kernels_is_said_once_and_survived(tmp_path: Path) -> None:
-    """The cache folder would have to be made below a file: impossible for any user."""
-    (tmp_path / "file").write_text("no folder")
-    environment = os.environ | {
-        "NUMBA_CACHE_DIR": str(tmp_path / "file" / "cache"),
-        "NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator",
-        "PYTHONPATH": os.pathsep.join(sys.path),
-    }
-    run = subprocess.run(
-        [sys.executable, "-c", _PROGRAM],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    printed = json.loads(run.stdout)
+    printed = json.loads(printed_without_cache(_PROGRAM, tmp_path))
     image = np.random.default_rng(1).uniform(size=(12, 9)).astype(np.float32)
     np.testing.assert_array_equal(np.array(printed["found"], np.float32), prefilter(image, 3))
     assert len(printed["said"]) == 1
