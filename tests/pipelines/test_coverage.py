@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -57,14 +58,17 @@ def stored(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.slow
-def test_a_run_killed_twenty_times_ends_as_an_undisturbed_one(
-    small_session: Path, processed_session: Path, tmp_path: Path
+def test_a_run_killed_again_and_again_ends_as_an_undisturbed_one(
+    small_session: Path,
+    processed_session: Path,
+    tmp_path: Path,
+    amount: Callable[[int, int], int],
 ) -> None:
     folder = tmp_path / "session"
     shutil.copytree(small_session, folder)
     command = [sys.executable, "-m", "labpipe", "process", str(folder), "--jobs", "2"]
     generator = np.random.default_rng(4)
-    for _ in range(20):
+    for _ in range(amount(8, 40)):
         running = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
         )
