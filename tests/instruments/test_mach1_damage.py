@@ -7,11 +7,11 @@ from datetime import datetime
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import given
 
 from instruments import mach1
 from labpipe.errors import LabpipeError, SourceError
+from tests.instruments.mutations import many, mutated, mutations, usual
 
 
 def _blocks():
@@ -420,42 +420,14 @@ def _oracle(text):
     return rows
 
 
-def _mutate(data, operation, position, piece):
-    lines = data.split(b"\r\n")
-    index = position % len(lines)
-    at = position % (len(data) + 1)
-    if operation == "delete":
-        return data[:at] + data[at + max(len(piece), 1) :]
-    if operation == "insert":
-        return data[:at] + piece + data[at:]
-    if operation == "replace":
-        return data[:at] + piece + data[at + len(piece) :]
-    if operation == "drop line":
-        return b"\r\n".join(lines[:index] + lines[index + 1 :])
-    if operation == "repeat line":
-        return b"\r\n".join([*lines[: index + 1], *lines[index:]])
-    other = (index * 7 + 3) % len(lines)
-    lines[index], lines[other] = lines[other], lines[index]
-    return b"\r\n".join(lines)
-
-
-OPERATIONS = ("delete", "insert", "replace", "drop line", "repeat line", "swap lines")
-PIECES = st.one_of(
-    st.binary(min_size=1, max_size=4),
-    st.sampled_from(
-        [b"\t", b"\r\n", b"\r", b"<", b"-", b".", b",", b"e9", b"nan", b"<END DATA>\r\n"]
-    ),
-)
-MUTATIONS = st.lists(
-    st.tuples(st.sampled_from(OPERATIONS), st.integers(0, 20_000), PIECES), min_size=1, max_size=3
+MUTATIONS = mutations(
+    [b"\t", b"\r\n", b"\r", b"<", b"-", b".", b",", b"e9", b"nan", b"<END DATA>\r\n"]
 )
 
 
-def check_mutation(path, mutations):
+def check_mutation(path, steps):
     """A mutated file is refused, or every number read is the one that stands in the file."""
-    data = WHOLE.encode()
-    for mutation in mutations:
-        data = _mutate(data, *mutation)
+    data = mutated(WHOLE.encode(), steps)
     path.write_bytes(data)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
@@ -471,23 +443,14 @@ def check_mutation(path, mutations):
     np.testing.assert_array_equal(readings.position_z.values, [r[1] * 1e-3 for r in rows])
 
 
-@settings(
-    max_examples=400,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+@usual
 @given(MUTATIONS)
-def test_mutations_are_refused_or_read_as_they_stand(tmp_path, mutations):
-    check_mutation(tmp_path / "mutated.txt", mutations)
+def test_mutations_are_refused_or_read_as_they_stand(tmp_path, steps):
+    check_mutation(tmp_path / "mutated.txt", steps)
 
 
 @pytest.mark.slow
-@settings(
-    max_examples=1000,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
+@many
 @given(MUTATIONS)
-def test_many_mutations_are_refused_or_read_as_they_stand(tmp_path, mutations):
-    check_mutation(tmp_path / "mutated.txt", mutations)
+def test_many_mutations_are_refused_or_read_as_they_stand(tmp_path, steps):
+    check_mutation(tmp_path / "mutated.txt", steps)
