@@ -7,7 +7,7 @@ taken together; what they share (sphere, punch, load cell) is one unknown.
 """
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,9 +28,10 @@ from labpipe.identification import (
     profile,
     relaxation_times,
 )
-from labpipe.workflow.session import Session
+from labpipe.workflow.session import Experiment, Session
 from pipelines import process
-from pipelines.identify_evidence import KINDS, Proof, dma_prior
+from pipelines.figures.inputs import Inputs
+from pipelines.identify_evidence import KINDS, Proof, dma_prior, rheometer
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -89,8 +90,11 @@ class Wish:
 
 
 @dataclass(slots=True)
-class _Gathered:
-    names: list[str] = field(default_factory=list)
+class _Group:
+    """Experiments on one material, the rheometer's that is its prior, and what they tell."""
+
+    experiments: list[Experiment] = field(default_factory=list)
+    prior: str | None = None
     proofs: list[Proof] = field(default_factory=list)
 
 
@@ -126,27 +130,42 @@ def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = 
     """
     wish, tell = wish or Wish(), say or _silent
     session = process.open_session(folder)
-    chosen = _chosen(session, wish.experiments)
-    _processed(folder, session, chosen)
-    by_material: dict[str, _Gathered] = {}
-    remarks = []
-    for name in chosen:
+    groups: dict[str, _Group] = {}
+    for name in _chosen(session, wish.experiments):
         experiment = session.experiments[name]
-        proof = KINDS[experiment.kind].gather(session, experiment, wish.impacts)
-        if isinstance(proof, str):
-            remarks.append(f"{name}: {proof}")
-            continue
-        group = by_material.setdefault(proof.material, _Gathered())
-        group.names.append(name)
-        group.proofs.append(proof)
-    if not by_material:
+        group = groups.setdefault(KINDS[experiment.kind].material(experiment), _Group())
+        group.experiments.append(experiment)
+    if wish.prior is not None:
+        for group in groups.values():
+            group.prior = rheometer(session, wish.prior, group.experiments)
+    inputs = _processed(folder, groups.values())
+    remarks: list[str] = []
+    found = []
+    for material, group in groups.items():
+        own = _gather(inputs, group, wish.impacts)
+        remarks += own
+        if group.proofs:
+            names = ", ".join(e.name for e in group.experiments)
+            tell(f"{material}: {names}")
+            found.append(_identified(inputs, material, group, wish, own, tell))
+    if not found:
         message = "no experiment can tell of a material: " + "; ".join(remarks)
         raise InputError(message)
-    found = []
-    for material, group in by_material.items():
-        tell(f"{material}: {', '.join(group.names)}")
-        found.append(_identified(session, material, group, wish, remarks, tell))
     return found
+
+
+def _gather(inputs: Inputs, group: _Group, impacts: int) -> list[str]:
+    """Take what the experiments tell; return why some cannot."""
+    remarks, able = [], []
+    for experiment in group.experiments:
+        proof = KINDS[experiment.kind].gather(inputs, experiment, impacts)
+        if isinstance(proof, str):
+            remarks.append(f"{experiment.name}: {proof}")
+            continue
+        able.append(experiment)
+        group.proofs.append(proof)
+    group.experiments = able or group.experiments
+    return remarks
 
 
 def _chosen(session: Session, wanted: Sequence[str]) -> list[str]:
@@ -164,16 +183,26 @@ def _chosen(session: Session, wanted: Sequence[str]) -> list[str]:
     return [n for n in able if not wanted or n in wanted]
 
 
-def _processed(folder: str | Path, session: Session, names: Sequence[str]) -> None:
-    targets = [f"{n}/{s}" for n in names for s in KINDS[session.experiments[n].kind].stages]
+def _processed(folder: str | Path, groups: Iterable[_Group]) -> Inputs:
+    """Process what is not yet, and open the results."""
+    targets, names = [], []
+    for group in groups:
+        for experiment in group.experiments:
+            targets += [f"{experiment.name}/{s}" for s in KINDS[experiment.kind].stages]
+            names.append(experiment.name)
+        if group.prior is not None:
+            targets.append(f"{group.prior}/master_curve")
+            names.append(group.prior)
     run = process.process(folder, targets, names)
     for outcome in run.failures:
         message = f"{outcome.task}: {outcome.message}"
         raise InputError(message)
+    plan = process.plan(folder)
+    return Inputs(plan, {n: e.settings for n, e in plan.session.experiments.items()})
 
 
 def _identified(
-    session: Session, material: str, group: _Gathered, wish: Wish, remarks: list[str], say: Say
+    inputs: Inputs, material: str, group: _Group, wish: Wish, remarks: list[str], say: Say
 ) -> Identified:
     windows = [p.window for p in group.proofs]
     data = min(w[0] for w in windows), max(w[1] for w in windows)
@@ -187,9 +216,8 @@ def _identified(
     nuisances: dict[str, Parameter] = {}
     for proof in group.proofs:
         nuisances |= {p.name: p for p in proof.unknowns}
-    if wish.prior is not None:
-        experiments = [session.experiments[n] for n in group.names]
-        sweep, unknown = dma_prior(session, wish.prior, experiments, spectrum.rho)
+    if group.prior is not None:
+        sweep, unknown = dma_prior(inputs, group.prior, group.experiments, spectrum.rho)
         evidence.append(sweep)
         nuisances[unknown.name] = unknown
     problem = Problem(spectrum, tuple(evidence), tuple(nuisances.values()))
@@ -203,7 +231,7 @@ def _identified(
         say("profile of the long-time modulus")
         relaxed = profile(known, 0)
     before = None
-    if wish.prior is not None:
+    if group.prior is not None:
         before = posterior(fit(problem.only(prior=True)))
     return Identified(material, known, relaxed, before, tuple(remarks))
 

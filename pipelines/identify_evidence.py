@@ -25,12 +25,12 @@ from labpipe.materials import Prony
 from labpipe.signals import common_fit
 from labpipe.uncertainty import combined
 from labpipe.workflow.session import Experiment, Session
-from pipelines import process
 from pipelines.experiments import holds, mach1_file
 from pipelines.experiments.indentation import Geometry, elastic_force, relative_sources
 from pipelines.experiments.material import resolve
 from pipelines.experiments.plate import plate_inputs, resolve_plate
 from pipelines.experiments.relaxation import elastic_area
+from pipelines.figures.inputs import Inputs, referred
 
 Array = NDArray[np.float64]
 
@@ -70,22 +70,28 @@ class Kind:
     """What a kind of experiment needs and how it is gathered; a text says why it cannot be."""
 
     stages: tuple[str, ...]
-    gather: Callable[[Session, Experiment, int], Proof | str]
+    gather: Callable[[Inputs, Experiment, int], Proof | str]
     holder: str
 
+    def choice(self, experiment: Experiment) -> Any:
+        """Return the table that names the material."""
+        return getattr(experiment.settings, self.holder)
+
     def material(self, experiment: Experiment) -> str:
-        """Return how the session names the material."""
-        choice = getattr(experiment.settings, self.holder)
-        return str(choice.material or choice.material_from or choice.material_file)
+        """Return how the session names the material; another temperature is another material."""
+        choice = self.choice(experiment)
+        name = choice.material or choice.material_from or choice.material_file
+        at = "" if choice.temperature is None else f" at {choice.temperature.value:g} degC"
+        return referred(str(name)) + at
 
 
-def _solid(session: Session, experiment: Experiment, holder: str) -> Prony:
+def _solid(inputs: Inputs, experiment: Experiment, holder: str) -> Prony:
     """Return the material that the session assumes: only its Poisson's ratio is used."""
     choice = getattr(experiment.settings, holder)
     if choice.material_from is not None:
-        fitted = process.result(session.root, choice.material_from, "master_curve")
+        fitted = inputs.result(referred(choice.material_from), "master_curve")
         return resolve(choice, None, fitted)
-    file = None if choice.material_file is None else session.root / choice.material_file
+    file = None if choice.material_file is None else inputs.folder / choice.material_file
     return resolve(choice, file, None)
 
 
@@ -108,13 +114,13 @@ def _body(experiment: Experiment) -> tuple[dict[str, str], list[Parameter]]:
 
 
 def _drop_model(
-    session: Session, experiment: Experiment, names: dict[str, str], unknowns: list[Parameter]
+    inputs: Inputs, experiment: Experiment, names: dict[str, str], unknowns: list[Parameter]
 ) -> DropModel:
     """Return the model of a drop, with the plate's mass among its unknowns."""
     settings: Any = experiment.settings
     found = None
     if settings.plate_from is not None:
-        found = process.result(session.root, settings.plate_from, "plate")
+        found = inputs.result(referred(settings.plate_from), "plate")
     plate = resolve_plate(settings.plate, found)
     mass = plate_inputs(settings.plate, found).get("mass")
     if plate is not None and mass is not None and mass.u > 0.0:
@@ -145,11 +151,9 @@ def _height(experiment: Experiment, heights: Array) -> Parameter:
     return _nuisance(name, given.value, sd, "m", "mean height of the drops")
 
 
-def _ball_drop(session: Session, experiment: Experiment, impacts: int) -> Proof | str:
+def _ball_drop(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof | str:
     settings: Any = experiment.settings
-    made = [
-        process.result(session.root, experiment.name, "bounces", file) for file in settings.laser
-    ]
+    made = [inputs.result(experiment.name, "bounces", file) for file in settings.laser]
     count = min(impacts + 1, *(b.sizes["impact"] for b in made))
     if count < 2:
         return "fewer than two impacts were seen"
@@ -157,7 +161,7 @@ def _ball_drop(session: Session, experiment: Experiment, impacts: int) -> Proof 
     own = np.array([b["u_touch_time"].values[:count] for b in made])
     n = len(made)
     u_touch = np.maximum(np.sqrt(np.mean(own**2, axis=0)), _scatter(touch)) / np.sqrt(n)
-    table = process.result(session.root, experiment.name, "repeats").isel(impact=slice(count))
+    table = inputs.result(experiment.name, "repeats").isel(impact=slice(count))
     names, unknowns = _body(experiment)
     height = _height(experiment, np.array([float(b["drop_height"]) for b in made]))
     trigger = _nuisance(
@@ -170,7 +174,7 @@ def _ball_drop(session: Session, experiment: Experiment, impacts: int) -> Proof 
         touch.mean(axis=0), u_touch, table["contact_duration"].values[:count],
         table["u_contact_duration"].values[:count], none, none,
     )  # fmt: skip
-    return _proof_of_drop(session, experiment, seen, names, unknowns)
+    return _proof_of_drop(inputs, experiment, seen, names, unknowns)
 
 
 def _scatter(touch: Array) -> Array:
@@ -186,12 +190,12 @@ def _scatter(touch: Array) -> Array:
     return np.asarray(np.sqrt(np.sum(rest**2, axis=0) / (len(touch) - 1)))
 
 
-def _contact_area(session: Session, experiment: Experiment, impacts: int) -> Proof | str:
-    made = process.result(session.root, experiment.name, "impacts")
+def _contact_area(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof | str:
+    made = inputs.result(experiment.name, "impacts")
     count = min(impacts, made.sizes["impact"])
     if not count:
         return "no impact was seen in the film"
-    film = process.result(session.root, experiment.name, "radius")
+    film = inputs.result(experiment.name, "radius")
     relative = float(film.attrs["u_systematic_relative"])
     radius = made["peak_radius"].values[:count]
     u = np.sqrt(np.maximum(made["u_peak_radius"].values[:count] ** 2 - (relative * radius) ** 2,
@@ -203,16 +207,16 @@ def _contact_area(session: Session, experiment: Experiment, impacts: int) -> Pro
     unknowns += [height, pixel]
     none = np.full(count, np.nan)
     seen = Bounces(none, none, none, none, radius, u)
-    return _proof_of_drop(session, experiment, seen, names, unknowns)
+    return _proof_of_drop(inputs, experiment, seen, names, unknowns)
 
 
 def _proof_of_drop(
-    session: Session, experiment: Experiment, seen: Bounces, names: dict[str, str],
+    inputs: Inputs, experiment: Experiment, seen: Bounces, names: dict[str, str],
     unknowns: list[Parameter],
 ) -> Proof:  # fmt: skip
-    model = _drop_model(session, experiment, names, unknowns)
+    model = _drop_model(inputs, experiment, names, unknowns)
     evidence = drop_evidence(experiment.name, seen, model)
-    solid = _solid(session, experiment, "sphere")
+    solid = _solid(inputs, experiment, "sphere")
     return Proof(
         KINDS[experiment.kind].material(experiment), float(solid.nu), evidence.model.window,
         tuple(unknowns), lambda rho: evidence,
@@ -229,12 +233,12 @@ class _Punched:
     factors: tuple[str, ...]
 
 
-def _punched(session: Session, experiment: Experiment, loads: xr.Dataset, depth: float
+def _punched(inputs: Inputs, experiment: Experiment, loads: xr.Dataset, depth: float
              ) -> _Punched | str:  # fmt: skip
     settings: Any = experiment.settings
     if settings.punch is None or settings.substrate is None:
         return "session.toml names no punch and no substrate"
-    nu = float(_solid(session, experiment, "substrate").nu)
+    nu = float(_solid(inputs, experiment, "substrate").nu)
     geometry = Geometry.of(settings.punch, settings.substrate, settings.model, nu)
     unknowns, factors = [], []
     relative = combined(relative_sources(depth, 0.0, geometry))
@@ -249,18 +253,17 @@ def _punched(session: Session, experiment: Experiment, loads: xr.Dataset, depth:
     return _Punched(geometry, nu, unknowns, tuple(factors))
 
 
-def _relaxation(session: Session, experiment: Experiment, impacts: int) -> Proof | str:
+def _relaxation(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof | str:
     del impacts
     settings: Any = experiment.settings
     parts = []
     for number, file in enumerate(settings.mach1):
         loads, ramps, curves = (
-            process.result(session.root, experiment.name, stage, file)
-            for stage in ("loads", "ramps", "curves")
+            inputs.result(experiment.name, stage, file) for stage in ("loads", "ramps", "curves")
         )
         if not np.isfinite(float(ramps["contact_position"])):
             return f"first touch was not found in {file}"
-        shared = _punched(session, experiment, loads, float(ramps["depth"].max()))
+        shared = _punched(inputs, experiment, loads, float(ramps["depth"].max()))
         if isinstance(shared, str):
             return shared
         label = experiment.name + (f" {number + 1}" if len(settings.mach1) > 1 else "")
@@ -336,15 +339,13 @@ def _joined(name: str, parts: list[Evidence]) -> Evidence:
     return Evidence(name, groups, JoinedModel(tuple(part.model for part in parts)))
 
 
-def _harmonic(session: Session, experiment: Experiment, impacts: int) -> Proof | str:
+def _harmonic(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof | str:
     del impacts
     settings: Any = experiment.settings
-    loads, waves = (
-        process.result(session.root, experiment.name, stage) for stage in ("loads", "oscillations")
-    )
+    loads, waves = (inputs.result(experiment.name, stage) for stage in ("loads", "oscillations"))
     touch, _ = mach1_file.contact_position(loads, settings.contact)
     mean = waves["mean_position"].values - touch.value
-    shared = _punched(session, experiment, loads, float(mean.max()))
+    shared = _punched(inputs, experiment, loads, float(mean.max()))
     if isinstance(shared, str):
         return shared
     if mean.min() <= 0.0:
@@ -435,23 +436,24 @@ KINDS: dict[str, Kind] = {
 
 
 def dma_prior(
-    session: Session, wanted: str, experiments: list[Experiment], rho: Array
+    inputs: Inputs, name: str, experiments: list[Experiment], rho: Array
 ) -> tuple[Evidence, Parameter]:
     """Return the moduli of a rheometer experiment, at the temperature of the others, as prior.
 
-    Raises
-    ------
-    UsageError
-        There is no such experiment, or it is not clear which one is meant.
+    Parameters
+    ----------
+    inputs : Inputs
+    name : str
+        Of the rheometer experiment, from :func:`rheometer`.
+    experiments : list of Experiment
+        On one material at one temperature.
+    rho : array (term,) [s]
+        Relaxation times of the spectrum.
     """
-    name = _rheometer(session, wanted, experiments)
-    process.process(session.root, [f"{name}/master_curve"], [name])
-    fitted = process.result(session.root, name, "master_curve")
-    choice = next(
-        getattr(e.settings, KINDS[e.kind].holder) for e in experiments
-    )  # all are of one material
+    fitted = inputs.result(name, "master_curve")
+    choice = KINDS[experiments[0].kind].choice(experiments[0])
     solid = resolve(choice if choice.material_from else _plain(choice, name), None, fitted)
-    sweeps = process.result(session.root, name, "sweeps")
+    sweeps = inputs.result(name, "sweeps")
     frequency = sweeps["frequency"].values
     shift = 10.0 ** fitted["log10_aT"].values
     own = float(solid.rho[0] / fitted["rho"].values[0]) if len(solid.rho) else 1.0
@@ -473,20 +475,33 @@ def _plain(choice: Any, name: str) -> Any:
     return msgspec.structs.replace(choice, material=None, material_file=None, material_from=name)
 
 
-def _rheometer(session: Session, wanted: str, experiments: list[Experiment]) -> str:
+def rheometer(session: Session, wanted: str, experiments: list[Experiment]) -> str:
+    """Return the name of the rheometer experiment that is the prior of a material.
+
+    ``dma`` stands for the one that the material is taken from, else for the only one, else for
+    the only one whose name begins with that of the material.
+
+    Raises
+    ------
+    UsageError
+        There is no such experiment, or it is not clear which one is meant.
+    """
     sweeps = [n for n, e in session.experiments.items() if e.kind == "dma"]
     if wanted in sweeps:
         return wanted
     if wanted != "dma":
-        message = f'there is no rheometer experiment "{wanted}"; known are {", ".join(sweeps)}'
+        known = ", ".join(sweeps) or "none"
+        message = f'there is no rheometer experiment "{wanted}"; known are: {known}'
         raise UsageError(message)
-    named = {
-        getattr(e.settings, KINDS[e.kind].holder).material_from for e in experiments
-    } - {None}  # fmt: skip
-    if len(named) == 1:
-        return str(named.pop())
-    if len(sweeps) == 1:
-        return sweeps[0]
+    choices = [KINDS[e.kind].choice(e) for e in experiments]
+    named = {referred(c.material_from) for c in choices if c.material_from}
+    alike = [n for n in sweeps for c in choices[:1] if c.material and n.startswith(c.material)]
+    for possible in (sorted(named), sweeps, alike):
+        if len(possible) == 1:
+            return possible[0]
     found = ", ".join(sweeps) or "none"
-    message = f"which rheometer experiment is the prior? Give --prior NAME; there are: {found}"
+    message = (
+        f"{experiments[0].name}: which rheometer experiment is the prior? Give --prior NAME; "
+        f"there are: {found}"
+    )
     raise UsageError(message)

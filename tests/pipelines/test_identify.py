@@ -6,16 +6,19 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
 from labpipe import files, materials
 from labpipe.errors import UsageError
 from labpipe.identification import moduli
+from labpipe.units import Quantity
 from pipelines.cli import main
+from pipelines.figures.inputs import Inputs
 from pipelines.identify import Wish, identify
 from pipelines.identify_evidence import KINDS
-from pipelines.process import open_session
+from pipelines.process import plan
 from pipelines.rig.indentation_session import cell_record, relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
@@ -80,8 +83,8 @@ def test_moduli_outside_the_data_are_never_called_determined(rubber: Path) -> No
 
 
 def test_drop_becomes_evidence_without_the_scatter_of_its_heights(processed_session: Path) -> None:
-    session = open_session(processed_session)
-    proof = KINDS["ball_drop"].gather(session, session.experiments["drop"], 2)
+    inputs = Inputs(plan(processed_session), {})
+    proof = KINDS["ball_drop"].gather(inputs, inputs.plan.session.experiments["drop"], 2)
     evidence = proof.build(np.array([1e-3]))
     touch, duration = evidence.groups
     assert touch.name == "time of touch"
@@ -124,3 +127,19 @@ def test_unknown_experiment_is_named(processed_session: Path) -> None:
 def test_prior_without_a_rheometer_is_refused(processed_session: Path) -> None:
     with pytest.raises(UsageError, match="there are: none"):
         identify(processed_session, Wish(("nbr",), prior="dma", with_profile=False))
+
+
+def test_prior_without_a_rheometer_is_refused_by_its_name(processed_session: Path) -> None:
+    with pytest.raises(UsageError, match='no rheometer experiment "paper"; known are: none'):
+        identify(processed_session, Wish(("nbr",), prior="paper", with_profile=False))
+
+
+def test_another_temperature_is_another_material(processed_session: Path) -> None:
+    experiment = plan(processed_session).session.experiments["drop"]
+    kind = KINDS["ball_drop"]
+    assert kind.material(experiment) == "acrylic"
+    sphere = msgspec.structs.replace(
+        experiment.settings.sphere, temperature=Quantity(39, 0, "degC")
+    )
+    warm = replace(experiment, settings=msgspec.structs.replace(experiment.settings, sphere=sphere))
+    assert kind.material(warm) == "acrylic at 39 degC"
