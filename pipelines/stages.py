@@ -83,7 +83,7 @@ HARMONIC = (
         summary="peak and plateau of the relaxation before the oscillations",
     ),
     Stage(
-        "oscillations", "pipelines.experiments.harmonic:oscillations", 3,
+        "oscillations", "pipelines.experiments.harmonic:oscillations", 4,
         ("loads",), ("cycles", "load_cell.correct_filter_lag"), schema="oscillations",
         summary="fit frequency, amplitude, phase; work and stiffness per cycle",
     ),

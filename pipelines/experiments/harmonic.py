@@ -13,6 +13,7 @@ from labpipe import contact, signals
 from labpipe.contact import dissipation
 from labpipe.errors import InputError
 from labpipe.signals import CommonFit, common_fit, nrmse
+from labpipe.signals.noise import quantisation_step
 from pipelines.experiments import holds, mach1_file
 from pipelines.experiments.indentation import Geometry, simulated
 from pipelines.experiments.material import resolve
@@ -165,7 +166,12 @@ def _oscillation(
                 return 1.0 + 0.0j
             return at.gain * complex(np.exp(-1j * at.phase))
 
-    fit = common_fit(time[used], position[used], force[used], frequency, response=response)
+    # A fast stage skips so many steps that they do not show; the file's decimals remain.
+    finest = max(quantisation_step(position[used]), mach1_file.LAST_DECIMAL)
+    steps = (finest, float(loads.attrs["resolution"]))
+    fit = common_fit(
+        time[used], position[used], force[used], frequency, response=response, resolutions=steps
+    )
     cut = signals.loops(time, position, force, fit.position.frequency, start=begin, end=end)
     areas = cut["work"].values
     u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase if lag else 0.0))

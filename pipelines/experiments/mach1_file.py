@@ -23,6 +23,9 @@ from labpipe.units import Quantity
 
 Array = NDArray[np.float64]
 
+LAST_DECIMAL = 1e-9
+"""Last decimal of a position in m: every file has six of a millimetre."""
+
 _APPROACH = "Find Contact"
 _POWERS = (0.85, 1.15)  # of the depth with which force may begin to grow, see _touch
 _KINDS = ("butterworth", "bessel")  # what a header's "low-pass" may be, the likelier first

@@ -67,6 +67,38 @@ def test_uncertainties_hold_for_residuals_with_memory(memory):
     assert np.all((spread > 0.75) & (spread < 1.3)), spread
 
 
+def test_rounding_is_told_where_it_repeats_in_every_cycle():
+    """Spread of error over u was 1.0 to 1.2; without the step up to 4.4."""
+    random = np.random.default_rng(0)
+    step, time = 0.01, np.arange(0.0, 60.0, 0.05)
+    z = []
+    for _ in range(60):
+        offset, phase = random.uniform(0, step), random.uniform(-3, 3)
+        curve = np.sin(2 * np.pi * 0.0998 * time + phase) + offset
+        fit = fit_sinusoid(time, step * np.round(curve / step), 0.1, resolution=step)
+        z.append([(fit.amplitude - 1) / fit.u_amplitude,
+                  (fit.frequency - 0.0998) / fit.u_frequency])  # fmt: skip
+    spread = np.sqrt(np.mean(np.square(z), axis=0))
+    assert np.all((spread > 0.75) & (spread < 1.3)), spread
+
+
+@pytest.mark.parametrize("levels", [37.3, 101.6])
+def test_rounding_of_a_slow_sinusoid_follows_the_bessel_series(levels):
+    """0.111 q sqrt(q/A) is the mean over amplitudes; one amplitude lies within a factor of two."""
+    time = np.arange(0.0, 40.0, 0.01)
+    fit = fit_sinusoid(time, np.round(levels * np.sin(2 * np.pi * 0.1 * time)), resolution=1.0)
+    assert 0.4 < fit.u_amplitude / (0.111 / np.sqrt(levels)) < 1.6
+
+
+def test_noise_far_above_the_step_leaves_the_uncertainty_as_it_is():
+    time = np.arange(0.0, 20.0, 0.01)
+    noise = 0.1 * np.random.default_rng(3).standard_normal(time.size)
+    signal = 0.01 * np.round((np.sin(2 * np.pi * 0.7 * time) + noise) / 0.01)
+    blind, told = (fit_sinusoid(time, signal, resolution=step) for step in (0.0, 0.01))
+    assert told.amplitude == blind.amplitude
+    assert told.u_amplitude == pytest.approx(blind.u_amplitude, rel=0.02)
+
+
 def test_wrong_header_frequency_is_only_a_guess():
     time = np.arange(0.0, 10.0, 0.01)
     fit = fit_sinusoid(time, np.sin(2 * np.pi * 1.983 * time), frequency_guess=2.0)
