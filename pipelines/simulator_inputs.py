@@ -1,23 +1,39 @@
 """What ``simulate`` and ``sweep`` give to the simulator: a material by its name, and a history."""
 
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from labpipe.materials import Prony
+    from labpipe.materials import Material, Prony
 
 _RAMP_SAMPLES, _HOLD_SAMPLES = 41, 120
 _FIRST_HOLD, _SHORTEST_HOLD = 1e-3, 2e-3  # s; a hold is sampled by equal ratios
 
 
-def material(name: str, temperature: float | None = None) -> "Prony":
-    """Return a material of the library, or of a TOML file when the name ends in ``.toml``."""
+def material(name: str, temperature: float | None = None, vertical_shift: float = 1.0) -> "Prony":
+    """Return the solid of a material at a temperature [degC], all moduli times a vertical shift.
+
+    It is one of the library, or of a TOML file when the name ends in ``.toml``.
+    """
+    solid = describe(name).at(temperature)
+    return solid if vertical_shift == 1.0 else solid.scaled(vertical_shift)
+
+
+def describe(name: str) -> "Material":
+    """Return a material with its law of temperature."""
     from labpipe import materials
 
-    load = materials.load_file if name.endswith(".toml") else materials.load
-    return load(name, temperature)
+    return materials.read_material(name) if name.endswith(".toml") else _of_library(name)
+
+
+@cache
+def _of_library(name: str) -> "Material":
+    from labpipe import materials
+
+    return materials.describe(name)
 
 
 def ramp_hold_oscillation(

@@ -4,17 +4,21 @@ The processes are forked from a server that has the numerical libraries loaded a
 one thread each, so that a result does not depend on how many processors there are.
 """
 
-import contextlib
 import multiprocessing
 import os
 import signal
 import sys
-import threading
-import types
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from multiprocessing import connection
 from typing import Any
 
+from labpipe.workflow.processes import (
+    ENVIRONMENT,
+    METHOD,
+    Died,
+    clean_start,
+    die_with_parent,
+)
 from labpipe.workflow.tasks import TaskId
 from labpipe.workflow.worker import Job, run_job
 
@@ -29,22 +33,8 @@ PRELOADED_TO_DRAW = (
 )
 """What workers need that write pages: loaded once, not once for every experiment."""
 
-_WORKER_ENVIRONMENT = {
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "VECLIB_MAXIMUM_THREADS": "1",
-    "NUMBA_NUM_THREADS": "1",
-    "OPENCV_FOR_THREADS_NUM": "1",
-    "MPLBACKEND": "Agg",
-}
-_METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
 _PATIENCE = 5.0
 """Seconds that a process gets to end after it was asked to."""
-
-
-class Died(Exception):  # noqa: N818 (an observation about another process)
-    """A worker ended without saying so."""
 
 
 class Worker:
@@ -53,12 +43,12 @@ class Worker:
     def __init__(self, job: Job, preload: Sequence[str]) -> None:
         self.job = job
         self.current: TaskId | None = None
-        context: Any = multiprocessing.get_context(_METHOD)
-        if _METHOD == "forkserver":
+        context: Any = multiprocessing.get_context(METHOD)
+        if METHOD == "forkserver":
             context.set_forkserver_preload([*PRELOADED, *preload])
         self.receiver, sender = context.Pipe(duplex=False)
         self.process = context.Process(target=_work, args=(job, sender), daemon=True)
-        with _environment(), _no_main():
+        with clean_start():
             self.process.start()
         sender.close()
 
@@ -104,48 +94,10 @@ def _how(code: int | None) -> str:
 def _work(job: Job, sender: connection.Connection) -> None:
     """Body of the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
-    os.environ.update(_WORKER_ENVIRONMENT)
+    os.environ.update(ENVIRONMENT)
     # Standard output belongs to the command; what a stage or a library prints goes to the errors.
     os.dup2(sys.__stderr__.fileno() if sys.__stderr__ else 2, 1)
-    threading.Thread(target=_die_with_parent, daemon=True).start()
+    die_with_parent()
     run_job(job, lambda name, value: sender.send((name, value)))
     sender.send(("finished", None))
     sender.close()
-
-
-def _die_with_parent() -> None:
-    """End at once when the parent is gone, so that no orphan keeps the experiment's lock."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        connection.wait([parent.sentinel])
-        os._exit(1)
-
-
-@contextlib.contextmanager
-def _environment() -> Iterator[None]:
-    """Have the server start with one thread per library; ours stays as it is."""
-    before = {name: os.environ.get(name) for name in _WORKER_ENVIRONMENT}
-    os.environ.update(_WORKER_ENVIRONMENT)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-@contextlib.contextmanager
-def _no_main() -> Iterator[None]:
-    """Hide the calling script: a worker imports stages by name and must not run the script again.
-
-    Without this a script or notebook that calls labpipe without the ``__main__`` guard would
-    start itself in every worker.
-    """
-    main = sys.modules["__main__"]
-    sys.modules["__main__"] = types.ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = main

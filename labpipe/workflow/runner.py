@@ -13,6 +13,7 @@ from labpipe.schema import Schema
 from labpipe.workflow import pool, provenance
 from labpipe.workflow.ledger import LedgerRow, summarise
 from labpipe.workflow.plan import CACHED, Plan, make_plan, page_name, wanted_tasks
+from labpipe.workflow.processes import Died
 from labpipe.workflow.session import Session, html_table
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, TaskId, spell_out
@@ -373,7 +374,7 @@ class _State:
         """Take one event; return the worker that goes on when this one died."""
         try:
             event = worker.receive()
-        except pool.Died as death:
+        except Died as death:
             running.remove(worker)
             worker.stop()
             return self._go_on(worker, str(death), preload)

@@ -14,6 +14,7 @@ import logging
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import partial
 from importlib.metadata import version
 from importlib.resources import files as package_files
 from pathlib import Path
@@ -254,23 +255,19 @@ def _drawings(
         # What was processed since the plan was made is in the new one.
         yield from map(_Drawer(shelf.folder, root), tasks)
         return
-    import multiprocessing
-    from concurrent.futures import ProcessPoolExecutor
-    from concurrent.futures.process import BrokenProcessPool
+    from labpipe.workflow.processes import Died, side_by_side
 
-    context = multiprocessing.get_context("forkserver")
+    begin = partial(_begin_worker, shelf.folder, root)
+    found: dict[int, tuple[Outcome, dict[str, Any]]] = {}
     done = 0
-    with (
-        contextlib.suppress(BrokenProcessPool),
-        ProcessPoolExecutor(
-            min(jobs, len(tasks)), context, initializer=_begin_worker, initargs=(shelf.folder, root)
-        ) as pool,
+    for number, drawn in side_by_side(
+        _draw_there, dict(enumerate(tasks)), min(jobs, len(tasks)), begin=begin
     ):
-        for drawn in pool.map(_draw_there, tasks):
+        lost = Outcome(tasks[number][0], FAILED, f"{drawn}; too little memory?")
+        found[number] = (lost, {}) if isinstance(drawn, Died) else drawn
+        while done in found:
+            yield found.pop(done)
             done += 1
-            yield drawn
-    if done < len(tasks):  # a process died, of too little memory perhaps: go on alone
-        yield from map(_Drawer(shelf.folder, root), tasks[done:])
 
 
 class _Drawer:

@@ -6,9 +6,7 @@ disc, at room temperature and heated; PTFE is loaded step by step; rubber is ind
 all five materials go through the rheometer. What is recorded by itself is written side by side.
 """
 
-import multiprocessing
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from functools import partial
@@ -17,6 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from labpipe import files, materials
+from labpipe.errors import LabpipeError
+from labpipe.workflow.processes import Died, side_by_side
 from pipelines.rig import film_front, film_under
 from pipelines.rig.calibration_images import write_calibration_images
 from pipelines.rig.dma import SOLIDS, Protocol, write_dma
@@ -158,9 +158,14 @@ def write_campaign(
         Recordings written side by side; the files do not depend on it.
     """
     parts = _parts(folder, start, extent)
-    context = multiprocessing.get_context("forkserver")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        sections = list(pool.map(_write, [part.write for part in parts]))
+    tasks = dict(enumerate(part.write for part in parts))
+    found: dict[int, str] = {}
+    for number, section in side_by_side(_write, tasks, workers):
+        if isinstance(section, Died):
+            message = f"recording {', '.join(parts[number].names)}: {section}; too little memory?"
+            raise LabpipeError(message)
+        found[number] = section
+    sections = [found[number] for number in tasks]
     if extent is not SMALL:
         write_calibration_images(folder)
     _write_session(folder, sections, is_binned=extent.bursts is not None)

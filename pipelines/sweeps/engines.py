@@ -5,15 +5,15 @@ who computed it. A worker that dies costs its block another try; one that keeps 
 block leaves a reason in place of its results.
 """
 
-import multiprocessing
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import partial
+from itertools import islice
 from typing import Any, Protocol
 
 from labpipe.errors import UsageError
+from labpipe.workflow.processes import Died, side_by_side
 from pipelines.sweeps.simulators import SIMULATORS, Outputs, Value
 
 Point = Mapping[str, Value]
@@ -22,6 +22,9 @@ Outcome = Outputs | str
 Block = Sequence[Point]
 
 _TRIES = 3
+_PRELOADED = ("numpy", "xarray", "labpipe.contact", "pipelines.sweeps.simulators")
+# Blocks that a cluster holds: enough that no thread waits for us.
+_PER_THREAD, _LEAST_IN_FLIGHT = 4, 16
 
 
 def compute(simulator: str, block: Block) -> list[Outcome]:
@@ -69,52 +72,13 @@ class Processes:
         self, simulator: str, blocks: Mapping[str, Block]
     ) -> Iterator[tuple[str, list[Outcome]]]:
         """See :class:`Engine`."""
-        tries = dict.fromkeys(blocks, 0)
-        waiting = dict(blocks)
-        all_workers = self.jobs or os.cpu_count() or 1
-        while waiting:
-            # After a death nobody knows whose block it was: each suspect is tried alone.
-            suspects = {key: block for key, block in waiting.items() if tries[key]}
-            workers, batch = (1, suspects) if suspects else (all_workers, dict(waiting))
-            in_flight = 1 if suspects else workers + 1  # one in reserve keeps the workers busy
-            context = multiprocessing.get_context("forkserver")
-            with ProcessPoolExecutor(workers, mp_context=context, initializer=_one_thread) as pool:
-                for key, outcome in _until_one_dies(pool, simulator, batch, in_flight, tries):
-                    del waiting[key]
-                    yield key, outcome
-            for key in [k for k in waiting if tries[k] >= _TRIES]:
-                yield key, ["the worker died"] * len(waiting.pop(key))
-
-
-def _until_one_dies(
-    pool: ProcessPoolExecutor,
-    simulator: str,
-    blocks: Mapping[str, Block],
-    in_flight: int,
-    tries: dict[str, int],
-) -> Iterator[tuple[str, list[Outcome]]]:
-    running: dict[Future[list[Outcome]], str] = {}
-    queue = iter(list(blocks))
-    while True:
-        try:
-            while len(running) < in_flight and (key := next(queue, None)) is not None:
-                running[pool.submit(compute, simulator, blocks[key])] = key
-            if not running:
-                return
-            done, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in done:
-                outcome = future.result()
-                yield running.pop(future), outcome
-        except BrokenProcessPool:
-            for key in running.values():
-                tries[key] += 1
-            return
-
-
-def _one_thread() -> None:
-    """Keep the libraries' own threads from fighting over the processors."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[name] = "1"
+        workers = self.jobs or os.cpu_count() or 1
+        run = partial(compute, simulator)
+        for key, found in side_by_side(run, blocks, workers, preload=_PRELOADED):
+            if isinstance(found, Died):
+                yield key, [str(found)] * len(blocks[key])
+            else:
+                yield key, found
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,16 +108,35 @@ class Dask:
             message = f"no Dask scheduler answers at {self.address} ({error})"
             raise UsageError(message) from error
         with client:
-            futures: dict[Any, str] = {
-                client.submit(compute, simulator, list(block), key=f"labpipe-{key}",
-                              retries=_TRIES - 1): key
-                for key, block in blocks.items()
-            }  # fmt: skip
-            for future in as_completed(futures, loop=client.loop):
-                key = futures[future]
-                problem = future.exception()
-                if problem is None:
-                    yield key, future.result()
-                else:
-                    yield key, [f"the worker died ({problem})"] * len(blocks[key])
-                future.release()
+            yield from _as_they_come(client, as_completed, simulator, blocks)
+
+
+def _as_they_come(
+    client: Any, as_completed: Any, simulator: str, blocks: Mapping[str, Block]
+) -> Iterator[tuple[str, list[Outcome]]]:
+    """Hand out a few blocks per thread of the cluster; the scheduler never holds a whole sweep."""
+    queue = iter(blocks)
+    keys: dict[Any, str] = {}
+    finished = as_completed(loop=client.loop)
+
+    def fill() -> int:
+        wanted = max(_LEAST_IN_FLIGHT, _PER_THREAD * sum(client.nthreads().values()))
+        for key in islice(queue, wanted - len(keys)):
+            future = client.submit(
+                compute, simulator, list(blocks[key]), key=f"labpipe-{key}", retries=_TRIES - 1
+            )
+            keys[future] = key
+            finished.add(future)
+        return wanted
+
+    wanted = fill()
+    for future in finished:
+        key = keys.pop(future)
+        problem = future.exception()
+        if problem is None:
+            yield key, future.result()
+        else:
+            yield key, [f"the worker died ({problem})"] * len(blocks[key])
+        future.release()
+        if 2 * len(keys) < wanted:
+            wanted = fill()

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from math import prod
 
 import numpy as np
 
@@ -57,18 +57,23 @@ class Design:
         draws = len(next(iter(self.drawn.values()))) if self.drawn else 0
         return tuple(len(a.values) for a in self.axes) + ((draws,) if draws else ())
 
-    def points(self) -> list[dict[str, Value]]:
-        """All parameters of every point, in the order of the flattened grid."""
-        draws: list[dict[str, Value]] = [{}]
-        if self.drawn:
-            rows = zip(*self.drawn.values(), strict=True)
-            draws = [dict(zip(self.drawn, row, strict=True)) for row in rows]
-        names = [a.name for a in self.axes]
-        return [
-            self.fixed | dict(zip(names, values, strict=True)) | draw
-            for values in product(*(a.values for a in self.axes))
-            for draw in draws
-        ]
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return prod(self.shape)
+
+    def points(self, start: int = 0, stop: int | None = None) -> list[dict[str, Value]]:
+        """All parameters of some points, in the order of the flattened grid."""
+        n_draws = self.shape[-1] if self.drawn else 1
+        found = []
+        for number in range(start, self.count if stop is None else min(stop, self.count)):
+            place, draw = divmod(number, n_draws)
+            point = dict(self.fixed)
+            for swept in reversed(self.axes):
+                place, i = divmod(place, len(swept.values))
+                point[swept.name] = swept.values[i]
+            found.append(point | {name: values[draw] for name, values in self.drawn.items()})
+        return found
 
 
 def axis(simulator: str, name: str, text: str) -> Axis:
@@ -173,9 +178,8 @@ def design(
         )
         raise UsageError(message)
     made = Design(simulator, tuple(axes), values, _draw(spread, draws, seed))
-    count = int(np.prod(made.shape, dtype=float))
-    if count > MOST_POINTS:
-        message = f"{count} points; at most {MOST_POINTS} in one sweep"
+    if made.count > MOST_POINTS:
+        message = f"{made.count} points; at most {MOST_POINTS} in one sweep"
         raise UsageError(message)
     return made
 

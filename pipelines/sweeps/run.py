@@ -2,15 +2,16 @@
 
 import hashlib
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labpipe import files
-from labpipe.errors import UsageError
+from labpipe.errors import LabpipeError, UsageError
 from pipelines.simulator_inputs import material
 from pipelines.sweeps.engines import Block, Engine, Outcome, Serial
 from pipelines.sweeps.grid import DRAW, Design
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 BLOCK = 25
 """Points handed to a worker at a time: about a second of work, small against a restart."""
-_FORMAT = 1
+_FORMAT = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,68 +86,149 @@ def sweep(
         message = f"{path}: the result of a sweep is a netCDF file; give a name that ends in .nc"
         raise UsageError(message)
     parts = path.with_name(f"{path.stem}.parts")
-    points = plan.points()
-    materials = _materials(points)
-    blocks = {
-        _key(plan.simulator, block, materials): block
-        for block in (points[i : i + BLOCK] for i in range(0, len(points), BLOCK))
-    }
-    found = {key: _kept(parts, key, block) for key, block in blocks.items()}
-    missing = {key: block for key, block in blocks.items() if found[key] is None}
-    reused = len(points) - sum(map(len, missing.values()))
-    done = reused
+    blocks, results = _Blocks.of(plan), _Results(plan)
+    for key in blocks:
+        outcome = _kept(parts, key, len(blocks[key]))
+        if outcome is not None:
+            results.take(blocks.places[key], outcome)
+    reused = results.n_known
+    missing = blocks.without(results)
     for key, outcome in (engine or Serial()).run(plan.simulator, missing):
         files.write_bytes(parts / f"{key}.json", files.seal(outcome))
-        found[key] = outcome
-        done += len(outcome)
+        results.take(blocks.places[key], outcome)
         if progress is not None:
-            progress(done / len(points))
-    outcomes = [outcome for key in blocks for outcome in found[key] or ()]
-    dataset = _dataset(plan, outcomes)
+            progress(results.n_known / plan.count)
+    dataset = results.dataset()
     files.write_dataset(path, dataset)
-    failed = sum(isinstance(outcome, str) for outcome in outcomes)
+    failed = len(results.problems)
     if not failed and parts.is_dir():
         shutil.rmtree(parts)
-    return Swept(path, dataset, len(points) - reused, reused, failed)
+    return Swept(path, dataset, plan.count - reused, reused, failed)
 
 
-def _materials(points: Block) -> dict[str, str]:
-    """Numbers behind every material: its name alone does not say what was simulated."""
-    contents = {}
-    for name in sorted({str(point["material"]) for point in points}):
-        solid = material(name)
-        numbers = [solid.E_relaxed, solid.E.tolist(), solid.rho.tolist(), solid.nu]
-        contents[name] = files.canonical(numbers)
-    return contents
+@dataclass(frozen=True, slots=True)
+class _Blocks(Mapping[str, Block]):
+    """Blocks by content key; their points are spelt out when asked for, a sweep may have many."""
+
+    plan: Design
+    places: dict[str, list[int]]
+
+    @classmethod
+    def of(cls, plan: Design) -> "_Blocks":
+        contents: dict[str, str] = {}
+        places: dict[str, list[int]] = {}
+        for start in range(0, plan.count, BLOCK):
+            key = _key(plan.simulator, plan.points(start, start + BLOCK), contents)
+            places.setdefault(key, []).append(start)
+        return cls(plan, places)
+
+    def without(self, results: "_Results") -> "_Blocks":
+        """Return those whose results are not known."""
+        missing = {k: p for k, p in self.places.items() if not results.is_known[p[0]]}
+        return _Blocks(self.plan, missing)
+
+    def __getitem__(self, key: str) -> Block:
+        start = self.places[key][0]
+        return self.plan.points(start, start + BLOCK)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.places)
+
+    def __len__(self) -> int:
+        return len(self.places)
 
 
-def _key(simulator: str, block: Block, materials: dict[str, str]) -> str:
-    points = [{**point, "material": materials[str(point["material"])]} for point in block]
+class _Results:
+    """What is known of every point: numbers, or why there are none."""
+
+    def __init__(self, plan: Design) -> None:
+        self.plan = plan
+        self.is_known = np.zeros(plan.count, dtype=bool)
+        self.values = {
+            name: np.full(plan.count, np.nan) for name in SIMULATORS[plan.simulator].outputs
+        }
+        self.problems: dict[int, str] = {}
+
+    @property
+    def n_known(self) -> int:
+        """Points with an outcome."""
+        return int(np.count_nonzero(self.is_known))
+
+    def take(self, starts: list[int], outcomes: list[Outcome]) -> None:
+        """Take the outcomes of a block, at every place where it stands in the grid.
+
+        Raises
+        ------
+        LabpipeError
+            It was taken before, or is not as long as the block: a defect of the program.
+        """
+        for start in starts:
+            stop = min(start + BLOCK, self.plan.count)
+            if self.is_known[start:stop].any() or len(outcomes) != stop - start:
+                message = f"points {start} to {stop}: {len(outcomes)} results, or a second time"
+                raise LabpipeError(message)
+            self.is_known[start:stop] = True
+            for point, outcome in enumerate(outcomes, start):
+                if isinstance(outcome, str):
+                    self.problems[point] = outcome
+                else:
+                    for name, values in self.values.items():
+                        values[point] = outcome[name]
+
+    def dataset(self) -> "xr.Dataset":
+        """Return all results over the named dimensions.
+
+        Raises
+        ------
+        LabpipeError
+            A point is missing: a defect of the program.
+        """
+        if not self.is_known.all():
+            message = f"{self.plan.count - self.n_known} points of the sweep have no outcome"
+            raise LabpipeError(message)
+        return _dataset(self.plan, self.values, self.problems)
+
+
+def _content(name: str) -> str:
+    """Numbers behind a material: its name alone does not say what was simulated."""
+    solid = material(name)
+    numbers = [solid.E_relaxed, solid.E.tolist(), solid.rho.tolist(), solid.nu]
+    return hashlib.sha256(files.canonical(numbers).encode()).hexdigest()
+
+
+def _key(simulator: str, block: Block, contents: dict[str, str]) -> str:
+    points = []
+    for point in block:
+        name = str(point["material"])
+        if name not in contents:
+            contents[name] = _content(name)
+        points.append({**point, "material": contents[name]})
     content = [_FORMAT, simulator, SIMULATORS[simulator].version, points]
     return hashlib.sha256(files.canonical(content).encode()).hexdigest()
 
 
-def _kept(parts: Path, key: str, block: Block) -> list[Outcome] | None:
+def _kept(parts: Path, key: str, size: int) -> list[Outcome] | None:
     """Outcomes of an earlier run; none when missing, damaged, or when a point failed."""
     path = parts / f"{key}.json"
     outcome = files.unseal(path.read_bytes()) if path.is_file() else None
-    if not isinstance(outcome, list) or len(outcome) != len(block):
+    if not isinstance(outcome, list) or len(outcome) != size:
         return None
     return None if any(isinstance(one, str) for one in outcome) else outcome
 
 
-def _dataset(plan: Design, outcomes: list[Outcome]) -> "xr.Dataset":
+def _dataset(
+    plan: Design, values: Mapping[str, NDArray[np.float64]], reasons: Mapping[int, str]
+) -> "xr.Dataset":
     import xarray as xr
 
     simulator = SIMULATORS[plan.simulator]
-    variables: dict[str, Any] = {}
-    for name, (unit, text) in simulator.outputs.items():
-        values = [np.nan if isinstance(o, str) else o[name] for o in outcomes]
-        variables[name] = (
-            plan.dims, np.array(values, float).reshape(plan.shape),
-            {"units": unit, "long_name": text},
-        )  # fmt: skip
-    problems = np.array([o if isinstance(o, str) else "" for o in outcomes], dtype=object)
+    variables: dict[str, Any] = {
+        name: (plan.dims, values[name].reshape(plan.shape), {"units": unit, "long_name": text})
+        for name, (unit, text) in simulator.outputs.items()
+    }
+    problems = np.full(plan.count, "", dtype=object)
+    for point, reason in reasons.items():
+        problems[point] = reason
     variables["problem"] = (
         plan.dims, problems.reshape(plan.shape),
         {"units": "1", "long_name": "Why a point has no result; empty when it has"},

@@ -23,6 +23,7 @@ Outputs = dict[str, float]
 _NAMES = ("material", "profile")
 """Parameters that are no numbers."""
 _PER_CYCLE = 200
+_VERTICAL = "factor b_T on all moduli at that temperature"
 _TEMPERATURE = "of the material; without it, that of its data"
 
 
@@ -97,8 +98,12 @@ def indent(point: Mapping[str, Value]) -> Outputs:
 
 
 def _material(point: Mapping[str, Value]) -> "Prony":
-    temperature = point["temperature"]
-    return material(str(point["material"]), None if temperature is None else float(temperature))
+    temperature, shift = point["temperature"], point["vertical_shift"]
+    return material(
+        str(point["material"]),
+        None if temperature is None else float(temperature),
+        1.0 if shift is None else float(shift),
+    )
 
 
 SIMULATORS = {
@@ -108,6 +113,7 @@ SIMULATORS = {
         {
             "material": Parameter("", "acrylic", "library name or TOML file"),
             "temperature": Parameter("degC", None, _TEMPERATURE),
+            "vertical_shift": Parameter("1", 1.0, _VERTICAL),
             "radius": Parameter("m", 9.525e-3, "of the sphere"),
             "mass": Parameter("kg", 0.505, "all that moves"),
             "height": Parameter("m", 1.5e-3, "fall to touch"),
@@ -132,6 +138,7 @@ SIMULATORS = {
         {
             "material": Parameter("", "nbr", "library name or TOML file"),
             "temperature": Parameter("degC", None, _TEMPERATURE),
+            "vertical_shift": Parameter("1", 1.0, _VERTICAL),
             "tip_radius": Parameter("m", 2e-3, "of curvature"),
             "period": Parameter("m", 8e-3, "distance of two tips"),
             "depth": Parameter("m", 18e-3, "contact length summed over the tips"),
