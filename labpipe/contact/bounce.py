@@ -182,13 +182,12 @@ class Stepper:
             self.time + is_resting.period,
             _LENIENCY * max(1.0, is_resting.speed / self.speed_scale),
         )
-        is_plain = self.body.plate is None
         if self.body.plate is not None:
             shortest_look = 1.0 / (_STEPS_PER_PLATE_PERIOD * self.body.plate.frequency)
             pace.longest = min(pace.longest, shortest_look)
         while True:
             stop = min([until, *self.wanted[:1]])
-            if is_plain and self.is_compiled and plain_steps(self, pace, stop, is_resting):
+            if self.is_compiled and plain_steps(self, pace, stop, is_resting):
                 return "rest"
             outcome = self._step(pace, stop)
             if outcome == "end" and stop < until:

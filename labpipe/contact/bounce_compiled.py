@@ -2,7 +2,7 @@
 
 A step here is, line by line, what ``Stepper`` does with numpy, and the two are tested against each
 other. Whatever is not a plain step is handed back to numpy before anything has changed: lift-off,
-the end of time, a contact that outgrows its springs, a step off the ladder, a plate.
+the end of time, a contact that outgrows its springs, a step off the ladder.
 """
 
 from math import floor, log2, sqrt
@@ -21,11 +21,12 @@ HAND_OVER, BUFFER_FULL, RESTING = range(3)
 TIME, POSITION, VELOCITY, ACCELERATION, APPROACH, FORCE, WORK = range(7)
 BEFORE, DT_BEFORE, DT, LENIENCY = range(7, 11)
 REST_START, SLOWEST, FASTEST, LARGEST = range(11, 15)
-N_STATE = 15
+PLATE, PLATE_VELOCITY, PLATE_ACCELERATION, PLATE_LOSS = range(15, 19)
+N_STATE = 19
 # Places in the vector of counts.
 STEPS, REJECTED, NEWTON, PRODUCTS = range(4)
-# Columns of the buffer of records: those of ``Record`` up to the work.
-N_RECORD = 8
+# Columns of the buffer of records: those of ``Record``, the plate's state as three.
+N_RECORD = 12
 
 
 class Table(NamedTuple):
@@ -92,6 +93,20 @@ class Rules(NamedTuple):
     rest_tolerance: float
     rest_period: float
     rest_speed: float
+    plate_mass: float
+    plate_stiffness: float
+    plate_damping: float
+
+
+class Step(NamedTuple):
+    """A step within the tolerance; its rung is -1 where there is none."""
+
+    rung: int
+    approach: float
+    force: float
+    error: float
+    position: float
+    plate: float
 
 
 @njit(cache=True)
@@ -194,6 +209,7 @@ def _sums(line: Line, load: Array, new: Array, before: Array, after: Array) -> A
 @njit(cache=True)
 def _is_resting(state: Array, rules: Rules) -> bool:
     unbalanced = abs(state[FORCE] / (rules.mass * rules.gravity) - 1.0)
+    unbalanced = max(unbalanced, abs(state[PLATE_VELOCITY]) / rules.rest_speed)
     state[SLOWEST] = min(state[SLOWEST], state[VELOCITY])
     state[FASTEST] = max(state[FASTEST], state[VELOCITY])
     state[LARGEST] = max(state[LARGEST], unbalanced)
@@ -244,6 +260,36 @@ def _error(state: Array, rules: Rules, acceleration: float, dt: float) -> float:
 
 
 @njit(cache=True)
+def _free_plate(state: Array, rules: Rules, dt: float) -> tuple[float, float]:
+    """Where the plate would be after a step without force, and its answer to one (``Plate``)."""
+    if rules.plate_mass == 0.0:
+        return 0.0, 0.0
+    inertia = 4.0 * rules.plate_mass / dt**2
+    drag = 2.0 * rules.plate_damping / dt
+    effective = inertia + drag + rules.plate_stiffness
+    push = (
+        inertia * (state[PLATE] + dt * state[PLATE_VELOCITY])
+        + rules.plate_mass * state[PLATE_ACCELERATION]
+        + drag * state[PLATE]
+        + rules.plate_damping * state[PLATE_VELOCITY]
+    )
+    return push / effective, 1.0 / effective
+
+
+@njit(cache=True)
+def _move_plate(state: Array, rules: Rules, dt: float, displacement: float, force: float) -> None:
+    """Bring the plate to the end of a step, and count what its dashpot took."""
+    if rules.plate_mass == 0.0:
+        return
+    moved = displacement - state[PLATE]
+    velocity = 2.0 * moved / dt - state[PLATE_VELOCITY]
+    pull = rules.plate_damping * velocity + rules.plate_stiffness * displacement
+    state[PLATE_LOSS] += rules.plate_damping * moved**2 / dt
+    state[PLATE], state[PLATE_VELOCITY] = displacement, velocity
+    state[PLATE_ACCELERATION] = (force - pull) / rules.plate_mass
+
+
+@njit(cache=True)
 def _trial(
     state: Array,
     counts: NDArray[np.int64],
@@ -254,27 +300,31 @@ def _trial(
     load: Array,
     reach: Array,
     moments: Array,
-) -> tuple[int, float, float, float]:
-    """Find a step within the tolerance: its rung, or -1 to hand over; approach, force, error."""
+) -> Step:
+    """Find a step within the tolerance, or hand over."""
+    nothing = Step(-1, 0.0, 0.0, 0.0, 0.0, 0.0)
     while True:
         length = min(state[DT], rules.longest)
         rung = floor(rules.rungs * log2(length / rules.base)) - ladder.lowest
         if rung < 0 or rung >= ladder.decay.shape[0]:
-            return -1, 0.0, 0.0, 0.0
+            return nothing
         dt = ladder.scalars[rung, 0]
         if dt >= rules.until - state[TIME]:
-            return -1, 0.0, 0.0, 0.0
+            return nothing
         quarter = 0.25 * dt * dt
-        target = state[POSITION] + dt * state[VELOCITY]
-        target += quarter * (state[ACCELERATION] + rules.gravity)
+        free = state[POSITION] + dt * state[VELOCITY]
+        free += quarter * (state[ACCELERATION] + rules.gravity)
+        answer = quarter / rules.mass
+        plate, plate_answer = _free_plate(state, rules, dt)
+        target, total = free - plate, answer + plate_answer
         _look_ahead(ladder, rung, line, block, load, reach, moments)
         counts[PRODUCTS] += 1
         if target <= reach[0]:
-            return -1, 0.0, 0.0, 0.0
+            return nothing
         approach, force = _solve(
             line,
             target,
-            quarter / rules.mass,
+            total,
             ladder.scalars[rung, 1],
             state[FORCE],
             reach,
@@ -283,10 +333,11 @@ def _trial(
             counts,
         )
         if force <= 0.0 or approach >= reach[load.size - 2]:
-            return -1, 0.0, 0.0, 0.0
+            return nothing
         error = _error(state, rules, rules.gravity - force / rules.mass, dt)
         if error <= 1.0:
-            return rung, approach, force, error
+            position = free - answer * force
+            return Step(rung, approach, force, error, position, plate + plate_answer * force)
         counts[REJECTED] += 1
         state[DT] = dt * max(rules.shrink, rules.safety * error ** (-1.0 / 3.0))
 
@@ -331,7 +382,7 @@ def plain_steps(
         Of each spring at the last step, changed in place.
     inverse : array (element,) [Pa]
         Half of ``1/C``.
-    records : array (step, 8)
+    records : array (step, 12)
         Filled with one row per step; its energy leaves out the springs beyond the block.
 
     Returns
@@ -342,9 +393,8 @@ def plain_steps(
     n = load.size
     reach, new, after, moments = np.empty(n), np.empty(n), np.empty(n), np.zeros(n + 1)
     for row in range(records.shape[0]):
-        rung, approach, force, error = _trial(
-            state, counts, rules, ladder, line, block, load, reach, moments
-        )
+        step = _trial(state, counts, rules, ladder, line, block, load, reach, moments)
+        rung, approach, force = step.rung, step.approach, step.force
         if rung < 0 or not _loads(line, approach, ladder.scalars[rung, 1], reach, new, after):
             return row, HAND_OVER
         dt, _, _, jump, early, late, jumped = ladder.scalars[rung]
@@ -352,6 +402,7 @@ def plain_steps(
         state[BEFORE], state[DT_BEFORE] = state[ACCELERATION], dt
         state[VELOCITY] += 0.5 * dt * (state[ACCELERATION] + acceleration)
         state[ACCELERATION], state[FORCE] = acceleration, force
+        _move_plate(state, rules, dt, step.plate, force)
         sums = _sums(line, load, new, displacement, after)
         dwelt, held = _remember(ladder, rung, line, block, load, new, inverse)
         integral = dwelt + early * sums[3] + late * sums[4]
@@ -360,22 +411,26 @@ def plain_steps(
         load[:] = new
         displacement[:] = after
         state[TIME] += dt
-        state[POSITION] = approach
+        state[POSITION] = step.position
         state[APPROACH] = approach
         counts[STEPS] += 1
         records[row, :] = (
             state[TIME],
-            approach,
+            step.position,
             state[VELOCITY],
             approach,
             force,
             _radius(line, approach, reach),
             held + 0.5 * rules.instantaneous * sums[5],
             state[WORK],
+            state[PLATE],
+            state[PLATE_VELOCITY],
+            state[PLATE_ACCELERATION],
+            state[PLATE_LOSS],
         )
         factor = rules.growth
-        if error > 0.0:
-            factor = min(factor, rules.safety * error ** (-1.0 / 3.0))
+        if step.error > 0.0:
+            factor = min(factor, rules.safety * step.error ** (-1.0 / 3.0))
         state[DT] = dt * factor
         if _is_resting(state, rules):
             return row + 1, RESTING

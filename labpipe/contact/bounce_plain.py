@@ -24,6 +24,7 @@ from labpipe.contact.bounce_step import (
 from labpipe.contact.compilation import said
 from labpipe.contact.memory import Array
 from labpipe.contact.motion import Record
+from labpipe.contact.plate import PlateState
 from labpipe.contact.rest import RestTest
 from labpipe.contact.rungs import RUNGS
 
@@ -43,6 +44,7 @@ def plain_steps(stepper: "Stepper", pace: "Pace", until: float, is_resting: Rest
         top = floor(RUNGS * log2(LONGEST))
         stepper.table = compiled.tabulate(stepper.ladder, top - _RUNGS_IN_TABLE, top)
     n, rows = stepper.gap.size, stepper.rows
+    plate = stepper.body.plate
     plain = stepper.springs.plain(n)
     line = compiled.Line(stepper.gap, stepper.weight, stepper.springs.position[:n], *plain)
     rules = compiled.Rules(
@@ -64,6 +66,7 @@ def plain_steps(stepper: "Stepper", pace: "Pace", until: float, is_resting: Rest
         is_resting.tolerance,
         is_resting.period,
         is_resting.speed,
+        *((plate.mass, plate.stiffness, plate.damping) if plate else (0.0, 0.0, 0.0)),
     )
     state = np.array(
         [
@@ -76,6 +79,7 @@ def plain_steps(stepper: "Stepper", pace: "Pace", until: float, is_resting: Rest
             ),
             *(stepper.force, stepper.spring_work, *stepper.previous, pace.dt, stepper.leniency),
             *(is_resting.start, is_resting.slowest, is_resting.fastest, is_resting.largest),
+            *(*stepper.plate, stepper.plate_loss),
         ]
     )
     load, displacement = rows[OLD].copy(), rows[DISPLACEMENT].copy()
@@ -101,7 +105,8 @@ def plain_steps(stepper: "Stepper", pace: "Pace", until: float, is_resting: Rest
     )
     stepper.force, stepper.spring_work, before, dt_before, pace.dt, stepper.leniency = values[5:11]
     stepper.previous = (before, dt_before)
-    is_resting.start, is_resting.slowest, is_resting.fastest, is_resting.largest = values[11:]
+    is_resting.start, is_resting.slowest, is_resting.fastest, is_resting.largest = values[11:15]
+    stepper.plate, stepper.plate_loss = PlateState(*values[15:18]), values[18]
     rows[OLD], rows[DISPLACEMENT] = load, displacement
     np.multiply(load, stepper.weight, out=stepper.weighted[0])
     return reason == compiled.RESTING
@@ -112,8 +117,9 @@ def _take_records(stepper: "Stepper", rows: Array, counts: list[int]) -> None:
     if stepper.outer_stored.any():
         lag = rows[:, :1] - stepper.outer_time
         rows[:, 6] += np.exp(-2.0 * lag * stepper.creep.rate) @ stepper.outer_stored
-    loss = stepper.plate_loss
-    stepper.trail.extend(Record._make((*row, stepper.plate, loss)) for row in rows.tolist())
+    stepper.trail.extend(
+        Record._make((*row[:8], PlateState(*row[8:11]), row[11])) for row in rows.tolist()
+    )
     steps, rejected, newton, products = counts
     stepper.counts.rejected_steps += rejected
     stepper.counts.newton_iterations += newton

@@ -10,6 +10,7 @@ from labpipe.contact.bounce import Stepper
 from labpipe.contact.mdr import line_springs
 from labpipe.contact.memory import Creep
 from labpipe.contact.motion import Body
+from labpipe.contact.plate import Plate
 from labpipe.contact.rest import RestTest
 from labpipe.errors import LabpipeError
 from labpipe.materials import Prony
@@ -109,10 +110,11 @@ def test_rest_is_told_from_a_turning_point_and_from_creep():
 
 @pytest.mark.parametrize("solver", ["mdr", "rings"])
 @pytest.mark.parametrize("height", [1.5e-3, 0.0])
-def test_compiled_steps_are_the_steps_of_numpy(solver, height):
+@pytest.mark.parametrize("plate", [None, Plate(20.0, 180.0, 0.02)], ids=["floor", "plate"])
+def test_compiled_steps_are_the_steps_of_numpy(solver, height, plate):
     material = Prony(1e9, [1e9, 5e8, 2e8], [1e-5, 5e-4, 1e-2], nu=0.35)
     runs = [
-        drop(material, 9.525e-3, 0.505, height, 0.08, solver, compiled=compiled)
+        drop(material, 9.525e-3, 0.505, height, 0.08, solver, plate=plate, compiled=compiled)
         for compiled in (True, False)
     ]
     fast, plain = runs
