@@ -221,7 +221,7 @@ DMA = (
         summary="gather isothermal sweeps, in tension",
     ),
     Stage(
-        "master_curve", "pipelines.experiments.dma:master_curve", 3,
+        "master_curve", "pipelines.experiments.dma:master_curve", 4,
         ("sweeps",), ("T_ref", "nu", "fit"), schema="master_curve",
         summary="fit all shifts and one spectrum",
     ),

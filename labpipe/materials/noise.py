@@ -4,7 +4,8 @@ Left to the residuals alone, the ratio of the two noise levels can run away: whe
 does not hold exactly, one modulus is fitted ever better while all misfit is called noise of the
 other. So the scatter of every sweep about its own smooth curve, which needs no superposition,
 gives the noise; what the residuals hold beyond it is a misfit of the model, and that counts the
-same (relative) in both moduli.
+same (relative) in both moduli. Where both levels of the residuals lie within what the scatter, of
+few readings, tells of itself, there is no misfit to share out, and the residuals know better.
 """
 
 from dataclasses import dataclass
@@ -25,6 +26,10 @@ _LEAST_POINTS, _LEAST_FREEDOM = 6, 16
 _DEGREE = 3
 # Median of the absolute value of a standard normal number.
 _MEDIAN_OF_NORMAL = 0.6745
+# Share of the readings that a variance from such a median is worth (its efficiency), and standard
+# deviations to the end of its 95 % interval.
+_MEDIAN_EFFICIENCY = 0.37
+_INTERVAL = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +44,20 @@ class Noise:
         return Noise(max(self.storage * storage, _LEAST_NOISE), max(self.loss * loss, _LEAST_NOISE))
 
 
-def scatter_of_sweeps(points: Points) -> Noise | None:
+@dataclass(frozen=True, slots=True)
+class Scatter(Noise):
+    """Noise of the sweeps about their own curves, and of how many free residuals it is known."""
+
+    freedom: int
+
+    def holds(self, found: Noise) -> bool:
+        """Whether two levels may be this scatter, as far as it is known."""
+        ratio = 1.0 + _INTERVAL * float(np.sqrt(2.0 / (_MEDIAN_EFFICIENCY * self.freedom)))
+        shares = (found.storage / self.storage) ** 2, (found.loss / self.loss) ** 2
+        return all(1.0 / ratio < share < ratio for share in shares)
+
+
+def scatter_of_sweeps(points: Points) -> Scatter | None:
     """Return the scatter of either modulus about a cubic per sweep; None if there is too little.
 
     The median of the absolute residuals is used, so that single outliers do not count.
@@ -60,7 +78,7 @@ def scatter_of_sweeps(points: Points) -> Noise | None:
     if freedom < _LEAST_FREEDOM:
         return None
     levels = [float(np.median(np.abs(np.concatenate(r)))) / _MEDIAN_OF_NORMAL for r in residuals]
-    return Noise(max(levels[0], _LEAST_NOISE), max(levels[1], _LEAST_NOISE))
+    return Scatter(max(levels[0], _LEAST_NOISE), max(levels[1], _LEAST_NOISE), freedom)
 
 
 def first_noise(scatter: Noise | None, ratio: float | None) -> Noise:
@@ -73,7 +91,7 @@ def first_noise(scatter: Noise | None, ratio: float | None) -> Noise:
 
 
 def next_noise(
-    noise: Noise, factors: tuple[float, float], scatter: Noise | None, ratio: float | None
+    noise: Noise, factors: tuple[float, float], scatter: Scatter | None, ratio: float | None
 ) -> Noise:
     """Return the levels that the residuals ask for.
 
@@ -83,7 +101,7 @@ def next_noise(
         Levels of the last fit.
     factors : (float, float)
         Root mean square of its residuals in those units, free residuals counted.
-    scatter : Noise or None
+    scatter : Scatter or None
         Scatter of the sweeps; without it the residuals decide alone.
     ratio : float or None
         Loss over storage where the user fixed it.
@@ -92,7 +110,7 @@ def next_noise(
         common = float(np.hypot(*factors) / np.sqrt(2.0))
         return noise.scaled(common, common)
     found = noise.scaled(*factors)
-    if scatter is None:
+    if scatter is None or scatter.holds(found):
         return found
     v_storage, v_loss = found.storage**2, found.loss**2
     s_storage, s_loss = scatter.storage**2, scatter.loss**2

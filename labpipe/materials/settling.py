@@ -14,7 +14,7 @@ from labpipe.materials.joint_fit import (
     outer_problem,
     sensitivity,
 )
-from labpipe.materials.noise import Noise, next_noise
+from labpipe.materials.noise import Noise, Scatter, next_noise
 from labpipe.materials.outer_model import OuterModel, expected_shifts
 from labpipe.materials.spectrum import MARGIN_DECADES
 from labpipe.materials.step_probe import Probe
@@ -77,7 +77,7 @@ class Options:
     levels: bool | None
     robust: bool
     noise_ratio: float | None
-    scatter: Noise | None
+    scatter: Scatter | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.materials.anchoring import Anchor
-from labpipe.materials.joint_fit import Points, sensitivity
+from labpipe.materials.joint_fit import Fit, Points, evaluate, sensitivity
 from labpipe.materials.prony import Prony
 from labpipe.materials.settling import Superposition
 from labpipe.materials.spectrum import maxwell_shapes, solve_normal
@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 _LN10 = float(np.log(10.0))
 # Points per decade of the drawn master curve.
 _CURVE_POINTS = 12
+# Other strengths of the smoothing that may be the right one, in units of the chosen one.
+_OTHER_STRENGTHS = tuple(float(s) for s in np.logspace(-2.0, 2.0, 9) if s != 1.0)
 
 
 def predictions(
@@ -114,7 +116,11 @@ def bands(
 ) -> xr.Dataset:
     """Return the master curve over the covered window with standard uncertainties.
 
-    The uncertainty joins that of the spectrum and that of the shifts, vertical law and delay.
+    The uncertainty joins that of the spectrum and that of the shifts, vertical law and delay. How
+    much to smooth the spectrum is itself known from the data only: the variance is the mean over
+    strengths of the smoothing, the curve's own change with them included, each weighed with
+    exp(-C_p / 2) (Mallows' C_p; Burnham & Anderson, Model Selection, 2002, ch. 4). Taken at the
+    chosen strength alone it was too small where that happened to be too strong.
     """
     decades = np.log10(window[1] / window[0])
     count = max(int(np.ceil(decades * _CURVE_POINTS)), 1) + 1
@@ -129,12 +135,11 @@ def bands(
     ]
     active = fit.solution.coefficient > 0
     variables = {}
-    spread_of_spectrum = np.linalg.pinv(fit.normal, hermitian=True)
+    possible = _possible_spectra(points, fit)
     for name, design in zip(("storage", "loss"), designs, strict=True):
-        used = design[:, active]
-        variance = np.einsum("ij,jk,ik->i", used, spread_of_spectrum, used)
-        variance += _from_outer(points, found, anchor, design, frequency, used)
         value = design @ fit.solution.coefficient
+        variance = sum(share * _from_spectrum(one, design, value) for share, one in possible)
+        variance += _from_outer(points, found, anchor, design, frequency, design[:, active])
         variables[name] = (value, f"{name} modulus at the reference temperature")
         variables[f"u_{name}"] = (
             np.sqrt(np.maximum(variance, 0.0)),
@@ -156,6 +161,27 @@ def bands(
     factor = dataset["loss"] / dataset["storage"]
     factor.attrs = {"units": "1", "long_name": "loss factor at the reference temperature"}
     return dataset.assign(loss_factor=factor)
+
+
+def _possible_spectra(points: Points, fit: Fit) -> list[tuple[float, Fit]]:
+    """Return the fit and those of other smoothing at its shifts, with their shares."""
+    weight = fit.by_vertical / fit.predicted
+    chosen = fit.solution
+    fits = [fit] + [
+        evaluate(points, weight, fit.grid, fit.state, chosen.strength * factor)
+        for factor in _OTHER_STRENGTHS
+    ]
+    price = np.array([one.solution.misfit + 2.0 * one.solution.freedom for one in fits])
+    share = np.exp(-0.5 * (price - price.min()))
+    return list(zip((share / share.sum()).tolist(), fits, strict=True))
+
+
+def _from_spectrum(fit: Fit, design: Array, value: Array) -> Array:
+    """Variance of the curve ``value`` if this fit's smoothing were the right one."""
+    used = design[:, fit.solution.coefficient > 0]
+    spread = np.linalg.pinv(fit.normal, hermitian=True)
+    moved = design @ fit.solution.coefficient - value
+    return np.asarray(np.einsum("ij,jk,ik->i", used, spread, used) + moved**2)
 
 
 def _from_outer(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labpipe.materials.joint_fit import evaluate, grid_for, minimise, sensitivity, total_cost
-from labpipe.materials.noise import Noise, next_noise, scatter_of_sweeps
+from labpipe.materials.noise import Noise, Scatter, next_noise, scatter_of_sweeps
 from labpipe.materials.outer_model import OuterModel, expected_shifts
 from labpipe.materials.shift_start import overlapped_shifts, scanned_shifts
 from labpipe.materials.sweep_data import read_sweeps
@@ -103,7 +103,7 @@ def test_scatter_of_sweeps_is_the_noise(maxwell_truth, fractional_truth):
 
 
 def test_misfit_beyond_the_scatter_counts_the_same_in_both_moduli():
-    scatter = Noise(0.003, 0.02)
+    scatter = Scatter(0.003, 0.02, 100)
     exact = next_noise(scatter, (1.0, 1.0), scatter, None)
     assert (exact.storage, exact.loss) == pytest.approx((0.003, 0.02))
     poor = next_noise(scatter, (5.0, 2.0), scatter, None)
@@ -113,5 +113,7 @@ def test_misfit_beyond_the_scatter_counts_the_same_in_both_moduli():
     assert v_storage / poor.storage**2 + v_loss / poor.loss**2 == pytest.approx(2)
     better = next_noise(scatter, (0.5, 0.5), scatter, None)
     assert (better.storage, better.loss) == pytest.approx((0.0015, 0.01))
+    within = next_noise(scatter, (1.1, 0.9), scatter, None)
+    assert (within.storage, within.loss) == pytest.approx((0.0033, 0.018))
     fixed = next_noise(Noise(0.01, 0.02), (1.0, 2.0), scatter, 2.0)
     assert fixed.loss / fixed.storage == pytest.approx(2)
