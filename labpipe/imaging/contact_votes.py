@@ -131,17 +131,39 @@ def _choose_voters(small: NDArray[np.float32]) -> _Voters | None:
 
 def _count_votes(voters: _Voters, shape: tuple[int, int], margin: float) -> NDArray[np.float32]:
     """Count in cells the lines that go through them."""
+    from labpipe.imaging.vote_kernel import count_lines
+
     rows, columns = (math.ceil((size + 2.0 * margin) / _CELL) for size in shape)
     reach = math.ceil(math.hypot(*shape) / _CELL)
-    steps = (np.arange(-reach, reach + 1) * _CELL)[:, None]
-    column = np.floor((voters.x + steps * voters.along_x + margin) / _CELL).astype(np.int64)
-    row = np.floor((voters.y + steps * voters.along_y + margin) / _CELL).astype(np.int64)
-    is_inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-    weight = np.broadcast_to(voters.weight, column.shape)[is_inside]
-    cell = row[is_inside] * columns + column[is_inside]
-    votes = np.bincount(cell, weight, minlength=rows * columns).reshape(rows, columns)
+    lines = (voters.x, voters.y, voters.along_x, voters.along_y, voters.weight)
+    votes = count_lines(*lines, (rows, columns), _CELL, margin, reach)
     blurred = cv2.GaussianBlur(votes.astype(np.float32), (0, 0), _VOTE_SMOOTH / _CELL)
     return np.asarray(blurred, np.float32)
+
+
+def plain_lines(
+    x: Floats,
+    y: Floats,
+    along_x: Floats,
+    along_y: Floats,
+    weight: Floats,
+    shape: tuple[int, int],
+    cell: float,
+    margin: float,
+    reach: int,
+) -> Floats:
+    """Add up the weights of the lines that go through each cell, counted once a cell width.
+
+    The numpy twin of :func:`labpipe.imaging.vote_kernel.count_lines`, to the same bits.
+    """
+    rows, columns = shape
+    steps = (np.arange(-reach, reach + 1) * cell)[:, None]
+    column = np.floor((x + steps * along_x + margin) / cell).astype(np.int64)
+    row = np.floor((y + steps * along_y + margin) / cell).astype(np.int64)
+    is_inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+    weights = np.broadcast_to(weight, column.shape)[is_inside]
+    cells = row[is_inside] * columns + column[is_inside]
+    return np.bincount(cells, weights, minlength=rows * columns).reshape(rows, columns)
 
 
 def _place(voters: _Voters, x: float, y: float) -> Spot | None:

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from labpipe.imaging.contact_votes import find_centres
+from labpipe.imaging.contact_votes import find_centres, plain_lines
+from labpipe.imaging.vote_kernel import count_lines
 from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose
 
 SCENE = Scene(rows=240, columns=320, slope_x=0.3, slope_y=-0.2, vignette=0.3, visibility=0.4)
@@ -30,3 +31,14 @@ def test_stripes_have_no_common_centre() -> None:
     _, x = np.mgrid[:120, :160]
     stripes = (100.0 + 50.0 * np.cos(x / 3.0)).astype(np.uint8)
     assert all(spot.radius > 0.0 for spot in find_centres(stripes))
+
+
+def test_compiled_votes_are_those_of_numpy_to_the_bit() -> None:
+    noise = np.random.default_rng(3)
+    angle = noise.uniform(0.0, 2.0 * np.pi, 300)
+    lines = (
+        *(noise.uniform(0.0, 60.0, 300), noise.uniform(0.0, 40.0, 300)),
+        *(np.cos(angle), np.sin(angle), noise.uniform(0.1, 3.0, 300)),
+    )
+    grid = ((45, 55), 2.0, 30.0, 40)
+    assert np.array_equal(count_lines(*lines, *grid), plain_lines(*lines, *grid))
