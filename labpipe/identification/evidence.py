@@ -76,18 +76,12 @@ class Model(Protocol):
         """Return the numbers (n,) of all groups, one behind the other."""
         ...
 
-    def derivatives(
-        self, material: Prony, directions: Array, given: Given
-    ) -> tuple[Array, dict[str, Array]]:
-        """Return what directions of ln(E_relaxed, E) and what the unknowns do.
-
-        Parameters
-        ----------
-        directions : array (1 + term, direction)
+    def derivatives(self, material: Prony, given: Given) -> tuple[Array, dict[str, Array]]:
+        """Return the derivatives by the terms (E_relaxed, E) and by the unknowns.
 
         Returns
         -------
-        array (n, direction), dict of array (n,)
+        array (n, 1 + term) [per Pa], dict of array (n,)
         """
         ...
 
@@ -129,6 +123,21 @@ class Evidence:
     def u(self) -> Array:
         """Their own standard uncertainties (n,)."""
         return np.concatenate([g.u for g in self.groups])
+
+    def weight(self, ratio: Array | None, given: Given) -> tuple[Array, dict[str, Array]]:
+        """Return the correction (n,) that applies, and its derivatives by unknowns.
+
+        Parameters
+        ----------
+        ratio : array (n,), optional
+            Of the fuller model's numbers to the fast one's.
+        given : mapping of str to float
+            Values of the nuisances.
+        """
+        if ratio is None:
+            return np.ones(self.values.size), {}
+        share, slopes = self.model.share(given)
+        return 1.0 + share * (ratio - 1.0), {n: s * (ratio - 1.0) for n, s in slopes.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,18 +181,15 @@ class LinearModel:
         linear = self._factor(given) * (self._basis(given) @ _terms(material))
         return np.asarray(linear + self._offset(given))
 
-    def derivatives(
-        self, material: Prony, directions: Array, given: Given
-    ) -> tuple[Array, dict[str, Array]]:
+    def derivatives(self, material: Prony, given: Given) -> tuple[Array, dict[str, Array]]:
         """Return exact derivatives; see :meth:`Model.derivatives`."""
         terms, factor = _terms(material), self._factor(given)
         basis = self._basis(given)
-        by_material = factor[:, None] * (basis @ (terms[:, None] * directions))
         others = {name: factor * (shift @ terms) for name, shift in self.shifts.items()}
         linear = factor * (basis @ terms)
         others |= {name: where * linear / given[name] for name, where in self.factors.items()}
         others |= dict(self.offsets)
-        return by_material, others
+        return factor[:, None] * basis, others
 
     def refined(self, material: Prony, given: Given) -> Array | None:
         """Return the fuller model's numbers, if there is one."""

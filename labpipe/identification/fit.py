@@ -1,8 +1,9 @@
 """The most probable material: least squares in standard coordinates, from several starts.
 
-Steps are Gauss and Newton's, damped as Levenberg's where a step does not help. They end when the
-next one promises less than a set part of the cost: a measure that knows no scale, and that can be
-set above the small noise of differences of a simulator, as the tests of general routines cannot.
+Every step minimises a surrogate that is linear in the moduli (:mod:`.tangent`), damped as
+Levenberg's where it does not help. They end when the next one promises less than a set part of the
+cost: a measure that knows no scale, and that can be set above the small noise of differences of a
+simulator, as the tests of general routines cannot.
 
 Costly models enter as a correction of fast ones that is held during a fit and renewed after it
 until nothing changes any more: the answer is that of the costly model, at a few of its runs.
@@ -18,6 +19,7 @@ from scipy.stats import chi2
 
 from labpipe.errors import InputError, LabpipeError
 from labpipe.identification.problem import Corrections, Misfit, Problem, split
+from labpipe.identification.tangent import Surrogate, Tangent
 
 Array = NDArray[np.float64]
 Misfits = dict[tuple[str, str], Misfit]
@@ -31,10 +33,8 @@ _APART = 1.0  # standard coordinates between two starts that count as different
 _FAR = 1e4  # residual of a trial that the model refuses
 _ROUGH, _EXACT = 0.5, 0.01  # decrease of the cost, still promised, at which a fit ends
 _MOST_STEPS = 25
-_DAMPING, _WORSE, _BETTER, _MOST_DAMPING = 1e-2, 20.0, 0.05, 1e9
-_FREE = 1.0  # damping below which a short gain means the end, not a short step
-_MOST_IDLE = 2  # short gains in a row that end it anyway
-_LONGEST_STEP = 1.5  # standard coordinates: an exponential changes by so much at most
+_DAMPING, _WORSE, _BETTER, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 20.0, 0.05, 1e-9, 1e6
+_KEPT = 0.2  # of a promised gain that may be missed before the derivatives are renewed
 _LOOSE = 0.01  # relative deviation of every number while starts are tried
 _ROUNDS, _ROUNDS_OF_MISFIT = 7, 3  # of corrections; discrepancies stay after the first ones
 _SETTLED = 0.1  # standard deviations by which the answer may still move
@@ -130,7 +130,7 @@ def fit(
             misfits = objective.new_misfits(xi)
         corrections = problem.corrections(xi)
         objective.renew(corrections, misfits)
-        before, xi = xi, objective.minimised(xi, _EXACT)
+        before, xi = xi, objective.minimised(xi, _EXACT, is_near=round_ > 0)
         moved = np.abs(xi - before) / np.sqrt(np.diag(objective.covariance(xi)))
         if is_settled := bool(round_ and moved.max() < _SETTLED):
             break
@@ -148,11 +148,11 @@ class Objective:
         self.corrections = corrections
         self.misfits = misfits
         self.evaluations = self.differentiated = 0
-        self._last: tuple[Array, list[Array]] | None = None
+        self._tangent: Tangent | None = None
 
     def renew(self, corrections: Corrections, misfits: Misfits) -> None:
         """Take other corrections and misfits."""
-        self.corrections, self.misfits, self._last = corrections, misfits, None
+        self.corrections, self.misfits = corrections, misfits
 
     def residuals(self, xi: Array) -> Array:
         """Return the rows (n + parameter,)."""
@@ -160,8 +160,7 @@ class Objective:
         try:
             predicted = self.problem.predictions(xi, self.corrections)
         except LabpipeError:
-            size = sum(e.values.size for e in self.problem.evidence)
-            return np.concatenate([np.full(size, _FAR), xi])
+            return np.concatenate([np.full(self._size, _FAR), xi])
         rows = [
             (e.values - p) / self.deviations(i)
             for i, (e, p) in enumerate(zip(self.problem.evidence, predicted, strict=True))
@@ -178,22 +177,37 @@ class Objective:
         return np.concatenate(parts)
 
     def data_jacobian(self, xi: Array) -> Array:
-        """Return the derivative (n, parameter) of the predictions over their deviations."""
-        if self._last is None or not np.array_equal(self._last[0], xi):
-            self.differentiated += 1
-            found = self.problem.jacobians(xi, self.corrections)
-            self._last = (xi.copy(), found)
-        return np.vstack([
-            made / self.deviations(i)[:, None] for i, made in enumerate(self._last[1])
-        ])  # fmt: skip
+        """Return the derivative (n, parameter) of the predictions over their deviations.
+
+        The last tangent's, which fits after :meth:`minimised` led here; a new one's at first.
+        """
+        return self._surrogate(xi, np.zeros(self._size)).jacobian(xi)
+
+    def _differentiate(self, xi: Array) -> Tangent:
+        self.differentiated += 1
+        self._tangent = Tangent.at(self.problem, xi)
+        return self._tangent
+
+    def _surrogate(self, xi: Array, rest: Array) -> Surrogate:
+        tangent = self._tangent or self._differentiate(xi)
+        deviations = np.concatenate([
+            self.deviations(i) for i in range(len(self.problem.evidence))
+        ])[:, None]  # fmt: skip
+        by_terms, by_values = tangent.corrected(xi, self.corrections)
+        return Surrogate(self.problem, xi, rest, by_terms / deviations, by_values / deviations)
 
     def cost(self, xi: Array) -> float:
         """Return half the sum of squares."""
         rows = self.residuals(xi)
         return 0.5 * float(rows @ rows)
 
-    def minimised(self, start: Array, decrease: float, held: int | None = None) -> Array:
+    def minimised(
+        self, start: Array, decrease: float, held: int | None = None, *, is_near: bool = False
+    ) -> Array:
         """Return the minimum from a start, up to a decrease of the cost that is not worth a step.
+
+        Every step goes to the minimum of a surrogate. As long as the models keep what it promises
+        its tangent is used again, from where they are now.
 
         Parameters
         ----------
@@ -202,40 +216,71 @@ class Objective:
         decrease : float
             Of the cost; half a unit is a change of one standard deviation.
         held : int, optional
-            Number of an unknown that stays where it is.
+            Number of an unknown that stays where it is, and whose prior does not count.
+        is_near : bool
+            The last tangent may be tried at the start.
         """
         xi = np.clip(start, -_BOUND, _BOUND)
-        rest = self.residuals(xi)
-        damping, idle = _DAMPING, 0
+        height, rest = self._height(xi, held)
+        is_kept = is_near and self._tangent is not None
+        if not is_kept:
+            self._differentiate(xi)
+        is_fresh, damping = not is_kept, _DAMPING
         for _ in range(_MOST_STEPS):
-            rows = np.vstack([-self.data_jacobian(xi), np.eye(xi.size)])
-            if held is not None:
-                rows[:, held] = 0.0
-                rows[rest.size - xi.size + held, held] = 1.0
-                rest = rest.copy()
-                rest[rest.size - xi.size + held] = 0.0
-            gradient, curvature = rows.T @ rest, rows.T @ rows
-            if 0.5 * float(gradient @ np.linalg.solve(curvature, gradient)) < decrease:
-                break
-            while damping < _MOST_DAMPING:
-                damped = curvature + damping * np.eye(xi.size)
-                step = -np.linalg.solve(damped, gradient)
-                step *= min(1.0, _LONGEST_STEP / float(np.max(np.abs(step))))
-                trial = np.clip(xi + step, -_BOUND, _BOUND)
-                found = self.residuals(trial)
-                if held is not None:
-                    found[found.size - xi.size + held] = 0.0
-                if found @ found < rest @ rest:
+            trial, promised = self._surrogate(xi, rest).lowest(damping, held, _BOUND)
+            if height - promised < decrease:
+                if is_fresh or is_kept:
                     break
-                damping *= _WORSE
-            else:
-                break  # differences promise what the simulator does not keep: as low as it gets
-            gained = 0.5 * float(rest @ rest - found @ found)
-            xi, rest, damping = trial, found, max(damping * _BETTER, 1e-9)
-            idle = idle + 1 if gained < decrease else 0
-            if (idle and damping < _FREE) or idle == _MOST_IDLE:
-                break
+                self._differentiate(xi)
+                is_fresh, is_kept = True, False
+                continue
+            new, found = self._height(trial, held)
+            if new >= height:
+                if is_fresh:
+                    damping *= _WORSE
+                    if damping > _MOST_DAMPING:
+                        break  # promised by differences, not kept by the simulator
+                    continue
+                self._differentiate(xi)
+                is_fresh, is_kept = True, False
+                continue
+            is_kept = new - promised < max(decrease, _KEPT * (height - promised))
+            xi, rest, height, is_fresh = trial, found, new, False
+            damping = max(damping * _BETTER, _LEAST_DAMPING)
+            if not is_kept:
+                self._differentiate(xi)
+                is_fresh = True
         return xi
+
+    def followed(self, xi: Array, number: int, target: float, decrease: float) -> Array:
+        """Return the minimum with one unknown moved to a target, from one where it was not.
+
+        Parameters
+        ----------
+        xi : array (parameter,)
+            A minimum, or near one.
+        number : int
+            Of the unknown.
+        target : float
+            Its standard coordinate.
+        decrease : float
+            As for :meth:`minimised`.
+        """
+        _, rest = self._height(xi, number)
+        begin = xi.copy()
+        begin[number] = target
+        start, _ = self._surrogate(xi, rest).lowest(_LEAST_DAMPING, number, _BOUND, begin)
+        return self.minimised(start, decrease, number, is_near=True)
+
+    def _height(self, xi: Array, held: int | None) -> tuple[float, Array]:
+        """Return cost, without the prior of what is held, and the residuals (n,) of the data."""
+        rows = self.residuals(xi)
+        own = 0.0 if held is None else float(xi[held]) ** 2
+        return 0.5 * (float(rows @ rows) - own), rows[: self._size]
+
+    @property
+    def _size(self) -> int:
+        return sum(e.values.size for e in self.problem.evidence)
 
     def covariance(self, xi: Array) -> Array:
         """Return the covariance (parameter, parameter) of Laplace's approximation."""

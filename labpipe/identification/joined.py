@@ -37,19 +37,17 @@ class JoinedModel:
         """Return the numbers (n,) of all parts."""
         return np.concatenate([part.predict(material, given) for part in self.parts])
 
-    def derivatives(
-        self, material: Prony, directions: Array, given: Given
-    ) -> tuple[Array, dict[str, Array]]:
+    def derivatives(self, material: Prony, given: Given) -> tuple[Array, dict[str, Array]]:
         """Return the derivatives of all parts; see :meth:`Model.derivatives`."""
-        made = [part.derivatives(material, directions, given) for part in self.parts]
-        sizes = [len(by_material) for by_material, _ in made]
+        made = [part.derivatives(material, given) for part in self.parts]
+        sizes = [len(by_term) for by_term, _ in made]
         others = {
             name: np.concatenate(
                 [own.get(name, np.zeros(n)) for (_, own), n in zip(made, sizes, strict=True)]
             )
             for name in self.unknowns
         }
-        return np.vstack([by_material for by_material, _ in made]), others
+        return np.vstack([by_term for by_term, _ in made]), others
 
     def refined(self, material: Prony, given: Given) -> None:
         """No part has a fuller model."""

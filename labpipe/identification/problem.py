@@ -110,30 +110,7 @@ class Problem:
         found = []
         for each, ratio in zip(self.evidence, corrections, strict=True):
             numbers = each.model.predict(solid, given)
-            found.append(numbers * _weight(each, ratio, given)[0])
-        return found
-
-    def jacobians(self, xi: Array, corrections: Corrections) -> list[Array]:
-        """Return the derivative (n, parameter) of every experiment by standard coordinates."""
-        solid, given = self.material(xi), self.given(xi)
-        directions = self.spectrum.slopes(xi[: self.n_material])
-        place = {p.name: self.n_material + i for i, p in enumerate(self.nuisances)}
-        found = []
-        for each, ratio in zip(self.evidence, corrections, strict=True):
-            made = np.zeros((each.values.size, xi.size))
-            by_material, others = each.model.derivatives(solid, directions, given)
-            weight, by_share = _weight(each, ratio, given)
-            made[:, : self.n_material] = weight[:, None] * by_material
-            for name, column in others.items():
-                made[:, place[name]] = weight * column
-            if by_share:
-                numbers = each.model.predict(solid, given)
-                for name, column in by_share.items():
-                    made[:, place[name]] += numbers * column
-            for name in each.model.unknowns:
-                at = place[name]
-                made[:, at] *= self.nuisances[at - self.n_material].slope(float(xi[at]))
-            found.append(made)
+            found.append(numbers * each.weight(ratio, given)[0])
         return found
 
 
@@ -155,13 +132,3 @@ def _ratio(evidence: Evidence, solid: Prony, given: dict[str, float]) -> Array |
     fast = evidence.model.predict(solid, given)
     is_known = (fast != 0.0) & (fuller != 0.0)
     return np.divide(fuller, fast, out=np.ones(fast.size), where=is_known)
-
-
-def _weight(
-    evidence: Evidence, ratio: Array | None, given: dict[str, float]
-) -> tuple[Array, dict[str, Array]]:
-    """Return the correction (n,) that applies, and its derivatives by unknowns."""
-    if ratio is None:
-        return np.ones(evidence.values.size), {}
-    share, slopes = evidence.model.share(given)
-    return 1.0 + share * (ratio - 1.0), {n: s * (ratio - 1.0) for n, s in slopes.items()}

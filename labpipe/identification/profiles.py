@@ -106,30 +106,25 @@ def _side(
     objective: Objective, known: Posterior, number: int, sign: float, start: float, limit: float
 ) -> list[tuple[float, float]]:
     """Walk to one side with growing strides; returns places and heights."""
-    covariance, parameter = known.covariance, known.fit.problem.parameters[number]
-    follow = covariance[:, number] / covariance[number, number]
-    # an exponential must not leave the reach of a linear step
-    longest = _LONGEST_STRIDE / parameter.sd if parameter.is_log else np.inf
-    stride = min(float(known.sd[number]), longest)
-    xi, found = known.fit.xi.copy(), []
+    parameter = known.fit.problem.parameters[number]
+    stride = min(float(known.sd[number]), _LONGEST_STRIDE / parameter.sd)
+    xi, wall, found = known.fit.xi.copy(), sign * np.inf, []
     for _ in range(_MOST_PLACES):
         target = float(np.clip(xi[number] + sign * stride, -_EDGE, _EDGE))
         if target == xi[number]:
             break
-        trial = xi + follow * (target - xi[number])
-        trial[number] = target
-        reached = objective.minimised(trial, _WORTH_A_STEP, number)
+        reached = objective.followed(xi, number, target, _WORTH_A_STEP)
         height = _objective(objective, reached, number)
         found.append((target, height))
         if height - start > _FAR_OVER * limit:
-            stride /= _GROWTH**2  # too far to tell where it crossed
+            wall = target  # too far to tell where it crossed
+            stride = abs(wall - xi[number]) / _GROWTH**2
             continue
-        follow = (reached - xi) / (target - xi[number])
         xi = reached
         is_flat = len(found) > _FLAT and abs(height - found[-1 - _FLAT][1]) < _NO_RISE
         if height - start > _OVER * limit or abs(target) >= _EDGE or is_flat:
             break
-        stride *= _GROWTH
+        stride = min(stride * _GROWTH, abs(wall - xi[number]) / _GROWTH)
     return found
 
 
