@@ -1,5 +1,6 @@
 """Linear viscoelastic materials: Prony series, interconversion, master curves, library."""
 
+from labpipe.materials.amplitude import Kraus
 from labpipe.materials.kramers_kronig import KramersKronig, kramers_kronig
 from labpipe.materials.library import Material, describe, load, load_file, read_material
 from labpipe.materials.master_curve import master_curve
@@ -13,13 +14,16 @@ from labpipe.materials.models import (
 from labpipe.materials.prony import Prony
 from labpipe.materials.reduction import fewest_terms
 from labpipe.materials.shift_law import ShiftLaw, arrhenius, shift_at, wlf
+from labpipe.materials.thermal_properties import Thermal, thermal
 
 __all__ = [
     "KramersKronig",
+    "Kraus",
     "MasterCurve",
     "Material",
     "Prony",
     "ShiftLaw",
+    "Thermal",
     "arrhenius",
     "describe",
     "fewest_terms",
@@ -33,5 +37,6 @@ __all__ = [
     "read_material",
     "shift_at",
     "standard_linear_solid",
+    "thermal",
     "wlf",
 ]

@@ -1,0 +1,105 @@
+"""Self-heating: closed forms against quadrature of point sources, bounds in order, a verdict."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from labpipe import contact, materials
+from labpipe.contact import flash_temperature, self_heating
+from labpipe.contact.heating import remaining_share
+from labpipe.errors import InputError
+from labpipe.materials import Thermal, thermal
+
+SOLID = Thermal(1180.0, 1470.0, 0.19)
+
+
+@pytest.mark.parametrize("time", [1e-6, 1e-3, 1.0, 100.0])
+def test_a_hot_disc_is_the_sum_of_its_point_sources(time: float) -> None:
+    flux, radius = 1e5, 1e-3
+
+    def earlier(root: float) -> float:
+        """Heat released s = root² before now, integrated over the disc; ds = 2 root d(root)."""
+        spread = -np.expm1(-(radius**2) / (4.0 * SOLID.diffusivity * root**2)) if root else 1.0
+        return 2.0 * flux * float(spread) / np.sqrt(np.pi * SOLID.diffusivity)
+
+    total, _ = quad(earlier, 0.0, np.sqrt(time), epsrel=1e-12, limit=200)
+    expected = total / (SOLID.density * SOLID.heat_capacity)
+    assert float(flash_temperature(flux, radius, time, SOLID)) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_hot_disc_begins_as_a_plane_and_ends_at_its_steady_state() -> None:
+    plane = 2.0 * np.sqrt(SOLID.diffusivity * 1e-6 / np.pi) / SOLID.conductivity
+    assert float(flash_temperature(1.0, 1e-3, 1e-6, SOLID)) == pytest.approx(plane, rel=1e-12)
+    late = float(flash_temperature(1.0, 1e-3, 1e12, SOLID))
+    assert late == pytest.approx(1e-3 / SOLID.conductivity, rel=1e-5)
+
+
+@pytest.mark.parametrize("time", [0.1, 1.0, 30.0])
+def test_a_hot_sphere_cools_as_the_sum_of_its_point_sources(time: float) -> None:
+    radius = 1e-3
+    four = 4.0 * SOLID.diffusivity * time
+
+    def shell(r: float) -> float:
+        return float(4.0 * np.pi * r**2 * np.exp(-(r**2) / four) / (np.pi * four) ** 1.5)
+
+    share, _ = quad(shell, 0.0, radius, epsrel=1e-12)
+    assert float(remaining_share(radius, time, SOLID)) == pytest.approx(share, rel=1e-9)
+
+
+def test_a_sphere_keeps_all_at_first() -> None:
+    assert float(remaining_share(1e-3, 0.0, SOLID)) == 1.0
+
+
+@pytest.mark.parametrize("nu", [0.25, 0.35, 0.5])
+def test_no_strain_energy_is_denser_than_the_mean_of_the_half_sphere(nu: float) -> None:
+    """Hertz on the axis (Johnson 3.45), where it is densest for such solids; units E*a²/R²."""
+    depth = np.linspace(0.0, 3.0, 3001)
+    falling = 1.0 / (1.0 + depth**2)
+    around = 1.0 - depth * (0.5 * np.pi - np.arctan(depth))
+    axial, radial = -falling, -(1.0 + nu) * around + 0.5 * falling
+    # Energy density of the stresses in units of the peak pressure 2E*a/(πR), times E*.
+    square = axial**2 + 2.0 * radial**2 - 2.0 * nu * (2.0 * axial * radial + radial**2)
+    density = 0.5 * square / (1.0 - nu**2) * (2.0 / np.pi) ** 2
+    mean = 8.0 / 15.0 / (2.0 / 3.0 * np.pi)
+    assert mean == pytest.approx(0.2546, abs=1e-4)
+    assert density.max() < mean
+
+
+def test_heat_of_a_train_is_that_of_the_ledger_and_the_bounds_are_in_order() -> None:
+    acrylic = materials.describe("acrylic")
+    drop = contact.drop(acrylic.prony, 9.525e-3, 0.505, 1.5e-3, 0.15, rtol=1e-3)
+    found = self_heating(drop, acrylic, thermal("acrylic"))
+    table = found.dataset
+    solid = thermal("acrylic")
+    volume = 2.0 / 3.0 * np.pi * drop["peak_contact_radius"].values ** 3
+    heat = float((table["bulk_rise"].values * volume).sum()) * solid.density * solid.heat_capacity
+    assert heat == pytest.approx(float(drop["dissipated_energy"][-1]), rel=1e-6)
+    assert (table["bulk_rise"] <= table["train_rise"] + 1e-12).all()
+    assert (table["train_rise"] <= table["train_rise_adiabatic"]).all()
+    assert (table["bulk_rise"] < table["surface_rise"]).all()
+    assert np.all(np.diff(table["train_rise_adiabatic"].values) > 0.0)
+    assert 0.3 < found.bulk < 0.8
+    assert found.modulus_change_bound <= found.modulus_change < 0.0
+
+
+def test_one_impact_is_negligible_and_a_long_train_of_a_lossy_solid_is_not() -> None:
+    acrylic, ptfe = materials.describe("acrylic"), materials.describe("ptfe")
+    one = contact.drop(acrylic.prony, 9.525e-3, 0.505, 1.5e-3, 0.03, rtol=1e-3)
+    assert self_heating(one, acrylic, thermal("acrylic")).verdict == "negligible"
+    train = contact.drop(ptfe.prony, 9.525e-3, 0.505, 10e-3, 0.2, rtol=1e-3)
+    found = self_heating(train, ptfe, thermal("ptfe"), temperature=20.0)
+    assert found.verdict == "matters"
+    assert np.all(np.diff(found.dataset["modulus_change"].values) < 0.0)
+
+
+def test_what_cannot_be_estimated_is_refused() -> None:
+    acrylic = materials.describe("acrylic")
+    falling = contact.drop(acrylic.prony, 9.525e-3, 0.505, 1.5e-3, 0.01, rtol=1e-3)
+    with pytest.raises(InputError, match="at least one completed impact"):
+        self_heating(falling, acrylic, SOLID)
+    with pytest.raises(InputError, match="conductivity is 0"):
+        Thermal(1.0, 1.0, 0.0)
+    with pytest.raises(InputError, match='no thermal properties of "steel"'):
+        thermal("steel")
+    with pytest.raises(InputError, match="flux must be 0 or more"):
+        flash_temperature(-1.0, 1.0, 1.0, SOLID)
