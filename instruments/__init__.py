@@ -66,6 +66,12 @@ def identify(path: str | os.PathLike[str]) -> str:
 
 def _identify(path: Path) -> Reader:
     head = _head(path)
+    if path.suffix == ".recording":
+        raise SourceError(
+            path,
+            "this is an unfinished recording",
+            hint=f"Finish it with `labpipe acquire recover {path}`.",
+        )
     for reader in READERS:
         if reader.sniff(head, path):
             return reader

@@ -98,6 +98,7 @@ class Tally:
     reconnections: int = 0
     errors: int = 0
     last_error: str = ""
+    lost_in_ring: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,16 +158,21 @@ class Recorder:
         Opens a connection.
     patience : float [s]
         How long the controller may be silent before the recording is given up.
+    save : callable, optional
+        Told the new readings that are kept for good, ten times a second, and the tally: what a
+        killed recording leaves.
     """
 
     setup: Setup
     connect: Callable[[], Connection]
     patience: float = 10.0
+    save: Callable[[Sequence[Sample], Tally], None] | None = None
     ring: Ring = field(default_factory=Ring)
     tally: Tally = field(default_factory=Tally)
     kept: list[Sample] = field(default_factory=list)
     started: datetime | None = None
     trigger_slot: int | None = None
+    _saved: int = 0
     _stop: threading.Event = field(default_factory=threading.Event)
 
     def record(
@@ -203,9 +209,10 @@ class Recorder:
         try:
             while not self._is_over(duration, trigger, time.perf_counter() - begun):
                 time.sleep(min(_LOOK, self.setup.interval * 10))
-                new = self.ring.take()
+                new = self._take()
                 silent_since = time.perf_counter() if new else silent_since
                 self._keep(new, trigger)
+                self._save(trigger)
                 if progress is not None:
                     progress(len(self.kept), self.empty)
                 if time.perf_counter() - silent_since > self.patience:
@@ -213,8 +220,14 @@ class Recorder:
         finally:
             self._stop.set()
             asker.join()
-            self._keep(self.ring.take(), trigger)
+            self._keep(self._take(), trigger)
+            self._save(trigger)
             self._cut(duration, trigger)
+
+    def replay(self, samples: Sequence[Sample], duration: float, trigger: Trigger | None) -> None:
+        """Keep what was recorded before as if it came now; see :meth:`record`."""
+        self._keep(samples, trigger)
+        self._cut(duration, trigger)
 
     @property
     def empty(self) -> int:
@@ -222,6 +235,11 @@ class Recorder:
         if not self.kept:
             return 0
         return self.kept[-1].slot - self.kept[0].slot + 1 - len(self.kept)
+
+    def _take(self) -> list[Sample]:
+        found = self.ring.take()
+        self.tally.lost_in_ring = self.ring.lost
+        return found
 
     def _silence(self) -> SourceError:
         message = f"the controller has been silent for {self.patience:g} s"
@@ -247,6 +265,14 @@ class Recorder:
         if trigger is not None and self.trigger_slot is None and self.kept:
             first = self.kept[-1].slot - math.ceil(trigger.before / self.setup.interval) - 1
             self.kept = [s for s in self.kept if s.slot >= first]
+
+    def _save(self, trigger: Trigger | None) -> None:
+        """Hand on what is new; nothing while a trigger is awaited, as old readings are dropped."""
+        is_waiting = trigger is not None and self.trigger_slot is None
+        new = self.kept[self._saved :]
+        if self.save is not None and new and not is_waiting:
+            self.save(new, self.tally)
+            self._saved += len(new)
 
     def _passes(self, trigger: Trigger, earlier: Sample, later: Sample) -> bool:
         place = self.setup.outputs.index(trigger.output)

@@ -33,8 +33,10 @@ __all__ = [
     "append_line",
     "canonical",
     "digest",
+    "discard",
     "files_below",
     "free_bytes",
+    "journal",
     "lock",
     "read_dataset",
     "require_space",
@@ -200,6 +202,76 @@ def append_line(path: str | os.PathLike[str], text: str) -> None:
             stream.write(data)
     except OSError as error:
         raise _storage_error(target, len(data), error) from error
+
+
+_FLUSH_INTERVAL = 1.0
+"""s: how much of a measurement the power may take with it; a killed process loses nothing."""
+
+
+@contextlib.contextmanager
+def journal(path: str | os.PathLike[str]) -> Iterator[Callable[[str], None]]:
+    """Make a file that grows while something is measured, so that a kill leaves what came.
+
+    What was appended is with the operating system when the call returns, and on the disk at least
+    every second in which something is appended. The file is locked as by :func:`lock`.
+
+    Parameters
+    ----------
+    path : path-like
+        The file; there must be none of that name. Missing folders are made.
+
+    Yields
+    ------
+    callable
+        Appends text to the file.
+
+    Raises
+    ------
+    StorageError
+        There is no space, or no permission, or a file of that name exists.
+    """
+    target = Path(path)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        stream = target.open("xb")
+    except OSError as error:
+        raise _storage_error(target, 0, error) from error
+    flushed = time.monotonic()
+
+    def append(text: str) -> None:
+        nonlocal flushed
+        data = text.encode("utf-8")
+        try:
+            stream.write(data)
+            stream.flush()
+            if time.monotonic() - flushed >= _FLUSH_INTERVAL:
+                os.fsync(stream.fileno())
+                flushed = time.monotonic()
+        except OSError as error:
+            raise _storage_error(target, len(data), error) from error
+
+    try:
+        _acquire(stream.fileno(), shared=False, wait=False)
+        yield append
+    finally:
+        # What a full disk did not take was told by ``append``; closing would try it once more.
+        with contextlib.suppress(OSError):
+            stream.close()
+
+
+def discard(path: str | os.PathLike[str]) -> None:
+    """Delete a file that is of no use any more, where there is one.
+
+    Raises
+    ------
+    StorageError
+        There is no permission.
+    """
+    target = Path(path)
+    try:
+        target.unlink(missing_ok=True)
+    except OSError as error:
+        raise _storage_error(target, 0, error) from error
 
 
 def digest(path: str | os.PathLike[str]) -> str:

@@ -2,8 +2,8 @@
 
 import json
 import re
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from datetime import timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from labpipe.units import quantity, unit
 
 if TYPE_CHECKING:
     from instruments.keyence_live import Connection
-    from instruments.keyence_recorder import Recorder, Setup, Trigger
+    from instruments.keyence_recorder import Recorder, Sample, Setup, Tally, Trigger
 
 EMULATOR_ONLY = (
     "The live protocols were tested against an emulator only; compare the first readings with the "
@@ -68,6 +68,9 @@ def record_keyence(
 ) -> Acquired:
     """Record a Keyence controller into a storage file in the layout that :mod:`instruments` reads.
 
+    What comes is appended to ``NAME.recording`` until the file is complete; :func:`recover` makes
+    the file of what a killed recording left there.
+
     Parameters
     ----------
     path : path-like
@@ -93,30 +96,121 @@ def record_keyence(
     Raises
     ------
     UsageError
-        The file exists.
+        The file, or an unfinished recording of it, exists.
     SourceError, KeyboardInterrupt
         The controller fell silent, or the user stopped; what came until then is written first.
     """
+    from instruments import keyence_journal as journals
     from instruments.keyence_recorder import Recorder
 
     target = Path(path)
-    if target.exists():
-        message = f"{target} exists already; raw files are never replaced, take another name"
-        raise UsageError(message)
+    partial = journals.path_of(target)
+    _refuse_existing(target, partial)
     if trigger is not None and trigger.output not in setup.outputs:
         message = f"the trigger looks at out{trigger.output}, which is not recorded"
         raise InputError(message)
     recorder = Recorder(setup, connect, patience)
     try:
-        recorder.record(duration, trigger, progress)
+        with files.journal(partial) as append:
+            recorder.save = _saver(append, recorder, duration, trigger)
+            recorder.record(duration, trigger, progress)
     except BaseException:
         if recorder.kept:
             _write(target, setup, recorder)
+        files.discard(partial)
         raise
-    return _write(target, setup, recorder)
+    if not recorder.kept:
+        files.discard(partial)
+    done = _write(target, setup, recorder)
+    files.discard(partial)
+    return done
 
 
-def _write(target: Path, setup: "Setup", recorder: "Recorder") -> Acquired:
+def _refuse_existing(target: Path, partial: Path) -> None:
+    if target.exists():
+        message = f"{target} exists already; raw files are never replaced, take another name"
+        raise UsageError(message)
+    if partial.exists():
+        message = (
+            f"{partial} holds an unfinished recording, of a run that was killed or still goes on; "
+            f"finish it with `labpipe acquire recover {partial}`, or take another name"
+        )
+        raise UsageError(message)
+
+
+def _saver(
+    append: Callable[[str], None], recorder: "Recorder", duration: float, trigger: "Trigger | None"
+) -> "Callable[[Sequence[Sample], Tally], None]":
+    """Make what writes readings into the journal as they come, and counts when they changed."""
+    from instruments import keyence_journal as journals
+
+    told: list[Tally] = []
+
+    def save(samples: "Sequence[Sample]", tally: "Tally") -> None:
+        head = ""
+        if not told and recorder.started is not None:
+            head = journals.first_line(
+                journals.Head(recorder.setup, recorder.started, duration, trigger)
+            )
+        is_new = not told or told[-1] != tally
+        append(head + journals.lines(samples, tally if is_new else None))
+        told[:] = [replace(tally)]
+
+    return save
+
+
+def recover(path: str | Path) -> Acquired:
+    """Finish a recording that was killed: write the file that it would have written.
+
+    Parameters
+    ----------
+    path : path-like
+        What it left, ``NAME.recording``; it is deleted when the file is complete.
+
+    Returns
+    -------
+    Acquired
+        As of :func:`record_keyence`; ``cut_short`` in the summary tells whether the last line was
+        torn, whose reading is then lost.
+
+    Raises
+    ------
+    UsageError
+        It is still being written, holds no reading, or another file of its name exists.
+    SourceError
+        A line of it is damaged.
+    """
+    from instruments import keyence_journal as journals
+    from instruments.keyence_recorder import Recorder
+
+    partial = Path(path)
+    if partial.suffix != journals.SUFFIX or not partial.is_file():
+        message = f'{partial}: expected an unfinished recording, a file "NAME{journals.SUFFIX}"'
+        raise UsageError(message)
+    with files.lock(partial, wait=False) as is_ours:
+        if not is_ours:
+            message = f"{partial} is still being recorded; end that with Ctrl-C, it keeps what came"
+            raise UsageError(message)
+        found = journals.read(partial)
+        if found is None:
+            message = f"{partial} holds no reading: it was killed before one was kept; delete it"
+            raise UsageError(message)
+        head = found.head
+        recorder = Recorder(head.setup, _nobody, started=head.started, tally=found.tally)
+        recorder.replay(found.samples, head.duration, head.trigger)
+        done = _write(partial.with_suffix(""), head.setup, recorder, may_exist=True)
+        files.discard(partial)
+    return Acquired(done.path, done.times, {**done.summary, "cut_short": found.torn})
+
+
+def _nobody() -> "Connection":
+    message = "a recording that is recovered has no connection"
+    raise InputError(message)
+
+
+def _write(
+    target: Path, setup: "Setup", recorder: "Recorder", *, may_exist: bool = False
+) -> Acquired:
     from instruments import keyence_recorder, keyence_writer
 
     if recorder.started is None or not recorder.kept:
@@ -125,11 +219,14 @@ def _write(target: Path, setup: "Setup", recorder: "Recorder") -> Acquired:
     first = recorder.kept[0].slot
     start = recorder.started + timedelta(seconds=first * setup.interval)
     dataset = keyence_recorder.recording(setup, recorder.kept, start)
-    keyence_writer.write(target, dataset)
+    data = keyence_writer.encode(dataset)
+    if may_exist and target.exists() and target.read_bytes() != data:
+        message = f"{target} exists and holds something else; move it away, then try again"
+        raise UsageError(message)
+    files.write_bytes(target, data)
     summary = {
         "readings": len(recorder.kept),
         "empty_slots": recorder.empty,
-        "lost_in_ring": recorder.ring.lost,
         "trigger_row": None if recorder.trigger_slot is None else recorder.trigger_slot - first + 1,
         **asdict(recorder.tally),
         **keyence_recorder.timing(setup, recorder.kept),

@@ -286,6 +286,11 @@ class Checker:
         if not place_on_disk.exists() and not self.may_wait:
             near = suggest(value, _names_below(self.root))
             advice = near or "; copy it there, or correct the name"
+            if place_on_disk.with_name(f"{place_on_disk.name}.recording").is_file():
+                advice = (
+                    f", only an unfinished recording of it; finish it with "
+                    f'`labpipe acquire recover "{value}.recording"`'
+                )
             self.report(place, f'there is no file "{value}" in the session folder{advice}')
             return _BAD
         return value

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from labpipe.errors import InputError
-from pipelines.acquire import EMULATOR_ONLY
+from pipelines.acquire import EMULATOR_ONLY, Acquired
 from pipelines.commands.options import echo, echo_json, json_option
 
 
@@ -87,7 +87,8 @@ def keyence(
 
     FILE has the layout of a storage file, so `labpipe process` reads it; FILE.times.csv holds the
     real time of every reading. A reading that did not come leaves its row empty. Ctrl-C ends the
-    recording and keeps what came. The protocols were tested against an emulator only.
+    recording and keeps what came; after a kill, `labpipe acquire recover` does. The protocols were
+    tested against an emulator only.
 
     \b
     Example:
@@ -114,6 +115,31 @@ def keyence(
             file, setup, connect, duration, parse_trigger(trigger, before) if trigger else None,
             patience=patience, progress=progress,
         )  # fmt: skip
+    _tell(done, as_json)
+    if not as_json:
+        echo(EMULATOR_ONLY)
+
+
+@acquire.command()
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@json_option
+def recover(file: Path, as_json: bool) -> None:
+    r"""Finish a recording that was killed, from the FILE.recording that it left.
+
+    While a sensor is recorded every reading is appended to FILE.recording, one line of JSON each.
+    Where the program was killed, or the power failed, this command writes from it the files that
+    the recording would have written, and deletes it.
+
+    \b
+    Example:
+      labpipe acquire recover my-session/laser/drop_1.csv.recording
+    """
+    from pipelines.acquire import recover as finish
+
+    _tell(finish(file), as_json)
+
+
+def _tell(done: Acquired, as_json: bool) -> None:
     if as_json:
         echo_json({"file": str(done.path), "times": str(done.times), **done.summary})
         return
@@ -122,7 +148,6 @@ def keyence(
         if value not in (None, "") and key != "remark":
             shown = f"{value:.6g}" if isinstance(value, float) else value
             echo(f"  {key.replace('_', ' '):20}{shown}")
-    echo(EMULATOR_ONLY)
 
 
 @contextmanager
