@@ -163,7 +163,8 @@ def plain_lines(
     is_inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
     weights = np.broadcast_to(weight, column.shape)[is_inside]
     cells = row[is_inside] * columns + column[is_inside]
-    return np.bincount(cells, weights, minlength=rows * columns).reshape(rows, columns)
+    votes: Floats = np.bincount(cells, weights, minlength=rows * columns).astype(np.float64)
+    return votes.reshape(rows, columns)
 
 
 def _place(voters: _Voters, x: float, y: float) -> Spot | None:

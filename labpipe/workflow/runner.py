@@ -243,6 +243,15 @@ def events(session: Session) -> Iterator[dict[str, Any]]:
             yield event
 
 
+def _bytes(path: Path) -> int:
+    """Size of a file or folder; nothing where it cannot be read, which its stage will say."""
+    try:
+        parts = files.files_below(path) if path.is_dir() else [path]
+        return sum(part.stat().st_size for part in parts)
+    except OSError:
+        return 0
+
+
 @dataclass(slots=True)
 class _State:
     """A run while it goes on."""
@@ -346,9 +355,27 @@ class _State:
         """Experiments to run; the plan lists inputs first."""
         return list(dict.fromkeys(row.experiment for row in self.plan.to_run))
 
+    def _longest_first(self, waiting: dict[str, set[str]]) -> dict[str, set[str]]:
+        """Sort experiments by what they and those behind them have to read, the most first.
+
+        So the last ones to run are short, and all processes end together. The bytes of the files
+        are all that is known of an experiment before it has run.
+        """
+        size = dict.fromkeys(waiting, 0)
+        for row in self.plan.to_run:
+            names = self.plan.tasks[row.task].files
+            size[row.experiment] += sum(_bytes(self.plan.session.root / name) for name in names)
+        behind = dict.fromkeys(waiting, 0)
+        for name in reversed(waiting):  # the plan lists inputs first
+            for needed in waiting[name]:
+                behind[needed] = max(behind[needed], size[name] + behind[name])
+        return dict(
+            sorted(waiting.items(), key=lambda item: size[item[0]] + behind[item[0]], reverse=True)
+        )
+
     def in_processes(self, jobs: int) -> None:
         """Run every experiment in a process of its own, at most ``jobs`` at a time."""
-        waiting = self.waiting()
+        waiting = self._longest_first(self.waiting())
         running: list[pool.Worker] = []
         stages = [self.plan.tasks[row.task].stage for row in self.plan.to_run]
         preload = sorted({stage.function.partition(":")[0] for stage in stages})
