@@ -32,7 +32,7 @@ BALL_DROP = (
         summary="correct the inclination, with uncertainty",
     ),
     Stage(
-        "bounces", "pipelines.experiments.ball_drop:bounces", 1,
+        "bounces", "pipelines.experiments.ball_drop:bounces", 2,
         ("displacement",), ("analysis.contact",), per="recording", over="laser", schema="bounces",
         summary="find release, contacts, bounces and rest",
     ),
@@ -43,12 +43,12 @@ BALL_DROP = (
         summary="differentiate, not blunting the impacts",
     ),
     Stage(
-        "repeats", "pipelines.experiments.ball_drop:repeats", 1,
+        "repeats", "pipelines.experiments.ball_drop:repeats", 2,
         ("displacement", "velocity", "bounces"), (), schema="repeats",
         summary="align at first contact: mean, band, outliers",
     ),
     Stage(
-        "model", "pipelines.experiments.ball_drop:model", 3,
+        "model", "pipelines.experiments.ball_drop:model", 4,
         ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve",
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
@@ -257,7 +257,7 @@ DIC_VALIDATION = (
         summary="pixels to metres, with uncertainty",
     ),
     Stage(
-        "bounces", "pipelines.experiments.dic_validation:bounces", 1, ("motion",),
+        "bounces", "pipelines.experiments.dic_validation:bounces", 2, ("motion",),
         schema="bounces",
         summary="find release, contacts, bounces and rest",
     ),

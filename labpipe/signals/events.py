@@ -37,6 +37,12 @@ _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the c
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
 _REST_FRACTION = 0.01  # of the first impact speed, below which the body is at rest
 
+_SHARED = (
+    "touch_time", "liftoff_time", "incoming_speed", "outgoing_speed", "restitution",
+    "contact_duration",
+)  # fmt: skip
+"""Quantities of which the shape of the contact's pulse is a part of the uncertainty."""
+
 _LABELS = {
     "touch_time": ("s", "time of touch"),
     "liftoff_time": ("s", "time of lift-off"),
@@ -86,7 +92,9 @@ def bounces(
         ``restitution`` [1]; ``touch_level``, ``liftoff_level``, ``deepest_level`` [m, in the
         record's own direction and zero]; ``penetration`` [m, positive]; ``peak_acceleration``
         [m/s2]; ``apex_time`` [s] and ``apex_height`` [m] of the flight that follows;
-        and ``chi_square`` [1] of each fit.
+        and ``chi_square`` [1] of each fit. Times, speeds and restitution also have a
+        ``shared_u_``: the part of their ``u_`` that the unknown shape of the pulse brings about,
+        which drops of the same body share, so that a mean over repeats keeps it.
         Scalars with ``u_``: ``release_time``, ``first_contact_time``, ``rest_time`` [s] (NaN when
         the record ends before), ``contact_level``, ``drop_height``, ``rest_level`` [m],
         ``fall_acceleration`` [m/s2]. Scalar ``settling_time`` [s]: the last touch seen, after
@@ -259,12 +267,15 @@ def _fitted(
 
 def _per_impact(impacts: list[ImpactFit], direction: int) -> xr.Dataset:
     """Collect the fits over the dimension impact."""
-    columns: dict[str, list[tuple[float, float]]] = {name: [] for name in _LABELS}
+    columns: dict[str, list[tuple[float, float, float]]] = {name: [] for name in _LABELS}
     for impact in impacts:
         for name in _LABELS:
             value, gradient = _combined(name, impact.value, direction)
-            u = float(np.sqrt(np.maximum(gradient @ impact.covariance @ gradient, 0.0)))
-            columns[name].append((value, u))
+            u, u_shape = (
+                float(np.sqrt(np.maximum(gradient @ covariance @ gradient, 0.0)))
+                for covariance in (impact.covariance, impact.shape_covariance)
+            )
+            columns[name].append((value, u, u_shape))
     result = xr.Dataset(coords={"impact": np.arange(1, len(impacts) + 1)})
     result["impact"].attrs = {"units": "1", "long_name": "number of the impact"}
     for name, (unit, label) in _LABELS.items():
@@ -272,6 +283,10 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> xr.Dataset:
         result[name] = ("impact", pairs[:, 0], {"units": unit, "long_name": label})
         u_attributes = {"units": unit, "long_name": f"standard uncertainty of {label}"}
         result[f"u_{name}"] = ("impact", pairs[:, 1], u_attributes)
+        if name in _SHARED:
+            text = f"standard uncertainty of {label} that repeats share, shape of the pulse"
+            attributes = {"units": unit, "long_name": text}
+            result[f"shared_u_{name}"] = ("impact", pairs[:, 2], attributes)
     chi_square = [impact.chi_square for impact in impacts]
     label = "scatter about the fit over the noise, squared"
     result["chi_square"] = ("impact", chi_square, {"units": "1", "long_name": label})

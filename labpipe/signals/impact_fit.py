@@ -56,7 +56,8 @@ PRIORS = {
 spectrum, for which the three follow the loss closely: 91 simulated impacts of acrylic, PEEK, nylon
 and PTFE from 1.5 and 10 mm scatter by 0.011, 0.010 and 0.007 about it."""
 
-_WITH_PRIOR = [3, 4, 5, 8]  # lean, flatness, skewness, gravity
+_SHAPE = [3, 4, 5]  # lean, flatness, skewness
+_WITH_PRIOR = [*_SHAPE, 8]  # and gravity
 _LOSS_UPDATES, _LOSS_SETTLED = 3, 0.02
 _MOST_EVALUATIONS = 200
 _TESTED_LOSS, _UNTESTED_SCALE = 0.55, 0.05  # beyond, the shape does not fit: u grows to threefold
@@ -73,12 +74,15 @@ NAMES = ("level", "speed", "pulse", "lean", "flatness", "skewness", "touch", "li
 class ImpactFit:
     """Result of :func:`fit_impact`: ``value`` and ``covariance`` in the order of :data:`OUTPUTS`.
 
+    ``shape_covariance`` is the part of ``covariance`` that comes from the unknown shape of the
+    pulse: other drops of the same body err alike, and their mean errs no less.
     ``chi_square`` is the reduced sum of squares, ``n_evaluations`` the number of model evaluations;
     ``unread`` are begin and end [s] of the gap among the readings that hides the contact, if any.
     """
 
     value: Array
     covariance: Array
+    shape_covariance: Array
     chi_square: float
     n_evaluations: int
     unread: tuple[float, float] | None = None
@@ -182,18 +186,21 @@ def fit_impact(
         if abs(loss - previous) < _LOSS_SETTLED:
             break
     chi_square = misfit / max(len(t) - len(NAMES) + len(_WITH_PRIOR), 1)
-    covariance = np.linalg.pinv(normal, hermitian=True) * np.outer(scale, scale)
     # More scatter than the noise means a motion that the model lacks (a vibrating plate).
-    covariance *= max(chi_square, 1.0)
-    covariance *= 1.0 + (max(loss - _TESTED_LOSS, 0.0) / _UNTESTED_SCALE) ** 2
+    factor = max(chi_square, 1.0) * (1.0 + (max(loss - _TESTED_LOSS, 0.0) / _UNTESTED_SCALE) ** 2)
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    covariance = factor * inverse * np.outer(scale, scale)
+    ties = inverse[:, _SHAPE] * (scale[_SHAPE] / pull.spread[:-1])
+    of_shape = factor * (ties @ ties.T) * np.outer(scale, scale)
     value, gradient = _outputs(p, scale)
     value[:2] += reference
     value[4:7] += height
     output_covariance: Array = np.asarray(gradient @ covariance @ gradient.T, float)
+    of_shape = np.asarray(gradient @ of_shape @ gradient.T, float)
     unread = _unread_contact(time, float(value[0]), float(value[1]))
     if unread is not None:
         output_covariance = output_covariance + _of_unread(value, unread[1] - unread[0])
-    return ImpactFit(value, output_covariance, chi_square, n_evaluations, unread)
+    return ImpactFit(value, output_covariance, of_shape, chi_square, n_evaluations, unread)
 
 
 def _unread_contact(time: Array, touch: float, liftoff: float) -> tuple[float, float] | None:

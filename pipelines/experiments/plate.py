@@ -42,7 +42,11 @@ def plate_inputs(given: Plate | None, found: xr.Dataset | None) -> dict[str, Qua
         As for :func:`resolve_plate`.
     """
     if found is not None:
-        return {"mass": modal_mass(found)}
+        others = {"frequency": "Hz", "damping_ratio": "1"}
+        return {"mass": modal_mass(found)} | {
+            name: Quantity(float(found[name]), float(found[f"u_{name}"]), unit)
+            for name, unit in others.items()
+        }
     if given is None:
         return {}
     return {

@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from labpipe.units import Quantity
-from pipelines.experiments.ball_drop import comparison, model
+from pipelines.experiments.ball_drop import comparison, model, repeats
 from pipelines.process import open_session, process, result
 from pipelines.settings.ball_drop import BallDrop
 from pipelines.settings.common import Plate
@@ -31,14 +31,36 @@ def measured(processed_session: Path) -> Measured:
 
 
 def compared(measured: Measured, plate: Plate | None) -> tuple[xr.Dataset, ...]:
-    settings, repeats = measured
+    settings, found = measured
     chosen = msgspec.structs.replace(settings, plate=plate)
-    made = model(repeats, None, None, None, settings=chosen)
-    return made, comparison(repeats, made, settings=chosen)
+    made = model(found, None, None, None, settings=chosen)
+    return made, comparison(found, made, settings=chosen)
 
 
 def z(found: xr.Dataset) -> np.ndarray:
     return found["restitution_difference"].values / found["u_restitution_difference"].values
+
+
+def test_what_repeats_share_does_not_fall_with_their_number(processed_session: Path) -> None:
+    """Shape of the pulse and inclination: four copies of one repeat are no better than one."""
+    settings = open_session(processed_session).experiments["drop"].settings
+    parts = [
+        result(processed_session, "drop", stage, settings.laser[0])
+        for stage in ("displacement", "velocity", "bounces")
+    ]
+    one, four = (repeats(*([part] * n for part in parts), settings=settings) for n in (1, 4))
+    relative = float(parts[0].attrs["u_systematic_relative"])
+    shared = {
+        "restitution": parts[2]["shared_u_restitution"].values,
+        "outgoing_speed": relative * parts[2]["outgoing_speed"].values,
+    }
+    for name, least in shared.items():
+        assert np.all(four[f"u_{name}"].values >= least)
+        assert np.all(four[f"u_{name}"].values < one[f"u_{name}"].values)
+        apart = one[f"u_{name}"].values ** 2 - four[f"u_{name}"].values ** 2
+        own = parts[2][f"u_{name}"].values ** 2 - parts[2][f"shared_u_{name}"].values ** 2
+        if name == "restitution":
+            np.testing.assert_allclose(apart, 0.75 * own, rtol=1e-6)
 
 
 def test_with_the_floor_stated_restitution_agrees_within_uncertainty(
@@ -82,14 +104,14 @@ def test_a_wrong_input_shows_in_the_comparison(
     measured: Measured, wrong: dict[str, object], at_least: float
 ) -> None:
     """The comparison can fail; with the right inputs it stays below 1 % (above)."""
-    settings, repeats = measured
+    settings, kept = measured
     sphere = {k: v for k, v in wrong.items() if k != "height"}
     changed = msgspec.structs.replace(
         settings,
         height=wrong.get("height", settings.height),
         sphere=msgspec.structs.replace(settings.sphere, **sphere),
     )
-    _, found = compared((changed, repeats), STATED)
+    _, found = compared((changed, kept), STATED)
     assert float(found["nrmse"]) > at_least
 
 
