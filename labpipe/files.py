@@ -10,6 +10,7 @@ when a Dataset is written or read.
 
 import contextlib
 import errno
+import functools
 import hashlib
 import json
 import os
@@ -335,9 +336,10 @@ def _replace(
 ) -> None:
     """Fill a temporary file beside ``path``, verify it, make it durable, and rename it."""
     # The temporary name is short whatever the final one is, so a 255-byte name still works.
-    part = path.parent / f".{secrets.token_hex(8)}{PART_SUFFIX}"
+    part = path.parent / f".{_machine()}-{os.getpid()}-{secrets.token_hex(4)}{PART_SUFFIX}"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_orphans(path.parent)
         fill(part)
         verify(part)
         _flush(part)
@@ -350,6 +352,38 @@ def _replace(
     finally:
         with contextlib.suppress(OSError):
             part.unlink(missing_ok=True)
+
+
+@functools.cache
+def _machine() -> str:
+    """Tell numbers of processes apart: of other machines on a share, of other containers here."""
+    name = os.uname().nodename if hasattr(os, "uname") else ""
+    with contextlib.suppress(OSError):
+        name += str(Path("/proc/self/ns/pid").readlink())
+    return hashlib.sha256(name.encode()).hexdigest()[:8]
+
+
+def _remove_orphans(folder: Path) -> None:
+    """Remove what killed processes of this machine left half-written in a folder."""
+    if os.name == "nt":  # where asking for a process would end it
+        return
+    head = f".{_machine()}-"
+    with contextlib.suppress(OSError):
+        for name in os.listdir(folder):  # noqa: PTH208  # names alone, of folders with many files
+            if name.startswith(head) and name.endswith(PART_SUFFIX):
+                process = name.removeprefix(head).partition("-")[0]
+                if process.isdigit() and not _is_alive(int(process)):
+                    (folder / name).unlink(missing_ok=True)
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):  # somebody else's, or no number of a process at all
+        return True
+    return True
 
 
 def _flush(path: Path) -> None:

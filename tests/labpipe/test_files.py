@@ -609,3 +609,34 @@ def test_a_small_file_that_declares_gigabytes_is_refused_before_allocation(
 def test_importing_the_file_functions_loads_nothing_numerical() -> None:
     code = "import sys, labpipe.files; sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_what_a_killed_process_left_half_written_goes_with_the_next_file(tmp_path: Path) -> None:
+    files.write_text(tmp_path / "a.txt", "a")
+    child = subprocess.Popen([sys.executable, "-c", "pass"])
+    child.wait()
+    orphan = tmp_path / f".{files._machine()}-{child.pid}-0badcafe.part"
+    alive = tmp_path / f".{files._machine()}-{os.getppid()}-0badcafe.part"
+    elsewhere = tmp_path / f".00000000-{child.pid}-0badcafe.part"
+    for path in (orphan, alive, elsewhere):
+        path.touch()
+    files.write_text(tmp_path / "b.txt", "b")
+    assert not orphan.exists()
+    assert alive.exists()
+    assert elsewhere.exists()
+
+
+def test_a_journal_holds_what_was_appended_before_it_is_closed(tmp_path: Path) -> None:
+    path = tmp_path / "there" / "a.recording"
+    with files.journal(path) as append:
+        append("one\n")
+        assert path.read_text() == "one\n"
+        with files.lock(path, wait=False) as is_free:
+            assert not is_free
+        append("µ\n")
+    assert path.read_bytes() == "one\nµ\n".encode()
+    with pytest.raises(StorageError), files.journal(path):
+        pass
+    files.discard(path)
+    files.discard(path)
+    assert not path.exists()

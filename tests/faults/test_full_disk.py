@@ -1,0 +1,141 @@
+"""A real disk that is too small, and a real share that goes away: named, and nothing is spoilt."""
+
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from instruments.keyence_live import Reading
+from instruments.keyence_markers import Status
+from instruments.keyence_recorder import Setup
+from labpipe.errors import LabpipeError, StorageError
+from labpipe.workflow import provenance, runner
+from pipelines.acquire import record_keyence, recover
+from tests.faults.crashes import child_result, moments
+from tests.faults.mounts import resize, share, small_disk, vanish
+from tests.labpipe.workflow import toy_laboratory as toy
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+
+Amount = Callable[[int, int], int]
+ROOMY = 64 << 20
+
+
+@pytest.fixture(autouse=True)
+def laboratory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "toy_laboratory", toy)
+    monkeypatch.setattr(provenance, "git_state", lambda folder: None)
+
+
+def run(folder: Path) -> tuple[int, list[str]]:
+    session = toy.load(folder, toy.KINDS)
+    result = runner.run(session, toy.STAGES, schemas=toy.SCHEMAS, jobs=0)
+    return result.exit_code, [o.message for o in result.failures]
+
+
+def run_and_tell(folder: Path) -> str:
+    code, texts = run(folder)
+    return f"{code} {texts}"
+
+
+def test_a_disk_of_any_size_is_named_as_too_small_or_large_enough(
+    tmp_path: Path, amount: Amount
+) -> None:
+    calm = toy.make_session(tmp_path / "calm")
+    assert run(calm.root) == (0, [])
+    expected = toy.contents(calm)
+    used = sum(f.stat().st_size for f in calm.root.rglob("*") if f.is_file())
+    sizes = moments(2 * used // 4096, amount(5, 40))
+    refused = 0
+    for pages in sizes[1:]:
+        with small_disk(tmp_path / "disk", ROOMY) as disk:
+            session = toy.make_session(disk / "session")
+            inputs = sum(-(-f.stat().st_size // 4096) + 1 for f in disk.rglob("*"))
+            resize(disk, (inputs + pages) * 4096)
+            code, texts = run(session.root)
+            assert code in (0, 5), texts
+            if code:
+                refused += 1
+                assert all("needed" in text or "full" in text for text in texts), texts
+            for name, data in toy.contents(session).items():
+                assert expected[name] == data, name
+            resize(disk, ROOMY)
+            assert run(session.root) == (0, [])
+            assert toy.contents(session) == expected
+            assert not list(session.folder.rglob(".*.part"))
+    assert 0 < refused < len(sizes)
+
+
+class _Counting:
+    """A connection that counts up."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def __enter__(self) -> "_Counting":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return
+
+    def read(self) -> Reading:
+        self.count += 1
+        return Reading((self.count,), (Status.VALID,))
+
+    def close(self) -> None:
+        return
+
+
+def test_a_disk_that_fills_up_while_a_sensor_is_recorded_keeps_what_came(tmp_path: Path) -> None:
+    setup = Setup((1,), (4,), ("mm",), 2e-4)
+    with small_disk(tmp_path / "disk", 16384) as disk:
+        with pytest.raises(StorageError, match="no space left"):
+            record_keyence(disk / "a.csv", setup, _Counting, 20.0)  # type: ignore[arg-type]
+        if (disk / "a.csv").exists():
+            return  # the file is smaller than its journal, and found room
+        assert (disk / "a.csv.recording").stat().st_size > 4096
+        resize(disk, ROOMY)
+        assert recover(disk / "a.csv.recording").summary["readings"] > 50
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs umount")
+def test_a_share_that_vanishes_at_any_operation_is_told_and_found_sound_again(
+    tmp_path: Path, amount: Amount
+) -> None:
+    calm = toy.make_session(tmp_path / "calm")
+    run(calm.root)
+    expected = toy.contents(calm)
+    for last in moments(120, amount(3, 40)):
+        content = tmp_path / f"content {last}"
+        content.mkdir()
+        with share(content, tmp_path / "share") as place:
+            root = toy.make_session(place / "session").root
+
+            def program(root: Path = root, place: Path = place, last: int = last) -> str:
+                left = [last]
+
+                def hook(event: str, arguments: tuple[object, ...]) -> None:
+                    if event == "open" and str(arguments[0]).startswith(str(place)):
+                        left[0] -= 1
+                        if not left[0]:
+                            vanish(place)
+
+                sys.addaudithook(hook)
+                try:
+                    return run_and_tell(root)
+                except LabpipeError as error:
+                    return f"{error.exit_code} {error}"
+                except BaseException as error:  # it is told by the parent
+                    return f"unexpected {error!r}"
+
+            said = child_result(program)
+            assert said[0] in "0135", said
+            assert "unexpected" not in said, said
+        shutil.rmtree(tmp_path / "share")
+        with share(content, tmp_path / "share") as place:
+            assert run(place / "session") == (0, [])
+            session = toy.load(place / "session", toy.KINDS)
+            assert toy.contents(session) == expected, last

@@ -1,0 +1,160 @@
+"""Killed while a page, a figure, a session.toml or a recording is written: nothing is lost."""
+
+import os
+import random
+import shutil
+import time
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import instruments
+from instruments import keyence_journal as journals
+from instruments import keyence_writer
+from instruments.keyence_live import Reading
+from instruments.keyence_markers import Status
+from instruments.keyence_recorder import Sample, Setup, Tally
+from pipelines.acquire import record_keyence, recover
+from pipelines.figures import make
+from pipelines.process import process
+from pipelines.scan import write_session_file
+from tests.faults.crashes import killed_after, moments, operations
+from tests.faults.test_failed_inputs import session
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+
+Amount = Callable[[int, int], int]
+SETUP = Setup((1,), (4,), ("mm",), 1e-3, "LK-G5001")
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file but what tells of times and saves hashing."""
+    left_out = {"run.jsonl", "hashes.json", "index.json"}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name not in left_out and path.suffix != ".lock"
+    }
+
+
+def make_pages(folder: Path) -> None:
+    session(folder, b"this is no recording\n")
+
+
+def write_pages(folder: Path) -> None:
+    assert process(folder, jobs=0).exit_code == 3  # nothing can be read: every page says why
+
+
+def make_nothing(folder: Path) -> None:
+    folder.mkdir()
+
+
+def write_figures(folder: Path) -> None:
+    outcomes = make.make(make.Shelf.of(folder / "figures", None), make.chosen(["1.2"]))
+    assert all(outcome.state in ("drawn", "up to date") for outcome in outcomes), outcomes
+
+
+def make_laser(folder: Path) -> None:
+    start = datetime(2026, 5, 14)  # storage files know no zone
+    for n in range(2):
+        readings = {1: np.linspace(0.0, 1e-3 * (n + 1), 50)}
+        made = keyence_writer.make_recording(readings, cycle="50 us", start=start)
+        keyence_writer.write(folder / f"drop_{n}.csv", made)
+
+
+def write_configuration(folder: Path) -> None:
+    write_session_file(folder, replace=True)
+
+
+def make_journal(folder: Path) -> None:
+    folder.mkdir()
+    started = datetime(2026, 5, 14, 12, tzinfo=UTC)
+    samples = [Sample(n, n * 1e-3 + 1e-4, 1e-4, Reading((n,), (Status.VALID,))) for n in range(300)]
+    text = journals.first_line(journals.Head(SETUP, started, 0.25)) + journals.lines(
+        samples, Tally(1, 1, "no whole answer within 1 s", 0)
+    )
+    (folder / "a.csv.recording").write_text(text)
+
+
+def finish_recording(folder: Path) -> None:
+    if (folder / "a.csv.recording").exists():
+        recover(folder / "a.csv.recording")
+
+
+PROGRAMS: dict[str, tuple[Callable[[Path], None], Callable[[Path], None]]] = {
+    "report": (make_pages, write_pages),
+    "figure": (make_nothing, write_figures),
+    "configuration": (make_laser, write_configuration),
+    "recording": (make_journal, finish_recording),
+}
+
+
+@pytest.mark.parametrize("what", PROGRAMS)
+def test_killed_before_any_operation_the_next_run_ends_as_an_undisturbed_one(
+    tmp_path: Path, what: str, amount: Amount
+) -> None:
+    prepare, write = PROGRAMS[what]
+    folder = tmp_path / "session"  # pages name the folder: always the same one
+    prepare(folder)
+    write(folder)  # for the first time this process imports modules, which may write their caches
+    shutil.rmtree(folder)
+    prepare(folder)
+    total = operations(folder, lambda: write(folder))
+    assert total
+    expected = contents(folder)
+    usual = 2 if what in ("report", "figure") else 4  # drawing takes a second
+    for last in moments(total, amount(usual, 30)):
+        shutil.rmtree(folder)
+        prepare(folder)
+        assert operations(folder, lambda: write(folder), last) is None
+        write(folder)
+        assert contents(folder) == expected, last
+        assert not list(folder.rglob(".*.part")), last
+
+
+class _Counting:
+    """A connection that counts up."""
+
+    count = 0
+
+    def __enter__(self) -> "_Counting":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return
+
+    def read(self) -> Reading:
+        _Counting.count += 1
+        return Reading((_Counting.count,), (Status.VALID,))
+
+    def close(self) -> None:
+        return
+
+
+def test_a_recording_killed_at_any_time_is_whole_but_for_the_last_look(
+    tmp_path: Path, amount: Amount
+) -> None:
+    rng = random.Random(9)
+    found = 0
+    for n in range(amount(3, 24)):
+        target = tmp_path / f"{n}.csv"
+        seconds = rng.uniform(0.2, 1.5)
+        begun = time.monotonic()
+        assert killed_after(
+            seconds,
+            lambda target=target: record_keyence(target, SETUP, _Counting, 60.0),  # type: ignore[arg-type]
+        )
+        assert time.monotonic() - begun >= seconds
+        partial = journals.path_of(target)
+        if not partial.exists() or journals.read(partial) is None:
+            continue  # a busy machine did not come as far as the first look
+        done = recover(partial)
+        readings = instruments.read(target)["out1"].values
+        counted = np.round(readings[np.isfinite(readings)] * 1e7)
+        assert counted.tolist() == list(range(1, counted.size + 1))
+        assert done.summary["readings"] == counted.size
+        found += counted.size
+    assert found > 20
