@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from labpipe.materials import Material, Prony
+    from labpipe.materials import Material, Prony, Thermal
 
 _RAMP_SAMPLES, _HOLD_SAMPLES = 41, 120
 _FIRST_HOLD, _SHORTEST_HOLD = 1e-3, 2e-3  # s; a hold is sampled by equal ratios
@@ -27,6 +27,32 @@ def describe(name: str) -> "Material":
     from labpipe import materials
 
     return materials.read_material(name) if name.endswith(".toml") else _of_library(name)
+
+
+def thermal_of(name: str, heat_capacity: float | None, conductivity: float | None) -> "Thermal":
+    """Return the thermal properties of a material; what is not given is the library's.
+
+    Raises
+    ------
+    InputError
+        It is not of the library, and its file or the arguments do not say all three.
+    """
+    from labpipe.errors import InputError
+    from labpipe.materials import Thermal, thermal
+
+    if heat_capacity is None and conductivity is None:
+        return thermal(name)
+    density = next((e.value for e in describe(name).entries if e.name == "density"), None)
+    known = None if name.endswith(".toml") else thermal(name)
+    capacity = heat_capacity or (known.heat_capacity if known else None)
+    conducts = conductivity or (known.conductivity if known else None)
+    if density is None or capacity is None or conducts is None:
+        message = (
+            f"{name}: self-heating needs a density (in the file), a heat capacity and a "
+            "conductivity, all three"
+        )
+        raise InputError(message)
+    return Thermal(density, capacity, conducts)
 
 
 @cache

@@ -156,7 +156,7 @@ def self_heating(
     >>> one = drop(acrylic.prony, 9.525e-3, 0.505, 1.5e-3, 0.04)
     >>> found = self_heating(one, acrylic, thermal("acrylic"))
     >>> found.verdict, round(found.bulk, 1)
-    ('negligible', 0.5)
+    ('negligible', 0.6)
     """
     if "dissipated_energy" not in drop or not drop.sizes["impact"]:
         message = "self-heating needs a drop with at least one completed impact and its ledger"

@@ -1,4 +1,4 @@
-"""Commands that run the bundled simulator alone: simulate drop and simulate indent."""
+"""Commands that run the bundled simulator alone: simulate drop, indent, and others."""
 
 from pathlib import Path
 from typing import Any
@@ -6,47 +6,29 @@ from typing import Any
 import click
 
 from pipelines.commands.options import json_option
+from pipelines.commands.quantities import (
+    CONDUCTIVITY,
+    FREQUENCY,
+    HEAT_CAPACITY,
+    LENGTH,
+    MASS,
+    RATIO,
+    SPEED,
+    TIME,
+    WORK,
+    material_options,
+    result_options,
+)
+from pipelines.commands.simulate_beyond import adhesion, amplitude
 from pipelines.commands.simulation_output import (
+    adhesion_rows,
     deliver,
     drop_panels,
     drop_summary,
+    heating_rows,
     indent_panels,
     indent_summary,
 )
-
-
-class Quantity(click.ParamType):  # type: ignore[type-arg]  # generic only since click 8.2
-    """A number with a unit, such as ``9.525 mm``."""
-
-    def __init__(self, name: str, si: str, example: str) -> None:
-        self.name, self._si, self._example = name, si, example
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """Return the value in SI."""
-        from labpipe.errors import InputError
-        from labpipe.units import quantity
-
-        if isinstance(value, float):
-            return value
-        try:
-            found = quantity(str(value))
-        except InputError as error:
-            self.fail(str(error), param, ctx)
-        if found.si != self._si:
-            unit = "has no unit" if found.si == "1" else f"is in {found.si}"
-            self.fail(f'"{value}" {unit}; expected for example "{self._example}"', param, ctx)
-        return found.value
-
-
-LENGTH, TIME = Quantity("length", "m", "9.525 mm"), Quantity("time", "s", "0.5 s")
-MASS, FREQUENCY = Quantity("mass", "kg", "505 g"), Quantity("frequency", "Hz", "2 Hz")
-RATIO, SPEED = Quantity("number", "1", "0.03"), Quantity("speed", "m/s", "1 mm/s")
-_OUT = click.option("--out", type=click.Path(dir_okay=False, path_type=Path),
-                    help="netCDF file to write.")  # fmt: skip
-_PICTURE = click.option("--picture", type=click.Path(dir_okay=False, path_type=Path),
-                        help="Picture to draw (.png, .svg or .pdf).")  # fmt: skip
 
 
 @click.group()
@@ -60,7 +42,7 @@ def simulate() -> None:
 
 
 @simulate.command()
-@click.option("--material", default="acrylic", show_default=True, help="Library name or TOML file.")
+@material_options("acrylic")
 @click.option("--radius", type=LENGTH, default="9.525 mm", show_default=True,
               help="Of the sphere.")  # fmt: skip
 @click.option("--mass", type=MASS, default="505 g", show_default=True, help="All that moves.")
@@ -78,13 +60,23 @@ def simulate() -> None:
 )
 @click.option("--plate-frequency", type=FREQUENCY, help="Natural frequency.")
 @click.option("--plate-damping", type=RATIO, help="Damping ratio.")
+@click.option(
+    "--adhesion",
+    "work_of_adhesion",
+    type=WORK,
+    help='Say whether adhesion matters: work of adhesion, "50 mJ/m2" when clean.',
+)
+@click.option("--heating", is_flag=True, help="Estimate self-heating.")
+@click.option("--heat-capacity", type=HEAT_CAPACITY, help="For --heating; default the library's.")
+@click.option("--conductivity", type=CONDUCTIVITY, help="For --heating; default the library's.")
 @click.option("--map", "maps", type=TIME, multiple=True,
               help="Instant of which to keep pressure and surface; may be repeated.")  # fmt: skip
-@_OUT
-@_PICTURE
+@result_options
 @json_option
 def drop(
     material: str,
+    temperature: float | None,
+    vertical_shift: float,
     radius: float,
     mass: float,
     height: float,
@@ -95,6 +87,10 @@ def drop(
     plate_mass: float | None,
     plate_frequency: float | None,
     plate_damping: float | None,
+    work_of_adhesion: float | None,
+    heating: bool,
+    heat_capacity: float | None,
+    conductivity: float | None,
     maps: tuple[float, ...],
     out: Path | None,
     picture: Path | None,
@@ -107,6 +103,7 @@ def drop(
       labpipe simulate drop --material ptfe --height "7 mm" --out drop.nc
     """
     from labpipe import contact
+    from pipelines.simulator_inputs import describe, thermal_of
     from pipelines.simulator_inputs import material as load
 
     parts = (plate_mass, plate_frequency, plate_damping)
@@ -117,16 +114,23 @@ def drop(
     plate = None
     if plate_mass is not None and plate_frequency is not None and plate_damping is not None:
         plate = contact.Plate(plate_mass, plate_frequency, plate_damping)
+    solid = load(material, temperature, vertical_shift)
     with _progress(as_json) as shown:
         found = contact.drop(
-            load(material), radius, mass, height, duration, solver, profile, rtol,
+            solid, radius, mass, height, duration, solver, profile, rtol,
             plate=plate, maps=sorted(set(maps)) or None, progress=shown,
         )  # fmt: skip
-    deliver(found, out, picture, as_json, drop_summary, drop_panels)
+    extra: dict[str, Any] = {}
+    if work_of_adhesion is not None:
+        extra |= adhesion_rows(found, solid, work_of_adhesion)
+    if heating:
+        thermal = thermal_of(material, heat_capacity, conductivity)
+        extra |= heating_rows(found, describe(material), thermal, temperature)
+    deliver(found, out, picture, as_json, lambda d: drop_summary(d, extra), drop_panels)
 
 
 @simulate.command()
-@click.option("--material", default="nbr", show_default=True, help="Library name or TOML file.")
+@material_options("nbr")
 @click.option("--tip-radius", type=LENGTH, default="2 mm", show_default=True,
               help="Of curvature.")  # fmt: skip
 @click.option("--period", type=LENGTH, default="8 mm", show_default=True,
@@ -149,11 +153,12 @@ def drop(
 @click.option("--elements", type=click.IntRange(min=64), default=1024, show_default=True,
               help="Strips per period.")  # fmt: skip
 @click.option("--maps", is_flag=True, help="Keep pressure and surface at every sample.")
-@_OUT
-@_PICTURE
+@result_options
 @json_option
 def indent(
     material: str,
+    temperature: float | None,
+    vertical_shift: float,
     tip_radius: float,
     period: float,
     depth: float,
@@ -189,11 +194,16 @@ def indent(
     )
     with _progress(as_json) as shown:
         found = contact.indent(
-            load(material), tip_radius, period, depth, time, moved, profile=profile,
+            load(material, temperature, vertical_shift), tip_radius, period, depth, time, moved,
+            profile=profile,
             thickness=np.inf if thickness is None else thickness, elements=elements,
             outputs=("energy", "pressure", "surface") if maps else ("energy",), progress=shown,
         )  # fmt: skip
     deliver(found, out, picture, as_json, indent_summary, indent_panels)
+
+
+simulate.add_command(adhesion)
+simulate.add_command(amplitude)
 
 
 def _require_positive(**values: float) -> None:

@@ -10,6 +10,8 @@ from pipelines.commands.options import echo, echo_json
 if TYPE_CHECKING:
     import xarray as xr
 
+    from labpipe.materials import Material, Prony, Thermal
+
 #: Panels: values along both axes and their labels.
 Panels = list[tuple[Any, Any, str, str]]
 _WIDTH = 34
@@ -65,8 +67,10 @@ def _draw(panels: Panels, file_format: str) -> bytes:
         return figure_bytes(figure, file_format)
 
 
-def drop_summary(found: "xr.Dataset") -> dict[str, Any]:
-    """Return what a drop came to: first bounce, all bounces, ledger, work."""
+def drop_summary(
+    found: "xr.Dataset", extra: "dict[str, tuple[Any, str]] | None" = None
+) -> dict[str, Any]:
+    """Return what a drop came to: first bounce, all bounces, ledger, extra rows, work."""
     count = found.sizes["impact"]
     document: dict[str, Any] = {"impacts": count}
     units: dict[str, str] = {}
@@ -91,7 +95,59 @@ def drop_summary(found: "xr.Dataset") -> dict[str, Any]:
     for name in ("energy_identity_error", "energy_error"):
         if name in found.attrs:
             document[name.replace("_", " ")] = float(found.attrs[name])
+    for name, (value, unit) in (extra or {}).items():
+        document[name], units[name] = value, unit
     return document | {"units": units, "work": json.loads(found.attrs["work"])}
+
+
+def adhesion_rows(found: "xr.Dataset", solid: "Prony", work: float) -> dict[str, tuple[Any, str]]:
+    """Say whether adhesion matters in the last and the first impact of a drop."""
+    from labpipe.contact import adhesion_in_impact
+    from labpipe.errors import InputError
+
+    if not found.sizes["impact"]:
+        message = "adhesion is compared with an impact; the drop has none that was completed"
+        raise InputError(message)
+    impacts = (found[n].values for n in ("impact_speed", "contact_duration", "peak_force"))
+    seen = [
+        adhesion_in_impact(
+            solid, float(found["sphere_radius"]), float(found["mass"]), speed, duration, force, work
+        )
+        for speed, duration, force in zip(*impacts, strict=True)
+    ]
+    first = seen[0]
+    some = [i + 1 for i, one in enumerate(seen) if one.verdict != "negligible"]
+    verdict = "negligible" if not some else f"may matter from impact {some[0]} on"
+    return {
+        "adhesion": (verdict, ""),
+        "adhesion pull-off force": (first.pull_off, "N"),
+        "adhesion pull-off force at most": (first.pull_off_bound, "N"),
+        "adhesion of the first peak force": (first.force_share, ""),
+        "adhesion regime": (f"{first.regime}, Tabor {first.tabor:.3g}", ""),
+    }
+
+
+def heating_rows(
+    found: "xr.Dataset", material: "Material", thermal: "Thermal", temperature: float | None
+) -> dict[str, tuple[Any, str]]:
+    """Say by how much a drop warms its contact, and what that does to the modulus."""
+    import numpy as np
+
+    from labpipe.contact import self_heating
+    from labpipe.contact.heating import MATTERS
+
+    estimate = self_heating(found, material, thermal, temperature)
+    over = np.flatnonzero(np.abs(estimate.dataset["modulus_change"].values) >= MATTERS)
+    since = f" from impact {over[0] + 1} on" if over.size else ""
+    return {
+        "self-heating": (f"{estimate.verdict}{since}", ""),
+        "self-heating by the first impact": (float(estimate.dataset["bulk_rise"][0]), "K"),
+        "self-heating after all impacts": (estimate.train, "K"),
+        "self-heating without conduction": (estimate.train_adiabatic, "K"),
+        "self-heating if all were friction": (estimate.surface, "K"),
+        "change of modulus by heating": (estimate.modulus_change, ""),
+        "thermal properties": (f"{thermal.status}: {thermal.source}", ""),
+    }
 
 
 def drop_panels(found: "xr.Dataset") -> Panels:

@@ -10,7 +10,9 @@ from pipelines.commands.options import echo, echo_json, json_option
 
 
 @click.command()
-@click.argument("simulator", type=click.Choice(["drop", "indent"]))
+@click.argument(
+    "simulator", type=click.Choice(["drop", "indent", "adhesion", "heating", "amplitude"])
+)
 @click.option("--vary", multiple=True, metavar="NAME=VALUES",
               help='"height = 1 mm : 10 mm : 7", ": log" for equal ratios, or a list.')  # fmt: skip
 @click.option("--set", "fixed", multiple=True, metavar="NAME=VALUE",

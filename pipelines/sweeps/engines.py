@@ -14,7 +14,8 @@ from typing import Any, Protocol
 
 from labpipe.errors import UsageError
 from labpipe.workflow.processes import Died, side_by_side
-from pipelines.sweeps.simulators import SIMULATORS, Outputs, Value
+from pipelines.sweeps.parameters import Outputs, Value
+from pipelines.sweeps.simulators import SIMULATORS
 
 Point = Mapping[str, Value]
 Outcome = Outputs | str

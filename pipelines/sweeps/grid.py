@@ -9,7 +9,8 @@ import numpy as np
 from labpipe.errors import InputError, UsageError
 from labpipe.units import Quantity, quantity
 from labpipe.workflow.fields import suggest
-from pipelines.sweeps.simulators import SIMULATORS, Parameter, Simulator, Value
+from pipelines.sweeps.parameters import Parameter, Simulator, Value
+from pipelines.sweeps.simulators import SIMULATORS
 
 DRAW = "draw"
 """Name of the dimension of random draws."""
@@ -136,7 +137,7 @@ def design(
 
     Parameters
     ----------
-    simulator : {"drop", "indent"}
+    simulator : {"drop", "indent", "adhesion", "heating", "amplitude"}
     axes : sequence of Axis
         Swept parameters.
     fixed : mapping

@@ -18,8 +18,9 @@ from labpipe.report import (
 )
 from labpipe.report.style import figure_bytes
 from pipelines.sweeps.grid import DRAW, Design
+from pipelines.sweeps.parameters import Value
 from pipelines.sweeps.run import Swept
-from pipelines.sweeps.simulators import SIMULATORS, Value
+from pipelines.sweeps.simulators import SIMULATORS
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -5,52 +5,30 @@ process, in another one, and on another machine.
 """
 
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 
-from pipelines.simulator_inputs import material, ramp_hold_oscillation
+from pipelines.simulator_inputs import ramp_hold_oscillation
+from pipelines.sweeps.beyond import BEYOND
+from pipelines.sweeps.parameters import (
+    MATERIAL,
+    Outputs,
+    Parameter,
+    Simulator,
+    Value,
+    numbers,
+    solid,
+)
 
-if TYPE_CHECKING:
-    from labpipe.materials import Prony
-
-Value = float | str | None
-"""None: the parameter is not there."""
-Outputs = dict[str, float]
-
-_NAMES = ("material", "profile")
-"""Parameters that are no numbers."""
 _PER_CYCLE = 200
-_VERTICAL = "factor b_T on all moduli at that temperature"
-_TEMPERATURE = "of the material; without it, that of its data"
-
-
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """A parameter: SI unit ("" for a name), default, and what it is."""
-
-    unit: str
-    default: Value
-    text: str
-
-
-@dataclass(frozen=True, slots=True)
-class Simulator:
-    """A function of parameters, its version, and the units of what it returns."""
-
-    run: Callable[[Mapping[str, Value]], Outputs]
-    version: int
-    parameters: dict[str, Parameter]
-    outputs: dict[str, tuple[str, str]]
 
 
 def drop(point: Mapping[str, Value]) -> Outputs:
     """First impact of a viscoelastic sphere on a rigid flat (or a ringing plate)."""
     from labpipe import contact
 
-    number = {n: float(v) for n, v in point.items() if n not in _NAMES and v is not None}
+    number = numbers(point)
     plate = None
     if number["plate_mass"] > 0.0:
         plate = contact.Plate(
@@ -58,7 +36,7 @@ def drop(point: Mapping[str, Value]) -> Outputs:
         )
     fall = np.sqrt(2.0 * number["height"] / number["gravity"])
     found = contact.drop(
-        _material(point), number["radius"], number["mass"], number["height"],
+        solid(point), number["radius"], number["mass"], number["height"],
         float(fall) + number["after_touch"], rtol=number["rtol"], gravity=number["gravity"],
         plate=plate,
     )  # fmt: skip
@@ -77,13 +55,13 @@ def indent(point: Mapping[str, Value]) -> Outputs:
     """Oscillation of a periodic punch in a half-plane after a ramp and a hold."""
     from labpipe import contact
 
-    number = {n: float(v) for n, v in point.items() if n not in _NAMES and v is not None}
+    number = numbers(point)
     time, displacement = ramp_hold_oscillation(
         number["mean"], number["amplitude"], number["frequency"], round(number["cycles"]),
         hold=number["hold"], ramp=number["ramp"], per_cycle=_PER_CYCLE,
     )  # fmt: skip
     found = contact.indent(
-        _material(point), number["tip_radius"], number["period"], number["depth"], time,
+        solid(point), number["tip_radius"], number["period"], number["depth"], time,
         displacement, profile=str(point["profile"]),
     )  # fmt: skip
     force = found["force"].values
@@ -97,23 +75,13 @@ def indent(point: Mapping[str, Value]) -> Outputs:
     }
 
 
-def _material(point: Mapping[str, Value]) -> "Prony":
-    temperature, shift = point["temperature"], point["vertical_shift"]
-    return material(
-        str(point["material"]),
-        None if temperature is None else float(temperature),
-        1.0 if shift is None else float(shift),
-    )
-
-
 SIMULATORS = {
     "drop": Simulator(
         drop,
         1,
         {
             "material": Parameter("", "acrylic", "library name or TOML file"),
-            "temperature": Parameter("degC", None, _TEMPERATURE),
-            "vertical_shift": Parameter("1", 1.0, _VERTICAL),
+            **MATERIAL,
             "radius": Parameter("m", 9.525e-3, "of the sphere"),
             "mass": Parameter("kg", 0.505, "all that moves"),
             "height": Parameter("m", 1.5e-3, "fall to touch"),
@@ -137,8 +105,7 @@ SIMULATORS = {
         1,
         {
             "material": Parameter("", "nbr", "library name or TOML file"),
-            "temperature": Parameter("degC", None, _TEMPERATURE),
-            "vertical_shift": Parameter("1", 1.0, _VERTICAL),
+            **MATERIAL,
             "tip_radius": Parameter("m", 2e-3, "of curvature"),
             "period": Parameter("m", 8e-3, "distance of two tips"),
             "depth": Parameter("m", 18e-3, "contact length summed over the tips"),
@@ -158,4 +125,5 @@ SIMULATORS = {
             "solver_steps": ("1", "Steps of the simulator"),
         },
     ),
+    **BEYOND,
 }

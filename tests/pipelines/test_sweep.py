@@ -1,23 +1,26 @@
 """Maps of the simulator: the points, the engines that compute them, and stops in between."""
 
+import contextlib
 import json
 import os
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from labpipe import contact, files, materials
-from labpipe.errors import InputError, UsageError
+from labpipe.errors import InputError, LabpipeError, UsageError
 from pipelines.commands.sweep import sweep as command
 from pipelines.sweeps import Dask, Processes, Serial, axis, design, engines, sweep
 from pipelines.sweeps import run as run_module
 from pipelines.sweeps.engines import Block, Outcome
 from pipelines.sweeps.page import render
-from pipelines.sweeps.simulators import SIMULATORS, Parameter, Simulator, Value
+from pipelines.sweeps.parameters import Parameter, Simulator, Value
+from pipelines.sweeps.simulators import SIMULATORS
 
 
 def _toy(point: Mapping[str, Value]) -> dict[str, float]:
@@ -209,6 +212,113 @@ def test_another_material_in_the_same_file_is_another_point(tmp_path: Path) -> N
     own.write_text((library / "ptfe.toml").read_text("utf-8"), "utf-8")
     second = sweep(plan, tmp_path / "map.nc").dataset
     assert float(first.restitution) - float(second.restitution) > 0.05
+
+
+@pytest.mark.parametrize(
+    ("simulator", "swept", "fixed", "output", "rises"),
+    [
+        ("adhesion", "work = 10 mJ/m2, 50 mJ/m2", {}, "pull_off", True),
+        ("amplitude", "amplitude = 1 um, 5 um", {}, "storage_stiffness", False),
+        ("heating", "height = 1.5 mm, 5 mm", {"duration": "0.04 s"}, "bulk_rise", True),
+        ("drop", "vertical_shift = 1, 1.5", {"rtol": "1e-3"}, "peak_force", True),
+        ("drop", "temperature = 20 degC, 60 degC", {"rtol": "1e-3"}, "peak_force", False),
+    ],
+)
+def test_what_lies_beyond_the_thesis_can_be_mapped(
+    simulator: str, swept: str, fixed: dict[str, str], output: str, rises: bool, tmp_path: Path
+) -> None:
+    name, values = swept.split(" = ")
+    plan = design(simulator, [axis(simulator, name, values)], fixed)
+    found = sweep(plan, tmp_path / "map.nc")
+    assert found.failed == 0
+    assert (float(np.diff(found.dataset[output].values)[0]) > 0.0) == rises
+
+
+def test_the_command_offers_every_simulator() -> None:
+    (argument,) = [p for p in command.params if p.name == "simulator"]
+    assert isinstance(argument.type, click.Choice)
+    assert list(argument.type.choices) == list(SIMULATORS)
+
+
+def test_a_block_that_stands_twice_in_a_grid_is_computed_once(
+    toy: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_module, "BLOCK", 2)
+    plan = design("toy", [axis("toy", "x", "1, 2, 1, 2, 3")])
+    engine = Counting()
+    found = sweep(plan, tmp_path / "map.nc", engine).dataset
+    assert engine.points == 3
+    np.testing.assert_array_equal(found["sum"].values, [3.0, 4.0, 3.0, 4.0, 5.0])
+
+
+def test_results_that_come_twice_or_not_at_all_are_a_defect(toy: None, tmp_path: Path) -> None:
+    class Twice(Serial):
+        def run(
+            self, simulator: str, blocks: Mapping[str, Block]
+        ) -> Iterator[tuple[str, list[Outcome]]]:
+            for key, outcome in Serial().run(simulator, blocks):
+                yield key, outcome
+                yield key, outcome
+
+    class Lost(Serial):
+        def run(
+            self, simulator: str, blocks: Mapping[str, Block]
+        ) -> Iterator[tuple[str, list[Outcome]]]:
+            return iter(())
+
+    plan = design("toy", [axis("toy", "x", "1, 2")])
+    with pytest.raises(LabpipeError, match="a second time"):
+        sweep(plan, tmp_path / "twice.nc", Twice())
+    with pytest.raises(LabpipeError, match="2 points of the sweep have no outcome"):
+        sweep(plan, tmp_path / "lost.nc", Lost())
+
+
+def test_points_of_any_stretch_are_those_of_the_whole() -> None:
+    plan = design(
+        "drop",
+        [axis("drop", "material", "acrylic, ptfe"), axis("drop", "height", "1 mm : 3 mm : 3")],
+        {"radius": "9.5 ± 0.1 mm"}, draws=4,
+    )  # fmt: skip
+    whole = plan.points()
+    assert len(whole) == plan.count == 24
+    assert plan.points(5, 17) == whole[5:17]
+    assert [p["material"] for p in whole[:13]] == ["acrylic"] * 12 + ["ptfe"]
+    assert [p["height"] for p in whole[:9]] == [0.001] * 4 + [0.002] * 4 + [0.003]
+    assert whole[3]["radius"] == whole[7]["radius"] != whole[4]["radius"]
+
+
+def test_drops_are_counted_once_though_workers_are_killed(
+    tmp_path: Path, amount: Callable[[int, int], int]
+) -> None:
+    """Three workers killed on the way; 10,000 drops under ``-m nightly``."""
+    count = amount(60, 10_000)
+    plan = design("drop", [axis("drop", "height", f"1 mm : 10 mm : {count}")], {"rtol": "0.001"})
+    killed: list[int] = []
+
+    def kill(done: float) -> None:
+        if len(killed) < 3 and done > 0.25 * (len(killed) + 1):
+            workers = [p for p in workers_of(os.getpid()) if p not in killed]
+            killed.append(workers[0])
+            os.kill(workers[0], signal.SIGKILL)
+
+    swept = sweep(plan, tmp_path / "map.nc", Processes(2), progress=kill)
+    assert len(killed) >= 2
+    assert (swept.computed, swept.failed) == (count, 0)
+    # Ever higher, ever faster: no point is missing, doubled or at another's place.
+    assert np.all(np.diff(swept.dataset["peak_force"].values) > 0.0)
+
+
+def workers_of(parent: int) -> list[int]:
+    """Processes that the server of a process forked, oldest first."""
+    above = {}
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            with contextlib.suppress(OSError):
+                above[int(folder.name)] = int(
+                    (folder / "stat").read_text().rpartition(")")[2].split()[1]
+                )
+    servers = [p for p, its in above.items() if its == parent]
+    return sorted(p for p, its in above.items() if its in servers)
 
 
 def test_an_unknown_material_is_refused_before_anything_runs(tmp_path: Path) -> None:

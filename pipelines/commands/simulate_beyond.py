@@ -1,0 +1,186 @@
+"""Commands simulate adhesion and simulate amplitude: closed forms beyond the thesis's limits."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from pipelines.commands.options import json_option
+from pipelines.commands.quantities import (
+    FORCE,
+    FREQUENCY,
+    LENGTH,
+    WORK,
+    material_options,
+    result_options,
+)
+from pipelines.commands.simulation_output import Panels, deliver
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_STATES = 200
+
+
+@click.command()
+@material_options("nbr")
+@click.option("--shape", type=click.Choice(["parabola", "sphere", "cone"]), default="parabola",
+              show_default=True, help="Of the indenter.")  # fmt: skip
+@click.option("--radius", type=LENGTH, default="9.525 mm", show_default=True,
+              help="Of parabola and sphere.")  # fmt: skip
+@click.option("--slope", type=float, default=0.1, show_default=True, help="Of the cone's flank.")
+@click.option("--work", type=WORK, default="50 mJ/m2", show_default=True, help="Of adhesion.")
+@click.option("--distance", type=LENGTH, default="0.3 nm", show_default=True,
+              help="Equilibrium distance of the surfaces.")  # fmt: skip
+@click.option("--load", type=FORCE, default="1 N", show_default=True, help="Largest load.")
+@click.option("--theory", type=click.Choice(["jkr", "maugis"]), default="jkr", show_default=True,
+              help="Singular stress at the edge, or Dugdale's constant one.")  # fmt: skip
+@result_options
+@json_option
+def adhesion(
+    material: str,
+    temperature: float | None,
+    vertical_shift: float,
+    shape: str,
+    radius: float,
+    slope: float,
+    work: float,
+    distance: float,
+    load: float,
+    theory: str,
+    out: Path | None,
+    picture: Path | None,
+    as_json: bool,
+) -> None:
+    r"""Load and unload an adhesive contact slowly: force, indentation, pull-off.
+
+    The relaxed (long-time) modulus counts. Validity: elastic, smooth, quasi-static.
+
+    \b
+    Example:
+      labpipe simulate adhesion --radius "5 mm" --work "30 mJ/m2" --picture jkr.svg
+    """
+    from labpipe.contact.adhesive_states import adhesive_states
+    from pipelines.simulator_inputs import material as load_material
+
+    solid = load_material(material, temperature, vertical_shift)
+    found = adhesive_states(
+        solid, shape, slope if shape == "cone" else radius, work, load, distance,
+        theory=theory, states=_STATES,
+    )  # fmt: skip
+    deliver(found, out, picture, as_json, _adhesion_summary, _adhesion_panels)
+
+
+@click.command()
+@material_options("nbr")
+@click.option("--tip-radius", type=LENGTH, default="2 mm", show_default=True,
+              help="Of curvature.")  # fmt: skip
+@click.option("--period", type=LENGTH, default="8 mm", show_default=True,
+              help="Distance of two tips.")  # fmt: skip
+@click.option("--depth", type=LENGTH, default="18 mm", show_default=True,
+              help="Contact length summed over the tips.")  # fmt: skip
+@click.option("--mean", type=LENGTH, default="0.1 mm", show_default=True, help="Mean indentation.")
+@click.option("--frequency", type=FREQUENCY, default="1 Hz", show_default=True,
+              help="Of the oscillation.")  # fmt: skip
+@click.option("--least", type=LENGTH, default="10 nm", show_default=True,
+              help="Smallest amplitude.")  # fmt: skip
+@click.option("--most", type=LENGTH, default="10 um", show_default=True, help="Largest amplitude.")
+@click.option("--critical-strain", type=float, default=0.01, show_default=True,
+              help="Amplitude of shear strain at which half the drop has happened.")  # fmt: skip
+@click.option("--storage-floor", type=float, required=True,
+              help="Share of the storage modulus left at large strain, 0 to 1.")  # fmt: skip
+@click.option("--loss-peak", type=float, default=1.0, show_default=True,
+              help="Loss modulus at the critical strain, of the linear one.")  # fmt: skip
+@click.option("--loss-floor", type=float, default=1.0, show_default=True,
+              help="Loss modulus left at large strain, of the linear one.")  # fmt: skip
+@click.option("--exponent", type=float, default=0.6, show_default=True, help="Kraus's m.")
+@result_options
+@json_option
+def amplitude(
+    material: str,
+    temperature: float | None,
+    vertical_shift: float,
+    tip_radius: float,
+    period: float,
+    depth: float,
+    mean: float,
+    frequency: float,
+    least: float,
+    most: float,
+    critical_strain: float,
+    storage_floor: float,
+    loss_peak: float,
+    loss_floor: float,
+    exponent: float,
+    out: Path | None,
+    picture: Path | None,
+    as_json: bool,
+) -> None:
+    r"""Oscillate a punch on a filled rubber that softens with the amplitude (Kraus).
+
+    Validity: steady state, first harmonic, one representative strain, contact kept.
+
+    \b
+    Example:
+      labpipe simulate amplitude --storage-floor 0.4 --loss-peak 1.5 --picture payne.svg
+    """
+    import numpy as np
+
+    from labpipe import contact
+    from labpipe.materials import Kraus
+    from pipelines.simulator_inputs import material as load_material
+
+    if not 0.0 < least < most:
+        raise click.UsageError("--least and --most: expected 0 < least < most")
+    kraus = Kraus(critical_strain, storage_floor, loss_peak, loss_floor, exponent)
+    found = contact.amplitude_sweep(
+        load_material(material, temperature, vertical_shift), kraus, frequency,
+        np.geomspace(least, most, _STATES), mean, tip_radius, period, depth,
+    )  # fmt: skip
+    deliver(found, out, picture, as_json, _amplitude_summary, _amplitude_panels)
+
+
+def _adhesion_summary(found: "xr.Dataset") -> dict[str, Any]:
+    names = ("pull_off", "tabor", "lost_energy", "reduced_modulus")
+    known = [name for name in names if name in found]
+    document: dict[str, Any] = {
+        str(found[name].attrs["long_name"]): float(found[name]) for name in known
+    }
+    units = {
+        str(found[name].attrs["long_name"]): str(found[name].attrs["units"]).replace("1", "")
+        for name in known
+    }
+    for name in ("theory", "regime", "validity"):
+        if name in found.attrs:
+            document[name] = found.attrs[name]
+    return document | {"units": units, "work": {"states": found.sizes["state"]}}
+
+
+def _adhesion_panels(found: "xr.Dataset") -> Panels:
+    um = found["indentation"].values * 1e6
+    width = found["contact_radius"].values * 1e6
+    return [
+        (um, found["force"].values, "indentation / µm", "force / N"),
+        (width, found["force"].values, "contact radius / µm", "force / N"),
+    ]
+
+
+def _amplitude_summary(found: "xr.Dataset") -> dict[str, Any]:
+    document: dict[str, Any] = {}
+    units: dict[str, str] = {}
+    for place, where in ((0, "smallest"), (-1, "largest")):
+        for name in ("strain", "storage_stiffness", "loss_stiffness", "work_per_cycle"):
+            key = f"{name.replace('_', ' ')}, {where} swing"
+            document[key] = float(found[name][place])
+            units[key] = str(found[name].attrs["units"]).replace("1", "")
+    document["punch lifts off beyond"] = float(found.attrs["tapping_amplitude"])
+    units["punch lifts off beyond"] = "m"
+    return document | {"units": units, "work": {"amplitudes": found.sizes["amplitude"]}}
+
+
+def _amplitude_panels(found: "xr.Dataset") -> Panels:
+    percent = found["strain"].values * 100.0
+    return [
+        (percent, found["storage_stiffness"].values, "shear strain / %", "storage stiffness / N/m"),
+        (percent, found["loss_stiffness"].values, "shear strain / %", "loss stiffness / N/m"),
+    ]

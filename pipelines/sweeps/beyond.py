@@ -1,0 +1,154 @@
+"""Simulators beyond the thesis: adhesion, self-heating, amplitude-dependent modulus."""
+
+from collections.abc import Mapping
+
+from pipelines.simulator_inputs import describe, thermal_of
+from pipelines.sweeps.parameters import (
+    MATERIAL,
+    Outputs,
+    Parameter,
+    Simulator,
+    Value,
+    numbers,
+    solid,
+)
+
+
+def adhesion(point: Mapping[str, Value]) -> Outputs:
+    """Pull-off of a sphere after Maugis, with the relaxed modulus."""
+    from labpipe import contact
+    from labpipe.contact.adhesion import cohesive_stress, lost_energy, transition
+
+    number, material = numbers(point), solid(point)
+    modulus = material.factor("contact") * material.E_relaxed
+    sphere = (number["radius"], modulus, number["work"])
+    stress = cohesive_stress(number["work"], number["distance"])
+    return {
+        "pull_off": contact.pull_off(*sphere, "maugis", stress),
+        "pull_off_jkr": contact.pull_off(*sphere),
+        "radius_at_no_load": float(contact.jkr_at_force(0.0, *sphere).contact_radius),
+        "tabor": contact.tabor(*sphere, number["distance"]),
+        "transition": transition(*sphere, stress),
+        "lost_energy": lost_energy(*sphere),
+    }
+
+
+def heating(point: Mapping[str, Value]) -> Outputs:
+    """Self-heating of a train of bounces."""
+    from labpipe import contact
+
+    number, material = numbers(point), describe(str(point["material"]))
+    drop = contact.drop(
+        solid(point), number["radius"], number["mass"], number["height"], number["duration"],
+        rtol=number["rtol"], gravity=number["gravity"],
+    )  # fmt: skip
+    thermal = thermal_of(
+        str(point["material"]), number.get("heat_capacity"), number.get("conductivity")
+    )
+    found = contact.self_heating(drop, material, thermal, number.get("temperature"))
+    return {
+        "impacts": float(drop.sizes["impact"]),
+        "bulk_rise": float(found.dataset["bulk_rise"][0]),
+        "train_rise": found.train,
+        "train_rise_adiabatic": found.train_adiabatic,
+        "modulus_change": found.modulus_change,
+    }
+
+
+def amplitude(point: Mapping[str, Value]) -> Outputs:
+    """Harmonic indentation of a material that softens with the amplitude (Kraus)."""
+    from labpipe import contact
+    from labpipe.materials import Kraus
+
+    number = numbers(point)
+    kraus = Kraus(
+        number["critical_strain"], number["storage_floor"], number["loss_peak"],
+        number["loss_floor"], number["exponent"],
+    )  # fmt: skip
+    found = contact.amplitude_sweep(
+        solid(point), kraus, number["frequency"], number["amplitude"], number["mean"],
+        number["tip_radius"], number["period"], number["depth"],
+    )  # fmt: skip
+    names = (
+        "strain",
+        "storage_stiffness",
+        "loss_stiffness",
+        "phase",
+        "work_per_cycle",
+        "lifts_off",
+    )
+    return {name: float(found[name][0]) for name in names}
+
+
+BEYOND = {
+    "adhesion": Simulator(
+        adhesion,
+        1,
+        {
+            "material": Parameter("", "nbr", "library name or TOML file"),
+            **MATERIAL,
+            "radius": Parameter("m", 9.525e-3, "of the sphere"),
+            "work": Parameter("J/m2", 0.05, "of adhesion"),
+            "distance": Parameter("m", 0.3e-9, "equilibrium distance of the surfaces"),
+        },
+        {
+            "pull_off": ("N", "Pull-off force after Maugis"),
+            "pull_off_jkr": ("N", "Pull-off force after JKR"),
+            "radius_at_no_load": ("m", "Contact radius without load"),
+            "tabor": ("1", "Tabor's parameter"),
+            "transition": ("1", "Maugis's transition parameter"),
+            "lost_energy": ("J", "Energy lost, closing and opening"),
+        },
+    ),
+    "heating": Simulator(
+        heating,
+        1,
+        {
+            "material": Parameter("", "acrylic", "library name or TOML file"),
+            **MATERIAL,
+            "radius": Parameter("m", 9.525e-3, "of the sphere"),
+            "mass": Parameter("kg", 0.505, "all that moves"),
+            "height": Parameter("m", 1.5e-3, "fall to touch"),
+            "gravity": Parameter("m/s2", 9.81, "of the place"),
+            "duration": Parameter("s", 0.5, "from the release"),
+            "heat_capacity": Parameter("J/kg/K", None, "without it, the library's"),
+            "conductivity": Parameter("W/m/K", None, "without it, the library's"),
+            "rtol": Parameter("1", 1e-3, "relative error aimed at"),
+        },
+        {
+            "impacts": ("1", "Impacts"),
+            "bulk_rise": ("K", "Rise of the contact by the first impact"),
+            "train_rise": ("K", "Largest rise, with conduction"),
+            "train_rise_adiabatic": ("K", "Largest rise, without conduction"),
+            "modulus_change": ("1", "Relative change of the modulus"),
+        },
+    ),
+    "amplitude": Simulator(
+        amplitude,
+        1,
+        {
+            "material": Parameter("", "nbr", "library name or TOML file"),
+            **MATERIAL,
+            "tip_radius": Parameter("m", 2e-3, "of curvature"),
+            "period": Parameter("m", 8e-3, "distance of two tips"),
+            "depth": Parameter("m", 18e-3, "contact length summed over the tips"),
+            "mean": Parameter("m", 1e-4, "mean indentation"),
+            "amplitude": Parameter("m", 1e-5, "of the oscillation"),
+            "frequency": Parameter("Hz", 1.0, "of the oscillation"),
+            "critical_strain": Parameter("1", 0.01, "shear strain of half the drop"),
+            "storage_floor": Parameter("1", 0.5, "storage modulus left at large strain"),
+            "loss_peak": Parameter("1", 1.0, "loss modulus at the critical strain"),
+            "loss_floor": Parameter("1", 1.0, "loss modulus left at large strain"),
+            "exponent": Parameter("1", 0.6, "of the strain"),
+        },
+        {
+            "strain": ("1", "Amplitude of the representative shear strain"),
+            "storage_stiffness": ("N/m", "Storage stiffness"),
+            "loss_stiffness": ("N/m", "Loss stiffness"),
+            "phase": ("rad", "Phase lead of the force"),
+            "work_per_cycle": ("J", "Work dissipated in a cycle"),
+            "lifts_off": ("1", "1 where the punch lifts off: the theory ends there"),
+        },
+    ),
+}
+"""Keys as ``labpipe sweep`` names them."""

@@ -1,0 +1,55 @@
+"""What a simulator is to a sweep: a function of named parameters, plain values in SI."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pipelines.simulator_inputs import material
+
+if TYPE_CHECKING:
+    from labpipe.materials import Prony
+
+Value = float | str | None
+"""None: the parameter is not there."""
+Outputs = dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter: SI unit ("" for a name), default, and what it is."""
+
+    unit: str
+    default: Value
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Simulator:
+    """A function of parameters, its version, and the units of what it returns."""
+
+    run: Callable[[Mapping[str, Value]], Outputs]
+    version: int
+    parameters: dict[str, Parameter]
+    outputs: dict[str, tuple[str, str]]
+
+
+MATERIAL = {
+    "temperature": Parameter("degC", None, "of the material; without it, that of its data"),
+    "vertical_shift": Parameter("1", 1.0, "factor b_T on all moduli at that temperature"),
+}
+"""Parameters that every simulator has beside the material's name; see :func:`solid`."""
+
+
+def solid(point: Mapping[str, Value]) -> "Prony":
+    """Return the material of a point, at its temperature."""
+    temperature, shift = point["temperature"], point["vertical_shift"]
+    return material(
+        str(point["material"]),
+        None if temperature is None else float(temperature),
+        1.0 if shift is None else float(shift),
+    )
+
+
+def numbers(point: Mapping[str, Value]) -> dict[str, float]:
+    """Return the parameters of a point that are numbers."""
+    return {name: float(v) for name, v in point.items() if isinstance(v, int | float)}
