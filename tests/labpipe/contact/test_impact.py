@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from labpipe.contact import Plate, drop
+from labpipe.contact.impact import _fall_further
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 
@@ -475,3 +477,11 @@ def test_any_drop_is_right_or_refused(
     assert float(result.force.min()) >= 0.0
     assert np.all(np.isfinite(result.displacement))
     assert np.all(result.restitution < 1.0 + 1e-6)
+
+
+@pytest.mark.parametrize("speed", [0.0, 0.3])
+def test_a_gap_that_is_left_is_fallen_through_in_its_time(speed) -> None:
+    setting = SimpleNamespace(speed=speed, gravity=9.81)
+    time = _fall_further(setting, 2e-4)  # type: ignore[arg-type]
+    assert speed * time + 0.5 * 9.81 * time**2 == pytest.approx(2e-4, rel=1e-12)
+    assert _fall_further(setting, 0.0) == 0.0  # type: ignore[arg-type]

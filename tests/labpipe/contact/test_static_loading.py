@@ -80,3 +80,10 @@ def test_bad_loads_are_refused_with_the_place(load, match) -> None:
 def test_a_contact_as_wide_as_the_sphere_is_refused() -> None:
     with pytest.raises(InputError, match="as wide as the sphere"):
         load_sphere(Prony(1e3, [], [], nu=0.5), RADIUS, [0.0], [50.0], profile="sphere")
+
+
+def test_the_clock_does_not_matter() -> None:
+    load = [1.0, 3.0, 3.0]
+    early = load_sphere(SLS, RADIUS, np.array([0.0, 0.5, 1.0]), load)
+    late = load_sphere(SLS, RADIUS, np.array([8.0, 8.5, 9.0]), load)
+    np.testing.assert_allclose(late.approach, early.approach, rtol=1e-12)

@@ -48,3 +48,14 @@ def test_elastic_step_is_the_plateau() -> None:
 def test_uneven_steps_are_refused() -> None:
     with pytest.raises(InputError, match="uniform"):
         indent_thesis_scheme(SLS, *GEOMETRY, [0.0, 1.0, 3.0], [0.0, 0.0, 0.0])
+
+
+def test_its_contact_is_as_wide_as_ours() -> None:
+    rubber = Prony(10.14e6, [], [], nu=0.3)
+    time, depth = [0.0, 1.0], [1e-4, 2e-4]
+    plain = indent_thesis_scheme(rubber, 2e-3, 8e-3, 1.0, time, depth, elements=256)
+    ours = indent(rubber, 2e-3, 8e-3, 1.0, time, depth, profile="cosine", elements=256)
+    spacing = 2e-3 / 256
+    assert plain.contact_half_width.values == pytest.approx(
+        ours.contact_half_width.values, abs=1.5 * spacing
+    )

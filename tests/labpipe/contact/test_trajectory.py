@@ -35,3 +35,15 @@ def test_segments_meet_without_repeating_an_instant():
     np.testing.assert_allclose(asked.position[[0, 1, 3, 4]], [-3.75, 0.0, 0.9, 1.0])
     np.testing.assert_allclose(asked.velocity[[0, 1, 3]], [5.0, 10.0, 8.0])
     assert asked.force[2] == pytest.approx(20.0)
+
+
+def test_a_flight_between_contacts_is_sampled_evenly_from_end_to_end():
+    before = Contact((record(-0.2, 0.1, -8.0), record(0.0, 0.0, -10.0)))
+    fly = Flight(record(0.0, 0.0, -10.0), 2.0, np.array([]), np.array([]))
+    after = Contact((record(2.0, 0.0, 10.0), record(2.1, 0.9, 8.0, 40.0, 1e-3)))
+    result = columns([before, fly, after], BODY, None)
+    steps = np.diff(result.time[1:-1])
+    np.testing.assert_allclose(steps, steps[0], rtol=1e-9)
+    assert steps.size > 10
+    last = columns([before, fly], BODY, None)
+    assert last.time[-1] == 2.0

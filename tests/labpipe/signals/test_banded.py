@@ -35,3 +35,15 @@ def test_quadratic_form_of_narrow_rows():
         full[i, start : start + 6] = rows[i]
     expected = np.einsum("ij,jk,ik->i", full, np.linalg.inv(dense), full)
     np.testing.assert_allclose(quadratic_form(first, rows, selected_inverse(band)), expected)
+
+
+@pytest.mark.parametrize(("n", "width"), [(1, 5), (3, 5), (7, 5), (4, 1)])
+def test_what_stands_beyond_the_ends_of_the_diagonals_means_nothing(n, width):
+    band, _ = random_band(n, width)
+    spoilt = band.copy()
+    for d in range(1, width + 1):
+        spoilt[d, max(n - d, 0) :] = 7.0
+    found = selected_inverse(spoilt)
+    np.testing.assert_array_equal(found, selected_inverse(band))
+    for d in range(1, width + 1):
+        assert not found[d, max(n - d, 0) :].any()

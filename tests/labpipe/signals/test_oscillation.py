@@ -315,3 +315,22 @@ def test_real_frequencies_and_amplitudes_differ_from_the_header():
     assert above[0] == pytest.approx(0.6, abs=0.05)
     assert above[-1] == pytest.approx(3.6, abs=0.1)
     assert rms(np.diff(above)) < 1.5
+
+
+@pytest.mark.parametrize("frequency", [0.4, 2.5])
+def test_cycles_are_counted_at_any_frequency(frequency):
+    time = np.arange(0.0, 10.0 / frequency + 1e-9, 0.02 / frequency)
+    angle = 2 * np.pi * frequency * time
+    fit = fit_sinusoid(time, np.sin(angle), frequency)
+    assert fit.n_cycles == pytest.approx(10.0, abs=1e-6)
+    assert fit.n_samples == time.size
+    found = loops(time, np.sin(angle), np.sin(angle + 0.1), frequency)
+    assert found.sizes["cycle"] == 10
+
+
+def test_the_frequency_of_a_window_comes_from_the_motion_alone():
+    time = np.arange(0.0, 40.0, 0.02)
+    moving = (time > 10.0) & (time < 20.0)
+    position = np.where(moving, 1e-4 * np.sin(2 * np.pi * 1.3 * (time - 10.0)), 0.0)
+    window = active_window(time, position, 1.3)
+    assert window.frequency == pytest.approx(1.3, rel=1e-6)

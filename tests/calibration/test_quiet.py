@@ -1,0 +1,15 @@
+"""The level of quiet readings."""
+
+import numpy as np
+import pytest
+
+from calibration.quiet import _grouped_median
+
+
+def test_the_median_of_rounded_readings_lies_inside_its_step() -> None:
+    values = np.array([1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 3.0])
+    assert _grouped_median(values, 1.0) == pytest.approx(2.0 + 1.5 / 4.0 - 0.5)
+    assert _grouped_median(values, 0.0) == 2.0
+    assert _grouped_median(np.array([0.0, 10.0]), 1.0) == 5.0  # nothing lies on its step
+    plain = np.random.default_rng(0).normal(0.37, 1.0, 20_000)
+    assert _grouped_median(np.round(plain), 1.0) == pytest.approx(0.37, abs=0.03)

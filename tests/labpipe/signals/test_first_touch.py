@@ -1,0 +1,59 @@
+"""First touch: found within its uncertainty, and refused where there is none."""
+
+import numpy as np
+import pytest
+
+from labpipe.errors import InputError
+from labpipe.signals.first_touch import first_touch
+
+TOUCH, STIFFNESS, LEVEL, NOISE = 6.25e-5, 1e5, -0.3, 0.02
+POSITION = np.linspace(0.0, 1e-4, 2001)  # steps of force far below the noise
+
+
+def approach(seed: int) -> np.ndarray:
+    noise = np.random.default_rng(seed).normal(0.0, NOISE, POSITION.size)
+    return LEVEL + STIFFNESS * np.maximum(0.0, POSITION - TOUCH) + noise
+
+
+def test_touch_and_level_are_found_within_their_uncertainties() -> None:
+    found = [first_touch(POSITION, approach(seed)) for seed in range(30)]
+    position = np.array([f.position for f in found])
+    level = np.array([f.level for f in found])
+    assert position.mean() == pytest.approx(TOUCH, abs=2e-8)
+    assert level.mean() == pytest.approx(LEVEL, abs=5e-4)
+    assert np.mean([f.stiffness for f in found]) == pytest.approx(STIFFNESS, rel=5e-3)
+    assert np.mean([f.noise for f in found]) == pytest.approx(NOISE, rel=0.05)
+    for values, u in (
+        (position, [f.u_position for f in found]),
+        (level, [f.u_level for f in found]),
+    ):
+        assert np.std(values) == pytest.approx(np.mean(u), rel=0.3)
+
+
+def test_a_shift_of_either_axis_moves_the_answer_with_it() -> None:
+    plain = first_touch(POSITION, approach(3))
+    moved = first_touch(POSITION + 2e-3, approach(3) + 7.0)
+    assert moved.position - 2e-3 == pytest.approx(plain.position, abs=1e-9)
+    assert moved.level - 7.0 == pytest.approx(plain.level, abs=1e-5)
+
+
+def test_unread_values_are_left_out() -> None:
+    force = approach(1)
+    with_gaps = force.copy()
+    with_gaps[[3, 500, 1900]] = np.nan
+    found, plain = first_touch(POSITION, with_gaps), first_touch(POSITION, force)
+    assert found.position == pytest.approx(plain.position, abs=3 * plain.u_position)
+
+
+@pytest.mark.parametrize(
+    ("position", "force", "match"),
+    [
+        (POSITION[:19], np.arange(19.0), "at least 20 readings, found 19"),
+        (POSITION, -approach(0), "does not rise"),
+        (POSITION, np.zeros(2001), "does not rise"),
+        (POSITION, np.where(np.arange(2001) % 2, 0.1, -0.1), "does not rise"),
+    ],
+)
+def test_no_touch_is_refused(position: np.ndarray, force: np.ndarray, match: str) -> None:
+    with pytest.raises(InputError, match=match):
+        first_touch(position, force)
