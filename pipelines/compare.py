@@ -124,7 +124,7 @@ def compare(
     -------
     Comparison
     """
-    session = process.open_session(folder)
+    session = process.reopen_session(folder)
     wanted = [
         f"{name}/{stage}"
         for name, experiment in session.experiments.items()

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labpipe.errors import InputError, SourceError, UsageError
+from labpipe.errors import ConfigError, InputError, SourceError, UsageError
 from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import Plan
 from labpipe.workflow.plan import plan as make_plan
@@ -54,6 +54,30 @@ def open_session(folder: str | Path) -> Session:
     return sessions.load(path, SETTINGS)
 
 
+def reopen_session(folder: str | Path) -> Session:
+    """Open a session as :func:`open_session`, but once processed let it lack files.
+
+    In a session that was never processed a file that is not there is a mistake in session.toml,
+    told with all others. Later it has been lost: its experiment fails and says so, the others go
+    on.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    """
+    try:
+        return open_session(folder)
+    except ConfigError as all_mistakes:
+        try:
+            session = sessions.load(folder, SETTINGS, may_wait=True)
+        except ConfigError:
+            raise all_mistakes from None
+        if not (session.folder / "store").is_dir():
+            raise
+        return session
+
+
 def plan(
     folder: str | Path,
     targets: Iterable[str] | None = None,
@@ -72,7 +96,7 @@ def plan(
     full : bool
         Plan for a run without shortcuts.
     """
-    return make_plan(open_session(folder), STAGES, targets, only, full=full)
+    return make_plan(reopen_session(folder), STAGES, targets, only, full=full)
 
 
 def process(
@@ -112,7 +136,7 @@ def process(
     from pipelines.overview import write_overview
     from pipelines.schemas import SCHEMAS
 
-    session = open_session(folder)
+    session = reopen_session(folder)
     done = run(
         session, STAGES, jobs=jobs, targets=targets, only=only,
         fail_fast=fail_fast, full=full, schemas=SCHEMAS, progress=progress,
@@ -179,7 +203,7 @@ def result(
     """
     from labpipe.workflow.runner import open_result
 
-    return open_result(open_session(folder), STAGES, experiment, stage, recording)
+    return open_result(reopen_session(folder), STAGES, experiment, stage, recording)
 
 
 def results(folder: str | Path, experiment: str) -> "xr.DataTree":

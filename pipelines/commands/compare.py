@@ -35,7 +35,7 @@ def compare(session: Path, jobs: int, as_json: bool) -> None:
 
     with watching(enabled=not as_json) as progress:
         found = collect(session, jobs=jobs, progress=progress)
-    opened = process.open_session(session)
+    opened = process.reopen_session(session)
     page = opened.folder / COMPARISON_PAGE
     files.write_text(page, render(opened, found))
     write_overview(opened, process.STAGES)

@@ -1,12 +1,14 @@
 """A session from files to reports: results against truth, and what a second run does."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from labpipe.errors import ConfigError, InputError, SourceError
+from pipelines.compare import compare
 from pipelines.process import check_store, open_session, plan, process, result
 
 
@@ -207,3 +209,32 @@ def test_a_result_that_is_out_of_date_is_not_handed_out(session_copy: Path) -> N
     path.write_text(path.read_text("utf-8").replace('radius = "9.525', 'radius = "9.6'), "utf-8")
     with pytest.raises(InputError, match="labpipe process"):
         result(session_copy, "drop", "model")
+
+
+def test_a_lost_recording_fails_its_experiment_alone(session_copy: Path) -> None:
+    (session_copy / "laser/drop_2.csv").unlink()
+    done = process(session_copy, jobs=0)
+    assert done.exit_code == 1
+    assert {o.experiment for o in done.failures} == {"drop"}
+    assert "drop_2.csv" in done.failures[0].message
+    assert (session_copy / "labpipe/reports/nbr.html").is_file()
+    rows = {row.experiment: row.state for row in plan(session_copy).rows}
+    assert rows["nbr"] == "cached"
+    assert "drop_2.csv" in compare(session_copy, jobs=0).failed["drop"]
+
+
+def test_a_missing_recording_is_a_mistake_before_anything_was_processed(
+    session_copy: Path,
+) -> None:
+    shutil.rmtree(session_copy / "labpipe")
+    (session_copy / "laser/drop_2.csv").unlink()
+    with pytest.raises(ConfigError, match="there is no file"):
+        process(session_copy, jobs=0)
+
+
+def test_other_mistakes_are_told_beside_a_lost_recording(session_copy: Path) -> None:
+    (session_copy / "laser/drop_2.csv").unlink()
+    path = session_copy / "session.toml"
+    path.write_text(path.read_text("utf-8").replace("505.0", "-505.0", 1), "utf-8")
+    with pytest.raises(ConfigError, match=r"(?s)there is no file.*must be|must be.*no file"):
+        process(session_copy, jobs=0)
