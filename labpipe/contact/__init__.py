@@ -11,6 +11,7 @@ from labpipe.contact.dissipation import (
     dynamic_stiffness,
     tapping_amplitude,
 )
+from labpipe.contact.drop_setup import Shortcuts
 from labpipe.contact.heating import Heating, flash_temperature, self_heating
 from labpipe.contact.impact import drop
 from labpipe.contact.indentation import indent, indent_load
@@ -21,6 +22,7 @@ __all__ = [
     "AdhesionEstimate",
     "Heating",
     "Plate",
+    "Shortcuts",
     "adhesion_in_impact",
     "adhesive_indentation",
     "adhesive_pull_off",

@@ -81,6 +81,8 @@ class Stepper:
         Instants, ascending, of which to keep a snapshot; steps end there.
     is_compiled : bool
         Take plain steps with :mod:`labpipe.contact.bounce_compiled`.
+    only_near : bool
+        Solve for the springs that a contact can reach only.
     """
 
     creep: Creep
@@ -93,6 +95,7 @@ class Stepper:
     expected_radius: float
     max_steps: int
     is_compiled: bool = False
+    only_near: bool = True
     time: float = 0.0
     position: float = 0.0
     velocity: float = 0.0
@@ -440,7 +443,9 @@ class Stepper:
             self.springs = self.springs.extended(radius)
             self.memory = self.creep.rest(self.springs.position.size)
             self.memory[:, : known.shape[1]] = known
-        n = min(self.springs.covering(radius) + 1, self.springs.position.size)
+        n = self.springs.position.size
+        if self.only_near:
+            n = min(self.springs.covering(radius) + 1, n)
         self.block = self.memory[:, :n].copy()
         self.gap = self.springs.gap[:n]
         self.weight = self.springs.weight[:n]

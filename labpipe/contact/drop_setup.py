@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from math import inf, isfinite, pi, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,6 +60,29 @@ class Scales:
     rest_speed: float
 
 
+class Shortcuts(NamedTuple):
+    """What a drop leaves out because no result needs it; each can be switched off to see.
+
+    Attributes
+    ----------
+    flights : bool
+        A flight is one step, exact; otherwise it is cut into steps as long as those of a contact.
+    near : bool
+        Only springs that the contact at hand can reach are solved for; otherwise those of the
+        whole sphere.
+    rest : bool
+        Once a contact has come to rest its creep is followed in few steps; otherwise its motion is
+        followed to the end, and no time of rest is found.
+    """
+
+    flights: bool = True
+    near: bool = True
+    rest: bool = True
+
+
+ALL_SHORTCUTS, NO_SHORTCUTS = Shortcuts(), Shortcuts(flights=False, near=False, rest=False)
+
+
 @dataclass(frozen=True, slots=True)
 class Effort:
     """How finely to simulate; ``rtol`` starts as asked for and is refined when that is too coarse.
@@ -71,6 +95,7 @@ class Effort:
     fold: bool
     compiled: bool
     max_steps: int
+    shortcuts: Shortcuts = ALL_SHORTCUTS
 
 
 def scales(creep: Creep, radius: float, mass: float, gravity: float, speed: float) -> Scales:
@@ -115,7 +140,7 @@ def springs_for(setting: Setting, creep: Creep, expected: Scales, effort: Effort
     after = setting.duration - setting.fall_time
     finer *= _FINER_FOR_A_STEP if _ends_in_a_step(creep, expected, after) else 1.0
     ring_width = effort.ring_width
-    reach = MARGIN * expected.radius
+    reach = MARGIN * expected.radius if effort.shortcuts.near else setting.radius
     if setting.solver == "rings":
         # Rings cannot be made so fine: their number is limited.
         finer = min(finer, _MOST_RINGS_PER_RADIUS / _RINGS_PER_RADIUS)

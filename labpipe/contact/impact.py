@@ -8,7 +8,7 @@ surface keeps its dents: memory is never reset between bounces.
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import inf, nan, sqrt
+from math import ceil, inf, nan, sqrt
 from time import perf_counter
 
 import numpy as np
@@ -16,6 +16,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.contact.bounce import Stepper
+from labpipe.contact.bounce_step import LONGEST
 from labpipe.contact.compilation import why_not_compiled
 from labpipe.contact.drop_checks import Solver, checked, checked_times
 from labpipe.contact.drop_dataset import (
@@ -26,9 +27,11 @@ from labpipe.contact.drop_dataset import (
     thesis_dataset,
 )
 from labpipe.contact.drop_setup import (
+    ALL_SHORTCUTS,
     MARGIN,
     Effort,
     Scales,
+    Shortcuts,
     growth,
     scales,
     springs_for,
@@ -78,6 +81,7 @@ def drop(
     time_step: float | None = None,
     fold: bool = True,
     compiled: bool = True,
+    shortcuts: Shortcuts = ALL_SHORTCUTS,
     max_steps: int = 1_000_000,
     progress: Callable[[float], None] | None = None,
 ) -> xr.Dataset:
@@ -121,6 +125,8 @@ def drop(
     compiled : bool
         Take the steps in compiled code (numba); False takes them in numpy, to the same answer. So
         does, with a warning, a process in which numba cannot be loaded or keep its code.
+    shortcuts : Shortcuts
+        Which parts of the work are left out; the answer is the same within `rtol`.
     max_steps : int
         Refuse rather than take more steps.
     progress : callable, optional
@@ -195,7 +201,7 @@ def drop(
             observe=observe,
         )
         return thesis_dataset(thesis, setting, wanted, perf_counter() - started)
-    effort = Effort(rtol, ring_width, fold, compiled and _can_compile(), max_steps)
+    effort = Effort(rtol, ring_width, fold, compiled and _can_compile(), max_steps, shortcuts)
     run, mislaid = _refined(setting, creep, effort, looks, observe)
     rigid = None if plate is None else _rigid_restitution(setting, creep, effort)
     result = dataset(run, setting, wanted, rigid, perf_counter() - started)
@@ -287,6 +293,7 @@ def _stepper(
         expected_radius=MARGIN * expected.radius,
         max_steps=effort.max_steps,
         is_compiled=effort.compiled,
+        only_near=effort.shortcuts.near,
         observe=observe,
     )
 
@@ -334,14 +341,13 @@ def _simulate(
     stepper.velocity, stepper.acceleration = setting.speed, setting.gravity
     if touch < end:
         stepper.fly(touch)
+        stillness = min(max(effort.rtol, _REST_RANGE[0]), _REST_RANGE[1])
         rest = RestTest(
-            min(max(effort.rtol, _REST_RANGE[0]), _REST_RANGE[1]),
+            stillness if effort.shortcuts.rest else 0.0,
             max(expected.rest_period, 1.0 / setting.plate.frequency if setting.plate else 0.0),
             expected.rest_speed,
         )
-        final_touch, rest_start = _bounce(
-            stepper, rest, end, segments, growth(effort.rtol), first_contact_only
-        )
+        final_touch, rest_start = _bounce(stepper, rest, end, segments, effort, first_contact_only)
     else:
         stepper.look_at_dent(end)
     return DropRun(
@@ -372,7 +378,7 @@ def _bounce(
     rest: RestTest,
     end: float,
     segments: list[Segment],
-    factor: float,
+    effort: Effort,
     first_contact_only: bool,
 ) -> tuple[float, float]:
     """Alternate contacts and flights; return the last touch and the start of rest, or NaN."""
@@ -387,7 +393,7 @@ def _bounce(
         segments.append(Contact(records))
         if outcome == "rest":
             settled = stepper.time
-            settle(stepper, end, factor)
+            settle(stepper, end, growth(effort.rtol))
             creeping = stepper.take_trail()
             if creeping:
                 segments.append(Contact((records[-1], *creeping), is_resting=True))
@@ -400,9 +406,17 @@ def _bounce(
         if stop >= end or first_contact_only:
             stepper.look_at_dent(end)
             return nan, nan
-        stepper.fly(flight)
-        stepper.counts.flights += 1
+        _fly(stepper, flight, in_one_step=effort.shortcuts.flights)
         reach = MARGIN * max(record.contact_radius for record in records)
+
+
+def _fly(stepper: Stepper, flight: float, *, in_one_step: bool) -> None:
+    """Move through a flight [s], which is exact in one step and in many."""
+    steps = 1 if in_one_step else ceil(flight / (LONGEST * stepper.time_scale))
+    for _ in range(steps):
+        stepper.fly(flight / steps)
+    stepper.counts.flights += 1
+    stepper.counts.solver_steps += steps - 1
 
 
 def _one_contact(stepper: Stepper, rest: RestTest, end: float, reach: float) -> tuple[str, float]:

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from labpipe.contact import drop
+from labpipe.contact import Shortcuts, drop
 from labpipe.contact.bounce import Stepper
 from labpipe.contact.mdr import line_springs
 from labpipe.contact.memory import Creep
@@ -133,3 +133,20 @@ def test_compiled_steps_follow_a_liquid():
     liquid = Prony(0.0, [2e9, 1e9], [1e-3, 1e-2], nu=0.35)
     fast, plain = (drop(liquid, 9.525e-3, 0.505, 1e-3, 0.06, compiled=c) for c in (True, False))
     np.testing.assert_allclose(fast.approach, plain.approach, rtol=1e-9)
+
+
+@pytest.mark.parametrize("plate", [None, Plate(20.0, 180.0, 0.02)], ids=["floor", "plate"])
+def test_a_drop_without_shortcuts_gives_the_same_answer(plate):
+    material = Prony(1e9, [1e9, 5e8, 2e8], [1e-5, 5e-4, 1e-2], nu=0.35)
+    times = np.linspace(0.0, 0.1, 301)
+    none = Shortcuts(flights=False, near=False, rest=False)
+    short, whole = (
+        drop(material, 9.525e-3, 0.505, 1e-3, 0.1, plate=plate, times=times, shortcuts=chosen)
+        for chosen in (Shortcuts(), none)
+    )
+    np.testing.assert_allclose(short.restitution, whole.restitution, rtol=1e-4)
+    sag = 9.81 * 0.505 / 1e6
+    np.testing.assert_allclose(short.displacement, whole.displacement, atol=1e-3 * sag)
+    work = [json.loads(run.attrs["work"]) for run in (short, whole)]
+    assert work[0]["solver_steps"] < work[1]["solver_steps"]
+    assert work[0]["spring_updates"] < work[1]["spring_updates"]

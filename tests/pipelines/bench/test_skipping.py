@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from labpipe import materials
 from pipelines.bench import skipping
 from pipelines.bench.skipping import contact_film
 
@@ -18,10 +19,16 @@ def test_the_film_of_an_impact_shows_a_dark_disc_only_in_its_middle() -> None:
 def test_no_shortcut_of_the_simulator_changes_more_than_it_may() -> None:
     shortcut = skipping._memory(60)
     assert shortcut.difference(shortcut.short(), shortcut.whole()) < 1e-2
-    folded = skipping._folded_terms()
-    short, whole = folded.short(), folded.whole()
-    assert folded.difference(short, whole) < 1.0
-    assert folded.work(short) < folded.work(whole)
+    for shortcut in (
+        skipping._folded_terms("13 terms", materials.load("acrylic")),
+        skipping._folded_terms("80 terms", skipping._many_terms()),
+        skipping._flights(0.15),
+        skipping._springs_out_of_reach(0.06),
+        skipping._rest(0.4),
+    ):
+        short, whole = shortcut.short(), shortcut.whole()
+        assert shortcut.difference(short, whole) < 1.0
+        assert shortcut.work(short) < shortcut.work(whole)
 
 
 @pytest.mark.slow
