@@ -26,7 +26,7 @@ class IndexRow:
     metrics : sequence of float, int, str, bool or None
         One cell for each metric column, numbers in SI.
     thumbnail : bytes or None
-        A small SVG, PNG or JPEG file (:func:`labpipe.report.thumbnail`).
+        A small PNG, JPEG or SVG file (:func:`labpipe.report.thumbnail`).
     remark : str
         A short line below the name (kind of experiment, or why it failed).
 

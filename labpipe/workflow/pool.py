@@ -25,7 +25,14 @@ from labpipe.workflow.worker import Job, run_job
 PRELOADED = ("numpy", "xarray", "netCDF4", "labpipe.netcdf", "labpipe.workflow.worker")
 """What every worker needs."""
 
-PRELOADED_TO_DRAW = ("jinja2", "labpipe.report.document", "labpipe.report.pictures")
+PRELOADED_TO_DRAW = (
+    "jinja2",
+    "matplotlib.figure",
+    "matplotlib.backends.backend_svg",
+    "matplotlib.backends.backend_agg",
+    "labpipe.report.document",
+    "labpipe.report.pictures",
+)
 """What workers need that write pages: loaded once, not once for every experiment."""
 
 _PATIENCE = 5.0
