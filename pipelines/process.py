@@ -91,7 +91,7 @@ def plan(
     ----------
     folder : path-like
         The session folder.
-    targets, only : iterable of str, optional
+    targets, only : str or iterable of str, optional
         Stages and experiments that are wanted; all by default.
     full : bool
         Plan for a run without shortcuts.
@@ -115,7 +115,7 @@ def process(
     ----------
     folder : path-like
         The session folder; results go to ``FOLDER/labpipe``.
-    targets, only : iterable of str, optional
+    targets, only : str or iterable of str, optional
         Stages and experiments that are wanted; all by default.
     jobs : int
         Experiments computed side by side.

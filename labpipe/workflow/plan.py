@@ -140,14 +140,14 @@ def wanted_tasks(
     targets: Iterable[str] | None,
     only: Iterable[str] | None,
 ) -> frozenset[TaskId]:
-    """Pick the tasks that targets and experiments name.
+    """Pick the tasks that targets and experiments name; one name may stand alone.
 
     Raises
     ------
     UsageError
         A name is unknown.
     """
-    experiments = set(session.experiments) if only is None else set(only)
+    experiments = set(session.experiments) if only is None else _names(only)
     for name in sorted(experiments - set(session.experiments)):
         message = f'there is no experiment "{name}"{suggest(name, session.experiments)}'
         raise UsageError(message)
@@ -155,11 +155,16 @@ def wanted_tasks(
     if targets is None:
         return chosen
     names = {n.stage for n in tasks} | {f"{n.experiment}/{n.stage}" for n in tasks}
-    asked = set(targets)
+    asked = _names(targets)
     for name in sorted(asked - names):
         message = f'there is no stage "{name}"{suggest(name, names)}'
         raise UsageError(message)
     return frozenset(n for n in chosen if {n.stage, f"{n.experiment}/{n.stage}"} & asked)
+
+
+def _names(given: Iterable[str]) -> set[str]:
+    """Take one name for a list of one, not for its letters."""
+    return {given} if isinstance(given, str) else set(given)
 
 
 def page_name(experiment: str) -> str:

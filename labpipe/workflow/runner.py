@@ -126,7 +126,7 @@ def run(
         Experiments computed at the same time, each in its own process. 0 computes in this
         process, for looking into a stage with a debugger; equal bytes are promised from 1 up,
         because only a process of its own can hold the libraries to one thread.
-    targets, only : iterable of str, optional
+    targets, only : str or iterable of str, optional
         See :func:`labpipe.workflow.plan.plan`.
     fail_fast : bool
         Stop everything at the first failure.

@@ -204,6 +204,13 @@ def test_what_is_gone_but_not_needed_is_not_made_again(session: Session) -> None
     assert found == {"nbr/read [laser/r3.txt]": "will run: result is gone"}
 
 
+def test_one_name_may_stand_alone(session: Session) -> None:
+    listed = plan(session, toy.STAGES, targets=["scale"], only=["nbr"])
+    alone = plan(session, toy.STAGES, targets="scale", only="nbr")
+    assert [row.task for row in alone.rows] == [row.task for row in listed.rows]
+    assert len(alone.rows) == 2
+
+
 def test_an_unknown_target_or_experiment_is_refused_with_a_suggestion(tmp_path: Path) -> None:
     session = toy.make_session(tmp_path)
     with pytest.raises(UsageError, match='no stage "scael"; did you mean "scale"'):
