@@ -42,6 +42,12 @@ OPTIONS = ["-q", "-p", "no:cacheprovider", "-m", "not slow", "--tb=no",
            "-W", "ignore::pytest.PytestAssertRewriteWarning"]  # fmt: skip
 
 
+_SHARED = ("numpy", "scipy.optimize", "scipy.signal", "scipy.stats", "scipy.interpolate",
+           "scipy.integrate", "scipy.ndimage", "scipy.sparse.linalg", "xarray", "pandas", "numba",
+           "cv2", "netCDF4", "hypothesis.strategies", "msgspec")  # fmt: skip
+"""What every child needs is imported once; none of it is ours."""
+
+
 class _TooLongError(BaseException):
     """Not an Exception: no test may catch it."""
 
@@ -88,12 +94,13 @@ def record_lines(target: Path, tests: Sequence[str]) -> None:
     """Write which quick tests run every line of the core, and their times, as JSON."""
     import coverage
 
-    tracer = coverage.Coverage(data_file=None, source=[d.split("/")[0] for d in CORE],
-                               config_file=False)  # fmt: skip
+    source = sorted({folder.split("/")[0] for folder in CORE})
+    tracer = coverage.Coverage(data_file=None, source=source, branch=True, config_file=False)
     watch = _Watch(tracer)
     tracer.start()
     pytest.main([*OPTIONS, *tests], plugins=[watch])
     tracer.stop()
+    tracer.report(include=[f"{folder}/*" for folder in CORE], file=sys.stderr)
     data = tracer.get_data()
     lines = {
         os.path.relpath(file): {
@@ -196,9 +203,8 @@ def sample(count: int, seed: int = SEED) -> list[tuple[Mutant, str]]:
 
 
 def run(known: dict[str, Any], log: Path, count: int, again: bool = False) -> None:
-    """Try a sample; append one line of JSON per mutant, and print what survived."""
-    for name in ("numpy", "scipy.optimize", "scipy.signal", "xarray", "pandas", "numba", "cv2",
-                 "hypothesis", "msgspec", "scipy.sparse.linalg"):  # fmt: skip
+    """Try a sample, survivors once more if told so; append one line of JSON per mutant."""
+    for name in _SHARED:
         importlib.import_module(name)
     done: dict[str, str] = {}
     with contextlib.suppress(FileNotFoundError):
