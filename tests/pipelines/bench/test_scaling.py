@@ -26,4 +26,13 @@ def test_every_growth_gives_a_diagram_and_an_exponent() -> None:
     suite, summary = scaling._measure(growth, quick=True)
     assert [p.error for p in suite.points] == [4.0, 8.0, 16.0]
     assert np.isfinite(summary.error)
+    assert summary.extra["lowest"] <= summary.error <= summary.extra["highest"]
     assert summary.extra["to"] == 16
+
+
+def test_a_slow_spell_does_not_make_a_linear_growth_steep() -> None:
+    linear, disturbed = [1.0, 2.0, 4.0], [1.0, 2.0, 9.0]
+    found = scaling.exponents([1, 2, 4], list(zip(linear, disturbed, linear, strict=True)))
+    assert found[0] == pytest.approx(1.0)
+    assert found[1] > 2.0
+    assert sorted(found)[1] == pytest.approx(1.0)
