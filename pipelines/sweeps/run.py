@@ -4,6 +4,7 @@ import hashlib
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 BLOCK = 25
 """Points handed to a worker at a time: about a second of work, small against a restart."""
+MOST_BLOCKS = 4000
+"""Larger sweeps have larger blocks: each is a file, flushed to the disk while workers wait."""
 _FORMAT = 2
 
 
@@ -90,12 +93,12 @@ def sweep(
     for key in blocks:
         outcome = _kept(parts, key, len(blocks[key]))
         if outcome is not None:
-            results.take(blocks.places[key], outcome)
+            results.take(key, blocks, outcome)
     reused = results.n_known
     missing = blocks.without(results)
     for key, outcome in (engine or Serial()).run(plan.simulator, missing):
         files.write_bytes(parts / f"{key}.json", files.seal(outcome))
-        results.take(blocks.places[key], outcome)
+        results.take(key, blocks, outcome)
         if progress is not None:
             progress(results.n_known / plan.count)
     dataset = results.dataset()
@@ -111,25 +114,27 @@ class _Blocks(Mapping[str, Block]):
     """Blocks by content key; their points are spelt out when asked for, a sweep may have many."""
 
     plan: Design
+    size: int
     places: dict[str, list[int]]
 
     @classmethod
     def of(cls, plan: Design) -> "_Blocks":
         contents: dict[str, str] = {}
         places: dict[str, list[int]] = {}
-        for start in range(0, plan.count, BLOCK):
-            key = _key(plan.simulator, plan.points(start, start + BLOCK), contents)
+        size = max(BLOCK, ceil(plan.count / MOST_BLOCKS))
+        for start in range(0, plan.count, size):
+            key = _key(plan.simulator, plan.points(start, start + size), contents)
             places.setdefault(key, []).append(start)
-        return cls(plan, places)
+        return cls(plan, size, places)
 
     def without(self, results: "_Results") -> "_Blocks":
         """Return those whose results are not known."""
         missing = {k: p for k, p in self.places.items() if not results.is_known[p[0]]}
-        return _Blocks(self.plan, missing)
+        return _Blocks(self.plan, self.size, missing)
 
     def __getitem__(self, key: str) -> Block:
         start = self.places[key][0]
-        return self.plan.points(start, start + BLOCK)
+        return self.plan.points(start, start + self.size)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.places)
@@ -154,7 +159,7 @@ class _Results:
         """Points with an outcome."""
         return int(np.count_nonzero(self.is_known))
 
-    def take(self, starts: list[int], outcomes: list[Outcome]) -> None:
+    def take(self, key: str, blocks: _Blocks, outcomes: list[Outcome]) -> None:
         """Take the outcomes of a block, at every place where it stands in the grid.
 
         Raises
@@ -162,8 +167,8 @@ class _Results:
         LabpipeError
             It was taken before, or is not as long as the block: a defect of the program.
         """
-        for start in starts:
-            stop = min(start + BLOCK, self.plan.count)
+        for start in blocks.places[key]:
+            stop = min(start + blocks.size, self.plan.count)
             if self.is_known[start:stop].any() or len(outcomes) != stop - start:
                 message = f"points {start} to {stop}: {len(outcomes)} results, or a second time"
                 raise LabpipeError(message)
