@@ -329,3 +329,14 @@ def test_inclination_of_the_caller_replaces_that_of_the_record():
     )
     assert float(found.displacement[1]) == pytest.approx(2e-3)
     assert float(found.u_inclination) == 0.01
+
+
+def test_the_budget_tells_noise_from_rounding():
+    known = record()
+    moved, noise = drop(noise=3e-6)
+    result = laser.displacement(readings_of(moved, noise, known), known)
+    budget = {row["source"]: row for row in json.loads(result.attrs["budget"])}
+    rounding = 1e-7 / math.sqrt(12)
+    assert budget["rounding of the display"]["u"] == pytest.approx(rounding, rel=1e-6)
+    total = math.hypot(rounding, budget["noise of a sample"]["u"])
+    assert total == pytest.approx(3e-6, rel=0.08)

@@ -219,7 +219,7 @@ def run(known: dict[str, Any], log: Path, count: int, again: bool = False) -> No
             continue
         tests = chosen(mutant, known)
         took = sum(known["took"][test] for test in tests)
-        found = fate(mutant, source, tests, 3 * took + 30) if tests else "survived: no test"
+        found = fate(mutant, source, tests, 3 * took + 12) if tests else "survived: no test"
         record = {"mutant": told, "fate": found, "tests": len(tests)}
         with log.open("a") as stream:
             stream.write(json.dumps(record) + "\n")

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from labpipe.imaging.seeding import Pyramid, find_subset, fit_motion, make_pyramid, shift_of
+from labpipe.imaging.seeding import (
+    Pyramid,
+    _coarse_shifts,
+    _match_tile,
+    find_subset,
+    fit_motion,
+    make_pyramid,
+    shift_of,
+)
 from tests.labpipe.imaging.speckle import Motion, make_speckle, render
 
 SIZE = (260, 280)
@@ -54,3 +62,27 @@ def test_displacements_without_a_common_motion_fit_none() -> None:
     found, fits = fit_motion(np.zeros((1, 2)), np.zeros((1, 2)))
     assert not fits.any()
     assert (found == 0).all()
+
+
+def test_candidates_are_different_places_and_the_best_comes_first() -> None:
+    pattern = render(make_speckle("medium", (80, 80)), (80, 80)).astype(np.float32)
+    reference = np.full(SIZE, pattern.mean(), np.float32)
+    frame = reference.copy()
+    reference[80:160, 80:160] = pattern
+    for top, left in ((20, 20), (160, 180)):
+        frame[top : top + 80, left : left + 80] = pattern
+    found = _coarse_shifts(make_pyramid(reference), make_pyramid(frame), (120, 120), 30)
+    assert len(set(found)) == len(found) >= 2
+    assert {(-60, -60), (100, 80)} <= set(found)
+
+
+@pytest.mark.parametrize("centre", [(15, 130), (140, 15), (264, 130), (140, 244)])
+def test_a_tile_that_touches_the_border_is_matched_and_one_beyond_is_not(
+    centre: tuple[int, int],
+) -> None:
+    image = pyramid(render(make_speckle("medium", SIZE), SIZE))
+    found = _match_tile(image, image, centre, 15, (0, 0))
+    assert found is not None
+    assert found[:2] == (0.0, 0.0)
+    assert found[2] == pytest.approx(1.0, abs=1e-4)
+    assert _match_tile(image, image, centre, 16, (0, 0)) is None
