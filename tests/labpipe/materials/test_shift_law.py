@@ -5,7 +5,7 @@ import pytest
 
 from labpipe.errors import InputError
 from labpipe.materials import arrhenius, wlf
-from labpipe.materials.shift_law import fit_law
+from labpipe.materials.shift_law import fit_law, law_values
 
 TEMPERATURE = np.linspace(-40.0, 120.0, 12)
 
@@ -66,3 +66,12 @@ def test_stated_uncertainty_is_the_scatter_of_refits():
 def test_equal_temperatures_do_not_break_the_fit():
     found = fit_law("wlf", np.full(4, 20.0), np.zeros(4), np.eye(4), 20.0)
     assert np.isfinite(found.parameters).all()
+
+
+def test_a_wlf_law_ends_at_its_pole():
+    temperature = np.array([20.0, 40.0, 59.0])
+    assert law_values("wlf", np.array([8.0, 1.0 / 40.0]), temperature, 60.0) is not None
+    at_pole = np.array([20.0, 40.0, 60.0])
+    assert law_values("wlf", np.array([8.0, 1.0 / 40.0]), at_pole, 60.0) is None
+    beyond = np.array([10.0, 40.0])
+    assert law_values("wlf", np.array([8.0, 1.0 / 40.0]), beyond, 60.0) is None
