@@ -13,6 +13,7 @@ from labpipe.report import (
     Section,
     Table,
 )
+from labpipe.report.tables import DisplayUnit, display_unit
 from labpipe.workflow.session import Session
 from pipelines.compare import Comparison, Row
 from pipelines.overview import PAGE
@@ -78,14 +79,16 @@ def _curves(rows: Sequence[Row]) -> tuple[Block, ...]:
         worst[row.experiment] = max(worst.get(row.experiment, 0.0), row.nrmse or 0.0)
     largest = max(worst.values()) or 1.0
     columns = (
-        Column("experiment"), Column("kind"), Column("material"), Column("condition"),
-        Column("curve"), Column("against"), Column("n"), Column("nRMSE", digits=2),
-        Column("bias", digits=3, u=9), Column("u"), Column("SI unit"),
+        Column("experiment"), Column("kind"), Column("of"), Column("curve"), Column("n"),
+        Column("nRMSE", "%", digits=2), Column("bias", digits=3, u=7), Column("u"), Column("in"),
     )  # fmt: skip
-    body = [
-        (r.experiment, r.kind, r.material, r.condition, r.quantity, r.against, r.n, r.nrmse,
-         r.difference, r.u_difference, r.unit) for r in rows
-    ]  # fmt: skip
+    body = []
+    for r in rows:
+        shown = display_unit(_known(r.difference), r.unit)
+        body.append(
+            (r.experiment, r.kind, _of(r), _what(r), r.n, 100 * (r.nrmse or 0.0),
+             *_scaled((r.difference, r.u_difference), shown), shown.text)
+        )  # fmt: skip
     text = (
         "Root mean square of measured minus model over the range of the measurement, and its mean. "
         "The bias carries an uncertainty where the calibration's scale is part of it; n counts "
@@ -102,19 +105,38 @@ def _events(rows: Sequence[Row]) -> tuple[Block, ...]:
     if not rows:
         return ()
     columns = (
-        Column("experiment"), Column("material"), Column("condition"), Column("quantity"),
-        Column("against"), Column("n"), Column("measured", u=7), Column("u"),
-        Column("model", u=9), Column("u"), Column("difference", u=11), Column("u"),
-        Column("SI unit"), Column("difference / u", digits=2),
+        Column("experiment"), Column("of"), Column("quantity"), Column("n"),
+        Column("measured", u=5), Column("u"), Column("model", u=7), Column("u"),
+        Column("difference", u=9), Column("u"), Column("in"), Column("over u", digits=2),
     )  # fmt: skip
-    body = [
-        (r.experiment, r.material, r.condition, r.quantity, r.against, r.n, r.measured,
-         r.u_measured, r.model, r.u_model, r.difference, r.u_difference, r.unit, r.deviation)
-        for r in rows
-    ]  # fmt: skip
+    body = []
+    for r in rows:
+        shown = display_unit(_known(r.measured, r.model), r.unit)
+        values = (r.measured, r.u_measured, r.model, r.u_model, r.difference, r.u_difference)
+        body.append(
+            (r.experiment, _of(r), _what(r), r.n, *_scaled(values, shown), shown.text, r.deviation)
+        )
     text = (
         "Single values with standard uncertainties. The model's holds height, radius, mass and "
         "plate, not the material: a difference of many u says that one of the stated inputs, or "
-        "the material, is wrong."
+        "the material, is wrong. The last column is the difference in units of its uncertainty."
     )
     return Paragraph(text), Table(columns, body)
+
+
+def _of(row: Row) -> str:
+    """Material and condition in one cell, so that the table fits a page."""
+    return ", ".join(text for text in (row.material, row.condition) if text)
+
+
+def _what(row: Row) -> str:
+    return row.quantity if row.against == "model" else f"{row.quantity} ({row.against})"
+
+
+def _known(*values: float | None) -> list[float]:
+    return [value for value in values if value is not None]
+
+
+def _scaled(values: Sequence[float | None], shown: DisplayUnit) -> list[float | None]:
+    """Numbers of one row in the unit that suits this row: metres and newtons share a column."""
+    return [None if value is None else value / shown.factor for value in values]

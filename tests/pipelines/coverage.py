@@ -1,0 +1,415 @@
+"""Stated uncertainties against the truth of the virtual rig, for every kind of experiment.
+
+``python -m tests.pipelines.coverage [KIND ...] [--seeds N]`` prints the table of
+``labpipe/documentation/validation.md``. Everything that session.toml and the records state with an
+uncertainty is wrong by as much, drawn anew with every seed; readings carry their noise.
+
+A kind is a function that makes one experiment from a seed, measures it, and notes the errors in
+units of their stated standard uncertainties.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import warnings
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from labpipe import files, materials
+from labpipe.units import Quantity
+from pipelines.experiments import (
+    ball_drop,
+    contact_area,
+    dic_validation,
+    dma,
+    harmonic,
+    plate_vibration,
+    relaxation,
+    static_loading,
+)
+from pipelines.experiments.indentation import Geometry, elastic_force
+from pipelines.process import open_session
+from pipelines.rig.dma import SOLIDS, Protocol, write_dma
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import Body, DropRig
+from pipelines.rig.film_front import FrontCamera
+from pipelines.rig.film_session import (
+    Bursts,
+    burst_times,
+    front_record,
+    front_section,
+    under_record,
+    under_section,
+    write_front,
+    write_under,
+)
+from pipelines.rig.film_under import UnderCamera
+from pipelines.rig.indentation_session import cell_record, oscillation_section, relaxation_section
+from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
+from pipelines.rig.laser_sensor import LaserSensor
+from pipelines.rig.plate import PLATE_RIG, write_ringing
+from pipelines.rig.plate_session import plate_laser_record, plate_section
+from pipelines.rig.reference_drop import Floor
+from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+from pipelines.rig.session_text import NOTE, drop_section, laser_record, session_head
+from pipelines.rig.static_loading import StaticRig, static_section, write_static
+from pipelines.settings.dma import Dma
+from tests.pipelines.small import START
+
+Scores = dict[str, list[float]]
+Kind = Callable[[Path, int, Scores], None]
+
+INSIDE = 1.96
+"""Standard uncertainties within which 95 % of the errors shall lie."""
+
+POLYMERS = ("acrylic", "nylon", "peek", "ptfe")
+_HEIGHTS = (1.5e-3, 5e-3, 7e-3, 10e-3)
+
+
+def note(scores: Scores, name: str, error: object, u: object) -> None:
+    """Keep errors over their standard uncertainties."""
+    z = np.atleast_1d(np.asarray(error, float) / np.asarray(u, float))
+    scores[name] += z[np.isfinite(z)].tolist()
+
+
+def truth(folder: Path, name: str) -> dict[str, Any]:
+    known: dict[str, Any] = json.loads((folder / f"truth/{name}.json").read_text("utf-8"))
+    return known
+
+
+def begun(folder: Path, sections: str, **records: str) -> None:
+    """Write the records and session.toml."""
+    for name, text in records.items():
+        files.write_text(folder / f"calibration/{name}.toml", text)
+    files.write_text(folder / "session.toml", session_head("Coverage (synthetic)") + sections)
+
+
+def settings_of(folder: Path, name: str) -> Any:
+    return open_session(folder).experiments[name].settings
+
+
+def ball_drops(folder: Path, seed: int, scores: Scores) -> None:
+    """Drops on floors from stiff to light: single bounces, and the mean of two repeats."""
+    random = np.random.default_rng(seed)
+    floor = Floor(float(np.exp(random.uniform(np.log(20), np.log(2000)))),
+                  float(random.uniform(100, 450)), 0.03)  # fmt: skip
+    angle = float(np.deg2rad(12 + random.normal(0.0, 0.1)))
+    rig = DropRig(floor=floor, duration=0.12, sensor=LaserSensor(inclination=angle))
+    solid, height = POLYMERS[seed % 4], _HEIGHTS[(seed // 4) % 4]
+    names = write_drops(folder, "d", rig, materials.load(solid), height, 2, 1000 * seed, START)
+    begun(folder, drop_section("d", names, height, solid), laser=laser_record())
+    settings, parts = settings_of(folder, "d"), []
+    for name in names:
+        readings = ball_drop.readings(folder / name, settings=settings)
+        moved = ball_drop.displacement(
+            readings, folder / "calibration/laser.toml", settings=settings
+        )
+        parts.append((moved, ball_drop.bounces(moved, settings=settings)))
+    known = [truth(folder, f"d_{i}") for i in (1, 2)]
+    for (_, found), one in zip(parts, known, strict=True):
+        count = min(3, found.sizes["impact"], len(one["liftoff_time"]))
+        for name in ("restitution", "incoming_speed", "outgoing_speed", "touch_time",
+                     "liftoff_time"):  # fmt: skip
+            note(scores, name.replace("_", " "), found[name].values[:count] - one[name][:count],
+                 found[f"u_{name}"].values[:count])  # fmt: skip
+    slow = [ball_drop.velocity(*part, settings=settings) for part in parts]
+    moved, found = ([p[i] for p in parts] for i in (0, 1))
+    made = ball_drop.repeats(moved, slow, found, settings=settings)
+    count = min(3, made.sizes["impact"], *(len(one["liftoff_time"]) for one in known))
+    for name in ("restitution", "outgoing_speed"):
+        true = np.mean([one[name][:count] for one in known], axis=0)
+        note(scores, f"{name.replace('_', ' ')}, mean of two", made[name].values[:count] - true,
+             made[f"u_{name}"].values[:count])  # fmt: skip
+
+
+def plates(folder: Path, seed: int, scores: Scores) -> None:
+    """A plate whose mass, frequency and damping are drawn, heard under one drop."""
+    random = np.random.default_rng(seed)
+    floor = Floor(float(random.uniform(20, 60)), float(random.uniform(170, 300)),
+                  float(random.uniform(0.02, 0.05)))  # fmt: skip
+    angle = float(np.deg2rad(5 + random.normal(0.0, 0.1)))
+    sensor = replace(PLATE_RIG.sensor, inclination=angle)
+    rig = replace(PLATE_RIG, floor=floor, sensor=sensor, duration=0.12)
+    solid, height = POLYMERS[seed % 4], _HEIGHTS[(seed // 4) % 4]
+    (name,) = write_ringing(folder, "p", rig, solid, height, 1, 1000 * seed, START)
+    table = (
+        f'\n[[experiments.plate.drops]]\nmaterial = "{solid}"\n'
+        f'height = "{height * 1e3:g} ± 0.005 mm"\nlaser = ["{name}"]\n'
+    )
+    begun(folder, plate_section([table]), laser_plate=plate_laser_record())
+    settings = settings_of(folder, "plate")
+    readings = plate_vibration.readings(folder / name, settings=settings)
+    record = folder / "calibration/laser_plate.toml"
+    moved = plate_vibration.displacement(readings, record, settings=settings)
+    ringing = plate_vibration.ringing(moved, settings=settings)
+    found, known = plate_vibration.table([ringing], settings=settings), truth(folder, "p_1")
+    for quantity in ("natural_frequency", "damping_ratio", "amplitude"):
+        error = found[quantity].values[0] - known[quantity]
+        note(scores, quantity.replace("_", " "), error, found[f"u_{quantity}"].values[0])
+    note(scores, "time of the blow", float(ringing["blow_time"]) - known["blow_time"],
+         float(ringing["u_blow_time"]))  # fmt: skip
+    made = plate_vibration.plate(found, settings=settings)
+    note(scores, "modal mass", float(made["mass"]) - floor.mass, float(made["u_mass"]))
+
+
+def static_loadings(folder: Path, seed: int, scores: Scores) -> None:
+    """A static loading whose sensor and sphere differ from what is stated."""
+    random, stated = np.random.default_rng(seed), StaticRig()
+    angle = np.deg2rad(12 + random.normal(0.0, 0.1))
+    sensor = LaserSensor(inclination=float(angle), noise=stated.sensor.noise)
+    rig = replace(stated, radius=stated.radius + random.normal(0.0, 5e-6), sensor=sensor)
+    file = write_static(folder, "s", rig, materials.load("ptfe"), seed, START)
+    begun(folder, static_section("s", file, stated, "ptfe"), laser=laser_record())
+    settings = settings_of(folder, "s")
+    moved = static_loading.displacement(
+        static_loading.readings(folder / file, settings=settings),
+        folder / "calibration/laser.toml", settings=settings,
+    )  # fmt: skip
+    steps = static_loading.steps(moved, settings=settings)
+    found = static_loading.approach(moved, steps, settings=settings)
+    known, time = truth(folder, "s"), found["time"].values
+    approach = np.interp(time, known["time"], known["approach"])
+    radius = np.sqrt(stated.radius * approach)
+    seen = np.isfinite(found["contact_radius"].values) & (time > 10.0)
+    some = np.flatnonzero(seen)[:: max(int(seen.sum()) // 12, 1)]
+    note(scores, "contact radius", (found["contact_radius"].values - radius)[some],
+         found["u_contact_radius"].values[some])  # fmt: skip
+    for load, edges in enumerate(zip(steps["begin"].values, steps["end"].values, strict=True)):
+        first, last = (approach[w].mean() for w in static_loading.windows(time, edges, settings))
+        for name, true in (("level_approach", last), ("creep", last - first)):
+            note(scores, f"{name.replace('_', ' ')} under a load",
+                 found[name].values[load] - true, found[f"u_{name}"].values[load])  # fmt: skip
+
+
+def relaxations(folder: Path, seed: int, scores: Scores) -> None:
+    """A relaxation with a punch, a cell and a surface not quite as stated."""
+    specimen, tester = _specimen(seed)
+    held = Relaxation(depths=(0.1e-3,), hold=12.0)
+    names = write_relaxation(folder, "r", specimen, held, tester, seed, START)
+    begun(folder, relaxation_section("r", names, _STATED), load_cell=cell_record(NOTE))
+    settings, record = settings_of(folder, "r"), folder / "calibration/load_cell.toml"
+    read = relaxation.readings(folder / names[0], settings=settings)
+    loads = relaxation.loads(read, record, settings=settings)
+    ramps = relaxation.ramps(loads, settings=settings)
+    curves = relaxation.curves(loads, ramps, None, None, settings=settings)
+    known = truth(folder, Path(names[0]).stem)
+    for name in ("plateau_force", "depth"):
+        note(scores, name.replace("_", " "), float(ramps[name][0]) - known[name],
+             ramps[f"u_{name}"].values[0])  # fmt: skip
+    note(scores, "first touch", float(ramps["contact_position"]) - known["surface"],
+         ramps["u_contact_position"].values)  # fmt: skip
+    note(scores, "peak force", float(curves["peak_force_unfiltered"][0]) - known["peak_force"],
+         curves["u_peak_force_unfiltered"].values[0])  # fmt: skip
+    # The plateau's own modulus is asked for here, not the relaxed one that it still falls to.
+    real = Geometry.of(
+        msgspec.structs.replace(
+            settings.punch,
+            radius=Quantity(specimen.tip_radius, 0.0, "m"),
+            depth=Quantity(specimen.depth, 0.0, "m"),
+        ),
+        settings.substrate, settings.model, 0.5,
+    )  # fmt: skip
+    modulus = known["plateau_force"] / float(elastic_force(np.array([0.1e-3]), real)[0])
+    unfinished = float(ramps["unfinished"][0] / ramps["plateau_force"][0])
+    found, u = (float(curves[f"{p}reduced_modulus"][0]) for p in ("", "u_"))
+    note(scores, "modulus of the plateau", found - modulus,
+         np.sqrt(u**2 - (unfinished * found) ** 2))  # fmt: skip
+
+
+def oscillations(folder: Path, seed: int, scores: Scores) -> None:
+    """Oscillations slow and fast; the record's delay of the filter is wrong within its u too."""
+    specimen, tester = _specimen(seed)
+    wave = Harmonic(hold=2.0, frequencies=(0.5, 2.0), cycles=6)
+    write_harmonic(folder, "h", specimen, wave, tester, seed + 1, START)
+    delay = 15.915 + 0.2 * np.random.default_rng(seed + 77_000).normal()
+    record = cell_record(NOTE).replace('"15.9 ± 0.2 ms"', f'"{delay:.4f} ± 0.2 ms"')
+    begun(folder, oscillation_section("h", _STATED), load_cell=record)
+    settings = settings_of(folder, "h")
+    readings = harmonic.readings(folder / settings.mach1, settings=settings)
+    loads = harmonic.loads(readings, folder / "calibration/load_cell.toml", settings=settings)
+    found = harmonic.oscillations(loads, settings=settings)
+    for i, known in enumerate(truth(folder, "h")["oscillations"]):
+        for name in ("frequency", "amplitude", "force_amplitude", "storage_stiffness",
+                     "loss_stiffness", "work_per_cycle"):  # fmt: skip
+            error = float(found[name][i]) - known[name]
+            note(scores, name.replace("_", " "), error, found[f"u_{name}"].values[i])
+
+
+_STATED = Specimen(materials.load("nbr"))
+
+
+def _specimen(seed: int) -> tuple[Specimen, Any]:
+    """Draw what differs from the stated punch, surface and load cell."""
+    random = np.random.default_rng(seed)
+    specimen = replace(
+        _STATED,
+        tip_radius=_STATED.tip_radius + random.normal(0.0, 2e-6),
+        depth=_STATED.depth + random.normal(0.0, 6e-6),
+        surface=_STATED.surface + random.normal(0.0, 1e-5),
+    )
+    gain, offset = 1 / (1 + random.normal(0.0, 1e-3)), random.normal(0.0, 0.3)
+    return specimen, replace(TESTER, force_gain=gain, force_offset=offset)
+
+
+def rheometers(folder: Path, seed: int, scores: Scores) -> None:
+    """Five isotherms of a solid that no sum of exponentials equals, noise 1 % and 2 %."""
+    name = POLYMERS[seed % 4]
+    solid = SOLIDS[name]
+    protocol = Protocol(
+        temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0),
+        frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()),
+    )
+    export = write_dma(folder, name, solid, protocol, seed)
+    settings = Dma(
+        kind="dma", rheometer=[export], mode=solid.mode, nu=Quantity(solid.nu, 0.0, "1"),
+        T_ref=Quantity(solid.T_ref, 0.0, "degC"),
+    )  # fmt: skip
+    read = dma.readings(folder / export, settings=settings)
+    found = dma.master_curve(dma.gathered([read], settings=settings), settings=settings)
+    note(scores, "shift factors", found["log10_aT"].values - truth(folder, name)["log10_aT"],
+         found["u_log10_aT"].values)  # fmt: skip
+    frequency = found["reduced_frequency"].values
+    true = solid.modulus(frequency, np.full(frequency.size, solid.T_ref))
+    for part, values in (("storage", true.real), ("loss", true.imag)):
+        note(scores, f"{part} modulus", found[f"master_{part}"].values - values,
+             found[f"u_master_{part}"].values)  # fmt: skip
+
+
+def films_from_below(folder: Path, seed: int, scores: Scores) -> None:
+    """The first impact through the disc; pixel size, wavelength and sphere off within their u."""
+    random, stated = np.random.default_rng(seed), UnderCamera(samples=3, moments=2)
+    camera = replace(
+        stated,
+        pixel_size=stated.pixel_size * (1 + random.normal(0.0, 1 / 461)),
+        centre=tuple(random.uniform(-5, 5, 2).tolist()),
+    )
+    material, height = POLYMERS[seed % 3], 1.5e-3
+    body = Body(materials.load(material), height, radius=9.525e-3 + random.normal(0.0, 5e-6),
+                floor=Floor())  # fmt: skip
+    times = burst_times(body, camera.release, Bursts(spacing=2e-4, slow=10e-3))
+    film = write_under(folder, "u", body, camera, times[times < 0.023], seed)
+    begun(folder, under_section(film, "u", height), camera_under=under_record())
+    settings, record = settings_of(folder, "u"), folder / "calibration/camera_under.toml"
+    found = contact_area.radius(folder / film, record, settings=settings, full=False)
+    made = contact_area.impacts(found, settings=settings)
+    known = truth(folder, "u")
+    radius = np.array(known["contact_radius"])[found["frame"].values]
+    seen = found["in_contact"].values.astype(bool) & (radius > 100e-6)
+    u = np.hypot(found["u_radius"].values, found["radius_systematic"].values)
+    u = np.hypot(u, known["resolution"] / np.sqrt(3))  # the truth itself is not known better
+    note(scores, "contact radius", (found["radius"].values - radius)[seen], u[seen])
+    largest = float(made["peak_radius"][0]) - known["peak_contact_radius"]
+    note(scores, "largest radius", largest, float(made["u_peak_radius"][0]))
+
+
+def films_from_the_front(folder: Path, seed: int, scores: Scores) -> None:
+    """The holder filmed while it falls and bounces; the pixel size off within its u."""
+    random = np.random.default_rng(seed)
+    camera = FrontCamera(rows=72, columns=48, frame_rate=4000, duration=0.05, release=0.006)
+    size = camera.pixel_size * (1 + random.normal(0.0, np.hypot(1.5 / 386, 0.02 / 30)))
+    camera = replace(camera, pixel_size=size)
+    height, material = 1.5e-3, POLYMERS[seed % 4]
+    film = write_front(folder, material, height, camera, seed)
+    laser = write_drops(folder, "d", DropRig(duration=0.06), materials.load(material), height, 1,
+                        seed, START)  # fmt: skip
+    sections = drop_section("ptfe_1p5mm", laser, height, material)
+    begun(folder, sections + front_section(film, camera, height), camera_front=front_record(),
+          laser=laser_record())  # fmt: skip
+    settings = settings_of(folder, "ptfe_film")
+    track = dic_validation.track(folder / film, settings=settings, full=False)
+    record = folder / "calibration/camera_front.toml"
+    moved = dic_validation.motion(track, record, settings=settings)
+    known = truth(folder, f"{material}_front")
+    frame = np.searchsorted(known["time"], moved["time"].values - 1e-9)
+    fallen = np.array(known["dy"])[frame] * size
+    some = slice(30, None, 5)
+    relative = float(moved.attrs["u_systematic_relative"])
+    error = moved["displacement"].values + fallen
+    u = np.hypot(moved["u_displacement"].values, relative * fallen)
+    note(scores, "displacement", (error - error[:20].mean())[some], u[some])
+    pixels = track["dy"].values[:, 0] - np.array(known["dy"])[track["frame"].values]
+    note(scores, "displacement in px", pixels[some], track["u_dy"].values[some, 0])
+    bounces = dic_validation.bounces(moved, settings=settings)
+    note(scores, "first contact", float(bounces["first_contact_time"]) - known["touch_time"][0],
+         float(bounces["u_first_contact_time"]))  # fmt: skip
+    speed = dic_validation.velocity(moved, bounces, settings=settings)
+    # In the fall the truth is gravity's.
+    time = moved["time"].values
+    since = time - known["release_time"]
+    inside = (since > 1e-3) & (time < known["touch_time"][0] - 1e-3)
+    some = np.flatnonzero(inside)[::7]
+    true = -9.81 * since[some]
+    u = np.hypot(speed["u_velocity"].values[some], relative * true)
+    note(scores, "velocity in the fall", speed["velocity"].values[some] - true, u)
+
+
+KINDS: dict[str, tuple[Kind, int]] = {
+    "ball_drop": (ball_drops, 80),
+    "plate_vibration": (plates, 80),
+    "static_loading": (static_loadings, 40),
+    "relaxation": (relaxations, 40),
+    "harmonic": (oscillations, 60),
+    "dma": (rheometers, 80),
+    "contact_area": (films_from_below, 45),
+    "dic_validation": (films_from_the_front, 40),
+}
+"""What makes and measures one experiment of each kind, and how many seeds a whole sweep takes."""
+
+
+def swept(kind: str, seeds: int, folder: Path, first: int = 0) -> Scores:
+    """Errors over uncertainties of as many experiments of one kind.
+
+    Parameters
+    ----------
+    kind : str
+    seeds : int
+    folder : Path
+        Each experiment gets a folder in it.
+    first : int
+        The first seed.
+    """
+    scores: Scores = defaultdict(list)
+    for seed in range(first, first + seeds):
+        place = folder / f"{kind}_{seed}"
+        place.mkdir()
+        KINDS[kind][0](place, seed, scores)
+    return scores
+
+
+def share(z: Sequence[float]) -> float:
+    """Share of the errors that lie in their 95 % intervals."""
+    return float(np.mean(np.abs(z) <= INSIDE))
+
+
+def rows_of(kind: str, seeds: int, scores: Scores) -> list[str]:
+    """Rows of the table: coverage, mean and root mean square of error over uncertainty."""
+    return [
+        f"| {kind} | {name} | {seeds} | {len(z)} | {share(z):.3f} | {np.mean(z):+.2f} | "
+        f"{np.sqrt(np.mean(np.square(z))):.2f} |"
+        for name, z in scores.items()
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("kinds", nargs="*", choices=[*KINDS, []], default=[])
+    parser.add_argument("--seeds", type=int, help="experiments of each kind")
+    chosen = parser.parse_args()
+    for kind in chosen.kinds or KINDS:
+        seeds = chosen.seeds or KINDS[kind][1]
+        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            found = rows_of(kind, seeds, swept(kind, seeds, Path(folder)))
+        sys.stdout.write("\n".join([*found, ""]))
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
