@@ -69,7 +69,7 @@ def test_equal_temperatures_do_not_break_the_fit():
 
 
 def test_a_wlf_law_ends_at_its_pole():
-    temperature = np.array([20.0, 40.0, 59.0])
+    temperature = np.array([21.0, 40.0, 59.0])
     assert law_values("wlf", np.array([8.0, 1.0 / 40.0]), temperature, 60.0) is not None
     at_pole = np.array([20.0, 40.0, 60.0])
     assert law_values("wlf", np.array([8.0, 1.0 / 40.0]), at_pole, 60.0) is None
