@@ -52,6 +52,7 @@ BALL_DROP = (
         ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve",
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
+        shortcuts=True,
         imports=("labpipe.contact.bounce_compiled",),
         summary="simulate the drop",
     ),
@@ -302,6 +303,7 @@ CONTACT_AREA = (
         ("radius", "impacts", "file:sphere.material_file",
          "other:sphere.material_from/master_curve", "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
+        shortcuts=True,
         imports=("labpipe.contact.bounce_compiled",),
         summary="simulate the drop",
     ),
@@ -353,6 +355,7 @@ PLATE_VIBRATION = (
     Stage(
         "model", "pipelines.experiments.plate_vibration:model", 1, ("table", "plate"),
         ("drops", "sphere", "model"),
+        shortcuts=True,
         imports=("labpipe.contact.bounce_compiled",),
         summary="simulate the drops on the plate",
     ),

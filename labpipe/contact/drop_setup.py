@@ -79,8 +79,13 @@ class Shortcuts(NamedTuple):
     near: bool = True
     rest: bool = True
 
+    @classmethod
+    def chosen(cls, *, full: bool) -> "Shortcuts":
+        """All of them, or none for a run that leaves nothing out."""
+        return cls(flights=not full, near=not full, rest=not full)
 
-ALL_SHORTCUTS, NO_SHORTCUTS = Shortcuts(), Shortcuts(flights=False, near=False, rest=False)
+
+ALL_SHORTCUTS = Shortcuts()
 
 
 @dataclass(frozen=True, slots=True)
