@@ -34,6 +34,8 @@ Floats = NDArray[np.float64]
 _SPHERE, _MASS, _HEIGHT = 9.525e-3, 0.505, 1.5e-3
 #: A drop that flies long, and one (m) that comes to rest soon: after 0.24 s in acrylic.
 _HIGH, _LOW = 10e-3, 2e-5
+#: Rounds of a shortcut end once its runs together took longer than this (s).
+_BUDGET = 10.0
 #: Swing, relative to the sag under its weight, below which a sphere counts as resting (``rtol``).
 _STILL = 1e-4
 #: A spectrum as fine as a master curve may give: many terms (s) lie outside of any drop's times.
@@ -104,7 +106,7 @@ def run(quick: bool) -> Suite:
 
 def _measure(shortcut: Shortcut, repeats: int) -> Point:
     contenders = {"short": shortcut.short, "whole": shortcut.whole}
-    timings = paired(contenders, repeats, clock=shortcut.clock)
+    timings = paired(contenders, repeats, budget=_BUDGET, clock=shortcut.clock)
     short, whole = timings["short"], timings["whole"]
     ratio, low, high = whole.ratio(short)
     return Point(
