@@ -159,3 +159,20 @@ def test_full_contact_of_a_half_plane_is_refused_and_of_a_layer_is_linear() -> N
 def test_profiles_that_are_none_are_refused(profile) -> None:
     with pytest.raises(InputError):
         indent(SLS, RADIUS, PERIOD, 1.0, [0.0, 1.0], [0.0, 1e-5], profile)
+
+
+@pytest.mark.parametrize("begin", ["nothing", "everything that is pressed", "every third strip"])
+def test_pivoting_ends_at_the_answer_of_the_iteration_wherever_it_begins(begin) -> None:
+    elements, period = 96, 2e-3
+    kernel = line_kernel(period, elements)
+    x = np.arange(elements) / elements
+    profile = 1e-5 * (1.0 - np.cos(4 * np.pi * x) + 0.4 * np.cos(14 * np.pi * x + 1.0))
+    contact = GeneralContact(kernel, profile, "full contact")
+    approach = 2e-6 - profile
+    expected = contact._solve(approach, 1e-16)
+    start = {"nothing": np.zeros(elements, bool), "everything that is pressed": approach > 0.0,
+             "every third strip": np.arange(elements) % 3 == 0}[begin]  # fmt: skip
+    found = contact._pivot(start, approach, 1e-14)
+    np.testing.assert_allclose(found, expected, atol=1e-6 * expected.max())
+    assert 0 < np.count_nonzero(found) < elements
+    assert contact.pivots > 0

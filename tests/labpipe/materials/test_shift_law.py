@@ -75,3 +75,8 @@ def test_a_wlf_law_ends_at_its_pole():
     assert law_values("wlf", np.array([8.0, 1.0 / 40.0]), at_pole, 60.0) is None
     beyond = np.array([10.0, 40.0])
     assert law_values("wlf", np.array([8.0, 1.0 / 40.0]), beyond, 60.0) is None
+
+
+def test_constants_of_another_law_are_not_numbers():
+    law = arrhenius(100e3, 25.0)
+    assert np.isnan([law.u_C1, law.u_C2]).all()
