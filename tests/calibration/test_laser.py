@@ -333,10 +333,13 @@ def test_inclination_of_the_caller_replaces_that_of_the_record():
 
 def test_the_budget_tells_noise_from_rounding():
     known = record()
-    moved, noise = drop(noise=3e-6)
-    result = laser.displacement(readings_of(moved, noise, known), known)
+    moved, noise = drop(noise=5e-8)  # half a step of the display
+    made = readings_of(moved, noise, known)
+    result = laser.displacement(made, known)
+    window = json.loads(result.attrs["zero_window"])
+    at_rest = made.out1.sel(time=slice(window["start"], window["stop"])).values
     budget = {row["source"]: row for row in json.loads(result.attrs["budget"])}
     rounding = 1e-7 / math.sqrt(12)
     assert budget["rounding of the display"]["u"] == pytest.approx(rounding, rel=1e-6)
-    total = math.hypot(rounding, budget["noise of a sample"]["u"])
-    assert total == pytest.approx(3e-6, rel=0.08)
+    expected = math.sqrt(np.var(at_rest, ddof=1) - rounding**2)
+    assert budget["noise of a sample"]["u"] == pytest.approx(expected, rel=1e-6)

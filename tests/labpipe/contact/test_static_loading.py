@@ -84,6 +84,6 @@ def test_a_contact_as_wide_as_the_sphere_is_refused() -> None:
 
 def test_the_clock_does_not_matter() -> None:
     load = [1.0, 3.0, 3.0]
-    early = load_sphere(SLS, RADIUS, np.array([0.0, 0.5, 1.0]), load)
-    late = load_sphere(SLS, RADIUS, np.array([8.0, 8.5, 9.0]), load)
+    early = load_sphere(PMMA15, RADIUS, np.array([0.0, 0.5, 1.0]), load)
+    late = load_sphere(PMMA15, RADIUS, np.array([8.0, 8.5, 9.0]), load)
     np.testing.assert_allclose(late.approach, early.approach, rtol=1e-12)

@@ -119,3 +119,11 @@ def test_misfit_beyond_the_scatter_counts_the_same_in_both_moduli():
     assert (within.storage, within.loss) == pytest.approx((0.0033, 0.018))
     fixed = next_noise(Noise(0.01, 0.02), (1.0, 2.0), scatter, 2.0)
     assert fixed.loss / fixed.storage == pytest.approx(2)
+
+
+def test_levels_are_no_parameters_of_the_law(maxwell_truth):
+    n = len(maxwell_truth.temperature)
+    without = model_of(maxwell_truth, vertical="rho_T")
+    assert without.law_size == without.size
+    held_back = model_of(maxwell_truth, vertical="rho_T", level_spread=0.02)
+    assert held_back.law_size == held_back.size - n
