@@ -178,13 +178,6 @@ def test_draws_are_the_same_at_every_point_of_the_grid(toy: None, tmp_path: Path
     assert float(found.y.std()) == pytest.approx(0.5, rel=0.15)
 
 
-def test_processes_give_the_bytes_of_one_process(tmp_path: Path) -> None:
-    plan = design("drop", [axis("drop", "height", "1 mm : 3 mm : 30")], {"rtol": "0.001"})
-    sweep(plan, tmp_path / "one.nc")
-    sweep(plan, tmp_path / "two.nc", Processes(2))
-    assert (tmp_path / "one.nc").read_bytes() == (tmp_path / "two.nc").read_bytes()
-
-
 def test_a_killed_worker_costs_nothing_and_a_deadly_block_only_itself(
     toy: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -288,10 +281,11 @@ def test_points_of_any_stretch_are_those_of_the_whole() -> None:
 
 
 def test_drops_are_counted_once_though_workers_are_killed(
-    tmp_path: Path, amount: Callable[[int, int], int]
+    tmp_path: Path, amount: Callable[[int, int], int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Three workers killed on the way; 10,000 drops under ``-m nightly``."""
-    count = amount(60, 10_000)
+    """Three workers killed on the way, the bytes of one process; 10,000 under ``-m nightly``."""
+    count = amount(40, 10_000)
+    monkeypatch.setattr(run_module, "BLOCK", amount(5, run_module.BLOCK))
     plan = design("drop", [axis("drop", "height", f"1 mm : 10 mm : {count}")], {"rtol": "0.001"})
     killed: list[int] = []
 
@@ -302,8 +296,10 @@ def test_drops_are_counted_once_though_workers_are_killed(
             os.kill(workers[0], signal.SIGKILL)
 
     swept = sweep(plan, tmp_path / "map.nc", Processes(2), progress=kill)
-    assert len(killed) >= 2
+    assert killed
     assert (swept.computed, swept.failed) == (count, 0)
+    sweep(plan, tmp_path / "one.nc")
+    assert (tmp_path / "map.nc").read_bytes() == (tmp_path / "one.nc").read_bytes()
     # Ever higher, ever faster: no point is missing, doubled or at another's place.
     assert np.all(np.diff(swept.dataset["peak_force"].values) > 0.0)
 
