@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 _DELAYS = 20.0  # time constants of the cell's filter after which it leaves a relaxation as it is
 _SHIFT = 1e-7  # m of first touch by which a derivative is found
 _LEAST_RELATIVE = 5e-4  # of a force: bins of a hold are not known better than their model of time
+_LEAST_OF_TIME = 5e-5  # of a time of touch: what simulated and recorded clocks are good for
 _SPECIMEN = 0.05  # relative: what a rheometer's clamp and the specimen's size leave uncertain
 _PER_DECADE = 2  # frequencies of the rheometer's moduli
 _LEAST_NOISE = (0.01, 0.03)  # relative, of its storage and loss modulus
@@ -161,6 +162,7 @@ def _ball_drop(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof | 
     own = np.array([b["u_touch_time"].values[:count] for b in made])
     n = len(made)
     u_touch = np.maximum(np.sqrt(np.mean(own**2, axis=0)), _scatter(touch)) / np.sqrt(n)
+    u_touch = np.maximum(u_touch, _LEAST_OF_TIME * touch.mean(axis=0))
     table = inputs.result(experiment.name, "repeats").isel(impact=slice(count))
     names, unknowns = _body(experiment)
     height = _height(experiment, np.array([float(b["drop_height"]) for b in made]))

@@ -58,9 +58,9 @@ class DropModel:
         Unknowns of the problem by :data:`ROLES`; what is not named is taken at its best value.
     profile : "parabola" or "sphere"
     plate : contact.Plate, optional
-        Of the fuller model; the fast one has a rigid floor and coarser steps.
+        On which the sphere falls; a rigid floor by default.
     rtol : float
-        Of the simulator for the fuller model.
+        Of the simulator for the fuller model; the fast one takes coarser steps.
     """
 
     radius: float
@@ -105,6 +105,14 @@ class DropModel:
             step = _CHANGE * height
             ends = [self._run(material, height + sign * step, given) for sign in (1, -1)]
             others[self.names["height"]] = (ends[0] - ends[1]) / (2.0 * step)
+        if "plate" in self.names:
+            name = self.names["plate"]
+            step = _CHANGE * given[name]
+            ends = [
+                self._run(material, height, {**given, name: given[name] + sign * step})
+                for sign in (1, -1)
+            ]
+            others[name] = (ends[0] - ends[1]) / (2.0 * step)
         others |= self._of_body(self._by_factor(material, height, given), at, given)
         factor = self._film(given)
         finished = {name: factor * column for name, column in others.items()}
@@ -154,7 +162,7 @@ class DropModel:
         return np.asarray((ends[0] - ends[1]) / (2.0 * _CHANGE))
 
     def refined(self, material: Prony, given: Given) -> Array | None:
-        """Return the numbers of an accurate run, on the ringing plate at its best mass."""
+        """Return the numbers of an accurate run."""
         height = self._value("height", self.height, given)
         numbers = self._run(material, height, given, is_full=True)
         return self._finished(numbers, given)
@@ -175,17 +183,12 @@ class DropModel:
             found[self.names["trigger"]] = -self._is_touch()
         if "pixel" in self.names:
             found[self.names["pixel"]] = self._is_radius() * at
-        if "plate" in self.names:
-            found[self.names["plate"]] = np.zeros(at.size)
         return found
 
     def share(self, given: Given) -> tuple[float, dict[str, float]]:
-        """Return what is left of the plate's effect at its given mass: it goes as 1/mass."""
-        if self.plate is None or "plate" not in self.names:
-            return 1.0, {}
-        name = self.names["plate"]
-        left = self.plate.mass / given[name]
-        return left, {name: -left / given[name]}
+        """All of the correction applies."""
+        del given
+        return 1.0, {}
 
     def _finished(self, numbers: Array, given: Given) -> Array:
         trigger = self._value("trigger", 0.0, given)
@@ -208,6 +211,11 @@ class DropModel:
     def _value(self, role: str, best: float, given: Given) -> float:
         return given[self.names[role]] if role in self.names else best
 
+    def _plate(self, given: Given) -> contact.Plate | None:
+        if self.plate is None or "plate" not in self.names:
+            return self.plate
+        return replace(self.plate, mass=given[self.names["plate"]])
+
     def _run(self, material: Prony, height: float, given: Given, *, is_full: bool = False) -> Array:
         """Simulate with the best mass and radius and a material that makes up for them."""
         mass = self._value("mass", self.mass, given)
@@ -221,7 +229,7 @@ class DropModel:
             made = contact.drop(
                 stiffened, self.radius, self.mass, height, duration, "mdr", self.profile,
                 self.rtol if is_full else max(_FAST, self.rtol), gravity=self.gravity,
-                plate=self.plate if is_full else None, times=[0.0],
+                plate=self._plate(given), times=[0.0],
             )  # fmt: skip
             done = made.sizes["impact"] >= needed or np.isfinite(float(made["final_contact_time"]))
             if done:

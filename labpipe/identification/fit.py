@@ -36,7 +36,10 @@ _MOST_STEPS = 25
 _DAMPING, _WORSE, _BETTER, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 20.0, 0.05, 1e-9, 1e6
 _KEPT = 0.2  # of a promised gain that may be missed before the derivatives are renewed
 _LOOSE = 0.01  # relative deviation of every number while starts are tried
-_ROUNDS, _ROUNDS_OF_MISFIT = 7, 3  # of corrections; discrepancies stay after the first ones
+_ROUNDS, _PATIENCE = 12, 6  # of corrections, and before discrepancies are looked for anyway
+_LOOKS = 4  # for discrepancies; they stay after the last one
+_ALIKE = 0.1  # relative change of a discrepancy that changes nothing
+_NEAR = 1.0  # standard deviations from round to round, from where on exact minima are worth it
 _SETTLED = 0.1  # standard deviations by which the answer may still move
 _SURE = 0.99  # a misfit shows where its chi square exceeds this quantile
 _HIGHEST_CORRELATION = 0.9
@@ -122,22 +125,32 @@ def fit(
         ends.append(objective.minimised(begin, _ROUGH))
     costs = tuple(sorted(objective.cost(end) for end in ends))
     xi = min(ends, key=objective.cost)
-    is_settled = False
+    misfits: Misfits = {}
+    is_settled, looks, decrease = False, 0, _ROUGH
     for round_ in range(_ROUNDS):
         say(f"fit with corrections, round {round_ + 1}")
-        misfits = objective.misfits if round_ else {}
-        if with_misfit and 0 < round_ <= _ROUNDS_OF_MISFIT:
-            misfits = objective.new_misfits(xi)
-        corrections = problem.corrections(xi)
-        objective.renew(corrections, misfits)
-        before, xi = xi, objective.minimised(xi, _EXACT, is_near=round_ > 0)
-        moved = np.abs(xi - before) / np.sqrt(np.diag(objective.covariance(xi)))
-        if is_settled := bool(round_ and moved.max() < _SETTLED):
+        objective.renew(problem.corrections(xi), misfits)
+        before, xi = xi, objective.minimised(xi, decrease, is_near=round_ > 0)
+        moved = float(np.max(np.abs(xi - before) / np.sqrt(np.diag(objective.covariance(xi)))))
+        is_settled = decrease == _EXACT and moved < _SETTLED
+        decrease = _EXACT if moved < _NEAR else _ROUGH
+        if not is_settled and round_ < _PATIENCE:
+            continue  # what corrections still explain is no discrepancy
+        found = objective.new_misfits(xi) if with_misfit and looks < _LOOKS else misfits
+        looks += 1
+        if is_settled and _is_alike(found, misfits):
             break
+        misfits = found
     return Fit(
         problem, xi, objective.corrections, objective.misfits, objective.cost(xi), costs,
         objective.evaluations, objective.differentiated, is_settled,
     )  # fmt: skip
+
+
+def _is_alike(new: Misfits, old: Misfits) -> bool:
+    return new.keys() == old.keys() and all(
+        abs(m.relative - old[key].relative) <= _ALIKE * m.relative for key, m in new.items()
+    )
 
 
 class Objective:

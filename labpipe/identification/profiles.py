@@ -31,6 +31,7 @@ _LONGEST_STRIDE = 0.35  # of a logarithm
 _FAR_OVER = 3.0  # of the limit: the stride was too long
 _OVER = 1.3  # of the limit: a side ends where the rise is clearly beyond
 _FLAT, _NO_RISE = 2, 0.05  # so many places without a rise: there will be none
+_FLAT_FROM = 0.25  # standard coordinates: half a decade of the long-time modulus
 _GROWTH = 2.0  # from place to place
 _MOST_PLACES = 14  # on one side
 
@@ -121,11 +122,16 @@ def _side(
             stride = abs(wall - xi[number]) / _GROWTH**2
             continue
         xi = reached
-        is_flat = len(found) > _FLAT and abs(height - found[-1 - _FLAT][1]) < _NO_RISE
+        is_flat = len(found) > _FLAT and _is_flat(*found[-1 - _FLAT], target, height)
         if height - start > _OVER * limit or abs(target) >= _EDGE or is_flat:
             break
         stride = min(stride * _GROWTH, abs(wall - xi[number]) / _GROWTH)
     return found
+
+
+def _is_flat(before: float, low: float, at: float, height: float) -> bool:
+    """Tell whether the objective does not rise any more; between near places it never does."""
+    return abs(at - before) > _FLAT_FROM and abs(height - low) < _NO_RISE
 
 
 def _objective(objective: Objective, xi: Array, number: int) -> float:
