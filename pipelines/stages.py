@@ -62,7 +62,7 @@ BALL_DROP = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.ball_drop_page:page", 5,
+        "report", "pipelines.experiments.ball_drop_page:page", 6,
         ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
         ("*",), output="page", context=True,
         summary="write the page",
@@ -84,7 +84,7 @@ HARMONIC = (
         summary="peak and plateau of the relaxation before the oscillations",
     ),
     Stage(
-        "oscillations", "pipelines.experiments.harmonic:oscillations", 4,
+        "oscillations", "pipelines.experiments.harmonic:oscillations", 5,
         ("loads",), ("cycles", "load_cell.correct_filter_lag"), schema="oscillations",
         summary="fit frequency, amplitude, phase; work and stiffness per cycle",
     ),
@@ -112,7 +112,7 @@ HARMONIC = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.harmonic_page:page", 3,
+        "report", "pipelines.experiments.harmonic_page:page", 4,
         ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison"),
         ("*",),
         output="page", context=True,
@@ -161,7 +161,7 @@ RELAXATION = (
         summary="gather the tests, average the modulus",
     ),
     Stage(
-        "report", "pipelines.experiments.relaxation_page:page", 4,
+        "report", "pipelines.experiments.relaxation_page:page", 5,
         ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -203,7 +203,7 @@ STATIC_LOADING = (
         summary="measurement against model and Hertz",
     ),
     Stage(
-        "report", "pipelines.experiments.static_loading_page:page", 2,
+        "report", "pipelines.experiments.static_loading_page:page", 3,
         ("readings", "displacement", "steps", "approach", "model", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -237,7 +237,7 @@ DMA = (
         summary="find the glass transition",
     ),
     Stage(
-        "report", "pipelines.experiments.dma_page:page", 4,
+        "report", "pipelines.experiments.dma_page:page", 5,
         ("readings", "sweeps", "master_curve", "published", "temperature_sweep"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -278,7 +278,7 @@ DIC_VALIDATION = (
         summary="film against laser",
     ),
     Stage(
-        "report", "pipelines.experiments.dic_validation_page:page", 3,
+        "report", "pipelines.experiments.dic_validation_page:page", 4,
         ("track", "motion", "bounces", "velocity", "keys", "comparison",
          "other:laser_experiment/repeats"), ("*",),
         output="page", context=True,
@@ -318,7 +318,7 @@ CONTACT_AREA = (
         summary="copy key frames for the page",
     ),
     Stage(
-        "report", "pipelines.experiments.contact_area_page:page", 4,
+        "report", "pipelines.experiments.contact_area_page:page", 5,
         ("radius", "impacts", "model", "comparison", "keys"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -365,7 +365,7 @@ PLATE_VIBRATION = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.plate_vibration_page:page", 3,
+        "report", "pipelines.experiments.plate_vibration_page:page", 4,
         ("readings", "displacement", "ringing", "table", "plate", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",
