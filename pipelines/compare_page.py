@@ -22,6 +22,7 @@ from pipelines.pages import SYNTHETIC, synthetic_notice
 GOOD = 0.03
 """nRMSE that is called good: the aim for data made with the right material."""
 
+_TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
 _SURE = 1.96  # standard uncertainties within which 95 % of the differences lie
 
 
@@ -126,7 +127,8 @@ def _events(rows: Sequence[Row]) -> tuple[Block, ...]:
 
 def _of(row: Row) -> str:
     """Material and condition in one cell, so that the table fits a page."""
-    return ", ".join(text for text in (row.material, row.condition) if text)
+    parts = [*row.material.split(", "), *row.condition.split(", ")]
+    return ", ".join(part.replace(" ", _TIED) for part in parts if part)
 
 
 def _what(row: Row) -> str:

@@ -42,6 +42,8 @@ def test_the_command_prints_one_document_and_writes_one_page(
     page = Path(document["page"]).read_text("utf-8")
     assert "Measurement against model" in page
     assert "synthetic" in page
+    assert "SI unit" not in page
+    assert ">µJ<" in page
     _, text = run(capsys, "compare", str(session_copy), "--jobs", "0")
     assert "nRMSE" in text
     assert "restitution, impact 1" in text
