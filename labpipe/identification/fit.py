@@ -280,9 +280,7 @@ class Objective:
             As for :meth:`minimised`.
         """
         _, rest = self._height(xi, number)
-        begin = xi.copy()
-        begin[number] = target
-        start, _ = self._surrogate(xi, rest).lowest(_LEAST_DAMPING, number, _BOUND, begin)
+        start = self._surrogate(xi, rest).followed(number, target, _LEAST_DAMPING, _BOUND)
         return self.minimised(start, decrease, number, is_near=True)
 
     def _height(self, xi: Array, held: int | None) -> tuple[float, Array]:
@@ -324,10 +322,14 @@ class Objective:
 def _misfit(rest: Array, u: Array, size: Array, freedom: float) -> Misfit | None:
     """Return the discrepancy that makes chi square what it should be; None where it is.
 
+    Residuals that go in waves tell of one before they are large.
+
     The discrepancy of Mandel and Paule: chi square over the widened deviations equals the degrees
     of freedom.
     """
-    if float(np.sum((rest / u) ** 2)) <= float(chi2.ppf(_SURE, freedom)) or not size.any():
+    power = float(np.sum((rest / u) ** 2))
+    is_wavy = power > freedom and neighbours(rest / u) > 0.0
+    if not size.any() or not (is_wavy or power > float(chi2.ppf(_SURE, freedom))):
         return None
 
     def excess(relative: float) -> float:
