@@ -90,7 +90,11 @@ def _warning(alike: Sequence[Warned]) -> Notice:
 
 
 def budget_table(rows: Sequence[dict[str, Any]], caption: str, unit: str = "") -> tuple[Block, ...]:
-    """Show an uncertainty budget as a table and as bars of its shares; `unit` is the result's."""
+    """Show an uncertainty budget as a table and as bars of its shares; `unit` is the result's.
+
+    What the rows hold beyond a budget's own columns, such as a kind or Sobol indices, follows them.
+    """
+    extra = [key for key in (rows[0] if rows else ()) if key not in _BUDGET]
     table = Table(
         columns=(
             Column("source"),
@@ -99,12 +103,12 @@ def budget_table(rows: Sequence[dict[str, Any]], caption: str, unit: str = "") -
             Column("unit"),
             Column("sensitivity", digits=3),
             Column("contribution", unit=unit, digits=2),
-            Column("kind"),
+            *(Column(key, digits=2) for key in extra),
         ),
         rows=[
             (
                 r["source"], r["value"], r["u"], r["unit"], r["sensitivity"], r["contribution"],
-                r["kind"],
+                *(r[key] for key in extra),
             )
             for r in rows
         ],
@@ -113,6 +117,9 @@ def budget_table(rows: Sequence[dict[str, Any]], caption: str, unit: str = "") -
     )  # fmt: skip
     bars = Bars("Share in the variance", [(r["source"], r["share"], "") for r in rows])
     return table, bars
+
+
+_BUDGET = ("source", "value", "u", "unit", "sensitivity", "contribution", "share")
 
 
 def calibration_rows(text: str) -> KeyValues:

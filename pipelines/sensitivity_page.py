@@ -5,7 +5,6 @@ from math import isinf
 
 from labpipe.propagation import to_halve
 from labpipe.report import (
-    Bars,
     Block,
     Column,
     Document,
@@ -16,6 +15,7 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.workflow.session import Session
+from pipelines import budget_blocks as budget_drawing
 from pipelines.overview import PAGE
 from pipelines.pages import SYNTHETIC, synthetic_notice
 from pipelines.sensitivity import Examined
@@ -85,47 +85,9 @@ def summary(found: Sequence[Examined]) -> tuple[Block, ...]:
 
 def budget_blocks(found: Examined) -> tuple[Block, ...]:
     """Return budget, bars, and how linear, Monte Carlo and Sobol compare, for any page."""
-    unit = found.quantity.unit
-    rows = [
-        (
-            r["source"].replace("_", " "), r["value"], r["u"], r["unit"], r["sensitivity"],
-            r["contribution"], _index(found, r["source"], "first"),
-            _index(found, r["source"], "total"), _freedom(found, r["source"]),
-        )
-        for r in found.budget.rows
-    ]  # fmt: skip
-    table = Table(
-        (
-            Column("source"), Column("value", digits=5), Column("standard uncertainty", digits=2),
-            Column("unit"), Column("sensitivity", digits=3), Column("contribution", digits=2),
-            Column("Sobol, alone", digits=2), Column("Sobol, in all", digits=2),
-            Column("degrees of freedom"),
-        ),
-        rows, sortable=False,
-    )  # fmt: skip
-    bars = Bars(
-        "Share in the variance",
-        [(r["source"].replace("_", " "), r["share"], "") for r in found.budget.rows],
-    )
-    half = found.budget.expanded()
-    freedom = found.budget.degrees_of_freedom
-    text = (
-        f"{value_with_uncertainty(found.budget.value, found.budget.u, unit)}; expanded uncertainty "
-        f"{quantity(half, unit)} with k = {found.coverage_factor:.3g} "
-        f"({'infinite' if isinf(freedom) else f'{freedom:.3g}'} degrees of freedom). Linear: "
-        f"{quantity(found.budget.value - half, unit, 5)} to "
-        f"{quantity(found.budget.value + half, unit, 5)}; Monte Carlo: "
-        f"{quantity(found.drawn.low, unit, 5)} to {quantity(found.drawn.high, unit, 5)}: they "
-        f"{'agree' if found.is_linear else 'differ'}. To halve the uncertainty: {advice(found)}."
-    )
-    return Paragraph(text), table, bars
-
-
-def _index(found: Examined, name: str, which: str) -> float | None:
-    indices = found.indices.get(name)
-    return None if indices is None else float(getattr(indices, which))
-
-
-def _freedom(found: Examined, name: str) -> str:
-    freedom = found.quantity.inputs[name].degrees_of_freedom
-    return "∞" if isinf(freedom) else f"{freedom:g}"
+    columns = {
+        "Sobol, alone": {name: i.first for name, i in found.indices.items()},
+        "Sobol, in all": {name: i.total for name, i in found.indices.items()},
+    }
+    shown = budget_drawing.blocks(found.quantity, found.budget, found.drawn, columns)
+    return *shown, Paragraph(f"To halve the uncertainty: {advice(found)}.")

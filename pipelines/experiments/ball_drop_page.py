@@ -19,7 +19,8 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
-from pipelines import pages
+from pipelines import budget_blocks, pages
+from pipelines.experiments import budgets
 from pipelines.experiments.ball_drop_charts import motion
 from pipelines.settings.ball_drop import BallDrop
 
@@ -59,6 +60,9 @@ def page(
         sections.append(_calibration(moved))
     if model is not None:
         sections.append(_model(model))
+    if moved and pages.present(bounces):
+        found = budgets.ball_drop(pages.present(bounces), moved[0])
+        sections += budget_blocks.section(context.experiment, found)
     if repeats is not None:
         sections.append(pages.methods(_methods(settings, moved, repeats, comparison)))
     subtitle = f"Ball drop from {pages.stated(settings.height)}"

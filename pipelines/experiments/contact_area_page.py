@@ -24,7 +24,8 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
-from pipelines import pages
+from pipelines import budget_blocks, pages
+from pipelines.experiments import budgets
 from pipelines.experiments.film_frames import enlarged, png
 from pipelines.settings.contact_area import ContactArea
 
@@ -63,6 +64,9 @@ def page(
         sections.append(_impacts(impacts, comparison))
     if radius is not None:
         sections.append(_calibration(radius, impacts))
+    if radius is not None and impacts is not None:
+        found = budgets.contact_area(impacts, radius)
+        sections += budget_blocks.section(context.experiment, found)
     if radius is not None and impacts is not None:
         sections.append(pages.methods(_methods(settings, radius, impacts)))
     subtitle = f"Contact area, drop from {pages.stated(settings.height)}"

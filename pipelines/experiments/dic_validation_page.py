@@ -24,7 +24,8 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
-from pipelines import pages
+from pipelines import budget_blocks, pages
+from pipelines.experiments import budgets
 from pipelines.experiments.film_frames import enlarged, png
 from pipelines.settings.dic_validation import DicValidation
 
@@ -64,6 +65,9 @@ def page(
         sections.append(_tracking(track, motion))
     if motion is not None:
         sections.append(_calibration(motion))
+    if motion is not None:
+        found = budgets.dic_validation(motion, comparison)
+        sections += budget_blocks.section(context.experiment, found)
     if comparison is not None and track is not None:
         sections.append(pages.methods(_methods(settings, track, comparison)))
     return pages.document(context, "Camera against laser", sections).render()

@@ -23,8 +23,8 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
-from pipelines import pages
-from pipelines.experiments import dma_export, dma_published_page
+from pipelines import budget_blocks, pages
+from pipelines.experiments import budgets, dma_export, dma_published_page
 from pipelines.settings.dma import Dma
 
 Array = NDArray[np.float64]
@@ -56,6 +56,9 @@ def page(
                      _residuals(master_curve)]  # fmt: skip
     if temperature_sweep is not None:
         sections.append(_transition(temperature_sweep))
+    if sweeps is not None and master_curve is not None:
+        found = budgets.dma(sweeps, master_curve, temperature_sweep)
+        sections += budget_blocks.section(context.experiment, found)
     if master_curve is not None:
         sections += [_terms(master_curve, context.experiment),
                      pages.methods(_methods(settings, master_curve))]  # fmt: skip

@@ -21,8 +21,8 @@ from labpipe.report import (
 from labpipe.report.style import Role
 from labpipe.report.tables import number
 from labpipe.workflow.context import Context
-from pipelines import pages
-from pipelines.experiments import holds, mach1_file
+from pipelines import budget_blocks, pages
+from pipelines.experiments import budgets, holds, mach1_file
 from pipelines.experiments.indentation_page import (
     blocks_table,
     cell,
@@ -66,6 +66,9 @@ def page(
         sections.append(_loops(loops, oscillations, loads, comparison))
     if model is not None and "absent" not in model.attrs:
         sections.append(_model(settings, model))
+    if loads is not None and oscillations is not None:
+        found = budgets.harmonic(oscillations, loads)
+        sections += budget_blocks.section(context.experiment, found)
     if oscillations is not None:
         sections.append(pages.methods(_methods(settings, oscillations, comparison)))
     return pages.document(context, "Harmonic indentation", sections).render()

@@ -22,7 +22,8 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
-from pipelines import pages
+from pipelines import budget_blocks, pages
+from pipelines.experiments import budgets
 from pipelines.experiments.plate_vibration import drops_label
 from pipelines.settings.plate_vibration import PlateVibration
 
@@ -60,6 +61,9 @@ def page(
         sections.append(_dependence(settings, table))
     if pages.present(ringing):
         sections.append(_recordings(settings, ringing or ()))
+    if moved and table is not None and plate is not None:
+        found = budgets.plate_vibration(settings, moved[0], table, plate)
+        sections += budget_blocks.section(context.experiment, found)
     if table is not None:
         sections.append(pages.methods(_methods(settings, table, plate)))
     return pages.document(context, "Vibration of the plate", sections).render()

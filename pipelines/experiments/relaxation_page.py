@@ -21,8 +21,8 @@ from labpipe.report import (
 )
 from labpipe.report.tables import Cell
 from labpipe.workflow.context import Context
-from pipelines import pages
-from pipelines.experiments import holds
+from pipelines import budget_blocks, pages
+from pipelines.experiments import budgets, holds
 from pipelines.experiments.indentation_page import (
     columns,
     header_blocks,
@@ -64,6 +64,10 @@ def page(
         sections.append(_moduli(curves, model, tests))
     if model is not None and any("absent" not in each.attrs for each in model):
         sections.append(_model(settings, model))
+    if loads is not None and ramps is not None and curves is not None:
+        each = zip(loads[: budgets.TESTS], ramps, curves, strict=False)
+        found = [q for i, parts in enumerate(each) for q in budgets.relaxation(settings, i, *parts)]
+        sections += budget_blocks.section(context.experiment, found)
     if tests is not None:
         sections.append(pages.methods(_methods(settings, tests)))
     return pages.document(context, "Stress relaxation", sections).render()

@@ -19,7 +19,8 @@ from labpipe.report import (
 )
 from labpipe.report.tables import Cell
 from labpipe.workflow.context import Context
-from pipelines import pages
+from pipelines import budget_blocks, pages
+from pipelines.experiments import budgets
 from pipelines.experiments.holds import binned
 from pipelines.experiments.indentation_page import columns
 from pipelines.settings.static_loading import StaticLoading
@@ -53,6 +54,9 @@ def page(
         sections.append(_touch(steps, model))
     if steps is not None and comparison is not None:
         sections.append(_residual(steps, comparison))
+    if displacement is not None and steps is not None and approach is not None:
+        found = budgets.static_loading(settings, displacement, steps, approach)
+        sections += budget_blocks.section(context.experiment, found)
     if steps is not None and approach is not None:
         sections.append(pages.methods(_methods(settings, steps, approach, comparison)))
     return pages.document(context, "Static loading", sections).render()
