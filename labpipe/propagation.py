@@ -115,6 +115,7 @@ class MonteCarlo:
     u: float
     low: float
     high: float
+    draws: int = _DRAWS
 
 
 def monte_carlo(
@@ -148,24 +149,32 @@ def monte_carlo(
         for row in zip(*columns.values(), strict=True)
     ])  # fmt: skip
     low, high = np.quantile(made, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
-    return MonteCarlo(float(made.mean()), float(made.std(ddof=1)), float(low), float(high))
+    return MonteCarlo(float(made.mean()), float(made.std(ddof=1)), float(low), float(high), draws)
 
 
 def agrees(budget: Budget, drawn: MonteCarlo, *, level: float = 0.95) -> bool:
     """Tell whether the linear interval stands: both ends within half the last stated digit.
 
-    The draws' own scatter is allowed for: an end of theirs is known to 4 % of u only.
+    The draws' own scatter is allowed for: an end of theirs is known to 4 % of u only, and to less
+    where repeats are few.
     """
     half = budget.expanded(level)
     if budget.u == 0.0:
         return drawn.u == 0.0
     digit = 10.0 ** (floor(log10(budget.u)) - _DIGITS + 1)
-    tolerance = max(0.5 * digit, 3.0 * _END_SCATTER * budget.u)
+    scatter = _end_scatter(budget.degrees_of_freedom, level, drawn.draws)
+    tolerance = max(0.5 * digit, 3.0 * scatter * budget.u)
     gaps = abs(budget.value - half - drawn.low), abs(budget.value + half - drawn.high)
     return max(gaps) <= tolerance
 
 
-_END_SCATTER = 0.04  # of u: standard deviation of a 97.5 % quantile of four thousand draws
+def _end_scatter(freedom: float, level: float, draws: int) -> float:
+    """Return the standard deviation of the end of a drawn interval, in units of u."""
+    from scipy.stats import norm, t
+
+    law = t(freedom) if isfinite(freedom) else norm()
+    tail = 0.5 - 0.5 * level
+    return float(sqrt(tail * (1.0 - tail) / draws) / law.pdf(law.ppf(tail)))
 
 
 @dataclass(frozen=True, slots=True)

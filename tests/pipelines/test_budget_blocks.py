@@ -1,0 +1,23 @@
+from math import nan
+
+from labpipe.uncertainty import Input
+from pipelines.budget_blocks import section
+from pipelines.experiments.budgets import Quantity
+
+
+def total(mean: float, repeats: float) -> float:
+    return mean + repeats
+
+
+def test_repeats_show_with_students_factor_and_both_ways_of_propagation() -> None:
+    inputs = {"mean": Input(1.0, 0.0, "m"), "repeats": Input(0.0, 0.01, "m", 4)}
+    (made,) = section("drop", [Quantity("height", "m", total, inputs)])
+    (row,) = made.blocks[0].rows
+    assert row[0] == "height"
+    assert abs(row[3] - 2.776) < 0.001  # Student's quantile of four degrees of freedom
+    assert row[4:7] == ("4", "agree", "repeats, 100 %")
+
+
+def test_what_was_not_found_has_no_budget() -> None:
+    inputs = {"mean": Input(nan, 0.0), "repeats": Input(0.0, 0.1)}
+    assert section("drop", [Quantity("height", "m", total, inputs)]) == ()
