@@ -4,7 +4,9 @@ from collections.abc import Mapping
 
 from pipelines.simulator_inputs import describe, thermal_of
 from pipelines.sweeps.parameters import (
-    MATERIAL,
+    FALL,
+    OSCILLATION,
+    RUBBER,
     Outputs,
     Parameter,
     Simulator,
@@ -85,8 +87,7 @@ BEYOND = {
         adhesion,
         1,
         {
-            "material": Parameter("", "nbr", "library name or TOML file"),
-            **MATERIAL,
+            **RUBBER,
             "radius": Parameter("m", 9.525e-3, "of the sphere"),
             "work": Parameter("J/m2", 0.05, "of adhesion"),
             "distance": Parameter("m", 0.3e-9, "equilibrium distance of the surfaces"),
@@ -104,12 +105,7 @@ BEYOND = {
         heating,
         1,
         {
-            "material": Parameter("", "acrylic", "library name or TOML file"),
-            **MATERIAL,
-            "radius": Parameter("m", 9.525e-3, "of the sphere"),
-            "mass": Parameter("kg", 0.505, "all that moves"),
-            "height": Parameter("m", 1.5e-3, "fall to touch"),
-            "gravity": Parameter("m/s2", 9.81, "of the place"),
+            **FALL,
             "duration": Parameter("s", 0.5, "from the release"),
             "heat_capacity": Parameter("J/kg/K", None, "without it, the library's"),
             "conductivity": Parameter("W/m/K", None, "without it, the library's"),
@@ -127,14 +123,7 @@ BEYOND = {
         amplitude,
         1,
         {
-            "material": Parameter("", "nbr", "library name or TOML file"),
-            **MATERIAL,
-            "tip_radius": Parameter("m", 2e-3, "of curvature"),
-            "period": Parameter("m", 8e-3, "distance of two tips"),
-            "depth": Parameter("m", 18e-3, "contact length summed over the tips"),
-            "mean": Parameter("m", 1e-4, "mean indentation"),
-            "amplitude": Parameter("m", 1e-5, "of the oscillation"),
-            "frequency": Parameter("Hz", 1.0, "of the oscillation"),
+            **OSCILLATION,
             "critical_strain": Parameter("1", 0.01, "shear strain of half the drop"),
             "storage_floor": Parameter("1", 0.5, "storage modulus left at large strain"),
             "loss_peak": Parameter("1", 1.0, "loss modulus at the critical strain"),

@@ -33,11 +33,34 @@ class Simulator:
     outputs: dict[str, tuple[str, str]]
 
 
-MATERIAL = {
+_MATERIAL = {
     "temperature": Parameter("degC", None, "of the material; without it, that of its data"),
     "vertical_shift": Parameter("1", 1.0, "factor b_T on all moduli at that temperature"),
 }
-"""Parameters that every simulator has beside the material's name; see :func:`solid`."""
+_LIBRARY = "library name or TOML file"
+RUBBER = {"material": Parameter("", "nbr", _LIBRARY), **_MATERIAL}
+"""The material of a simulator, rubber by default; see :func:`solid`."""
+
+FALL = {
+    "material": Parameter("", "acrylic", _LIBRARY),
+    **_MATERIAL,
+    "radius": Parameter("m", 9.525e-3, "of the sphere"),
+    "mass": Parameter("kg", 0.505, "all that moves"),
+    "height": Parameter("m", 1.5e-3, "fall to touch"),
+    "gravity": Parameter("m/s2", 9.81, "of the place"),
+}
+"""A sphere that falls."""
+
+OSCILLATION = {
+    **RUBBER,
+    "tip_radius": Parameter("m", 2e-3, "of curvature"),
+    "period": Parameter("m", 8e-3, "distance of two tips"),
+    "depth": Parameter("m", 18e-3, "contact length summed over the tips"),
+    "mean": Parameter("m", 1e-4, "mean indentation"),
+    "amplitude": Parameter("m", 1e-5, "of the oscillation"),
+    "frequency": Parameter("Hz", 1.0, "of the oscillation"),
+}
+"""A periodic punch that oscillates in a half-plane."""
 
 
 def solid(point: Mapping[str, Value]) -> "Prony":

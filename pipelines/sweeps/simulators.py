@@ -12,7 +12,8 @@ import numpy as np
 from pipelines.simulator_inputs import ramp_hold_oscillation
 from pipelines.sweeps.beyond import BEYOND
 from pipelines.sweeps.parameters import (
-    MATERIAL,
+    FALL,
+    OSCILLATION,
     Outputs,
     Parameter,
     Simulator,
@@ -80,12 +81,7 @@ SIMULATORS = {
         drop,
         1,
         {
-            "material": Parameter("", "acrylic", "library name or TOML file"),
-            **MATERIAL,
-            "radius": Parameter("m", 9.525e-3, "of the sphere"),
-            "mass": Parameter("kg", 0.505, "all that moves"),
-            "height": Parameter("m", 1.5e-3, "fall to touch"),
-            "gravity": Parameter("m/s2", 9.81, "of the place"),
+            **FALL,
             "after_touch": Parameter("s", 20e-3, "simulated after the fall"),
             "plate_mass": Parameter("kg", 0.0, "of a ringing substrate; 0 for a rigid one"),
             "plate_frequency": Parameter("Hz", 390.0, "natural frequency of the substrate"),
@@ -104,14 +100,7 @@ SIMULATORS = {
         indent,
         1,
         {
-            "material": Parameter("", "nbr", "library name or TOML file"),
-            **MATERIAL,
-            "tip_radius": Parameter("m", 2e-3, "of curvature"),
-            "period": Parameter("m", 8e-3, "distance of two tips"),
-            "depth": Parameter("m", 18e-3, "contact length summed over the tips"),
-            "mean": Parameter("m", 1e-4, "mean indentation"),
-            "amplitude": Parameter("m", 1e-5, "of the oscillation"),
-            "frequency": Parameter("Hz", 1.0, "of the oscillation"),
+            **OSCILLATION,
             "cycles": Parameter("1", 5.0, "whole cycles; the last one is evaluated"),
             "hold": Parameter("s", 600.0, "before the oscillation"),
             "ramp": Parameter("m/s", 1e-3, "speed of pressing in"),
