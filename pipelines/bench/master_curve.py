@@ -20,6 +20,7 @@ from pipelines.bench.rheology_truth import (
 )
 
 _FIRST_SEED = 700
+_QUICK_SEEDS = 2
 _OTHER_DATA: tuple[tuple[str, dict[str, Any]], ...] = (
     ("6 temperatures", {"temperatures": 6}),
     ("17 temperatures", {"temperatures": 17}),
@@ -41,7 +42,7 @@ def run(quick: bool) -> tuple[Suite, ...]:
 
 
 def _against_peers(name: str, truth: Truth, quick: bool) -> Suite:
-    sets = [measured(truth, _FIRST_SEED + k) for k in range(2 if quick else 10)]
+    sets = [measured(truth, _FIRST_SEED + k) for k in range(_QUICK_SEEDS if quick else 10)]
     settings = _settings(truth)
     calls: dict[str, Callable[[], object]] = {
         label: _ours(sets[0], options) for label, options in settings.items()
@@ -80,7 +81,7 @@ def _against_peers(name: str, truth: Truth, quick: bool) -> Suite:
 
 def _other_truths(quick: bool) -> Suite:
     """Show the default on hard materials: how far it errs, and whether its bars say so."""
-    seeds = range(_FIRST_SEED, _FIRST_SEED + (2 if quick else 20))
+    seeds = range(_FIRST_SEED, _FIRST_SEED + (_QUICK_SEEDS if quick else 20))
     points = []
     for truth, options in (
         (MAXWELL, {}), (FRACTIONAL, {}), (SINGLE_TIMES, {}), (GLASS, {}),
@@ -118,7 +119,7 @@ def _covered(sets: list[Measured], found: list[MasterCurve]) -> float:
 
 def _other_data(quick: bool) -> Suite:
     """Show what more temperatures, more points and less noise buy."""
-    seeds = range(_FIRST_SEED, _FIRST_SEED + (2 if quick else 10))
+    seeds = range(_FIRST_SEED, _FIRST_SEED + (_QUICK_SEEDS if quick else 10))
     points = []
     for label, options in (("12 temperatures, 11 points, noise 2 %", {}), *_OTHER_DATA):
         sets = [measured(MAXWELL, seed, **options) for seed in seeds]

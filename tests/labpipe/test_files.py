@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -186,10 +187,12 @@ while True:
 
 
 @pytest.mark.slow
-def test_a_kill_while_writing_leaves_the_old_dataset_or_the_new(tmp_path: Path) -> None:
+def test_a_kill_while_writing_leaves_the_old_dataset_or_the_new(
+    tmp_path: Path, amount: Callable[[int, int], int]
+) -> None:
     target = tmp_path / "a.nc"
     rng = random.Random(7)
-    for _ in range(12):
+    for _ in range(amount(6, 24)):
         writer = subprocess.Popen(
             [sys.executable, "-c", WRITER, str(target)], stdout=subprocess.PIPE, text=True
         )

@@ -22,6 +22,8 @@ SMALL = Scene(rows=240, columns=320)
 FULL = Scene()
 UM = 1e-6
 
+NIGHTLY = pytest.mark.nightly
+
 
 def measure(film: np.ndarray | ArrayFrames, scene: Scene, **options: object) -> xr.Dataset:
     return contact_radius(
@@ -92,7 +94,9 @@ def test_ideal_film_reaches_the_bound(micrometres: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("micrometres", [200, 434, 800, 1194])
+@pytest.mark.parametrize(
+    "micrometres", [200, 1194, *(pytest.param(a, marks=NIGHTLY) for a in (434, 800))]
+)
 def test_ideal_full_size_film_reaches_the_bound(micrometres: int) -> None:
     check_ideal(FULL, micrometres, 40, (640.3, 240.2))
 
@@ -100,7 +104,12 @@ def test_ideal_full_size_film_reaches_the_bound(micrometres: int) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("micrometres", "centre"),
-    [(800, (420.2, 120.1)), (800, (640.2, -60.3)), (800, (100.1, 400.2)), (1194, (420.3, 120.2))],
+    [
+        (800, (640.2, -60.3)),
+        (1194, (420.3, 120.2)),
+        pytest.param(800, (420.2, 120.1), marks=NIGHTLY),
+        pytest.param(800, (100.1, 400.2), marks=NIGHTLY),
+    ],
 )
 def test_contact_cut_by_the_frame_reaches_the_bound(
     micrometres: int, centre: tuple[float, float]

@@ -433,10 +433,10 @@ def test_missing_variables_and_dimensions_are_named(maxwell_truth):
     ("truth", "limits"),
     [("maxwell_truth", (0.034, 0.075)), ("fractional_truth", (0.027, 0.095))],
 )
-def test_goals_over_many_seeds(truth, limits, request):
+def test_goals_over_many_seeds(truth, limits, request, amount):
     known = request.getfixturevalue(truth)
     errors, z = [], []
-    for seed in range(2000, 2060):
+    for seed in range(2000, 2000 + amount(20, 60)):
         found = quiet(known.sweeps(seed), T_ref=known.T_ref)
         errors.append(error(found, known))
         z.append((found.log10_aT.values - known.log10_aT) / found.u_log10_aT.values)
@@ -447,8 +447,10 @@ def test_goals_over_many_seeds(truth, limits, request):
 
 
 @pytest.mark.slow
-def test_goals_of_the_law_and_the_variants(maxwell_truth):
-    def mean_error(truth, seeds=range(3000, 3012), **options):
+def test_goals_of_the_law_and_the_variants(maxwell_truth, amount):
+    seeds = range(3000, 3000 + amount(5, 12))
+
+    def mean_error(truth, **options):
         noise = options.pop("noise", (0.02, 0.02))
         return np.mean(
             [error(quiet(truth.sweeps(s, *noise), T_ref=60.0, **options), truth) for s in seeds]
@@ -531,10 +533,10 @@ def test_violated_superposition_is_said_and_widens_the_uncertainties(maxwell_tru
 
 
 @pytest.mark.slow
-def test_stated_uncertainties_hold_for_materials_drawn_at_random(maxwell_truth):
+def test_stated_uncertainties_hold_for_materials_drawn_at_random(maxwell_truth, amount):
     """Where a glass leaves a step open, its uncertainty has to say so."""
     z, errors = [], []
-    for seed in range(24):
+    for seed in range(amount(12, 24)):
         known = random_material(seed, maxwell_truth)
         found = quiet(known.sweeps(seed), T_ref=60.0)
         errors.append(error(found, known))

@@ -223,10 +223,10 @@ def test_too_few_readings_are_refused(displacement_of):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings(STILL_MOVING)
-def test_intervals_cover_the_truth_over_many_seeds(bouncing, measure):
+def test_intervals_cover_the_truth_over_many_seeds(bouncing, measure, amount):
     hits = {name: [] for name in ("touch_time", "liftoff_time", "restitution")}
     worst = 0.0
-    for seed in range(40):
+    for seed in range(amount(20, 40)):
         truth = bouncing(**MATERIALS[seed % len(MATERIALS)])
         found = bounces(measure(truth, 20e3, 1e-6, seed)[0])
         n = found.sizes["impact"]

@@ -493,7 +493,7 @@ def test_an_interrupt_ends_the_workers_and_leaves_no_parts(tmp_path: Path) -> No
     assert not list(session.folder.rglob(".*.part"))
 
 
-@pytest.mark.parametrize("count", [2, pytest.param(5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [2, pytest.param(8, marks=pytest.mark.nightly)])
 def test_a_run_killed_at_any_moment_is_finished_by_the_next(
     tmp_path: Path, undisturbed: dict[str, bytes], count: int
 ) -> None:
