@@ -77,17 +77,19 @@ def ball_drop(bounces: Sequence[xr.Dataset], displacement: xr.Dataset) -> Iterat
         ("incoming_speed", "speed of the first impact", "m/s"),
     ):
         values, u = (_first(made, n) for n in (name, f"u_{name}"))
-        own = np.sqrt(np.maximum(u**2 - (relative * values) ** 2, 0.0))
+        shape = _pulse_shape(made, name, 0)
+        own = np.sqrt(np.maximum(u**2 - (relative * values) ** 2 - shape.u**2, 0.0))
         reading, scatter = _repeats(values, own)
         along = float(values.mean()) * cos(tilt.value) / gain.value
         yield Quantity(
             text, unit,
-            lambda reading, gain, inclination, noise, repeatability: (
-                (reading + noise) * gain / cos(inclination) + repeatability
+            lambda reading, gain, inclination, noise, repeatability, pulse_shape: (
+                (reading + noise) * gain / cos(inclination) + repeatability + pulse_shape
             ),
             {"reading": Input(along, 0.0, unit), "gain": gain, "inclination": tilt,
              "noise": reading._replace(unit=unit),
-             "repeatability": scatter._replace(unit=unit)},
+             "repeatability": scatter._replace(unit=unit),
+             "pulse_shape": shape._replace(unit=unit)},
         )  # fmt: skip
     count = min(_IMPACTS, *(b.sizes["impact"] for b in made))
     for i in range(count):
@@ -95,12 +97,24 @@ def ball_drop(bounces: Sequence[xr.Dataset], displacement: xr.Dataset) -> Iterat
         own = np.array([float(b["u_restitution"][i]) for b in made])
         if not np.isfinite(values).all():
             continue
-        noise, scatter = _repeats(values, own)
+        shape = _pulse_shape(made, "restitution", i)
+        noise, scatter = _repeats(values, np.sqrt(np.maximum(own**2 - shape.u**2, 0.0)))
         yield Quantity(
             f"restitution, impact {i + 1}", "1",
-            lambda mean, noise, repeatability: mean + noise + repeatability,
-            {"mean": Input(float(values.mean()), 0.0), "noise": noise, "repeatability": scatter},
+            lambda mean, noise, repeatability, pulse_shape: (
+                mean + noise + repeatability + pulse_shape
+            ),
+            {"mean": Input(float(values.mean()), 0.0), "noise": noise, "repeatability": scatter,
+             "pulse_shape": shape},
         )  # fmt: skip
+
+
+def _pulse_shape(made: list[xr.Dataset], name: str, impact: int) -> Input:
+    """Return what the unknown shape of the contact's pulse leaves, in all repeats alike."""
+    if f"shared_u_{name}" not in made[0]:
+        return Input(0.0, 0.0)
+    shared = np.array([float(b[f"shared_u_{name}"][impact]) for b in made])
+    return Input(0.0, float(np.sqrt(np.mean(shared**2))))
 
 
 def _first(made: list[xr.Dataset], name: str) -> Array:

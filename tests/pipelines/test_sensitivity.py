@@ -25,6 +25,9 @@ def test_budgets_give_back_what_the_results_report(processed_session: Path, foun
     repeats = process.result(processed_session, "drop", "repeats")
     bounce = found["drop", "restitution, impact 1"]
     assert bounce.budget.value == pytest.approx(float(repeats["restitution"][0]), rel=1e-6)
+    assert bounce.budget.u == pytest.approx(float(repeats["u_restitution"][0]), rel=1e-3)
+    speed = found["drop", "speed of the first impact"]
+    assert speed.budget.u == pytest.approx(float(repeats["u_incoming_speed"][0]), rel=0.01)
 
 
 def test_height_of_the_fall_counts_the_inclination(processed_session: Path, found) -> None:
