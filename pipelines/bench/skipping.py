@@ -383,37 +383,33 @@ def _folded_terms(name: str, solid: Prony) -> Shortcut:
 
 def _flights(duration: float) -> Shortcut:
     """Cross a flight at once, or in steps as long as those of a contact."""
-    solid = materials.load("acrylic")
-
-    def drop(shortcuts: Shortcuts) -> xr.Dataset:
-        return contact.drop(solid, _SPHERE, _MASS, _HIGH, duration, shortcuts=shortcuts)
-
-    return Shortcut(
-        "simulator: a free flight is one step",
-        lambda: drop(Shortcuts()),
-        lambda: drop(Shortcuts(flights=False)),
-        _other_restitution,
-        "1e-4 of the restitution (rtol)",
-        _counted("solver_steps"),
-        "steps",
-    )
+    name = "simulator: a free flight is one step"
+    return _dropped(name, Shortcuts(flights=False), _HIGH, duration, "solver_steps", "steps")
 
 
 def _springs_out_of_reach(duration: float) -> Shortcut:
     """Solve for the springs that a bounce can touch, or for those of the whole sphere."""
+    name, unit = "simulator: cells that can touch", "updates of an element"
+    return _dropped(name, Shortcuts(near=False), _HEIGHT, duration, "spring_updates", unit)
+
+
+def _dropped(
+    name: str, without: Shortcuts, height: float, duration: float, count: str, unit: str
+) -> Shortcut:
+    """Drop a sphere with all shortcuts, and without one of them."""
     solid = materials.load("acrylic")
 
     def drop(shortcuts: Shortcuts) -> xr.Dataset:
-        return contact.drop(solid, _SPHERE, _MASS, _HEIGHT, duration, shortcuts=shortcuts)
+        return contact.drop(solid, _SPHERE, _MASS, height, duration, shortcuts=shortcuts)
 
     return Shortcut(
-        "simulator: cells that can touch",
+        name,
         lambda: drop(Shortcuts()),
-        lambda: drop(Shortcuts(near=False)),
+        lambda: drop(without),
         _other_restitution,
         "1e-4 of the restitution (rtol)",
-        _counted("spring_updates"),
-        "updates of an element",
+        _counted(count),
+        unit,
     )
 
 

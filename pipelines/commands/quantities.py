@@ -56,6 +56,20 @@ def material_options(default: str) -> Callable[[F], F]:
     )  # fmt: skip
 
 
+def punch_options(function: F) -> F:
+    """Add ``--tip-radius``, ``--period``, ``--depth`` and ``--mean`` of a periodic punch."""
+    return _all(
+        click.option("--tip-radius", type=LENGTH, default="2 mm", show_default=True,
+                     help="Of curvature."),
+        click.option("--period", type=LENGTH, default="8 mm", show_default=True,
+                     help="Distance of two tips."),
+        click.option("--depth", type=LENGTH, default="18 mm", show_default=True,
+                     help="Contact length summed over the tips."),
+        click.option("--mean", type=LENGTH, default="0.1 mm", show_default=True,
+                     help="Mean indentation."),
+    )(function)  # fmt: skip
+
+
 def result_options(function: F) -> F:
     """Add ``--out`` and ``--picture``."""
     return _all(

@@ -17,6 +17,7 @@ from pipelines.commands.quantities import (
     TIME,
     WORK,
     material_options,
+    punch_options,
     result_options,
 )
 from pipelines.commands.simulate_beyond import adhesion, amplitude
@@ -131,13 +132,7 @@ def drop(
 
 @simulate.command()
 @material_options("nbr")
-@click.option("--tip-radius", type=LENGTH, default="2 mm", show_default=True,
-              help="Of curvature.")  # fmt: skip
-@click.option("--period", type=LENGTH, default="8 mm", show_default=True,
-              help="Distance of two tips.")  # fmt: skip
-@click.option("--depth", type=LENGTH, default="18 mm", show_default=True,
-              help="Contact length summed over the tips.")  # fmt: skip
-@click.option("--mean", type=LENGTH, default="0.1 mm", show_default=True, help="Mean indentation.")
+@punch_options
 @click.option("--amplitude", type=LENGTH, default="0.01 mm", show_default=True,
               help="Of the oscillation.")  # fmt: skip
 @click.option("--frequency", type=FREQUENCY, default="1 Hz", show_default=True,

@@ -12,6 +12,7 @@ from pipelines.commands.quantities import (
     LENGTH,
     WORK,
     material_options,
+    punch_options,
     result_options,
 )
 from pipelines.commands.simulation_output import Panels, deliver
@@ -73,13 +74,7 @@ def adhesion(
 
 @click.command()
 @material_options("nbr")
-@click.option("--tip-radius", type=LENGTH, default="2 mm", show_default=True,
-              help="Of curvature.")  # fmt: skip
-@click.option("--period", type=LENGTH, default="8 mm", show_default=True,
-              help="Distance of two tips.")  # fmt: skip
-@click.option("--depth", type=LENGTH, default="18 mm", show_default=True,
-              help="Contact length summed over the tips.")  # fmt: skip
-@click.option("--mean", type=LENGTH, default="0.1 mm", show_default=True, help="Mean indentation.")
+@punch_options
 @click.option("--frequency", type=FREQUENCY, default="1 Hz", show_default=True,
               help="Of the oscillation.")  # fmt: skip
 @click.option("--least", type=LENGTH, default="10 nm", show_default=True,
