@@ -78,7 +78,7 @@ def _measure(growth: Growth, quick: bool) -> tuple[Suite, Point]:
     found = exponents(growth.sizes, [timings[str(size)].samples for size in growth.sizes])
     summary = Point(
         growth.name,
-        abs(median(found)),
+        median(found),
         best[-1],
         peak_bytes=memory[-1],
         extra={

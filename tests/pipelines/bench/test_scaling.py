@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipelines.bench import scaling
-from pipelines.bench.measure import peak_bytes
+from pipelines.bench.measure import Timing, peak_bytes
 
 
 def test_the_exponent_leaves_out_what_every_call_costs() -> None:
@@ -28,6 +28,19 @@ def test_every_growth_gives_a_diagram_and_an_exponent() -> None:
     assert np.isfinite(summary.error)
     assert summary.extra["lowest"] <= summary.error <= summary.extra["highest"]
     assert summary.extra["to"] == 16
+
+
+def test_what_gets_quicker_with_size_has_a_negative_exponent(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def ever_faster(calls: dict[str, object], *_: object, **__: object) -> dict[str, Timing]:
+        return {size: Timing(1.0 / int(size), 0.0, (1.0 / int(size),) * 2, None) for size in calls}
+
+    monkeypatch.setattr(scaling, "paired", ever_faster)
+    growth = scaling.Growth("toy", "terms", [4, 8, 16], lambda _: lambda: None)
+    _, summary = scaling._measure(growth, quick=True)
+    assert summary.error == pytest.approx(-1.0)
+    assert summary.extra["lowest"] == pytest.approx(-1.0)
 
 
 def test_a_slow_spell_does_not_make_a_linear_growth_steep() -> None:
