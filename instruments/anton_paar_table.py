@@ -28,6 +28,7 @@ Cell = str | float | None
 
 _BRACKETS = re.compile(r"\s*\[.*\]\s*")
 _WHOLE = re.compile(r"\s*[0-9]{1,9}(?:\.0*)?\s*")
+_NUMBER = re.compile(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?")
 _UNITS_WITHIN = 3  # lines below the header: sub-labels, and a line that a hand has added
 _MOST_COLUMNS = 512
 
@@ -238,7 +239,7 @@ class _Reader:
             current.units = inside + [""] * (len(current.headers) - len(inside))
             self.expects = "data"
             return
-        is_number = any(re.fullmatch(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?", c) for c in stated)
+        is_number = any(_NUMBER.fullmatch(c) for c in stated)
         if row.line - self.header_line > _UNITS_WITHIN or is_number:
             raise self.fail(
                 row,
@@ -275,9 +276,9 @@ class _Reader:
         current.rows.append(Row(row.line, inside, row.sheet))
 
     def _loose(self, row: Row, cells: list[str]) -> None:
-        if self.export.intervals and any(
-            re.fullmatch(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?", c) for c in cells
-        ):
+        numbers = sum(bool(_NUMBER.fullmatch(c)) for c in cells)
+        # Above the first table one number may be a remark; several are a row that lost its table.
+        if numbers > (0 if self.export.intervals else 1):
             raise self.fail(
                 row, f"found {shorten(' '.join(cells))} outside a table",
                 "An empty line stands inside the table, or its header is lost.",

@@ -129,7 +129,7 @@ def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = 
     'only an upper limit'
     """
     wish, tell = wish or Wish(), say or _silent
-    session = process.open_session(folder)
+    session = process.reopen_session(folder)
     groups: dict[str, _Group] = {}
     for name in _chosen(session, wish.experiments):
         experiment = session.experiments[name]

@@ -271,7 +271,7 @@ def report(folder: str | Path, experiment: str) -> "Report":
     from labpipe.report import Report
     from labpipe.workflow.plan import page_name
 
-    session = open_session(folder)
+    session = reopen_session(folder)
     path = session.folder / page_name(experiment)
     if experiment not in session.experiments or not path.is_file():
         known = ", ".join(session.experiments)
@@ -331,7 +331,7 @@ def export(
     if reading:
         message = "options of a raw file (cycle, units) do not go with a session folder"
         raise UsageError(message)
-    session = open_session(place)
+    session = reopen_session(place)
     ours = session.folder / FOLDER
     target = Target(Path(out) if out else ours, format, replace or out is None)
     names, experiments = tuple(stages), tuple(only or ())
@@ -359,4 +359,4 @@ def check_store(folder: str | Path) -> list[str]:
     """Read every stored result of a session and name the damaged ones."""
     from labpipe.workflow.store import Store
 
-    return Store(open_session(folder).folder).check()
+    return Store(reopen_session(folder).folder).check()

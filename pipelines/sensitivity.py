@@ -73,7 +73,7 @@ def examine(folder: str | Path, wanted: str | None = None) -> list[Examined]:
     InputError
         A step before failed.
     """
-    session = process.open_session(folder)
+    session = process.reopen_session(folder)
     chosen = [
         e for n, e in session.experiments.items()
         if e.kind in QUANTITIES and wanted in (None, n, e.kind)

@@ -364,8 +364,9 @@ def _simulate(
 
 def _fall_further(setting: Setting, gap: float) -> float:
     """Time in s to fall through a gap [m] that is left when the pole would touch."""
-    root = sqrt(setting.speed**2 + 2.0 * setting.gravity * gap)
-    return 2.0 * gap / (setting.speed + root) if gap > 0.0 else 0.0
+    if gap <= 0.0:
+        return 0.0
+    return 2.0 * gap / (setting.speed + sqrt(setting.speed**2 + 2.0 * setting.gravity * gap))
 
 
 def _at_release(setting: Setting) -> Record:

@@ -66,7 +66,8 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> FirstTouch:
     if z.size < 2 * _FEWEST:
         message = f"an approach needs at least {2 * _FEWEST} readings, found {z.size}"
         raise InputError(message)
-    noise = float(1.4826 * np.median(np.abs(np.diff(f))) / np.sqrt(2))
+    # Second differences: a force that rises evenly, by any step a reading, has none.
+    noise = float(1.4826 * np.median(np.abs(np.diff(f, 2))) / np.sqrt(6))
     start, end = float(np.median(f[:_FEWEST])), float(f[-3:].mean())
     if not end - start > _CLEAR * max(noise, 1e-12):
         message = (

@@ -71,7 +71,7 @@ def identify(session: Path, experiments: tuple[str, ...], prior: str | None, spe
 
     wish = Wish(experiments, prior, spectrum, impacts, not no_profile)
     found = found_in(session, wish, say=_say)
-    opened = process.open_session(session)
+    opened = process.reopen_session(session)
     documents = []
     for one in found:
         stem = STEM + "".join(c if c.isalnum() or c in "-_" else "_" for c in one.material)

@@ -28,7 +28,7 @@ def sensitivity(session: Path, which: str | None, as_json: bool) -> None:
     from pipelines.sensitivity_page import advice, render
 
     found = examine(session, which)
-    opened = process.open_session(session)
+    opened = process.reopen_session(session)
     kinds = dict.fromkeys(opened.experiments[e.experiment].kind for e in found)
     pages = []
     for kind in kinds:

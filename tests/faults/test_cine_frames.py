@@ -203,7 +203,7 @@ def test_flipped_bits_are_refused_flagged_or_in_the_pixels(
     generator = np.random.default_rng(bits + packed)
     path = tmp_path / "a.cine"
     places = [*range(100), *range(SETUP + 760, SETUP + 900), *range(setup - 30, header)]
-    for _ in range(amount(300, 6_000)):
+    for _ in range(amount(300, 100_000)):
         damaged = bytearray(data)
         for _ in range(int(generator.integers(1, 4))):
             at = places[int(generator.integers(len(places)))]

@@ -11,7 +11,7 @@ from hypothesis import given
 from instruments import keyence
 from instruments.keyence_markers import marker_status
 from labpipe.errors import LabpipeError, SourceError
-from tests.instruments.mutations import many, mutated, mutations, usual
+from tests.instruments.mutations import drawn, mutated, mutations, usual
 
 N_ROWS = 250  # more than are looked at to learn the layout
 
@@ -318,9 +318,8 @@ def _oracle(text):
     return [row for row in cells if any(row) and "mm" not in row[1:]]
 
 
-MUTATIONS = mutations(
-    [b",", b";", b"\r\n", b"\r", b"-", b".", b"9", b"+FFFFFFF", b"-------", b"mm"]
-)
+PIECES = [b",", b";", b"\r\n", b"\r", b"-", b".", b"9", b"+FFFFFFF", b"-------", b"mm"]
+MUTATIONS = mutations(PIECES)
 SHORT = HEAD.replace("250", "12") + "\r\n" + "\r\n".join(ROWS[:12]) + "\r\n"
 
 
@@ -361,7 +360,6 @@ def test_mutations_are_refused_or_read_as_they_stand(tmp_path, steps):
 
 
 @pytest.mark.slow
-@many
-@given(MUTATIONS)
-def test_many_mutations_are_refused_or_read_as_they_stand(tmp_path, steps):
-    check_mutation(tmp_path / "mutated.csv", steps)
+def test_many_mutations_are_refused_or_read_as_they_stand(tmp_path, amount):
+    for steps in drawn(PIECES, amount(1000, 75_000)):
+        check_mutation(tmp_path / "mutated.csv", steps)

@@ -30,6 +30,7 @@ def rubber(processed_session: Path, tmp_path_factory: pytest.TempPathFactory):
     """What the harmonic indentation of the small session tells, by the command line."""
     folder = tmp_path_factory.mktemp("identified") / "session"
     shutil.copytree(processed_session, folder)
+    (folder / "laser/drop_2.csv").unlink()  # what is lost elsewhere is of no concern here
     said = io.StringIO()
     with pytest.raises(SystemExit) as left, contextlib.redirect_stdout(said):
         main(["identify", str(folder), "-e", "nbr", "--json"])

@@ -9,7 +9,7 @@ import pytest
 
 from labpipe.errors import ConfigError, InputError, SourceError
 from pipelines.compare import compare
-from pipelines.process import check_store, open_session, plan, process, result
+from pipelines.process import check_store, export, open_session, plan, process, report, result
 
 
 def truth(folder: Path, name: str) -> dict:
@@ -228,6 +228,9 @@ def test_a_lost_recording_fails_its_experiment_alone(session_copy: Path) -> None
     rows = {row.experiment: row.state for row in plan(session_copy).rows}
     assert rows["nbr"] == "cached"
     assert "drop_2.csv" in compare(session_copy, jobs=0).failed["drop"]
+    assert check_store(session_copy) == []
+    assert report(session_copy, "nbr").path.is_file()
+    assert export(session_copy, only=["nbr"]).paths
 
 
 def test_a_missing_recording_is_a_mistake_before_anything_was_processed(

@@ -484,4 +484,5 @@ def test_a_gap_that_is_left_is_fallen_through_in_its_time(speed) -> None:
     setting = SimpleNamespace(speed=speed, gravity=9.81)
     time = _fall_further(setting, 2e-4)  # type: ignore[arg-type]
     assert speed * time + 0.5 * 9.81 * time**2 == pytest.approx(2e-4, rel=1e-12)
-    assert _fall_further(setting, 0.0) == 0.0  # type: ignore[arg-type]
+    for none in (0.0, -1e-4):
+        assert _fall_further(setting, none) == 0.0  # type: ignore[arg-type]

@@ -30,6 +30,21 @@ def test_touch_and_level_are_found_within_their_uncertainties() -> None:
         assert np.std(values) == pytest.approx(np.mean(u), rel=0.3)
 
 
+@pytest.mark.parametrize("count", [60, 200])
+def test_steps_of_force_above_the_noise_are_not_noise(count: int) -> None:
+    """A coarse approach: most readings lie behind the touch, each 8 or 30 noises above the last."""
+    z = np.linspace(5.0e-5, 1.5e-4, count)
+    noises, deviations = [], []
+    for seed in range(40):
+        noise = np.random.default_rng(seed).normal(0.0, NOISE / 10, count)
+        force = LEVEL + STIFFNESS * np.maximum(0.0, z - TOUCH) + noise
+        found = first_touch(z, force)
+        noises.append(found.noise)
+        deviations.append((found.position - TOUCH) / found.u_position)
+    assert np.mean(noises) == pytest.approx(NOISE / 10, rel=0.06)
+    assert 0.6 < np.std(deviations) < 1.3
+
+
 def test_a_shift_of_either_axis_moves_the_answer_with_it() -> None:
     plain = first_touch(POSITION, approach(3))
     moved = first_touch(POSITION + 2e-3, approach(3) + 7.0)

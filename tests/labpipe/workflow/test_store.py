@@ -1,6 +1,7 @@
 """A stored result is whole or is made again; nothing damaged is ever returned."""
 
 import random
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -125,10 +126,11 @@ def test_a_foreign_result_under_our_key_is_not_believed(store: Store) -> None:
     assert store.state(KEY) == "damaged"
 
 
-@pytest.mark.parametrize("count", [100, pytest.param(3000, marks=pytest.mark.slow)])
-def test_every_flipped_bit_anywhere_is_noticed(store: Store, count: int) -> None:
+def test_every_flipped_bit_anywhere_is_noticed(
+    store: Store, amount: Callable[[int, int], int]
+) -> None:
     rng = random.Random(11)
-    for number in range(count):
+    for number in range(amount(600, 20_000)):
         path = object_path(store, (".nc", ".json")[number % 2])
         data = path.read_bytes()
         bit = rng.randrange(8 * len(data))
