@@ -64,7 +64,7 @@ def run(quick: bool) -> list[Suite]:
     scene = Scene()
     if quick:
         scene = replace(scene, rows=240, columns=320, radius=200e-6, centre=(158.3, 121.2))
-    frames, repeats = (8, 3) if quick else (24, 5)
+    frames, repeats = (8, 2) if quick else (24, 5)
     return [_settings(scene, frames, repeats), _disturbances(scene, 3 if quick else 6)]
 
 

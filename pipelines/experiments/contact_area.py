@@ -6,7 +6,7 @@ over each other there.
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -33,6 +33,24 @@ _SLOWEST = 3.0  # an impact lasts at most this many times the longest before: He
 _RESOLVED = 3  # frames of an impact from which single frames elsewhere are not impacts
 _STEP = 2e-5  # s, spacing of the model's curve
 _WINDOW = 3e-3  # s around the largest radius in which film and model are compared
+_BESIDE = 3  # frames on either side of the largest that tell the largest radius
+# Fewest frames and degree of the polynomial through them. In simulated impacts of four polymers at
+# 10,000 frames a second five frames and degree 2, 3 lie 0.06, 0.03 % low (worst 0.16, 0.10), seven
+# and degree 4 0.01 % high (worst 0.09); 1 µm of noise scatters all by 0.07 to 0.08 %.
+_DEGREES = ((7, 4), (5, 3), (4, 2))
+_REAL = 1e-9  # imaginary part of a root that is real
+
+
+class Peak(NamedTuple):
+    """The largest radius [m] of an impact, its time [s], and two standard uncertainties of it.
+
+    ``u`` is that of the frames, ``sampling`` that of the course between them.
+    """
+
+    time: float
+    radius: float
+    u: float
+    sampling: float
 
 
 def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr.Dataset:
@@ -79,16 +97,18 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     shared = radius["radius_systematic"].values / a
     relative = float(np.nanmedian(shared)) if np.isfinite(shared).any() else 0.0
     table: dict[str, Any] = {}
-    columns = list(zip(*peaks, strict=True)) if peaks else [(), (), ()]
+    largest = np.array([p.radius for p in peaks])
+    sampling = np.array([p.sampling for p in peaks])
+    own = np.hypot([p.u for p in peaks], sampling)
     for name, values, units, text in (
-        ("peak_time", columns[0], "s", "time of the largest radius"),
-        ("peak_radius", columns[1], "m", "largest contact radius"),
-    ):
-        table[name] = ("impact", np.array(values, float), {"units": units, "long_name": text})
-    table["u_peak_radius"] = (
-        "impact", np.hypot(np.array(columns[2], float), relative * np.array(columns[1], float)),
-        {"units": "m", "long_name": "standard uncertainty: largest contact radius"},
-    )  # fmt: skip
+        ("peak_time", np.array([p.time for p in peaks]), "s", "time of the largest radius"),
+        ("peak_radius", largest, "m", "largest contact radius"),
+        ("u_peak_radius", np.hypot(own, relative * largest), "m",
+         "standard uncertainty: largest contact radius"),
+        ("peak_sampling", sampling, "m",
+         "part of that uncertainty that the course between the frames leaves"),
+    ):  # fmt: skip
+        table[name] = ("impact", values, {"units": units, "long_name": text})
     for name, place, text in (("first_seen", 0, "first"), ("last_seen", -1, "last")):
         table[name] = (
             "impact", np.array([time[run[place]] for run in brief], float),
@@ -146,28 +166,47 @@ def _without_rest(time: Array, brief: list[NDArray[np.int64]]) -> list[NDArray[n
     return ended if is_rest else brief
 
 
-def _peak(time: Array, a: Array, u: Array) -> tuple[float, float, float]:
-    """Time, value and uncertainty of the largest radius: a parabola through a² near the top.
+def _peak(time: Array, a: Array, u: Array) -> Peak:
+    """Find the largest radius by a polynomial through a² of the frames around the largest.
 
-    a² goes with the approach, which passes its largest value like a parabola; a itself does not.
+    a² goes with the approach, which passes its largest value smoothly; a itself does not. How far
+    the next lower degree ends elsewhere tells what the frames leave open between them.
     """
     is_known = np.isfinite(a)
     time, a, u = time[is_known], a[is_known], u[is_known]
     top = int(np.argmax(a))
-    low, high = max(0, top - 2), min(len(a), top + 3)
-    if high - low < 4:
-        return float(time[top]), float(a[top]), float(u[top])
-    t = time[low:high] - time[top]
-    scale = float(np.max(np.abs(t)))
-    weights = 1 / np.maximum(2 * a[low:high] * u[low:high], 1e-18)
-    c2, c1, c0 = np.polyfit(t / scale, a[low:high] ** 2, 2, w=weights)
-    if c2 >= 0 or abs(c1 / (2 * c2)) > 1:
-        return float(time[top]), float(a[top]), float(u[top])
-    place = -c1 / (2 * c2)
-    largest = float(np.sqrt(c0 + c1 * place + c2 * place**2))
-    left = a[low:high] - np.sqrt(np.maximum(np.polyval([c2, c1, c0], t / scale), 0))
-    scatter = float(np.sqrt(np.sum(left**2) / max(high - low - 3, 1)))
-    return float(time[top] + place * scale), largest, max(float(u[top]), scatter)
+    low, high = max(0, top - _BESIDE), min(len(a), top + _BESIDE + 1)
+    x, near = time[low:high] - time[top], a[low:high]
+    open_between = float(np.ptp(near)) / np.sqrt(12.0)
+    alone = Peak(float(time[top]), float(a[top]), float(u[top]), open_between)
+    degree = next((d for least, d in _DEGREES if high - low >= least), 0)
+    if not degree:
+        return alone
+    scale = float(np.max(np.abs(x)))
+    weights = 1 / np.maximum(2 * near * u[low:high], 1e-18)
+    fits = [np.polyfit(x / scale, near**2, d, w=weights) for d in (degree, degree - 1)]
+    places = [_summit(fit) for fit in fits]
+    if places[0] is None:
+        return alone
+    value, lower = (
+        float(a[top]) if at is None else float(np.sqrt(np.polyval(fit, at)))
+        for fit, at in zip(fits, places, strict=True)
+    )
+    rest = near - np.sqrt(np.maximum(np.polyval(fits[0], x / scale), 0))
+    scatter = float(np.sqrt(np.sum(rest**2) / max(high - low - degree - 1, 1)))
+    return Peak(
+        float(time[top] + places[0] * scale), value, max(float(u[top]), scatter),
+        abs(value - lower) / np.sqrt(3.0),
+    )  # fmt: skip
+
+
+def _summit(polynomial: Array) -> float | None:
+    """Return where a polynomial has its maximum between -1 and 1, the nearest to 0."""
+    slope = np.polyder(polynomial)
+    roots = [float(r.real) for r in np.roots(slope) if abs(r.imag) < _REAL]
+    bend = np.polyder(slope)
+    tops = [r for r in roots if abs(r) <= 1.0 and np.polyval(bend, r) < 0.0]
+    return min(tops, key=abs) if tops else None
 
 
 def _at_rest(
@@ -313,9 +352,8 @@ def _model_peak(model: xr.Dataset, impact: int) -> float:
     inside = np.flatnonzero((time >= touch[impact]) & (time <= end))
     a = model["contact_radius"].values
     top = inside[int(np.argmax(a[inside]))]
-    low, high = max(top - 2, 0), min(top + 3, len(a))
-    peak, _, _ = _peak(time[low:high], a[low:high], np.full(high - low, 1e-9))
-    return peak
+    low, high = max(top - _BESIDE, 0), min(top + _BESIDE + 1, len(a))
+    return _peak(time[low:high], a[low:high], np.full(high - low, 1e-9)).time
 
 
 def keys(

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.integrate import solve_ivp
 
 from pipelines.experiments.contact_area import impacts
 
@@ -68,3 +69,26 @@ def test_impact_that_the_end_of_the_film_cuts_off_stays_one() -> None:
     kept = time < 40.8e-3
     found = impacts(seen_in_film(time[kept], radius[kept], seen[kept]), settings=None)
     assert found["peak_time"].values == pytest.approx([5.6e-3, 25.6e-3, 40.6e-3], abs=2e-5)
+
+
+def test_largest_radius_lies_between_the_frames_within_its_uncertainty() -> None:
+    """Hertz's elastic impact, integrated: 0.9 ms of contact, the frames anywhere in it."""
+    duration, top = 0.9e-3, 900e-6
+    # approach over its largest, s'' = -(5/4) s^(3/2) in the unit of time max approach / speed
+    moved = solve_ivp(lambda _, y: [y[1], -1.25 * max(y[0], 0.0) ** 1.5], (0.0, 4.0), [0.0, 1.0],
+                      rtol=1e-10, atol=1e-12, max_step=0.01)  # fmt: skip
+    inside = moved.y[0] >= 0.0
+    since, approach = moved.t[inside] * duration / moved.t[inside][-1], moved.y[0][inside]
+    errors, stated = [], []
+    for phase in np.linspace(0.0, 1e-4, 12):
+        time = phase + 1e-4 * np.arange(40)
+        level = np.interp(time - 1e-3, since, approach, left=0.0, right=0.0)
+        radius = np.where(level > 0.0, top * np.sqrt(level), np.nan)
+        found = impacts(seen_in_film(time, radius, level > 0.0), settings=None)
+        errors.append(float(found["peak_radius"][0]) / top - 1.0)
+        own = float(found["u_peak_radius"][0]) ** 2 - (1e-3 * float(found["peak_radius"][0])) ** 2
+        stated.append(np.sqrt(own) / top)
+        assert float(found["peak_sampling"][0]) <= np.sqrt(own) * (1 + 1e-9)
+    assert np.max(np.abs(errors)) < 6e-4
+    assert abs(np.mean(errors)) < 3e-4
+    assert np.sqrt(np.mean((np.array(errors) / np.array(stated)) ** 2)) < 1.2
