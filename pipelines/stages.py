@@ -295,7 +295,7 @@ CONTACT_AREA = (
         summary="fit the fringes around the contact",
     ),
     Stage(
-        "impacts", "pipelines.experiments.contact_area:impacts", 3, ("radius",),
+        "impacts", "pipelines.experiments.contact_area:impacts", 4, ("radius",),
         summary="find the largest radius of each impact, and that at rest",
     ),
     Stage(
@@ -308,7 +308,7 @@ CONTACT_AREA = (
         summary="simulate the drop",
     ),
     Stage(
-        "comparison", "pipelines.experiments.contact_area:comparison", 2,
+        "comparison", "pipelines.experiments.contact_area:comparison", 3,
         ("radius", "impacts", "model"),
         summary="measurement against model",
     ),

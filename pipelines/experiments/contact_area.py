@@ -33,11 +33,12 @@ _SLOWEST = 3.0  # an impact lasts at most this many times the longest before: He
 _RESOLVED = 3  # frames of an impact from which single frames elsewhere are not impacts
 _STEP = 2e-5  # s, spacing of the model's curve
 _WINDOW = 3e-3  # s around the largest radius in which film and model are compared
-_BESIDE = 3  # frames on either side of the largest that tell the largest radius
-# Fewest frames and degree of the polynomial through them. In simulated impacts of four polymers at
-# 10,000 frames a second five frames and degree 2, 3 lie 0.06, 0.03 % low (worst 0.16, 0.10), seven
-# and degree 4 0.01 % high (worst 0.09); 1 µm of noise scatters all by 0.07 to 0.08 %.
-_DEGREES = ((7, 4), (5, 3), (4, 2))
+# Frames on either side of the largest and degree of the polynomial through them, the best first. In
+# simulated impacts of four polymers at 10,000 frames a second five frames and degree 2, 3 lie 0.06,
+# 0.03 % low (worst 0.16, 0.10), seven and degree 4 0.01 % high (worst 0.09); noise of 1 µm scatters
+# all of them by 0.07 to 0.08 %.
+_FITS = ((3, 4), (2, 3), (1, 2))
+_BESIDE = _FITS[0][0]
 _REAL = 1e-9  # imaginary part of a root that is real
 
 
@@ -50,7 +51,7 @@ class Peak(NamedTuple):
     time: float
     radius: float
     u: float
-    sampling: float
+    sampling: float = 0.0
 
 
 def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr.Dataset:
@@ -170,34 +171,36 @@ def _peak(time: Array, a: Array, u: Array) -> Peak:
     """Find the largest radius by a polynomial through a² of the frames around the largest.
 
     a² goes with the approach, which passes its largest value smoothly; a itself does not. How far
-    the next lower degree ends elsewhere tells what the frames leave open between them.
+    fewer frames and a lower degree end elsewhere tells what the frames leave open between them.
     """
     is_known = np.isfinite(a)
     time, a, u = time[is_known], a[is_known], u[is_known]
     top = int(np.argmax(a))
-    low, high = max(0, top - _BESIDE), min(len(a), top + _BESIDE + 1)
+    found = [p for beside, degree in _FITS if (p := _fitted(time, a, u, top, beside, degree))]
+    alone = Peak(float(time[top]), float(a[top]), float(u[top]))
+    if not found:
+        low, high = max(0, top - 1), min(len(a), top + 2)
+        return alone._replace(sampling=float(np.ptp(a[low:high])) / np.sqrt(12.0))
+    best, lower, *_ = *found, alone
+    return best._replace(sampling=abs(best.radius - lower.radius) / np.sqrt(3.0))
+
+
+def _fitted(time: Array, a: Array, u: Array, top: int, beside: int, degree: int) -> Peak | None:
+    """Fit the frames beside the largest; nothing where they are too few or have no maximum."""
+    low, high = top - beside, top + beside + 1
+    if low < 0 or high > len(a):
+        return None
     x, near = time[low:high] - time[top], a[low:high]
-    open_between = float(np.ptp(near)) / np.sqrt(12.0)
-    alone = Peak(float(time[top]), float(a[top]), float(u[top]), open_between)
-    degree = next((d for least, d in _DEGREES if high - low >= least), 0)
-    if not degree:
-        return alone
     scale = float(np.max(np.abs(x)))
     weights = 1 / np.maximum(2 * near * u[low:high], 1e-18)
-    fits = [np.polyfit(x / scale, near**2, d, w=weights) for d in (degree, degree - 1)]
-    places = [_summit(fit) for fit in fits]
-    if places[0] is None:
-        return alone
-    value, lower = (
-        float(a[top]) if at is None else float(np.sqrt(np.polyval(fit, at)))
-        for fit, at in zip(fits, places, strict=True)
-    )
-    rest = near - np.sqrt(np.maximum(np.polyval(fits[0], x / scale), 0))
+    fit = np.polyfit(x / scale, near**2, degree, w=weights)
+    place = _summit(fit)
+    if place is None:
+        return None
+    rest = near - np.sqrt(np.maximum(np.polyval(fit, x / scale), 0))
     scatter = float(np.sqrt(np.sum(rest**2) / max(high - low - degree - 1, 1)))
-    return Peak(
-        float(time[top] + places[0] * scale), value, max(float(u[top]), scatter),
-        abs(value - lower) / np.sqrt(3.0),
-    )  # fmt: skip
+    value = float(np.sqrt(np.polyval(fit, place)))
+    return Peak(float(time[top] + place * scale), value, max(float(u[top]), scatter))
 
 
 def _summit(polynomial: Array) -> float | None:
