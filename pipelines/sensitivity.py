@@ -110,7 +110,8 @@ def _ball_drop(inputs: Inputs, experiment: Experiment) -> Iterator[Quantity]:
     settings: Any = experiment.settings
     made = [inputs.result(experiment.name, "bounces", f) for f in settings.laser]
     moved = inputs.result(experiment.name, "displacement", settings.laser[0])
-    yield from budgets.ball_drop(made, moved)
+    model = inputs.result(experiment.name, "model")
+    yield from budgets.ball_drop(made, moved, model)
 
 
 def _relaxation(inputs: Inputs, experiment: Experiment) -> Iterator[Quantity]:
@@ -143,13 +144,17 @@ def _plate_vibration(inputs: Inputs, experiment: Experiment) -> Iterator[Quantit
 
 
 QUANTITIES: dict[str, tuple[tuple[str, ...], Read]] = {
-    "ball_drop": (("bounces", "displacement"), _ball_drop),
-    "contact_area": (("radius", "impacts"), _of(budgets.contact_area, "impacts", "radius")),
+    "ball_drop": (("bounces", "displacement", "model"), _ball_drop),
+    "contact_area": (
+        ("radius", "impacts", "model"),
+        _of(budgets.contact_area, "impacts", "radius", "model"),
+    ),
     "relaxation": (("loads", "ramps", "curves"), _relaxation),
     "harmonic": (("loads", "oscillations"), _of(budgets.harmonic, "oscillations", "loads")),
     "static_loading": (
-        ("displacement", "steps", "approach"),
-        _of(budgets.static_loading, "displacement", "steps", "approach", with_settings=True),
+        ("displacement", "steps", "approach", "model"),
+        _of(budgets.static_loading, "displacement", "steps", "approach", "model",
+            with_settings=True),
     ),
     "plate_vibration": (("displacement", "table", "plate"), _plate_vibration),
     "dic_validation": (

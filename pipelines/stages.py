@@ -48,7 +48,7 @@ BALL_DROP = (
         summary="align at first contact: mean, band, outliers",
     ),
     Stage(
-        "model", "pipelines.experiments.ball_drop:model", 4,
+        "model", "pipelines.experiments.ball_drop:model", 5,
         ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve",
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
@@ -62,7 +62,7 @@ BALL_DROP = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.ball_drop_page:page", 7,
+        "report", "pipelines.experiments.ball_drop_page:page", 8,
         ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
         ("*",), output="page", context=True,
         summary="write the page",
@@ -80,7 +80,7 @@ HARMONIC = (
         summary="compression-positive force, tared, with uncertainty",
     ),
     Stage(
-        "hold", "pipelines.experiments.harmonic:hold", 4, ("loads",), ("contact", "plateau"),
+        "hold", "pipelines.experiments.harmonic:hold", 5, ("loads",), ("contact", "plateau"),
         summary="peak and plateau of the relaxation before the oscillations",
     ),
     Stage(
@@ -112,7 +112,7 @@ HARMONIC = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.harmonic_page:page", 4,
+        "report", "pipelines.experiments.harmonic_page:page", 5,
         ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison"),
         ("*",),
         output="page", context=True,
@@ -132,12 +132,12 @@ RELAXATION = (
         summary="compression-positive force, tared, with uncertainty",
     ),
     Stage(
-        "ramps", "pipelines.experiments.relaxation:ramps", 4,
+        "ramps", "pipelines.experiments.relaxation:ramps", 5,
         ("loads",), ("contact", "hold.plateau"), per="recording", over="mach1", schema="ramps",
         summary="find touch, ramps and holds: peak and plateau",
     ),
     Stage(
-        "curves", "pipelines.experiments.relaxation:curves", 4,
+        "curves", "pipelines.experiments.relaxation:curves", 5,
         ("loads", "ramps", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "model"), per="recording", over="mach1",
@@ -151,7 +151,7 @@ RELAXATION = (
         summary="simulate with the measured displacement",
     ),
     Stage(
-        "comparison", "pipelines.experiments.relaxation:comparison", 3,
+        "comparison", "pipelines.experiments.relaxation:comparison", 4,
         ("loads", "ramps", "model"), ("hold",), per="recording", over="mach1",
         summary="measurement against model: ramp, early, late",
     ),
@@ -161,7 +161,7 @@ RELAXATION = (
         summary="gather the tests, average the modulus",
     ),
     Stage(
-        "report", "pipelines.experiments.relaxation_page:page", 5,
+        "report", "pipelines.experiments.relaxation_page:page", 6,
         ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -181,7 +181,7 @@ STATIC_LOADING = (
         summary="correct the inclination, with uncertainty",
     ),
     Stage(
-        "steps", "pipelines.experiments.static_loading:steps", 3, ("displacement",),
+        "steps", "pipelines.experiments.static_steps:steps", 4, ("displacement",),
         ("loads", "sphere.radius", "zero", "steps", "model.gravity"), schema="steps",
         summary="find the loads' times and first touch; creep compliance",
     ),
@@ -191,7 +191,7 @@ STATIC_LOADING = (
         summary="approach, contact radius and creep under each load",
     ),
     Stage(
-        "model", "pipelines.experiments.static_loading:model", 1,
+        "model", "pipelines.experiments.static_loading:model", 2,
         ("displacement", "steps", "file:sphere.material_file",
          "other:sphere.material_from/master_curve"),
         ("sphere", "model"),
@@ -203,7 +203,7 @@ STATIC_LOADING = (
         summary="measurement against model and Hertz",
     ),
     Stage(
-        "report", "pipelines.experiments.static_loading_page:page", 3,
+        "report", "pipelines.experiments.static_loading_page:page", 4,
         ("readings", "displacement", "steps", "approach", "model", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -222,7 +222,7 @@ DMA = (
         summary="gather isothermal sweeps, in tension",
     ),
     Stage(
-        "master_curve", "pipelines.experiments.dma:master_curve", 4,
+        "master_curve", "pipelines.experiments.dma:master_curve", 5,
         ("sweeps",), ("T_ref", "nu", "fit"), schema="master_curve",
         summary="fit all shifts and one spectrum",
     ),
@@ -237,7 +237,7 @@ DMA = (
         summary="find the glass transition",
     ),
     Stage(
-        "report", "pipelines.experiments.dma_page:page", 5,
+        "report", "pipelines.experiments.dma_page:page", 6,
         ("readings", "sweeps", "master_curve", "published", "temperature_sweep"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -278,7 +278,7 @@ DIC_VALIDATION = (
         summary="film against laser",
     ),
     Stage(
-        "report", "pipelines.experiments.dic_validation_page:page", 4,
+        "report", "pipelines.experiments.dic_validation_page:page", 5,
         ("track", "motion", "bounces", "velocity", "keys", "comparison",
          "other:laser_experiment/repeats"), ("*",),
         output="page", context=True,
@@ -299,7 +299,7 @@ CONTACT_AREA = (
         summary="find the largest radius of each impact, and that at rest",
     ),
     Stage(
-        "model", "pipelines.experiments.contact_area:model", 2,
+        "model", "pipelines.experiments.contact_area:model", 3,
         ("radius", "impacts", "file:sphere.material_file",
          "other:sphere.material_from/master_curve", "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
@@ -318,7 +318,7 @@ CONTACT_AREA = (
         summary="copy key frames for the page",
     ),
     Stage(
-        "report", "pipelines.experiments.contact_area_page:page", 5,
+        "report", "pipelines.experiments.contact_area_page:page", 6,
         ("radius", "impacts", "model", "comparison", "keys"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -339,12 +339,12 @@ PLATE_VIBRATION = (
         summary="correct the inclination, with uncertainty",
     ),
     Stage(
-        "ringing", "pipelines.experiments.plate_vibration:ringing", 1, ("displacement",),
+        "ringing", "pipelines.experiments.plate_vibration:ringing", 2, ("displacement",),
         ("blow",), per="recording", over="drops.laser", schema="ringing",
         summary="fit the free ringing after the first blow",
     ),
     Stage(
-        "table", "pipelines.experiments.plate_vibration:table", 1, ("ringing",), ("drops",),
+        "table", "pipelines.experiments.plate_vibration:table", 2, ("ringing",), ("drops",),
         summary="frequency, damping and amplitude by material and height",
     ),
     Stage(
@@ -365,7 +365,7 @@ PLATE_VIBRATION = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.plate_vibration_page:page", 4,
+        "report", "pipelines.experiments.plate_vibration_page:page", 5,
         ("readings", "displacement", "ringing", "table", "plate", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",

@@ -35,6 +35,7 @@ _ROUGH, _EXACT = 0.5, 0.01  # decrease of the cost, still promised, at which a f
 _MOST_STEPS = 25
 _DAMPING, _WORSE, _BETTER, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 20.0, 0.05, 1e-9, 1e6
 _KEPT = 0.2  # of a promised gain that may be missed before the derivatives are renewed
+_MOST_LEARNED = 4  # steps that miss their promise, from each of which the tangent learns
 _LOOSE = 0.01  # relative deviation of every number while starts are tried
 _ROUNDS, _PATIENCE = 12, 6  # of corrections, and before discrepancies are looked for anyway
 _LOOKS = 4  # for discrepancies; they stay after the last one
@@ -219,8 +220,8 @@ class Objective:
     ) -> Array:
         """Return the minimum from a start, up to a decrease of the cost that is not worth a step.
 
-        Every step goes to the minimum of a surrogate. As long as the models keep what it promises
-        its tangent is used again, from where they are now.
+        Every step goes to the minimum of a surrogate, whose tangent learns from it. It is made
+        anew where steps miss their promise again and again, or lead uphill.
 
         Parameters
         ----------
@@ -238,9 +239,10 @@ class Objective:
         is_kept = is_near and self._tangent is not None
         if not is_kept:
             self._differentiate(xi)
-        is_fresh, damping = not is_kept, _DAMPING
+        is_fresh, damping, learned = not is_kept, _DAMPING, 0
         for _ in range(_MOST_STEPS):
-            trial, promised = self._surrogate(xi, rest).lowest(damping, held, _BOUND)
+            surrogate = self._surrogate(xi, rest)
+            trial, promised = surrogate.lowest(damping, held, _BOUND)
             if height - promised < decrease:
                 if is_fresh or is_kept:
                     break
@@ -258,12 +260,30 @@ class Objective:
                 is_fresh, is_kept = True, False
                 continue
             is_kept = new - promised < max(decrease, _KEPT * (height - promised))
+            self._learn(surrogate, trial, found)
+            learned = 0 if is_kept else learned + 1
             xi, rest, height, is_fresh = trial, found, new, False
             damping = max(damping * _BETTER, _LEAST_DAMPING)
-            if not is_kept:
+            if learned > _MOST_LEARNED:
                 self._differentiate(xi)
-                is_fresh = True
+                is_fresh, learned = True, 0
         return xi
+
+    def _learn(self, surrogate: Surrogate, to: Array, found: Array) -> None:
+        """Mend the tangent by what a step really did."""
+        if self._tangent is None or not np.any(to != surrogate.at):
+            return
+        promised, _ = surrogate.rows(to)
+        deviations = np.concatenate([
+            self.deviations(i) for i in range(len(self.problem.evidence))
+        ])  # fmt: skip
+        given = self.problem.given(surrogate.at)
+        weight = np.concatenate([
+            e.weight(ratio, given)[0]
+            for e, ratio in zip(self.problem.evidence, self.corrections, strict=True)
+        ])  # fmt: skip
+        missed = (promised - found) * deviations / weight
+        self._tangent = self._tangent.learned(surrogate, to, missed)
 
     def followed(self, xi: Array, number: int, target: float, decrease: float) -> Array:
         """Return the minimum with one unknown moved to a target, from one where it was not.

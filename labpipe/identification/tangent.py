@@ -79,6 +79,38 @@ class Tangent:
         return np.vstack(by_terms), np.vstack(by_values)
 
 
+    def learned(self, surrogate: "Surrogate", to: Array, missed: Array) -> "Tangent":
+        """Return the tangent that would have foretold a step (Broyden's rank-one change).
+
+        Differences of a simulator are a little wrong along the valleys that the data leave open;
+        what a step told costs no further run.
+
+        Parameters
+        ----------
+        surrogate : Surrogate
+            That made the step, from where it stands.
+        to : array (parameter,)
+            Where the step ended.
+        missed : array (n,)
+            Predictions of the fast models there, minus the promised ones.
+        """
+        n = self.problem.n_material
+        begin, end = surrogate.terms(surrogate.at), surrogate.terms(to)
+        own = [p.slope(x) for p, x in zip(self.problem.nuisances, to[n:].tolist(), strict=True)]
+        scale = np.concatenate([begin, own])
+        way = np.concatenate([end - begin, surrogate.values(to) - surrogate.values(surrogate.at)])
+        row = way / scale / float(np.sum((way / scale) ** 2)) / scale
+        ends = np.cumsum([e.values.size for e in self.problem.evidence])[:-1]
+        parts = np.split(missed, ends)
+        by_terms = tuple(
+            d + np.outer(m, row[: end.size]) for d, m in zip(self.by_terms, parts, strict=True)
+        )
+        by_values = tuple(
+            d + np.outer(m, row[end.size :]) for d, m in zip(self.by_values, parts, strict=True)
+        )
+        return Tangent(self.problem, by_terms, by_values, self.numbers)
+
+
 @dataclass(frozen=True, eq=False)
 class Surrogate:
     """Residuals near a point, by a tangent: cheap enough to be minimised at every step.
@@ -102,15 +134,15 @@ class Surrogate:
 
     def rows(self, xi: Array) -> tuple[Array, Array]:
         """Return residuals (n,) of the data at a point, and their derivative (n, parameter)."""
-        terms, start = self._terms(xi), self._terms(self.at)
-        values, first = self._values(xi), self._values(self.at)
+        terms, start = self.terms(xi), self.terms(self.at)
+        values, first = self.values(xi), self.values(self.at)
         moved = self.by_terms @ (terms - start) + self.by_values @ (values - first)
         return self.rest - moved, -self.jacobian(xi)
 
     def jacobian(self, xi: Array) -> Array:
         """Return the derivative (n, parameter) of the predictions over their deviations."""
         n = self.problem.n_material
-        slopes = self._terms(xi)[:, None] * self.problem.spectrum.slopes(xi[:n])
+        slopes = self.terms(xi)[:, None] * self.problem.spectrum.slopes(xi[:n])
         own = [p.slope(x) for p, x in zip(self.problem.nuisances, xi[n:].tolist(), strict=True)]
         return np.hstack([self.by_terms @ slopes, self.by_values * np.array(own)])
 
@@ -174,10 +206,12 @@ class Surrogate:
         way = xi - self.at
         return 0.5 * float(rest @ rest + own * xi @ xi + damping * way @ way)
 
-    def _terms(self, xi: Array) -> Array:
+    def terms(self, xi: Array) -> Array:
+        """Return (E_relaxed, E) in Pa (1 + term,) at a point."""
         return np.exp(self.problem.spectrum.log_terms(xi[: self.problem.n_material]))
 
-    def _values(self, xi: Array) -> Array:
+    def values(self, xi: Array) -> Array:
+        """Return the nuisances (nuisance,) in their units at a point."""
         return np.array(list(self.problem.given(xi).values()))
 
 

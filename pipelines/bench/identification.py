@@ -1,7 +1,7 @@
 """Identification of materials against random truths: bias, coverage, width of intervals.
 
-Truths come by a way of their own. A spectrum is a broad bump with six terms per decade, on no grid
-of the fit; forces of a hold come from the closed form of a ramp, bounces from the virtual rig's
+Truths come by a way of their own. A spectrum is the sum of three dispersions of Cole and Cole, drawn
+from what is published of polymers, with six terms per decade on no grid of the fit; forces of a hold come from the closed form of a ramp, bounces from the virtual rig's
 dense reference. Every error that the problem leaves unknown (gain, tare, height, mass, radius,
 trigger) is drawn from what is stated of it. The Cramér–Rao bound is that of Bayes (van Trees):
 the inverse of the data's information and that of the prior.
@@ -31,7 +31,7 @@ from labpipe.identification import (
 )
 from labpipe.materials import Prony
 from pipelines.bench.measure import Point, Suite
-from pipelines.rig.reference_drop import reference_drop
+from pipelines.rig.reference_drop import CONTACT_STEP, reference_drop
 
 Array = NDArray[np.float64]
 
@@ -46,6 +46,8 @@ _RADIUS, _MASS, _HEIGHT = 9.525e-3, 0.505, 1.5e-3
 _U_RADIUS, _U_MASS, _U_HEIGHT = 5e-6, 5e-4, 5e-6
 _U_TOUCH, _U_DURATION = 5e-6, 9e-6  # s
 _BOUNCES, _RECORD = 6, 0.26  # s
+_PER_DECADE = 6  # terms of a truth
+_OMEGA = 2.0 * np.pi * 1e3  # rad/s
 
 
 class Trial(NamedTuple):
@@ -61,19 +63,38 @@ class Trial(NamedTuple):
 def random_solid(seed: int, *, is_rubber: bool) -> Prony:
     """Draw a polymer: a rubber of some megapascals or a glass of some gigapascals.
 
-    The loss factor at 1 kHz of a glass lies between 0.01 and 0.08.
+    A glass has three secondary dispersions, the loss factor at 1 kHz lies between 0.01 and 0.08; a
+    rubber has its glass transition far below a millisecond and two slow dispersions.
     """
     rng = np.random.default_rng(seed)
-    relaxed = 10.0 ** (rng.uniform(6.3, 7.5) if is_rubber else rng.uniform(8.8, 9.5))
-    rho = 10.0 ** (np.arange(-6.0, 4.0, 1.0 / 6.0) + rng.uniform(0.0, 1.0 / 6.0))
-    decades = np.log10(rho)
-    centre, width = rng.uniform(-5.0, 0.0), rng.uniform(2.0, 4.0)
-    shape = np.exp(-0.5 * ((decades - centre) / width) ** 2)
+    rho = 10.0 ** (np.arange(-10.0, 5.0, 1.0 / _PER_DECADE) + rng.uniform(0.0, 1.0 / _PER_DECADE))
     if is_rubber:
-        return Prony(relaxed, rng.uniform(0.05, 0.4) * relaxed * shape / 6.0, rho, nu=0.5)
-    level = 2.0 / np.pi * np.log(10.0) / 6.0 * rng.uniform(0.01, 0.08) * relaxed
-    at_contact = np.exp(-0.5 * ((-3.8 - centre) / width) ** 2)
-    return Prony(relaxed, level * shape / at_contact, rho, nu=0.35)
+        relaxed = 10.0 ** rng.uniform(6.3, 7.5)
+        shape = _dispersion(rho, rng, (-9.0, -5.0), (1.5, 2.5))
+        for _ in range(2):
+            shape += _dispersion(rho, rng, (-3.0, 3.0), (-1.5, -0.3))
+        return Prony(relaxed, relaxed * shape, rho, nu=0.5)
+    relaxed = 10.0 ** rng.uniform(8.8, 9.5)
+    while True:
+        shape = sum(_dispersion(rho, rng, (-8.0, 2.0), (-1.5, 0.0)) for _ in range(3))
+        solid = Prony(relaxed, relaxed * np.asarray(shape), rho, nu=0.35)
+        modulus = complex(solid.complex_modulus(np.array([_OMEGA]))[0])
+        if 0.01 < modulus.imag / modulus.real < 0.08:
+            return solid
+
+
+def _dispersion(
+    rho: Array, rng: np.random.Generator, centres: tuple[float, float], strengths: tuple[float, float]
+) -> Array:
+    """Return weights (term,) of a random dispersion of Cole and Cole over the long-time modulus.
+
+    Centres and strengths are decadic logarithms; secondary and primary dispersions of polymers
+    have orders of 0.2 to 0.6.
+    """
+    order = rng.uniform(0.2, 0.6)
+    x = order * np.log(rho / 10.0 ** rng.uniform(*centres))
+    spectrum = np.sin(np.pi * order) / (np.cosh(x) + np.cos(np.pi * order)) / (2.0 * np.pi)
+    return np.asarray(10.0 ** rng.uniform(*strengths) * np.log(10.0) / _PER_DECADE * spectrum)
 
 
 def run(quick: bool) -> Suite:
@@ -176,7 +197,9 @@ def drop_trial(seed: int, *, is_followed: bool = True) -> Trial:
     )  # fmt: skip
     count = min(_BOUNCES + 1, made.liftoff.size)
     touch = made.touch[:count] + _U_TOUCH * rng.standard_normal(count)
-    duration = made.liftoff[:count] - made.touch[:count] + _U_DURATION * rng.standard_normal(count)
+    # the reference tells the end of the step in which the sphere left
+    left = made.liftoff[:count] - 0.5 * CONTACT_STEP
+    duration = left - made.touch[:count] + _U_DURATION * rng.standard_normal(count)
     none = np.full(count, np.nan)
     seen = Bounces(touch - touch[0], np.full(count, _U_TOUCH), duration,
                    np.full(count, _U_DURATION), none, none)  # fmt: skip

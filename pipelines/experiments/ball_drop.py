@@ -5,7 +5,7 @@ level of that contact.
 """
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -17,14 +17,15 @@ from numpy.typing import NDArray
 import calibration
 from calibration import laser
 from labpipe import contact, signals
+from labpipe.materials import Prony
+from labpipe.uncertainty import Source, table
 from labpipe.units import Quantity
 from pipelines.experiments.laser_file import read_laser
-from pipelines.experiments.material import resolve
+from pipelines.experiments.material import resolve, variations
 from pipelines.experiments.plate import plate_inputs, resolve_plate
 from pipelines.settings.ball_drop import BallDrop
 
 Array = NDArray[np.float64]
-Simulation = Callable[..., xr.Dataset]
 
 _CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
 _COARSE = 1e-3  # tolerance of the simulations by which sensitivities are found
@@ -192,26 +193,33 @@ def model(
     substrate = resolve_plate(settings.plate, plate)
     floor = plate_inputs(settings.plate, plate)
     inputs = body | {f"{_OF_PLATE}{name}": quantity for name, quantity in floor.items()}
+    solids = variations(sphere, material_file, fitted)
 
-    def simulate(rtol: float, times: Array | None, **change: float) -> xr.Dataset:
+    def simulate(other: Prony, rtol: float, times: Array | None, **change: float) -> xr.Dataset:
         values = {name: quantity.value for name, quantity in inputs.items()} | change
         moved = {name: values[f"{_OF_PLATE}{name}"] for name in floor}
         return contact.drop(
-            solid, values["radius"], values["mass"], values["height"], duration, chosen.solver,
+            other, values["radius"], values["mass"], values["height"], duration, chosen.solver,
             chosen.profile, rtol, gravity=gravity, times=times,
             plate=None if substrate is None else replace(substrate, **moved),
             fold=not full, shortcuts=contact.Shortcuts.chosen(full=full),
         )  # fmt: skip
 
-    made = simulate(chosen.rtol, times)
+    made = simulate(solid, chosen.rtol, times)
     # On a ringing plate a later touch meets it at another moment when the height changes, so the
     # body's sensitivities are those on the plate; a few per cent of a sensitivity do no harm.
     coarse = max(chosen.rtol, _COARSE)
-    variance = _variance(
-        simulate(coarse, None), inputs, lambda **change: simulate(coarse, None, **change),
-        made.sizes["impact"],
-    )  # fmt: skip
-    made = _with_uncertainty(made, list(inputs), variance)
+    reference, count = simulate(solid, coarse, None), made.sizes["impact"]
+    slopes = {}
+    for key, given in inputs.items():
+        if given.u > 0.0:
+            change = max(given.u, _LEAST_CHANGE * given.value)
+            off = simulate(solid, coarse, None, **{key: given.value + change})
+            slopes[key] = given, _slopes(off, reference, change, count)
+    for key, (given, other) in solids.items():
+        off = simulate(other, coarse, None)
+        slopes[key] = given, _slopes(off, reference, given.u, count)
+    made = _with_uncertainty(made, slopes)
     made.attrs["plate"] = json.dumps(None if substrate is None else asdict(substrate))
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
@@ -219,38 +227,40 @@ def model(
     return made
 
 
-def _variance(
-    reference: xr.Dataset, inputs: Mapping[str, Quantity], simulate: Simulation, count: int
+def _slopes(
+    other: xr.Dataset, reference: xr.Dataset, change: float, count: int
 ) -> dict[str, Array]:
-    """Return the variance (impact,) of each uncertain result that the inputs bring about."""
-    variance = {name: np.zeros(count) for name in _UNCERTAIN}
-    for key, quantity in inputs.items():
-        if quantity.u == 0:
-            continue
-        change = max(quantity.u, _LEAST_CHANGE * quantity.value)
-        other = simulate(**{key: quantity.value + change})
-        shared = min(other.sizes["impact"], reference.sizes["impact"], count)
-        for name in _UNCERTAIN:
-            values = other[name].values[:shared], reference[name].values[:shared]
-            if name == "impact_time":  # what is compared counts from the first contact
-                values = values[0] - values[0][0], values[1] - values[1][0]
-            variance[name][:shared] += ((values[0] - values[1]) / change * quantity.u) ** 2
-    return variance
+    """Return the change (impact,) of each uncertain result per change of one input."""
+    shared = min(other.sizes["impact"], reference.sizes["impact"], count)
+    found = {}
+    for name in _UNCERTAIN:
+        values = other[name].values[:shared], reference[name].values[:shared]
+        if name == "impact_time":  # what is compared counts from the first contact
+            values = values[0] - values[0][0], values[1] - values[1][0]
+        found[name] = _padded((values[0] - values[1]) / change, count)
+    return found
 
 
 def _with_uncertainty(
-    made: xr.Dataset, inputs: Sequence[str], variance: Mapping[str, Array]
+    made: xr.Dataset, slopes: Mapping[str, tuple[Quantity, dict[str, Array]]]
 ) -> xr.Dataset:
     """Add what the uncertainties of the inputs do to restitution, times, forces and radii."""
     for name in _UNCERTAIN:
+        parts = [np.nan_to_num(by[name]) * given.u for given, by in slopes.values()]
         made[f"u_{name}"] = (
             "impact",
-            np.sqrt(variance[name]),
+            np.sqrt(np.sum(np.square(parts), axis=0)) if parts else np.zeros(made.sizes["impact"]),
             {
                 "units": made[name].attrs["units"],
-                "long_name": f"standard uncertainty from {', '.join(inputs)}: {name}",
+                "long_name": f"standard uncertainty from {', '.join(slopes)}: {name}",
             },
         )
+    sources = [
+        Source(key, given.value, given.u, "K" if given.si == "degC" else given.si,
+               float(np.nan_to_num(by["restitution"][0])), "systematic")
+        for key, (given, by) in slopes.items() if made.sizes["impact"]
+    ]  # fmt: skip
+    made.attrs["budget"] = json.dumps(table(sources))
     return made
 
 

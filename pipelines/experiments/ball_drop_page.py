@@ -61,7 +61,7 @@ def page(
     if model is not None:
         sections.append(_model(model))
     if moved and pages.present(bounces):
-        found = budgets.ball_drop(pages.present(bounces), moved[0])
+        found = budgets.ball_drop(pages.present(bounces), moved[0], model)
         sections += budget_blocks.section(context.experiment, found)
     if repeats is not None:
         sections.append(pages.methods(_methods(settings, moved, repeats, comparison)))
@@ -87,7 +87,8 @@ def _summary(
         e, u = float(model["restitution"][0]), float(model["u_restitution"][0])
         rows.append(
             ("restitution of the first impact, model", value_with_uncertainty(e, u, "1"),
-             "uncertainty from height, radius and mass; the material's is not included")
+             "uncertainty from height, body and plate, and from temperature and Poisson's ratio where "
+             "they are stated with one; the material's moduli are taken as exact")
         )  # fmt: skip
     if comparison is not None:
         rows += [

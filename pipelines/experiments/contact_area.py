@@ -17,8 +17,10 @@ from calibration import camera as camera_scale
 from labpipe import contact, imaging
 from labpipe.contact import hertz
 from labpipe.errors import InputError
+from labpipe.materials import Prony
+from labpipe.uncertainty import Source, combined, table
 from pipelines.experiments.film_frames import key_frames, open_film, recorded_on
-from pipelines.experiments.material import resolve
+from pipelines.experiments.material import resolve, variations
 from pipelines.experiments.plate import resolve_plate
 from pipelines.settings.contact_area import ContactArea
 
@@ -259,16 +261,17 @@ def model(
         times=np.arange(0.0, duration, _STEP),
         fold=not full, shortcuts=contact.Shortcuts.chosen(full=full),
     )  # fmt: skip
-    # Exponents of Hertz's impact: a ~ R^0.4 (m h)^0.2.
-    relative = np.sqrt(
-        (0.4 * sphere.radius.u / sphere.radius.value) ** 2
-        + (0.2 * sphere.mass.u / sphere.mass.value) ** 2
-        + (0.2 * settings.height.u / settings.height.value) ** 2
-    )
+    largest = made["peak_contact_radius"].values
+    sources = [
+        s._replace(sensitivity=s.sensitivity * float(largest[0]))
+        for s in _relative_sources(settings, material_file, fitted, solid, made)
+    ] if largest.size else []  # fmt: skip
+    relative = combined(sources) / float(largest[0]) if sources else 0.0
     made["u_peak_contact_radius"] = (
-        "impact", relative * made["peak_contact_radius"].values,
-        {"units": "m", "long_name": "standard uncertainty from height, radius and mass: peak"},
+        "impact", relative * largest,
+        {"units": "m", "long_name": "standard uncertainty from height, body and material: peak"},
     )  # fmt: skip
+    made.attrs["budget"] = json.dumps(table(sources))
     weight = sphere.mass.value * gravity
     for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
         reduced = float(modulus) / (1 - float(solid.nu) ** 2)
@@ -281,6 +284,30 @@ def model(
     work.pop("seconds", None)  # the clock has no place in a stored result
     made.attrs["work"] = json.dumps(work)
     return made
+
+
+def _relative_sources(
+    settings: ContactArea, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony,
+    made: xr.Dataset,
+) -> list[Source]:  # fmt: skip
+    """Return what makes the largest radius uncertain, relative to it.
+
+    By the exponents of Hertz's impact, a ~ R^0.4 (m h)^0.2 E^-0.2, the modulus that at the
+    frequency of the contact.
+    """
+    sphere = settings.sphere
+    given = (("radius", sphere.radius, 0.4), ("mass", sphere.mass, 0.2),
+             ("height", settings.height, 0.2))  # fmt: skip
+    sources = [
+        Source(name, q.value, q.u, q.si, power / q.value, "systematic") for name, q, power in given
+    ]
+    omega = np.pi / float(made["contact_duration"][0])
+    stiffness = abs(complex(solid.complex_modulus(omega)))
+    for name, (q, other) in variations(sphere, material_file, fitted).items():
+        change = -0.2 * float(np.log(abs(complex(other.complex_modulus(omega))) / stiffness))
+        unit = "K" if q.si == "degC" else q.si
+        sources.append(Source(name, q.value, q.u, unit, change / q.u, "systematic"))
+    return sources
 
 
 def comparison(

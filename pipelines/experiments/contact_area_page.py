@@ -65,7 +65,7 @@ def page(
     if radius is not None:
         sections.append(_calibration(radius, impacts))
     if radius is not None and impacts is not None:
-        found = budgets.contact_area(impacts, radius)
+        found = budgets.contact_area(impacts, radius, model)
         sections += budget_blocks.section(context.experiment, found)
     if radius is not None and impacts is not None:
         sections.append(pages.methods(_methods(settings, radius, impacts)))

@@ -291,16 +291,17 @@ def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
         noise_ratio=fit.noise_ratio,
         nu=settings.nu.value,
     )
-    return _stored(made, sweeps)
+    return _stored(made, sweeps, settings.nu.u)
 
 
-def _stored(made: MasterCurve, sweeps: xr.Dataset) -> xr.Dataset:
+def _stored(made: MasterCurve, sweeps: xr.Dataset, u_nu: float) -> xr.Dataset:
     """Return everything the page and other experiments need as one Dataset."""
     result = made.to_dataset()
     scalars = {
         "E_relaxed": (made.prony.E_relaxed, "Pa", "modulus after an infinite time"),
         "E_unrelaxed": (made.prony.E_unrelaxed, "Pa", "modulus after no time"),
         "nu": (made.prony.nu, "1", "Poisson's ratio"),
+        "u_nu": (u_nu, "1", "standard uncertainty: Poisson's ratio"),
         "T_ref": (made.T_ref, "degC", "reference temperature"),
         "delay": (made.delay, "s", "delay of the instrument's phase"),
         "u_delay": (made.u_delay, "s", "standard uncertainty: delay of the instrument's phase"),

@@ -114,12 +114,18 @@ def _hold(loads: xr.Dataset, block: int, rows: slice, previous: float | None) ->
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """A mean force [N] with the uncertainty of its noise, and over which times [s]."""
+    """A mean force [N] with the uncertainty of its noise, and over which times [s].
+
+    ``lag`` [N] is by how much the force would have read lower without the cell's filter, and
+    ``u_lag`` how well that is known; the mean is free of it.
+    """
 
     force: float
     u: float
     begin: float
     end: float
+    lag: float
+    u_lag: float
 
 
 def plateau(loads: xr.Dataset, hold: Hold, longest: float) -> Level:
@@ -142,7 +148,10 @@ def mean_force(loads: xr.Dataset, hold: Hold, begin: float, end: float) -> Level
     u = noise / np.sqrt(independent_count(rest))
     if noise < step / 2:
         u = max(u, step / np.sqrt(12))  # all on one step of the cell: no mean sees between
-    return Level(float(values.mean()), float(u), begin, end)
+    delay = mach1_file.filter_delay(loads)
+    lag = -slope * delay.value  # what falls, reads too high by as much as it falls meanwhile
+    u_lag = abs(slope) * delay.u
+    return Level(float(values.mean()) - lag, float(np.hypot(u, u_lag)), begin, end, lag, u_lag)
 
 
 def unfinished(loads: xr.Dataset, hold: Hold, level: Level) -> float:
@@ -202,6 +211,8 @@ _RAMP_COLUMNS = {
     "plateau_force": ("N", "mean force over the end of the hold"),
     "u_plateau_force": ("N", "standard uncertainty: plateau force"),
     "unfinished": ("N", "standard uncertainty of the plateau from relaxation that goes on"),
+    "plateau_lag": ("N", "lag of the cell's filter that was taken from the plateau"),
+    "u_plateau_lag": ("N", "standard uncertainty: lag of the cell's filter in the plateau"),
     "ratio": ("1", "peak over plateau"),
     "u_ratio": ("1", "standard uncertainty: peak over plateau"),
     "begin": ("s", "begin of the ramp, in the block's time"),
@@ -262,6 +273,8 @@ def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) 
         "plateau_force": level.force,
         "u_plateau_force": float(np.hypot(level.u, systematic(loads, level.force))),
         "unfinished": rest,
+        "plateau_lag": level.lag,
+        "u_plateau_lag": level.u_lag,
         "ratio": ratio,
         "u_ratio": float(ratio * np.hypot(own, tare)),
         "begin": hold.begin,

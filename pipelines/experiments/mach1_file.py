@@ -118,6 +118,16 @@ def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag | None
     )  # fmt: skip
 
 
+def filter_delay(loads: xr.Dataset) -> Quantity:
+    """Return by how much a slowly changing force comes late [s]; 0 without a filter."""
+    declared = declared_filter(loads)
+    slow = 0.0 if declared is None else _SLOW * float(declared["cutoff"])
+    lag = force_lag(loads, slow) if slow else None
+    if lag is None:
+        return Quantity(0.0, 0.0, "s")
+    return Quantity(lag.delay, lag.u_phase / (2 * np.pi * slow), "s")
+
+
 def filter_kinds(loads: xr.Dataset) -> tuple[str, ...]:
     """Return which kinds of filter the load cell may have: those of the delay in its record.
 

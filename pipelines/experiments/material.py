@@ -4,12 +4,14 @@ import json
 import warnings
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import xarray as xr
 
 from labpipe import materials
 from labpipe.errors import InputError
 from labpipe.materials import Prony, ShiftLaw, shift_at
+from labpipe.units import Quantity
 from pipelines.settings.common import MaterialChoice
 
 
@@ -44,6 +46,51 @@ def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
         message = "no material is named"
         raise InputError(message)
     return materials.load(choice.material, temperature=temperature)
+
+
+def variations(
+    choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
+) -> dict[str, tuple[Quantity, Prony]]:
+    """Return what is uncertain of the material, each with the solid one uncertainty off.
+
+    The temperature shifts the material by its law; Poisson's ratio changes the modulus of a
+    contact, E / (1 - nu^2), and nothing else.
+
+    Parameters
+    ----------
+    choice, file, fitted
+        As for :func:`resolve`.
+
+    Returns
+    -------
+    dict of str to (Quantity, Prony)
+        Empty where neither is stated with an uncertainty.
+    """
+    found: dict[str, tuple[Quantity, Prony]] = {}
+    stated = choice.temperature
+    if stated is not None and stated.u > 0.0:
+        off = Quantity(stated.value + stated.u, 0.0, stated.si)
+        warmer = msgspec.structs.replace(choice, temperature=off)
+        found["temperature"] = (stated, resolve(warmer, file, fitted))
+    nu = _poisson_ratio(choice, file, fitted)
+    if nu.u > 0.0:
+        # of a modulus that was measured in shear, nu has made the one in tension before
+        in_shear = fitted is not None and float(fitted.attrs["modulus_factor"]) != 1.0
+        power = 1 if in_shear else 2
+        softer = (1.0 - nu.value**power) / (1.0 - (nu.value + nu.u) ** power)
+        found["Poisson's ratio"] = (nu, resolve(choice, file, fitted).scaled(softer))
+    return found
+
+
+def _poisson_ratio(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
+                   ) -> Quantity:  # fmt: skip
+    if fitted is not None:
+        return Quantity(float(fitted["nu"]), float(fitted["u_nu"]), "1")
+    known = materials.describe(choice.material or "") if file is None else (
+        materials.read_material(file)
+    )  # fmt: skip
+    entry = next(e for e in known.entries if e.name == "poisson")
+    return Quantity(entry.value, entry.u, "1")
 
 
 def _fitted(fitted: xr.Dataset, temperature: float | None) -> Prony:

@@ -87,7 +87,10 @@ def ringing(displacement: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset
         made[name] = _scalar(value, units, text)
     count = int(((moved["time"] >= found.free_from) & (moved["time"] <= found.free_to)).sum())
     work = {"readings_fitted": count, "readings_total": int(moved.size)}
-    return made.assign_attrs(u_systematic_relative=relative, work=json.dumps(work))
+    u_clock = float(json.loads(displacement.attrs["time_base"])["u_relative"])
+    return made.assign_attrs(
+        u_systematic_relative=relative, u_clock_relative=u_clock, work=json.dumps(work)
+    )
 
 
 def _scalar(value: float, units: str, text: str) -> xr.DataArray:
@@ -117,6 +120,13 @@ def table(ringing: list[xr.Dataset], *, settings: PlateVibration) -> xr.Dataset:
         made[f"u_{name}"] = ("series", u, _attrs(units, f"standard uncertainty: {text}"))
     for name in ("natural_frequency", "damping_ratio"):
         made = made.merge(_pooled(made[name].values, made[f"u_{name}"].values, name))
+    # the sensor's clock is the same in all recordings
+    u_clock = float(ringing[0].attrs["u_clock_relative"])
+    own = float(made["u_plate_natural_frequency"])
+    made["u_plate_natural_frequency"] = _scalar(
+        np.hypot(own, u_clock * float(made["plate_natural_frequency"])), "Hz",
+        f"standard uncertainty: {_NAMES['natural_frequency']}",
+    )  # fmt: skip
     return made.assign_attrs(u_systematic_relative=relative)
 
 

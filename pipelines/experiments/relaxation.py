@@ -233,7 +233,8 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
     systematic = np.array([holds.systematic(loads, p) for p in peaks[0]])
     rest = measured - _through(loads, clean[0], interval, declared, kinds[0])[rows]
     misfit = np.array([_misfit(loads, rest, rows, hold) for hold in found])
-    u_peak = np.sqrt(systematic**2 + misfit**2 + (peaks[-1] - peaks[0]) ** 2 / 3)
+    of_filter = np.abs(peaks[-1] - peaks[0]) / np.sqrt(3.0)
+    u_peak = np.sqrt(systematic**2 + misfit**2 + of_filter**2)
     return xr.Dataset(
         {
             "relaxation_modulus": (
@@ -246,6 +247,10 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
             "u_peak_force_unfiltered": (
                 "ramp", u_peak,
                 {"units": "N", "long_name": "standard uncertainty: largest force before filter"},
+            ),
+            "peak_filter_part": (
+                "ramp", of_filter,
+                {"units": "N", "long_name": "part of it that the unknown kind of filter leaves"},
             ),
         },
         coords={

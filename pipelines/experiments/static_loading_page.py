@@ -55,7 +55,7 @@ def page(
     if steps is not None and comparison is not None:
         sections.append(_residual(steps, comparison))
     if displacement is not None and steps is not None and approach is not None:
-        found = budgets.static_loading(settings, displacement, steps, approach)
+        found = budgets.static_loading(settings, displacement, steps, approach, model)
         sections += budget_blocks.section(context.experiment, found)
     if steps is not None and approach is not None:
         sections.append(pages.methods(_methods(settings, steps, approach, comparison)))

@@ -12,7 +12,7 @@ import xarray as xr
 import calibration
 from calibration.camera import image_scale, motion, pixel_size
 from calibration.record import CameraRecord, CameraValues, load_record
-from calibration.ruler import edge_distance, graduations
+from calibration.ruler import _near, edge_distance, graduations
 from labpipe.errors import CalibrationError, ConfigError, InputError
 from labpipe.units import Quantity, quantity
 
@@ -186,3 +186,10 @@ def test_a_line_outside_the_image_or_without_edges_is_refused() -> None:
 def test_pixel_size_refuses_what_has_no_length() -> None:
     with pytest.raises(InputError, match="positive"):
         pixel_size(Quantity(0.0, 0.0, "m"), Quantity(1.0, 0.0, "px"))
+
+
+@pytest.mark.parametrize("centre", [30.0, 30.25, 30.5, 31.9])
+def test_a_line_is_located_at_its_centroid(centre):
+    profile = 5.0 + 80.0 * np.exp(-0.5 * ((np.arange(64) - centre) / 1.5) ** 2)
+    found = _near(profile, np.array([round(centre) + 1.0]), 10.0)
+    assert found[0] == pytest.approx(centre, abs=0.01)

@@ -33,6 +33,7 @@ from pipelines.experiments import (
     plate_vibration,
     relaxation,
     static_loading,
+    static_steps,
 )
 from pipelines.experiments.indentation import Geometry, elastic_force
 from pipelines.process import open_session
@@ -172,7 +173,7 @@ def static_loadings(folder: Path, seed: int, scores: Scores) -> None:
         static_loading.readings(folder / file, settings=settings),
         folder / "calibration/laser.toml", settings=settings,
     )  # fmt: skip
-    steps = static_loading.steps(moved, settings=settings)
+    steps = static_steps.steps(moved, settings=settings)
     found = static_loading.approach(moved, steps, settings=settings)
     known, time = truth(folder, "s"), found["time"].values
     approach = np.interp(time, known["time"], known["approach"])

@@ -59,3 +59,8 @@ def test_a_ringing_plate_is_met_at_its_first_crest():
     assert position[-1] == pytest.approx(surface[-1], abs=1e-15)
     assert np.all(position[:-1] < surface[:-1] + 1e-15)
     assert time < 0.1 / G
+
+
+def test_a_sphere_that_does_not_leave_a_plate_at_rest_touches_at_once():
+    none = np.zeros(1)
+    assert time_to_touch_plate(0.0, G, none, none, Plate(1.0, 300.0), PlateState()) == 0.0

@@ -183,3 +183,9 @@ def test_unphysical_terms_are_refused(C, tau):
 def test_time_running_backwards_is_refused(dt):
     with pytest.raises(InputError, match="backwards"):
         step_weights(PMMA15, dt)
+
+
+def test_a_term_without_compliance_is_no_term():
+    creep = Creep.from_terms(1e-9, [0.0, 2e-9, 0.0], [1e-3, 1e-2, 1.0])
+    assert creep.n_terms == 1
+    assert creep.tau.tolist() == [1e-2]

@@ -111,3 +111,9 @@ def test_hertz_at_any_edge(springs) -> None:
         answer = bed.press(rest, 1.0, width**2, 0.0)
         assert answer.force == pytest.approx(4 / 3 * width**3, rel=0.07 / springs**2)
         assert answer.half_width == pytest.approx(width, rel=1e-12)
+
+
+def test_a_reach_within_the_first_strip_keeps_that_strip() -> None:
+    _, _, (bed, _) = bed_of(reach=1e-7)
+    assert bed.size > 1
+    assert bed.gap[0] < 1e-7 < bed.gap[1]

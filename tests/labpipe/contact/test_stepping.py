@@ -1,6 +1,7 @@
 """The time stepper: control of errors, jumps, energy, and histories that try to break it."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -198,3 +199,15 @@ def test_many_cycles_do_not_drift() -> None:
     settled, last = force[1000 * per_cycle :][: per_cycle + 1], force[-per_cycle - 1 :]
     # The cosine of 31416 radians itself is good to 4e-12.
     assert np.abs(last - settled).max() < 1e-10 * force.max()
+
+
+def test_heat_of_a_dashpot_is_the_integral_of_the_load_squared() -> None:
+    """Under a load that goes evenly from a to b: (a² + ab + b²)/3 times time and fluidity."""
+    creep = Creep.from_terms(1e-9, [], [], fluidity=2e-6)
+    march = March(sphere_bed(1e-3, 1e-4, 40), creep, "force", 1e-6)
+    old, new = np.full(march.contact.size, 3.0), np.full(march.contact.size, -1.0)
+    answer = SimpleNamespace(load=old)
+    state = SimpleNamespace(answer=answer, memory=np.zeros((1, march.contact.size)))
+    heat = march._heat(0.5, state, new, hold=False)
+    one = march.contact.inner(np.ones_like(old), np.ones_like(old))
+    assert heat == pytest.approx(creep.fluidity * 0.5 * (9.0 - 3.0 + 1.0) / 3.0 * float(one))

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from labpipe.contact import drop
+from labpipe.contact.memory import Creep
+from labpipe.contact.thesis_scheme import drop_thesis
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 
@@ -70,3 +72,11 @@ def test_the_fall_comes_first_and_times_may_be_asked_for():
 def test_an_hour_of_history_is_refused():
     with pytest.raises(InputError, match="time step"):
         drop(SLS, **SPHERE, duration=10.0, solver="thesis", time_step=2e-6)
+
+
+def test_three_rings_are_enough_to_begin():
+    creep, scheme = Creep.of(SLS), {"ring_width": 1e-3, "time_step": 1e-5}
+    run = drop_thesis(creep, 9.525e-3, 0.505, 9.81, 0.05, 1e-4, 2e-3, **scheme)
+    assert run is not None
+    with pytest.raises(InputError, match=r"2 rings.*3 or more rings"):
+        drop_thesis(creep, 9.525e-3, 0.505, 9.81, 0.05, 1e-4, 1e-3, **scheme)

@@ -9,7 +9,7 @@ import xarray as xr
 
 from labpipe.frames import ArrayFrames
 from labpipe.imaging import contact_radius
-from labpipe.imaging.gating import FilmReader, frames_in_windows
+from labpipe.imaging.gating import FilmReader, _read_around, frames_in_windows
 from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose
 
 SCENE = Scene(rows=96, columns=128, pixel_size=5e-6)
@@ -109,3 +109,13 @@ def test_frames_beyond_what_is_kept_are_counted_as_read_again(
     assert reader.frames_read == 5
     assert reader.repeats == 1
     assert reader.bytes_read == 6 * 16 * 16
+
+
+def test_the_frames_beside_a_read_one_are_read_unless_they_rest_or_are_not_wanted() -> None:
+    read = np.array([0, 0, 0, 1, 0, 0, 0, 0, 1, 0], bool)
+    resting = np.array([0, 0, 0, 0, 1, 1, 1, 0, 0, 0], bool)
+    wanted = np.array([1, 1, 1, 1, 1, 1, 1, 1, 1, 0], bool)
+    _read_around(read, resting, wanted)
+    # frame 4 rests, 9 is not wanted; 6 is read as the last one of its rest, before 7 which is
+    assert np.flatnonzero(read).tolist() == [2, 3, 7, 8]
+    assert np.flatnonzero(resting).tolist() == [4, 5, 6]

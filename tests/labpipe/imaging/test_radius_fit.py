@@ -178,3 +178,25 @@ def test_pixels_in_ring_are_counted_within_the_frame() -> None:
         expected = int(((r > 30.0) & (r < 60.0)).sum())
         found = pixels_in_ring((100, 150), *centre, 30.0, 60.0)
         assert found == pytest.approx(expected, rel=0.02)
+
+
+def test_pixels_of_a_ring_cut_by_any_edge_are_counted() -> None:
+    """Row by row: the pixels of a row are a length, and an edge lies half a pixel outside."""
+    shape, inner, outer = (40, 40), 3.0, 12.5
+    edges = np.arange(-0.5, 39.5, 0.01)
+    for x, y in ((1.0, 20.0), (38.0, 20.0), (20.0, 1.0), (-4.0, 20.0)):
+        exact = 0.0
+        for row in range(shape[0]):
+            distance = np.hypot(edges - x, row - y)
+            exact += 0.01 * np.count_nonzero((distance > inner) & (distance < outer))
+        assert pixels_in_ring(shape, x, y, inner, outer) == pytest.approx(exact, abs=1.5)
+
+
+def test_the_curve_of_the_light_runs_from_minus_one_to_one_over_the_ring() -> None:
+    """So that it is hardly correlated with the level of the light."""
+    start = start_at(50e-6, 32.0, 30.0)
+    ring = cut_ring(np.zeros((64, 64)), start, 10.0, 25.0, np.inf, 10_000)
+    assert ring is not None
+    _, _, outer, middle, factor = ring.origin
+    curve = ((np.array([10.0, 25.0]) / outer) ** 2 - middle) * factor
+    assert curve == pytest.approx([-1.0, 1.0])

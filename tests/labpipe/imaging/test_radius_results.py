@@ -1,8 +1,13 @@
 """What makes a radius uncertain, part by part."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from labpipe.imaging import radius_film
+from labpipe.imaging.contact_search import GOOD_MISFIT
+from labpipe.imaging.radius_fit import Parameter
 from labpipe.imaging.radius_results import FRINGES, _edge_systematic, _static_radius
 
 
@@ -20,3 +25,26 @@ def test_the_radius_at_rest_is_the_weighted_mean_of_the_last_frames() -> None:
     assert 0.0 < u < 1e-2
     radius[-1] = np.nan
     assert np.isnan(_static_radius(radius, deviation, method)).all()
+
+
+def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypatch) -> None:
+    """A good fit of a contact is kept; a poor one, or one of no contact, is looked for anew."""
+    view = SimpleNamespace(
+        optics=SimpleNamespace(phase=3.0), settings=SimpleNamespace(free=()), ellipse=(0.0, 0.0),
+        white=255.0,
+    )  # fmt: skip
+    misfit = {0: 0.5 * GOOD_MISFIT, 1: 2.0 * GOOD_MISFIT, 2: 0.5 * GOOD_MISFIT, 3: 0.5}
+    monkeypatch.setattr(
+        radius_film,
+        "fit_contact",
+        lambda frame, *_: SimpleNamespace(misfit=misfit[frame], of=frame),
+    )
+    monkeypatch.setattr(radius_film, "is_contact", lambda frame, *_: frame != 2)
+    monkeypatch.setattr(radius_film, "_next_fit", lambda frame, *_: f"searched {frame}")
+    reader = SimpleNamespace(whole=lambda index: index)
+    result = SimpleNamespace(view=view, blanks={})
+    fits = {i: SimpleNamespace(parameters=np.zeros(len(Parameter))) for i in (0, 1, 2)}
+    found = radius_film._refit(reader, result, np.ones(4, bool), fits)
+    assert found[0].of == 0
+    assert [found[i] for i in (1, 2, 3)] == ["searched 1", "searched 2", "searched 3"]
+    assert result.blanks == {}

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
 
 from labpipe.imaging.spline import node_gradients, prefilter
+from labpipe.imaging.subset_kernel import _gauss_newton_step, _sample_cubic, _sample_quintic
 from labpipe.imaging.subset_solver import (
     LEFT_WINDOW,
     NO_TEXTURE,
@@ -132,3 +134,61 @@ def test_nan_in_the_frame_is_never_a_result() -> None:
         prepare(image, np.array([(60.0, 60.0)]), 10, True, 5), damaged, 5, np.zeros((1, 6))
     )
     assert found.code[0] != SOLVED
+
+
+def test_normal_equations_are_those_of_slopes_without_mean_and_texture() -> None:
+    """JᵀJ of the slopes of the six motions, light and contrast projected out, by least squares."""
+    image = render(make_speckle("medium", SIZE), SIZE)
+    x, y, half = 60, 50, 7
+    subsets = prepare(image, np.array([(x, y)]), half, False, 5)
+    cut = np.s_[y - half : y + half + 1, x - half : x + half + 1]
+    slope_x, slope_y = (s[cut].ravel() for s in node_gradients(prefilter(image, 5), 5))
+    dy, dx = (d.ravel() for d in np.mgrid[-half : half + 1, -half : half + 1])
+    J = np.stack([slope_x, slope_x * dx, slope_x * dy, slope_y, slope_y * dx, slope_y * dy], 1)
+    known = np.column_stack([np.ones(dx.size), image[cut].ravel().astype(float)])
+    left = J - known @ np.linalg.lstsq(known, J, rcond=None)[0]
+    normal = left.T @ left
+    scale = np.sqrt(np.outer(np.diag(normal), np.diag(normal)))
+    assert np.abs((subsets.normal[0] - normal) / scale).max() < 1e-5
+    identity = subsets.inverse[0] @ normal
+    assert np.abs(identity * scale / np.diag(normal)[:, None] - np.eye(6)).max() < 1e-3
+
+
+def test_step_gain_and_residual_are_those_of_least_squares() -> None:
+    """A frame that is a little off: gain, offset and step together leave the least squares."""
+    random = np.random.default_rng(7)
+    n, J = 81, np.random.default_rng(8).standard_normal((81, 6))
+    texture = random.standard_normal(n)
+    texture -= texture.mean()
+    frame = 0.8 * (texture + 0.2 * J @ random.standard_normal(6)) + 5.0
+    frame += 0.05 * random.standard_normal(n)
+    known = np.column_stack([np.ones(n), texture])
+    free = J - known @ np.linalg.lstsq(known, J, rcond=None)[0]
+    energy, normal = float(texture @ texture), free.T @ free
+    gain = energy / float(frame @ texture)
+    right = gain * (frame - frame.mean()) - texture
+    expected, squares, *_ = np.linalg.lstsq(free, right, rcond=None)
+    sums = np.concatenate([[frame.sum(), frame @ frame, frame @ texture], frame @ J])
+    moments = np.stack([J.sum(axis=0), texture @ J])
+    step, quality = np.zeros(6), np.zeros(3)
+    inverse = np.linalg.inv(normal)
+    assert _gauss_newton_step(sums, float(n), energy, moments, normal, inverse, step, quality)
+    np.testing.assert_allclose(step, expected, rtol=1e-9)
+    np.testing.assert_allclose(quality[:2], [gain, squares[0]], rtol=1e-9)
+    assert quality[2] == pytest.approx(np.sqrt(energy / (energy + squares[0])))
+
+
+@pytest.mark.parametrize(("sample", "order"), [(_sample_cubic, 3), (_sample_quintic, 5)])
+def test_samples_are_sums_of_splines(sample, order: int) -> None:
+    """Every coefficient has its weight: the tensor product of B-splines by scipy."""
+    random, lanes = np.random.default_rng(order), 4
+    coefficients = random.uniform(10.0, 200.0, (order + 3, order + 9)).astype(np.float32)
+    spline = BSpline.basis_element(np.arange(order + 2.0))
+    fx, fy, dx, dy = 0.3, 0.6, 0.02, -0.03
+    out = np.zeros(lanes, np.float32)
+    place = (np.float32(v) for v in (fx, fy, dx, dy))
+    sample(coefficients, 1, 2, *place, np.uint64(lanes), out)
+    for k in range(lanes):
+        a, b = (spline(np.arange(order, -1, -1) + f + d * k) for f, d in ((fx, dx), (fy, dy)))
+        exact = b @ coefficients[1 : order + 2, 2 + k : order + 3 + k].astype(float) @ a
+        assert out[k] == pytest.approx(exact, rel=2e-6)

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from labpipe.materials.interconversion import (
     Relaxation,
     Retardation,
+    _first_guess,
+    _Gaps,
     creep_from_relaxation,
     merged,
     relaxation_from_creep,
@@ -187,3 +189,20 @@ def test_nearly_liquid_solid_keeps_its_slow_term():
     creep = creep_from_relaxation(Relaxation(1e-200, np.array([1.0]), np.array([2.0])))
     assert creep.time[-1] == pytest.approx(2e200)
     assert creep.weight[-1] == pytest.approx(1e200)
+
+
+def test_first_guess_of_a_root_is_exact_where_the_pole_is_weak():
+    """From zero: the constant over the slope; from a pole: its weight over all the rest there."""
+    constant, slope, poles = 2.0, 0.5, np.array([1.0, 100.0])
+    weight = np.array([1e-9, 1e-9])
+    gaps = _Gaps(
+        origin=np.array([1, 0]),
+        scale=poles[[1, 0]],
+        base=np.array([0.0, 1.0]),
+        sign=np.array([1.0, 1.0]),
+        pole=np.array([[0.01, 1.0], [0.0, 99.0]]),
+        left=np.zeros((2, 2), bool),
+        upper=np.array([0.9, 50.0]),
+    )
+    guess = _first_guess(constant, slope, weight, gaps)
+    np.testing.assert_allclose(guess, [constant / (slope * 100.0), 1e-9 / 1.5], rtol=1e-6)

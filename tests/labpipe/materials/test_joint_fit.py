@@ -1,11 +1,23 @@
 """Derivatives of the joint fit against differences, and noise levels against known ones."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from labpipe.materials.joint_fit import evaluate, grid_for, minimise, sensitivity, total_cost
+from labpipe.materials import joint_fit
+from labpipe.materials.joint_fit import (
+    evaluate,
+    grid_for,
+    minimise,
+    outer_problem,
+    sensitivity,
+    total_cost,
+)
+from labpipe.materials.law_choice import STRONG_EVIDENCE, _criterion
 from labpipe.materials.noise import Noise, Scatter, next_noise, scatter_of_sweeps
 from labpipe.materials.outer_model import OuterModel, expected_shifts
+from labpipe.materials.settling import _with_spread
 from labpipe.materials.shift_start import overlapped_shifts, scanned_shifts
 from labpipe.materials.sweep_data import read_sweeps
 
@@ -127,3 +139,51 @@ def test_levels_are_no_parameters_of_the_law(maxwell_truth):
     assert without.law_size == without.size
     held_back = model_of(maxwell_truth, vertical="rho_T", level_spread=0.02)
     assert held_back.law_size == held_back.size - n
+
+
+def test_at_its_minimum_a_fit_ends_after_one_look(points, maxwell_truth, monkeypatch):
+    model = model_of(maxwell_truth)
+    shifts = scanned_shifts(points, model.temperature, np.zeros(12))
+    state = model.state(np.delete(shifts - shifts[7], 7))
+    weight = 50 / np.concatenate([points.storage, points.loss])
+    fit = evaluate(points, weight, grid_for(points, state, 3, 1.5), state, 100.0)
+    for _ in range(2):
+        fit = minimise(points, weight, fit, model, tolerance=1e-6)
+    looks = []
+
+    def counted(*arguments):
+        looks.append(1)
+        return outer_problem(*arguments)
+
+    monkeypatch.setattr(joint_fit, "outer_problem", counted)
+    minimise(points, weight, fit, model, tolerance=1e-6)
+    assert len(looks) <= 2
+
+
+def test_spread_of_the_levels_counts_those_that_the_data_determine(points, maxwell_truth):
+    """Levels known to half of their variance are half a number each, as with residuals."""
+    model = model_of(maxwell_truth, level_spread=0.02)
+    levels = np.linspace(-0.04, 0.05, model.level_slice.stop - model.level_slice.start)
+    parameters = model.start().parameters.copy()
+    parameters[model.level_slice] = levels
+    fit = SimpleNamespace(state=SimpleNamespace(parameters=parameters))
+    covariance = np.zeros((model.size, model.size))
+    at = np.arange(model.level_slice.start, model.level_slice.stop)
+    full = _with_spread(model, fit, covariance)
+    expected = np.sum(model.levels(parameters) ** 2) / levels.size
+    assert full.level_spread == pytest.approx(np.sqrt(expected))
+    covariance[at, at] = 0.5 * 0.02**2
+    half = _with_spread(model, fit, covariance)
+    assert half.level_spread == pytest.approx(np.sqrt(2.0 * expected))
+
+
+def test_price_of_the_vertical_law_is_half_a_parameter(points, maxwell_truth):
+    """The law b ∝ T adds no number: one law and half a price over none, the fit being the same."""
+    plain, with_law = (model_of(maxwell_truth, vertical=v) for v in ("none", "rho_T"))
+    state = plain.state(np.delete(plain.given, 7))
+    weight = 50 / np.concatenate([points.storage, points.loss])
+    fit = evaluate(points, weight, grid_for(points, state, 3, 1.5), state, 100.0)
+    extra = _criterion(points, fit, with_law) - _criterion(points, fit, plain)
+    moved = total_cost(fit, with_law) - total_cost(fit, plain)
+    price = np.log(2 * points.omega.size)
+    assert extra - moved == pytest.approx(0.5 * price + STRONG_EVIDENCE)

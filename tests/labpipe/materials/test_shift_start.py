@@ -1,11 +1,13 @@
 """First estimates of the shifts: narrow dips are found, torn chains are not taken."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from labpipe.materials.shift_start import scanned_shifts
+from labpipe.materials.outer_model import CHANGE, CHANGE_SHARE
+from labpipe.materials.shift_start import _best_chain, _Scan, scanned_shifts
 from labpipe.materials.sweep_data import read_sweeps
 
 
@@ -44,3 +46,23 @@ def test_a_power_law_step_is_found_without_overlap(fractional_truth):
     data = read_sweeps(far.sweeps(3))
     found = scanned_shifts(data.points, data.temperature, np.zeros(4))
     np.testing.assert_allclose(np.diff(found), np.diff(far.log10_aT), atol=0.6)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_chain_is_the_best_of_all(seed):
+    """Against every combination of steps; changes count per mean spacing of two pairs."""
+    random = np.random.default_rng(seed)
+    scans = [_Scan(random.uniform(0, 3, 4), random.uniform(0, 6, 4)) for _ in range(4)]
+    spacing = np.array([3.0, 12.0, 5.0, 20.0])
+
+    def cost(chosen):
+        steps = [scan.step[i] for scan, i in zip(scans, chosen, strict=True)]
+        total = sum(scan.score[i] for scan, i in zip(scans, chosen, strict=True))
+        for k in range(3):
+            mean = 0.5 * (spacing[k] + spacing[k + 1])
+            one, two = steps[k] / spacing[k] * mean, steps[k + 1] / spacing[k + 1] * mean
+            total += ((one - two) / (CHANGE + CHANGE_SHARE * min(one, two))) ** 2
+        return total
+
+    best = min(itertools.product(range(4), repeat=4), key=cost)
+    assert _best_chain(scans, spacing) == [s.step[i] for s, i in zip(scans, best, strict=True)]

@@ -242,3 +242,22 @@ def test_intervals_cover_the_truth_over_many_seeds(bouncing, measure, amount):
     assert worst < 2 / 20e3
     for name, inside in hits.items():
         assert 0.90 <= np.mean(inside) <= 0.995, name
+
+
+@pytest.mark.filterwarnings(STILL_MOVING)
+def test_one_impact_is_enough_and_the_fall_alone_tells_its_acceleration(bouncing, measure):
+    """The record ends soon after the first lift-off: no flight is long enough to tell."""
+    truth = bouncing(**ACRYLIC)
+    end = float(truth.liftoff[0]) + 1.5e-3
+    found = bounces(measure(truth, 20e3, 1e-7, step=1e-9, duration=end)[0])
+    assert found.sizes["impact"] == 1
+    assert abs(float(found.fall_acceleration) - 9.81) < 4 * float(found.u_fall_acceleration)
+    assert float(found.touch_time[0]) == pytest.approx(truth.touch[0], abs=5e-5)
+
+
+def test_a_release_between_the_first_two_readings_is_in_the_record(bouncing, measure):
+    truth = bouncing(**ACRYLIC, release=0.4 / 20e3)
+    with pytest.warns(UserWarning, match="ends before") as caught:
+        found = bounces(measure(truth, 20e3, 1e-9, step=1e-11, duration=0.04)[0], gravity=9.81)
+    assert 0.0 < float(found.release_time) < 1 / 20e3
+    assert len(caught) == 1

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from labpipe.signals.events import _combined
 from labpipe.signals.impact_fit import (
     OUTPUTS,
     _of_unread,
@@ -122,3 +123,14 @@ def test_what_a_hidden_contact_leaves_unknown_follows_from_the_arcs():
     assert between("liftoff_time", "restitution") == pytest.approx(earlier * u_time**2)
     assert between("deepest_level", "deepest_level") == pytest.approx((speed * u_time) ** 2)
     assert between("peak_acceleration", "peak_acceleration") == pytest.approx(500.0**2)
+
+
+@pytest.mark.parametrize("name", ["apex_time", "apex_height", "penetration", "contact_duration"])
+def test_derivatives_of_what_is_derived_are_differences(name):
+    value = np.linspace(0.5, 2.0, len(OUTPUTS)) * np.where(np.arange(len(OUTPUTS)) % 2, 1.0, 1.3)
+    value[OUTPUTS.index("gravity")] = 9.81
+    _, gradient = _combined(name, value, 1)
+    for i, derivative in enumerate(gradient):
+        step = 1e-6 * np.eye(len(OUTPUTS))[i]
+        difference = _combined(name, value + step, 1)[0] - _combined(name, value - step, 1)[0]
+        assert derivative == pytest.approx(difference / 2e-6, rel=1e-6, abs=1e-9), OUTPUTS[i]

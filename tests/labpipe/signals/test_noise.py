@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from labpipe.signals.noise import estimate_noise, is_spike, quantisation_step
+from labpipe.signals.noise import difference_sigma, estimate_noise, is_spike, quantisation_step
 
 
 @pytest.fixture
@@ -59,3 +59,10 @@ def test_only_the_spike_is_marked(white):
     values = white[:100].copy()
     values[40] += 50.0
     assert np.flatnonzero(is_spike(np.arange(100.0), values, 1.0)).tolist() == [40]
+
+
+def test_few_samples_are_not_averaged_into_a_plateau(white):
+    """Fewer than 128 samples make no means of enough: the level is that of the samples."""
+    for seed in range(20):
+        values = np.random.default_rng(seed).standard_normal(100)
+        assert estimate_noise(values) == (difference_sigma(values), 0.0, 1)

@@ -334,3 +334,21 @@ def test_the_frequency_of_a_window_comes_from_the_motion_alone():
     position = np.where(moving, 1e-4 * np.sin(2 * np.pi * 1.3 * (time - 10.0)), 0.0)
     window = active_window(time, position, 1.3)
     assert window.frequency == pytest.approx(1.3, rel=1e-6)
+
+
+def test_strong_damping_and_its_uncertainty():
+    """Frequency and rate share their errors in a short record: ζ needs both, with their signs."""
+    random, zeta, natural = np.random.default_rng(1), 0.5, 2 * np.pi * 100.0
+    damped = natural * np.sqrt(1 - zeta**2)
+    time = np.arange(400) / 20e3
+    found = []
+    for phase in (0.0, 1.6):
+        ring = 1e-5 * np.exp(-zeta * natural * time) * np.sin(damped * time + phase)
+        fits = [
+            damped_oscillation(time, ring + 2e-8 * random.standard_normal(400), 100.0)
+            for _ in range(40)
+        ]
+        ratios = np.array([fit.damping_ratio for fit in fits])
+        found.append(np.std(ratios) / np.mean([fit.u_damping_ratio for fit in fits]))
+        assert ratios.mean() == pytest.approx(zeta, rel=2e-2)
+    assert np.all((np.array(found) > 0.7) & (np.array(found) < 1.4)), found
