@@ -12,6 +12,7 @@ from pipelines.bench.measure import THESIS, Point, Suite, paired, peak_bytes
 
 Floats = NDArray[np.float64]
 
+_DEFAULT = "spline"
 _WINDOWS = (7, 15, 31, 61)
 _NEAR = 1e-3  # s around a touch or lift-off that counts as contact
 
@@ -34,10 +35,10 @@ def run(quick: bool) -> Suite:
                 _rms(found - made.velocity),
                 timing.seconds,
                 group,
-                is_default=name == "spline",
+                is_default=name == _DEFAULT,
                 cold_seconds=timing.cold_seconds,
                 samples=timing.samples,
-                peak_bytes=peak_bytes(call),
+                peak_bytes=None if quick and name != _DEFAULT else peak_bytes(call),
                 extra={
                     "near contacts (m/s)": contact,
                     "in flight (m/s)": flight,
@@ -62,7 +63,7 @@ def _contenders(
     """Name every method: group and call."""
     breaks = np.sort(np.concatenate([made.touch, made.liftoff]))
     found: dict[str, tuple[str, Callable[[], object]]] = {
-        "spline": ("", lambda: signals.velocity(displacement)),
+        _DEFAULT: ("", lambda: signals.velocity(displacement)),
         "spline, contacts given": ("", lambda: signals.velocity(displacement, breaks=breaks)),
         "spline, noise given": ("", lambda: signals.velocity(displacement, noise=1e-6)),
         "moving average, default": (THESIS, lambda: signals.velocity(displacement, "thesis")),
