@@ -39,6 +39,13 @@ METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods()
 _TRIES = 3
 
 
+def processors() -> int:
+    """Count the processors that this process may use, not those that the machine has."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 class Died(Exception):  # noqa: N818 (an observation about another process)
     """A worker ended without saying so."""
 

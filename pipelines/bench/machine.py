@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from labpipe.workflow.processes import processors
 from labpipe.workflow.provenance import program
 
 _CPU_FACTS = Path("/proc/cpuinfo")
@@ -25,7 +26,7 @@ def facts() -> dict[str, Any]:
     about = program()
     return {
         "processor": _first(_CPU_FACTS, r"^model name\s*:\s*(.+)$") or platform.machine(),
-        "cores": _cores(),
+        "cores": processors(),
         "memory_bytes": _memory(),
         "system": platform.system(),
         "architecture": platform.machine(),
@@ -35,13 +36,6 @@ def facts() -> dict[str, Any]:
         "libraries": about["libraries"],
         "threads": {name: os.environ[name] for name in _THREADS if name in os.environ},
     }
-
-
-def _cores() -> int:
-    """Count the cores that this process may use, not those that the machine has."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _memory() -> int | None:

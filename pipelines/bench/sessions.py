@@ -1,7 +1,6 @@
 """Whole sessions: cold, side by side, and with nothing changed; the error is of restitution."""
 
 import json
-import os
 import shutil
 import tempfile
 import time
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from labpipe import files, materials
+from labpipe.workflow.processes import processors
 from pipelines import process as verbs
 from pipelines.bench.measure import Point, Suite, paired
 from pipelines.rig.drops import write_drops
@@ -60,7 +60,7 @@ def run(quick: bool) -> Suite:
         notes=[
             f"Two experiments side by side took {two.seconds:.0f} s, one after the other "
             f"{one.seconds:.0f} s: {one.seconds / two.seconds:.2f} times faster, on "
-            f"{_processors()} processors. The steps themselves took "
+            f"{processors()} processors. The steps themselves took "
             f"{two.extra[_PROCESSOR]:.0f} s and {one.extra[_PROCESSOR]:.0f} s of processor time.",
             "Each way of computing a whole session ran once; a busy machine shows in it. The "
             "shortcuts that --full switches off stand one by one in the part skipping.",
@@ -81,10 +81,6 @@ def _cold(original: Path, folder: Path, how: dict[str, Any]) -> Point:
         is_default=how == {"jobs": 1},
         extra={_PROCESSOR: processor},
     )
-
-
-def _processors() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _process(folder: Path, *, jobs: int) -> float:

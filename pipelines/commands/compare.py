@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pipelines.commands.options import echo, echo_json, json_option, session_argument
+from pipelines.commands.options import echo, echo_json, jobs_option, json_option, session_argument
 from pipelines.overview import COMPARISON_PAGE
 
 if TYPE_CHECKING:
@@ -14,8 +14,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @session_argument
-@click.option("--jobs", "-j", default=1, show_default=True, type=click.IntRange(min=0),
-              help="Experiments processed side by side.")  # fmt: skip
+@jobs_option
 @json_option
 def compare(session: Path, jobs: int, as_json: bool) -> None:
     r"""Compare measurement and model of every experiment in SESSION, on one page.

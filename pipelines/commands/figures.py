@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from pipelines.commands.options import echo, echo_json, json_option
+from pipelines.commands.options import echo, echo_json, jobs_option, json_option
 
 
 @click.command()
@@ -16,8 +16,7 @@ from pipelines.commands.options import echo, echo_json, json_option
               help="Session folder for the figures that show experiments.")  # fmt: skip
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default="figures",
               show_default=True, help="Folder to write into.")  # fmt: skip
-@click.option("--jobs", "-j", default=2, show_default=True, type=click.IntRange(min=0),
-              help="Experiments processed side by side; 0: all in this process.")  # fmt: skip
+@jobs_option
 @json_option
 def figures(
     ids: tuple[str, ...],

@@ -9,6 +9,9 @@ import click
 
 from pipelines.cli import printable
 
+#: Each may hold half a gigabyte; more are for who knows the machine.
+_MOST_JOBS = 8
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
@@ -23,6 +26,21 @@ def session_argument(function: F) -> F:
     """Add the argument SESSION, a folder that holds session.toml."""
     kind = click.Path(exists=True, file_okay=False, path_type=Path)
     return click.argument("session", type=kind, metavar="SESSION")(function)
+
+
+def jobs_option(function: F) -> F:
+    """Add ``--jobs``: how many experiments are processed at the same time."""
+
+    def usual() -> int:
+        from labpipe.workflow.processes import processors
+
+        return min(processors(), _MOST_JOBS)
+
+    return click.option(
+        "--jobs", "-j", default=usual, type=click.IntRange(min=0),
+        show_default=f"one per processor, at most {_MOST_JOBS}",
+        help="Experiments side by side; 0 runs everything in this process.",
+    )(function)  # fmt: skip
 
 
 def echo(text: str) -> None:

@@ -9,7 +9,7 @@ import click
 
 from labpipe.errors import LabpipeError
 from pipelines.cli import printable
-from pipelines.commands.options import echo, echo_json, json_option, session_argument
+from pipelines.commands.options import echo, echo_json, jobs_option, json_option, session_argument
 from pipelines.overview import PAGE
 
 if TYPE_CHECKING:
@@ -139,8 +139,7 @@ def plan(
 @_TO
 @_ONLY
 @_FULL
-@click.option("--jobs", "-j", default=1, show_default=True, type=click.IntRange(min=0),
-              help="Experiments side by side; 0 runs everything in this process.")  # fmt: skip
+@jobs_option
 @click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
 @json_option
 def process(
@@ -158,7 +157,7 @@ def process(
 
     \b
     Example:
-      labpipe process my-session --jobs 2
+      labpipe process my-session
     """
     from pipelines import process as verbs
     from pipelines.commands.progress import watching

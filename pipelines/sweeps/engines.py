@@ -5,7 +5,6 @@ who computed it. A worker that dies costs its block another try; one that keeps 
 block leaves a reason in place of its results.
 """
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,7 +12,7 @@ from itertools import islice
 from typing import Any, Protocol
 
 from labpipe.errors import UsageError
-from labpipe.workflow.processes import Died, side_by_side
+from labpipe.workflow.processes import Died, processors, side_by_side
 from pipelines.sweeps.parameters import Outputs, Value
 from pipelines.sweeps.simulators import SIMULATORS
 
@@ -73,7 +72,7 @@ class Processes:
         self, simulator: str, blocks: Mapping[str, Block]
     ) -> Iterator[tuple[str, list[Outcome]]]:
         """See :class:`Engine`."""
-        workers = self.jobs or os.cpu_count() or 1
+        workers = self.jobs or processors()
         run = partial(compute, simulator)
         for key, found in side_by_side(run, blocks, workers, preload=_PRELOADED):
             if isinstance(found, Died):

@@ -10,6 +10,7 @@ from pathlib import Path
 import click
 import pytest
 
+from labpipe.workflow import processes
 from pipelines.cli import COMMANDS, cli, main
 
 HEAVY = ("numpy", "scipy", "xarray", "pandas", "matplotlib", "numba", "cv2", "netCDF4")
@@ -290,3 +291,16 @@ def test_control_characters_of_a_file_do_not_reach_the_terminal(
     code, _, err = run(capsys, "plan", str(tmp_path))
     assert code == 3
     assert "\x1b" not in err
+
+
+def test_as_many_experiments_run_side_by_side_as_there_are_processors(
+    session_copy: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def jobs() -> int:
+        assert run(capsys, "process", str(session_copy))[0] == 0
+        events = map(json.loads, (session_copy / "labpipe/run.jsonl").read_text().splitlines())
+        return [event["jobs"] for event in events if event["event"] == "run started"][-1]
+
+    for available, used in ((3, 3), (64, 8)):
+        monkeypatch.setattr(processes, "processors", lambda count=available: count)
+        assert jobs() == used
