@@ -129,9 +129,20 @@ def test_compiled_steps_are_the_steps_of_numpy(solver, height, plate):
         assert works[0][name] == works[1][name]
 
 
-def test_compiled_steps_follow_a_liquid():
-    liquid = Prony(0.0, [2e9, 1e9], [1e-3, 1e-2], nu=0.35)
-    fast, plain = (drop(liquid, 9.525e-3, 0.505, 1e-3, 0.06, compiled=c) for c in (True, False))
+LIQUID = Prony(0.0, [2e9, 1e9], [1e-3, 1e-2], nu=0.35)
+# A hundred thousand times stiffer at once than later: loads would ring from step to step.
+RINGING = Prony.from_creep(1e6, [0.99999e-6], [1e-2], nu=0.35)
+
+
+@pytest.mark.parametrize(
+    ("material", "mass", "duration"),
+    [(LIQUID, 0.505, 0.06), (RINGING, 0.005, 0.0148)],
+    ids=["liquid", "ringing"],
+)
+def test_compiled_steps_follow_a_liquid_and_loads_that_would_ring(material, mass, duration):
+    fast, plain = (
+        drop(material, 9.525e-3, mass, 1e-3, duration, compiled=c) for c in (True, False)
+    )
     for name in fast.data_vars:
         scale = float(abs(plain[name]).max()) if plain[name].size else 0.0
         np.testing.assert_allclose(fast[name], plain[name], rtol=1e-8, atol=1e-9 * scale)

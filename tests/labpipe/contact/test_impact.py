@@ -491,12 +491,7 @@ def test_a_gap_that_is_left_is_fallen_through_in_its_time(speed) -> None:
 def test_a_map_is_drawn_at_its_instant_while_the_sphere_sinks_in_at_rest():
     soft = Prony.from_creep(1e6, np.full(3, 0.9e-6 / 3), np.logspace(-3, 1, 3), nu=0.45)
     result = drop(soft, R, 0.01, 1e-4, 9.0, maps=[7.0], rtol=1e-3)
-    works = json.loads(result.attrs["work"])
-    assert works["rest_steps"] > 0
-    assert float(result.time[-1]) > 7.0
+    assert json.loads(result.attrs["work"])["rest_steps"] > 0
     np.testing.assert_allclose(result.map_time, [7.0], rtol=1e-14)
-    radius = float(np.interp(7.0, result.time, result.contact_radius))
-    inside = result.r.values[result.pressure.values[0] > 0.0]
-    assert inside.max() == pytest.approx(radius, rel=0.02)
-    force = np.trapezoid(2 * np.pi * result.r * result.pressure[0], result.r)
-    assert float(force) == pytest.approx(0.01 * G, rel=5e-3)
+    until_then = drop(soft, R, 0.01, 1e-4, 7.0, rtol=1e-3)
+    assert float(result.surface[0, 0]) == pytest.approx(float(until_then.approach[-1]), rel=1e-9)

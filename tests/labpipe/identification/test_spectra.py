@@ -48,12 +48,22 @@ def test_spectrum_is_positive_wherever_the_prior_reaches() -> None:
         assert material(spectrum, spectrum.log_terms(xi)).E.min() > 0
 
 
-def test_changes_of_the_prior_are_a_factor_of_ten_within_two_deviations() -> None:
-    spectrum = SmoothSpectrum(np.array([1.0, 10.0, 100.0, 1000.0]), 0.5)
-    draws = np.random.default_rng(0).standard_normal((4000, 5))
-    terms = np.array([spectrum.log_terms(xi) for xi in draws])
-    assert np.std(terms[:, 4] - terms[:, 3]) == pytest.approx(np.log(10) / 2, rel=0.05)
-    assert np.std(terms[:, 4] - terms[:, 1]) == pytest.approx(np.sqrt(3) * np.log(10) / 2, rel=0.05)
+@pytest.mark.parametrize("per_decade", [1, 2, 6])
+def test_changes_of_the_prior_are_a_factor_of_ten_within_three_deviations(per_decade: int) -> None:
+    spectrum = SmoothSpectrum(10.0 ** (np.arange(3 * per_decade + 1) / per_decade), 0.5)
+    slopes = spectrum.slopes(np.zeros(len(spectrum.parameters)))
+
+    def deviation(decades: int) -> float:
+        change = slopes[1 + decades * per_decade] - slopes[1]
+        return float(np.linalg.norm(change))
+
+    # the integral of a slope that forgets itself within two decades
+    def integral(decades: float) -> float:
+        return decades / 2.0 - 1.0 + np.exp(-decades / 2.0)
+
+    assert deviation(1) == pytest.approx(np.log(10) / 3)
+    ratio = np.sqrt(integral(3.0) / integral(1.0))
+    assert deviation(3) == pytest.approx(ratio * np.log(10) / 3)
 
 
 def test_times_go_a_decade_beyond_the_data_and_on_to_hours() -> None:

@@ -346,9 +346,9 @@ def test_strong_damping_and_its_uncertainty():
         ring = 1e-5 * np.exp(-zeta * natural * time) * np.sin(damped * time + phase)
         fits = [
             damped_oscillation(time, ring + 2e-8 * random.standard_normal(400), 100.0)
-            for _ in range(40)
+            for _ in range(14)
         ]
         ratios = np.array([fit.damping_ratio for fit in fits])
         found.append(np.std(ratios) / np.mean([fit.u_damping_ratio for fit in fits]))
         assert ratios.mean() == pytest.approx(zeta, rel=2e-2)
-    assert np.all((np.array(found) > 0.7) & (np.array(found) < 1.4)), found
+    assert np.all((np.array(found) > 0.6) & (np.array(found) < 1.5)), found
