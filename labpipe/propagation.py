@@ -158,14 +158,18 @@ def agrees(budget: Budget, drawn: MonteCarlo, *, level: float = 0.95) -> bool:
     The draws' own scatter is allowed for: an end of theirs is known to 4 % of u only, and to less
     where repeats are few.
     """
-    half = budget.expanded(level)
     if budget.u == 0.0:
         return drawn.u == 0.0
     digit = 10.0 ** (floor(log10(budget.u)) - _DIGITS + 1)
     scatter = _end_scatter(budget.degrees_of_freedom, level, drawn.draws)
     tolerance = max(0.5 * digit, 3.0 * scatter * budget.u)
-    gaps = abs(budget.value - half - drawn.low), abs(budget.value + half - drawn.high)
-    return max(gaps) <= tolerance
+    return apart(budget, drawn, level=level) <= tolerance
+
+
+def apart(budget: Budget, drawn: MonteCarlo, *, level: float = 0.95) -> float:
+    """Return by how much the ends of the linear and of the drawn interval differ at most."""
+    half = budget.expanded(level)
+    return max(abs(budget.value - half - drawn.low), abs(budget.value + half - drawn.high))
 
 
 def _end_scatter(freedom: float, level: float, draws: int) -> float:

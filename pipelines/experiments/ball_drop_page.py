@@ -87,7 +87,7 @@ def _summary(
         e, u = float(model["restitution"][0]), float(model["u_restitution"][0])
         rows.append(
             ("restitution of the first impact, model", value_with_uncertainty(e, u, "1"),
-             "uncertainty from height, body and plate, and from temperature and Poisson's ratio where "
+             "uncertainty from height, body, plate, and temperature and Poisson's ratio where "
              "they are stated with one; the material's moduli are taken as exact")
         )  # fmt: skip
     if comparison is not None:

@@ -8,8 +8,9 @@ from labpipe.errors import UsageError
 from labpipe.uncertainty import Input
 from pipelines import process
 from pipelines.cli import main
+from pipelines.experiments.budgets import ASKED
 from pipelines.sensitivity import Quantity, examine, examined
-from pipelines.sensitivity_page import advice
+from pipelines.sensitivity_page import advice, agreement, answer
 
 
 @pytest.fixture(scope="module")
@@ -44,10 +45,10 @@ def test_two_repeats_show_in_the_coverage_factor(found) -> None:
     assert height.coverage_factor > 1.9599
 
 
-def test_phase_limits_the_work_and_the_advice_says_so(found) -> None:
-    work = next(e for (name, _), e in found.items() if name == "nbr")
-    assert advice(work).startswith("know phase")
-    assert work.indices["phase"].total > 0.9
+def test_lag_of_the_filter_limits_the_work_and_the_advice_says_so(found) -> None:
+    work = next(e for (name, what), e in found.items() if name == "nbr" and "work" in what)
+    assert advice(work).startswith("know filter lag")
+    assert work.indices["filter_lag"].total > 0.9
 
 
 def test_advice_is_true() -> None:
@@ -80,3 +81,41 @@ def test_command_writes_a_page_per_kind_though_another_recording_is_lost(
 def test_unknown_kind_is_refused(processed_session: Path) -> None:
     with pytest.raises(UsageError, match="kinds with budgets: ball_drop"):
         examine(processed_session, "dma")
+
+
+ITEMS = {
+    "gain": "scale", "clock": "sampling", "first_touch": "zero", "tare": "zero", "drift": "zero",
+    "stage": "zero", "pulse_shape": "noise", "tip_radius": "radius", "sphere_radius": "radius",
+    "pixel_distance": "pixel size", "reference_length": "pixel size", "phase": "noise",
+    "force_amplitude": "noise", "amplitude": "noise", "filter_gain": "filter lag",
+    "mass_of_the_loads": "mass", "load": "mass", "mass_of_sphere": "mass", "plate_mass": "mass",
+    "heights": "height", "inclination_and_gain": "inclination",
+}  # fmt: skip
+"""Names of inputs, and what of the list that is asked they are."""
+
+
+def test_every_input_that_is_asked_acts_or_is_said_not_to(found) -> None:
+    assert {q for _, q in found} >= {"height of the fall", "restitution of the model, impact 1"}
+    for each in found.values():
+        acting = {ITEMS.get(n, n.replace("_", " ")) for n in each.quantity.inputs}
+        said = ", ".join(names for names, _ in each.quantity.inert)
+        for item in ASKED:
+            assert (item in acting) or (item in said), (each.quantity.name, item)
+        for item in said.split(", "):
+            assert item not in acting, (each.quantity.name, item)
+
+
+def test_first_sentence_says_what_to_measure_better_and_both_ways_agree(found) -> None:
+    waves = [e for (name, _), e in found.items() if name == "nbr"]
+    text = answer(waves)
+    assert text.startswith("To halve the uncertainty of the storage stiffness, know filter lag")
+    assert "; of the work per cycle, know filter lag" in text
+    assert "agree within" in text
+
+
+def test_where_the_result_bends_both_ways_differ_and_the_page_says_so() -> None:
+    inputs = {"a": Input(0.0, 1.0), "b": Input(0.0, 0.1)}
+    bent = examined("x", Quantity("y", "m", lambda a, b: a * a + b, inputs))
+    assert agreement([bent]).startswith("Linear shares of the variance and Sobol's total indices")
+    assert "differ where the result bends" in agreement([bent])
+    assert "x, y" in agreement([bent])
