@@ -31,7 +31,7 @@ from labpipe.identification import (
 from labpipe.workflow.session import Experiment, Session
 from pipelines import process
 from pipelines.figures.inputs import Inputs
-from pipelines.identify_evidence import KINDS, Proof, dma_prior, rheometer
+from pipelines.identify_evidence import KINDS, Proof, dma_prior, dma_window, references, rheometer
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -188,8 +188,10 @@ def _processed(folder: str | Path, groups: Iterable[_Group]) -> Inputs:
     targets, names = [], []
     for group in groups:
         for experiment in group.experiments:
-            targets += [f"{experiment.name}/{s}" for s in KINDS[experiment.kind].stages]
-            names.append(experiment.name)
+            needed = [f"{experiment.name}/{s}" for s in KINDS[experiment.kind].stages]
+            needed += references(experiment)
+            targets += needed
+            names += [task.split("/")[0] for task in needed]
         if group.prior is not None:
             targets.append(f"{group.prior}/master_curve")
             names.append(group.prior)
@@ -205,6 +207,8 @@ def _identified(
     inputs: Inputs, material: str, group: _Group, wish: Wish, remarks: list[str], say: Say
 ) -> Identified:
     windows = [p.window for p in group.proofs]
+    if group.prior is not None:
+        windows.append(dma_window(inputs, group.prior, group.experiments))
     data = min(w[0] for w in windows), max(w[1] for w in windows)
     nu = group.proofs[0].nu
     spectrum = (

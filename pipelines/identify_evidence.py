@@ -452,14 +452,7 @@ def dma_prior(
     rho : array (term,) [s]
         Relaxation times of the spectrum.
     """
-    fitted = inputs.result(name, "master_curve")
-    choice = KINDS[experiments[0].kind].choice(experiments[0])
-    solid = resolve(choice if choice.material_from else _plain(choice, name), None, fitted)
-    sweeps = inputs.result(name, "sweeps")
-    frequency = sweeps["frequency"].values
-    shift = 10.0 ** fitted["log10_aT"].values
-    own = float(solid.rho[0] / fitted["rho"].values[0]) if len(solid.rho) else 1.0
-    low, high = frequency.min() * shift.min() / own, frequency.max() * shift.max() / own
+    solid, (low, high) = _master_curve(inputs, name, experiments)
     places = np.geomspace(low, high, max(int(np.log10(high / low) * _PER_DECADE), 2))
     modulus = solid.complex_modulus(2.0 * np.pi * places)
     u = [noise * part for noise, part in zip(_LEAST_NOISE, (modulus.real, modulus.imag),
@@ -469,6 +462,40 @@ def dma_prior(
         name, places, (modulus.real, u[0]), (modulus.imag, u[1]), rho, factors=(scale.name,)
     )
     return evidence, scale
+
+
+def dma_window(
+    inputs: Inputs, name: str, experiments: list[Experiment]
+) -> tuple[float, float]:  # fmt: skip
+    """Return the shortest and the longest time of which a rheometer's moduli tell [s].
+
+    The spectrum must reach as far: one that ends before could not explain them.
+    """
+    _, (low, high) = _master_curve(inputs, name, experiments)
+    return 0.5 / np.pi / high, 0.5 / np.pi / low
+
+
+def _master_curve(
+    inputs: Inputs, name: str, experiments: list[Experiment]
+) -> tuple[Prony, tuple[float, float]]:
+    """Return the rheometer's material at the others' temperature, and its frequencies [Hz]."""
+    fitted = inputs.result(name, "master_curve")
+    choice = KINDS[experiments[0].kind].choice(experiments[0])
+    solid = resolve(choice if choice.material_from else _plain(choice, name), None, fitted)
+    frequency = inputs.result(name, "sweeps")["frequency"].values
+    shift = 10.0 ** fitted["log10_aT"].values
+    own = float(solid.rho[0] / fitted["rho"].values[0]) if len(solid.rho) else 1.0
+    return solid, (
+        float(frequency.min() * shift.min() / own), float(frequency.max() * shift.max() / own)
+    )  # fmt: skip
+
+
+def references(experiment: Experiment) -> list[str]:
+    """Return what an experiment takes from others: the plate under it, the assumed material."""
+    plate = getattr(experiment.settings, "plate_from", None)
+    found = [] if plate is None else [f"{referred(plate)}/plate"]
+    material = KINDS[experiment.kind].choice(experiment).material_from
+    return found if material is None else [*found, f"{referred(material)}/master_curve"]
 
 
 def _plain(choice: Any, name: str) -> Any:

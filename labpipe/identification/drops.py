@@ -5,9 +5,9 @@ relaxation modulus themselves, since a bounce hardly depends on how a modulus is
 terms, and by a set part of the modulus of a contact, since a term may be next to nothing. Over the
 relaxation time they are a smooth curve, of which far from a contact every second point is enough.
 The simulator's answer is smooth also with coarse steps, whose values a fuller run corrects. Two
-unknowns cost no run: the motion depends on modulus, mass and radius by ``E sqrt(R) / m`` alone
-(gap ``r^2/2R``; contact radii go with ``sqrt(R)`` besides), so their derivatives are those of a
-common factor of all moduli.
+unknowns cost no run: on a rigid floor the motion depends on modulus, mass and radius by
+``E sqrt(R) / m`` alone (gap ``r^2/2R``; contact radii go with ``sqrt(R)`` besides), so their
+derivatives are those of a common factor of all moduli. A plate moves by the ratio of the masses.
 """
 
 from collections.abc import Mapping
@@ -26,11 +26,14 @@ from labpipe.materials import Prony
 
 Array = NDArray[np.float64]
 
-_CHANGE = 0.02  # of all moduli or a height, for central differences
-_ONE_SIDED = 0.005  # of the modulus of a contact: bends by half a per cent, smooth to 0.05 %
+_CHANGE = 0.002  # of all moduli, a height or a mass, for central differences
+_ONE_SIDED = 5e-4
+"""Of the modulus of a contact. A lossy term as large shifts the last touch by some ten of its
+deviations; ten times larger steps turned the phase of a ringing plate there by a radian."""
 _DENSE = (0.03, 30.0)  # durations of a contact between which the derivative bends most
 _FROZEN = 100.0  # a term this many times slower than the record does not relax in it
-_FAST = 1e-3  # rtol of the fast model: its differences are as good, its values off by 1e-4
+_VISCOUS = 0.003  # in durations of a contact: quicker terms are dashpots, with derivatives as times
+_FAST = 3e-4  # rtol of the fast model: smooth to 1/100 of a deviation of a touch, off by some 1e-5
 _MORE_TIME = 1.3  # a run lasts longer than the record: a trial may bounce higher
 _TRIES = 3
 _RESOLVED = 0.1  # of a contact's duration is the shortest time of which it tells
@@ -100,36 +103,41 @@ class DropModel:
         height = self._value("height", self.height, given)
         at = self._run(material, height, given)
         by_term = self._by_term(material, height, given, at)
-        others: dict[str, Array] = {}
-        if "height" in self.names:
-            step = _CHANGE * height
-            ends = [self._run(material, height + sign * step, given) for sign in (1, -1)]
-            others[self.names["height"]] = (ends[0] - ends[1]) / (2.0 * step)
-        if "plate" in self.names:
-            name = self.names["plate"]
-            step = _CHANGE * given[name]
-            ends = [
-                self._run(material, height, {**given, name: given[name] + sign * step})
-                for sign in (1, -1)
-            ]
-            others[name] = (ends[0] - ends[1]) / (2.0 * step)
-        others |= self._of_body(self._by_factor(material, height, given), at, given)
+        moved = ["height", "plate"] if self.plate is None else ["height", "plate", "mass"]
+        others = {
+            self.names[role]: self._central(material, self.names[role], given)
+            for role in moved
+            if role in self.names
+        }
+        others = self._of_body(self._by_factor(material, height, given), at, given) | others
         factor = self._film(given)
         finished = {name: factor * column for name, column in others.items()}
         return factor[:, None] * by_term, finished | self._of_recording(at, given)
 
+    def _central(self, material: Prony, name: str, given: Given) -> Array:
+        """Return the derivative (n,) by an unknown that changes the motion."""
+        step = _CHANGE * given[name]
+        ends = []
+        for sign in (1, -1):
+            changed = {**given, name: given[name] + sign * step}
+            ends.append(self._run(material, self._value("height", self.height, changed), changed))
+        return np.asarray((ends[0] - ends[1]) / (2.0 * step))
+
     def _by_term(self, material: Prony, height: float, given: Given, at: Array) -> Array:
         """Return derivatives (n, 1 + term) by the long-time modulus and the terms [1/Pa].
 
-        A term that relaxes long after the record is stiffness to it, and costs no run.
+        A term that relaxes long after the record is stiffness to it, one that relaxes at once is
+        viscosity: neither costs a run.
         """
         rho = material.rho
         made = np.empty((self._size, rho.size + 1))
         omega = np.pi / self.expected_duration
         scale = abs(complex(material.complex_modulus(np.array([omega]))[0]))
         made[:, 0] = self._difference(material, 0, scale, height, given, at)
-        moving = np.flatnonzero(rho <= _FROZEN * self.last)
-        made[:, 1 + np.setdiff1d(np.arange(rho.size), moving)] = made[:, :1]
+        made[:, 1:] = made[:, :1]
+        quickest = _VISCOUS * self.expected_duration
+        first = max(int(np.searchsorted(rho, quickest, "right")) - 1, 0)
+        moving = np.flatnonzero((rho <= _FROZEN * self.last) & (np.arange(rho.size) >= first))
         nodes = _nodes(rho[moving] / self.expected_duration)
         columns = [
             self._difference(material, 1 + int(k), scale, height, given, at) for k in moving[nodes]
@@ -139,6 +147,7 @@ class DropModel:
             made[:, 1 + moving] = curve(np.log(rho[moving])).T
         elif columns:
             made[:, 1 + moving] = columns[0][:, None]
+        made[:, 1 : 1 + first] = made[:, 1 + first, None] * (rho[:first] / rho[first])
         return made
 
     def _difference(
@@ -212,9 +221,11 @@ class DropModel:
         return given[self.names[role]] if role in self.names else best
 
     def _plate(self, given: Given) -> contact.Plate | None:
-        if self.plate is None or "plate" not in self.names:
-            return self.plate
-        return replace(self.plate, mass=given[self.names["plate"]])
+        """Return the plate beside the best mass of the sphere: as heavy in proportion."""
+        if self.plate is None:
+            return None
+        ratio = self.mass / self._value("mass", self.mass, given)
+        return replace(self.plate, mass=self._value("plate", self.plate.mass, given) * ratio)
 
     def _run(self, material: Prony, height: float, given: Given, *, is_full: bool = False) -> Array:
         """Simulate with the best mass and radius and a material that makes up for them."""

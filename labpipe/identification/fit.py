@@ -220,8 +220,8 @@ class Objective:
     ) -> Array:
         """Return the minimum from a start, up to a decrease of the cost that is not worth a step.
 
-        Every step goes to the minimum of a surrogate, whose tangent learns from it. It is made
-        anew where steps miss their promise again and again, or lead uphill.
+        Every step goes to the minimum of a surrogate. Where the models do not keep what it promises
+        its tangent learns from the step, and is made anew after a few such steps or one uphill.
 
         Parameters
         ----------
@@ -260,8 +260,9 @@ class Objective:
                 is_fresh, is_kept = True, False
                 continue
             is_kept = new - promised < max(decrease, _KEPT * (height - promised))
-            self._learn(surrogate, trial, found)
             learned = 0 if is_kept else learned + 1
+            if not is_kept:
+                self._learn(surrogate, trial, found)
             xi, rest, height, is_fresh = trial, found, new, False
             damping = max(damping * _BETTER, _LEAST_DAMPING)
             if learned > _MOST_LEARNED:

@@ -78,7 +78,6 @@ class Tangent:
             by_values.append(columns)
         return np.vstack(by_terms), np.vstack(by_values)
 
-
     def learned(self, surrogate: "Surrogate", to: Array, missed: Array) -> "Tangent":
         """Return the tangent that would have foretold a step (Broyden's rank-one change).
 
