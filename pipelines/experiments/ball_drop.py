@@ -216,9 +216,8 @@ def model(
             change = max(given.u, _LEAST_CHANGE * given.value)
             off = simulate(solid, coarse, None, **{key: given.value + change})
             slopes[key] = given, _slopes(off, reference, change, count)
-    for key, (given, other) in solids.items():
-        off = simulate(other, coarse, None)
-        slopes[key] = given, _slopes(off, reference, given.u, count)
+    for key, (given, change, other) in solids.items():
+        slopes[key] = given, _slopes(simulate(other, coarse, None), reference, change, count)
     made = _with_uncertainty(made, slopes)
     made.attrs["plate"] = json.dumps(None if substrate is None else asdict(substrate))
     work = json.loads(made.attrs["work"])

@@ -303,10 +303,10 @@ def _relative_sources(
     ]
     omega = np.pi / float(made["contact_duration"][0])
     stiffness = abs(complex(solid.complex_modulus(omega)))
-    for name, (q, other) in variations(sphere, material_file, fitted).items():
-        change = -0.2 * float(np.log(abs(complex(other.complex_modulus(omega))) / stiffness))
+    for name, (q, step, other) in variations(sphere, material_file, fitted).items():
+        slope = -0.2 * float(np.log(abs(complex(other.complex_modulus(omega))) / stiffness)) / step
         unit = "K" if q.si == "degC" else q.si
-        sources.append(Source(name, q.value, q.u, unit, change / q.u, "systematic"))
+        sources.append(Source(name, q.value, q.u, unit, slope, "systematic"))
     return sources
 
 

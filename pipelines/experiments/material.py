@@ -3,6 +3,7 @@
 import json
 import warnings
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -13,6 +14,9 @@ from labpipe.errors import InputError
 from labpipe.materials import Prony, ShiftLaw, shift_at
 from labpipe.units import Quantity
 from pipelines.settings.common import MaterialChoice
+
+_LEAST_WARMER = 3.0  # K
+_LEAST_POISSON = 0.03
 
 
 def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None) -> Prony:
@@ -48,13 +52,22 @@ def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
     return materials.load(choice.material, temperature=temperature)
 
 
+class Variation(NamedTuple):
+    """An uncertain input of a material, a change of it, and the solid that it makes."""
+
+    given: Quantity
+    change: float
+    solid: Prony
+
+
 def variations(
     choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
-) -> dict[str, tuple[Quantity, Prony]]:
-    """Return what is uncertain of the material, each with the solid one uncertainty off.
+) -> dict[str, Variation]:
+    """Return what is uncertain of the material, each with the solid of a changed input.
 
     The temperature shifts the material by its law; Poisson's ratio changes the modulus of a
-    contact, E / (1 - nu^2), and nothing else.
+    contact, E / (1 - nu^2), and nothing else. The changes are large enough for a simulation to
+    tell them from its own error.
 
     Parameters
     ----------
@@ -63,22 +76,25 @@ def variations(
 
     Returns
     -------
-    dict of str to (Quantity, Prony)
+    dict of str to Variation
         Empty where neither is stated with an uncertainty.
     """
-    found: dict[str, tuple[Quantity, Prony]] = {}
+    found: dict[str, Variation] = {}
     stated = choice.temperature
     if stated is not None and stated.u > 0.0:
-        off = Quantity(stated.value + stated.u, 0.0, stated.si)
+        step = max(stated.u, _LEAST_WARMER)
+        off = Quantity(stated.value + step, 0.0, stated.si)
         warmer = msgspec.structs.replace(choice, temperature=off)
-        found["temperature"] = (stated, resolve(warmer, file, fitted))
+        found["temperature"] = Variation(stated, step, resolve(warmer, file, fitted))
     nu = _poisson_ratio(choice, file, fitted)
     if nu.u > 0.0:
         # of a modulus that was measured in shear, nu has made the one in tension before
         in_shear = fitted is not None and float(fitted.attrs["modulus_factor"]) != 1.0
         power = 1 if in_shear else 2
-        softer = (1.0 - nu.value**power) / (1.0 - (nu.value + nu.u) ** power)
-        found["Poisson's ratio"] = (nu, resolve(choice, file, fitted).scaled(softer))
+        step = max(nu.u, _LEAST_POISSON)
+        factor = (1.0 - nu.value**power) / (1.0 - (nu.value + step) ** power)
+        solid = resolve(choice, file, fitted).scaled(factor)
+        found["Poisson's ratio"] = Variation(nu, step, solid)
     return found
 
 

@@ -252,7 +252,7 @@ def model(
     spread = relative_force[np.maximum(held, 0)]
     size = radius.u / radius.value
     softer = _softer(settings, material_file, fitted, solid, float(time[-1]))
-    of_material = float(np.sqrt(sum(s**2 for _, s in softer.values())))
+    of_material = float(np.sqrt(sum((given.u * s) ** 2 for given, s in softer.values())))
     table: dict[str, Any] = {}
     for name, power in (("approach", 2 / 3), ("contact_radius", 1 / 3)):
         values = np.interp(time, made["time"].values, made[name].values)
@@ -271,8 +271,8 @@ def model(
     ]  # fmt: skip
     sources += [
         Source(name, given.value, given.u, "K" if given.si == "degC" else given.si,
-               last / 3 * change / given.u, "systematic")
-        for name, (given, change) in softer.items()
+               last / 3 * slope, "systematic")
+        for name, (given, slope) in softer.items()
     ]  # fmt: skip
     factor = 1 / (1 - float(solid.nu) ** 2)
     for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
@@ -306,11 +306,11 @@ def _softer(
     settings: StaticLoading, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony,
     lasted: float,
 ) -> dict[str, tuple[Quantity, float]]:  # fmt: skip
-    """Return what is uncertain of the solid, and how the compliance then changes, relative."""
+    """Return what is uncertain of the solid, and the relative change of its compliance by it."""
     whole = float(solid.creep(lasted))
     return {
-        name: (given, float(np.log(float(other.creep(lasted)) / whole)))
-        for name, (given, other) in variations(settings.sphere, material_file, fitted).items()
+        name: (given, float(np.log(float(other.creep(lasted)) / whole)) / step)
+        for name, (given, step, other) in variations(settings.sphere, material_file, fitted).items()
     }
 
 

@@ -44,6 +44,8 @@ def contact_area(
     size, u_size = float(film["pixel_size"]), float(film["u_pixel_size"])
     shares = _shared(film)
     total = float(np.sqrt(sum(share**2 for share in shares.values())))
+    # rings in pixels of another size are taken for those of another gap, too
+    power = shares["pixel_size"] * size / u_size if u_size > 0.0 else 1.0
     for i in range(min(IMPACTS, impacts.sizes["impact"])):
         radius, u = float(impacts["peak_radius"][i]), float(impacts["u_peak_radius"][i])
         sampling = float(impacts["peak_sampling"][i])
@@ -55,7 +57,9 @@ def contact_area(
              if n != "pixel_size"}  # fmt: skip
         yield Quantity(
             f"largest contact radius, impact {i + 1}", "m",
-            lambda measured, pixel_size, **errors: measured * pixel_size + sum(errors.values()),
+            lambda measured, pixel_size, **errors: (
+                measured * size * (pixel_size / size) ** power + sum(errors.values())
+            ),
             inputs, _UNDER, "largest contact radius",
         )  # fmt: skip
     if model is not None and model.sizes["impact"] and "budget" in model.attrs:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from labpipe import files, materials
+from labpipe.propagation import linear
 from pipelines.figures import make
 from pipelines.process import process, result
 from pipelines.rig.fall import Body
@@ -23,6 +24,7 @@ from pipelines.rig.film_under import UnderCamera
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.samples import session_head
 from tests.labpipe.report.conftest import assert_fit_to_read
+from tests.pipelines.asked import quantities
 
 CAMERA = UnderCamera(samples=3, moments=2)
 
@@ -133,3 +135,14 @@ def test_a_wrong_input_shows_in_the_comparison(
     wrong = float(result(folder, "acrylic_film", "comparison")["nrmse"][0])
     assert right < 0.03
     assert wrong > max(0.05, 5 * right)
+
+
+def test_budgets_are_those_of_the_results(session: Path) -> None:
+    found = quantities(session, "acrylic_film")
+    made, model = (result(session, "acrylic_film", stage) for stage in ("impacts", "model"))
+    for name, u in (
+        ("largest contact radius, impact 1", made["u_peak_radius"]),
+        ("largest contact radius of the model, impact 1", model["u_peak_contact_radius"]),
+    ):
+        budget = linear(found[name].model, found[name].inputs)
+        assert budget.u == pytest.approx(float(u[0]), rel=1e-3)

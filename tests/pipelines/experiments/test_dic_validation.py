@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from labpipe import files, materials
+from labpipe.propagation import linear
 from pipelines.figures import make
 from pipelines.process import process, result
 from pipelines.rig.drops import write_drops
@@ -17,6 +18,7 @@ from pipelines.rig.film_front import FrontCamera
 from pipelines.rig.film_session import front_record, front_section, under_record, write_front
 from pipelines.rig.samples import drop_section, laser_record, session_head
 from tests.labpipe.report.conftest import assert_fit_to_read
+from tests.pipelines.asked import quantities
 
 CAMERA = FrontCamera(rows=72, columns=48, frame_rate=4000, duration=0.075, release=0.006)
 HEIGHT = 1.5e-3
@@ -134,3 +136,11 @@ def test_skipping_frames_at_rest_changes_nothing_that_is_kept(tmp_path: Path) ->
     assert work["frames_total"] == full.sizes["frame"]
     known = np.array(json.loads((tmp_path / "truth/ptfe_front.json").read_text())["dy"])
     assert np.abs(full["dy"].values[:, 0] - known).max() < 0.03
+
+
+def test_scale_and_noise_stand_in_the_budgets(session: Path) -> None:
+    found = quantities(session, "film")
+    for quantity in found.values():
+        budget = linear(quantity.model, quantity.inputs)
+        assert budget.u > 0.0
+        assert all(row["u"] > 0.0 for row in budget.rows if row["source"] != "measured")

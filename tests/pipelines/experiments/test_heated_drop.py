@@ -1,11 +1,12 @@
 """A heated sphere: the model with the shifted material agrees, the one of the cold does not."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from labpipe import files, materials
+from labpipe import contact, files, materials
 from pipelines.process import process, result
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
@@ -24,7 +25,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rig = DropRig(duration=0.15, floor=PLATE)
     names = write_drops(folder, "drop", rig, solid, HEIGHT, 1, 8, START)
     section = drop_section("heated", names, HEIGHT, "acrylic", ON_PLATE)
-    section += f'temperature = "{HEATED:g} degC"\n'
+    section += f'temperature = "{HEATED:g} ± 0.5 degC"\n'
     cold = drop_section("cold", names, HEIGHT, "acrylic", ON_PLATE)
     files.write_text(folder / "calibration/laser.toml", laser_record())
     files.write_text(folder / "session.toml", session_head("Heated (synthetic)") + section + cold)
@@ -48,3 +49,22 @@ def test_a_warmer_sphere_returns_less_and_is_pressed_in_deeper(session: Path) ->
     heated, cold = (result(session, name, "model") for name in ("heated", "cold"))
     assert float(heated["restitution"][0]) < float(cold["restitution"][0])
     assert float(heated["peak_contact_radius"][0]) > float(cold["peak_contact_radius"][0])
+
+
+def test_the_temperature_stands_in_the_budget_of_the_model(session: Path) -> None:
+    heated, cold = (result(session, name, "model") for name in ("heated", "cold"))
+    rows = {row["source"]: row for row in json.loads(heated.attrs["budget"])}
+    assert "temperature" not in {row["source"] for row in json.loads(cold.attrs["budget"])}
+
+    def returned(temperature: float) -> float:
+        made = contact.drop(
+            materials.load("acrylic", temperature=temperature), 9.525e-3, 0.505, HEIGHT, 0.034,
+            rtol=1e-5, plate=contact.Plate(30.0, 180.0, 0.03),
+        )  # fmt: skip
+        return float(made["restitution"][0])
+
+    slope = (returned(HEATED + 2.0) - returned(HEATED)) / 2.0
+    assert rows["temperature"]["sensitivity"] == pytest.approx(slope, rel=0.15)
+    parts = np.array([row["contribution"] for row in rows.values()])
+    whole = float(heated["u_restitution"][0])
+    assert np.sqrt(np.sum(parts**2)) == pytest.approx(whole, rel=1e-9)

@@ -9,7 +9,7 @@ import xarray as xr
 from labpipe import materials
 from labpipe.errors import InputError
 from labpipe.units import Quantity
-from pipelines.experiments.material import resolve
+from pipelines.experiments.material import resolve, variations
 from pipelines.settings.common import MaterialChoice
 
 C1, C2, T_REF = 10.0, 120.0, 20.0
@@ -84,3 +84,27 @@ def test_one_isotherm_cannot_be_shifted(fitted):
     one.attrs["law"] = json.dumps({"name": "arrhenius", "T_ref": T_REF, "parameters": [0.0]})
     with pytest.raises(InputError, match="one isotherm cannot be shifted to 30 °C"):
         resolve(choice(30.0), None, one)
+
+
+def test_an_uncertain_temperature_gives_a_warmer_solid(fitted):
+    warm = MaterialChoice(material_from="dma", temperature=Quantity(30.0, 0.5, "degC"))
+    known = fitted.assign(u_nu=0.0).assign_attrs(fitted.attrs | {"modulus_factor": 1.0})
+    found = variations(warm, None, known)
+    assert set(found) == {"temperature"}
+    changed = found["temperature"]
+    assert changed.solid == resolve(choice(30.0 + changed.change), None, fitted)
+    assert variations(choice(30.0), None, known) == {}
+
+
+@pytest.mark.parametrize(("factor", "power"), [(1.0, 2), (2.8, 1)])
+def test_an_uncertain_poisson_ratio_changes_the_modulus_of_a_contact(fitted, factor, power):
+    """E / (1 - nu^2) of a modulus in tension, 2 G / (1 - nu) of one in shear."""
+    known = fitted.assign(u_nu=0.01).assign_attrs(fitted.attrs | {"modulus_factor": factor})
+    given, step, stiffer = variations(choice(), None, known)["Poisson's ratio"]
+    assert given == Quantity(0.4, 0.01, "1")
+    expected = 1e7 * (1 - 0.4**power) / (1 - (0.4 + step) ** power)
+    assert stiffer.E_relaxed == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_material_of_the_library_is_exact():
+    assert variations(MaterialChoice(material="acrylic"), None, None) == {}

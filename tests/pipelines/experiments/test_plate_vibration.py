@@ -10,6 +10,7 @@ import pytest
 
 from labpipe import files, materials
 from labpipe.errors import ConfigError
+from labpipe.propagation import linear
 from pipelines.figures import make
 from pipelines.process import open_session, process, result
 from pipelines.rig.drops import write_drops
@@ -17,6 +18,7 @@ from pipelines.rig.fall import DropRig
 from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, write_plate
 from pipelines.rig.samples import drop_section, laser_record, session_head
+from tests.pipelines.asked import quantities
 from tests.pipelines.small import START
 
 NAMES = ("acrylic", "ptfe")
@@ -153,3 +155,15 @@ def test_mistakes_in_the_session_are_named(
     path.write_text(path.read_text("utf-8").replace(old, new, 1), "utf-8")
     with pytest.raises(ConfigError, match=says):
         open_session(folder)
+
+
+def test_the_clock_stands_in_the_natural_frequency(session: Path) -> None:
+    found = quantities(session, "plate")
+    table = result(session, "plate", "table")
+    made = found["natural frequency"]
+    budget = linear(made.model, made.inputs)
+    assert budget.u == pytest.approx(float(table["u_plate_natural_frequency"]), rel=1e-6)
+    assert budget.u > 5e-5 * float(table["plate_natural_frequency"])
+    mass = found["modal mass"]
+    whole = float(result(session, "plate", "plate")["u_mass"])
+    assert linear(mass.model, mass.inputs).u == pytest.approx(whole, rel=1e-3)

@@ -15,8 +15,9 @@ import xarray as xr
 from labpipe import files, materials
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
+from labpipe.propagation import linear
 from labpipe.units import Quantity
-from pipelines.experiments import holds, relaxation
+from pipelines.experiments import holds, mach1_file, relaxation
 from pipelines.experiments.indentation import Geometry, elastic_force
 from pipelines.process import open_session, process, result
 from pipelines.rig.indentation_session import cell_record, relaxation_section
@@ -24,6 +25,7 @@ from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import NOTE, session_head
 from pipelines.settings.indentation import IndentationModel, Punch
+from tests.pipelines.asked import quantities
 
 START = datetime(2024, 5, 14, 9, 30)
 SAMPLES = Path(__file__).parents[3] / "../shared/samples/mach1"
@@ -291,3 +293,33 @@ def test_the_uncertainty_of_a_plateau_is_that_of_its_noise() -> None:
     level = holds.plateau(made, holds.find(made)[0], 60.0)
     assert level.end - level.begin == pytest.approx(4.0, abs=0.02)
     assert level.u == pytest.approx(0.001, rel=0.2)
+
+
+def test_budget_of_the_modulus_is_that_of_the_table(session: Path) -> None:
+    found = quantities(session, "nbr")
+    table = result(session, "nbr", "tests")
+    for i in range(len(DEPTHS)):
+        made = found[f"relaxed reduced modulus, test {i + 1}"]
+        budget = linear(made.model, made.inputs)
+        assert budget.value == pytest.approx(float(table["reduced_modulus"][i]), rel=1e-9)
+        assert budget.u == pytest.approx(float(table["u_reduced_modulus"][i]), rel=0.05)
+        peak = found[f"largest force before the filter, test {i + 1}"]
+        assert linear(peak.model, peak.inputs).u == pytest.approx(
+            float(table["u_peak_force_unfiltered"][i]), rel=1e-3
+        )
+
+
+def test_a_plateau_is_free_of_the_lag_of_the_filter(session: Path) -> None:
+    """A Butterworth filter of order 3 delays a slow force by 2 / (2 pi 20 Hz)."""
+    loads = result(session, "nbr", "loads", files_of(session)[0])
+    bare = loads.assign_attrs(filter_delay="null")
+    assert mach1_file.filter_delay(bare).value == pytest.approx(2 / (40 * np.pi), rel=1e-3)
+    hold = holds.find(loads)[0]
+    falling = loads.assign(force=50.0 - 0.5 * loads["time"])
+    late = holds.mean_force(falling, hold, 10.0, 20.0)
+    delay = mach1_file.filter_delay(loads)
+    assert late.lag == pytest.approx(0.5 * delay.value, rel=1e-6)
+    time = loads["time"].values[hold.rows]
+    middle = float(time[(time >= 10.0) & (time <= 20.0)].mean())
+    assert late.force == pytest.approx(50.0 - 0.5 * (middle + delay.value), abs=1e-9)
+    assert late.u_lag == pytest.approx(0.5 * delay.u, rel=1e-6)

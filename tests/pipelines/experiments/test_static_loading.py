@@ -16,11 +16,13 @@ import xarray as xr
 from labpipe import files, materials
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
+from labpipe.propagation import linear
 from labpipe.units import Quantity, quantity
 from pipelines.experiments import static_loading, static_steps
 from pipelines.process import open_session, process, result
 from pipelines.rig.session_text import laser_record, session_head
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
+from tests.pipelines.asked import quantities
 
 START = datetime(2024, 5, 14, 9, 30)
 RIG = StaticRig()
@@ -269,3 +271,18 @@ def test_the_report_shows_radii_and_creep(session: Path) -> None:
     page = (session / f"labpipe/reports/{NAME}.html").read_text("utf-8")
     for text in ("Contact radius, a = √(R δ)", "viscoelastic model", "Approach over that of Hertz"):
         assert text in page
+
+
+def test_budgets_are_those_of_the_results(session: Path) -> None:
+    found = quantities(session, NAME)
+    levels, model = stage(session, "approach"), stage(session, "model")
+    for name, value, u in (
+        ("approach under the last load", levels["level_approach"], levels["u_level_approach"]),
+        ("contact radius under the last load", levels["level_contact_radius"],
+         levels["u_level_contact_radius"]),
+        ("contact radius of the model under the last load", model["contact_radius"],
+         model["u_contact_radius"]),
+    ):  # fmt: skip
+        budget = linear(found[name].model, found[name].inputs)
+        assert budget.value == pytest.approx(float(value[-1]), rel=1e-9)
+        assert budget.u == pytest.approx(float(u[-1]), rel=0.02)

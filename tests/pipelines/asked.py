@@ -1,0 +1,38 @@
+"""Every input that a budget is asked about acts by a row of its own, or the page says why not."""
+
+from pathlib import Path
+
+from pipelines import process
+from pipelines.experiments.budgets import ASKED, Quantity
+from pipelines.figures.inputs import Inputs
+from pipelines.sensitivity import QUANTITIES
+
+ITEMS = {
+    "clock": "sampling", "first_touch": "zero", "tare": "zero", "drift": "zero", "stage": "zero",
+    "pulse_shape": "noise", "phase": "noise", "force_amplitude": "noise", "amplitude": "noise",
+    "tip_radius": "radius", "sphere_radius": "radius", "pixel_distance": "pixel size",
+    "reference_length": "pixel size", "filter_gain": "filter lag", "mass_of_the_loads": "mass",
+    "load": "mass", "mass_of_sphere": "mass", "plate_mass": "mass", "heights": "height",
+    "inclination_and_gain": "inclination",
+}  # fmt: skip
+"""Names of inputs, and what of the list that is asked they are."""
+
+
+def check(quantity: Quantity) -> None:
+    acting = {ITEMS.get(n, n.replace("_", " ")) for n in quantity.inputs}
+    said = ", ".join(names for names, _ in quantity.inert)
+    for item in ASKED:
+        assert (item in acting) or (item in said), (quantity.name, item)
+    for item in said.split(", "):
+        assert item not in acting, (quantity.name, item)
+
+
+def quantities(folder: Path, name: str) -> dict[str, Quantity]:
+    """Return the quantities of a processed experiment by their names, each of them checked."""
+    plan = process.plan(folder)
+    experiments = plan.session.experiments
+    inputs = Inputs(plan, {n: e.settings for n, e in experiments.items()})
+    found = {q.name: q for q in QUANTITIES[experiments[name].kind][1](inputs, experiments[name])}
+    for quantity in found.values():
+        check(quantity)
+    return found
