@@ -79,7 +79,8 @@ def _prefilter_into(image: Image32, poles: NDArray[np.float64], padded: Image32)
     gain = np.float32(1.0)
     for pole in poles:
         gain *= np.float32((1.0 - pole) * (1.0 - 1.0 / pole))
-    down = np.empty((rows, _STRIP), np.float32)
+    # Zeros: columns of the strip beyond the image are filtered with the others.
+    down = np.zeros((rows, _STRIP), np.float32)
     inner = padded[PADDING : PADDING + rows, PADDING : PADDING + columns]
     for start in range(0, columns, _STRIP):
         width = min(_STRIP, columns - start)
@@ -92,7 +93,7 @@ def _prefilter_into(image: Image32, poles: NDArray[np.float64], padded: Image32)
             row, result = inner[r, start : start + width], down[r]
             for c in range(np.uint64(width)):
                 row[c] = result[c]
-    across = np.empty((columns, _STRIP), np.float32)
+    across = np.zeros((columns, _STRIP), np.float32)
     for start in range(0, rows, _STRIP):
         height = min(_STRIP, rows - start)
         for r in range(height):

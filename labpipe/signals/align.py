@@ -10,7 +10,7 @@ from scipy.signal import correlate, correlation_lags
 
 from labpipe.errors import InputError
 from labpipe.signals.noise import estimate_noise
-from labpipe.signals.readings import checked_times, refuse_endless, refuse_infinite
+from labpipe.signals.readings import checked_times, is_constant, refuse_endless, refuse_infinite
 from labpipe.signals.residuals import parameter_covariance
 from labpipe.signals.smoothing import evaluate, smooth
 
@@ -174,7 +174,7 @@ def _readings(record: xr.DataArray) -> tuple[Array, Array]:
     if len(t) < _FEWEST:
         message = f"a lag needs {_FEWEST} readings; found {len(t)}"
         raise InputError(message)
-    if float(np.ptp(y)) == 0.0:
+    if is_constant(y):
         message = "a record does not vary: no lag can be told from it"
         raise InputError(message)
     return t, y

@@ -12,6 +12,7 @@ from labpipe.errors import InputError
 from labpipe.signals.metrics import independent_count
 from labpipe.signals.noise import difference_sigma, quantisation_step
 from labpipe.signals.oscillation import fit_sinusoid
+from labpipe.signals.readings import checked_times, is_constant, refuse_infinite
 
 Array = NDArray[np.float64]
 
@@ -79,12 +80,17 @@ def active_window(
     the level at that end of the record than six standard deviations and 0.5 % of the range.
     """
     t, x = np.asarray(time, float), np.asarray(position, float)
+    if t.ndim != 1 or t.shape != x.shape:
+        message = f"time and position must be one-dimensional and alike: {t.shape} and {x.shape}"
+        raise InputError(message)
+    t = checked_times(t)
+    refuse_infinite(x, "position")
     finite = np.isfinite(x)
     t, x = t[finite], x[finite]
-    extent = float(np.ptp(x)) if len(x) else 0.0
-    if len(x) < 16 or extent == 0.0:
+    if len(x) < 16 or is_constant(x):
         message = f"no motion in {len(x)} readings"
         raise InputError(message)
+    extent = float(np.ptp(x))
     start, before = _edge(t, x, extent)
     end, after = _edge(-t[::-1], x[::-1], extent)
     end = -end
@@ -167,6 +173,12 @@ def loops(
     1.0
     """
     t, x, load = (np.asarray(a, float) for a in (time, position, force))
+    if not (t.shape == x.shape == load.shape and t.size):
+        message = f"time, position and force must be alike: {t.shape}, {x.shape} and {load.shape}"
+        raise InputError(message)
+    t = checked_times(t)
+    refuse_infinite(x, "position")
+    refuse_infinite(load, "force")
     begin = float(t[0]) if start is None else start
     stop = float(t[-1]) if end is None else end
     inside = (t >= begin - 1.0 / frequency) & (t <= stop + 1.0 / frequency)

@@ -16,6 +16,7 @@ from labpipe.errors import InputError
 from labpipe.signals.derivative import checked_record
 from labpipe.signals.impact_fit import OUTPUTS, PRIORS, ImpactFit, ShapePrior, fit_impact
 from labpipe.signals.noise import estimate_noise, is_spike
+from labpipe.signals.readings import is_constant
 from labpipe.signals.smoothing import Smooth, evaluate, smooth
 from labpipe.signals.turns import (
     FEWEST_IN_FLIGHT,
@@ -145,7 +146,7 @@ def bounces(
         message = f"a drop needs at least {4 * FEWEST_IN_FLIGHT} readings; found {len(time)}"
         raise InputError(message)
     sigma = noise if noise is not None else estimate_noise(values - values[0], time).sigma
-    if not (np.isfinite(sigma) and sigma > 0.0):
+    if is_constant(values) or not (np.isfinite(sigma) and sigma > 0.0):
         message = "the displacement does not change: no drop in this record"
         raise InputError(message)
     keep = ~is_spike(time, values, sigma)

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares
 
 from labpipe.errors import InputError
+from labpipe.signals.readings import is_constant, refuse_infinite
 
 Array = NDArray[np.float64]
 
@@ -61,10 +62,18 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> FirstTouch:
     (62.5, 0.3)
     """
     z, f = np.asarray(position, float), np.asarray(force, float)
+    if z.ndim != 1 or z.shape != f.shape:
+        message = f"position and force must be one-dimensional and alike: {z.shape} and {f.shape}"
+        raise InputError(message)
+    refuse_infinite(z, "position")
+    refuse_infinite(f, "force")
     finite = np.isfinite(z) & np.isfinite(f)
     z, f = z[finite], f[finite]
     if z.size < 2 * _FEWEST:
         message = f"an approach needs at least {2 * _FEWEST} readings, found {z.size}"
+        raise InputError(message)
+    if is_constant(z):
+        message = "the position does not change: no approach"
         raise InputError(message)
     # Second differences: a force that rises evenly, by any step a reading, has none.
     noise = float(1.4826 * np.median(np.abs(np.diff(f, 2))) / np.sqrt(6))

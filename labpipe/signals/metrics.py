@@ -12,7 +12,7 @@ from scipy.stats import binomtest, norm
 from scipy.stats import t as student
 
 from labpipe.errors import InputError
-from labpipe.signals.readings import refuse_infinite
+from labpipe.signals.readings import is_constant, refuse_infinite
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def nrmse(measured: ArrayLike, model: ArrayLike) -> float:
     """
     a, b = _pairs(measured, model)
     extent = float(np.ptp(a))
-    if extent == 0:
+    if is_constant(a):
         message = "the measurement does not vary, so an error relative to its range has no meaning"
         raise InputError(message)
     return round(float(np.sqrt(np.mean((a - b) ** 2)) / extent), 15)
@@ -89,6 +89,7 @@ def compare(measured: xr.DataArray, model: xr.DataArray) -> xr.Dataset:
     if not np.array_equal(measured["time"], model["time"]):
         message = "the two curves are given at different times; interpolate one of them first"
         raise InputError(message)
+    refuse_infinite(np.asarray(measured["time"], float), "time")
     a, b = _pairs(measured.values, model.values)
     difference = a - b
     label = measured.attrs.get("long_name", str(measured.name))
@@ -192,7 +193,7 @@ def determination(measured: ArrayLike, model: ArrayLike) -> float:
     1.0
     """
     a, b = _pairs(measured, model)
-    if float(np.ptp(a)) == 0:
+    if is_constant(a):
         # The sum of squares about a rounded mean need not be zero.
         message = "the measurement does not vary, so there is no variance to explain"
         raise InputError(message)

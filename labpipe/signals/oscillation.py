@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from labpipe.errors import InputError
-from labpipe.signals.readings import checked_times, refuse_infinite
+from labpipe.signals.readings import checked_times, is_constant, refuse_infinite
 from labpipe.signals.residuals import parameter_covariance
 
 Array = NDArray[np.float64]
@@ -214,8 +214,11 @@ def common_fit(
     if not t.shape == x.shape == load.shape:
         message = f"time, position and force differ in shape: {t.shape}, {x.shape}, {load.shape}"
         raise InputError(message)
+    refuse_infinite(x, "position")
+    refuse_infinite(load, "force")
     both = np.isfinite(x) & np.isfinite(load)
     t, x, load = t[both], x[both], load[both]
+    readings_of(t, load)  # a force that stands still has no phase
     moved = fit_sinusoid(
         t, x, frequency_guess, harmonics=harmonics, trend_order=trend_order,
         resolution=resolutions[0],
@@ -268,7 +271,7 @@ def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Array, Array]:
     if len(t) < 6:
         message = f"an oscillation needs 6 readings; found {len(t)}"
         raise InputError(message)
-    if float(np.ptp(y)) == 0.0:
+    if is_constant(y):
         message = "the signal does not vary: no oscillation in it"
         raise InputError(message)
     return t, y

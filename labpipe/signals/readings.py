@@ -7,6 +7,9 @@ from labpipe.errors import InputError
 
 Array = NDArray[np.float64]
 
+LARGEST, LEAST = 1e75, 1e-75
+"""Beyond it no quantity in SI units lies; fourth powers of both are still numbers."""
+
 _MOST_SAMPLES = 20_000_000
 """Of a common time base: a thousand times a long record, and still in memory."""
 
@@ -43,22 +46,35 @@ def checked_times(time: ArrayLike, what: str = "time") -> Array:
         i = int(wrong[0])
         message = f"{what} must increase; sample {i + 1} is at {t[i + 1]} s after {t[i]} s"
         raise InputError(message)
+    if t.size and not (t[0] > -LARGEST and t[-1] < LARGEST):
+        message = f"{what} must be in s; found {t[0]:.3g} to {t[-1]:.3g} s"
+        raise InputError(message)
+    if t.size > 1 and not float(np.min(np.diff(t))) > LEAST:
+        message = f"{what} must be in s; found readings {np.min(np.diff(t)):.3g} s apart"
+        raise InputError(message)
     return t
 
 
 def refuse_infinite(values: Array, what: str) -> None:
     """Refuse infinite readings: NaN is how a reading says that there is none.
 
+    What is larger than any quantity (1e75) is refused as well: its square would be infinite.
+
     Raises
     ------
     InputError
         Names the first one.
     """
-    wrong = np.flatnonzero(np.isinf(values))
+    wrong = np.flatnonzero(np.abs(values) > LARGEST)
     if wrong.size:
         i = int(wrong[0])
         message = f"{what} must be finite or NaN; sample {i} is {values.ravel()[i]}"
         raise InputError(message)
+
+
+def is_constant(values: Array) -> bool:
+    """Tell whether finite readings do not vary, or by less than any quantity does (1e-75)."""
+    return values.size == 0 or float(np.ptp(values)) <= LEAST
 
 
 def refuse_endless(span: float, interval: float) -> None:

@@ -60,6 +60,9 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
     for k, record in enumerate(records):
         checked_times(record["time"].values, f"time of repeat {k + 1}")
         refuse_infinite(np.asarray(record.values, float), f"repeat {k + 1}")
+        if record.size < 2:
+            message = f"a repeat needs two readings; repeat {k + 1} has {record.size}"
+            raise InputError(message)
     time = _common_time(records, starts)
     values = np.array([
         _interpolated(time, r["time"].values - s, r.values)

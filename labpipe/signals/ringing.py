@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from labpipe.errors import InputError
 from labpipe.signals.noise import difference_sigma
 from labpipe.signals.oscillation import readings_of, strongest_line
+from labpipe.signals.readings import LEAST
 from labpipe.signals.vibration import Damped, damped_oscillation
 
 Array = NDArray[np.float64]
@@ -106,10 +107,13 @@ def ringing(
         )
         raise InputError(message)
     t, y = readings_of(time, signal)
+    if len(t) < 8 * _ONSET_READINGS:
+        message = f"a ringing needs {8 * _ONSET_READINGS} readings; found {len(t)}"
+        raise InputError(message)
     quiet = y[: max(int(_QUIET * len(y)), 4 * _ONSET_READINGS)]
     white, spread = difference_sigma(quiet), float(np.std(quiet))
     least = white if noise is None else max(white, noise)
-    if not (np.isfinite(least) and least > 0.0):
+    if not (np.isfinite(least) and least > LEAST):
         message = (
             "neighbouring readings of the beginning do not differ (constant, or displayed too "
             "coarsely): the noise must be given"
@@ -195,6 +199,12 @@ def _seed(
         message = (
             f"the record ends {t[-1] - t[onset]:.3g} s after the blow; it must last for the "
             f"shortest pause, {shortest_pause:.3g} s"
+        )
+        raise InputError(message)
+    if high - low < _ONSET_READINGS:
+        message = (
+            f"{high - low} readings lie between the longest blow and the shortest pause after "
+            f"{t[onset]:.6g} s; at least {_ONSET_READINGS} are needed"
         )
         raise InputError(message)
     s = t[low:high] - t[low]

@@ -106,7 +106,7 @@ def test_killed_before_any_operation_the_next_run_ends_as_an_undisturbed_one(
     assert total
     expected = contents(folder)
     usual = 2 if what in ("report", "figure") else 4  # drawing takes a second
-    for last in moments(total, amount(usual, 30)):
+    for last in moments(total, amount(usual, 120)):
         shutil.rmtree(folder)
         prepare(folder)
         assert operations(folder, lambda: write(folder), last) is None
@@ -139,7 +139,7 @@ def test_a_recording_killed_at_any_time_is_whole_but_for_the_last_look(
 ) -> None:
     rng = random.Random(9)
     found = 0
-    for n in range(amount(3, 24)):
+    for n in range(amount(3, 60)):
         target = tmp_path / f"{n}.csv"
         seconds = rng.uniform(0.2, 1.5)
         begun = time.monotonic()

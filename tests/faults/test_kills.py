@@ -67,7 +67,7 @@ def test_a_dataset_is_the_old_or_the_new_one_however_long_it_was_written(
         contents.append(path.read_bytes())
     rng = random.Random(5)
     cut = 0
-    for _ in range(amount(6, 100)):
+    for _ in range(amount(6, 600)):
         path.write_bytes(contents[0])
         cut += killed_after(
             rng.uniform(0.0, took), lambda: files.write_dataset(path, dataset(2.0, 200_000))
@@ -114,7 +114,7 @@ def test_a_run_killed_before_any_operation_is_finished_by_the_next(
     assert total > 100
     expected = toy.contents(calm)
     assert expected
-    for last in moments(total, amount(6, 60)):
+    for last in moments(total, amount(6, 300)):
         session = toy.make_session(tmp_path / str(last))
         assert operations(session.root, lambda folder=session.root: run(folder), last) is None
         run(session.root)
@@ -131,7 +131,7 @@ def test_a_run_killed_again_and_again_ends_as_an_undisturbed_one(
     calm, session = (toy.make_session(tmp_path / name) for name in ("calm", "killed"))
     run_toys(calm.root)
     rng = random.Random(2)
-    for _ in range(amount(6, 100)):
+    for _ in range(amount(6, 700)):
         operations(session.root, lambda: run_toys(session.root), rng.randrange(1, 200))
     run_toys(session.root)
     assert toy.contents(session) == toy.contents(calm)
@@ -168,7 +168,7 @@ def test_a_disk_that_fails_from_any_operation_on_is_named_and_spoils_nothing(
         shutil.rmtree(calm.folder)
     total = operations(tmp_path, lambda: run_toys(calm.root))
     assert total
-    for first in moments(total, amount(3, 12)):
+    for first in moments(total, amount(3, 40)):
         session = toy.make_session(tmp_path / str(first))
         if store == "damaged":
             run_toys(session.root)
