@@ -18,6 +18,7 @@ from labpipe.identification.parameters import Parameter
 from labpipe.identification.posterior import Posterior, bands, moduli, posterior
 from labpipe.identification.problem import Misfit, Problem
 from labpipe.identification.profiles import Profile, profile
+from labpipe.identification.sampling import Sample, drawn_moduli, sample
 from labpipe.identification.spectra import (
     FractionalSpectrum,
     SmoothSpectrum,
@@ -37,8 +38,10 @@ __all__ = [
     "Posterior",
     "Problem",
     "Profile",
+    "Sample",
     "SmoothSpectrum",
     "bands",
+    "drawn_moduli",
     "drop_evidence",
     "fit",
     "force_evidence",
@@ -48,5 +51,6 @@ __all__ = [
     "posterior",
     "profile",
     "relaxation_times",
+    "sample",
     "stiffness_evidence",
 ]

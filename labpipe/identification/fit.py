@@ -210,6 +210,10 @@ class Objective:
         by_terms, by_values = tangent.corrected(xi, self.corrections)
         return Surrogate(self.problem, xi, rest, by_terms / deviations, by_values / deviations)
 
+    def surrogate(self, xi: Array) -> Surrogate:
+        """Return the surrogate around a point, by the models' derivatives there."""
+        return self._surrogate(xi, self._height(xi, None)[1])
+
     def cost(self, xi: Array) -> float:
         """Return half the sum of squares."""
         rows = self.residuals(xi)

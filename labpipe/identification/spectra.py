@@ -3,10 +3,13 @@ r"""Low-dimensional relaxation spectra: what a material may be, in a few unknown
 Both families hand out a Prony series on a fixed grid of relaxation times, as the natural logarithms
 of ``(E_relaxed, E_1, …, E_n)``, and their derivative by the standard coordinates.
 
-Smooth spectrum. The logarithm of the weight per decade is a random walk over the decades: from one
-decade to the next a spectrum changes by a factor of ten within two standard deviations. Level
-and long-time modulus are known within a factor of a hundred of a polymer's. Nothing else is
-assumed; where data are silent the answer is the prior.
+Smooth spectrum. The logarithm of the weight per decade walks over the decades: from one decade to
+the next a spectrum changes by a factor of ten within two standard deviations. Its slope turns
+within two decades (an Ornstein–Uhlenbeck process), as that of Cole and Cole's dispersions does: the
+slope of an order of one half turns over 4 ln-units of time. Slopes that were new at every term
+would allow for kinks that no polymer has, and the loss factor at a given frequency would be as
+uncertain as they are. Level and long-time modulus are known within a factor of a hundred of a
+polymer's. Nothing else is assumed; where data are silent the answer is the prior.
 
 Fractional solid (Cole and Cole's; a springpot where its time lies outside the data):
 
@@ -46,6 +49,9 @@ _WIDE = log(100.0)
 _PER_DECADE = 0.5 * log(10.0)
 """Standard deviation of the change of a spectrum from one decade to the next: in logarithmic
 coordinates the flanks of spectra are seldom steeper than one to one, which makes two of them."""
+
+_TURN = 2.0
+"""Decades within which the slope of a spectrum forgets itself."""
 
 _BEYOND = 2.0  # times faster changes where there are no data
 
@@ -161,18 +167,17 @@ class SmoothSpectrum:
     def parameters(self) -> tuple[Parameter, ...]:
         """Long-time modulus, level of the spectrum in its middle, and its changes."""
         middle = self.rho.size // 2
-        steps = np.diff(np.log10(self.rho))
         level = Parameter(
             "level", _POLYMER - log(10.0), _WIDE, "Pa",
             f"weight per decade at {self.rho[middle]:.2g} s", is_log=True,
         )  # fmt: skip
         changes = [
             Parameter(
-                f"change {i + 1}", 0.0,
-                _PER_DECADE * float(np.sqrt(step)) * (_BEYOND if self._is_beyond(i) else 1.0), "1",
-                f"ln change of the spectrum, {self.rho[i]:.2g} to {self.rho[i + 1]:.2g} s",
+                f"change {i + 1}", 0.0, sd, "1",
+                f"ln change of the spectrum, {self.rho[i]:.2g} to {self.rho[i + 1]:.2g} s, that "
+                "the changes before do not foretell",
             )
-            for i, step in enumerate(steps)
+            for i, sd in enumerate(np.diag(self._root).tolist())
         ]  # fmt: skip
         return (_relaxed_modulus(), level, *changes)
 
@@ -183,8 +188,7 @@ class SmoothSpectrum:
 
     def log_terms(self, xi: Array) -> Array:
         """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
-        means, sds = self._prior
-        terms = self._walk @ (means + sds * xi)
+        terms = self._walk @ self._prior[0] + self._by_xi @ xi
         terms[1:] += np.log(self._widths)
         return np.asarray(terms)
 
@@ -195,7 +199,27 @@ class SmoothSpectrum:
     def slopes(self, xi: Array) -> Array:
         """Return the derivative (1 + term, parameter); the map is linear."""
         del xi
-        return np.asarray(self._walk * self._prior[1])
+        return self._by_xi
+
+    @cached_property
+    def _by_xi(self) -> Array:
+        """From standard coordinates to the logarithms (1 + term, parameter)."""
+        mixed = np.diag(self._prior[1])
+        mixed[2:, 2:] = self._root
+        return np.asarray(self._walk @ mixed)
+
+    @cached_property
+    def _root(self) -> Array:
+        """Root (change, change) of the covariance of the changes: integrals of a slope."""
+        decades = np.log10(self.rho)
+        lasting = np.diff(decades) / _TURN
+        middle = 0.5 * (decades[1:] + decades[:-1]) / _TURN
+        apart = np.exp(-np.abs(middle[:, None] - middle))
+        covariance = 4.0 * np.outer(np.sinh(lasting / 2.0), np.sinh(lasting / 2.0)) * apart
+        np.fill_diagonal(covariance, _variance(lasting))
+        wilder = np.where([self._is_beyond(i) for i in range(lasting.size)], _BEYOND, 1.0)
+        scale = _PER_DECADE / np.sqrt(_variance(np.array(1.0 / _TURN)))
+        return np.asarray((scale * wilder)[:, None] * np.linalg.cholesky(covariance))
 
     @cached_property
     def _walk(self) -> Array:
@@ -221,6 +245,11 @@ class SmoothSpectrum:
         xi[0] = parameters[0].coordinate(modulus)
         xi[1] = parameters[1].coordinate(2.0 / np.pi * log(10.0) * loss * modulus)
         return xi
+
+
+def _variance(lasting: Array) -> Array:
+    """Return the variance of a slope's integral over a time, both in units of its memory."""
+    return np.asarray(2.0 * (lasting + np.expm1(-lasting)))
 
 
 @dataclass(frozen=True, eq=False)
