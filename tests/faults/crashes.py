@@ -12,7 +12,7 @@ import signal
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +125,36 @@ def child_result(program: Callable[[], str]) -> str:
     with os.fdopen(reader) as stream:
         said = stream.read()
     assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0, "the program itself failed"
+    return said
+
+
+def at_once(programs: Sequence[Callable[[], str]]) -> list[str]:
+    """Run programs in a child each, all begun before the first has ended; return what they say."""
+    pipes = [os.pipe() for _ in programs]
+    gate, opener = os.pipe()
+    pids = []
+    for program, (_, writer) in zip(programs, pipes, strict=True):
+        pid = _fork()
+        if not pid:
+            code = 1
+            try:
+                os.close(opener)
+                os.read(gate, 1)  # until the parent closes the other end
+                os.write(writer, program().encode())
+                code = 0
+            except BaseException as found:
+                os.write(writer, f"{type(found).__name__}: {found}".encode())
+            finally:
+                os._exit(code)
+        pids.append(pid)
+    os.close(opener)
+    os.close(gate)
+    said = []
+    for pid, (reader, writer) in zip(pids, pipes, strict=True):
+        os.close(writer)
+        with os.fdopen(reader) as stream:
+            said.append(stream.read())
+        assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0, said[-1]
     return said
 
 

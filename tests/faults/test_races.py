@@ -1,0 +1,86 @@
+"""Processes that want the same result at the same time: one makes it, none reads half of it."""
+
+import os
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe.workflow import provenance, runner
+from labpipe.workflow.store import Store
+from labpipe.workflow.tasks import key_of
+from tests.faults.crashes import at_once
+from tests.labpipe.workflow import toy_laboratory as toy
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+
+Amount = Callable[[int, int], int]
+
+
+@pytest.fixture(autouse=True)
+def laboratory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "toy_laboratory", toy)
+    monkeypatch.setattr(provenance, "git_state", lambda folder: None)
+
+
+def run_toys(folder: Path, delay: float = 0.0) -> str:
+    """Process a session; return how many results were made."""
+    time.sleep(delay)
+    session = toy.load(folder, toy.KINDS)
+    done = runner.run(session, toy.STAGES, schemas=toy.SCHEMAS, jobs=0)
+    assert done.exit_code == 0, [o.message for o in done.failures]
+    return str(sum(outcome.state == "done" for outcome in done.outcomes))
+
+
+def test_two_runs_of_one_session_make_every_result_once(tmp_path: Path, amount: Amount) -> None:
+    calm = toy.make_session(tmp_path / "calm")
+    total = int(run_toys(calm.root))
+    expected = toy.contents(calm)
+    for n in range(amount(2, 200)):
+        session = toy.make_session(tmp_path / str(n))
+        late = 0.01 * (n % 20)
+        made = at_once([
+            lambda root=session.root: run_toys(root),  # type: ignore[misc]
+            lambda root=session.root, late=late: run_toys(root, late),  # type: ignore[misc]
+        ])  # fmt: skip
+        assert sum(map(int, made)) == total, n
+        assert toy.contents(session) == expected, n
+        assert not list(session.folder.rglob(".*.part")), n
+        shutil.rmtree(session.root)
+
+
+def test_eight_writers_and_readers_of_one_key_never_see_a_torn_result(
+    tmp_path: Path, amount: Amount
+) -> None:
+    """The same ingredients give the same result, so whoever comes last changes nothing."""
+    values = ("time", np.arange(500.0), {"units": "m", "long_name": "z"})
+    dataset = xr.Dataset({"z": values})
+    for n in range(amount(3, 800)):
+        ingredients = {"stage": "read", "version": n}
+        key = key_of(ingredients)
+
+        def write(ingredients: dict[str, object] = ingredients) -> str:
+            return Store(tmp_path).write(ingredients, dataset).key
+
+        def look(key: str = key) -> str:
+            store = Store(tmp_path)
+            for _ in range(20):
+                state = store.state(key)
+                if state == "stored":
+                    found = store.read(key)
+                    assert isinstance(found, xr.Dataset)
+                    assert found.identical(dataset)
+                    return "stored"
+                assert state == "absent", state
+            return "absent"
+
+        said = at_once([write, look] * 4)
+        assert set(said[::2]) == {key}
+        assert set(said[1::2]) <= {"stored", "absent"}
+        assert Store(tmp_path).state(key) == "stored"
+    assert not list(tmp_path.rglob(".*.part"))
