@@ -20,11 +20,13 @@ from labpipe.report import (
     Series,
     Table,
     display_unit,
+    quantity,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
 from pipelines import budget_blocks, pages
 from pipelines.experiments import budgets, dma_export, dma_published_page
+from pipelines.experiments.budgets.rheometer import still_falls
 from pipelines.settings.dma import Dma
 
 Array = NDArray[np.float64]
@@ -111,7 +113,7 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
         ("covered frequencies", f"{covered[0]:.2g} to {covered[-1]:.2g} Hz",
          f"{np.log10(covered[-1] / covered[0]):.1f} decades at the reference temperature"),
         ("relaxed modulus", _modulus(float(curve["E_relaxed"])),
-         "after an infinite time; beyond the window it is extrapolation"),
+         f"after an infinite time; {_open_end(curve)}"),
         ("unrelaxed modulus", _modulus(float(curve["E_unrelaxed"])),
          "after no time; beyond the window it is extrapolation"),
         ("relaxation terms", str(curve.sizes["term"]), f"{outside} outside the covered window"),
@@ -120,6 +122,16 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
         ("residual of E′", f"{_rms(curve['storage_residual'].values) * 100:.2f} %", "rms"),
         ("residual of E″", f"{_rms(curve['loss_residual'].values) * 100:.2f} %", "rms"),
     ]  # fmt: skip
+
+
+def _open_end(curve: xr.Dataset) -> str:
+    """Say how much of the relaxed modulus is told by the slow end of the data."""
+    frequency = curve["reduced_frequency"].values
+    left = still_falls(frequency, curve["master_loss"].values)
+    if left >= float(curve["master_storage"][int(np.argmin(frequency))]):
+        return "extrapolated: the loss at the slow end may take all of the storage modulus"
+    u = quantity(left / float(np.sqrt(3.0)), "Pa", 2)
+    return f"extrapolated: standard uncertainty {u}, by how the loss goes on at the slow end"
 
 
 def _vertical(curve: xr.Dataset) -> str:

@@ -86,24 +86,24 @@ def _slope(levels: Array, shifts: Array, at: int) -> float:
 
 
 def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
-    order = np.argsort(master["reduced_frequency"].values)
-    frequency, storage, loss, u_storage = (
-        master[name].values[order]
-        for name in ("reduced_frequency", "master_storage", "master_loss", "u_master_storage")
+    slow = int(np.argmin(master["reduced_frequency"].values))
+    frequency, storage, u_storage = (
+        float(master[name][slow])
+        for name in ("reduced_frequency", "master_storage", "u_master_storage")
     )
     factor = float(sweeps.attrs["u_modulus_factor"]) / float(sweeps.attrs["modulus_factor"])
     names = ("temperature", "the shifts' own uncertainty is in the noise of the curve")
     inert = (*_MODULUS, names, *_ABSENT, *(() if factor else (_TENSION,)))
-    inputs = {"noise": Input(1.0, float(u_storage[0] / storage[0]))}
+    inputs = {"noise": Input(1.0, u_storage / storage)}
     if factor:
         inputs["Poisson's_ratio"] = Input(1.0, factor)
     yield Quantity(
-        f"storage modulus at {float(frequency[0]):.2g} Hz, the slow end", "Pa", _product,
-        {MEASURED: Input(float(storage[0]), 0.0, "Pa"), **inputs}, inert,
+        f"storage modulus at {frequency:.2g} Hz, the slow end", "Pa", _product,
+        {MEASURED: Input(storage, 0.0, "Pa"), **inputs}, inert,
         "storage modulus at the slow end",
     )  # fmt: skip
-    left = _still_falls(frequency, loss)
-    if left < float(storage[0]):
+    left = still_falls(master["reduced_frequency"].values, master["master_loss"].values)
+    if left < storage:
         yield Quantity(
             "modulus after an infinite time", "Pa",
             lambda measured, extrapolation, **factors: _product(measured, **factors)
@@ -120,16 +120,18 @@ def _product(measured: float, **factors: float) -> float:
     return made
 
 
-def _still_falls(frequency: Array, loss: Array) -> float:
+def still_falls(frequency: Array, loss: Array) -> float:
     """Return how far [Pa] the storage modulus falls beyond the slow end, if the loss goes on so.
 
     A loss that falls as the power m of the frequency belongs to a storage modulus that lies
     E″ cot(m π/2) above its end (Kramers and Kronig). What does not fall ends nowhere.
     """
-    near = frequency <= frequency[0] * 10.0**_SLOW_DECADES
-    if near.sum() < 2 or not np.all(loss[near] > 0.0):
+    order = np.argsort(frequency)
+    f, e = frequency[order], loss[order]
+    near = f <= f[0] * 10.0**_SLOW_DECADES
+    if near.sum() < 2 or not np.all(e[near] > 0.0):
         return inf
-    power = float(np.polyfit(np.log(frequency[near]), np.log(loss[near]), 1)[0])
+    power = float(np.polyfit(np.log(f[near]), np.log(e[near]), 1)[0])
     if power <= 0.0:
         return inf
-    return float(loss[0]) / tan(0.5 * pi * min(power, 1.0))
+    return float(e[0]) / tan(0.5 * pi * min(power, 1.0))
