@@ -215,7 +215,6 @@ class Stepper:
             lifted = trial.force <= 0.0
             if lifted and self.rows[OLD, 0] > 0.0:
                 trial = self._at_lift_off(rung.weights.dt)
-                is_last = False
             error = self._error(trial)
             dt = trial.rung.weights.dt
             if error <= 1.0:

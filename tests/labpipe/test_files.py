@@ -399,16 +399,32 @@ def test_a_root_that_is_itself_a_link_is_a_root(tmp_path: Path) -> None:
     assert files.safe_join(tmp_path / "link", "a") == (tmp_path / "real" / "a").resolve()
 
 
+NAMES = st.text(max_size=30) | st.from_regex(r"[./\\a~: ]{1,12}", fullmatch=True)
+
+
+def check_inside(root: Path, name: str) -> None:
+    try:
+        joined = files.safe_join(root, name)
+    except InputError:
+        return
+    assert joined.is_relative_to(root.resolve())
+
+
 @settings(
     max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-@given(name=st.text(max_size=30) | st.from_regex(r"[./\\a~: ]{1,12}", fullmatch=True))
+@given(name=NAMES)
 def test_no_name_leads_out_of_the_root(tmp_path: Path, name: str) -> None:
-    try:
-        joined = files.safe_join(tmp_path, name)
-    except InputError:
-        return
-    assert joined.is_relative_to(tmp_path.resolve())
+    check_inside(tmp_path, name)
+
+
+@pytest.mark.nightly
+@settings(
+    max_examples=5_000, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(name=NAMES)
+def test_of_many_names_none_leads_out_of_the_root(tmp_path: Path, name: str) -> None:
+    check_inside(tmp_path, name)
 
 
 # --- locks -------------------------------------------------------------------------------------
