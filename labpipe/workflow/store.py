@@ -82,9 +82,11 @@ class Store:
 
     def state(self, key: str) -> str:
         """Tell whether a result is ``stored``, ``absent`` or ``damaged``, without numpy."""
+        # Asked first: another process may write the record while it is looked for.
+        is_there = self._path(key, ".json").exists()
         record = self.record(key)
         if record is None:
-            return "damaged" if self._path(key, ".json").exists() else "absent"
+            return "damaged" if is_there else "absent"
         try:
             is_whole = self.index.digest(self.path(record)) == record.digest
         except SourceError:
@@ -104,9 +106,11 @@ class Store:
             It is not there, or damaged; a damaged one has been moved to the quarantine, so that
             the next run makes it again.
         """
+        is_there = self._path(key, ".json").exists()
         record = self.record(key)
         if record is None:
-            self.quarantine(key)
+            if is_there:
+                self.quarantine(key)
             message = f"there is no whole result {key[:12]} in {self.root}; run again to make it"
             raise StoreError(message)
         path = self.path(record)

@@ -55,6 +55,23 @@ def test_a_page_comes_back(store: Store) -> None:
     assert store.read(record.key) == "<!doctype html>é"
 
 
+def test_a_result_that_is_written_while_it_is_looked_for_is_not_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = Store(tmp_path)
+
+    def too_early(key: str) -> None:
+        made.write(INGREDIENTS, dataset())
+
+    with monkeypatch.context() as change:
+        change.setattr(made, "record", too_early)
+        assert made.state(KEY) == "absent"
+        made.quarantine(KEY)
+        with pytest.raises(StoreError, match="no whole result"):
+            made.read(KEY)
+    assert made.state(KEY) == "stored"
+
+
 def test_what_was_never_written_is_absent(store: Store) -> None:
     assert store.state("0" * 64) == "absent"
     with pytest.raises(StoreError, match="no whole result"):
