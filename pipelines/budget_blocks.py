@@ -114,14 +114,16 @@ def _table(
         (
             shown(r["source"]), _written(r["value"], r["unit"], 5),
             _written(r["u"], "K" if r["unit"] == "degC" else r["unit"], 2), r["sensitivity"],
-            _written(r["contribution"], "K" if found.unit == "degC" else found.unit, 2),
+            r["contribution"],
             *(values.get(r["source"]) for values in more.values()),
         )
         for r in rows
     ]  # fmt: skip
     heads = (
         Column("source"), Column("value"), Column("standard uncertainty"),
-        Column("sensitivity, SI", digits=3), Column("contribution"), *map(Column, more),
+        Column("sensitivity, SI", digits=3),
+        Column("contribution", unit="K" if found.unit == "degC" else found.unit, digits=2),
+        *map(Column, more),
     )  # fmt: skip
     bars = Bars("Share in the variance", [(shown(r["source"]), r["share"], "") for r in rows])
     return Table(heads, made, caption=found.name, sortable=False), bars

@@ -6,6 +6,7 @@ from math import inf, isfinite, pi, sqrt, tan
 import numpy as np
 import xarray as xr
 
+from labpipe.report import quantity
 from labpipe.uncertainty import Input
 from pipelines.experiments.budgets.quantity import MEASURED, Array, Quantity, summed
 
@@ -57,7 +58,7 @@ def _shift(sweeps: xr.Dataset, master: xr.Dataset) -> Quantity:
     slope = _slope(levels, shifts, far)
     total = float(master["u_log10_aT"][far])
     return Quantity(
-        f"log10 a_T at {float(levels[far]):.3g} °C", "1",
+        f"log10 a_T at {quantity(float(levels[far]), 'degC', 3)}", "1",
         lambda measured, noise, temperature: (
             measured + noise + slope * (temperature - float(levels[far]))
         ),
@@ -98,7 +99,7 @@ def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
     if factor:
         inputs["Poisson's_ratio"] = Input(1.0, factor)
     yield Quantity(
-        f"storage modulus at {frequency:.2g} Hz, the slow end", "Pa", _product,
+        f"storage modulus at {quantity(frequency, 'Hz', 2)}, the slow end", "Pa", _product,
         {MEASURED: Input(storage, 0.0, "Pa"), **inputs}, inert,
         "storage modulus at the slow end",
     )  # fmt: skip
