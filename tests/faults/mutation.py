@@ -91,15 +91,21 @@ def _give_up(number: int, frame: object) -> None:
 
 
 def record_lines(target: Path, tests: Sequence[str]) -> None:
-    """Write which quick tests run every line of the core, and their times, as JSON."""
+    """Write which quick tests run every line of the core, and their times, as JSON.
+
+    The data of ``coverage`` itself are kept when COVERAGE_FILE says where.
+    """
     import coverage
 
     source = sorted({folder.split("/")[0] for folder in CORE})
-    tracer = coverage.Coverage(data_file=None, source=source, branch=True, config_file=False)
+    kept = os.environ.get("COVERAGE_FILE")
+    tracer = coverage.Coverage(data_file=kept, source=source, branch=True, config_file=False)
     watch = _Watch(tracer)
     tracer.start()
     pytest.main([*OPTIONS, *tests], plugins=[watch])
     tracer.stop()
+    if kept:
+        tracer.save()
     tracer.report(include=[f"{folder}/*" for folder in CORE], file=sys.stderr)
     data = tracer.get_data()
     lines = {
