@@ -22,11 +22,13 @@ from labpipe.identification import (
     Posterior,
     Problem,
     Profile,
+    Sample,
     SmoothSpectrum,
     fit,
     posterior,
     profile,
     relaxation_times,
+    sample,
 )
 from labpipe.workflow.session import Experiment, Session
 from pipelines import process
@@ -35,8 +37,6 @@ from pipelines.identify_evidence import KINDS, Proof, dma_prior, dma_window, ref
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
-
-SPECTRA = ("smooth", "fractional")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +55,8 @@ class Identified:
         What the rheometer alone says, when it was taken as prior.
     remarks : tuple of str
         What was left out and why.
+    drawn : Sample or None
+        Draws of the posterior, when they were asked for.
     """
 
     material: str
@@ -62,6 +64,7 @@ class Identified:
     relaxed: Profile | None
     prior: Posterior | None
     remarks: tuple[str, ...]
+    drawn: Sample | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +83,8 @@ class Wish:
         Bounces of a drop that count; later ones are small and say little new.
     with_profile : bool
         Follow the long-time modulus to see whether it is determined.
+    sampler : {"laplace", "rto"}
+        Whether to draw from the posterior too, by randomise-then-optimise.
     """
 
     experiments: tuple[str, ...] = ()
@@ -87,6 +92,7 @@ class Wish:
     spectrum: str = "smooth"
     impacts: int = 6
     with_profile: bool = True
+    sampler: str = "laplace"
 
 
 @dataclass(slots=True)
@@ -237,7 +243,11 @@ def _identified(
     before = None
     if group.prior is not None:
         before = posterior(fit(problem.only(prior=True)))
-    return Identified(material, known, relaxed, before, tuple(remarks))
+    drawn = None
+    if wish.sampler == "rto":
+        say("draws of the posterior")
+        drawn = sample(known)
+    return Identified(material, known, relaxed, before, tuple(remarks), drawn)
 
 
 def _silent(text: str) -> None:

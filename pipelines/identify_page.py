@@ -1,17 +1,20 @@
 """The page of an identification: the answer first, then why it may be believed."""
 
 from math import isfinite
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.identification import bands, moduli
 from labpipe.identification.posterior import Band as Prediction
+from labpipe.identification.posterior import frequencies
 from labpipe.report import (
     Band,
     Bars,
     Block,
     Column,
+    Details,
     Document,
     KeyValues,
     LineChart,
@@ -25,6 +28,7 @@ from labpipe.report import (
 )
 from labpipe.workflow.session import Session
 from pipelines.identify import Identified
+from pipelines.identify_corner import corner, main_quantities
 from pipelines.identify_result import dataset, verdicts
 from pipelines.overview import PAGE
 from pipelines.pages import SYNTHETIC, synthetic_notice
@@ -32,8 +36,8 @@ from pipelines.pages import SYNTHETIC, synthetic_notice
 Array = NDArray[np.float64]
 
 _REACH = 1.96
-_IN_CORNER = 6  # unknowns that the corner plot shows, the best determined ones
 _MOST_COMBINATIONS = 12
+CHANGE = "change "  # begins the names of the unknowns of a spectrum's shape
 _LOUD = 2.5  # standard deviations by which a nuisance may leave its prior without a remark
 
 
@@ -51,6 +55,7 @@ def render(session: Session, found: Identified) -> str:
         Section("Moduli over frequency", _curves(found)),
         Section("Fit and residuals", _fits(found)),
         Section("Unknowns", _unknowns(found)),
+        *([Section("Draws of the posterior", _draws(found))] if found.drawn is not None else []),
         Section("What the data determine", _combinations(found)),
         Section("Method", _method(found)),
     )
@@ -228,9 +233,31 @@ def _fit_charts(shown: Prediction) -> tuple[Block, ...]:
 
 
 def _unknowns(found: Identified) -> tuple[Block, ...]:
+    parameters = found.known.fit.problem.parameters
+    rows = _rows(found)
+    is_change = [p.name.startswith(CHANGE) for p in parameters]
+    main = [row for row, own in zip(rows, is_change, strict=True) if not own]
+    blocks: list[Block] = [_table(main), *_profile(found)]
+    blocks.append(
+        Picture(
+            corner(found), "corner plot of the main quantities",
+            "68 % and 95 % of the normal approximation" + (
+                "" if found.drawn is None else "; points: draws of the posterior"
+            ) + ". Unknowns of the experiments in standard deviations of their prior, whose own "
+            "68 % are shaded.", 760,
+        )
+    )  # fmt: skip
+    blocks.append(_spectrum(found))
+    if any(is_change):
+        rest = [row for row, own in zip(rows, is_change, strict=True) if own]
+        blocks.append(Details(f"The {len(rest)} unknowns of the spectrum's shape", [_table(rest)]))
+    return tuple(blocks)
+
+
+def _rows(found: Identified) -> list[tuple[str, ...]]:
     made = dataset(found)
     texts = verdicts(found)
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for i, parameter in enumerate(found.known.fit.problem.parameters):
         ends = [float(made[n][i]) for n in ("low", "high", "prior_low", "prior_high")]
         shown = [quantity(e, parameter.unit) if isfinite(e) else "none" for e in ends]
@@ -238,83 +265,82 @@ def _unknowns(found: Identified) -> tuple[Block, ...]:
             parameter.name, parameter.text, quantity(float(made["value"][i]), parameter.unit),
             f"{shown[0]} to {shown[1]}", f"{shown[2]} to {shown[3]}", texts[i],
         ))  # fmt: skip
-    table = Table(
+    return rows
+
+
+def _table(rows: list[tuple[str, ...]]) -> Table:
+    return Table(
         (
             Column("unknown"), Column("what it is"), Column("most probable"),
             Column("95 % after the data"), Column("95 % before"), Column("verdict"),
         ),
         rows, sortable=False,
     )  # fmt: skip
-    picture = Picture(corner(found), "corner plot of the best determined unknowns",
-                      "68 % and 95 % of the normal approximation, in standard deviations of the "
-                      "prior; dotted: the prior's own 68 %.", 640)  # fmt: skip
-    profile: tuple[Block, ...] = ()
-    if found.relaxed is not None and found.relaxed.values.size > 1:
-        profile = (
-            LineChart(
-                "Profile of the long-time modulus", "E_relaxed / Pa", "rise of −ln likelihood",
-                (
-                    Series("all others follow", found.relaxed.values,
-                           np.minimum(found.relaxed.rise, 10.0), role="model"),
-                    Series("95 %", found.relaxed.values[[0, -1]], [1.92, 1.92], role="reference"),
-                ),
-                x_scale="log",
-                caption="Where the curve stays below the line the data do not object.",
+
+
+def _profile(found: Identified) -> tuple[Block, ...]:
+    if found.relaxed is None or found.relaxed.values.size < 2:
+        return ()
+    return (
+        LineChart(
+            "Profile of the long-time modulus", "E_relaxed / Pa", "rise of −ln likelihood",
+            (
+                Series("all others follow", found.relaxed.values,
+                       np.minimum(found.relaxed.rise, 10.0), role="model"),
+                Series("95 %", found.relaxed.values[[0, -1]], [1.92, 1.92], role="reference"),
             ),
-        )  # fmt: skip
-    return table, *profile, picture
+            x_scale="log",
+            caption="Where the curve stays below the line the data do not object.",
+        ),
+    )  # fmt: skip
 
 
-def corner(found: Identified) -> bytes:
-    """Draw the joint distributions of the best determined unknowns as a PNG file."""
-    from matplotlib.figure import Figure
-
-    from labpipe.report import figure_style, line_arguments
-    from labpipe.report.style import figure_bytes
-
+def _spectrum(found: Identified) -> Block:
+    """Draw the weight per decade over relaxation time."""
     known = found.known
-    chosen = np.sort(np.argsort(known.sd)[:_IN_CORNER])
-    if 0 not in chosen:
-        chosen = np.concatenate([[0], chosen[:-1]])
-    names = [known.fit.problem.parameters[i].name for i in chosen.tolist()]
-    turn = np.linspace(0.0, 2.0 * np.pi, 90)
-    circle = np.stack([np.cos(turn), np.sin(turn)])
-    with figure_style(columns=2, aspect=1.0):
-        figure = Figure()
-        axes = figure.subplots(len(chosen), len(chosen), squeeze=False)
-        for i, row in enumerate(chosen.tolist()):
-            for j, column in enumerate(chosen.tolist()):
-                panel = axes[i, j]
-                panel.tick_params(labelsize=5)
-                if j > i:
-                    panel.set_axis_off()
-                    continue
-                if i == j:
-                    _bell(panel, float(known.fit.xi[row]), float(known.sd[row]))
-                else:
-                    part = known.covariance[np.ix_([column, row], [column, row])]
-                    root = np.linalg.cholesky(part + 1e-15 * np.eye(2))
-                    for reach in (1.515, 2.448):  # 68 % and 95 % of two dimensions
-                        ring = known.fit.xi[[column, row], None] + reach * root @ circle
-                        panel.plot(*ring, **line_arguments("model"))
-                if i == len(chosen) - 1:
-                    panel.set_xlabel(names[j], fontsize=5)
-                if j == 0:
-                    panel.set_ylabel(names[i], fontsize=5)
-        return figure_bytes(figure, "png", 160)
+    spectrum, n = known.fit.problem.spectrum, known.fit.problem.n_material
+    xi = known.fit.xi[:n]
+    slopes = spectrum.slopes(xi)[1:]
+    u = np.sqrt(np.einsum("ij,jk,ik->i", slopes, known.covariance[:n, :n], slopes))
+    weight = np.exp(spectrum.log_terms(xi)[1:]) / np.gradient(np.log10(spectrum.rho))
+    wide = np.exp(np.minimum(_REACH * u, np.log(1e3)))
+    low, high = (0.5 / np.pi / f for f in reversed(frequencies(known)))
+    return LineChart(
+        "Relaxation spectrum", "relaxation time / s", "modulus per decade / Pa",
+        (
+            Band("95 % of the posterior", spectrum.rho, weight / wide, weight * wide),
+            Series("most probable", spectrum.rho, weight, role="model"),
+        ),
+        x_scale="log", y_scale="log", vlines=(("data begin", low), ("data end", high)),
+    )  # fmt: skip
 
 
-def _bell(panel: "object", at: float, sd: float) -> None:
-    from typing import Any, cast
-
-    from labpipe.report import line_arguments
-
-    axes = cast("Any", panel)
-    x = np.linspace(at - 4 * sd, at + 4 * sd, 120)
-    axes.plot(x, np.exp(-0.5 * ((x - at) / sd) ** 2), **line_arguments("model"))
-    axes.axvspan(-1.0, 1.0, alpha=0.08)
-    axes.set_xlim(x[0], x[-1])
-    axes.set_yticks([])
+def _draws(found: Identified) -> tuple[Block, ...]:
+    """Compare the normal approximation with draws of the posterior."""
+    if found.drawn is None:
+        return ()
+    drawn, shown = found.drawn, main_quantities(found)
+    kind: Literal["ok", "warning"] = "ok" if drawn.is_good else "warning"
+    mean, spread = drawn.spread(shown.drawn(found))
+    rows = [
+        (name.replace("\n", " "), centre, u, m, s, (m - centre) / u, s / u)
+        for name, centre, u, m, s in zip(
+            shown.names, shown.centre.tolist(), np.sqrt(np.diag(shown.covariance)).tolist(),
+            mean.tolist(), spread.tolist(), strict=True,
+        )
+    ]  # fmt: skip
+    table = Table(
+        (
+            Column("quantity"), Column("normal: value", digits=4), Column("u", digits=2),
+            Column("draws: mean", digits=4), Column("u", digits=2),
+            Column("shift over u", digits=2), Column("ratio of u", digits=3),
+        ),
+        rows,
+        caption="Where the ratio is far from one the normal approximation is not to be used: take "
+        "the quantiles of the draws, in the netCDF file.",
+        sortable=False,
+    )  # fmt: skip
+    return Notice(kind, drawn.statement), table
 
 
 def _combinations(found: Identified) -> tuple[Block, ...]:
@@ -338,6 +364,7 @@ def _combinations(found: Identified) -> tuple[Block, ...]:
         [
             (p.name, float(np.clip(1.0 - sd**2, 0.0, 1.0)), "")
             for p, sd in zip(parameters, known.sd.tolist(), strict=True)
+            if not p.name.startswith(CHANGE)
         ],
     )
     return table, bars
@@ -350,8 +377,9 @@ def _method(found: Identified) -> tuple[Block, ...]:
         "Least squares in coordinates in which the prior is standard normal, from several starts; "
         "costlier models (finite amplitude, a ringing plate, finer steps) correct the fast ones "
         "until nothing changes. Intervals are Laplace's; that of the long-time modulus is its "
-        "profile likelihood. The spectrum is a random walk over the decades: within two standard "
-        "deviations a factor of ten per decade, twice as much where there are no data. Poisson's "
+        "profile likelihood. The spectrum walks over the decades: within two standard deviations a "
+        "factor of ten per decade, with a slope that lasts two decades, and twice as much where "
+        "there are no data. Poisson's "
         "ratio is taken as stated: only E/(1 − ν²) is observed. What relaxes after hours counts as "
         "relaxed."
     )

@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from labpipe.identification import bands, moduli
+from labpipe.identification import bands, drawn_moduli, moduli
 from labpipe.identification.posterior import DETERMINED, frequencies
 from pipelines.identify import Identified
 
@@ -33,7 +33,8 @@ def dataset(found: Identified) -> xr.Dataset:
         ``frequency``: storage modulus and loss factor with ``u_ln_``, the standard deviations of
         their logarithms, those of the prior, and ``is_determined``. Over ``parameter``: values
         with 95 % intervals, prior and verdict. Over ``combination``: singular values. Over
-        ``observation``: observed, predicted, residuals.
+        ``observation``: observed, predicted, residuals. With draws of the posterior also their
+        95 % intervals, ``drawn_…_low`` and ``drawn_…_high``.
     """
     known = found.known
     solid = known.fit.problem.material(known.fit.xi)
@@ -58,7 +59,7 @@ def dataset(found: Identified) -> xr.Dataset:
         ("is_determined", curve.is_determined.astype(np.int8), "1", "1 where the data tell"),
     ):
         table[name] = ("frequency", values, _text(units, text))
-    table |= _parameters(found) | _observations(found)
+    table |= _parameters(found) | _observations(found) | _drawn(found, curve.frequency)
     table["singular_value"] = (
         "combination", known.singular_values,
         _text("1", "how many times better than the prior a combination is known"),
@@ -68,6 +69,26 @@ def dataset(found: Identified) -> xr.Dataset:
         coords={"frequency": ("frequency", curve.frequency, _text("Hz", "frequency"))},
         attrs=_attributes(found),
     )
+
+
+def _drawn(found: Identified, frequency: Array) -> dict[str, Any]:
+    """Return the 95 % intervals of the draws, where there are any."""
+    if found.drawn is None:
+        return {}
+    problem, drawn = found.known.fit.problem, found.drawn
+    values = [[p.value(x) for p, x in zip(problem.parameters, xi, strict=True)]
+              for xi in drawn.draws.tolist()]  # fmt: skip
+    storage, loss_factor = drawn_moduli(drawn, problem.spectrum, frequency)
+    ends = np.array([0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL])
+    table = {}
+    for name, dimension, numbers, units in (
+        ("storage", "frequency", storage, "Pa"), ("loss_factor", "frequency", loss_factor, "1"),
+        ("parameter", "parameter", np.array(values), "1"),
+    ):  # fmt: skip
+        low, high = drawn.quantiles(numbers, ends)
+        table[f"drawn_{name}_low"] = dimension, low, _text(units, "2.5 % quantile of the draws")
+        table[f"drawn_{name}_high"] = dimension, high, _text(units, "97.5 % quantile of the draws")
+    return table
 
 
 def verdicts(found: Identified) -> list[str]:
@@ -143,6 +164,7 @@ def _attributes(found: Identified) -> dict[str, Any]:
         "discrepancies": json.dumps(misfits),
         "n_determined": found.known.n_determined,
         "remarks": json.dumps(list(found.remarks), ensure_ascii=False),
+        "sampler": "laplace" if found.drawn is None else found.drawn.statement,
         "work": json.dumps(work),
     }
 
@@ -170,6 +192,7 @@ def document(found: Identified) -> dict[str, Any]:
         "frequency_range": [float(made["lowest_frequency"]), float(made["highest_frequency"])],
         "is_settled": found.known.fit.is_settled,
         "discrepancies": json.loads(made.attrs["discrepancies"]),
+        "sampler": made.attrs["sampler"],
         "remarks": list(found.remarks),
     }
 

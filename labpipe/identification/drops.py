@@ -87,8 +87,11 @@ class DropModel:
 
     @property
     def window(self) -> tuple[float, float]:
-        """A tenth of a contact to the end of the record [s]."""
-        return _RESOLVED * self.expected_duration, self.last + self.expected_duration
+        """A tenth of a contact to a contact [s]: what relaxes later is stiffness to an impact.
+
+        Beyond, a record of bounces follows the prior, however long it lasts.
+        """
+        return _RESOLVED * self.expected_duration, self.expected_duration
 
     def predict(self, material: Prony, given: Given) -> Array:
         """Return touches [s], durations [s] and radii [m], one behind the other.

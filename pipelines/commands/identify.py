@@ -47,9 +47,16 @@ STEM = "identify_"
     is_flag=True,
     help="Do not examine whether the long-time modulus is determined (faster).",
 )
+@click.option(
+    "--sampler",
+    type=click.Choice(["laplace", "rto"]),
+    default="laplace",
+    show_default=True,
+    help="Normal approximation alone, or independent draws of the posterior beside it.",
+)
 @json_option
 def identify(session: Path, experiments: tuple[str, ...], prior: str | None, spectrum: str,
-             impacts: int, no_profile: bool, as_json: bool) -> None:  # fmt: skip
+             impacts: int, no_profile: bool, sampler: str, as_json: bool) -> None:  # fmt: skip
     r"""Find the materials behind the experiments in SESSION, with honest intervals.
 
     Drops, contact films, relaxations and harmonic indentations of one material are fitted
@@ -69,7 +76,7 @@ def identify(session: Path, experiments: tuple[str, ...], prior: str | None, spe
     from pipelines.identify_page import render
     from pipelines.identify_result import dataset, document
 
-    wish = Wish(experiments, prior, spectrum, impacts, not no_profile)
+    wish = Wish(experiments, prior, spectrum, impacts, not no_profile, sampler)
     found = found_in(session, wish, say=_say)
     opened = process.reopen_session(session)
     documents = []

@@ -12,17 +12,18 @@ import pytest
 
 from labpipe import files, materials
 from labpipe.errors import UsageError
-from labpipe.identification import moduli
+from labpipe.identification import moduli, sample
 from labpipe.units import Quantity
 from pipelines.cli import main
 from pipelines.figures.inputs import Inputs
 from pipelines.identify import Wish, identify
-from pipelines.identify_evidence import KINDS
+from pipelines.identify_evidence import KINDS, references
 from pipelines.process import plan
 from pipelines.rig.indentation_session import cell_record, relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.samples import session_head
+from pipelines.settings.common import Plate
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +33,10 @@ def rubber(processed_session: Path, tmp_path_factory: pytest.TempPathFactory):
     shutil.copytree(processed_session, folder)
     (folder / "laser/drop_2.csv").unlink()  # what is lost elsewhere is of no concern here
     said = io.StringIO()
-    with pytest.raises(SystemExit) as left, contextlib.redirect_stdout(said):
-        main(["identify", str(folder), "-e", "nbr", "--json"])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pipelines.identify.sample", lambda known: sample(known, 60))
+        with pytest.raises(SystemExit) as left, contextlib.redirect_stdout(said):
+            main(["identify", str(folder), "-e", "nbr", "--sampler", "rto", "--json"])
     assert left.value.code == 0
     files.write_text(folder / "said.json", said.getvalue())
     return folder
@@ -56,6 +59,17 @@ def test_indentation_alone_does_not_claim_the_long_time_modulus(rubber: Path) ->
     page = (rubber / "labpipe/identify_nbr.html").read_text(encoding="utf-8")
     assert "not identifiable from these experiments" in page
     assert "Synthetic data" in page
+
+
+def test_draws_of_the_posterior_stand_beside_the_normal_approximation(rubber: Path) -> None:
+    found = files.read_dataset(rubber / "labpipe/identify_nbr.nc")
+    known = found["is_determined"].values == 1
+    for name in ("storage", "loss_factor"):
+        assert (found[f"drawn_{name}_low"] < found[name]).values[known].all()
+        assert (found[f"drawn_{name}_high"] > found[name]).values[known].all()
+    page = (rubber / "labpipe/identify_nbr.html").read_text(encoding="utf-8")
+    assert "60 independent draws are worth" in page
+    assert "unknowns of the spectrum" in page
 
 
 def test_result_is_a_material_again(rubber: Path) -> None:
@@ -118,6 +132,35 @@ def test_relaxations_at_two_depths_are_one_material(tmp_path: Path) -> None:
     assert curve.u_ln_storage.max() < 0.02
     assert found.relaxed is not None
     assert found.relaxed.low < solid.E_relaxed < found.relaxed.high
+
+
+def test_drop_on_a_plate_is_told_by_the_plate(processed_session: Path) -> None:
+    inputs = Inputs(plan(processed_session), {})
+    experiment = inputs.plan.session.experiments["drop"]
+    stated = Plate(
+        mass=Quantity(30.0, 0.04, "kg"), frequency=Quantity(180.0, 0.1, "Hz"),
+        damping_ratio=Quantity(0.03, 1e-4, "1"),
+    )  # fmt: skip
+    settings = msgspec.structs.replace(experiment.settings, plate=stated)
+    proof = KINDS["ball_drop"].gather(inputs, replace(experiment, settings=settings), 2)
+    model = proof.build(np.array([1e-3])).model
+    assert model.plate.frequency == 180.0
+    assert model.names["plate"] == "mass of the plate"
+    (mass,) = (p for p in proof.unknowns if p.name == "mass of the plate")
+    assert (mass.mean, mass.sd) == (30.0, 0.04)
+
+
+def test_plate_and_material_of_others_are_processed_too(processed_session: Path) -> None:
+    experiment = plan(processed_session).session.experiments["drop"]
+    assert references(experiment) == []
+    settings = msgspec.structs.replace(
+        experiment.settings, plate_from="experiment:floor",
+        sphere=msgspec.structs.replace(
+            experiment.settings.sphere, material=None, material_from="experiment:dma"
+        ),
+    )  # fmt: skip
+    found = references(replace(experiment, settings=settings))
+    assert found == ["floor/plate", "dma/master_curve"]
 
 
 def test_unknown_experiment_is_named(processed_session: Path) -> None:

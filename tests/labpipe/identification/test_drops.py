@@ -70,6 +70,41 @@ def test_mass_and_radius_act_as_a_factor_of_the_moduli(derivatives, name, change
     assert np.allclose(derivatives[1][name], direct, rtol=0.03, atol=1e-3 * np.abs(direct).max())
 
 
+@pytest.fixture(scope="module")
+def on_plate(evidence):
+    names = {**evidence.model.names, "plate": "plate"}
+    plate = contact.Plate(30.0, 180.0, 0.03)
+    return replace(evidence.model, plate=plate, names=names), {**GIVEN, "plate": 30.0}
+
+
+@pytest.mark.parametrize(("name", "change"), [("mass", 5e-4), ("height", 5e-6)])
+def test_plate_moves_by_the_ratio_of_the_masses(on_plate, name, change) -> None:
+    ends = []
+    for sign in (1, -1):
+        body = {"mass": 0.505, "height": 1.5e-3}
+        body[name] += sign * change
+        plate = contact.Plate(30.0, 180.0, 0.03)
+        made = contact.drop(SOLID, 9.525e-3, body["mass"], body["height"], 0.1, plate=plate,
+                            times=[0.0], rtol=1e-4)  # fmt: skip
+        touch = made["impact_time"].values
+        ends.append(touch[1:3] - touch[0])
+    direct = (ends[0] - ends[1]) / (2 * change)
+    model, given = on_plate
+    found = model._central(SOLID, name, given)[:2]
+    assert np.allclose(found, direct, rtol=0.05, atol=0.02 * np.abs(direct).max())
+
+
+def test_terms_quicker_than_a_contact_are_dashpots(evidence) -> None:
+    quick = Prony(2e9, [1e8, 1e8, 2e8], [1e-8, 1e-7, 1e-4], nu=0.35)
+    made, _ = evidence.model.derivatives(quick, GIVEN)
+    assert np.allclose(made[:, 1], 0.1 * made[:, 2])
+    # a tenth of the modulus in place of a differential: the effect is linear in a small viscosity
+    more = Prony(2e9, [1e8, 3e8, 2e8], [1e-8, 1e-7, 1e-4], nu=0.35)
+    full = replace(evidence.model, rtol=1e-5)
+    direct = (full.refined(more, GIVEN) - full.refined(quick, GIVEN)) / 2e8
+    assert np.allclose(made[:5, 2], direct[:5], rtol=0.15, atol=0.02 * np.abs(made[:5, 3]).max())
+
+
 def test_higher_drops_last_longer_and_reach_wider(derivatives) -> None:
     by_height = derivatives[1]["height"]
     assert by_height[:2].min() > 0

@@ -14,6 +14,7 @@ from labpipe.identification import (
     modulus_evidence,
     posterior,
     profile,
+    relaxation_times,
 )
 from tests.labpipe.identification.holds import RUBBER, hold_problem, with_values
 
@@ -115,6 +116,22 @@ def test_rheometer_as_prior_narrows_what_the_hold_leaves_open() -> None:
     _, low, high = both.interval(0, 0.999)
     assert low < RUBBER.E_relaxed < high
     assert joint.only(prior=True).evidence == (sweep,)
+
+
+def test_rheometer_far_beyond_the_hold_is_no_discrepancy_for_a_spectrum_as_long() -> None:
+    frequency = np.geomspace(1e-3, 1e4, 15)
+    truth = RUBBER.complex_modulus(2 * np.pi * frequency)
+    misses = []
+    for shortest in (1e-3, 0.5 / np.pi / 1e4):
+        problem = hold_problem(3, rho=relaxation_times(shortest, 600.0))
+        sweep = modulus_evidence(
+            "dma", frequency, (truth.real, 0.01 * truth.real), (truth.imag, 0.03 * truth.imag),
+            problem.spectrum.rho,
+        )  # fmt: skip
+        found = fit(replace(problem, evidence=(*problem.evidence, sweep)))
+        misses.append([name for name, _ in found.misfits])
+    assert "dma" in misses[0]
+    assert "dma" not in misses[1]
 
 
 def test_singular_values_count_what_the_data_know(known) -> None:
