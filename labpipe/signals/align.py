@@ -142,6 +142,9 @@ def lag(first: xr.DataArray, second: xr.DataArray, largest: float | None = None)
     if len(t) < _FEWEST:
         message = f"the records overlap in {len(t)} readings only; at least {_FEWEST} are needed"
         raise InputError(message)
+    if is_constant(y):
+        message = "a record does not vary where the two overlap: no lag can be told from it"
+        raise InputError(message)
     shift = start
     for _ in range(_STEPS):
         moved, rate = spline(t + shift), evaluate(smoothed, t + shift, 1)[0]

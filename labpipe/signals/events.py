@@ -339,7 +339,14 @@ def _add_release(
     design = np.vstack([design, [0.0, 0.0, sigma / gravity[1]]])
     right = np.append(height[fall] - impact.value[4], gravity[0] * sigma / gravity[1])
     (level, speed, fall_rate), *_ = np.linalg.lstsq(design, right, rcond=None)
-    covariance = sigma**2 * np.linalg.inv(design.T @ design)
+    try:
+        covariance = sigma**2 * np.linalg.inv(design.T @ design)
+    except np.linalg.LinAlgError as error:
+        message = (
+            f"{len(t)} readings of the fall before the first touch at {impact.value[0]:.6g} s do "
+            "not tell when it began"
+        )
+        raise InputError(message) from error
     begin = speed / fall_rate
     by_arc = np.array([0.0, 1.0 / fall_rate, -speed / fall_rate**2])
     drop = level + 0.5 * speed**2 / fall_rate

@@ -50,4 +50,8 @@ def parameter_covariance(jacobian: Array, residual: Array) -> Array:
     power = uniform_filter1d(np.abs(np.fft.fft(residual)) ** 2 / n, width, mode="wrap")
     left = np.maximum(1.0 - uniform_filter1d(taken, width, mode="wrap"), 1.0 / width)
     middle = np.real(spectra.conj().T @ ((power / left)[:, None] * spectra)) / n
-    return np.asarray((inverse @ middle @ inverse) / np.outer(scale, scale))
+    both = np.outer(scale, scale)
+    # A parameter on which nothing depends has no uncertainty that could be told: NaN.
+    return np.divide(
+        inverse @ middle @ inverse, both, out=np.full_like(both, np.nan), where=both > 0
+    )

@@ -220,7 +220,7 @@ def test_damage_that_no_time_stamp_shows_is_found_when_the_result_is_read(
     assert key is not None
     path = session.folder / "store" / key[:2] / f"{key}.nc"
     index_digest, good = files.HashIndex.digest, files.digest(path)
-    path.write_bytes(path.read_bytes()[:-1] + b"x")
+    path.write_bytes(path.read_bytes()[:-1] + bytes([path.read_bytes()[-1] ^ 1]))
     # A disk that loses bits does not change a time stamp: the index still says what it knew.
     monkeypatch.setattr(
         files.HashIndex, "digest", lambda s, p: good if Path(p) == path else index_digest(s, p)
