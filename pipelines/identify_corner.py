@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from labpipe.identification import drawn_moduli, moduli
+from labpipe.identification import Moduli, drawn_moduli, moduli
 from labpipe.report import quantity
 from pipelines.identify import Identified
 from pipelines.identify_result import dataset
@@ -32,8 +32,8 @@ class MainQuantities:
         best, and unknowns of the experiments.
     centre, covariance : array (n,), array (n, n)
         Unknowns of the experiments in standard deviations of their prior.
-    frequency : float [Hz]
-        Where modulus and loss factor are taken.
+    curve : Moduli
+        Modulus and loss factor, at one frequency.
     numbers : tuple of int
         Of the unknowns shown, E_relaxed first.
     """
@@ -41,7 +41,7 @@ class MainQuantities:
     names: tuple[str, ...]
     centre: Array
     covariance: Array
-    frequency: float
+    curve: Moduli
     numbers: tuple[int, ...]
 
     def drawn(self, found: Identified) -> Array:
@@ -50,7 +50,7 @@ class MainQuantities:
             return np.empty((0, len(self.names)))
         problem, draws = found.known.fit.problem, found.drawn.draws
         relaxed = problem.parameters[0]
-        storage, loss = drawn_moduli(found.drawn, problem.spectrum, np.array([self.frequency]))
+        storage, loss = drawn_moduli(found.drawn, problem.spectrum, self.curve)
         first = np.log10([relaxed.value(x) for x in draws[:, 0].tolist()])
         return np.column_stack([first, storage / 1e6, loss, draws[:, list(self.numbers[1:])]])
 
@@ -82,12 +82,15 @@ def main_quantities(found: Identified) -> MainQuantities:
     by_xi[1:] = curve.derivatives * np.array([[at / 1e6], [loss]])
     chosen = _related(found, by_xi[1:])
     by_xi = np.vstack([by_xi, np.eye(xi.size)[chosen]])
+    covariance = known.carried(by_xi)
+    covariance[1, 1] += (at / 1e6 * curve.fine_ln_storage[0]) ** 2
+    covariance[2, 2] += (loss * curve.fine_ln_loss_factor[0]) ** 2
     centre = [np.log10(parameters[0].value(float(xi[0]))), at / 1e6, loss, *xi[chosen]]
     where = quantity(frequency, "Hz")
     names = ("lg E_relaxed\n/ Pa", f"E′ / MPa\nat {where}", f"tan δ\nat {where}")
     return MainQuantities(
         (*names, *(_folded(parameters[i].name) for i in chosen)), np.array(centre, dtype=float),
-        known.carried(by_xi), frequency, (0, *chosen),
+        covariance, curve, (0, *chosen),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from labpipe.identification import bands, drawn_moduli, moduli
+from labpipe.identification import Moduli, bands, drawn_moduli, moduli
 from labpipe.identification.posterior import DETERMINED, frequencies
 from pipelines.identify import Identified
 
@@ -31,7 +31,8 @@ def dataset(found: Identified) -> xr.Dataset:
     Dataset
         Over ``term``: the Prony series ``E`` [Pa], ``rho`` [s] with ``E_relaxed``, ``nu``. Over
         ``frequency``: storage modulus and loss factor with ``u_ln_``, the standard deviations of
-        their logarithms, those of the prior, and ``is_determined``. Over ``parameter``: values
+        their logarithms, ``fine_ln_``, the part of them for structure as fine as a decade, those
+        of the prior, and ``is_determined``. Over ``parameter``: values
         with 95 % intervals, prior and verdict. Over ``combination``: singular values. Over
         ``observation``: observed, predicted, residuals. With draws of the posterior also their
         95 % intervals, ``drawn_…_low`` and ``drawn_…_high``.
@@ -52,14 +53,16 @@ def dataset(found: Identified) -> xr.Dataset:
     for name, values, units, text in (
         ("storage", curve.storage, "Pa", "storage modulus"),
         ("u_ln_storage", curve.u_ln_storage, "1", "standard deviation of its logarithm"),
+        ("fine_ln_storage", curve.fine_ln_storage, "1", "of it for structure of a decade"),
         ("prior_ln_storage", curve.prior_ln_storage, "1", "the same before the data"),
         ("loss_factor", curve.loss_factor, "1", "loss factor"),
         ("u_ln_loss_factor", curve.u_ln_loss_factor, "1", "standard deviation of its logarithm"),
+        ("fine_ln_loss_factor", curve.fine_ln_loss_factor, "1", "of it for structure of a decade"),
         ("prior_ln_loss_factor", curve.prior_ln_loss_factor, "1", "the same before the data"),
         ("is_determined", curve.is_determined.astype(np.int8), "1", "1 where the data tell"),
     ):
         table[name] = ("frequency", values, _text(units, text))
-    table |= _parameters(found) | _observations(found) | _drawn(found, curve.frequency)
+    table |= _parameters(found) | _observations(found) | _drawn(found, curve)
     table["singular_value"] = (
         "combination", known.singular_values,
         _text("1", "how many times better than the prior a combination is known"),
@@ -71,14 +74,14 @@ def dataset(found: Identified) -> xr.Dataset:
     )
 
 
-def _drawn(found: Identified, frequency: Array) -> dict[str, Any]:
+def _drawn(found: Identified, curve: Moduli) -> dict[str, Any]:
     """Return the 95 % intervals of the draws, where there are any."""
     if found.drawn is None:
         return {}
     problem, drawn = found.known.fit.problem, found.drawn
     values = [[p.value(x) for p, x in zip(problem.parameters, xi, strict=True)]
               for xi in drawn.draws.tolist()]  # fmt: skip
-    storage, loss_factor = drawn_moduli(drawn, problem.spectrum, frequency)
+    storage, loss_factor = drawn_moduli(drawn, problem.spectrum, curve)
     ends = np.array([0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL])
     table = {}
     for name, dimension, numbers, units in (

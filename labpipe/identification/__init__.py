@@ -15,7 +15,7 @@ from labpipe.identification.linear import (
     stiffness_evidence,
 )
 from labpipe.identification.parameters import Parameter
-from labpipe.identification.posterior import Posterior, bands, moduli, posterior
+from labpipe.identification.posterior import Moduli, Posterior, bands, moduli, posterior
 from labpipe.identification.problem import Misfit, Problem
 from labpipe.identification.profiles import Profile, profile
 from labpipe.identification.sampling import Sample, drawn_moduli, sample
@@ -34,6 +34,7 @@ __all__ = [
     "Group",
     "LinearModel",
     "Misfit",
+    "Moduli",
     "Parameter",
     "Posterior",
     "Problem",

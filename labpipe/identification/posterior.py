@@ -7,6 +7,7 @@ data leave free, single unknowns may wander by factors while a sum of them stays
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import cosh, log, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,12 @@ _DRAWS = 1000  # of the prior
 _SEED = 20  # fixed: the same answer every time
 DETERMINED = 0.5
 """A quantity is determined where the data at least halve the prior's standard deviation."""
+
+FINE = sqrt(2.0) / cosh(pi**2 / log(10.0))
+"""Root mean square of the waves that a series with one term per decade makes in its storage and in
+its loss modulus about those of a smooth spectrum, over the loss modulus: the first harmonic of
+the sum over ln ω (Poisson's formula); 3.9 %. Nearly all published series are as coarse, no hold or
+drop tells where their terms lie, and the spectra here are smooth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +106,8 @@ class Moduli:
         Most probable.
     u_ln_storage, u_ln_loss_factor : array (n,)
         Standard deviations of their natural logarithms.
+    fine_ln_storage, fine_ln_loss_factor : array (n,)
+        Of these the part for structure of the spectrum as fine as a decade (:data:`FINE`).
     prior_ln_storage, prior_ln_loss_factor : array (n,)
         Those of the prior.
     derivatives : array (2 n, parameter)
@@ -112,6 +121,8 @@ class Moduli:
     loss_factor: Array
     u_ln_storage: Array
     u_ln_loss_factor: Array
+    fine_ln_storage: Array
+    fine_ln_loss_factor: Array
     prior_ln_storage: Array
     prior_ln_loss_factor: Array
     derivatives: Array
@@ -153,9 +164,13 @@ def moduli(known: Posterior, frequency: Array) -> Moduli:
     u = np.sqrt(np.diag(known.carried(by_xi)))
     prior = _prior_spread(spectrum_draws(known), bases)
     half = frequency.size
+    factor = loss / storage
+    # the waves of the two moduli are a quarter of a period apart, so independent at a frequency
+    fine_storage, fine_factor = FINE * factor, FINE * np.hypot(1.0, factor)
     return Moduli(
-        frequency, storage, loss / storage, u[:half], u[half:], prior[0], prior[1], by_xi,
-        frequencies(known),
+        frequency, storage, factor,
+        np.hypot(u[:half], fine_storage), np.hypot(u[half:], fine_factor),
+        fine_storage, fine_factor, prior[0], prior[1], by_xi, frequencies(known),
     )  # fmt: skip
 
 

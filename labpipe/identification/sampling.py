@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from labpipe.errors import LabpipeError
 from labpipe.identification.fit import Objective
 from labpipe.identification.linear import modulus_basis
-from labpipe.identification.posterior import Posterior
+from labpipe.identification.posterior import Moduli, Posterior
 from labpipe.identification.spectra import Spectrum
 from labpipe.identification.tangent import Surrogate
 
@@ -164,18 +164,25 @@ def _answer(
     return None
 
 
-def drawn_moduli(drawn: Sample, spectrum: Spectrum, frequency: Array) -> tuple[Array, Array]:
+def drawn_moduli(drawn: Sample, spectrum: Spectrum, curve: Moduli) -> tuple[Array, Array]:
     """Return storage modulus [Pa] and loss factor (draw, frequency) of every draw.
+
+    Every draw has waves of its own, as a spectrum of one term per decade makes them.
 
     Parameters
     ----------
     drawn : Sample
     spectrum : Spectrum
         Of the problem.
-    frequency : array (frequency,) [Hz]
+    curve : Moduli
+        Of the same problem: its frequencies and the size of the waves.
     """
     n = len(spectrum.parameters)
     terms = np.exp([spectrum.log_terms(xi[:n]) for xi in drawn.draws])
-    bases = modulus_basis(2.0 * np.pi * frequency, spectrum.rho)
+    bases = modulus_basis(2.0 * np.pi * curve.frequency, spectrum.rho)
     storage, loss = (terms @ part.T for part in bases)
-    return storage, loss / storage
+    waves = np.random.default_rng(_SEED + 1).standard_normal((2, *storage.shape))
+    return (
+        storage * np.exp(curve.fine_ln_storage * waves[0]),
+        loss / storage * np.exp(curve.fine_ln_loss_factor * waves[1]),
+    )
