@@ -10,13 +10,12 @@ import os
 import signal
 import sys
 import threading
+import traceback
 import types
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
 from multiprocessing import connection
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 Key = TypeVar("Key")
 Task = TypeVar("Task")
@@ -37,6 +36,8 @@ METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods()
 """How processes begin; never a fork of this one, which may run threads."""
 
 _TRIES = 3
+_PATIENCE = 5.0
+"""Seconds that a process gets to end after it was asked to."""
 
 
 def processors() -> int:
@@ -60,8 +61,10 @@ def side_by_side(
 ) -> Generator[tuple[Key, Result | Died]]:
     """Call a function for every task, some at a time.
 
-    A worker that dies takes nothing with it: whoever was being computed is a suspect and tried
-    again alone; who kills three workers is answered by :class:`Died`. Every task has one answer.
+    A worker that dies takes nothing with it: what it was computing is tried again alone once all
+    others have their answers, and what killed three workers is answered by :class:`Died`. Every
+    task has one answer. Workers share no queue and no lock that a dead one could keep: each has a
+    pipe of its own.
 
     Parameters
     ----------
@@ -84,59 +87,128 @@ def side_by_side(
     """
     if METHOD == "forkserver":
         multiprocessing.get_context(METHOD).set_forkserver_preload(list(preload))
-    deaths: dict[Key, int] = {}
-    fresh = iter(tasks)
-    while True:
-        # After a death nobody knows whose fault it was: each suspect is tried alone.
-        queue, count = (iter(list(deaths)), 1) if deaths else (fresh, workers)
-        lost = yield from _until_one_dies(function, tasks, queue, count, begin, deaths)
-        if not lost and queue is fresh:
-            return
-        for key in lost:
-            deaths[key] = deaths.get(key, 0) + 1
-            if deaths[key] >= _TRIES:
-                del deaths[key]
-                yield key, Died(f"{_TRIES} workers died over it")
+    suspects = yield from _answers(function, tasks, iter(tasks), workers, begin)
+    for key in suspects:
+        for _ in range(_TRIES - 1):
+            if not (yield from _answers(function, tasks, iter([key]), 1, begin)):
+                break
+        else:
+            yield key, Died(f"{_TRIES} workers died over it")
 
 
-def _until_one_dies(
+def _answers(
     function: Callable[[Task], Result],
     tasks: Mapping[Key, Task],
     queue: Iterator[Key],
     workers: int,
     begin: Callable[[], None] | None,
-    deaths: dict[Key, int],
-) -> Generator[tuple[Key, Result | Died], None, list[Key]]:
-    """Compute until the queue is empty or a worker dies; return the tasks that were lost then."""
-    in_flight = workers if workers == 1 else workers + 1  # one in reserve keeps them busy
-    handed_out: list[Key] = []
-    running: dict[Future[Result], Key] = {}
-    context = multiprocessing.get_context(METHOD)
-    with ProcessPoolExecutor(workers, context, _begin_worker, (begin,)) as pool:
+) -> Generator[tuple[Key, Result], None, list[Key]]:
+    """Compute all of a queue; return the tasks over which a worker died."""
+    lost: list[Key] = []
+    idle: list[_Worker] = []
+    busy: dict[connection.Connection, tuple[_Worker, Key]] = {}
+    try:
+        while True:
+            for key in islice(queue, workers - len(busy)):
+                worker = idle.pop() if idle else _Worker(function, begin)
+                if not worker.take(tasks[key]):  # died with nothing to do: nobody's fault
+                    worker.stop()
+                    worker = _Worker(function, begin)
+                    worker.take(tasks[key])
+                busy[worker.pipe] = worker, key
+            if not busy:
+                return lost
+            for pipe in connection.wait(list(busy)):
+                worker, key = busy.pop(cast(connection.Connection, pipe))
+                try:
+                    result = worker.answer()
+                except Died:
+                    worker.stop()
+                    lost.append(key)
+                    continue
+                idle.append(worker)
+                yield key, result
+    finally:
+        for worker in [*idle, *(worker for worker, _ in busy.values())]:
+            worker.stop()
+
+
+class _Worker:
+    """A process that computes one task after another."""
+
+    def __init__(self, function: Callable[[Any], Any], begin: Callable[[], None] | None) -> None:
+        context: Any = multiprocessing.get_context(METHOD)
+        self.pipe, its_end = context.Pipe()
+        self.process = context.Process(target=_serve, args=(its_end, function, begin), daemon=True)
+        with clean_start():
+            self.process.start()
+        its_end.close()  # so that its death closes the pipe
+
+    def take(self, task: Any) -> bool:
+        """Hand out a task; False where nobody is there to take it."""
         try:
-            while True:
-                for key in islice(queue, in_flight - len(running)):
-                    handed_out.append(key)
-                    with clean_start():
-                        running[pool.submit(function, tasks[key])] = key
-                if not running:
-                    return []
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    result = future.result()
-                    key = running.pop(future)
-                    handed_out.remove(key)
-                    deaths.pop(key, None)
-                    yield key, result
-        except BrokenProcessPool:
-            return handed_out
+            self.pipe.send(task)
+        except OSError:
+            return False
+        return True
+
+    def answer(self) -> Any:
+        """Return what became of the task, or raise what it raised.
+
+        Raises
+        ------
+        Died
+            The process ended first.
+        """
+        try:
+            is_result, value = self.pipe.recv()
+        except (EOFError, OSError):
+            raise Died from None
+        if not is_result:
+            raise value
+        return value
+
+    def stop(self) -> None:
+        """End the process; what it was computing is lost."""
+        self.process.terminate()
+        self.process.join(_PATIENCE)
+        if self.process.is_alive():
+            self.process.kill()
+            self.process.join()
+        self.pipe.close()
 
 
-def _begin_worker(begin: Callable[[], None] | None) -> None:
+def _serve(
+    pipe: connection.Connection,
+    function: Callable[[Any], Any],
+    begin: Callable[[], None] | None,
+) -> None:
+    """Body of a worker."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to stop
     os.environ.update(ENVIRONMENT)
     die_with_parent()
     if begin is not None:
         begin()
+    with contextlib.suppress(EOFError, OSError):  # the parent is done with us
+        while True:
+            task = pipe.recv()
+            answer: tuple[bool, Any]
+            try:
+                answer = True, function(task)
+            except Exception as error:
+                error.add_note(traceback.format_exc())
+                answer = False, error
+            _send(pipe, answer)
+
+
+def _send(pipe: connection.Connection, answer: tuple[bool, Any]) -> None:
+    """Send an answer; one that cannot be sent is a fault of the function, not a death."""
+    try:
+        pipe.send(answer)
+    except OSError:
+        raise
+    except Exception as error:
+        pipe.send((False, TypeError(f"{answer[1]!r} cannot be sent between processes: {error}")))
 
 
 def die_with_parent() -> None:

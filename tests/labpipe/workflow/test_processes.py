@@ -1,8 +1,12 @@
 """Calls side by side: every task has one answer, whoever dies, and only what is asked for runs."""
 
+import contextlib
 import os
+import random
 import signal
-from collections.abc import Iterator, Mapping
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -27,6 +31,18 @@ def deadly(task: tuple[int, Path]) -> int:
 
 def threads(_: int) -> str:
     return os.environ["OMP_NUM_THREADS"] + os.environ["OPENBLAS_NUM_THREADS"]
+
+
+def unsendable(number: int) -> object:
+    return (lambda: number) if number else number
+
+
+def naps(task: tuple[int, Path]) -> int:
+    """Tell who computes, and take a moment."""
+    number, folder = task
+    (folder / f"{os.getpid()}").touch()
+    time.sleep(0.02)
+    return number
 
 
 class Lazy(Mapping[int, int]):
@@ -69,6 +85,37 @@ def test_a_death_costs_nobody_else_his_result(tmp_path: Path) -> None:
 def test_what_a_task_raises_is_raised() -> None:
     with pytest.raises(ValueError, match="negative"):
         dict(side_by_side(double, {0: 1, 1: -1}, 2))
+
+
+def test_an_answer_that_cannot_be_sent_is_an_error_and_no_death() -> None:
+    with pytest.raises(TypeError, match="cannot be sent between processes"):
+        dict(side_by_side(unsendable, {0: 0, 1: 1}, 1))
+
+
+def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
+    tmp_path: Path, amount: Callable[[int, int], int]
+) -> None:
+    """A worker may be killed while it waits, computes or answers, and while another one starts."""
+    done, generator = threading.Event(), random.Random(3)
+
+    def kill() -> None:
+        while not done.wait(generator.uniform(0.0, 0.2)):
+            workers = [int(path.name) for path in tmp_path.iterdir()]
+            if workers:
+                (tmp_path / str(victim := generator.choice(workers))).unlink()
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(victim, signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    try:
+        tasks = {i: (i, tmp_path) for i in range(amount(120, 3000))}
+        found = list(side_by_side(naps, tasks, 3))
+    finally:
+        done.set()
+        killer.join()
+    assert sorted(key for key, _ in found) == sorted(tasks)
+    assert all(answer == key or isinstance(answer, Died) for key, answer in found)
 
 
 def test_tasks_are_asked_for_when_their_turn_comes() -> None:
