@@ -66,7 +66,7 @@ def test_a_run_killed_again_and_again_ends_as_an_undisturbed_one(
     shutil.copytree(small_session, folder)
     command = [sys.executable, "-m", "labpipe", "process", str(folder), "--jobs", "2"]
     generator = np.random.default_rng(4)
-    for _ in range(amount(4, 40)):
+    for _ in range(amount(2, 40)):
         running = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
         )

@@ -109,7 +109,7 @@ def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
     killer = threading.Thread(target=kill)
     killer.start()
     try:
-        tasks = {i: (i, tmp_path) for i in range(amount(120, 3000))}
+        tasks = {i: (i, tmp_path) for i in range(amount(40, 3000))}
         found = list(side_by_side(naps, tasks, 3))
     finally:
         done.set()
