@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.identification import bands, moduli
+from labpipe.identification.posterior import FINE, frequencies
 from labpipe.identification.posterior import Band as Prediction
-from labpipe.identification.posterior import frequencies
 from labpipe.report import (
     Band,
     Bars,
@@ -172,7 +172,9 @@ def _curves(found: Identified) -> tuple[Block, ...]:
     ]  # fmt: skip
     text = (
         "Outside the two marks nothing was observed: there the curves follow the prior, and the "
-        "bands say how far a spectrum usually goes astray."
+        "bands say how far a spectrum usually goes astray. Everywhere they hold the waves "
+        f"({100 * FINE:.1f} % of the loss modulus) by which a series with one term per decade "
+        "differs from the smooth spectrum that is found."
     )
     chart = LineChart(
         "Prior against posterior", "frequency / Hz", "standard deviation of the logarithm",
