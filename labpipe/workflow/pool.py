@@ -15,9 +15,11 @@ from typing import Any
 from labpipe.workflow.processes import (
     ENVIRONMENT,
     METHOD,
+    PATIENCE,
     Died,
     clean_start,
     die_with_parent,
+    end,
 )
 from labpipe.workflow.tasks import TaskId
 from labpipe.workflow.worker import Job, run_job
@@ -34,9 +36,6 @@ PRELOADED_TO_DRAW = (
     "labpipe.report.pictures",
 )
 """What workers need that write pages: loaded once, not once for every experiment."""
-
-_PATIENCE = 5.0
-"""Seconds that a process gets to end after it was asked to."""
 
 
 class Worker:
@@ -65,17 +64,13 @@ class Worker:
         try:
             event: tuple[str, Any] = self.receiver.recv()
         except (EOFError, OSError):
-            self.process.join(_PATIENCE)
+            self.process.join(PATIENCE)
             raise Died(_how(self.process.exitcode)) from None
         return None if event[0] == "finished" else event
 
     def stop(self) -> None:
         """End the process; what it was writing never comes to exist."""
-        self.process.terminate()
-        self.process.join(_PATIENCE)
-        if self.process.is_alive():
-            self.process.kill()
-            self.process.join()
+        end(self.process)
         self.receiver.close()
 
 

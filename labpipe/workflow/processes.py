@@ -15,6 +15,7 @@ import types
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from itertools import islice
 from multiprocessing import connection
+from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar, cast
 
 Key = TypeVar("Key")
@@ -36,7 +37,7 @@ METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods()
 """How processes begin; never a fork of this one, which may run threads."""
 
 _TRIES = 3
-_PATIENCE = 5.0
+PATIENCE = 5.0
 """Seconds that a process gets to end after it was asked to."""
 
 
@@ -119,13 +120,15 @@ def _answers(
             if not busy:
                 return lost
             for pipe in connection.wait(list(busy)):
-                worker, key = busy.pop(cast(connection.Connection, pipe))
+                worker, key = busy[cast(connection.Connection, pipe)]
                 try:
                     result = worker.answer()
                 except Died:
+                    del busy[worker.pipe]
                     worker.stop()
                     lost.append(key)
                     continue
+                del busy[worker.pipe]
                 idle.append(worker)
                 yield key, result
     finally:
@@ -170,11 +173,7 @@ class _Worker:
 
     def stop(self) -> None:
         """End the process; what it was computing is lost."""
-        self.process.terminate()
-        self.process.join(_PATIENCE)
-        if self.process.is_alive():
-            self.process.kill()
-            self.process.join()
+        end(self.process)
         self.pipe.close()
 
 
@@ -209,6 +208,15 @@ def _send(pipe: connection.Connection, answer: tuple[bool, Any]) -> None:
         raise
     except Exception as error:
         pipe.send((False, TypeError(f"{answer[1]!r} cannot be sent between processes: {error}")))
+
+
+def end(process: BaseProcess) -> None:
+    """End a process, by force where it does not answer."""
+    process.terminate()
+    process.join(PATIENCE)
+    if process.is_alive():
+        process.kill()
+        process.join()
 
 
 def die_with_parent() -> None:
