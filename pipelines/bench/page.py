@@ -149,7 +149,8 @@ def _blocks(result: PartResult) -> tuple[Block, ...]:
         if is_drawable(suite):
             alt = f"{suite.title}: {suite.error_label} against {suite.time_label}"
             blocks.append(Picture(draw(suite), alt))
-        blocks.append(table(suite))
+        if suite.points:
+            blocks.append(table(suite))
         blocks.extend(Notice("info", note) for note in suite.notes)
     blocks.append(Paragraph(_duration(result)))
     return tuple(blocks)

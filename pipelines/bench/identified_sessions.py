@@ -1,0 +1,186 @@
+"""Whole sessions of random materials: from raw files to the identified material, against truth."""
+
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import norm
+
+from pipelines.bench.identified_trial import Score, Trial, session_trial
+from pipelines.bench.measure import Point, Suite
+from pipelines.bench.random_sessions import drawn
+
+SESSIONS = {"drop": 40, "rubber": 30, "hold": 30}
+"""Sessions of each kind in a full run: a hundred."""
+
+_FOLLOWED = 3  # of each kind, whose long-time modulus is followed too: as long again
+_SURE = float(norm.ppf(0.975))
+_CONTENTS = {
+    "drop": "two drops of a glassy ball from one height between 1.5 and 10 mm by the laser, one in "
+    "four on a ringing plate",
+    "rubber": "a relaxation of 120 s and three oscillations of one rubber",
+    "hold": "a relaxation of 600 s of a rubber",
+}
+
+
+def run(quick: bool) -> Suite:
+    """Record, process and identify random sessions, and count.
+
+    Parameters
+    ----------
+    quick : bool
+        None of them: a hundred sessions take half an hour.
+    """
+    trials = [] if quick else trials_of(SESSIONS)
+    notes = [
+        *(f"{kind}: {text}" for kind, text in _CONTENTS.items()),
+        "everything that session.toml and records state with an uncertainty is wrong by a normal "
+        "draw of it; moduli at 10, 50 and 90 % of the frequencies of which the data tell, in the "
+        "logarithm, where they are determined; coverage of 95 % intervals",
+        "bound: that of van Trees (Cramér–Rao with the prior's information) at the most probable "
+        "point; of an unknown it is the stated uncertainty itself, which is given in deviations "
+        "of the prior: 1 means that the data told nothing",
+        "the observed numbers against the true material and the true nuisances: over 1, the stated "
+        "uncertainties of the evidence are too small, or the model is wrong",
+    ]
+    if quick:
+        notes.insert(0, "left out of the quick run: a hundred sessions take half an hour")
+    return Suite(
+        "random-sessions",
+        "Materials identified from sessions in raw files, of random truths",
+        "RMS error over the stated uncertainty",
+        points(trials),
+        notes=notes,
+        has_diagram=False,
+    )
+
+
+def trials_of(sessions: dict[str, int], followed: int = _FOLLOWED) -> list[Trial]:
+    """Make and identify as many sessions of each kind, one after the other.
+
+    Parameters
+    ----------
+    sessions : dict of str to int
+    followed : int
+        Of each kind, whose long-time modulus is followed.
+    """
+    made = []
+    for kind, count in sessions.items():
+        for number in range(count):
+            with tempfile.TemporaryDirectory() as folder:
+                trial = session_trial(
+                    drawn(kind, number), Path(folder), with_profile=number < followed
+                )
+            made.append(trial)
+    return made
+
+
+def points(trials: Sequence[Trial]) -> list[Point]:
+    """Return one point per quantity of every kind of session."""
+    made = []
+    for kind in dict.fromkeys(t.kind for t in trials):
+        own = [t for t in trials if t.kind == kind]
+        done = [t for t in own if t.failure is None]
+        for group in ("smooth", "one term per decade"):
+            made += _of_moduli(f"{kind}, {group}", [t for t in done if t.group == group])
+        made += _of_unknowns(kind, done)
+        made += _of_evidence(kind, done)
+        made.append(_verdicts(kind, own))
+    return made
+
+
+def _of_moduli(name: str, trials: Sequence[Trial]) -> list[Point]:
+    made = []
+    for quantity in _keys(t.moduli for t in trials):
+        scores = [t.moduli[quantity] for t in trials]
+        known = [s for s in scores if s is not None]
+        extra = {"truths": len(scores), "determined": len(known)}
+        if known:
+            made.append(_point(f"{name}: {quantity}", known, trials, extra, in_percent=True))
+    return made
+
+
+def _of_unknowns(name: str, trials: Sequence[Trial]) -> list[Point]:
+    made = []
+    for role in _keys(t.unknowns for t in trials):
+        scores = [t.unknowns[role] for t in trials if role in t.unknowns]
+        stated = [s.truth for s in scores if s.truth is not None]
+        extra = {
+            "truths": len(scores),
+            "uncertainty over the prior's, median": float(np.median([s.u for s in scores])),
+        }
+        if role != "E_relaxed":
+            extra["RMS of the truth over the prior"] = _rms(stated)
+        made.append(_point(f"{name}: {role}", scores, trials, extra, in_percent=False))
+    return made
+
+
+def _of_evidence(name: str, trials: Sequence[Trial]) -> list[Point]:
+    made = []
+    for group in _keys(t.evidence for t in trials):
+        wrong = [z for t in trials for z in t.evidence.get(group, [])]
+        early = [t.evidence[group][0] for t in trials if t.evidence.get(group)]
+        extra = {
+            "truths": len(early),
+            "coverage (%)": _coverage(wrong),
+            "bias over uncertainty": float(np.mean(wrong)),
+            "the same of the first number": float(np.mean(early)),
+        }
+        made.append(Point(f"{name}: observed, {group}", _rms(wrong), float("nan"), extra=extra))
+    return made
+
+
+def _verdicts(name: str, trials: Sequence[Trial]) -> Point:
+    """Return what was said of long-time moduli, how many fits settled and how many failed."""
+    followed = [t.relaxed for t in trials if t.relaxed is not None]
+    held = [r.is_held for r in followed]
+    share = float(np.mean(held)) if held else float("nan")
+    extra: dict[str, float | int] = {
+        "truths": len(trials),
+        "failed": sum(t.failure is not None for t in trials),
+        "not settled": sum(t.failure is None and not t.is_settled for t in trials),
+        "with a discrepancy": sum(bool(t.misfits) for t in trials),
+        "followed": len(followed),
+        "limits hold the truth (%)": 100.0 * share,
+        "called identified (%)": 100.0 * float(np.mean([r.verdict == "identified"
+                                                       for r in followed])) if held else share,
+    }  # fmt: skip
+    return Point(
+        f"{name}: verdict on E_relaxed", 1.0 - share, _seconds(trials), is_default=True, extra=extra
+    )
+
+
+def _point(
+    setting: str, scores: Sequence[Score], trials: Sequence[Trial], extra: Mapping[str, float],
+    *, in_percent: bool,
+) -> Point:  # fmt: skip
+    errors = [s.error for s in scores]
+    spread = _rms(errors)
+    told = {
+        "coverage (%)": _coverage(errors),
+        "bias over uncertainty": float(np.mean(errors)),
+        "standard error of the bias": float(np.std(errors) / np.sqrt(len(errors))),
+    }
+    if in_percent:
+        told["uncertainty over bound, median"] = float(np.median([s.u / s.bound for s in scores]))
+        told["error over bound, RMS"] = _rms([s.error * s.u / s.bound for s in scores])
+        told["standard uncertainty, median (%)"] = 100.0 * float(np.median([s.u for s in scores]))
+    return Point(setting, spread, _seconds(trials), is_default=True, extra={**extra, **told})
+
+
+def _seconds(trials: Sequence[Trial]) -> float:
+    taken = [t.seconds for t in trials if np.isfinite(t.seconds)]
+    return float(np.median(taken)) if taken else float("nan")
+
+
+def _coverage(errors: Sequence[float]) -> float:
+    return 100.0 * float(np.mean(np.abs(errors) < _SURE))
+
+
+def _rms(errors: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+def _keys(tables: Iterable[Mapping[str, object]]) -> list[str]:
+    return list(dict.fromkeys(key for table in tables for key in table))

@@ -1,0 +1,292 @@
+"""One random session of the virtual rig, processed, identified, and compared with its truth."""
+
+import time as clock
+import warnings
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError, LabpipeError
+from labpipe.identification import Evidence, Parameter, Posterior, moduli
+from labpipe.identification.posterior import frequencies
+from labpipe.identification.problem import split
+from labpipe.materials import Prony
+from pipelines import process
+from pipelines.bench.random_sessions import Truth, recorded, write
+from pipelines.experiments.indentation import Geometry, elastic_force
+from pipelines.figures.inputs import Inputs
+from pipelines.identify import Identified, Wish, identify
+from pipelines.identify_evidence import KINDS as HOW
+from pipelines.rig.indentations import Specimen
+
+Array = NDArray[np.float64]
+
+PLACES = (0.1, 0.5, 0.9)
+"""Of the frequencies of which the data tell, in the logarithm: where moduli are compared."""
+
+_DEPTH = 0.1e-3  # m of the punch, where its dimensions count
+
+
+class Score(msgspec.Struct, frozen=True):
+    """One quantity: error over stated deviation, that deviation, its bound, the prior's.
+
+    Moduli are in natural logarithms, unknowns in deviations of their prior. ``truth`` is the
+    truth's own distance from the prior's mean, in the prior's deviations, where there is one.
+    """
+
+    error: float
+    u: float
+    bound: float
+    prior: float
+    truth: float | None = None
+
+
+class Relaxed(msgspec.Struct, frozen=True):
+    """The profile of the long-time modulus: verdict, and whether its limits hold the truth."""
+
+    verdict: str
+    is_held: bool
+
+
+class Trial(msgspec.Struct, frozen=True):
+    """One session.
+
+    Attributes
+    ----------
+    kind, seed : str, int
+    group : str
+        What the truth is: "smooth" or "one term per decade".
+    is_on_plate : bool
+    seconds : float
+        To process and identify what is not processed yet.
+    moduli : dict
+        By quantity and place; None where the data do not determine it.
+    unknowns : dict
+        The long-time modulus and all nuisances, by their role.
+    evidence : dict
+        By experiment and group: observed minus the true material's own prediction with the true
+        nuisances, in stated uncertainties.
+    relaxed : Relaxed, optional
+        Where the profile was asked for.
+    misfits : dict
+        Discrepancies that the fit allowed for, relative.
+    is_settled : bool
+    failure : str, optional
+        Why there is no answer; everything else is empty then.
+    """
+
+    kind: str
+    seed: int
+    group: str
+    is_on_plate: bool
+    seconds: float = float("nan")
+    moduli: dict[str, Score | None] = {}
+    unknowns: dict[str, Score] = {}
+    evidence: dict[str, list[float]] = {}
+    relaxed: Relaxed | None = None
+    misfits: dict[str, float] = {}
+    is_settled: bool = False
+    failure: str | None = None
+
+
+def session_trial(truth: Truth, folder: Path, *, with_profile: bool = False) -> Trial:
+    """Write a session where there is none, identify its material, and compare with the truth.
+
+    Parameters
+    ----------
+    truth : Truth
+        From :func:`pipelines.bench.random_sessions.drawn`.
+    folder : Path
+        Of the session.
+    with_profile : bool
+        Follow the long-time modulus too.
+    """
+    write(truth, folder)
+    group = "smooth" if truth.seed % 2 == 0 else "one term per decade"
+    blank = Trial(truth.kind, truth.seed, group, truth.is_on_plate)
+    started = clock.perf_counter()
+    wish = Wish(with_profile=with_profile)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # what a reader of one session must know
+        try:
+            (found,) = identify(folder, wish)
+        except LabpipeError as error:
+            return replace(blank, failure=f"{type(error).__name__}: {error}")
+        seconds = clock.perf_counter() - started
+        return replace(blank, seconds=seconds, **_compared(truth, folder, found, wish))
+
+
+def _compared(truth: Truth, folder: Path, found: Identified, wish: Wish) -> dict[str, Any]:
+    plan = process.plan(folder)
+    inputs = Inputs(plan, {n: e.settings for n, e in plan.session.experiments.items()})
+    known = found.known
+    problem = known.fit.problem
+    names = [e.name for e in problem.evidence]
+    exact = {p.name: true_value(p.name, truth, inputs, names) for p in problem.nuisances}
+    held = None
+    if found.relaxed is not None:
+        is_held = found.relaxed.low <= truth.solid.E_relaxed <= found.relaxed.high
+        held = Relaxed(found.relaxed.verdict, bool(is_held))
+    return {
+        "moduli": _moduli(known, truth.solid),
+        "unknowns": _unknowns(known, {"E_relaxed": truth.solid.E_relaxed, **exact}),
+        "evidence": _at_the_truth(inputs, names, truth.solid, exact, wish.impacts),
+        "relaxed": held,
+        "misfits": {f"{e}: {g}": m.relative for (e, g), m in known.fit.misfits.items()},
+        "is_settled": known.fit.is_settled,
+    }
+
+
+def _moduli(known: Posterior, solid: Prony) -> dict[str, Score | None]:
+    """Compare moduli at set places of the data's own frequencies."""
+    low, high = frequencies(known)
+    curve = moduli(known, low * (high / low) ** np.array(PLACES))
+    exact = solid.complex_modulus(2.0 * np.pi * curve.frequency)
+    # without what is stated for structure that no data resolve: the bound of van Trees
+    bound = np.sqrt(np.diag(known.carried(curve.derivatives)))
+    made: dict[str, Score | None] = {}
+    for part, (text, value, u, prior, true) in enumerate((
+        ("storage modulus", curve.storage, curve.u_ln_storage, curve.prior_ln_storage, exact.real),
+        ("loss factor", curve.loss_factor, curve.u_ln_loss_factor, curve.prior_ln_loss_factor,
+         exact.imag / exact.real),
+    )):  # fmt: skip
+        error = np.log(value / true) / u
+        for i, place in enumerate(PLACES):
+            score = Score(float(error[i]), float(u[i]), float(bound[part * len(PLACES) + i]),
+                          float(prior[i]))  # fmt: skip
+            made[f"{text} at {place:.0%}"] = score if curve.is_determined[i] else None
+    return made
+
+
+def _unknowns(known: Posterior, exact: dict[str, float]) -> dict[str, Score]:
+    """Compare the long-time modulus and the nuisances, in deviations of their priors."""
+    problem = known.fit.problem
+    made = {}
+    for i, parameter in enumerate(problem.parameters):
+        is_first = i == 0
+        if not (is_first or i >= problem.n_material):
+            continue
+        role = "E_relaxed" if is_first else role_of(parameter)
+        true = parameter.coordinate(exact["E_relaxed" if is_first else parameter.name])
+        sd = float(known.sd[i])
+        made[role] = Score((float(known.fit.xi[i]) - true) / sd, sd, sd, 1.0, true)
+    return made
+
+
+def role_of(parameter: Parameter) -> str:
+    """Return the name of a nuisance without the values that a session states."""
+    for role in ("mass of the plate", "mass", "radius"):
+        if parameter.name.startswith(role):
+            return role
+    return parameter.name
+
+
+def true_value(name: str, truth: Truth, inputs: Inputs, experiments: list[str]) -> float:
+    """Return the true value of a nuisance, in its unit.
+
+    Parameters
+    ----------
+    name : str
+        Of the unknown.
+    truth : Truth
+    inputs : Inputs
+        Results of the session: what was taken for zero is known from them.
+    experiments : list of str
+        That were taken as evidence.
+
+    Raises
+    ------
+    InputError
+        Nothing is known of such an unknown.
+    """
+    owner = next((e for e in experiments if name.startswith(f"{e} ")), "")
+    role = name.removeprefix(f"{owner} ") if owner else name
+    if truth.kind == "drop":
+        found = _of_drop(role, truth, inputs)
+    else:
+        found = _of_indentation(role, owner, truth, inputs)
+    if found is None:
+        message = f"the truth of the unknown {name} is not known; teach it to this comparison"
+        raise InputError(message)
+    return found
+
+
+def _of_drop(role: str, truth: Truth, inputs: Inputs) -> float | None:
+    rig = truth.rig
+    if role == "mass of the plate":
+        return float(rig.floor.mass)
+    if role.startswith("mass "):
+        return rig.mass
+    if role.startswith("radius "):
+        return rig.radius
+    if role == "height":
+        return float(np.mean([one["height"] for one in recorded(inputs.folder)]))
+    if role == "trigger":
+        drops = recorded(inputs.folder)
+        files = inputs.experiments["drop"].laser
+        late = [
+            float(inputs.result("drop", "bounces", file)["touch_time"][0]) - one["touch_time"][0]
+            for file, one in zip(files, drops, strict=True)
+        ]
+        return float(np.mean(late))
+    return None
+
+
+def _of_indentation(role: str, owner: str, truth: Truth, inputs: Inputs) -> float | None:
+    if role == "load cell":
+        return truth.tester.force_gain
+    if role == "punch":
+        return _effect_of_the_punch(truth, inputs)
+    if role == "filter":
+        # a delay stated too long turns loss up, which is a negative coordinate of the phase
+        return -truth.delay_error
+    settings = inputs.experiments.get(owner)
+    if settings is None:
+        return None
+    if owner == "relaxation":
+        (file,) = settings.mach1
+        ramps, loads = (inputs.result(owner, s, file) for s in ("ramps", "loads"))
+        if role == "first touch":
+            return truth.specimen.surface - float(ramps["contact_position"])
+        if role == "tare":
+            level = float(loads["tare"]) * float(loads.attrs["compression_sign"])
+            return truth.tester.force_offset - level
+    if owner == "harmonic" and role == "first touch":
+        from pipelines.experiments import mach1_file
+
+        touch, _ = mach1_file.contact_position(inputs.result(owner, "loads"), settings.contact)
+        return truth.specimen.surface - touch.value
+    return None
+
+
+def _effect_of_the_punch(truth: Truth, inputs: Inputs) -> float:
+    """Return the elastic force of the true punch over that of the stated one."""
+    settings = next(iter(inputs.experiments.values()))
+    stated = Geometry.of(settings.punch, settings.substrate, settings.model, truth.solid.nu)
+    own: Specimen = truth.specimen
+    true = {"radius": own.tip_radius, "period": own.period, "depth": own.depth}
+    at = np.array([_DEPTH])
+    return float(elastic_force(at, stated, **true)[0] / elastic_force(at, stated)[0])
+
+
+def _at_the_truth(
+    inputs: Inputs, names: list[str], solid: Prony, exact: dict[str, float], impacts: int
+) -> dict[str, list[float]]:
+    """Return what every observed number differs by from the true material's, over its u."""
+    made = {}
+    for name in names:
+        experiment = inputs.plan.session.experiments[name]
+        proof = HOW[experiment.kind].gather(inputs, experiment, impacts)
+        if isinstance(proof, str):
+            raise InputError(f"{name}: {proof}")
+        evidence: Evidence = proof.build(solid.rho)
+        numbers = evidence.model.refined(solid, exact)
+        if numbers is None:
+            numbers = evidence.model.predict(solid, exact)
+        for group, part in zip(evidence.groups, split(evidence, numbers), strict=True):
+            made[f"{name}: {group.name}"] = ((group.values - part) / group.u).tolist()
+    return made
