@@ -170,7 +170,7 @@ def _point(
 
 
 def _seconds(trials: Sequence[Trial]) -> float:
-    taken = [t.seconds for t in trials if np.isfinite(t.seconds)]
+    taken = [t.seconds for t in trials if t.seconds is not None]
     return float(np.median(taken)) if taken else float("nan")
 
 

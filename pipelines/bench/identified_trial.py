@@ -16,7 +16,7 @@ from labpipe.identification.posterior import frequencies
 from labpipe.identification.problem import split
 from labpipe.materials import Prony
 from pipelines import process
-from pipelines.bench.random_sessions import Truth, recorded, write
+from pipelines.bench.random_sessions import DEPTH, Truth, recorded, write
 from pipelines.experiments.indentation import Geometry, elastic_force
 from pipelines.figures.inputs import Inputs
 from pipelines.identify import Identified, Wish, identify
@@ -27,8 +27,6 @@ Array = NDArray[np.float64]
 
 PLACES = (0.1, 0.5, 0.9)
 """Of the frequencies of which the data tell, in the logarithm: where moduli are compared."""
-
-_DEPTH = 0.1e-3  # m of the punch, where its dimensions count
 
 
 class Score(msgspec.Struct, frozen=True):
@@ -61,7 +59,7 @@ class Trial(msgspec.Struct, frozen=True):
     group : str
         What the truth is: "smooth" or "one term per decade".
     is_on_plate : bool
-    seconds : float
+    seconds : float, optional
         To process and identify what is not processed yet.
     moduli : dict
         By quantity and place; None where the data do not determine it.
@@ -83,7 +81,7 @@ class Trial(msgspec.Struct, frozen=True):
     seed: int
     group: str
     is_on_plate: bool
-    seconds: float = float("nan")
+    seconds: float | None = None
     moduli: dict[str, Score | None] = {}
     unknowns: dict[str, Score] = {}
     evidence: dict[str, list[float]] = {}
@@ -251,7 +249,8 @@ def _of_indentation(role: str, owner: str, truth: Truth, inputs: Inputs) -> floa
         (file,) = settings.mach1
         ramps, loads = (inputs.result(owner, s, file) for s in ("ramps", "loads"))
         if role == "first touch":
-            return truth.specimen.surface - float(ramps["contact_position"])
+            # what the stage's own steps hide of the depth is a part of it
+            return float(ramps["depth"][0]) - DEPTH
         if role == "tare":
             level = float(loads["tare"]) * float(loads.attrs["compression_sign"])
             return truth.tester.force_offset - level
@@ -269,7 +268,7 @@ def _effect_of_the_punch(truth: Truth, inputs: Inputs) -> float:
     stated = Geometry.of(settings.punch, settings.substrate, settings.model, truth.solid.nu)
     own: Specimen = truth.specimen
     true = {"radius": own.tip_radius, "period": own.period, "depth": own.depth}
-    at = np.array([_DEPTH])
+    at = np.array([DEPTH])
     return float(elastic_force(at, stated, **true)[0] / elastic_force(at, stated)[0])
 
 

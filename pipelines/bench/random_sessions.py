@@ -33,6 +33,9 @@ KINDS = ("drop", "rubber", "hold")
 
 RIGID = Floor()
 
+DEPTH = 0.1e-3
+"""m; to which the punch is pressed in."""
+
 _FIRST_SEED, _APART = 90_000, 1000  # of the truths of a kind, and between two kinds
 _START = datetime(2024, 5, 14, 9, 30)
 _REPEATS = 2
@@ -49,9 +52,9 @@ _U_GAIN = 1e-3  # of cell_record
 _DELAY, _U_DELAY = 15.915, 0.2  # ms; a Butterworth's of third order and 20 Hz, and of cell_record
 _TARE = 0.3  # N: what an untared cell shows
 _SURFACE = 1e-5  # m: where a specimen begins
-_HELD = Relaxation(depths=(0.1e-3,), hold=600.0)
-_SHORTER = Relaxation(depths=(0.1e-3,), hold=120.0)
-_WAVES = Harmonic(hold=60.0, frequencies=(0.2, 0.7, 2.5), cycles=7)
+_HELD = Relaxation(depths=(DEPTH,), hold=600.0)
+_SHORTER = Relaxation(depths=(DEPTH,), hold=120.0)
+_WAVES = Harmonic(mean=DEPTH, hold=60.0, frequencies=(0.2, 0.7, 2.5), cycles=7)
 
 
 @dataclass(frozen=True, eq=False)
