@@ -25,6 +25,7 @@ from labpipe.identification import (
     Sample,
     SmoothSpectrum,
     fit,
+    infer,
     posterior,
     profile,
     relaxation_times,
@@ -218,24 +219,28 @@ def _identified(
     data = min(w[0] for w in windows), max(w[1] for w in windows)
     nu = group.proofs[0].nu
     spectrum = (
-        SmoothSpectrum(relaxation_times(*data), nu, data)
+        SmoothSpectrum(relaxation_times(*data), nu)
         if wish.spectrum == "smooth"
         else FractionalSpectrum.over(*data, nu)
     )
-    evidence: list[Evidence] = [p.build(spectrum.rho) for p in group.proofs]
+
+    def rebuilt(rho: Array) -> tuple[Evidence, ...]:
+        made = [p.build(rho) for p in group.proofs]
+        if group.prior is not None:
+            made.append(dma_prior(inputs, group.prior, group.experiments, rho)[0])
+        return tuple(made)
+
     nuisances: dict[str, Parameter] = {}
     for proof in group.proofs:
         nuisances |= {p.name: p for p in proof.unknowns}
     if group.prior is not None:
-        sweep, unknown = dma_prior(inputs, group.prior, group.experiments, spectrum.rho)
-        evidence.append(sweep)
+        _, unknown = dma_prior(inputs, group.prior, group.experiments, spectrum.rho)
         nuisances[unknown.name] = unknown
-    problem = Problem(spectrum, tuple(evidence), tuple(nuisances.values()))
-    found = fit(problem, progress=say)
-    if not found.is_settled:
+    problem = Problem(spectrum, rebuilt(spectrum.rho), tuple(nuisances.values()))
+    known = infer(problem, rebuilt, progress=say)
+    if not known.fit.is_settled:
         warnings.warn(f"{material}: the fit did not settle; take its intervals with care",
                       UserWarning, stacklevel=2)  # fmt: skip
-    known = posterior(found)
     relaxed = None
     if wish.with_profile:
         say("profile of the long-time modulus")

@@ -50,7 +50,7 @@ class MainQuantities:
             return np.empty((0, len(self.names)))
         problem, draws = found.known.fit.problem, found.drawn.draws
         relaxed = problem.parameters[0]
-        storage, loss = drawn_moduli(found.drawn, problem.spectrum, self.curve)
+        storage, loss = drawn_moduli(found.drawn, found.known, self.curve)
         first = np.log10([relaxed.value(x) for x in draws[:, 0].tolist()])
         return np.column_stack([first, storage / 1e6, loss, draws[:, list(self.numbers[1:])]])
 
@@ -83,8 +83,8 @@ def main_quantities(found: Identified) -> MainQuantities:
     chosen = _related(found, by_xi[1:])
     by_xi = np.vstack([by_xi, np.eye(xi.size)[chosen]])
     covariance = known.carried(by_xi)
-    covariance[1, 1] += (at / 1e6 * curve.fine_ln_storage[0]) ** 2
-    covariance[2, 2] += (loss * curve.fine_ln_loss_factor[0]) ** 2
+    covariance[1, 1] += (at / 1e6 * curve.open_ln_storage[0]) ** 2
+    covariance[2, 2] += (loss * curve.open_ln_loss_factor[0]) ** 2
     centre = [np.log10(parameters[0].value(float(xi[0]))), at / 1e6, loss, *xi[chosen]]
     where = quantity(frequency, "Hz")
     names = ("lg E_relaxed\n/ Pa", f"E′ / MPa\nat {where}", f"tan δ\nat {where}")

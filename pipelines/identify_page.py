@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.identification import bands, moduli
-from labpipe.identification.posterior import FINE, frequencies
 from labpipe.identification.posterior import Band as Prediction
+from labpipe.identification.posterior import frequencies
+from labpipe.identification.structure import BEFORE
 from labpipe.report import (
     Band,
     Bars,
@@ -29,7 +30,7 @@ from labpipe.report import (
 from labpipe.workflow.session import Session
 from pipelines.identify import Identified
 from pipelines.identify_corner import corner, main_quantities
-from pipelines.identify_result import dataset, verdicts
+from pipelines.identify_result import dataset, structure, verdicts
 from pipelines.overview import PAGE
 from pipelines.pages import SYNTHETIC, synthetic_notice
 
@@ -37,7 +38,7 @@ Array = NDArray[np.float64]
 
 _REACH = 1.96
 _MOST_COMBINATIONS = 12
-CHANGE = "change "  # begins the names of the unknowns of a spectrum's shape
+SHAPE = ("change ", "lump ")  # begin the names of the unknowns of a spectrum's shape
 _LOUD = 2.5  # standard deviations by which a nuisance may leave its prior without a remark
 
 
@@ -91,6 +92,9 @@ def statements(found: Identified) -> list[str]:
     """Return what else a reader must know, one sentence each."""
     known = found.known
     texts = [_at_middle(found)]
+    if chances := structure(found):
+        said = ", ".join(f"{name} {100 * chance:.0f} %" for name, chance in chances.items())
+        texts.append(f"structure of the spectrum: {said}")
     texts.append(
         f"{known.n_determined} of {len(known.fit.xi)} combinations of unknowns are known better "
         "from the data than before"
@@ -172,15 +176,34 @@ def _curves(found: Identified) -> tuple[Block, ...]:
     ]  # fmt: skip
     text = (
         "Outside the two marks nothing was observed: there the curves follow the prior, and the "
-        "bands say how far a spectrum usually goes astray. Everywhere they hold the waves "
-        f"({100 * FINE:.1f} % of the loss modulus) by which a series with one term per decade "
-        "differs from the smooth spectrum that is found."
+        "bands say how far a spectrum usually goes astray. Curves and bands are those of all "
+        "structures that the spectrum may have, each with its probability."
     )
     chart = LineChart(
         "Prior against posterior", "frequency / Hz", "standard deviation of the logarithm",
         spreads, group="frequency", x_scale="log", y_scale="log", vlines=marks,
     )  # fmt: skip
-    return Paragraph(text), *charts, chart
+    return Paragraph(text), *charts, chart, *_structure(found)
+
+
+def _structure(found: Identified) -> tuple[Block, ...]:
+    """Tell how probable each structure of the spectrum is."""
+    chances = structure(found)
+    if not chances:
+        return ()
+    rows = [(name, 100.0 * BEFORE[name], 100.0 * chances.get(name, 0.0)) for name in BEFORE]
+    return (
+        Table(
+            (Column("structure of the spectrum"), Column("before the data", "%", digits=2),
+             Column("after the data", "%", digits=3)),
+            rows,
+            caption="Storage and loss modulus of a series with one term per decade, as most "
+            "published ones are, wave about those of a smooth spectrum by 4 % of the loss "
+            "modulus; in a rough one every term stands for itself. What the data do not tell "
+            "apart is in the bands.",
+            sortable=False,
+        ),
+    )  # fmt: skip
 
 
 def _fits(found: Identified) -> tuple[Block, ...]:
@@ -237,7 +260,7 @@ def _fit_charts(shown: Prediction) -> tuple[Block, ...]:
 def _unknowns(found: Identified) -> tuple[Block, ...]:
     parameters = found.known.fit.problem.parameters
     rows = _rows(found)
-    is_change = [p.name.startswith(CHANGE) for p in parameters]
+    is_change = [p.name.startswith(SHAPE) for p in parameters]
     main = [row for row, own in zip(rows, is_change, strict=True) if not own]
     blocks: list[Block] = [_table(main), *_profile(found)]
     blocks.append(
@@ -366,7 +389,7 @@ def _combinations(found: Identified) -> tuple[Block, ...]:
         [
             (p.name, float(np.clip(1.0 - sd**2, 0.0, 1.0)), "")
             for p, sd in zip(parameters, known.sd.tolist(), strict=True)
-            if not p.name.startswith(CHANGE)
+            if not p.name.startswith(SHAPE)
         ],
     )
     return table, bars
@@ -379,9 +402,10 @@ def _method(found: Identified) -> tuple[Block, ...]:
         "Least squares in coordinates in which the prior is standard normal, from several starts; "
         "costlier models (finite amplitude, a ringing plate, finer steps) correct the fast ones "
         "until nothing changes. Intervals are Laplace's; that of the long-time modulus is its "
-        "profile likelihood. The spectrum walks over the decades: within two standard deviations a "
-        "factor of ten per decade, with a slope that lasts two decades, and twice as much where "
-        "there are no data. Poisson's "
+        "profile likelihood. Spectra of several structures are weighed by Laplace's approximation "
+        "to their evidence; fit and unknowns are those of the most probable one. A spectrum walks "
+        "over the decades: within two standard deviations a factor of ten per decade, with a "
+        "slope that lasts two decades. Poisson's "
         "ratio is taken as stated: only E/(1 − ν²) is observed. What relaxes after hours counts as "
         "relaxed."
     )

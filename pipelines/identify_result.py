@@ -31,9 +31,10 @@ def dataset(found: Identified) -> xr.Dataset:
     Dataset
         Over ``term``: the Prony series ``E`` [Pa], ``rho`` [s] with ``E_relaxed``, ``nu``. Over
         ``frequency``: storage modulus and loss factor with ``u_ln_``, the standard deviations of
-        their logarithms, ``fine_ln_``, the part of them for structure as fine as a decade, those
+        their logarithms, ``open_ln_``, what the structure of the spectrum adds, those
         of the prior, and ``is_determined``. Over ``parameter``: values
-        with 95 % intervals, prior and verdict. Over ``combination``: singular values. Over
+        with 95 % intervals, prior and verdict. Over ``structure``: its probability. Over
+        ``combination``: singular values. Over
         ``observation``: observed, predicted, residuals. With draws of the posterior also their
         95 % intervals, ``drawn_…_low`` and ``drawn_…_high``.
     """
@@ -53,16 +54,28 @@ def dataset(found: Identified) -> xr.Dataset:
     for name, values, units, text in (
         ("storage", curve.storage, "Pa", "storage modulus"),
         ("u_ln_storage", curve.u_ln_storage, "1", "standard deviation of its logarithm"),
-        ("fine_ln_storage", curve.fine_ln_storage, "1", "of it for structure of a decade"),
+        ("open_ln_storage", curve.open_ln_storage, "1", "what the structure adds"),
         ("prior_ln_storage", curve.prior_ln_storage, "1", "the same before the data"),
         ("loss_factor", curve.loss_factor, "1", "loss factor"),
         ("u_ln_loss_factor", curve.u_ln_loss_factor, "1", "standard deviation of its logarithm"),
-        ("fine_ln_loss_factor", curve.fine_ln_loss_factor, "1", "of it for structure of a decade"),
+        (
+            "open_ln_loss_factor",
+            curve.open_ln_loss_factor,
+            "1",
+            "what the structure adds",
+        ),
         ("prior_ln_loss_factor", curve.prior_ln_loss_factor, "1", "the same before the data"),
         ("is_determined", curve.is_determined.astype(np.int8), "1", "1 where the data tell"),
     ):
         table[name] = ("frequency", values, _text(units, text))
     table |= _parameters(found) | _observations(found) | _drawn(found, curve)
+    names = list(structure(found))
+    table["structure_name"] = ("structure", names, _text("1", "structure of the spectrum"))
+    table["structure_probability"] = (
+        "structure",
+        list(structure(found).values()),
+        _text("1", "its probability after the data"),
+    )
     table["singular_value"] = (
         "combination", known.singular_values,
         _text("1", "how many times better than the prior a combination is known"),
@@ -81,7 +94,7 @@ def _drawn(found: Identified, curve: Moduli) -> dict[str, Any]:
     problem, drawn = found.known.fit.problem, found.drawn
     values = [[p.value(x) for p, x in zip(problem.parameters, xi, strict=True)]
               for xi in drawn.draws.tolist()]  # fmt: skip
-    storage, loss_factor = drawn_moduli(drawn, problem.spectrum, curve)
+    storage, loss_factor = drawn_moduli(drawn, found.known, curve)
     ends = np.array([0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL])
     table = {}
     for name, dimension, numbers, units in (
@@ -92,6 +105,17 @@ def _drawn(found: Identified, curve: Moduli) -> dict[str, Any]:
         table[f"drawn_{name}_low"] = dimension, low, _text(units, "2.5 % quantile of the draws")
         table[f"drawn_{name}_high"] = dimension, high, _text(units, "97.5 % quantile of the draws")
     return table
+
+
+def structure(found: Identified) -> dict[str, float]:
+    """Return the probabilities of what the structure of the spectrum may be, most probable first.
+
+    Empty where the spectrum was given a form.
+    """
+    made: dict[str, float] = {}
+    for one in found.known.structures:
+        made[one.name] = made.get(one.name, 0.0) + one.weight
+    return dict(sorted(made.items(), key=lambda pair: -pair[1]))
 
 
 def verdicts(found: Identified) -> list[str]:
@@ -191,6 +215,7 @@ def document(found: Identified) -> dict[str, Any]:
         "experiments": json.loads(made.attrs["experiments"]),
         "E_relaxed": rows[0],
         "unknowns": rows[1:],
+        "structure": structure(found),
         "combinations_determined": found.known.n_determined,
         "frequency_range": [float(made["lowest_frequency"]), float(made["highest_frequency"])],
         "is_settled": found.known.fit.is_settled,

@@ -2,7 +2,8 @@
 
 A :class:`Problem` is a family of spectra, experiments as :class:`Evidence`, and what they leave
 unknown. :func:`fit` finds the most probable answer, :func:`posterior` what is known of it,
-:func:`profile` whether an unknown is determined at all.
+:func:`infer` both, over the structures that a spectrum may have, :func:`profile` whether an
+unknown is determined at all.
 """
 
 from labpipe.identification.drops import Bounces, DropModel, drop_evidence
@@ -15,15 +16,24 @@ from labpipe.identification.linear import (
     stiffness_evidence,
 )
 from labpipe.identification.parameters import Parameter
-from labpipe.identification.posterior import Moduli, Posterior, bands, moduli, posterior
+from labpipe.identification.posterior import (
+    Moduli,
+    Posterior,
+    Structure,
+    bands,
+    moduli,
+    posterior,
+)
 from labpipe.identification.problem import Misfit, Problem
 from labpipe.identification.profiles import Profile, profile
 from labpipe.identification.sampling import Sample, drawn_moduli, sample
 from labpipe.identification.spectra import (
     FractionalSpectrum,
+    RoughSpectrum,
     SmoothSpectrum,
     relaxation_times,
 )
+from labpipe.identification.structure import infer
 
 __all__ = [
     "Bounces",
@@ -39,13 +49,16 @@ __all__ = [
     "Posterior",
     "Problem",
     "Profile",
+    "RoughSpectrum",
     "Sample",
     "SmoothSpectrum",
+    "Structure",
     "bands",
     "drawn_moduli",
     "drop_evidence",
     "fit",
     "force_evidence",
+    "infer",
     "lee_radok_basis",
     "moduli",
     "modulus_evidence",

@@ -12,7 +12,7 @@ derivatives are those of a common factor of all moduli. A plate moves by the rat
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import sqrt
+from math import ceil, log10, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ deviations; ten times larger steps turned the phase of a ringing plate there by 
 _DENSE = (0.03, 30.0)  # durations of a contact between which the derivative bends most
 _FROZEN = 100.0  # a term this many times slower than the record does not relax in it
 _VISCOUS = 0.003  # in durations of a contact: quicker terms are dashpots, with derivatives as times
+_LATTICE = 4  # nodes per decade for times that are none of the material's
 _FAST = 3e-4  # rtol of the fast model: smooth to 1/100 of a deviation of a touch, off by some 1e-5
 _MORE_TIME = 1.3  # a run lasts longer than the record: a trial may bounce higher
 _TRIES = 3
@@ -105,7 +106,9 @@ class DropModel:
         """Return differences; see :meth:`Model.derivatives`."""
         height = self._value("height", self.height, given)
         at = self._run(material, height, given)
-        by_term = self._by_term(material, height, given, at)
+        by_term = self._by_term(
+            material, material.rho, self._own_nodes(material.rho), height, given, at
+        )
         moved = ["height", "plate"] if self.plate is None else ["height", "plate", "mass"]
         others = {
             self.names[role]: self._central(material, self.names[role], given)
@@ -126,41 +129,65 @@ class DropModel:
             ends.append(self._run(material, self._value("height", self.height, changed), changed))
         return np.asarray((ends[0] - ends[1]) / (2.0 * step))
 
-    def _by_term(self, material: Prony, height: float, given: Given, at: Array) -> Array:
-        """Return derivatives (n, 1 + term) by the long-time modulus and the terms [1/Pa].
+    def by_times(self, material: Prony, given: Given, rho: Array) -> Array:
+        """Return the derivatives by terms of any times; see :meth:`Model.by_times`."""
+        height = self._value("height", self.height, given)
+        at = self._run(material, height, given)
+        quick = _VISCOUS * self.expected_duration
+        count = ceil(log10(_FROZEN * self.last / quick) * _LATTICE)
+        nodes = quick * 10.0 ** (np.arange(count + 1) / _LATTICE)
+        chosen = nodes[_nodes(nodes / self.expected_duration)]
+        made = self._by_term(material, rho, chosen, height, given, at)
+        return np.asarray(self._film(given)[:, None] * made)
+
+    def _own_nodes(self, rho: Array) -> Array:
+        """Choose from the times of a material those whose derivatives are worth a run."""
+        quickest = _VISCOUS * self.expected_duration
+        first = max(int(np.searchsorted(rho, quickest, "right")) - 1, 0)
+        moving = rho[first:][rho[first:] <= _FROZEN * self.last]
+        return np.asarray(moving[_nodes(moving / self.expected_duration)])
+
+    def _by_term(
+        self, material: Prony, rho: Array, nodes: Array, height: float, given: Given, at: Array
+    ) -> Array:
+        """Return derivatives (n, 1 + term) by the long-time modulus and terms of times [1/Pa].
 
         A term that relaxes long after the record is stiffness to it, one that relaxes at once is
-        viscosity: neither costs a run.
+        viscosity: neither costs a run. Between the nodes the derivative is a smooth curve.
         """
-        rho = material.rho
         made = np.empty((self._size, rho.size + 1))
         omega = np.pi / self.expected_duration
         scale = abs(complex(material.complex_modulus(np.array([omega]))[0]))
-        made[:, 0] = self._difference(material, 0, scale, height, given, at)
+        made[:, 0] = self._difference(material, None, scale, height, given, at)
         made[:, 1:] = made[:, :1]
-        quickest = _VISCOUS * self.expected_duration
-        first = max(int(np.searchsorted(rho, quickest, "right")) - 1, 0)
-        moving = np.flatnonzero((rho <= _FROZEN * self.last) & (np.arange(rho.size) >= first))
-        nodes = _nodes(rho[moving] / self.expected_duration)
+        if not nodes.size:
+            return made
         columns = [
-            self._difference(material, 1 + int(k), scale, height, given, at) for k in moving[nodes]
+            self._difference(material, time, scale, height, given, at) for time in nodes.tolist()
         ]
+        inside = np.clip(rho, nodes[0], nodes[-1])
+        is_moving = rho <= _FROZEN * self.last
         if len(columns) > 1:
-            curve = PchipInterpolator(np.log(rho[moving[nodes]]), np.stack(columns))
-            made[:, 1 + moving] = curve(np.log(rho[moving])).T
-        elif columns:
-            made[:, 1 + moving] = columns[0][:, None]
-        made[:, 1 : 1 + first] = made[:, 1 + first, None] * (rho[:first] / rho[first])
+            curve = PchipInterpolator(np.log(nodes), np.stack(columns))
+            made[:, 1:][:, is_moving] = curve(np.log(inside[is_moving])).T
+        else:
+            made[:, 1:][:, is_moving] = columns[0][:, None]
+        made[:, 1:] *= np.where(rho < nodes[0], rho / nodes[0], 1.0)
         return made
 
     def _difference(
-        self, material: Prony, term: int, scale: float, height: float, given: Given, at: Array
-    ) -> Array:
-        """Return the derivative (n,) by one term, 0 for the long-time modulus."""
+        self, material: Prony, time: float | None, scale: float, height: float, given: Given,
+        at: Array,
+    ) -> Array:  # fmt: skip
+        """Return the derivative (n,) by a term of a time, by the long-time modulus for None."""
         step = _ONE_SIDED * scale
-        terms = np.concatenate([[material.E_relaxed], material.E])
-        terms[term] += step
-        changed = Prony(float(terms[0]), terms[1:], material.rho, nu=material.nu)
+        relaxed = material.E_relaxed + (step if time is None else 0.0)
+        terms, rho = material.E, material.rho
+        if time is not None:
+            known = rho == time
+            terms = terms + step * known if known.any() else np.append(terms, step)
+            rho = rho if known.any() else np.append(rho, time)
+        changed = Prony(relaxed, terms, rho, nu=material.nu)
         return np.asarray((self._run(changed, height, given) - at) / step)
 
     def _by_factor(self, material: Prony, height: float, given: Given) -> Array:

@@ -85,6 +85,22 @@ class Model(Protocol):
         """
         ...
 
+    def by_times(self, material: Prony, given: Given, rho: Array) -> Array:
+        """Return the derivatives by the long-time modulus and by terms of other relaxation times.
+
+        Parameters
+        ----------
+        material : Prony
+            Around which; its own times may be others.
+        given : mapping of str to float
+        rho : array (term,) [s]
+
+        Returns
+        -------
+        array (n, 1 + term) [per Pa]
+        """
+        ...
+
     def refined(self, material: Prony, given: Given) -> Array | None:
         """Return what a costlier, fuller model predicts (n,); None where there is none."""
         ...
@@ -190,6 +206,23 @@ class LinearModel:
         others |= {name: where * linear / given[name] for name, where in self.factors.items()}
         others |= dict(self.offsets)
         return factor[:, None] * basis, others
+
+    def by_times(self, material: Prony, given: Given, rho: Array) -> Array:
+        """Return the basis, which must have been made for these times.
+
+        Raises
+        ------
+        InputError
+            It was made for others.
+        """
+        del material
+        if self.basis.shape[1] != rho.size + 1:
+            message = (
+                f"a basis of {self.basis.shape[1] - 1} relaxation times cannot be asked for "
+                f"{rho.size}; build the evidence anew"
+            )
+            raise InputError(message)
+        return np.asarray(self._factor(given)[:, None] * self._basis(given))
 
     def refined(self, material: Prony, given: Given) -> Array | None:
         """Return the fuller model's numbers, if there is one."""

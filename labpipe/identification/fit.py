@@ -85,6 +85,7 @@ def fit(
     problem: Problem,
     *,
     start: Array | None = None,
+    after: Fit | None = None,
     with_misfit: bool = True,
     progress: Callable[[str], None] | None = None,
 ) -> Fit:
@@ -96,6 +97,8 @@ def fit(
         At least one experiment.
     start : array (parameter,), optional
         Standard coordinates to begin from; by default a scan over moduli and losses.
+    after : Fit, optional
+        One of the same problem, to go on from.
     with_misfit : bool
         Allow for a model discrepancy where the residuals show one.
     progress : callable, optional
@@ -115,18 +118,19 @@ def fit(
     if not problem.evidence:
         message = "nothing was observed: a material cannot be identified from no experiment"
         raise InputError(message)
-    # Precise readings make a narrow, curved valley; widened ones lead near its lowest place.
-    loose = {(e.name, g.name): Misfit(_LOOSE) for e in problem.evidence for g in e.groups}
-    objective = Objective(problem, problem.no_corrections(), loose)
-    starts = [start] if start is not None else _starts(objective)
     say = progress or _silent
-    ends = []
-    for number, begin in enumerate(starts):
-        say(f"fit from start {number + 1} of {len(starts)}")
-        ends.append(objective.minimised(begin, _ROUGH))
-    costs = tuple(sorted(objective.cost(end) for end in ends))
-    xi = min(ends, key=objective.cost)
     misfits: Misfits = {}
+    if after is None:
+        # Precise readings make a narrow, curved valley; widened ones lead near its lowest place.
+        loose = {(e.name, g.name): Misfit(_LOOSE) for e in problem.evidence for g in e.groups}
+        objective = Objective(problem, problem.no_corrections(), loose)
+        xi, costs = _begun(objective, start, say)
+    else:
+        objective = Objective(problem, after.corrections, after.misfits)
+        xi, costs = after.xi, after.costs_from_starts
+        misfits = objective.new_misfits(xi) if with_misfit and after.is_settled else {}
+        if after.is_settled and not misfits:
+            return after
     is_settled, looks, decrease = False, 0, _ROUGH
     for round_ in range(_ROUNDS):
         say(f"fit with corrections, round {round_ + 1}")
@@ -146,6 +150,18 @@ def fit(
         problem, xi, objective.corrections, objective.misfits, objective.cost(xi), costs,
         objective.evaluations, objective.differentiated, is_settled,
     )  # fmt: skip
+
+
+def _begun(
+    objective: "Objective", start: Array | None, say: Callable[[str], None]
+) -> tuple[Array, tuple[float, ...]]:
+    """Return the lowest of the minima that the starts lead to, and the costs of all."""
+    starts = [start] if start is not None else _starts(objective)
+    ends = []
+    for number, begin in enumerate(starts):
+        say(f"fit from start {number + 1} of {len(starts)}")
+        ends.append(objective.minimised(begin, _ROUGH))
+    return min(ends, key=objective.cost), tuple(sorted(objective.cost(end) for end in ends))
 
 
 def _is_alike(new: Misfits, old: Misfits) -> bool:

@@ -49,6 +49,10 @@ class JoinedModel:
         }
         return np.vstack([by_term for by_term, _ in made]), others
 
+    def by_times(self, material: Prony, given: Given, rho: Array) -> Array:
+        """Return the derivatives of all parts; see :meth:`Model.by_times`."""
+        return np.vstack([part.by_times(material, given, rho) for part in self.parts])
+
     def refined(self, material: Prony, given: Given) -> None:
         """No part has a fuller model."""
         del material, given

@@ -7,7 +7,6 @@ data leave free, single unknowns may wander by factors while a sum of them stays
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cosh, log, pi, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from labpipe.identification.evidence import Group
 from labpipe.identification.fit import Fit, Objective
 from labpipe.identification.linear import modulus_basis
 from labpipe.identification.problem import Misfit, split
+from labpipe.identification.spectra import Spectrum
 
 Array = NDArray[np.float64]
 
@@ -25,11 +25,27 @@ _SEED = 20  # fixed: the same answer every time
 DETERMINED = 0.5
 """A quantity is determined where the data at least halve the prior's standard deviation."""
 
-FINE = sqrt(2.0) / cosh(pi**2 / log(10.0))
-"""Root mean square of the waves that a series with one term per decade makes in its storage and in
-its loss modulus about those of a smooth spectrum, over the loss modulus: the first harmonic of
-the sum over ln ω (Poisson's formula); 3.9 %. Nearly all published series are as coarse, no hold or
-drop tells where their terms lie, and the spectra here are smooth."""
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """One candidate for the structure of a spectrum, as the data leave it.
+
+    Attributes
+    ----------
+    name : str
+    spectrum : Spectrum
+    xi : array (parameter,)
+        Its most probable standard coordinates, nuisances last.
+    covariance : array (parameter, parameter)
+    weight : float
+        Probability after the data.
+    """
+
+    name: str
+    spectrum: Spectrum
+    xi: Array
+    covariance: Array
+    weight: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +64,8 @@ class Posterior:
         the prior does.
     combinations : array (combination, parameter)
         Unit vectors of standard coordinates.
+    structures : tuple of Structure
+        Candidates for the structure of the spectrum, where they were weighed.
     """
 
     fit: Fit
@@ -55,6 +73,7 @@ class Posterior:
     sensitivity: Array
     singular_values: Array
     combinations: Array
+    structures: tuple[Structure, ...] = ()
 
     @property
     def n_determined(self) -> int:
@@ -106,12 +125,12 @@ class Moduli:
         Most probable.
     u_ln_storage, u_ln_loss_factor : array (n,)
         Standard deviations of their natural logarithms.
-    fine_ln_storage, fine_ln_loss_factor : array (n,)
-        Of these the part for structure of the spectrum as fine as a decade (:data:`FINE`).
+    open_ln_storage, open_ln_loss_factor : array (n,)
+        What the structure of the spectrum adds to the fit's own, in quadrature.
     prior_ln_storage, prior_ln_loss_factor : array (n,)
         Those of the prior.
     derivatives : array (2 n, parameter)
-        Of the logarithms (storage, then loss factor) by standard coordinates.
+        Of the logarithms (storage, then loss factor) of the fit by standard coordinates.
     data : tuple of float [Hz]
         Lowest and highest frequency of which the observations tell.
     """
@@ -121,8 +140,8 @@ class Moduli:
     loss_factor: Array
     u_ln_storage: Array
     u_ln_loss_factor: Array
-    fine_ln_storage: Array
-    fine_ln_loss_factor: Array
+    open_ln_storage: Array
+    open_ln_loss_factor: Array
     prior_ln_storage: Array
     prior_ln_loss_factor: Array
     derivatives: Array
@@ -143,6 +162,8 @@ class Moduli:
 def moduli(known: Posterior, frequency: Array) -> Moduli:
     """Return storage modulus and loss factor with their uncertainties.
 
+    Where structures were weighed, mean and standard deviation of the logarithms over all of them.
+
     Parameters
     ----------
     known : Posterior
@@ -153,25 +174,40 @@ def moduli(known: Posterior, frequency: Array) -> Moduli:
     Moduli
     """
     problem, xi = known.fit.problem, known.fit.xi
-    spectrum, n = problem.spectrum, problem.n_material
+    omega = 2.0 * np.pi * frequency
+    logarithms, by_xi = ln_moduli(problem.spectrum, xi, omega)
+    u = own = np.sqrt(np.diag(known.carried(by_xi)))
+    if known.structures:
+        weights = np.array([one.weight for one in known.structures])
+        told = [_told(one, omega) for one in known.structures]
+        values, each = (np.array(part) for part in zip(*told, strict=True))
+        logarithms = weights @ values
+        u = np.sqrt(weights @ (each**2 + (values - logarithms) ** 2))
+    prior = _prior_spread(spectrum_draws(known), modulus_basis(omega, problem.spectrum.rho))
+    half, added = frequency.size, np.sqrt(np.maximum(u**2 - own**2, 0.0))
+    return Moduli(
+        frequency, np.exp(logarithms[:half]), np.exp(logarithms[half:]), u[:half], u[half:],
+        added[:half], added[half:], prior[0], prior[1], by_xi, frequencies(known),
+    )  # fmt: skip
+
+
+def ln_moduli(spectrum: Spectrum, xi: Array, omega: Array) -> tuple[Array, Array]:
+    """Return logarithms (2 n,) of storage modulus and loss factor, and derivatives by ``xi``."""
+    n = len(spectrum.parameters)
     terms = np.exp(spectrum.log_terms(xi[:n]))
     slopes = terms[:, None] * spectrum.slopes(xi[:n])
-    bases = modulus_basis(2.0 * np.pi * frequency, spectrum.rho)
+    bases = modulus_basis(omega, spectrum.rho)
     storage, loss = (basis @ terms for basis in bases)
     by_storage, by_loss = (basis @ slopes / (basis @ terms)[:, None] for basis in bases)
-    by_xi = np.zeros((2 * frequency.size, xi.size))
+    by_xi = np.zeros((2 * omega.size, xi.size))
     by_xi[:, :n] = np.vstack([by_storage, by_loss - by_storage])
-    u = np.sqrt(np.diag(known.carried(by_xi)))
-    prior = _prior_spread(spectrum_draws(known), bases)
-    half = frequency.size
-    factor = loss / storage
-    # the waves of the two moduli are a quarter of a period apart, so independent at a frequency
-    fine_storage, fine_factor = FINE * factor, FINE * np.hypot(1.0, factor)
-    return Moduli(
-        frequency, storage, factor,
-        np.hypot(u[:half], fine_storage), np.hypot(u[half:], fine_factor),
-        fine_storage, fine_factor, prior[0], prior[1], by_xi, frequencies(known),
-    )  # fmt: skip
+    return np.log(np.concatenate([storage, loss / storage])), by_xi
+
+
+def _told(one: Structure, omega: Array) -> tuple[Array, Array]:
+    """Return logarithms (2 n,) of storage modulus and loss factor with standard deviations."""
+    values, by_xi = ln_moduli(one.spectrum, one.xi, omega)
+    return values, np.sqrt(np.einsum("ij,jk,ik->i", by_xi, one.covariance, by_xi))
 
 
 def frequencies(known: Posterior) -> tuple[float, float]:

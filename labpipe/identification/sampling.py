@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 from labpipe.errors import LabpipeError
 from labpipe.identification.fit import Objective
 from labpipe.identification.linear import modulus_basis
-from labpipe.identification.posterior import Moduli, Posterior
-from labpipe.identification.spectra import Spectrum
+from labpipe.identification.posterior import Moduli, Posterior, ln_moduli
 from labpipe.identification.tangent import Surrogate
 
 Array = NDArray[np.float64]
@@ -164,25 +163,29 @@ def _answer(
     return None
 
 
-def drawn_moduli(drawn: Sample, spectrum: Spectrum, curve: Moduli) -> tuple[Array, Array]:
+def drawn_moduli(drawn: Sample, known: Posterior, curve: Moduli) -> tuple[Array, Array]:
     """Return storage modulus [Pa] and loss factor (draw, frequency) of every draw.
 
-    Every draw has waves of its own, as a spectrum of one term per decade makes them.
+    Draws follow the most probable structure of the spectrum; what the others say is added as
+    their mean and a normal spread.
 
     Parameters
     ----------
     drawn : Sample
-    spectrum : Spectrum
-        Of the problem.
+    known : Posterior
+        From which it was drawn.
     curve : Moduli
-        Of the same problem: its frequencies and the size of the waves.
+        Of the same posterior.
     """
-    n = len(spectrum.parameters)
+    spectrum, n = known.fit.problem.spectrum, known.fit.problem.n_material
+    omega = 2.0 * np.pi * curve.frequency
     terms = np.exp([spectrum.log_terms(xi[:n]) for xi in drawn.draws])
-    bases = modulus_basis(2.0 * np.pi * curve.frequency, spectrum.rho)
+    bases = modulus_basis(omega, spectrum.rho)
     storage, loss = (terms @ part.T for part in bases)
-    waves = np.random.default_rng(_SEED + 1).standard_normal((2, *storage.shape))
-    return (
-        storage * np.exp(curve.fine_ln_storage * waves[0]),
-        loss / storage * np.exp(curve.fine_ln_loss_factor * waves[1]),
-    )
+    own, _ = ln_moduli(spectrum, known.fit.xi, omega)
+    told = np.log(np.concatenate([curve.storage, curve.loss_factor]))
+    added = np.concatenate([curve.open_ln_storage, curve.open_ln_loss_factor])
+    noise = np.random.default_rng(_SEED + 1).standard_normal((len(terms), told.size))
+    factors = np.exp(told - own + added * noise)
+    half = omega.size
+    return storage * factors[:, :half], loss / storage * factors[:, half:]

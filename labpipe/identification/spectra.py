@@ -1,6 +1,6 @@
 r"""Low-dimensional relaxation spectra: what a material may be, in a few unknowns.
 
-Both families hand out a Prony series on a fixed grid of relaxation times, as the natural logarithms
+All families hand out a Prony series on a fixed grid of relaxation times, as the natural logarithms
 of ``(E_relaxed, E_1, …, E_n)``, and their derivative by the standard coordinates.
 
 Smooth spectrum. The logarithm of the weight per decade walks over the decades: from one decade to
@@ -10,6 +10,9 @@ slope of an order of one half turns over 4 ln-units of time. Slopes that were ne
 would allow for kinks that no polymer has, and the loss factor at a given frequency would be as
 uncertain as they are. Level and long-time modulus are known within a factor of a hundred of a
 polymer's. Nothing else is assumed; where data are silent the answer is the prior.
+
+Rough spectrum. The same, and every term may besides be a few times larger or smaller than its
+neighbours: structure finer than a decade (:mod:`.structure` asks whether the data show any).
 
 Fractional solid (Cole and Cole's; a springpot where its time lies outside the data):
 
@@ -53,10 +56,13 @@ coordinates the flanks of spectra are seldom steeper than one to one, which make
 _TURN = 2.0
 """Decades within which the slope of a spectrum forgets itself."""
 
-_BEYOND = 2.0  # times faster changes where there are no data
-
 _FINE, _COARSE = 2, 1  # terms per decade where data are, and where only the prior speaks
 _MARGIN = 10.0  # the fine grid goes a decade beyond the data
+_QUICKER = 2
+"""Decades below the fine grid, one term each: a spectrum that rises towards a glass transition
+reaches into the data from there (its loss modulus falls only as the frequency)."""
+_LUMP = 2.0  # standard deviation of ln of a term of a rough spectrum: a factor of 50 both ways
+_LEAST = 1e-9  # Pa: a term that has fallen to nothing
 _HORIZON = 1e4  # s; "relaxed" is what is left after hours
 _FRACTIONAL_PER_DECADE = 2
 
@@ -98,7 +104,9 @@ def material(spectrum: Spectrum, log_terms: Array) -> Prony:
     return Prony(float(terms[0]), terms[1:], spectrum.rho, nu=spectrum.nu)
 
 
-def relaxation_times(shortest: float, longest: float, horizon: float = _HORIZON) -> Array:
+def relaxation_times(
+    shortest: float, longest: float, horizon: float = _HORIZON, per_decade: int = _FINE
+) -> Array:
     """Choose relaxation times for data that reach from one time to another.
 
     Parameters
@@ -107,11 +115,13 @@ def relaxation_times(shortest: float, longest: float, horizon: float = _HORIZON)
         Shortest and longest time that the data can tell of.
     horizon : float [s]
         What relaxes later counts as relaxed.
+    per_decade : int
+        Through the data and a decade beyond them.
 
     Returns
     -------
     array (term,) [s]
-        Two per decade through the data and a decade beyond them, one per decade to the horizon.
+        Beside those one per decade: two decades more towards short times, and on to the horizon.
 
     Raises
     ------
@@ -122,10 +132,28 @@ def relaxation_times(shortest: float, longest: float, horizon: float = _HORIZON)
         message = f"data from {shortest} s to {longest} s: expected 0 < shortest <= longest"
         raise InputError(message)
     low, high = log10(shortest / _MARGIN), log10(longest * _MARGIN)
-    fine = low + np.arange(ceil((high - low) * _FINE) + 1) / _FINE
+    fine = low + np.arange(ceil((high - low) * per_decade) + 1) / per_decade
     last = max(log10(horizon), fine[-1])
-    coarse = fine[-1] + np.arange(1, ceil((last - fine[-1]) * _COARSE) + 1) / _COARSE
-    return np.asarray(10.0 ** np.concatenate([fine, coarse]))
+    quick = fine[0] - np.arange(_QUICKER, 0, -1) / _COARSE
+    slow = fine[-1] + np.arange(1, ceil((last - fine[-1]) * _COARSE) + 1) / _COARSE
+    return np.asarray(10.0 ** np.concatenate([quick, fine, slow]))
+
+
+def one_per_decade(
+    shortest: float, longest: float, phase: float, horizon: float = _HORIZON
+) -> Array:
+    """Choose one relaxation time per decade, over the times of :func:`relaxation_times`.
+
+    Parameters
+    ----------
+    shortest, longest, horizon : float [s]
+        As there.
+    phase : float
+        Decades by which all are moved, 0 to 1.
+    """
+    low = log10(shortest / _MARGIN) - _QUICKER + phase
+    high = max(log10(longest * _MARGIN), log10(horizon))
+    return np.asarray(10.0 ** (low + np.arange(ceil(high - low) + 1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,9 +166,6 @@ class SmoothSpectrum:
         Relaxation times, ascending; at least two.
     nu : float
         Poisson's ratio.
-    data : tuple of float [s], optional
-        Shortest and longest time of the data. Beyond them a spectrum may as well end: there its
-        logarithm may change twice as fast.
 
     Examples
     --------
@@ -151,7 +176,6 @@ class SmoothSpectrum:
 
     rho: Array
     nu: float
-    data: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if self.rho.size < 2 or not np.all(np.diff(self.rho) > 0.0) or not self.rho[0] > 0.0:
@@ -180,11 +204,6 @@ class SmoothSpectrum:
             for i, sd in enumerate(np.diag(self._root).tolist())
         ]  # fmt: skip
         return (_relaxed_modulus(), level, *changes)
-
-    def _is_beyond(self, step: int) -> bool:
-        if self.data is None:
-            return False
-        return bool(self.rho[step + 1] < self.data[0] or self.rho[step] > self.data[1])
 
     def log_terms(self, xi: Array) -> Array:
         """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
@@ -217,9 +236,8 @@ class SmoothSpectrum:
         apart = np.exp(-np.abs(middle[:, None] - middle))
         covariance = 4.0 * np.outer(np.sinh(lasting / 2.0), np.sinh(lasting / 2.0)) * apart
         np.fill_diagonal(covariance, _variance(lasting))
-        wilder = np.where([self._is_beyond(i) for i in range(lasting.size)], _BEYOND, 1.0)
         scale = _PER_DECADE / np.sqrt(_variance(np.array(1.0 / _TURN)))
-        return np.asarray((scale * wilder)[:, None] * np.linalg.cholesky(covariance))
+        return np.asarray(scale * np.linalg.cholesky(covariance))
 
     @cached_property
     def _walk(self) -> Array:
@@ -245,6 +263,67 @@ class SmoothSpectrum:
         xi[0] = parameters[0].coordinate(modulus)
         xi[1] = parameters[1].coordinate(2.0 / np.pi * log(10.0) * loss * modulus)
         return xi
+
+    def like(self, solid: Prony) -> Array:
+        """Return coordinates of a spectrum that goes as that of another series does."""
+        weight = np.log(np.maximum(solid.E, _LEAST)) - np.log(np.gradient(np.log10(solid.rho)))
+        own = np.interp(np.log(self.rho), np.log(solid.rho), weight) + np.log(self._widths)
+        terms = np.concatenate([[log(solid.E_relaxed)], own])
+        here = self.log_terms(np.zeros(len(self.parameters)))
+        return np.asarray(np.linalg.solve(self._by_xi, terms - here))
+
+
+@dataclass(frozen=True, eq=False)
+class RoughSpectrum:
+    """A smooth spectrum of which every term may differ from its neighbours.
+
+    Attributes
+    ----------
+    smooth : SmoothSpectrum
+        About which the terms scatter.
+    """
+
+    smooth: SmoothSpectrum
+
+    @property
+    def rho(self) -> Array:
+        """Relaxation times (term,) in s."""
+        return self.smooth.rho
+
+    @property
+    def nu(self) -> float:
+        """Poisson's ratio."""
+        return self.smooth.nu
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the smooth spectrum, then one per term."""
+        lumps = (
+            Parameter(f"lump {i + 1}", 0.0, _LUMP, "1", f"ln of the term at {rho:.2g} s over the "
+                      "smooth spectrum")
+            for i, rho in enumerate(self.rho.tolist())
+        )  # fmt: skip
+        return (*self.smooth.parameters, *lumps)
+
+    def log_terms(self, xi: Array) -> Array:
+        """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
+        n = len(self.smooth.parameters)
+        terms = self.smooth.log_terms(xi[:n])
+        terms[1:] += _LUMP * xi[n:]
+        return terms
+
+    def slopes(self, xi: Array) -> Array:
+        """Return the derivative (1 + term, parameter); the map is linear."""
+        lumps = np.vstack([np.zeros(self.rho.size), _LUMP * np.eye(self.rho.size)])
+        return np.hstack([self.smooth.slopes(xi), lumps])
+
+    def start(self, modulus: float, loss: float) -> Array:
+        """Return a flat spectrum without lumps."""
+        return np.append(self.smooth.start(modulus, loss), np.zeros(self.rho.size))
+
+    def like(self, solid: Prony) -> Array:
+        """Return coordinates of a spectrum without lumps that goes as another series does."""
+        return np.append(self.smooth.like(solid), np.zeros(self.rho.size))
 
 
 def _variance(lasting: Array) -> Array:

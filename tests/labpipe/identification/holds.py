@@ -48,7 +48,7 @@ def hold_problem(
         clean * (1 + gain * rng.standard_normal()) * (1 + relative * rng.standard_normal(lag.size))
     )
     rho = relaxation_times(float(lag[0]), float(lag[-1])) if rho is None else rho
-    spectrum = SmoothSpectrum(rho, 0.5, (float(lag[0]), float(lag[-1])))
+    spectrum = SmoothSpectrum(rho, 0.5)
     basis = lee_radok_basis(time, area, spectrum.rho, 0.5)[22::2]
     evidence = force_evidence("hold", lag, force, relative * clean, basis, factors=("gain",))
     return Problem(

@@ -16,7 +16,6 @@ from labpipe.identification import (
     profile,
     relaxation_times,
 )
-from labpipe.identification.posterior import FINE
 from tests.labpipe.identification.holds import RUBBER, hold_problem, with_values
 
 _SEEDS = 24
@@ -58,15 +57,6 @@ def test_moduli_are_determined_where_the_data_are_and_nowhere_else(known) -> Non
     spread = found.u_ln_loss_factor
     assert spread[2] < 0.1
     assert spread[3] > 10 * spread[2]
-
-
-def test_the_waves_of_a_series_with_one_term_a_decade_are_as_large_as_is_said() -> None:
-    omega = np.geomspace(0.1, 10.0, 400, endpoint=False)  # whole waves, far from both ends
-    x = omega[:, None] * 10.0 ** np.arange(-12.0, 13.0)
-    storage, loss = (x**2 / (1 + x**2)).sum(axis=1), (x / (1 + x**2)).sum(axis=1)
-    assert np.std(loss / loss.mean()) == pytest.approx(FINE, rel=1e-3)
-    # one more term acts in every decade
-    assert np.std(storage - np.log10(omega)) / loss.mean() == pytest.approx(FINE, rel=1e-3)
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
@@ -132,7 +122,7 @@ def test_rheometer_far_beyond_the_hold_is_no_discrepancy_for_a_spectrum_as_long(
     frequency = np.geomspace(1e-3, 1e4, 15)
     truth = RUBBER.complex_modulus(2 * np.pi * frequency)
     misses = []
-    for shortest in (1e-3, 0.5 / np.pi / 1e4):
+    for shortest in (0.1, 0.5 / np.pi / 1e4):
         problem = hold_problem(3, rho=relaxation_times(shortest, 600.0))
         sweep = modulus_evidence(
             "dma", frequency, (truth.real, 0.01 * truth.real), (truth.imag, 0.03 * truth.imag),
