@@ -36,7 +36,8 @@ Array = NDArray[np.float64]
 
 _DELAYS = 20.0  # time constants of the cell's filter after which it leaves a relaxation as it is
 _SHIFT = 1e-7  # m of first touch by which a derivative is found
-_LEAST_RELATIVE = 5e-4  # of a force: bins of a hold are not known better than their model of time
+_LEAST_RELATIVE = 5e-4  # of a radius or a stiffness
+_LEAST_OF_FORCE = 1e-5  # of a force in a hold: what chords of histories are good for
 _LEAST_OF_TIME = 5e-5  # of a time of touch: what simulated and recorded clocks are good for
 _SPECIMEN = 0.05  # relative: what a rheometer's clamp and the specimen's size leave uncertain
 _PER_DECADE = 2  # frequencies of the rheometer's moduli
@@ -98,6 +99,12 @@ def _solid(inputs: Inputs, experiment: Experiment, holder: str) -> Prony:
 
 def _nuisance(name: str, mean: float, sd: float, unit: str, text: str) -> Parameter:
     return Parameter(name, mean, sd, unit, text, is_nuisance=True)
+
+
+_FILTER = _nuisance(
+    "filter", 0.0, 1.0, "1", "delay of the cell's filter, in units of its uncertainty"
+)
+"""One cell tests all specimens of a session: relaxation and oscillation share its filter."""
 
 
 def _body(experiment: Experiment) -> tuple[dict[str, str], list[Parameter]]:
@@ -280,51 +287,72 @@ def _relaxation(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof |
 
 
 class _Hold:
-    """Ramps and holds of one file as evidence."""
+    """Ramps and holds of one file as evidence.
+
+    A number is the mean of a bin's readings behind the cell's filter, which comes late by the
+    filter's delay. Half of two forces, a standard deviation of the readings' times before and
+    after their mean, has the mean of any arc of second degree.
+    """
 
     def __init__(self, label: str, loads: xr.Dataset, ramps: xr.Dataset, curves: xr.Dataset,
                  shared: _Punched) -> None:  # fmt: skip
-        self.label, self.loads, self.shared = label, loads, shared
-        self.touch = float(ramps["contact_position"])
+        self.label, self.shared = label, shared
         declared = mach1_file.declared_filter(loads)
         quickest = 0.0 if declared is None else _DELAYS / (2.0 * np.pi * declared["cutoff"])
-        kept = (curves["lag"].values >= quickest) & np.isfinite(curves["force"].values)
-        ramp, place = np.nonzero(kept)
-        self.lag = curves["lag"].values[place]
-        self.force = curves["force"].values[kept]
-        self.u = np.maximum(curves["u_force"].values[kept], _LEAST_RELATIVE * self.force)
-        self.at = self._clock_of(ramp)
+        lag, force = curves["mean_time"].values, curves["force"].values
+        kept = (lag >= quickest) & np.isfinite(force)
+        self.lag, self.force, width = lag[kept], force[kept], curves["time_spread"].values[kept]
+        self.u = np.maximum(curves["u_force"].values[kept], _LEAST_OF_FORCE * self.force)
         self.zero = _nuisance(f"{label} first touch", 0.0, float(ramps["u_contact_position"]), "m",
                               "stage position of first touch")  # fmt: skip
         self.tare = _nuisance(
             f"{label} tare", 0.0, max(float(loads["u_tare"]), 1e-6), "N", "zero of the force"
         )
+        delay = mach1_file.filter_delay(loads)
+        self.u_delay = delay.u
+        at = _clock_of(loads, np.nonzero(kept)[0]) + self.lag - delay.value
+        self.places = np.array([at - width, at + width, at - width - delay.u, at + width - delay.u])
+        self._follow(loads, float(ramps["contact_position"]))
+
+    def _follow(self, loads: xr.Dataset, touch: float) -> None:
+        """Keep the history of the contact: what no choice of relaxation times changes."""
+        clock, position = mach1_file.clock(loads), loads["position_z"].values
+        kept = mach1_file.history(clock, position)
+        self.time = np.union1d(clock[kept], self.places)
+        self.rows = np.searchsorted(self.time, self.places)
+        self.areas = [
+            np.interp(self.time, clock[kept],
+                      elastic_area(position[kept] - touch - shift, self.shared.geometry))
+            for shift in (0.0, _SHIFT)
+        ]  # fmt: skip
 
     @property
     def unknowns(self) -> list[Parameter]:
-        return [*self.shared.unknowns, self.zero, self.tare]
+        late = [_FILTER] if self.u_delay > 0.0 else []
+        return [*self.shared.unknowns, self.zero, self.tare, *late]
 
-    def _clock_of(self, ramp: NDArray[np.intp]) -> Array:
-        """Return the file's time (reading,) of every lag."""
-        clock, time = mach1_file.clock(self.loads), self.loads["time"].values
-        begins = [clock[h.rows.start] - time[h.rows.start] + h.end for h in holds.find(self.loads)]
-        return np.asarray(np.array(begins)[ramp] + self.lag)
-
-    def basis(self, rho: Array, shift: float) -> Array:
-        clock = mach1_file.clock(self.loads)
-        depth = self.loads["position_z"].values - self.touch - shift
-        kept = mach1_file.history(clock, depth)
-        area = elastic_area(depth[kept], self.shared.geometry)
-        made = lee_radok_basis(clock[kept], area, rho, self.shared.nu)
-        return np.column_stack([np.interp(self.at, clock[kept], column) for column in made.T])
+    def _basis(self, rho: Array, area: Array) -> tuple[Array, Array]:
+        """Return the basis (number, 1 + term), and the same with a delay one deviation longer."""
+        made = lee_radok_basis(self.time, area, rho, self.shared.nu)
+        early, late, *longer = (made[rows] for rows in self.rows)
+        return 0.5 * (early + late), 0.5 * (longer[0] + longer[1])
 
     def evidence(self, rho: Array) -> Evidence:
-        basis = self.basis(rho, 0.0)
-        shifted = (self.basis(rho, _SHIFT) - basis) / _SHIFT
+        basis, longer = self._basis(rho, self.areas[0])
+        shifts = {self.zero.name: (self._basis(rho, self.areas[1])[0] - basis) / _SHIFT}
+        if self.u_delay > 0.0:
+            shifts[_FILTER.name] = longer - basis
         return force_evidence(
-            self.label, self.lag, self.force, self.u, basis, shifts={self.zero.name: shifted},
+            self.label, self.lag, self.force, self.u, basis, shifts=shifts,
             factors=self.shared.factors, offsets=(self.tare.name,),
         )  # fmt: skip
+
+
+def _clock_of(loads: xr.Dataset, ramp: NDArray[np.intp]) -> Array:
+    """Return the file's time (number,) at which the stage arrived from every number's ramp."""
+    clock, time = mach1_file.clock(loads), loads["time"].values
+    begins = [clock[h.rows.start] - time[h.rows.start] + h.end for h in holds.find(loads)]
+    return np.asarray(np.array(begins)[ramp])
 
 
 def _joined(name: str, parts: list[Evidence]) -> Evidence:
@@ -355,8 +383,10 @@ def _harmonic(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof | s
     frequency = waves["frequency"].values
     zero = _nuisance(f"{experiment.name} first touch", 0.0, touch.u, "m",
                      "stage position of first touch")  # fmt: skip
-    phase = _nuisance(f"{experiment.name} filter", 0.0, 1.0, "1",
-                      "phase of the cell's filter, in units of its uncertainty")  # fmt: skip
+    phase = _FILTER if waves.attrs["is_filter_corrected"] else _nuisance(
+        f"{experiment.name} phase", 0.0, 1.0, "1",
+        "phase of force and position, in units of its uncertainty",
+    )  # fmt: skip
     omega = 2.0 * np.pi * frequency
 
     def slope(shift: float) -> Array:

@@ -137,7 +137,7 @@ RELAXATION = (
         summary="find touch, ramps and holds: peak and plateau",
     ),
     Stage(
-        "curves", "pipelines.experiments.relaxation:curves", 5,
+        "curves", "pipelines.experiments.relaxation:curves", 6,
         ("loads", "ramps", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "model"), per="recording", over="mach1",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from labpipe.errors import InputError
 from labpipe.signals import independent_count
@@ -26,6 +27,10 @@ _UNFINISHED = 0.01  # of a plateau, its uncertainty from relaxation that goes on
 _SLOWEST = 0.9  # of a quarter's fall in the next quarter: a fall without end is not extrapolated
 _FEWEST = 20  # readings of a hold
 _PLATEAU_SHARE = 0.1  # of a hold, at most
+_ENOUGH = 100  # readings from which noise is known to 7 %
+_NOISE_TREND = 3  # degree in log time: what is left of the second half of a hold is noise
+_BIN_TREND = 2  # degree in time: a bin of a relaxation is a short arc
+_CHANCE = 0.999  # of a bin's scatter: what exceeds it is no chance of the hold's noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,6 +189,70 @@ def binned(
     filled = count > 0
     spread = np.sqrt(np.maximum(square - mean**2, 0.0))
     return t[filled], mean[filled], spread[filled], count[filled]
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Noise of a reading in a hold: standard deviation [N], and readings per independent one."""
+
+    sd: float
+    memory: float
+
+
+def noise(loads: xr.Dataset, hold: Hold) -> Noise:
+    """Return the noise of the readings of a hold.
+
+    The second half of the hold, where the force hardly falls, tells it better than the few
+    readings of an early bin could; the quiet start of the file stands for a hold that is short.
+    """
+    time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
+    late = time >= 0.5 * (hold.end + hold.last)
+    step = float(loads.attrs.get("resolution", 0.0))
+    least = step / np.sqrt(12.0)
+    if late.sum() < _ENOUGH:
+        return Noise(max(float(np.nanmax(loads["u_force"].values)), least), 1.0)
+    since = np.log(time[late] - hold.end)
+    trend = np.polynomial.Polynomial.fit(since, force[late], _NOISE_TREND)
+    rest = force[late] - trend(since)
+    # the cell's filter ties neighbouring readings together
+    return Noise(max(float(rest.std()), least), rest.size / independent_count(rest))
+
+
+def u_of_means(time: Array, values: Array, edges: Array, noise: Noise, step: float) -> Array:
+    """Return the standard uncertainty (filled bin,) of the means of :func:`binned` [N].
+
+    It is that of the hold's noise; the fall of the force within a bin is none. A bin whose
+    readings scatter about their own arc by more than chance keeps that scatter.
+
+    Parameters
+    ----------
+    time, values, edges : array
+        As for :func:`binned`.
+    noise : Noise
+        Of the hold.
+    step : float [N]
+        Resolution of the cell: where the noise does not cross it no mean sees between.
+    """
+    place = np.searchsorted(edges, time, side="right") - 1
+    made = []
+    for bin_ in np.unique(place[(place >= 0) & (place < edges.size - 1)]).tolist():
+        inside = place == bin_
+        count = max(float(inside.sum()) / noise.memory, 1.0)
+        u = _scatter(time[inside], values[inside], noise) / np.sqrt(count)
+        made.append(max(u, step / np.sqrt(12.0)) if noise.sd < step / 2 else u)
+    return np.array(made)
+
+
+def _scatter(time: Array, values: Array, noise: Noise) -> float:
+    """Return the standard deviation of the readings of one bin [N]."""
+    freedom = time.size - _BIN_TREND - 1
+    if freedom <= _BIN_TREND:
+        return noise.sd
+    trend = np.polynomial.Polynomial.fit(time, values, _BIN_TREND)
+    square = float(np.sum((values - trend(time)) ** 2)) / freedom
+    independent = max(freedom / noise.memory, 1.0)
+    limit = float(chi2.ppf(_CHANCE, independent)) / independent
+    return float(np.sqrt(square)) if square > limit * noise.sd**2 else noise.sd
 
 
 def systematic(loads: xr.Dataset, force: float) -> float:

@@ -122,36 +122,43 @@ def curves(
 
 
 def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
-    """Bin the force of every hold over the logarithm of the time since the stage arrived."""
+    """Bin the force of every hold over the logarithm of the time since the stage arrived.
+
+    A mean force belongs to the mean time of its readings, which is not the middle of the bin.
+    """
     interval = float(loads["sampling_interval"][found[0].block])
     longest = max(hold.last - hold.end for hold in found)
     decades = np.log10(longest / interval)
     edges = np.geomspace(0.5 * interval, 1.001 * longest, int(decades * _BINS_PER_DECADE) + 2)
     lag = np.sqrt(edges[1:] * edges[:-1])
-    force = np.full((len(found), lag.size), np.nan)
-    spread = force.copy()
+    step = float(loads.attrs.get("resolution", 0.0))
+    force, spread, middle, width = (np.full((len(found), lag.size), np.nan) for _ in range(4))
     for i, hold in enumerate(found):
         since = loads["time"].values[hold.rows] - hold.end
-        t, mean, sd, n = holds.binned(since, loads["force"].values[hold.rows], edges)
+        values = loads["force"].values[hold.rows]
+        t, mean, _, _ = holds.binned(since, values, edges)
         place = np.searchsorted(edges, t, side="right") - 1
-        force[i, place] = mean
-        noise = np.maximum(sd, float(np.nanmax(loads["u_force"].values)))
-        spread[i, place] = noise / np.sqrt(n)
+        force[i, place], middle[i, place] = mean, t
+        width[i, place] = holds.binned(since, since, edges)[2]
+        spread[i, place] = holds.u_of_means(since, values, edges, holds.noise(loads, hold), step)
     kept = np.isfinite(force).any(axis=0)
-    text = "force in the hold"
+    text = "force in the hold, as recorded behind the cell's filter"
+    table = {
+        "force": (force, "N", text),
+        "u_force": (spread, "N", f"standard uncertainty from noise: {text}"),
+        "mean_time": (middle, "s", "mean time of a bin's readings since the stage arrived"),
+        "time_spread": (width, "s", "standard deviation of the times of a bin's readings"),
+    }
     return xr.Dataset(
         {
-            "force": (("ramp", "lag"), force[:, kept], {"units": "N", "long_name": text}),
-            "u_force": (
-                ("ramp", "lag"), spread[:, kept],
-                {"units": "N", "long_name": f"standard uncertainty from noise: {text}"},
-            ),
+            name: (("ramp", "lag"), values[:, kept], {"units": units, "long_name": text})
+            for name, (values, units, text) in table.items()
         },
         coords={
             "ramp": np.arange(1, len(found) + 1),
             "lag": ("lag", lag[kept], {"units": "s", "long_name": "time since the stage arrived"}),
         },
-    )  # fmt: skip
+    )
 
 
 def _modulus(

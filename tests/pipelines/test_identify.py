@@ -86,7 +86,7 @@ def test_document_names_the_unknowns_with_verdicts(rubber: Path) -> None:
     assert document["E_relaxed"]["verdict"] == "only an upper limit"
     verdicts = {row["name"]: row["verdict"] for row in document["unknowns"]}
     assert verdicts["level"] == "determined by the data"
-    assert verdicts["nbr filter"] in {"determined by the data", "known from the prior only"}
+    assert verdicts["filter"] in {"determined by the data", "known from the prior only"}
     assert document["frequency_range"][0] == pytest.approx(1.0, rel=0.02)
 
 

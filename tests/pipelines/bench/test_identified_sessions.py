@@ -26,7 +26,8 @@ def hold(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Trial]:
 def test_everything_that_a_hold_leaves_unknown_is_compared(hold: tuple[Path, Trial]) -> None:
     trial = hold[1]
     assert trial.failure is None
-    roles = {"E_relaxed", "punch", "load cell", "relaxation first touch", "relaxation tare"}
+    own = {"relaxation first touch", "relaxation tare"}
+    roles = {"E_relaxed", "punch", "load cell", "filter", *own}
     assert set(trial.unknowns) == roles
     for role in roles - {"E_relaxed"}:  # stated as uncertain as they are wrong
         assert abs(trial.unknowns[role].truth or 0.0) < 4
@@ -34,8 +35,14 @@ def test_everything_that_a_hold_leaves_unknown_is_compared(hold: tuple[Path, Tri
     assert len(known) >= 4
     assert max(abs(score.error) for score in known) < 4
     assert all(0 < score.bound < score.prior and score.u < score.prior for score in known)
-    (forces,) = trial.evidence.values()
-    assert np.sqrt(np.mean(np.square(forces))) < 4
+
+
+def test_a_hold_knows_its_forces_as_well_as_it_says(hold: tuple[Path, Trial]) -> None:
+    """Chi square at the truth is 1 per number: no delay of the filter and no fall is noise."""
+    (forces,) = hold[1].evidence.values()
+    assert len(forces) >= 20
+    assert 0.4 < float(np.mean(np.square(forces))) < 1.8
+    assert np.abs(forces).max() < 4
 
 
 def test_a_wrong_truth_is_noticed(hold: tuple[Path, Trial]) -> None:

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.signal import lfilter
 
 from labpipe import files, materials
 from labpipe.errors import ConfigError, InputError
@@ -323,3 +324,52 @@ def test_a_plateau_is_free_of_the_lag_of_the_filter(session: Path) -> None:
     middle = float(time[(time >= 10.0) & (time <= 20.0)].mean())
     assert late.force == pytest.approx(50.0 - 0.5 * (middle + delay.value), abs=1e-9)
     assert late.u_lag == pytest.approx(0.5 * delay.u, rel=1e-6)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.6])
+def test_the_uncertainty_of_a_bin_is_that_of_its_noise(memory: float) -> None:
+    """What falls within a bin is no noise, and neighbours that are alike count as fewer."""
+    rng = np.random.default_rng(5)
+    made = history((0.1e-3, 60.0))
+    time = made["time"].values
+    hold = holds.find(made)[0]
+    fall = 8.0 * np.maximum(time - hold.begin, 0.005) ** -0.2
+    edges = np.geomspace(0.1, 60.0, 20)
+    since = time[hold.rows] - hold.end
+    exact = holds.binned(since, fall[hold.rows], edges)[1]
+    scores = []
+    for _ in range(20):
+        noise = lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.normal(0.0, 0.01, time.size))
+        loads = made.assign(force=("sample", fall + noise), u_force=("sample", 0.0 * time + 0.01))
+        force = loads["force"].values[hold.rows]
+        u = holds.u_of_means(since, force, edges, holds.noise(loads, hold), 0.0)
+        scores.append((holds.binned(since, force, edges)[1] - exact) / u)
+    square = np.mean(np.square(scores), axis=0)
+    # the scatter of a mean of a few that are alike is less than that of one
+    assert square[5:].mean() == pytest.approx(1.0, abs=0.25)
+    assert square.max() < 2.0
+
+
+def test_a_bin_that_trembles_keeps_its_own_scatter() -> None:
+    rng = np.random.default_rng(6)
+    time = np.arange(1, 3001) / 100.0
+    values = 5.0 + rng.normal(0.0, 0.01, time.size)
+    trembling = (time > 2.0) & (time <= 4.0)
+    values[trembling] += 0.1 * np.sin(2 * np.pi * 7.3 * time[trembling])
+    u = holds.u_of_means(time, values, np.array([0.5, 2.005, 4.005, 30.0]),
+                         holds.Noise(0.01, 1.0), 0.0)  # fmt: skip
+    np.testing.assert_allclose(u[[0, 2]], [0.01 / np.sqrt(151), 0.01 / np.sqrt(2600)], rtol=0.05)
+    assert u[1] == pytest.approx(0.1 / np.sqrt(2) / np.sqrt(200), rel=0.1)
+
+
+def test_a_bin_belongs_to_the_mean_time_of_its_readings(session: Path) -> None:
+    name = files_of(session)[0]
+    curves, loads = (result(session, "nbr", stage, name) for stage in ("curves", "loads"))
+    found = holds.find(loads)[0]
+    since = loads["time"].values[found.rows] - found.end
+    single = curves["time_spread"].values[0] == 0.0
+    assert single.sum() >= 3
+    at = curves["mean_time"].values[0][single]
+    np.testing.assert_allclose(np.abs(since[:, None] - at).min(axis=0), 0.0, atol=1e-9)
+    off = curves["mean_time"].values[0] / curves["lag"].values - 1
+    assert 0.01 < np.abs(off).max() < 0.1
