@@ -10,7 +10,7 @@ until nothing changes any more: the answer is that of the costly model, at a few
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +33,7 @@ _APART = 1.0  # standard coordinates between two starts that count as different
 _FAR = 1e4  # residual of a trial that the model refuses
 _ROUGH, _EXACT = 0.5, 0.01  # decrease of the cost, still promised, at which a fit ends
 _MOST_STEPS = 25
-_DAMPING, _WORSE, _BETTER, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 20.0, 0.05, 1e-9, 1e6
+_DAMPING, _WORSE, _BETTER, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 20.0, 0.05, 1e-9, 1e9
 _KEPT = 0.2  # of a promised gain that may be missed before the derivatives are renewed
 _MOST_LEARNED = 4  # steps that miss their promise, from each of which the tangent learns
 _LOOSE = 0.01  # relative deviation of every number while starts are tried
@@ -68,6 +68,8 @@ class Fit:
         Times all models were run, and their derivatives.
     is_settled : bool
         Corrections and misfits do not change any more.
+    tangent : Tangent, optional
+        Derivatives of the models at ``xi``, where they were made.
     """
 
     problem: Problem
@@ -79,13 +81,17 @@ class Fit:
     evaluations: int
     differentiations: int
     is_settled: bool
+    tangent: Tangent | None = None
+
+    def differentiated(self) -> "Fit":
+        """Return the same with derivatives made at its end; a tangent that learned is a guess."""
+        return replace(self, tangent=Tangent.at(self.problem, self.xi))
 
 
 def fit(
     problem: Problem,
     *,
     start: Array | None = None,
-    after: Fit | None = None,
     with_misfit: bool = True,
     progress: Callable[[str], None] | None = None,
 ) -> Fit:
@@ -97,8 +103,6 @@ def fit(
         At least one experiment.
     start : array (parameter,), optional
         Standard coordinates to begin from; by default a scan over moduli and losses.
-    after : Fit, optional
-        One of the same problem, to go on from.
     with_misfit : bool
         Allow for a model discrepancy where the residuals show one.
     progress : callable, optional
@@ -118,19 +122,12 @@ def fit(
     if not problem.evidence:
         message = "nothing was observed: a material cannot be identified from no experiment"
         raise InputError(message)
+    # Precise readings make a narrow, curved valley; widened ones lead near its lowest place.
+    loose = {(e.name, g.name): Misfit(_LOOSE) for e in problem.evidence for g in e.groups}
+    objective = Objective(problem, problem.no_corrections(), loose)
     say = progress or _silent
+    xi, costs = _begun(objective, start, say)
     misfits: Misfits = {}
-    if after is None:
-        # Precise readings make a narrow, curved valley; widened ones lead near its lowest place.
-        loose = {(e.name, g.name): Misfit(_LOOSE) for e in problem.evidence for g in e.groups}
-        objective = Objective(problem, problem.no_corrections(), loose)
-        xi, costs = _begun(objective, start, say)
-    else:
-        objective = Objective(problem, after.corrections, after.misfits)
-        xi, costs = after.xi, after.costs_from_starts
-        misfits = objective.new_misfits(xi) if with_misfit and after.is_settled else {}
-        if after.is_settled and not misfits:
-            return after
     is_settled, looks, decrease = False, 0, _ROUGH
     for round_ in range(_ROUNDS):
         say(f"fit with corrections, round {round_ + 1}")
@@ -173,12 +170,23 @@ def _is_alike(new: Misfits, old: Misfits) -> bool:
 class Objective:
     """Residuals of a problem, divided by their deviations, with the prior as further rows."""
 
-    def __init__(self, problem: Problem, corrections: Corrections, misfits: Misfits) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        corrections: Corrections,
+        misfits: Misfits,
+        tangent: Tangent | None = None,
+    ) -> None:
         self.problem = problem
         self.corrections = corrections
         self.misfits = misfits
         self.evaluations = self.differentiated = 0
-        self._tangent: Tangent | None = None
+        self.tangent = tangent
+
+    @classmethod
+    def of(cls, found: "Fit") -> "Objective":
+        """Return the objective of a fit."""
+        return cls(found.problem, found.corrections, found.misfits, found.tangent)
 
     def renew(self, corrections: Corrections, misfits: Misfits) -> None:
         """Take other corrections and misfits."""
@@ -215,11 +223,11 @@ class Objective:
 
     def _differentiate(self, xi: Array) -> Tangent:
         self.differentiated += 1
-        self._tangent = Tangent.at(self.problem, xi)
-        return self._tangent
+        self.tangent = Tangent.at(self.problem, xi)
+        return self.tangent
 
     def _surrogate(self, xi: Array, rest: Array) -> Surrogate:
-        tangent = self._tangent or self._differentiate(xi)
+        tangent = self.tangent or self._differentiate(xi)
         deviations = np.concatenate([
             self.deviations(i) for i in range(len(self.problem.evidence))
         ])[:, None]  # fmt: skip
@@ -256,7 +264,7 @@ class Objective:
         """
         xi = np.clip(start, -_BOUND, _BOUND)
         height, rest = self._height(xi, held)
-        is_kept = is_near and self._tangent is not None
+        is_kept = is_near and self.tangent is not None
         if not is_kept:
             self._differentiate(xi)
         is_fresh, damping, learned = not is_kept, _DAMPING, 0
@@ -292,7 +300,7 @@ class Objective:
 
     def _learn(self, surrogate: Surrogate, to: Array, found: Array) -> None:
         """Mend the tangent by what a step really did."""
-        if self._tangent is None or not np.any(to != surrogate.at):
+        if self.tangent is None or not np.any(to != surrogate.at):
             return
         promised, _ = surrogate.rows(to)
         deviations = np.concatenate([
@@ -304,7 +312,7 @@ class Objective:
             for e, ratio in zip(self.problem.evidence, self.corrections, strict=True)
         ])  # fmt: skip
         missed = (promised - found) * deviations / weight
-        self._tangent = self._tangent.learned(surrogate, to, missed)
+        self.tangent = self.tangent.learned(surrogate, to, missed)
 
     def followed(self, xi: Array, number: int, target: float, decrease: float) -> Array:
         """Return the minimum with one unknown moved to a target, from one where it was not.

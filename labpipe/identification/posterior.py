@@ -108,7 +108,7 @@ def posterior(found: Fit) -> Posterior:
     -------
     Posterior
     """
-    objective = Objective(found.problem, found.corrections, found.misfits)
+    objective = Objective.of(found)
     rows = objective.data_jacobian(found.xi)
     _, values, vectors = np.linalg.svd(rows, full_matrices=False)
     return Posterior(found, objective.covariance(found.xi), rows, values, vectors)

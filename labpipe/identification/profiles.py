@@ -79,7 +79,7 @@ def profile(known: Posterior, number: int, level: float = 0.95) -> Profile:
     """
     limit = 0.5 * float(chi2.ppf(level, 1))
     found = known.fit
-    objective = Objective(found.problem, found.corrections, found.misfits)
+    objective = Objective.of(found)
     parameter = found.problem.parameters[number]
     start = _objective(objective, found.xi, number)
     sides = [_side(objective, known, number, sign, start, limit) for sign in (-1.0, 1.0)]

@@ -111,7 +111,7 @@ def sample(known: Posterior, draws: int = _DRAWS) -> Sample:
         No draw has an answer.
     """
     found = known.fit
-    surrogate = Objective(found.problem, found.corrections, found.misfits).surrogate(found.xi)
+    surrogate = Objective.of(found).surrogate(found.xi)
     base = np.linalg.qr(_rows(surrogate, found.xi)[1])[0]
     rng = np.random.default_rng(_SEED)
     made = [

@@ -58,8 +58,8 @@ def infer(
 ) -> Posterior:
     """Identify a material, whatever the structure of its spectrum.
 
-    The fit is that of the most probable structure; a model discrepancy is looked for only then,
-    as what a smooth spectrum cannot explain may be no fault of the model.
+    The fit is that of the most probable structure, which is asked for without any discrepancy:
+    what a smooth spectrum cannot explain may be no fault of the model.
 
     Parameters
     ----------
@@ -84,15 +84,13 @@ def infer(
     """
     if not isinstance(problem.spectrum, SmoothSpectrum):
         return posterior(fit(problem, progress=progress))
-    first = fit(problem, with_misfit=False, progress=progress)
-    begin = problem.material(first.xi)
-    made = structures(first, rebuilt, begin)
+    found = fit(problem, progress=progress).differentiated()
+    begin = problem.material(found.xi)
+    made = structures(replace(found, misfits={}), rebuilt, begin)
     best = made[0]
-    if best.name == SMOOTH:
-        found = fit(problem, after=first, progress=progress)
-    else:
+    if best.name != SMOOTH:
         own = Problem(best.spectrum, rebuilt(best.spectrum.rho), problem.nuisances)
-        found = fit(own, start=best.xi, progress=progress)
+        found = fit(own, start=best.xi, progress=progress).differentiated()
     if found.misfits:
         made = structures(found, rebuilt, begin)
     return replace(posterior(found), structures=made)
@@ -190,7 +188,7 @@ class _Anywhere:
     @classmethod
     def at(cls, found: Fit, rebuilt: Rebuilt, times: list[Array]) -> "_Anywhere":
         problem, xi = found.problem, found.xi
-        objective = Objective(problem, found.corrections, found.misfits)
+        objective = Objective.of(found)
         base = objective.surrogate(xi)
         rho = np.unique(np.concatenate([*times, problem.spectrum.rho]))
         solid, given = problem.material(xi), problem.given(xi)
