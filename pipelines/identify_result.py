@@ -29,14 +29,13 @@ def dataset(found: Identified) -> xr.Dataset:
     Returns
     -------
     Dataset
-        Over ``term``: the Prony series ``E`` [Pa], ``rho`` [s] with ``E_relaxed``, ``nu``. Over
-        ``frequency``: storage modulus and loss factor with ``u_ln_``, the standard deviations of
-        their logarithms, ``open_ln_``, what the structure of the spectrum adds, those
-        of the prior, and ``is_determined``. Over ``parameter``: values
-        with 95 % intervals, prior and verdict. Over ``structure``: its probability. Over
-        ``combination``: singular values. Over
-        ``observation``: observed, predicted, residuals. With draws of the posterior also their
-        95 % intervals, ``drawn_…_low`` and ``drawn_…_high``.
+        Over ``term``: the Prony series ``E`` [Pa], ``rho`` [s] with ``E_relaxed``, ``nu``, of the
+        most probable structure. Over ``frequency``, by all structures: storage modulus and loss
+        factor with ``u_ln_``, the standard deviations of their logarithms, ``open_ln_``, what the
+        structure adds to them, those of the prior, and ``is_determined``. Over ``parameter``:
+        values with 95 % intervals, prior and verdict. Over ``structure``: its probability. Over
+        ``combination``: singular values. Over ``observation``: observed, predicted, residuals.
+        With draws of the posterior also their 95 % intervals, ``drawn_…_low`` and ``drawn_…_high``.
     """
     known = found.known
     solid = known.fit.problem.material(known.fit.xi)
@@ -44,7 +43,7 @@ def dataset(found: Identified) -> xr.Dataset:
     count = int(np.log10(high / low * _BEYOND**2) * _PER_DECADE)
     curve = moduli(known, np.geomspace(low / _BEYOND, high * _BEYOND, count))
     table: dict[str, Any] = {
-        "E": ("term", solid.E, _text("Pa", "weights of the Prony series")),
+        "E": ("term", solid.E, _text("Pa", "Prony series of the most probable structure")),
         "rho": ("term", solid.rho, _text("s", "relaxation times")),
         "E_relaxed": ((), solid.E_relaxed, _text("Pa", "long-time modulus")),
         "nu": ((), solid.nu, _text("1", "Poisson's ratio, as stated")),

@@ -1,10 +1,10 @@
 """Profile likelihood: how far an unknown may go while the others follow, and what that means.
 
-The prior of the unknown itself is left out, that of the others stays: without it a spectrum could
-be anything. Where the objective does not rise by 1.92 (half the 95 % quantile of chi square with
-one degree of freedom) within three standard deviations of the prior, or has become
-flat, the data set no limit on
-that side.
+The others follow under their prior, without which a spectrum could be anything, but only what the
+data object counts: where the prior alone resists, nothing has been observed. Where minus the
+logarithm of the likelihood does not rise by 1.92 (half the 95 % quantile of chi square with one
+degree of freedom) within three standard deviations of the prior, or has become flat, the data set
+no limit on that side.
 
 References
 ----------
@@ -38,7 +38,7 @@ _MOST_PLACES = 14  # on one side
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The objective along one unknown, minimised over all others.
+    """What the data object along one unknown, the others at their most probable values.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ def profile(known: Posterior, number: int, level: float = 0.95) -> Profile:
     found = known.fit
     objective = Objective.of(found)
     parameter = found.problem.parameters[number]
-    start = _objective(objective, found.xi, number)
+    start = _objection(objective, found.xi)
     sides = [_side(objective, known, number, sign, start, limit) for sign in (-1.0, 1.0)]
     places = [(float(found.xi[number]), start)] + sides[0] + sides[1]
     places.sort()
@@ -115,7 +115,7 @@ def _side(
         if target == xi[number]:
             break
         reached = objective.followed(xi, number, target, _WORTH_A_STEP)
-        height = _objective(objective, reached, number)
+        height = _objection(objective, reached)
         found.append((target, height))
         if height - start > _FAR_OVER * limit:
             wall = target  # too far to tell where it crossed
@@ -130,13 +130,13 @@ def _side(
 
 
 def _is_flat(before: float, low: float, at: float, height: float) -> bool:
-    """Tell whether the objective does not rise any more; between near places it never does."""
+    """Tell whether the data do not object more; between near places they never do."""
     return abs(at - before) > _FLAT_FROM and abs(height - low) < _NO_RISE
 
 
-def _objective(objective: Objective, xi: Array, number: int) -> float:
-    """Half the sum of squares, without the prior of the unknown itself."""
-    return objective.cost(xi) - 0.5 * float(xi[number]) ** 2
+def _objection(objective: Objective, xi: Array) -> float:
+    """Half the sum of squares of the data alone."""
+    return objective.cost(xi) - 0.5 * float(xi @ xi)
 
 
 def _crossings(at: Array, rise: Array, limit: float) -> tuple[float, float]:
