@@ -36,7 +36,8 @@ Array = NDArray[np.float64]
 
 _DELAYS = 20.0  # time constants of the cell's filter after which it leaves a relaxation as it is
 _SHIFT = 1e-7  # m of first touch by which a derivative is found
-_LEAST_RELATIVE = 5e-4  # of a radius or a stiffness
+_LEAST_RELATIVE = 5e-4  # of a radius
+_LEAST_OF_STIFFNESS = 2e-4  # of its size: how well simulated oscillations agree with closed forms
 _LEAST_OF_FORCE = 1e-5  # of a force in a hold: what chords of histories are good for
 _LEAST_OF_TIME = 5e-5  # of a time of touch: what simulated and recorded clocks are good for
 _SPECIMEN = 0.05  # relative: what a rheometer's clamp and the specimen's size leave uncertain
@@ -251,7 +252,7 @@ def _punched(inputs: Inputs, experiment: Experiment, loads: xr.Dataset, depth: f
     geometry = Geometry.of(settings.punch, settings.substrate, settings.model, nu)
     unknowns, factors = [], []
     relative = combined(relative_sources(depth, 0.0, geometry))
-    gain = float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
+    gain = holds.relative_gain(loads)
     for name, sd, text in (
         ("punch", relative, "effect of the punch's dimensions on the force"),
         ("load cell", gain, "gain of the load cell"),
@@ -383,50 +384,57 @@ def _harmonic(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof | s
     frequency = waves["frequency"].values
     zero = _nuisance(f"{experiment.name} first touch", 0.0, touch.u, "m",
                      "stage position of first touch")  # fmt: skip
-    phase = _FILTER if waves.attrs["is_filter_corrected"] else _nuisance(
-        f"{experiment.name} phase", 0.0, 1.0, "1",
-        "phase of force and position, in units of its uncertainty",
-    )  # fmt: skip
     omega = 2.0 * np.pi * frequency
 
     def slope(shift: float) -> Array:
         ends = [elastic_force(mean - shift + s * _SHIFT, shared.geometry) for s in (1, -1)]
         return np.asarray((ends[0] - ends[1]) / (2.0 * _SHIFT))
 
+    storage, loss, by_phase = _stiffness(loads, waves)
+    late = [_FILTER] if by_phase.any() else []
+
     def build(rho: Array) -> Evidence:
-        storage, loss, by_phase = _stiffness(waves)
         return stiffness_evidence(
             experiment.name, frequency, storage, loss, slope(0.0), rho, shared.nu,
             slope_by={zero.name: (slope(_SHIFT) - slope(-_SHIFT)) / (2.0 * _SHIFT)},
-            factors=shared.factors, offsets={phase.name: by_phase},
+            factors=shared.factors, offsets={p.name: by_phase for p in late},
             fuller=_Oscillation(loads, waves, touch.value, shared.geometry, zero.name),
         )  # fmt: skip
 
     return Proof(
         KINDS[experiment.kind].material(experiment), shared.nu,
         (1.0 / float(omega.max()), 1.0 / float(omega.min())),
-        (*shared.unknowns, zero, phase), build,
+        (*shared.unknowns, zero, *late), build,
     )  # fmt: skip
 
 
-def _stiffness(waves: xr.Dataset) -> tuple[tuple[Array, Array], tuple[Array, Array], Array]:
-    """Return storage and loss with their random part, and what one deviation of phase does.
+def _stiffness(
+    loads: xr.Dataset, waves: xr.Dataset
+) -> tuple[tuple[Array, Array], tuple[Array, Array], Array]:
+    """Return storage and loss with their random part, and what one deviation of delay does.
 
-    The filter's unknown type turns all phases the same way: it is one unknown, not noise.
+    The filter's delay turns all phases the same way and the cell's gain stretches all forces: each
+    is one unknown, not noise.
     """
     storage, loss = waves["storage_stiffness"].values, waves["loss_stiffness"].values
-    u_phase = waves["u_phase_lag"].values
+    lags = [mach1_file.force_lag(loads, f) for f in waves["frequency"].values.tolist()]
+    is_late = bool(waves.attrs["is_filter_corrected"])
+    u_phase = np.array([lag.u_phase if lag and is_late else 0.0 for lag in lags])
     by_phase = np.concatenate([loss * u_phase, -storage * u_phase])
     u = np.concatenate([waves[f"u_{n}_stiffness"].values for n in ("storage", "loss")])
-    size = np.hypot(storage, loss)
-    least = np.concatenate([_LEAST_RELATIVE * size, _LEAST_RELATIVE * size])
-    own = np.sqrt(np.maximum(u**2 - by_phase**2, least**2))
+    of_gain = holds.relative_gain(loads) * np.concatenate([storage, loss])
+    least = _LEAST_OF_STIFFNESS * np.tile(np.hypot(storage, loss), 2)
+    own = np.sqrt(np.maximum(u**2 - by_phase**2 - of_gain**2, least**2))
     return (storage, own[: storage.size]), (loss, own[storage.size :]), by_phase
 
 
 @dataclass(frozen=True, eq=False)
 class _Oscillation:
-    """Stiffness of the whole simulated file: finite amplitude, edges that come and go."""
+    """Stiffness of the whole simulated file: finite amplitude, edges that come and go.
+
+    The simulation moves along chords between the readings. What these do to a sinusoid is known
+    in closed form for every term (:func:`along_chords`), and is taken out.
+    """
 
     loads: xr.Dataset
     waves: xr.Dataset
@@ -445,7 +453,7 @@ class _Oscillation:
             elements=geometry.model.elements,
         )  # fmt: skip
         force = np.interp(time, time[kept], made["force"].values)
-        storage, loss = [], []
+        found = []
         for i in range(self.waves.sizes["oscillation"]):
             at = self.waves.isel(oscillation=i)
             rows = mach1_file.rows(self.loads, int(at["block"]))
@@ -453,9 +461,45 @@ class _Oscillation:
             used = (clock >= float(at["begin"])) & (clock <= float(at["end"]))
             position = self.loads["position_z"].values[rows][used]
             wave = common_fit(clock[used], position, force[rows][used], float(at["frequency"]))
-            storage.append(wave.storage_stiffness)
-            loss.append(wave.loss_stiffness)
-        return np.array(storage + loss)
+            exact = along_chords(
+                material, wave.position.frequency, float(np.median(np.diff(clock)))
+            )
+            found.append(complex(wave.storage_stiffness, wave.loss_stiffness) / exact)
+        stiffness = np.array(found)
+        return np.concatenate([stiffness.real, stiffness.imag])
+
+
+def along_chords(material: Prony, frequency: float, interval: float) -> complex:
+    """Return by what the modulus of a sampled sinusoid with chords between differs.
+
+    Parameters
+    ----------
+    material : Prony
+    frequency, interval : float [Hz], [s]
+        Of the sinusoid, and between its samples.
+
+    Returns
+    -------
+    complex
+        Ratio of force over strain at the samples to the complex modulus; second order in the
+        interval.
+
+    Notes
+    -----
+    Over a chord a Maxwell term relaxes by d = exp(-x), x = interval / rho, and gains (1 - d) / x
+    of the step of strain: with z = exp(i omega interval) its modulus is that of this recursion,
+    E (1 - d) / x (1 - 1/z) / (1 - d/z).
+
+    Examples
+    --------
+    >>> rubber = Prony(1e6, [1e6], [0.1])
+    >>> [round(abs(along_chords(rubber, 2.5, 0.01 / n) - 1) * 1e4, 2) for n in (1, 2)]
+    [6.24, 1.56]
+    """
+    turn, x = np.exp(-2j * np.pi * frequency * interval), interval / np.asarray(material.rho)
+    gained = -np.expm1(-x) / x * (1.0 - turn) / (1.0 - np.exp(-x) * turn)
+    exact = material.complex_modulus(2.0 * np.pi * frequency)
+    return complex((material.E_relaxed + np.asarray(material.E) @ gained) / exact)
 
 
 KINDS: dict[str, Kind] = {

@@ -257,8 +257,12 @@ def _scatter(time: Array, values: Array, noise: Noise) -> float:
 
 def systematic(loads: xr.Dataset, force: float) -> float:
     """Return what tare and gain leave uncertain in a force [N]; an unknown gain adds nothing."""
-    gain = float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
-    return float(np.hypot(float(loads["u_tare"]), gain * force))
+    return float(np.hypot(float(loads["u_tare"]), relative_gain(loads) * force))
+
+
+def relative_gain(loads: xr.Dataset) -> float:
+    """Return the relative uncertainty of the cell's gain; an unknown one is 0."""
+    return float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
 
 
 def over_ramps(rows: list[dict[str, float]], columns: dict[str, tuple[str, str]]) -> dict[str, Any]:
