@@ -110,6 +110,7 @@ def _side(
     parameter = known.fit.problem.parameters[number]
     stride = min(float(known.sd[number]), _LONGEST_STRIDE / parameter.sd)
     xi, wall, found = known.fit.xi.copy(), sign * np.inf, []
+    total: list[tuple[float, float]] = []
     for _ in range(_MOST_PLACES):
         target = float(np.clip(xi[number] + sign * stride, -_EDGE, _EDGE))
         if target == xi[number]:
@@ -117,12 +118,13 @@ def _side(
         reached = objective.followed(xi, number, target, _WORTH_A_STEP)
         height = _objection(objective, reached)
         found.append((target, height))
+        total.append((target, height + 0.5 * _others(reached, number)))
         if height - start > _FAR_OVER * limit:
             wall = target  # too far to tell where it crossed
             stride = abs(wall - xi[number]) / _GROWTH**2
             continue
         xi = reached
-        is_flat = len(found) > _FLAT and _is_flat(*found[-1 - _FLAT], target, height)
+        is_flat = len(found) > _FLAT and _is_flat(*total[-1 - _FLAT], *total[-1])
         if height - start > _OVER * limit or abs(target) >= _EDGE or is_flat:
             break
         stride = min(stride * _GROWTH, abs(wall - xi[number]) / _GROWTH)
@@ -130,13 +132,18 @@ def _side(
 
 
 def _is_flat(before: float, low: float, at: float, height: float) -> bool:
-    """Tell whether the data do not object more; between near places they never do."""
+    """Tell whether data and the others' prior do not object more; near places never do."""
     return abs(at - before) > _FLAT_FROM and abs(height - low) < _NO_RISE
 
 
 def _objection(objective: Objective, xi: Array) -> float:
     """Half the sum of squares of the data alone."""
     return objective.cost(xi) - 0.5 * float(xi @ xi)
+
+
+def _others(xi: Array, number: int) -> float:
+    """Return the squared coordinates of all other unknowns."""
+    return float(xi @ xi) - float(xi[number]) ** 2
 
 
 def _crossings(at: Array, rise: Array, limit: float) -> tuple[float, float]:

@@ -1,0 +1,166 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labpipe.errors import InputError
+from labpipe.identification import (
+    DropModel,
+    Evidence,
+    FractionalSpectrum,
+    Parameter,
+    Problem,
+    RoughSpectrum,
+    SmoothSpectrum,
+    fit,
+    force_evidence,
+    infer,
+    lee_radok_basis,
+    moduli,
+    relaxation_times,
+)
+from labpipe.identification.spectra import material, one_per_decade
+from labpipe.identification.structure import BEFORE, ROUGH, SMOOTH, SPACED
+from labpipe.materials import Prony
+from tests.labpipe.identification.holds import RUBBER, exact_force, history
+
+_GAIN = 2e-3
+_SPACED = Prony(7.6e6, 3e6 * 0.9 ** np.arange(9), 10.0 ** np.arange(-5.3, 3.0), nu=0.5)
+FREQUENCY = np.array([3e-3, 3e-2, 3e-1])
+
+
+def held(solid: Prony, seed: int, *, hidden: float = 0.0):
+    """A hold of ten minutes, read to 0.1 %, of any solid, and how it is built for other times."""
+    rng = np.random.default_rng(seed)
+    time, area = history(600.0)
+    lag = time[22::2] - 0.1
+    keep = lag > 0.05
+    clean = exact_force(solid, lag[keep])
+    clean = clean * (1 + hidden * np.sin(4 * np.log(lag[keep])))
+    noise = 1e-3 * rng.standard_normal(keep.sum())
+    force = clean * (1 + _GAIN * rng.standard_normal()) * (1 + noise)
+
+    def rebuilt(rho: np.ndarray) -> tuple[Evidence, ...]:
+        basis = lee_radok_basis(time, area, rho, 0.5)[22::2][keep]
+        return (force_evidence("hold", lag[keep], force, 1e-3 * clean, basis, factors=("gain",)),)
+
+    span = float(lag[keep][0]), float(lag[keep][-1])
+    spectrum = SmoothSpectrum(relaxation_times(*span), 0.5)
+    gain = Parameter("gain", 1.0, _GAIN, "1", "gain", is_nuisance=True)
+    return Problem(spectrum, rebuilt(spectrum.rho), (gain,)), rebuilt
+
+
+def chances(known) -> dict[str, float]:
+    return {n: sum(s.weight for s in known.structures if s.name == n) for n in BEFORE}
+
+
+def deviations(known, solid: Prony) -> np.ndarray:
+    found = moduli(known, FREQUENCY)
+    truth = solid.complex_modulus(2 * np.pi * FREQUENCY)
+    return np.concatenate([
+        np.log(found.storage / truth.real) / found.u_ln_storage,
+        np.log(found.loss_factor / (truth.imag / truth.real)) / found.u_ln_loss_factor,
+    ])  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def spaced():
+    return infer(*held(_SPACED, 3))
+
+
+def test_one_term_per_decade_is_recognised_and_is_no_discrepancy(spaced) -> None:
+    assert chances(spaced)[SPACED] > 0.9
+    assert spaced.fit.misfits == {}
+    assert np.abs(deviations(spaced, _SPACED)).max() < 3
+    # a smooth spectrum cannot explain these readings
+    assert fit(held(_SPACED, 3)[0]).misfits
+
+
+def test_place_of_the_terms_is_found(spaced) -> None:
+    best = spaced.structures[0].spectrum
+    off = np.log10(best.rho[3] / _SPACED.rho[0]) % 1.0
+    assert min(off, 1.0 - off) < 1.5 / 24
+
+
+def test_smooth_spectrum_is_recognised() -> None:
+    known = infer(*held(RUBBER, 4))
+    assert chances(known)[SMOOTH] > BEFORE[SMOOTH]
+    assert np.abs(deviations(known, RUBBER)).max() < 3
+
+
+def test_terms_anywhere_are_rough() -> None:
+    rho = np.array([1e-3, 3e-3, 0.05, 0.2, 0.7, 9.0, 20.0, 400.0])
+    solid = Prony(7.6e6, np.full(8, 2e6), rho, nu=0.5)
+    known = infer(*held(solid, 5))
+    assert chances(known)[ROUGH] > 0.9
+    assert known.fit.misfits == {}
+
+
+def test_wave_that_no_relaxation_makes_stays_a_discrepancy() -> None:
+    known = infer(*held(RUBBER, 6, hidden=0.01))
+    assert known.fit.misfits["hold", "force"].relative > 2e-3
+
+
+def test_chances_sum_to_one_and_begin_as_stated(spaced) -> None:
+    assert sum(BEFORE.values()) == pytest.approx(1.0)
+    assert sum(s.weight for s in spaced.structures) == pytest.approx(1.0)
+    assert spaced.structures[0].weight == max(s.weight for s in spaced.structures)
+
+
+def test_moduli_are_mean_and_spread_over_the_structures(spaced) -> None:
+    apart = []
+    for weight in (1.0, 0.0, 0.25):
+        two = [replace(s, weight=w) for s, w in zip(spaced.structures[:2], (weight, 1 - weight),
+                                                   strict=True)]  # fmt: skip
+        apart.append(moduli(replace(spaced, structures=tuple(two)), FREQUENCY))
+    one, other, mixed = apart
+    for name in ("storage", "loss_factor"):
+        a, b = (np.log(getattr(m, name)) for m in (one, other))
+        assert np.allclose(np.log(getattr(mixed, name)), 0.25 * a + 0.75 * b)
+        u, v, w = (getattr(m, f"u_ln_{name}") for m in (one, other, mixed))
+        assert np.allclose(w**2, 0.25 * u**2 + 0.75 * v**2 + 0.1875 * (a - b) ** 2)
+
+
+def test_given_form_of_the_spectrum_is_kept() -> None:
+    problem, rebuilt = held(RUBBER, 7)
+    family = FractionalSpectrum.over(*problem.evidence[0].model.window, 0.5)
+    known = infer(replace(problem, spectrum=family, evidence=rebuilt(family.rho)), rebuilt)
+    assert known.structures == ()
+    assert known.fit.problem.spectrum is family
+
+
+def test_basis_of_other_times_is_refused() -> None:
+    problem, _ = held(RUBBER, 8)
+    with pytest.raises(InputError, match="build the evidence anew"):
+        problem.evidence[0].model.by_times(RUBBER, {"gain": 1.0}, np.array([1.0]))
+
+
+def test_drop_knows_terms_of_times_that_are_not_the_materials() -> None:
+    solid = Prony(2e9, [2e8, 2e8, 2e8], [1e-4, 1e-3, 1e-1], nu=0.35)
+    touches = np.array([1, 2])
+    model = DropModel(9.525e-3, 0.505, 1.5e-3, 9.81, touches, touches, np.empty(0, int), 0.08,
+                      1e-3, {}, rtol=1e-4)  # fmt: skip
+    rho = np.array([1e-8, 1e-7, 3e-5, 4e-4, 2e-3, 1e5])
+    made = model.by_times(solid, {}, rho)
+    size = np.abs(made[:, 3:6]).max(axis=1, keepdims=True)
+    for k, time in enumerate(rho[2:].tolist(), 2):
+        longer = Prony(2e9, np.append(solid.E, 1e6), np.append(solid.rho, time), nu=0.35)
+        direct = (model.predict(longer, {}) - model.predict(solid, {})) / 1e6
+        assert np.abs(made[:, 1 + k] - direct).max() < 0.03 * size.max()
+    assert np.allclose(made[:, 1], 0.1 * made[:, 2])  # dashpots
+    assert np.allclose(made[:, -1], made[:, 0])  # frozen
+
+
+def test_candidates_begin_as_the_spectrum_that_was_found() -> None:
+    smooth = SmoothSpectrum(relaxation_times(1e-2, 1e2), 0.5)
+    xi = 0.5 * np.cos(np.arange(len(smooth.parameters)))
+    solid = material(smooth, smooth.log_terms(xi))
+    assert np.allclose(smooth.like(solid), xi)
+    omega = np.geomspace(1e-1, 1e1, 5)
+    exact = solid.complex_modulus(omega)
+    for spectrum in (
+        SmoothSpectrum(one_per_decade(1e-2, 1e2, 0.3), 0.5),
+        RoughSpectrum(SmoothSpectrum(relaxation_times(1e-2, 1e2, per_decade=8), 0.5)),
+    ):
+        made = material(spectrum, spectrum.log_terms(spectrum.like(solid)))
+        assert np.abs(made.complex_modulus(omega) / exact - 1).max() < 0.06
