@@ -80,7 +80,7 @@ HARMONIC = (
         summary="compression-positive force, tared, with uncertainty",
     ),
     Stage(
-        "hold", "pipelines.experiments.harmonic:hold", 5, ("loads",), ("contact", "plateau"),
+        "hold", "pipelines.experiments.harmonic:hold", 6, ("loads",), ("contact", "plateau"),
         summary="peak and plateau of the relaxation before the oscillations",
     ),
     Stage(
@@ -93,7 +93,7 @@ HARMONIC = (
         summary="mean hysteresis loop per frequency; is contact lost?",
     ),
     Stage(
-        "model", "pipelines.experiments.harmonic:model", 5,
+        "model", "pipelines.experiments.harmonic:model", 6,
         ("loads", "oscillations", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "contact", "model", "cycles"),
@@ -132,7 +132,7 @@ RELAXATION = (
         summary="compression-positive force, tared, with uncertainty",
     ),
     Stage(
-        "ramps", "pipelines.experiments.relaxation:ramps", 5,
+        "ramps", "pipelines.experiments.relaxation:ramps", 6,
         ("loads",), ("contact", "hold.plateau"), per="recording", over="mach1", schema="ramps",
         summary="find touch, ramps and holds: peak and plateau",
     ),

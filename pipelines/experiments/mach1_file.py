@@ -10,7 +10,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
-from scipy.optimize import least_squares
 from scipy.signal import bessel, besselap, buttap, butter, sosfilt, sosfilt_zi
 
 import calibration
@@ -18,8 +17,8 @@ import instruments
 from calibration import load_cell
 from calibration.record import LoadCellRecord
 from labpipe.errors import InputError
-from labpipe.signals.first_touch import FirstTouch, first_touch
 from labpipe.units import Quantity
+from pipelines.experiments import approach
 
 Array = NDArray[np.float64]
 
@@ -27,7 +26,6 @@ LAST_DECIMAL = 1e-9
 """Last decimal of a position in m: every file has six of a millimetre."""
 
 _APPROACH = "Find Contact"
-_POWERS = (0.85, 1.15)  # of the depth with which force may begin to grow, see _touch
 _KINDS = ("butterworth", "bessel")  # what a header's "low-pass" may be, the likelier first
 _CONSISTENT = 3.0  # standard uncertainties between two delays that may be one
 _SLOW = 1e-3  # of a cutoff: there a filter only delays
@@ -176,14 +174,18 @@ def filtered(
     # a chord would cut off peaks; Akima's curve bends with them and does not overshoot corners
     force_between = Akima1DInterpolator(coarse, force_values, extrapolate=True)(fine)
     rate = _FILTER_FINENESS / interval
-    order, cutoff = int(declared["order"]), declared["cutoff"]
-    if kind == "bessel":
-        sections = bessel(order, cutoff, fs=rate, output="sos", norm="mag")
-    else:
-        sections = butter(order, cutoff, fs=rate, output="sos")
+    sections = _sections(declared, kind, rate)
     passed, _ = sosfilt(sections, force_between, zi=sosfilt_zi(sections) * force_between[0])
     result: Array = passed[::_FILTER_FINENESS]
     return result
+
+
+def _sections(declared: dict[str, float], kind: str, rate: float) -> Array:
+    """Return the load cell's filter (section, 6) at a rate [Hz]."""
+    order, cutoff = int(declared["order"]), declared["cutoff"]
+    if kind == "bessel":
+        return np.asarray(bessel(order, cutoff, fs=rate, output="sos", norm="mag"))
+    return np.asarray(butter(order, cutoff, fs=rate, output="sos"))
 
 
 def clock(loads: xr.Dataset) -> Array:
@@ -222,42 +224,16 @@ def contact_position(loads: xr.Dataset, given: Quantity | None) -> tuple[Quantit
 
 
 def _touch(part: xr.Dataset, declared: dict[str, float] | None) -> Quantity:
-    """Fit the position of first touch to an approach, through the load cell's filter.
-
-    Behind the touch the force grows with a power of the depth near one: a line contact's is 1.06
-    to 1.13 over the first micrometres, and relaxation lowers it, by a quarter at a loss factor of
-    0.4. The uncertainty holds the noise and that range.
-    """
-    time, position, force = (part[n].values for n in ("time", "position_z", "force"))
-    early = position
-    if declared is not None:
-        # the force comes late by the filter's delay, so it belongs to an earlier position
-        delay = load_cell.filter_lag(0.01, int(declared["order"]), declared["cutoff"]).delay
-        early = np.interp(time - delay, time, position)
-    rough: FirstTouch = first_touch(early, force)
-    interval = float(np.median(np.diff(time)))
-    noise = max(rough.noise, 1e-9 * float(np.ptp(force)))
-    unit = max(float(position[-1]) - rough.position, 1e-9)
-    # once the stage rests the force relaxes, which no power of the depth describes
-    moving = int(np.flatnonzero(np.diff(position) != 0)[-1]) + 2
-
-    def fit(power: float) -> tuple[float, float]:
-        def residual(p: Array) -> Array:
-            depth = np.maximum(0.0, (position - rough.position) / unit - p[0])
-            clean = p[1] * noise * depth**power
-            passed = filtered(clean, interval, declared)
-            return np.asarray((force - passed) / noise - p[2])[:moving]
-
-        start = [0.0, rough.stiffness * unit / noise, rough.level / noise]
-        best = least_squares(residual, start, x_scale="jac")
-        chi_square = 2 * best.cost / max(time.size - len(start), 1)
-        covariance = np.linalg.pinv(best.jac.T @ best.jac) * max(chi_square, 1.0)
-        return float(best.x[0]), float(np.sqrt(covariance[0, 0]))
-
-    low, high = fit(_POWERS[0])[0], fit(_POWERS[1])[0]
-    place, u = fit(float(np.mean(_POWERS)))
-    rectangle = abs(high - low) / np.sqrt(12.0)
-    return Quantity(rough.position + place * unit, float(np.hypot(u, rectangle)) * unit, "m")
+    """Find the first touch of an approach, through the load cell's filter."""
+    if declared is None:
+        return approach.touched(part, 0.0, [np.empty((0, 6))])
+    interval = float(np.median(np.diff(part["time"].values)))
+    filters = [
+        _sections(declared, kind, approach.FINENESS / interval) for kind in filter_kinds(part)
+    ]
+    delay = load_cell.filter_lag(_SLOW * declared["cutoff"], int(declared["order"]),
+                                 declared["cutoff"]).delay  # fmt: skip
+    return approach.touched(part, delay, filters)
 
 
 def history(time: Array, displacement: Array) -> NDArray[np.int64]:
