@@ -236,16 +236,14 @@ class Objective:
 
     def surrogate(self, xi: Array) -> Surrogate:
         """Return the surrogate around a point, by the models' derivatives there."""
-        return self._surrogate(xi, self._height(xi, None)[1])
+        return self._surrogate(xi, self._height(xi)[1])
 
     def cost(self, xi: Array) -> float:
         """Return half the sum of squares."""
         rows = self.residuals(xi)
         return 0.5 * float(rows @ rows)
 
-    def minimised(
-        self, start: Array, decrease: float, held: int | None = None, *, is_near: bool = False
-    ) -> Array:
+    def minimised(self, start: Array, decrease: float, *, is_near: bool = False) -> Array:
         """Return the minimum from a start, up to a decrease of the cost that is not worth a step.
 
         Every step goes to the minimum of a surrogate. Where the models do not keep what it promises
@@ -257,27 +255,25 @@ class Objective:
             Standard coordinates.
         decrease : float
             Of the cost; half a unit is a change of one standard deviation.
-        held : int, optional
-            Number of an unknown that stays where it is, and whose prior does not count.
         is_near : bool
             The last tangent may be tried at the start.
         """
         xi = np.clip(start, -_BOUND, _BOUND)
-        height, rest = self._height(xi, held)
+        height, rest = self._height(xi)
         is_kept = is_near and self.tangent is not None
         if not is_kept:
             self._differentiate(xi)
         is_fresh, damping, learned = not is_kept, _DAMPING, 0
         for _ in range(_MOST_STEPS):
             surrogate = self._surrogate(xi, rest)
-            trial, promised = surrogate.lowest(damping, held, _BOUND)
+            trial, promised = surrogate.lowest(damping, None, _BOUND)
             if height - promised < decrease:
                 if is_fresh or is_kept:
                     break
                 self._differentiate(xi)
                 is_fresh, is_kept = True, False
                 continue
-            new, found = self._height(trial, held)
+            new, found = self._height(trial)
             if new >= height:
                 if is_fresh:
                     damping *= _WORSE
@@ -314,29 +310,10 @@ class Objective:
         missed = (promised - found) * deviations / weight
         self.tangent = self.tangent.learned(surrogate, to, missed)
 
-    def followed(self, xi: Array, number: int, target: float, decrease: float) -> Array:
-        """Return the minimum with one unknown moved to a target, from one where it was not.
-
-        Parameters
-        ----------
-        xi : array (parameter,)
-            A minimum, or near one.
-        number : int
-            Of the unknown.
-        target : float
-            Its standard coordinate.
-        decrease : float
-            As for :meth:`minimised`.
-        """
-        _, rest = self._height(xi, number)
-        start = self._surrogate(xi, rest).followed(number, target, _LEAST_DAMPING, _BOUND)
-        return self.minimised(start, decrease, number, is_near=True)
-
-    def _height(self, xi: Array, held: int | None) -> tuple[float, Array]:
-        """Return cost, without the prior of what is held, and the residuals (n,) of the data."""
+    def _height(self, xi: Array) -> tuple[float, Array]:
+        """Return the cost and the residuals (n,) of the data."""
         rows = self.residuals(xi)
-        own = 0.0 if held is None else float(xi[held]) ** 2
-        return 0.5 * (float(rows @ rows) - own), rows[: self._size]
+        return 0.5 * float(rows @ rows), rows[: self._size]
 
     @property
     def _size(self) -> int:

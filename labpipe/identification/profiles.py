@@ -4,7 +4,8 @@ The others follow under their prior, without which a spectrum could be anything,
 data object counts: where the prior alone resists, nothing has been observed. Where minus the
 logarithm of the likelihood does not rise by 1.92 (half the 95 % quantile of chi square with one
 degree of freedom) within three standard deviations of the prior, or has become flat, the data set
-no limit on that side.
+no limit on that side. The models are followed by their tangent (:mod:`.tangent`), which is straight
+in the moduli: no run of a simulator is needed.
 
 References
 ----------
@@ -21,19 +22,16 @@ from scipy.stats import chi2, norm
 
 from labpipe.identification.fit import Objective
 from labpipe.identification.posterior import Posterior
+from labpipe.identification.tangent import Surrogate
 
 Array = NDArray[np.float64]
 Verdict = Literal["identified", "only an upper limit", "only a lower limit", "not identifiable"]
 
 _EDGE = 3.0  # standard coordinates: the prior holds nothing farther out
-_WORTH_A_STEP = 0.05  # of the objective: less is not worth another step of the others
-_LONGEST_STRIDE = 0.35  # of a logarithm
-_FAR_OVER = 3.0  # of the limit: the stride was too long
+_PACE = 0.02  # standard coordinates: others that must give way at once would fall to nothing
+_LONGEST_STRIDE = 0.05  # of a logarithm
 _OVER = 1.3  # of the limit: a side ends where the rise is clearly beyond
-_FLAT, _NO_RISE = 2, 0.05  # so many places without a rise: there will be none
-_FLAT_FROM = 0.25  # standard coordinates: half a decade of the long-time modulus
-_GROWTH = 2.0  # from place to place
-_MOST_PLACES = 14  # on one side
+_LEAST_DAMPING, _BOUND = 1e-9, 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +77,10 @@ def profile(known: Posterior, number: int, level: float = 0.95) -> Profile:
     """
     limit = 0.5 * float(chi2.ppf(level, 1))
     found = known.fit
-    objective = Objective.of(found)
+    surrogate = Objective.of(found).surrogate(found.xi)
     parameter = found.problem.parameters[number]
-    start = _objection(objective, found.xi)
-    sides = [_side(objective, known, number, sign, start, limit) for sign in (-1.0, 1.0)]
+    start = _objection(surrogate, found.xi)
+    sides = [_side(surrogate, known, number, sign, start + _OVER * limit) for sign in (-1.0, 1.0)]
     places = [(float(found.xi[number]), start)] + sides[0] + sides[1]
     places.sort()
     at, height = np.array(places).T
@@ -104,46 +102,26 @@ def profile(known: Posterior, number: int, level: float = 0.95) -> Profile:
 
 
 def _side(
-    objective: Objective, known: Posterior, number: int, sign: float, start: float, limit: float
+    surrogate: Surrogate, known: Posterior, number: int, sign: float, enough: float
 ) -> list[tuple[float, float]]:
-    """Walk to one side with growing strides; returns places and heights."""
-    parameter = known.fit.problem.parameters[number]
-    stride = min(float(known.sd[number]), _LONGEST_STRIDE / parameter.sd)
-    xi, wall, found = known.fit.xi.copy(), sign * np.inf, []
-    total: list[tuple[float, float]] = []
-    for _ in range(_MOST_PLACES):
-        target = float(np.clip(xi[number] + sign * stride, -_EDGE, _EDGE))
-        if target == xi[number]:
+    """Walk to one side until the data object enough; returns places and heights."""
+    longest = _LONGEST_STRIDE / known.fit.problem.parameters[number].sd
+    stride = min(0.5 * float(known.sd[number]), longest, _PACE)
+    xi, found = known.fit.xi, []
+    while abs(xi[number]) < _EDGE:
+        trial = xi.copy()
+        trial[number] += sign * stride
+        xi, _ = surrogate.lowest(_LEAST_DAMPING, number, _BOUND, trial)
+        found.append((float(xi[number]), _objection(surrogate, xi)))
+        if found[-1][1] > enough:
             break
-        reached = objective.followed(xi, number, target, _WORTH_A_STEP)
-        height = _objection(objective, reached)
-        found.append((target, height))
-        total.append((target, height + 0.5 * _others(reached, number)))
-        if height - start > _FAR_OVER * limit:
-            wall = target  # too far to tell where it crossed
-            stride = abs(wall - xi[number]) / _GROWTH**2
-            continue
-        xi = reached
-        is_flat = len(found) > _FLAT and _is_flat(*total[-1 - _FLAT], *total[-1])
-        if height - start > _OVER * limit or abs(target) >= _EDGE or is_flat:
-            break
-        stride = min(stride * _GROWTH, abs(wall - xi[number]) / _GROWTH)
     return found
 
 
-def _is_flat(before: float, low: float, at: float, height: float) -> bool:
-    """Tell whether data and the others' prior do not object more; near places never do."""
-    return abs(at - before) > _FLAT_FROM and abs(height - low) < _NO_RISE
-
-
-def _objection(objective: Objective, xi: Array) -> float:
+def _objection(surrogate: Surrogate, xi: Array) -> float:
     """Half the sum of squares of the data alone."""
-    return objective.cost(xi) - 0.5 * float(xi @ xi)
-
-
-def _others(xi: Array, number: int) -> float:
-    """Return the squared coordinates of all other unknowns."""
-    return float(xi @ xi) - float(xi[number]) ** 2
+    rest, _ = surrogate.rows(xi)
+    return 0.5 * float(rest @ rest)
 
 
 def _crossings(at: Array, rise: Array, limit: float) -> tuple[float, float]:

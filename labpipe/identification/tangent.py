@@ -8,7 +8,6 @@ logarithms would end after a factor of two.
 """
 
 from dataclasses import dataclass
-from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,18 +188,6 @@ class Surrogate:
                 break
         return xi, self._height(xi, rest, own, 0.0)
 
-    def followed(self, number: int, target: float, damping: float, bound: float) -> Array:
-        """Return where the cost is least with one unknown at a target, in small steps towards it.
-
-        At once, terms that must give way would fall to nothing, where nothing draws them back.
-        """
-        xi, begin = self.at, float(self.at[number])
-        for place in np.linspace(begin, target, 1 + ceil(abs(target - begin) / _PACE))[1:].tolist():
-            trial = xi.copy()
-            trial[number] = place
-            xi, _ = self.lowest(damping, number, bound, trial)
-        return xi
-
     def _height(self, xi: Array, rest: Array, own: Array, damping: float) -> float:
         way = xi - self.at
         return 0.5 * float(rest @ rest + own * xi @ xi + damping * way @ way)
@@ -214,7 +201,6 @@ class Surrogate:
         return np.array(list(self.problem.given(xi).values()))
 
 
-_PACE = 0.02  # standard coordinates: a tenth of the long-time modulus
 _MOST_STEPS = 60
 _BRAKE, _WORSE, _BETTER, _MOST_BRAKE = 1e-3, 10.0, 0.1, 1e9
 _FREE = 1e-2  # of the brake: above it a small gain means a short step
