@@ -392,11 +392,13 @@ def _harmonic(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof | s
 
     storage, loss, by_phase = _stiffness(loads, waves)
     late = [_FILTER] if by_phase.any() else []
+    here = slope(0.0)
+    by_zero = (slope(_SHIFT) - slope(-_SHIFT)) / (2.0 * _SHIFT)
 
     def build(rho: Array) -> Evidence:
         return stiffness_evidence(
-            experiment.name, frequency, storage, loss, slope(0.0), rho, shared.nu,
-            slope_by={zero.name: (slope(_SHIFT) - slope(-_SHIFT)) / (2.0 * _SHIFT)},
+            experiment.name, frequency, storage, loss, here, rho, shared.nu,
+            slope_by={zero.name: by_zero},
             factors=shared.factors, offsets={p.name: by_phase for p in late},
             fuller=_Oscillation(loads, waves, touch.value, shared.geometry, zero.name),
         )  # fmt: skip
