@@ -25,6 +25,8 @@ from pipelines.rig.indentations import Specimen
 
 Array = NDArray[np.float64]
 
+_REACH = 1.96  # standard deviations to a limit of 95 %
+
 PLACES = (0.1, 0.5, 0.9)
 """Of the frequencies of which the data tell, in the logarithm: where moduli are compared."""
 
@@ -44,10 +46,15 @@ class Score(msgspec.Struct, frozen=True):
 
 
 class Relaxed(msgspec.Struct, frozen=True):
-    """The profile of the long-time modulus: verdict, and whether its limits hold the truth."""
+    """The profile of the long-time modulus: verdict, and whether its limits hold the truth.
+
+    ``u`` is the standard deviation of its logarithm that the limits stand for, where it is
+    identified.
+    """
 
     verdict: str
     is_held: bool
+    u: float | None = None
 
 
 class Trial(msgspec.Struct, frozen=True):
@@ -64,12 +71,11 @@ class Trial(msgspec.Struct, frozen=True):
     moduli : dict
         By quantity and place; None where the data do not determine it.
     unknowns : dict
-        The long-time modulus and all nuisances, by their role.
+        All nuisances, by their role.
     evidence : dict
         By experiment and group: observed minus the true material's own prediction with the true
         nuisances, in stated uncertainties.
     relaxed : Relaxed, optional
-        Where the profile was asked for.
     misfits : dict
         Discrepancies that the fit allowed for, relative.
     is_settled : bool
@@ -91,7 +97,7 @@ class Trial(msgspec.Struct, frozen=True):
     failure: str | None = None
 
 
-def session_trial(truth: Truth, folder: Path, *, with_profile: bool = False) -> Trial:
+def session_trial(truth: Truth, folder: Path) -> Trial:
     """Write a session where there is none, identify its material, and compare with the truth.
 
     Parameters
@@ -100,14 +106,12 @@ def session_trial(truth: Truth, folder: Path, *, with_profile: bool = False) -> 
         From :func:`pipelines.bench.random_sessions.drawn`.
     folder : Path
         Of the session.
-    with_profile : bool
-        Follow the long-time modulus too.
     """
     write(truth, folder)
     group = "smooth" if truth.seed % 2 == 0 else "one term per decade"
     blank = Trial(truth.kind, truth.seed, group, truth.is_on_plate)
     started = clock.perf_counter()
-    wish = Wish(with_profile=with_profile)
+    wish = Wish()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # what a reader of one session must know
         try:
@@ -125,15 +129,11 @@ def _compared(truth: Truth, folder: Path, found: Identified, wish: Wish) -> dict
     problem = known.fit.problem
     names = [e.name for e in problem.evidence]
     exact = {p.name: true_value(p.name, truth, inputs, names) for p in problem.nuisances}
-    held = None
-    if found.relaxed is not None:
-        is_held = found.relaxed.low <= truth.solid.E_relaxed <= found.relaxed.high
-        held = Relaxed(found.relaxed.verdict, bool(is_held))
     return {
         "moduli": _moduli(known, truth.solid),
-        "unknowns": _unknowns(known, {"E_relaxed": truth.solid.E_relaxed, **exact}),
+        "unknowns": _unknowns(known, exact),
         "evidence": _at_the_truth(inputs, names, truth.solid, exact, wish.impacts),
-        "relaxed": held,
+        "relaxed": _relaxed(found, truth.solid.E_relaxed),
         "misfits": {f"{e}: {g}": m.relative for (e, g), m in known.fit.misfits.items()},
         "is_settled": known.fit.is_settled,
     }
@@ -160,18 +160,25 @@ def _moduli(known: Posterior, solid: Prony) -> dict[str, Score | None]:
     return made
 
 
+def _relaxed(found: Identified, true: float) -> Relaxed | None:
+    """Compare the limits of the long-time modulus."""
+    said = found.relaxed
+    if said is None:
+        return None
+    u = None
+    if said.verdict == "identified":
+        u = float(np.log(said.high / said.low) / 2.0 / _REACH)
+    return Relaxed(said.verdict, bool(said.low <= true <= said.high), u)
+
+
 def _unknowns(known: Posterior, exact: dict[str, float]) -> dict[str, Score]:
-    """Compare the long-time modulus and the nuisances, in deviations of their priors."""
+    """Compare the nuisances, in deviations of their priors."""
     problem = known.fit.problem
     made = {}
-    for i, parameter in enumerate(problem.parameters):
-        is_first = i == 0
-        if not (is_first or i >= problem.n_material):
-            continue
-        role = "E_relaxed" if is_first else role_of(parameter)
-        true = parameter.coordinate(exact["E_relaxed" if is_first else parameter.name])
+    for i, parameter in enumerate(problem.nuisances, problem.n_material):
+        true = parameter.coordinate(exact[parameter.name])
         sd = float(known.sd[i])
-        made[role] = Score((float(known.fit.xi[i]) - true) / sd, sd, sd, 1.0, true)
+        made[role_of(parameter)] = Score((float(known.fit.xi[i]) - true) / sd, sd, sd, 1.0, true)
     return made
 
 

@@ -37,7 +37,7 @@ def place(sessions: Path | None, kind: str, seed: int) -> Iterator[Path]:
         yield Path(folder)
 
 
-def go_on(file: Path, kinds: list[str], count: int, followed: int, sessions: Path | None) -> None:
+def go_on(file: Path, kinds: list[str], count: int, sessions: Path | None) -> None:
     """Append the trials that a file lacks, kinds in turn."""
     done = {(t.kind, t.seed) for t in stored(file)}
     for number in range(count):
@@ -46,7 +46,7 @@ def go_on(file: Path, kinds: list[str], count: int, followed: int, sessions: Pat
             if (kind, truth.seed) in done:
                 continue
             with place(sessions, kind, truth.seed) as folder:
-                trial = session_trial(truth, folder, with_profile=number < followed)
+                trial = session_trial(truth, folder)
             with file.open("ab") as end:
                 end.write(msgspec.json.encode(trial) + b"\n")
 
@@ -65,7 +65,6 @@ def main() -> None:
     parser.add_argument("file", type=Path)
     parser.add_argument("kinds", nargs="*", choices=[*KINDS, []], default=[])
     parser.add_argument("--count", type=int, default=100, help="sessions of each kind")
-    parser.add_argument("--followed", type=int, default=0, help="of each kind, with a profile")
     parser.add_argument("--sessions", type=Path, help="where to keep recordings and results")
     parser.add_argument("--record", action="store_true", help="only write the recordings")
     parser.add_argument("--table", action="store_true", help="only print the table")
@@ -77,7 +76,7 @@ def main() -> None:
                 write(truth, chosen.sessions / f"{truth.kind}_{truth.seed}")
         return
     if not chosen.table:
-        go_on(chosen.file, kinds, chosen.count, chosen.followed, chosen.sessions)
+        go_on(chosen.file, kinds, chosen.count, chosen.sessions)
     sys.stdout.write("\n".join([*rows(stored(chosen.file)), ""]))
 
 

@@ -27,9 +27,9 @@ def test_everything_that_a_hold_leaves_unknown_is_compared(hold: tuple[Path, Tri
     trial = hold[1]
     assert trial.failure is None
     own = {"relaxation first touch", "relaxation tare"}
-    roles = {"E_relaxed", "punch", "load cell", "filter", *own}
+    roles = {"punch", "load cell", "filter", *own}
     assert set(trial.unknowns) == roles
-    for role in roles - {"E_relaxed"}:  # stated as uncertain as they are wrong
+    for role in roles:  # stated as uncertain as they are wrong
         assert abs(trial.unknowns[role].truth or 0.0) < 4
     known = [score for score in trial.moduli.values() if score is not None]
     assert len(known) >= 4
@@ -78,7 +78,7 @@ def test_a_drop_is_compared_with_all_that_it_leaves_unknown(
     monkeypatch.setattr(random_sessions, "_FALLS", 5.5)  # three touches
     monkeypatch.setattr(random_sessions, "_REPEATS", 1)
     trial = session_trial(drawn("drop", 0), tmp_path / "session")
-    roles = {"E_relaxed", "mass", "radius", "drop height", "drop trigger"}
+    roles = {"mass", "radius", "drop height", "drop trigger"}
     assert set(trial.unknowns) == roles
     assert max(abs(s.truth or 0.0) for s in trial.unknowns.values()) < 4
     known = [score for score in trial.moduli.values() if score is not None]
