@@ -33,8 +33,16 @@ from labpipe.identification import (
 )
 from labpipe.workflow.session import Experiment, Session
 from pipelines import process
+from pipelines.evidence import (
+    KINDS,
+    Proof,
+    dma_prior,
+    dma_window,
+    material_name,
+    references,
+    rheometer,
+)
 from pipelines.figures.inputs import Inputs
-from pipelines.identify_evidence import KINDS, Proof, dma_prior, dma_window, references, rheometer
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -140,7 +148,7 @@ def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = 
     groups: dict[str, _Group] = {}
     for name in _chosen(session, wish.experiments):
         experiment = session.experiments[name]
-        group = groups.setdefault(KINDS[experiment.kind].material(experiment), _Group())
+        group = groups.setdefault(material_name(experiment), _Group())
         group.experiments.append(experiment)
     if wish.prior is not None:
         for group in groups.values():

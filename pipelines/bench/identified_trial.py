@@ -17,10 +17,10 @@ from labpipe.identification.problem import split
 from labpipe.materials import Prony
 from pipelines import process
 from pipelines.bench.random_sessions import DEPTH, Truth, recorded, write
+from pipelines.evidence import KINDS as HOW
 from pipelines.experiments.indentation import Geometry, elastic_force
 from pipelines.figures.inputs import Inputs
 from pipelines.identify import Identified, Wish, identify
-from pipelines.identify_evidence import KINDS as HOW
 from pipelines.rig.indentations import Specimen
 
 Array = NDArray[np.float64]

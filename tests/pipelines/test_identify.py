@@ -15,9 +15,9 @@ from labpipe.errors import UsageError
 from labpipe.identification import moduli, sample
 from labpipe.units import Quantity
 from pipelines.cli import main
+from pipelines.evidence import KINDS, material_name, references
 from pipelines.figures.inputs import Inputs
 from pipelines.identify import Wish, identify
-from pipelines.identify_evidence import KINDS, references
 from pipelines.process import plan
 from pipelines.rig.indentation_session import cell_record, relaxation_section
 from pipelines.rig.indentations import Specimen
@@ -183,10 +183,9 @@ def test_prior_without_a_rheometer_is_refused_by_its_name(processed_session: Pat
 
 def test_another_temperature_is_another_material(processed_session: Path) -> None:
     experiment = plan(processed_session).session.experiments["drop"]
-    kind = KINDS["ball_drop"]
-    assert kind.material(experiment) == "acrylic"
+    assert material_name(experiment) == "acrylic"
     sphere = msgspec.structs.replace(
         experiment.settings.sphere, temperature=Quantity(39, 0, "degC")
     )
     warm = replace(experiment, settings=msgspec.structs.replace(experiment.settings, sphere=sphere))
-    assert kind.material(warm) == "acrylic at 39 degC"
+    assert material_name(warm) == "acrylic at 39 degC"

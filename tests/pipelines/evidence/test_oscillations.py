@@ -9,10 +9,10 @@ import pytest
 
 from labpipe import materials
 from labpipe.materials import Prony
-from pipelines import identify_evidence
+from pipelines.evidence import KINDS, oscillations
+from pipelines.evidence.oscillations import along_chords
 from pipelines.experiments import mach1_file
 from pipelines.figures.inputs import Inputs
-from pipelines.identify_evidence import KINDS, along_chords
 from pipelines.process import plan
 
 
@@ -81,7 +81,7 @@ def test_the_gain_and_the_delay_of_the_cell_are_no_noise(inputs: Inputs) -> None
             stated[f"u_{part}_stiffness"] = np.hypot(
                 waves[f"u_{part}_stiffness"], more * waves[f"{part}_stiffness"]
             )
-        storage, loss, by_phase = identify_evidence._stiffness(said, stated)
+        storage, loss, by_phase = oscillations._stiffness(said, stated)
         own.append(np.concatenate([storage[1], loss[1]]))
     np.testing.assert_allclose(own, [own[0]] * 3, rtol=1e-6)
     assert (own[0] < np.abs(by_phase).max()).all()
