@@ -38,9 +38,10 @@ _FAST = 3e-4  # rtol of the fast model: smooth to 1/100 of a deviation of a touc
 _MORE_TIME = 1.3  # a run lasts longer than the record: a trial may bounce higher
 _TRIES = 3
 _RESOLVED = 0.1  # of a contact's duration is the shortest time of which it tells
-ROLES = ("height", "mass", "radius", "trigger", "pixel", "plate")
+ROLES = ("height", "mass", "radius", "trigger", "pulse", "pixel", "plate")
 """What of a drop may be unknown: fall [m], mass [kg] that moves, radius [m] of the sphere, delay
-[s] of the first contact's reading, scale of the film (1 at best), modal mass [kg] of the plate."""
+[s] of the first contact's reading, shape of
+the pulse in its deviations, scale of the film (1 at best), modal mass [kg] of the plate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,8 @@ class DropModel:
         On which the sphere falls; a rigid floor by default.
     rtol : float
         Of the simulator for the fuller model; the fast one takes coarser steps.
+    shared : array (duration,) [s], optional
+        What one deviation of the pulse's shape adds to every duration.
     """
 
     radius: float
@@ -80,6 +83,7 @@ class DropModel:
     profile: Profile = "parabola"
     plate: contact.Plate | None = None
     rtol: float = 1e-4
+    shared: Array | None = None
 
     @property
     def unknowns(self) -> tuple[str, ...]:
@@ -220,6 +224,8 @@ class DropModel:
         found = {}
         if "trigger" in self.names:
             found[self.names["trigger"]] = -self._is_touch()
+        if "pulse" in self.names:
+            found[self.names["pulse"]] = self._by_pulse()
         if "pixel" in self.names:
             found[self.names["pixel"]] = self._is_radius() * at
         return found
@@ -230,14 +236,22 @@ class DropModel:
         return 1.0, {}
 
     def _finished(self, numbers: Array, given: Given) -> Array:
-        trigger = self._value("trigger", 0.0, given)
-        return np.asarray(self._film(given) * numbers - trigger * self._is_touch())
+        trigger, pulse = (self._value(role, 0.0, given) for role in ("trigger", "pulse"))
+        read = pulse * self._by_pulse() - trigger * self._is_touch()
+        return np.asarray(self._film(given) * numbers + read)
 
     def _film(self, given: Given) -> Array:
         return np.asarray(self._value("pixel", 1.0, given) ** self._is_radius())
 
     def _is_touch(self) -> Array:
         return np.asarray(np.arange(self._size) < self.touches.size, dtype=float)
+
+    def _by_pulse(self) -> Array:
+        """Return what one deviation of the pulse's shape adds to the numbers (n,)."""
+        added, first = np.zeros(self._size), self.touches.size
+        if self.shared is not None:
+            added[first : first + self.durations.size] = self.shared
+        return added
 
     def _is_radius(self) -> Array:
         first = self.touches.size + self.durations.size
@@ -309,9 +323,11 @@ class Bounces:
     touch, u_touch : array (impact,) [s]
         Times since first contact; the first is 0 and its uncertainty that of the trigger.
     duration, u_duration : array (impact,) [s]
-        Of the contacts.
+        Of the contacts, without the part of the uncertainty that all share.
     radius, u_radius : array (impact,) [m]
         Largest contact radii, without the part of the uncertainty that all share.
+    shared_duration : array (impact,) [s], optional
+        The part of the durations that all share: the shape of the pulse that was fitted.
     """
 
     touch: Array
@@ -320,6 +336,7 @@ class Bounces:
     u_duration: Array
     radius: Array
     u_radius: Array
+    shared_duration: Array | None = None
 
 
 def drop_evidence(name: str, seen: Bounces, model: DropModel) -> Evidence:
@@ -332,8 +349,8 @@ def drop_evidence(name: str, seen: Bounces, model: DropModel) -> Evidence:
     seen : Bounces
         What was observed.
     model : DropModel
-        Everything but ``touches``, ``durations``, ``radii``, ``last`` and ``expected_duration``,
-        which follow from what was seen.
+        Everything but ``touches``, ``durations``, ``radii``, ``last``, ``expected_duration`` and
+        ``shared``, which follow from what was seen.
 
     Returns
     -------
@@ -362,9 +379,11 @@ def drop_evidence(name: str, seen: Bounces, model: DropModel) -> Evidence:
     expected = _expected_duration(seen.duration[lasted], model)
     fall = sqrt(2.0 * model.height / model.gravity)
     last = float(seen.touch[times].max()) if times.size else fall * max(int(radii.max()), 1)
+    shared = None if seen.shared_duration is None else seen.shared_duration[lasted]
     full = replace(
-        model, touches=times, durations=lasted, radii=radii, last=last, expected_duration=expected
-    )
+        model, touches=times, durations=lasted, radii=radii, last=last,
+        expected_duration=expected, shared=shared,
+    )  # fmt: skip
     return Evidence(name, tuple(groups), full)
 
 

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.errors import InputError
@@ -71,16 +72,19 @@ def _height(experiment: Experiment, heights: Array) -> Parameter:
 
 
 def ball_drop(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof | str:
-    """Gather times of touch and durations of contact, the mean of the repeats."""
+    """Gather times of touch and durations of contact, the mean of the repeats.
+
+    The shape of the pulse that was fitted to the contacts is the same for all of them: it moves
+    all durations alike, so it is one unknown, and leaves the times between touches as they are.
+    """
     settings: Any = experiment.settings
     made = [inputs.result(experiment.name, "bounces", file) for file in settings.laser]
     count = min(impacts + 1, *(b.sizes["impact"] for b in made))
     if count < 2:
         return "fewer than two impacts were seen"
     touch = np.array([b["touch_time"].values[:count] - float(b["touch_time"][0]) for b in made])
-    own = np.array([b["u_touch_time"].values[:count] for b in made])
-    n = len(made)
-    u_touch = np.maximum(np.sqrt(np.mean(own**2, axis=0)), _scatter(touch)) / np.sqrt(n)
+    own = np.mean([_own_square(b, "touch_time", count) for b in made], axis=0)
+    u_touch = np.maximum(np.sqrt(own), _scatter(touch)) / np.sqrt(len(made))
     u_touch = np.maximum(u_touch, _LEAST_OF_TIME * touch.mean(axis=0))
     table = inputs.result(experiment.name, "repeats").isel(impact=slice(count))
     names, unknowns = _body(experiment)
@@ -88,14 +92,23 @@ def ball_drop(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof | s
     trigger = nuisance(
         f"{experiment.name} trigger", 0.0, float(u_touch[0]), "s", "delay of the first contact"
     )
-    names |= {"height": height.name, "trigger": trigger.name}
-    unknowns += [height, trigger]
+    pulse = nuisance("pulse shape", 0.0, 1.0, "1", "shape of the pulse, in its uncertainties")
+    names |= {"height": height.name, "trigger": trigger.name, "pulse": pulse.name}
+    unknowns += [height, trigger, pulse]
     none = np.full(count, np.nan)
+    shared = np.mean([b["shared_u_contact_duration"].values[:count] ** 2 for b in made], axis=0)
+    u_duration = np.sqrt(np.maximum(table["u_contact_duration"].values ** 2 - shared, 0.0))
     seen = Bounces(
-        touch.mean(axis=0), u_touch, table["contact_duration"].values[:count],
-        table["u_contact_duration"].values[:count], none, none,
+        touch.mean(axis=0), u_touch, table["contact_duration"].values, u_duration, none, none,
+        np.sqrt(shared),
     )  # fmt: skip
     return _proof_of_drop(inputs, experiment, seen, names, unknowns)
+
+
+def _own_square(bounces: xr.Dataset, name: str, count: int) -> Array:
+    """Return the squared uncertainty (impact,) without the part that the pulse's shape makes."""
+    stated, shared = (bounces[f"{part}{name}"].values[:count] for part in ("u_", "shared_u_"))
+    return np.asarray(np.maximum(stated**2 - shared**2, 0.0))
 
 
 def _scatter(touch: Array) -> Array:
