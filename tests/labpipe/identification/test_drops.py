@@ -119,6 +119,16 @@ def test_recording_acts_on_its_own_numbers_only(derivatives, evidence) -> None:
     assert not others["pixel"][:5].any()
 
 
+def test_shape_of_the_pulse_moves_all_durations_alike() -> None:
+    shared = np.array([2e-6, 2.1e-6, 2.2e-6])
+    told = replace(seen(), radius=NONE, shared_duration=shared)
+    made = drop_evidence("drop", told, model(pulse="pulse")).model
+    _, others = made.derivatives(SOLID, {"pulse": 0.0})
+    added = made.predict(SOLID, {"pulse": 2.0}) - made.predict(SOLID, {"pulse": 0.0})
+    assert np.allclose(added, [0, 0, *(2 * shared)], atol=1e-15)
+    assert np.allclose(others["pulse"], [0, 0, *shared], atol=1e-15)
+
+
 def test_frozen_terms_cost_no_run_and_count_as_stiffness(evidence) -> None:
     slow = Prony(1.9e9, [2e8, 1e8], [1e-3, 1e5], nu=0.35)
     made, _ = evidence.model.derivatives(slow, GIVEN)
