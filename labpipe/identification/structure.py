@@ -23,6 +23,7 @@ doi:10.1214/ss/1009212519.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import log
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,9 @@ BEFORE = {SMOOTH: 0.5, SPACED: 0.25, ROUGH: 0.25}
 """Probabilities before the data."""
 _PLACES = 24
 """Of a series with one term per decade: a tenth of a decade would show in forces of 0.2 %."""
+_CUT, _FINER, _ALONE = 8, 2, 0.5
+"""Where one place has more than half of the probability its surroundings are cut into eighths, at
+most twice: forces of 0.01 % know a place to some hundredths of a decade."""
 _ROUGH_PER_DECADE = 8
 _LEAST_DAMPING, _BOUND = 1e-9, 6.0
 _NEGLIGIBLE = 1e-4  # probability of a candidate that is not kept
@@ -113,50 +117,89 @@ def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, .
     tuple of Structure
         The most probable one first; those that do not matter are left out.
     """
-    candidates = _candidates(found.problem)
-    tangent = _Anywhere.at(found, rebuilt, [spectrum.rho for _, spectrum, _ in candidates])
-    made = []
-    for name, spectrum, before in candidates:
-        surrogate = tangent.surrogate(spectrum, spectrum.like(begin))
-        xi, cost = surrogate.lowest(_LEAST_DAMPING, None, _BOUND)
-        rows = surrogate.jacobian(xi)
-        curvature = rows.T @ rows + np.eye(xi.size)
-        evidence = -cost - 0.5 * float(np.linalg.slogdet(curvature)[1])
-        made.append(
-            (
-                log(before) + evidence,
-                Structure(name, spectrum, xi, np.asarray(np.linalg.inv(curvature)), 0.0),
-            )
-        )
-    best = max(evidence for evidence, _ in made)
-    weights = np.exp([evidence - best for evidence, _ in made])
-    weights /= weights.sum()
-    kept = [
-        replace(one, weight=float(w))
-        for (_, one), w in zip(made, weights, strict=True)
-        if w > _NEGLIGIBLE
-    ]
-    total = sum(one.weight for one in kept)
-    kept.sort(key=lambda one: -one.weight)
-    return tuple(replace(one, weight=one.weight / total) for one in kept)
-
-
-def _candidates(problem: Problem) -> list[tuple[str, SmoothSpectrum | RoughSpectrum, float]]:
-    """Return names, spectra and probabilities before the data."""
-    windows = [each.model.window for each in problem.evidence]
+    windows = [each.model.window for each in found.problem.evidence]
     data = min(w[0] for w in windows), max(w[1] for w in windows)
-    nu = problem.spectrum.nu
+    nu = found.problem.spectrum.nu
 
     def on(rho: Array) -> SmoothSpectrum:
         return SmoothSpectrum(rho, nu)
 
-    spaced = BEFORE[SPACED] / _PLACES
-    return [
-        (SMOOTH, on(relaxation_times(*data)), BEFORE[SMOOTH]),
-        *((SPACED, on(one_per_decade(*data, i / _PLACES)), spaced) for i in range(_PLACES)),
-        (ROUGH, RoughSpectrum(on(relaxation_times(*data, per_decade=_ROUGH_PER_DECADE))),
-         BEFORE[ROUGH]),
-    ]  # fmt: skip
+    def spaced(places: NDArray[np.floating[Any]], before: float) -> list[_Candidate]:
+        return [
+            _Candidate(SPACED, on(one_per_decade(*data, p)), before, p) for p in places.tolist()
+        ]
+
+    fine = relaxation_times(*data, per_decade=_ROUGH_PER_DECADE)
+    step, before = 1.0 / _PLACES, BEFORE[SPACED] / _PLACES
+    made = _weighed(found, rebuilt, begin, [
+        _Candidate(SMOOTH, on(relaxation_times(*data)), BEFORE[SMOOTH]),
+        _Candidate(ROUGH, RoughSpectrum(on(fine)), BEFORE[ROUGH]),
+        *spaced(step * np.arange(_PLACES, dtype=float), before),
+    ])  # fmt: skip
+    for _ in range(_FINER):
+        best = max(made, key=lambda one: one.logarithm)
+        if best.asked.name != SPACED or _share(made, best) < _ALONE:
+            break
+        # precise readings know the place of the terms better than to a step
+        step, before = step / _CUT, before / _CUT
+        made = [one for one in made if one.asked.name != SPACED] + _weighed(
+            found, rebuilt, begin,
+            spaced(best.asked.place + step * np.arange(-_CUT, _CUT + 1.0), before),
+        )  # fmt: skip
+    return _probable(made)
+
+
+class _Candidate(NamedTuple):
+    """Name, spectrum, probability before the data, place of the terms in decades."""
+
+    name: str
+    spectrum: SmoothSpectrum | RoughSpectrum
+    before: float
+    place: float = 0.0
+
+
+class _Weighed(NamedTuple):
+    """A candidate, the logarithm of its evidence, and what it says."""
+
+    asked: _Candidate
+    logarithm: float
+    found: Structure
+
+
+def _weighed(
+    found: Fit, rebuilt: Rebuilt, begin: Prony, candidates: list[_Candidate]
+) -> list[_Weighed]:
+    tangent = _Anywhere.at(found, rebuilt, [each.spectrum.rho for each in candidates])
+    made = []
+    for each in candidates:
+        surrogate = tangent.surrogate(each.spectrum, each.spectrum.like(begin))
+        xi, cost = surrogate.lowest(_LEAST_DAMPING, None, _BOUND)
+        rows = surrogate.jacobian(xi)
+        curvature = rows.T @ rows + np.eye(xi.size)
+        logarithm = log(each.before) - cost - 0.5 * float(np.linalg.slogdet(curvature)[1])
+        covariance = np.asarray(np.linalg.inv(curvature))
+        structure = Structure(each.name, each.spectrum, xi, covariance, 0.0)
+        made.append(_Weighed(each, logarithm, structure))
+    return made
+
+
+def _share(made: list[_Weighed], best: _Weighed) -> float:
+    """Return the probability of the best among those of its name."""
+    alike = [one.logarithm - best.logarithm for one in made if one.asked.name == best.asked.name]
+    return 1.0 / float(np.exp(alike).sum())
+
+
+def _probable(made: list[_Weighed]) -> tuple[Structure, ...]:
+    """Return those that matter with their probabilities, the most probable one first."""
+    logarithms = np.array([one.logarithm for one in made])
+    weights = np.exp(logarithms - logarithms.max())
+    weights /= weights.sum()
+    weights[weights < _NEGLIGIBLE] = 0.0
+    weights /= weights.sum()
+    kept = [
+        replace(one.found, weight=float(w)) for one, w in zip(made, weights, strict=True) if w > 0.0
+    ]
+    return tuple(sorted(kept, key=lambda one: -one.weight))
 
 
 @dataclass(frozen=True, eq=False)
