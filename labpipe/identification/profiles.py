@@ -1,8 +1,9 @@
 """Profile likelihood: how far an unknown may go while the others follow, and what that means.
 
-The others follow under their prior, without which a spectrum could be anything, but only what the
-data object counts: where the prior alone resists, nothing has been observed. Where minus the
-logarithm of the likelihood does not rise by 1.92 (half the 95 % quantile of chi square with one
+The others follow under their prior, without which a spectrum could be anything, but what the prior
+of the spectrum objects does not count: where it alone resists, nothing has been observed. What is
+known of the experiments, such as a gain, has been observed. Where minus the logarithm of the
+likelihood does not rise by 1.92 (half the 95 % quantile of chi square with one
 degree of freedom) within three standard deviations of the prior, or has become flat, the data set
 no limit on that side. The models are followed by their tangent (:mod:`.tangent`), which is straight
 in the moduli: no run of a simulator is needed.
@@ -30,6 +31,7 @@ Verdict = Literal["identified", "only an upper limit", "only a lower limit", "no
 _EDGE = 3.0  # standard coordinates: the prior holds nothing farther out
 _PACE = 0.02  # standard coordinates: others that must give way at once would fall to nothing
 _LONGEST_STRIDE = 0.05  # of a logarithm
+_SHORTEST = 1e-2  # of a stride
 _OVER = 1.3  # of the limit: a side ends where the rise is clearly beyond
 _LEAST_DAMPING, _BOUND = 1e-9, 6.0
 
@@ -80,7 +82,7 @@ def profile(known: Posterior, number: int, level: float = 0.95) -> Profile:
     surrogate = Objective.of(found).surrogate(found.xi)
     parameter = found.problem.parameters[number]
     start = _objection(surrogate, found.xi)
-    sides = [_side(surrogate, known, number, sign, start + _OVER * limit) for sign in (-1.0, 1.0)]
+    sides = [_side(surrogate, known, number, sign, limit) for sign in (-1.0, 1.0)]
     places = [(float(found.xi[number]), start)] + sides[0] + sides[1]
     places.sort()
     at, height = np.array(places).T
@@ -102,26 +104,32 @@ def profile(known: Posterior, number: int, level: float = 0.95) -> Profile:
 
 
 def _side(
-    surrogate: Surrogate, known: Posterior, number: int, sign: float, enough: float
+    surrogate: Surrogate, known: Posterior, number: int, sign: float, limit: float
 ) -> list[tuple[float, float]]:
-    """Walk to one side until the data object enough; returns places and heights."""
+    """Walk to one side until there is objection enough; returns places and heights."""
     longest = _LONGEST_STRIDE / known.fit.problem.parameters[number].sd
     stride = min(0.5 * float(known.sd[number]), longest, _PACE)
     xi, found = known.fit.xi, []
-    while abs(xi[number]) < _EDGE:
+    start = height = _objection(surrogate, xi)
+    least = stride * _SHORTEST
+    while abs(xi[number]) < _EDGE and height < start + _OVER * limit:
         trial = xi.copy()
         trial[number] += sign * stride
-        xi, _ = surrogate.lowest(_LEAST_DAMPING, number, _BOUND, trial)
-        found.append((float(xi[number]), _objection(surrogate, xi)))
-        if found[-1][1] > enough:
-            break
+        trial, _ = surrogate.lowest(_LEAST_DAMPING, number, _BOUND, trial)
+        new = _objection(surrogate, trial)
+        if new > height + limit and stride > least:
+            stride *= 0.5  # the others did not follow, or a wall begins
+            continue
+        xi, height = trial, new
+        found.append((float(xi[number]), height))
     return found
 
 
 def _objection(surrogate: Surrogate, xi: Array) -> float:
-    """Half the sum of squares of the data alone."""
+    """Half the sum of squares of the data, and of what is known of the experiments."""
     rest, _ = surrogate.rows(xi)
-    return 0.5 * float(rest @ rest)
+    own = xi[surrogate.problem.n_material :]
+    return 0.5 * float(rest @ rest + own @ own)
 
 
 def _crossings(at: Array, rise: Array, limit: float) -> tuple[float, float]:

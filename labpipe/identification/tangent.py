@@ -168,10 +168,14 @@ class Surrogate:
         for _ in range(_MOST_STEPS):
             gradient = rows.T @ rest + own * xi + damping * (xi - self.at)
             curvature = rows.T @ rows + np.diag(own + damping)
+            # what leans against its bound stays there, or the others could not move past it
+            stays = np.abs(xi) >= bound
+            stays &= np.sign(xi) == -np.sign(gradient)
             if held is not None:
-                gradient[held] = 0.0
-                curvature[held, :] = curvature[:, held] = 0.0
-                curvature[held, held] = 1.0
+                stays[held] = True
+            gradient[stays] = 0.0
+            curvature[stays, :] = curvature[:, stays] = 0.0
+            curvature[stays, stays] = 1.0
             while brake < _MOST_BRAKE:
                 step = -np.linalg.solve(curvature + brake * np.eye(xi.size), gradient)
                 trial = np.clip(xi + step, -bound, bound)
