@@ -3,10 +3,10 @@
 The others follow under their prior, without which a spectrum could be anything, but what the prior
 of the spectrum objects does not count: where it alone resists, nothing has been observed. What is
 known of the experiments, such as a gain, has been observed. Where minus the logarithm of the
-likelihood does not rise by 1.92 (half the 95 % quantile of chi square with one
-degree of freedom) within three standard deviations of the prior, or has become flat, the data set
-no limit on that side. The models are followed by their tangent (:mod:`.tangent`), which is straight
-in the moduli: no run of a simulator is needed.
+likelihood does not rise by 1.92 (half the 95 % quantile of chi square with one degree of freedom)
+within three standard deviations of the prior, the data set no limit on that side. The models are
+followed by their tangent (:mod:`.tangent`), which is straight in the moduli: no run of a simulator
+is needed.
 
 References
 ----------
