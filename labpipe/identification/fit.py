@@ -321,8 +321,7 @@ class Objective:
 
     def covariance(self, xi: Array) -> Array:
         """Return the covariance (parameter, parameter) of Laplace's approximation."""
-        rows = self.data_jacobian(xi)
-        return np.asarray(np.linalg.inv(rows.T @ rows + np.eye(xi.size)))
+        return laplace(self.data_jacobian(xi))[0]
 
     def new_misfits(self, xi: Array) -> Misfits:
         """Estimate the discrepancy of every group that the stated uncertainties do not explain."""
@@ -343,6 +342,18 @@ class Objective:
                 elif known.relative > 0.0:
                     found[each.name, group.name] = Misfit(0.5 * known.relative, 0.0)
         return found
+
+
+def laplace(rows: Array) -> tuple[Array, float]:
+    """Return the inverse of ``rows.T @ rows + 1`` and the logarithm of its own determinant.
+
+    By singular values: combinations may be known a million times better than others, and the
+    product of the rows would lose those others.
+    """
+    _, values, vectors = np.linalg.svd(rows, full_matrices=True)
+    more = np.ones(rows.shape[1])
+    more[: values.size] += values**2
+    return np.asarray((vectors.T / more) @ vectors), float(np.log(more).sum())
 
 
 def _misfit(rest: Array, u: Array, size: Array, freedom: float) -> Misfit | None:

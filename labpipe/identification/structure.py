@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.identification.evidence import Evidence
-from labpipe.identification.fit import Fit, Objective, fit
+from labpipe.identification.fit import Fit, Objective, fit, laplace
 from labpipe.identification.posterior import Posterior, Structure, posterior
 from labpipe.identification.problem import Problem
 from labpipe.identification.spectra import (
@@ -49,9 +49,9 @@ BEFORE = {SMOOTH: 0.5, SPACED: 0.25, ROUGH: 0.25}
 """Probabilities before the data."""
 _PLACES = 24
 """Of a series with one term per decade: a tenth of a decade would show in forces of 0.2 %."""
-_CUT, _FINER, _ALONE = 8, 2, 0.5
-"""Where one place has more than half of the probability its surroundings are cut into eighths, at
-most twice: forces of 0.01 % know a place to some hundredths of a decade."""
+_CUT, _FINER, _ALONE = 8, 3, 0.5
+"""Where one place has more than half of their probability its surroundings are cut into eighths, at
+most three times: between two places precise readings would fit none."""
 _ROUGH_PER_DECADE = 8
 _LEAST_DAMPING, _BOUND = 1e-9, 6.0
 _NEGLIGIBLE = 1e-4  # probability of a candidate that is not kept
@@ -95,7 +95,8 @@ def infer(
     if best.name != SMOOTH:
         own = Problem(best.spectrum, rebuilt(best.spectrum.rho), problem.nuisances)
         found = fit(own, start=best.xi, progress=progress).differentiated()
-    if found.misfits:
+    if best.name != SMOOTH or found.misfits:
+        # a gain stretches what is predicted: how, is known only where the prediction is right
         made = structures(found, rebuilt, begin)
     return replace(posterior(found), structures=made)
 
@@ -137,8 +138,8 @@ def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, .
         *spaced(step * np.arange(_PLACES, dtype=float), before),
     ])  # fmt: skip
     for _ in range(_FINER):
-        best = max(made, key=lambda one: one.logarithm)
-        if best.asked.name != SPACED or _share(made, best) < _ALONE:
+        best = max((m for m in made if m.asked.name == SPACED), key=lambda one: one.logarithm)
+        if _share(made, best) < _ALONE:
             break
         # precise readings know the place of the terms better than to a step
         step, before = step / _CUT, before / _CUT
@@ -174,10 +175,8 @@ def _weighed(
     for each in candidates:
         surrogate = tangent.surrogate(each.spectrum, each.spectrum.like(begin))
         xi, cost = surrogate.lowest(_LEAST_DAMPING, None, _BOUND)
-        rows = surrogate.jacobian(xi)
-        curvature = rows.T @ rows + np.eye(xi.size)
-        logarithm = log(each.before) - cost - 0.5 * float(np.linalg.slogdet(curvature)[1])
-        covariance = np.asarray(np.linalg.inv(curvature))
+        covariance, size = laplace(surrogate.jacobian(xi))
+        logarithm = log(each.before) - cost - 0.5 * size
         structure = Structure(each.name, each.spectrum, xi, covariance, 0.0)
         made.append(_Weighed(each, logarithm, structure))
     return made

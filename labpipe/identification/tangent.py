@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from labpipe.identification.problem import Corrections, Problem
 
@@ -166,18 +167,17 @@ class Surrogate:
         rest, rows = self.rows(xi)
         height, brake = self._height(xi, rest, own, damping), _BRAKE
         for _ in range(_MOST_STEPS):
-            gradient = rows.T @ rest + own * xi + damping * (xi - self.at)
-            curvature = rows.T @ rows + np.diag(own + damping)
+            pull = own * xi + damping * (xi - self.at)
+            gradient = rows.T @ rest + pull
             # what leans against its bound stays there, or the others could not move past it
-            stays = np.abs(xi) >= bound
-            stays &= np.sign(xi) == -np.sign(gradient)
+            stays = (np.abs(xi) >= bound) & (np.sign(xi) == -np.sign(gradient))
             if held is not None:
                 stays[held] = True
-            gradient[stays] = 0.0
-            curvature[stays, :] = curvature[:, stays] = 0.0
-            curvature[stays, stays] = 1.0
+            free = np.flatnonzero(~stays)
             while brake < _MOST_BRAKE:
-                step = -np.linalg.solve(curvature + brake * np.eye(xi.size), gradient)
+                step = np.zeros(xi.size)
+                stiff = np.sqrt((own + damping + brake)[free])
+                step[free] = -_least(rows[:, free], rest, stiff, pull[free])
                 trial = np.clip(xi + step, -bound, bound)
                 found, slopes = self.rows(trial)
                 new = self._height(trial, found, own, damping)
@@ -203,6 +203,16 @@ class Surrogate:
     def values(self, xi: Array) -> Array:
         """Return the nuisances (nuisance,) in their units at a point."""
         return np.array(list(self.problem.given(xi).values()))
+
+
+def _least(rows: Array, rest: Array, stiff: Array, pull: Array) -> Array:
+    """Return the s that minimises |rest - rows s|² + |stiff s|² - 2 pull s.
+
+    By the rows themselves: their product would lose what is known a million times less.
+    """
+    q, r = np.linalg.qr(np.vstack([rows, np.diag(stiff)]))
+    made = solve_triangular(r, q.T @ np.concatenate([rest, pull / stiff]))
+    return np.asarray(made)
 
 
 _MOST_STEPS = 60
