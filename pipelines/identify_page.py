@@ -39,6 +39,8 @@ Array = NDArray[np.float64]
 _REACH = 1.96
 _MOST_COMBINATIONS = 12
 SHAPE = ("change ", "lump ")  # begin the names of the unknowns of a spectrum's shape
+_DIGITS = 4  # of the ends of an interval
+_NOTHING = 1e-4  # relative: a smaller discrepancy is in the table only
 _LOUD = 2.5  # standard deviations by which a nuisance may leave its prior without a remark
 
 
@@ -71,21 +73,25 @@ def render(session: Session, found: Identified) -> str:
 
 def relaxed_text(found: Identified) -> str:
     """Say what is known of the long-time modulus."""
-    value, low, high = found.known.interval(0)
-    if found.relaxed is None:
+    value, low, high = (_shown(v, "Pa") for v in found.known.interval(0))
+    said = found.relaxed
+    if said is None:
         return (
-            f"E_relaxed {quantity(value, 'Pa')}, {quantity(low, 'Pa')} to {quantity(high, 'Pa')} "
-            "if it is determined at all, which was not examined"
+            f"E_relaxed {value}, {low} to {high} if it is determined at all, which was not examined"
         )
-    if found.relaxed.verdict == "identified":
-        ends = f"{quantity(found.relaxed.low, 'Pa')} to {quantity(found.relaxed.high, 'Pa')}"
-        return f"E_relaxed {quantity(value, 'Pa')} (95 %: {ends})"
+    if said.verdict == "identified":
+        return f"E_relaxed {value} (95 %: {_shown(said.low, 'Pa')} to {_shown(said.high, 'Pa')})"
     texts = {
-        "only an upper limit": f"below {quantity(found.relaxed.high, 'Pa')} (95 %)",
-        "only a lower limit": f"above {quantity(found.relaxed.low, 'Pa')} (95 %)",
+        "only an upper limit": f"below {_shown(said.high, 'Pa')} (95 %)",
+        "only a lower limit": f"above {_shown(said.low, 'Pa')} (95 %)",
         "not identifiable": "without any limit",
     }
-    return f"E_relaxed is not identifiable from these experiments: {texts[found.relaxed.verdict]}"
+    return f"E_relaxed is not identifiable from these experiments: {texts[said.verdict]}"
+
+
+def _shown(value: float, unit: str) -> str:
+    """Write an end of an interval: gains are known to a thousandth and better."""
+    return quantity(value, unit, _DIGITS)
 
 
 def statements(found: Identified) -> list[str]:
@@ -100,6 +106,8 @@ def statements(found: Identified) -> list[str]:
         "from the data than before"
     )
     for (experiment, group), misfit in known.fit.misfits.items():
+        if misfit.relative < _NOTHING:
+            continue
         texts.append(
             f"{experiment}, {group}: the model misses by {100 * misfit.relative:.2g} % more than "
             "the stated uncertainties explain; the intervals allow for it"
@@ -285,9 +293,9 @@ def _rows(found: Identified) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     for i, parameter in enumerate(found.known.fit.problem.parameters):
         ends = [float(made[n][i]) for n in ("low", "high", "prior_low", "prior_high")]
-        shown = [quantity(e, parameter.unit) if isfinite(e) else "none" for e in ends]
+        shown = [_shown(e, parameter.unit) if isfinite(e) else "none" for e in ends]
         rows.append((
-            parameter.name, parameter.text, quantity(float(made["value"][i]), parameter.unit),
+            parameter.name, parameter.text, _shown(float(made["value"][i]), parameter.unit),
             f"{shown[0]} to {shown[1]}", f"{shown[2]} to {shown[3]}", texts[i],
         ))  # fmt: skip
     return rows
@@ -306,15 +314,16 @@ def _table(rows: list[tuple[str, ...]]) -> Table:
 def _profile(found: Identified) -> tuple[Block, ...]:
     if found.relaxed is None or found.relaxed.values.size < 2:
         return ()
+    values = found.relaxed.values
     return (
         LineChart(
             "Profile of the long-time modulus", "E_relaxed / Pa", "rise of −ln likelihood",
             (
-                Series("all others follow", found.relaxed.values,
-                       np.minimum(found.relaxed.rise, 10.0), role="model"),
-                Series("95 %", found.relaxed.values[[0, -1]], [1.92, 1.92], role="reference"),
+                Series("all others follow", values, np.minimum(found.relaxed.rise, 10.0),
+                       role="model"),
+                Series("95 %", values[[0, -1]], [1.92, 1.92], role="reference"),
             ),
-            x_scale="log",
+            x_scale="log" if values[-1] > 10.0 * values[0] else "linear",
             caption="Where the curve stays below the line the data do not object.",
         ),
     )  # fmt: skip
