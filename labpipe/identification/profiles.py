@@ -33,7 +33,11 @@ _PACE = 0.02  # standard coordinates: others that must give way at once would fa
 _LONGEST_STRIDE = 0.05  # of a logarithm
 _SHORTEST = 1e-2  # of a stride
 _OVER = 1.3  # of the limit: a side ends where the rise is clearly beyond
-_LEAST_DAMPING, _BOUND = 1e-9, 6.0
+_LEAST_DAMPING = 1e-9
+_ENDS = 1.0 / 9.0
+"""Weight of the spectrum's prior on the way up: a spectrum may end at once, which a walk over the
+decades believes too little, so an upper limit holds for a prior three times as wide."""
+_BOUND = 12.0  # standard coordinates, of the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +115,11 @@ def _side(
     stride = min(0.5 * float(known.sd[number]), longest, _PACE)
     xi, found = known.fit.xi, []
     start = height = _objection(surrogate, xi)
-    least = stride * _SHORTEST
+    least, belief = stride * _SHORTEST, _ENDS if sign > 0.0 else 1.0
     while abs(xi[number]) < _EDGE and height < start + _OVER * limit:
         trial = xi.copy()
         trial[number] += sign * stride
-        trial, _ = surrogate.lowest(_LEAST_DAMPING, number, _BOUND, trial)
+        trial, _ = surrogate.lowest(_LEAST_DAMPING, number, _BOUND, trial, belief)
         new = _objection(surrogate, trial)
         if new > height + limit and stride > least:
             stride *= 0.5  # the others did not follow, or a wall begins

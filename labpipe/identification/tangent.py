@@ -146,7 +146,12 @@ class Surrogate:
         return np.hstack([self.by_terms @ slopes, self.by_values * np.array(own)])
 
     def lowest(
-        self, damping: float, held: int | None, bound: float, begin: Array | None = None
+        self,
+        damping: float,
+        held: int | None,
+        bound: float,
+        begin: Array | None = None,
+        belief: float = 1.0,
     ) -> tuple[Array, float]:
         """Return where the surrogate's cost is least, and that cost.
 
@@ -160,8 +165,11 @@ class Surrogate:
             Within which standard coordinates stay.
         begin : array (parameter,), optional
             Where to begin, the point itself by default.
+        belief : float
+            Weight of the prior of the material.
         """
         xi, own = self.at if begin is None else begin, np.ones(self.at.size)
+        own[: self.problem.n_material] = belief
         if held is not None:
             own[held] = 0.0
         rest, rows = self.rows(xi)
