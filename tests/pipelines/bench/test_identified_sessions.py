@@ -71,7 +71,7 @@ def test_trials_are_counted_and_survive_a_file(hold: tuple[Path, Trial]) -> None
     assert identified_sessions.run(quick=True).points == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_drop_is_compared_with_all_that_it_leaves_unknown(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
