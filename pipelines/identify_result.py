@@ -57,24 +57,17 @@ def dataset(found: Identified) -> xr.Dataset:
         ("prior_ln_storage", curve.prior_ln_storage, "1", "the same before the data"),
         ("loss_factor", curve.loss_factor, "1", "loss factor"),
         ("u_ln_loss_factor", curve.u_ln_loss_factor, "1", "standard deviation of its logarithm"),
-        (
-            "open_ln_loss_factor",
-            curve.open_ln_loss_factor,
-            "1",
-            "what the structure adds",
-        ),
+        ("open_ln_loss_factor", curve.open_ln_loss_factor, "1", "what the structure adds"),
         ("prior_ln_loss_factor", curve.prior_ln_loss_factor, "1", "the same before the data"),
         ("is_determined", curve.is_determined.astype(np.int8), "1", "1 where the data tell"),
     ):
         table[name] = ("frequency", values, _text(units, text))
     table |= _parameters(found) | _observations(found) | _drawn(found, curve)
-    names = list(structure(found))
-    table["structure_name"] = ("structure", names, _text("1", "structure of the spectrum"))
+    chances = structure(found)
+    table["structure_name"] = ("structure", list(chances), _text("1", "structure of the spectrum"))
     table["structure_probability"] = (
-        "structure",
-        list(structure(found).values()),
-        _text("1", "its probability after the data"),
-    )
+        "structure", list(chances.values()), _text("1", "its probability after the data"),
+    )  # fmt: skip
     table["singular_value"] = (
         "combination", known.singular_values,
         _text("1", "how many times better than the prior a combination is known"),

@@ -40,8 +40,8 @@ _TRIES = 3
 _RESOLVED = 0.1  # of a contact's duration is the shortest time of which it tells
 ROLES = ("height", "mass", "radius", "trigger", "pulse", "pixel", "plate")
 """What of a drop may be unknown: fall [m], mass [kg] that moves, radius [m] of the sphere, delay
-[s] of the first contact's reading, shape of
-the pulse in its deviations, scale of the film (1 at best), modal mass [kg] of the plate."""
+[s] of the first contact's reading, shape of the pulse in its deviations, scale of the film (1 at
+best), modal mass [kg] of the plate."""
 
 
 @dataclass(frozen=True, eq=False)

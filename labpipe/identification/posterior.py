@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from labpipe.identification.evidence import Group
-from labpipe.identification.fit import Fit, Objective
+from labpipe.identification.fit import Fit, Objective, laplace
 from labpipe.identification.linear import modulus_basis
 from labpipe.identification.problem import Misfit, split
 from labpipe.identification.spectra import Spectrum
@@ -108,10 +108,9 @@ def posterior(found: Fit) -> Posterior:
     -------
     Posterior
     """
-    objective = Objective.of(found)
-    rows = objective.data_jacobian(found.xi)
+    rows = Objective.of(found).data_jacobian(found.xi)
     _, values, vectors = np.linalg.svd(rows, full_matrices=False)
-    return Posterior(found, objective.covariance(found.xi), rows, values, vectors)
+    return Posterior(found, laplace(rows)[0], rows, values, vectors)
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,7 @@ _LEAST_DAMPING = 1e-9
 _ENDS = 1.0 / 9.0
 """Weight of the spectrum's prior on the way up: a spectrum may end at once, which a walk over the
 decades believes too little, so an upper limit holds for a prior three times as wide."""
-_BOUND = 12.0  # standard coordinates, of the same
+_BOUND = 12.0  # standard coordinates of the others: what only the prior resists may go far
 
 
 @dataclass(frozen=True, eq=False)
