@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe import files
 from labpipe.errors import InputError, UsageError
-from labpipe.workflow.plan import CACHED
+from labpipe.workflow.plan import READY
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -118,8 +118,8 @@ def export_results(
         and (not steps or row.stage in steps)
         and (not names or row.experiment in names)
     ]
-    left_out = tuple(f"{row.task}: {row.reason}" for row in rows if row.state != CACHED)
-    ready = [row for row in rows if row.state == CACHED]
+    left_out = tuple(f"{row.task}: {row.reason}" for row in rows if row.state not in READY)
+    ready = [row for row in rows if row.state in READY]
     if not ready:
         message = (
             f"{plan.session.root}: none of {len(rows)} wanted results is there and up to date; "

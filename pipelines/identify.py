@@ -210,11 +210,11 @@ def _processed(folder: str | Path, groups: Iterable[_Group]) -> Inputs:
         if group.prior is not None:
             targets.append(f"{group.prior}/master_curve")
             names.append(group.prior)
-    run = process.process(folder, targets, names)
+    run = process.process(folder, targets, names, keep=None)
     for outcome in run.failures:
         message = f"{outcome.task}: {outcome.message}"
         raise InputError(message)
-    plan = process.plan(folder)
+    plan = process.plan(folder, keep=None)
     return Inputs(plan, {n: e.settings for n, e in plan.session.experiments.items()})
 
 

@@ -38,6 +38,7 @@ def stated(given: Quantity) -> str:
 def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Document:
     """Assemble a page: the sections of its kind between the head and the sections of every page."""
     head = (synthetic_notice(),) if context.synthetic else ()
+    head += kept_notice(context)
     first, *rest = sections
     opening = Section(first.title, (*head, *first.blocks), first.anchor)
     return Document(
@@ -56,6 +57,22 @@ def synthetic_notice() -> Notice:
         "Synthetic data: recorded by labpipe's virtual rig, not by an instrument. They show what "
         "the analysis does; they say nothing about a real material.",
     )
+
+
+def kept_notice(context: Context) -> tuple[Notice, ...]:
+    """Say which results behind the page were made by earlier code and taken as they are."""
+    if not context.kept:
+        return ()
+    lines = [
+        f"{k.stage}{f' [{k.recording}]' if k.recording else ''}: {', '.join(k.changed)}"
+        for k in context.kept
+    ]
+    text = (
+        "Results of earlier code were kept as they are; what follows from them may differ from "
+        "what this version of labpipe gives. `labpipe process` makes them again. They are, each "
+        "with what has changed since:"
+    )
+    return (Notice("warning", "\n".join([text, *lines])),)
 
 
 def failed_notice(context: Context) -> tuple[Notice, ...]:

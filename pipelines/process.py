@@ -84,6 +84,7 @@ def plan(
     only: Iterable[str] | None = None,
     *,
     full: bool = False,
+    keep: bool | None = False,
 ) -> Plan:
     """Say what :func:`process` would run, and why; nothing numerical is imported.
 
@@ -95,8 +96,10 @@ def plan(
         Stages and experiments that are wanted; all by default.
     full : bool
         Plan for a run without shortcuts.
+    keep : bool or None
+        Take results of earlier code as they are; with None, those that an earlier run took.
     """
-    return make_plan(reopen_session(folder), STAGES, targets, only, full=full)
+    return make_plan(reopen_session(folder), STAGES, targets, only, full=full, keep=keep)
 
 
 def process(
@@ -106,6 +109,7 @@ def process(
     *,
     jobs: int = 1,
     full: bool = False,
+    keep: bool | None = False,
     fail_fast: bool = False,
     progress: "Callable[[Event], None] | None" = None,
 ) -> "RunResult":
@@ -121,6 +125,9 @@ def process(
         Experiments computed side by side.
     full : bool
         Without the shortcuts that skip what a scene does not need.
+    keep : bool or None
+        Take results of earlier code as they are where nothing else has changed, and say so on
+        every page; with None, those that an earlier run took. By default all is made again.
     fail_fast : bool
         Stop at the first failure instead of going on with the other experiments.
     progress : callable, optional
@@ -139,7 +146,7 @@ def process(
     session = reopen_session(folder)
     done = run(
         session, STAGES, jobs=jobs, targets=targets, only=only,
-        fail_fast=fail_fast, full=full, schemas=SCHEMAS, progress=progress,
+        fail_fast=fail_fast, full=full, keep=keep, schemas=SCHEMAS, progress=progress,
     )  # fmt: skip
     write_overview(session, STAGES)
     return done
@@ -231,12 +238,12 @@ def results(folder: str | Path, experiment: str) -> "xr.DataTree":
     """
     import xarray as xr
 
-    from labpipe.workflow.plan import CACHED
+    from labpipe.workflow.plan import READY
 
-    made = plan(folder, only=[experiment])
+    made = plan(folder, only=[experiment], keep=None)
     found: dict[str, xr.Dataset] = {}
     for row in made.rows:
-        is_wanted = row.experiment == experiment and row.state == CACHED
+        is_wanted = row.experiment == experiment and row.state in READY
         if is_wanted and made.tasks[row.task].stage.output == "dataset":
             node = f"/{row.stage}"
             if row.recording is not None:
@@ -335,7 +342,7 @@ def export(
     ours = session.folder / FOLDER
     target = Target(Path(out) if out else ours, format, replace or out is None)
     names, experiments = tuple(stages), tuple(only or ())
-    made = make_plan(session, STAGES, names or None, experiments or None)
+    made = make_plan(session, STAGES, names or None, experiments or None, keep=None)
     return export_results(
         made, names, experiments, target,
         lambda row: result(place, row.experiment, row.stage, row.recording),

@@ -85,11 +85,11 @@ def examine(folder: str | Path, wanted: str | None = None) -> list[Examined]:
         )
         raise UsageError(message)
     targets = [f"{e.name}/{s}" for e in chosen for s in QUANTITIES[e.kind][0]]
-    run = process.process(folder, targets, [e.name for e in chosen])
+    run = process.process(folder, targets, [e.name for e in chosen], keep=None)
     for outcome in run.failures:
         message = f"{outcome.task}: {outcome.message}"
         raise InputError(message)
-    plan = process.plan(folder)
+    plan = process.plan(folder, keep=None)
     inputs = Inputs(plan, {n: e.settings for n, e in plan.session.experiments.items()})
     return [
         examined(e.name, quantity) for e in chosen for quantity in QUANTITIES[e.kind][1](inputs, e)

@@ -28,6 +28,15 @@ class Failed:
 
 
 @dataclass(frozen=True, slots=True)
+class Kept:
+    """A result of earlier code that was taken as it is, and what has changed in the code since."""
+
+    stage: str
+    recording: str | None
+    changed: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class RawFile:
     """A file of the session behind the page."""
 
@@ -55,3 +64,4 @@ class Context:
     failures: tuple[Failed, ...]
     inputs: tuple[RawFile, ...]
     provenance: Mapping[str, Any]
+    kept: tuple[Kept, ...] = ()

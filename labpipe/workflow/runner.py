@@ -2,7 +2,7 @@
 
 import datetime
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,8 @@ from labpipe.errors import InputError, StorageError
 from labpipe.schema import Schema
 from labpipe.workflow import pool, provenance
 from labpipe.workflow.ledger import LedgerRow, summarise
-from labpipe.workflow.plan import CACHED, Plan, make_plan, page_name, wanted_tasks
+from labpipe.workflow.log import LOG
+from labpipe.workflow.plan import READY, Plan, make_plan, page_name, wanted_tasks
 from labpipe.workflow.processes import Died
 from labpipe.workflow.session import Session, html_table
 from labpipe.workflow.store import Store
@@ -21,8 +22,6 @@ from labpipe.workflow.worker import DONE, FAILED, SKIPPED, Job, Outcome, check_s
 
 if TYPE_CHECKING:
     import xarray as xr
-
-LOG = "run.jsonl"
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +110,7 @@ def run(
     fail_fast: bool = False,
     full: bool = False,
     paranoid: bool = False,
+    keep: bool | None = False,
     schemas: Mapping[str, Schema] | None = None,
     progress: Callable[[Event], None] | None = None,
 ) -> RunResult:
@@ -134,6 +134,8 @@ def run(
         Without shortcuts; stages that declare ``shortcuts`` are told.
     paranoid : bool
         Read every file again instead of trusting size, times and inode.
+    keep : bool or None
+        Take results of earlier code as they are; with None, those that an earlier run took.
     schemas : mapping, optional
         The schemas that stages name.
     progress : callable, optional
@@ -160,9 +162,10 @@ def run(
     store = Store(session.folder, paranoid=paranoid)
     store.clean()
     tasks = spell_out(session, stages)
-    made = make_plan(session, tasks, wanted_tasks(session, tasks, targets, only), store, full=full)
+    wanted = wanted_tasks(session, tasks, targets, only)
+    made = make_plan(session, tasks, wanted, store, full=full, keep=keep)
     if made.to_run:
-        store.index.save()
+        store.remember()
     template = Job(
         session=session,
         stages=stages,
@@ -171,6 +174,7 @@ def run(
         wanted=frozenset(),
         full=full,
         paranoid=paranoid,
+        keep=keep,
         fail_fast=fail_fast,
         program=provenance.program() if made.to_run else {},
         failures={},
@@ -212,10 +216,10 @@ def open_result(
         found = [str(n.recording) for n in tasks if n[:2] == task[:2] and n.recording is not None]
         message = f"{task} is no task; recordings: {', '.join(found) or 'none'}"
         raise InputError(message)
-    made = make_plan(session, tasks, frozenset([task]), store, full=full)
+    made = make_plan(session, tasks, frozenset([task]), store, full=full, keep=None)
     row = next(row for row in made.rows if row.task == task)
     key = made.keys[task].value
-    if row.state != CACHED or key is None:
+    if row.state not in READY or key is None:
         message = f"{task} has no up-to-date result ({row.reason}); run labpipe process first"
         raise InputError(message)
     return _dataset(store, key, task)
@@ -227,20 +231,6 @@ def _dataset(store: Store, key: str, task: TaskId) -> "xr.Dataset":
         message = f"{task} is a page; open it in a browser"
         raise InputError(message)
     return result
-
-
-def events(session: Session) -> Iterator[dict[str, Any]]:
-    """Go through the log of all runs; lines that a kill left incomplete are passed over."""
-    path = session.folder / LOG
-    if not path.is_file():
-        return
-    for line in path.read_text("utf-8", errors="replace").splitlines():
-        try:
-            event = json.loads(line)
-        except ValueError:
-            continue
-        if isinstance(event, dict):
-            yield event
 
 
 def _bytes(path: Path) -> int:
@@ -314,10 +304,11 @@ class _State:
             key = self.plan.keys[row.task].value
             if row.experiment in busy or key is None:
                 continue
-            if self.store.latest(row.experiment).get((row.stage, row.recording)) != key:
+            last = self.plan.last(row.task)
+            if self.store.last(row.task) != last:
                 with self.store.experiment(row.experiment):
-                    self.store.note_latest(row.task, key)
-            self.tell("ended", Outcome(*row.task, CACHED, key))
+                    self.store.note_latest(row.task, *last)
+            self.tell("ended", Outcome(*row.task, row.state, key))
 
     def waiting(self) -> dict[str, set[str]]:
         """Experiments to run, in order, each with those that must end before it."""
@@ -459,4 +450,4 @@ class _State:
 
     def _tasks_row(self, name: str, outcomes: list[Outcome]) -> LedgerRow:
         states = [o.state for o in outcomes if o.experiment == name]
-        return LedgerRow(name, "", "tasks", states.count(DONE), states.count(CACHED))
+        return LedgerRow(name, "", "tasks", states.count(DONE), sum(map(states.count, READY)))

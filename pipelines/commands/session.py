@@ -98,6 +98,10 @@ def _split(values: Sequence[str]) -> list[str] | None:
 
 _TO = click.option("--to", "targets", multiple=True, help="Only this stage and what it needs.")
 _ONLY = click.option("--only", multiple=True, help="Only this experiment and what it needs.")
+_KEEP = click.option(
+    "--keep", is_flag=True,
+    help="Take results of earlier code as they are, and mark them; default: make them again.",
+)  # fmt: skip
 _FULL = click.option("--full", is_flag=True, help="Without shortcuts; reads and solves everything.")
 
 
@@ -106,9 +110,15 @@ _FULL = click.option("--full", is_flag=True, help="Without shortcuts; reads and 
 @_TO
 @_ONLY
 @_FULL
+@_KEEP
 @json_option
 def plan(
-    session: Path, targets: tuple[str, ...], only: tuple[str, ...], full: bool, as_json: bool
+    session: Path,
+    targets: tuple[str, ...],
+    only: tuple[str, ...],
+    full: bool,
+    keep: bool,
+    as_json: bool,
 ) -> None:
     r"""Say what `process` would run, and why; nothing is computed.
 
@@ -118,11 +128,11 @@ def plan(
     """
     from pipelines import process as verbs
 
-    made = verbs.plan(session, _split(targets), _split(only), full=full)
+    made = verbs.plan(session, _split(targets), _split(only), full=full, keep=keep)
     if as_json:
         names = ("experiment", "stage", "recording", "state", "reason")
         rows = [{n: getattr(row, n) for n in names} for row in made.rows]
-        echo_json({"rows": rows, "to_run": len(made.to_run)})
+        echo_json({"rows": rows, "to_run": len(made.to_run), "estimate": made.estimate})
         return
     experiment = None
     for row in made.rows:
@@ -131,7 +141,7 @@ def plan(
             echo(f"\n{experiment} ({made.session.experiments[experiment].kind})")
         name = row.stage if row.recording is None else f"{row.stage} [{row.recording}]"
         echo(f"  {row.state:{_STATE_WIDTH}}{name:44} {row.reason}")
-    echo(f"\n{len(made.to_run)} of {len(made.rows)} steps would run")
+    echo(f"\n{made.summary}")
 
 
 @click.command()
@@ -139,6 +149,7 @@ def plan(
 @_TO
 @_ONLY
 @_FULL
+@_KEEP
 @jobs_option
 @click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
 @json_option
@@ -147,6 +158,7 @@ def process(
     targets: tuple[str, ...],
     only: tuple[str, ...],
     full: bool,
+    keep: bool,
     jobs: int,
     fail_fast: bool,
     as_json: bool,
@@ -165,7 +177,7 @@ def process(
     with watching(enabled=not as_json) as progress:
         outcome = verbs.process(
             session, _split(targets), _split(only),
-            jobs=jobs, full=full, fail_fast=fail_fast, progress=progress,
+            jobs=jobs, full=full, keep=keep, fail_fast=fail_fast, progress=progress,
         )  # fmt: skip
     if as_json:
         echo_json(as_document(outcome))

@@ -54,7 +54,7 @@ class Inputs:
         InputError
             It is missing or out of date.
         """
-        from labpipe.workflow.plan import CACHED
+        from labpipe.workflow.plan import READY
         from labpipe.workflow.store import Store
         from labpipe.workflow.tasks import TaskId
         from pipelines.process import result
@@ -62,7 +62,7 @@ class Inputs:
         task = TaskId(experiment, stage, recording)
         row = next((row for row in self.plan.rows if row.task == task), None)
         key = None if row is None else self.plan.keys[task].value
-        if row is None or row.state != CACHED or key is None:
+        if row is None or row.state not in READY or key is None:
             return result(self.folder, experiment, stage, recording)  # which says what is wrong
         found = Store(self.plan.session.folder).read(key)
         if isinstance(found, str):

@@ -119,7 +119,7 @@ class Shelf:
             return cls(folder)
         from pipelines import process
 
-        made = process.plan(session)
+        made = process.plan(session, keep=None)
         return cls(folder, made.session, made)
 
     def record(self) -> dict[str, Any]:
@@ -241,7 +241,7 @@ def _process(shelf: Shelf, ready: list[State], jobs: int) -> dict[str, str]:
     from pipelines import process
 
     experiments = sorted(set(targets.values()))
-    run = process.process(shelf.session.root, list(targets), experiments, jobs=jobs)
+    run = process.process(shelf.session.root, list(targets), experiments, jobs=jobs, keep=None)
     return {o.task.experiment: f"{o.task}: {o.message}" for o in run.failures}
 
 

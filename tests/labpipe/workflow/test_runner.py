@@ -19,7 +19,8 @@ from labpipe import files
 from labpipe.errors import InputError, StorageError, UsageError
 from labpipe.schema import Schema
 from labpipe.workflow.graph import Stage
-from labpipe.workflow.runner import Event, RunResult, events, open_result, run
+from labpipe.workflow.log import events
+from labpipe.workflow.runner import Event, RunResult, open_result, run
 from labpipe.workflow.session import Session
 
 HERE = Path(__file__).parent
@@ -275,7 +276,7 @@ def test_fail_fast_stops_at_the_first_failure(tmp_path: Path, jobs: int) -> None
 
 def test_a_function_that_cannot_be_imported_is_named(session: Session) -> None:
     for function in ("toy_laboratory:nothing", "no_such_module:f"):
-        curve = Stage("curve", function, 1, ("file:sweep",))
+        curve = Stage("curve", function, ("file:sweep",))
         result = run(session, {**toy.STAGES, "dma": (curve,)}, schemas=toy.SCHEMAS, jobs=0)
         assert f"{function} cannot be imported" in result.failures[0].message
 
