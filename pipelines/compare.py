@@ -6,7 +6,7 @@ radius, the work of a cycle) its two values and their difference with its uncert
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from pipelines import process
 if TYPE_CHECKING:
     import xarray as xr
 
+    from labpipe.workflow.plan import Plan
     from labpipe.workflow.runner import Event
     from labpipe.workflow.session import Experiment, Session
 
@@ -43,6 +44,8 @@ class Row:
         Of a curve only the difference is given: the bias, and its uncertainty where one is stated.
     nrmse : float or None
         Of a curve, relative to the range of the measurement.
+    kept : tuple of str
+        Results behind it that were made by earlier code and taken as they are.
     """
 
     experiment: str
@@ -60,6 +63,7 @@ class Row:
     difference: float | None = None
     u_difference: float | None = None
     nrmse: float | None = None
+    kept: tuple[str, ...] = ()
 
     @property
     def is_curve(self) -> bool:
@@ -107,7 +111,11 @@ class _Source:
 
 
 def compare(
-    folder: str | Path, *, jobs: int = 1, progress: "Callable[[Event], None] | None" = None
+    folder: str | Path,
+    *,
+    jobs: int = 1,
+    keep: bool | None = None,
+    progress: "Callable[[Event], None] | None" = None,
 ) -> Comparison:
     """Compare measurement and model of every experiment; what is missing is processed first.
 
@@ -117,6 +125,8 @@ def compare(
         The session folder.
     jobs : int
         Experiments processed side by side.
+    keep : bool or None
+        Take results of earlier code as they are; by default those that an earlier run took.
     progress : callable, optional
         Called with every event of the processing.
 
@@ -134,11 +144,12 @@ def compare(
     names = [n for n, e in session.experiments.items() if e.kind in COLLECTORS]
     failed: dict[str, str] = {}
     if wanted:
-        run = process.process(folder, wanted, names, jobs=jobs, progress=progress)
+        run = process.process(folder, wanted, names, jobs=jobs, keep=keep, progress=progress)
         for outcome in run.failures:
             failed.setdefault(outcome.task.experiment, f"{outcome.task}: {outcome.message}")
     rows: list[Row] = []
     absent: dict[str, str] = {}
+    plan = process.plan(folder, wanted, names, keep=None) if wanted else None
     for name, experiment in session.experiments.items():
         if name in failed:
             continue
@@ -146,10 +157,18 @@ def compare(
             absent[name] = f"the kind {experiment.kind} holds no comparison with a model"
             continue
         found = list(COLLECTORS[experiment.kind][1](_Source(session, experiment)))
-        rows += found
+        rows += [replace(row, kept=_kept(plan, name)) for row in found]
         if not found:
             absent[name] = "no model belongs to it: session.toml names nothing to simulate"
     return Comparison(tuple(rows), failed, absent)
+
+
+def _kept(plan: "Plan | None", experiment: str) -> tuple[str, ...]:
+    """Name the results of earlier code behind the comparison of an experiment."""
+    if plan is None:
+        return ()
+    wanted = [name for name in plan.tasks if name.experiment == experiment]
+    return tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in plan.kept(*wanted)))
 
 
 def _plain(value: Any) -> Any:

@@ -66,7 +66,7 @@ class Plan:
         return tuple(row for row in self.rows if row.state not in READY)
 
     def last(self, task: TaskId) -> Last:
-        """What is to be remembered as the last result of a task that has one."""
+        """Return what is to be remembered as the last result of a task that has one."""
         key = self.keys[task]
         return Last(key.value or "", key.taken_for)
 
@@ -148,6 +148,7 @@ def plan(
     store = Store(session.folder, paranoid=paranoid)
     tasks = spell_out(session, stages)
     wanted = wanted_tasks(session, tasks, targets, only)
+    store.code.is_asked = store.root.is_dir()
     made = make_plan(session, tasks, wanted, store, full=full, keep=keep)
     if store.root.is_dir():
         store.remember()
@@ -331,7 +332,7 @@ def duration(seconds: float) -> str:
     >>> duration(0.4), duration(42.0), duration(200.0), duration(9000.0)
     ('1 s', '42 s', '3 min', '2.5 h')
     """
-    if seconds < 100:  # noqa: PLR2004 (digits, not physics)
+    if seconds < 100:
         return f"{max(seconds, 1.0):.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
 

@@ -202,7 +202,7 @@ class Store:
         return self.latest(task.experiment).get((task.stage, task.recording))
 
     def note_latest(self, task: TaskId, key: str, taken_for: str | None = None) -> None:
-        """Remember the last result of a task; called only by the holder of the experiment's lock."""
+        """Remember the last result of a task; only the holder of the experiment's lock calls it."""
         known = self.latest(task.experiment)
         if known.get((task.stage, task.recording)) != Last(key, taken_for):
             known[task.stage, task.recording] = Last(key, taken_for)

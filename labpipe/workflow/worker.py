@@ -290,6 +290,7 @@ class _Run:
         return result, self._caught(raised)
 
     def _refuse_changed(self, task: Task, key: Key) -> None:
+        self.store.code.refuse_changed(key.ingredients["code"]["modules"])
         for argument in key.ingredients["inputs"]:
             for known in argument.get("files", ()):
                 found = describe_file(self.job.session.root, known["name"], self.store.index)

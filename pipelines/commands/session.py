@@ -9,7 +9,14 @@ import click
 
 from labpipe.errors import LabpipeError
 from pipelines.cli import printable
-from pipelines.commands.options import echo, echo_json, jobs_option, json_option, session_argument
+from pipelines.commands.options import (
+    echo,
+    echo_json,
+    jobs_option,
+    json_option,
+    keep_option,
+    session_argument,
+)
 from pipelines.overview import PAGE
 
 if TYPE_CHECKING:
@@ -98,10 +105,6 @@ def _split(values: Sequence[str]) -> list[str] | None:
 
 _TO = click.option("--to", "targets", multiple=True, help="Only this stage and what it needs.")
 _ONLY = click.option("--only", multiple=True, help="Only this experiment and what it needs.")
-_KEEP = click.option(
-    "--keep", is_flag=True,
-    help="Take results of earlier code as they are, and mark them; default: make them again.",
-)  # fmt: skip
 _FULL = click.option("--full", is_flag=True, help="Without shortcuts; reads and solves everything.")
 
 
@@ -110,7 +113,7 @@ _FULL = click.option("--full", is_flag=True, help="Without shortcuts; reads and 
 @_TO
 @_ONLY
 @_FULL
-@_KEEP
+@keep_option
 @json_option
 def plan(
     session: Path,
@@ -149,7 +152,7 @@ def plan(
 @_TO
 @_ONLY
 @_FULL
-@_KEEP
+@keep_option
 @jobs_option
 @click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
 @json_option

@@ -133,10 +133,10 @@ def test_a_file_more_or_less_is_named(session: Session) -> None:
     assert found["nbr/mean"] == "will run: upstream scale changed"
 
 
-def test_a_raised_version_is_named(session: Session) -> None:
-    stages = with_stage("scale", version=2)
+def test_another_function_is_named(session: Session) -> None:
+    stages = with_stage("scale", function="toy_laboratory:mean")
     found = not_cached(plan(session, stages))
-    assert found["nbr/scale [laser/r3.txt]"] == "will run: stage scale v1 -> v2"
+    assert found["nbr/scale [laser/r3.txt]"].startswith("will run: code changed: toy_laboratory")
     assert found["nbr/mean"] == "waits: upstream scale will run"
     assert "nbr/read [laser/r3.txt]" not in found
 
