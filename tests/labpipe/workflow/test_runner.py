@@ -123,7 +123,8 @@ def test_every_result_says_where_it_comes_from(session: Session) -> None:
     found = json.loads(attributes["provenance"])
     assert found["stage"] == "mean"
     assert found["parameters"] == {"sphere.radius": [0.005, 0.0, "m"]}
-    assert found["stages"] == {"read": 1, "scale": 1, "mean": 1, "dma/curve": 1}
+    assert set(found["stages"]) == {"read", "scale", "mean", "dma/curve"}
+    assert len(set(found["stages"].values())) == 4
     path = session.root / "laser" / "r3.txt"
     assert found["inputs"] == [
         {"name": "dma.txt", "size": 4, "sha256": files.digest(session.root / "dma.txt")},
