@@ -37,8 +37,7 @@ def stated(given: Quantity) -> str:
 
 def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Document:
     """Assemble a page: the sections of its kind between the head and the sections of every page."""
-    head = (synthetic_notice(),) if context.synthetic else ()
-    head += kept_notice(context)
+    head = (*((synthetic_notice(),) if context.synthetic else ()), *kept_notice(context))
     first, *rest = sections
     opening = Section(first.title, (*head, *first.blocks), first.anchor)
     return Document(

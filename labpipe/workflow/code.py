@@ -228,24 +228,22 @@ def _annotated(annotation: ast.expr) -> ast.stmt:
     return ast.FunctionDef("_", empty, [], [], None, None)
 
 
-def _texts(statements: Iterable[ast.stmt]) -> set[str]:
-    nodes = (node for statement in statements for node in ast.walk(statement))
-    return {node.value for node in nodes if _is_text(node)}
+def _texts(nodes: Iterable[ast.AST]) -> set[str]:
+    return {text for node in nodes for part in ast.walk(node) if (text := _text(part)) is not None}
 
 
-def _is_text(node: ast.AST) -> Any:
-    return isinstance(node, ast.Constant) and isinstance(node.value, str)
+def _text(node: ast.AST | None) -> str | None:
+    is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
+    return node.value if is_text else None  # type: ignore[union-attr,return-value]
 
 
 def _tables(body: Iterable[ast.stmt]) -> dict[str, str]:
     """All tables of texts by texts, joined."""
-    return {
-        key.value: value.value
-        for statement in body
-        if isinstance(table := getattr(statement, "value", None), ast.Dict)
-        for key, value in zip(table.keys, table.values, strict=True)
-        if key is not None and _is_text(key) and _is_text(value)
-    }
+    tables = [
+        v for statement in body if isinstance(v := getattr(statement, "value", None), ast.Dict)
+    ]
+    pairs = [(_text(k), _text(v)) for t in tables for k, v in zip(t.keys, t.values, strict=True)]
+    return {key: value for key, value in pairs if key is not None and value is not None}
 
 
 def _bound(body: Iterable[ast.AST]) -> dict[str, None]:
@@ -603,6 +601,7 @@ class Code:
         self._trees: dict[str, Tree] = {}
         self._groups: dict[str, list[str]] = {}
         self._modules: dict[str, Module] = {}
+        self._identities: dict[str, Identity] = {}
         self._versions: dict[str, str | None] = {}
         self._known: dict[str, Any] | None = None
         self._is_new = False
@@ -633,8 +632,12 @@ class Code:
             reached.follow(functions)
             self._known[label] = [reached.digests(), sorted(reached.libraries)]
             self._is_new = True
-        modules, libraries = self._known[label]
-        return Identity(modules, {name: self.version(name) for name in libraries})
+        if label not in self._identities:
+            modules, libraries = self._known[label]
+            versions = {name: self.version(name) for name in libraries}
+            self._identities[label] = Identity(modules, versions)
+            _awaited.update(self._files(name for name in modules if name not in sys.modules))
+        return self._identities[label]
 
     def save(self) -> None:
         """Keep what was found; files that were just written may change again unnoticed."""
@@ -671,14 +674,18 @@ class Code:
         InputError
             The file of one was changed while the program ran.
         """
+        for path, stamp in self._files(modules).items():
+            is_known = max(stamp.modified, stamp.changed) < _BORN or _awaited.get(path) == stamp
+            if not is_known or _stamp(Path(path).stat()) != stamp:
+                message = f"{path} was changed while this program ran; start it again"
+                raise InputError(message)
+
+    def _files(self, modules: Iterable[str]) -> dict[str, Stamp]:
+        """Files of modules."""
+        found: dict[str, Stamp] = {}
         for name in modules:
-            for path, stamp in self.tree(name.partition(".")[0]).get(name, {}).items():
-                if name not in sys.modules:
-                    _awaited[path] = stamp
-                is_known = max(stamp.modified, stamp.changed) < _BORN or _awaited.get(path) == stamp
-                if not is_known or _stamp(Path(path).stat()) != stamp:
-                    message = f"{path} was changed while this program ran; start it again"
-                    raise InputError(message)
+            found |= self.tree(name.partition(".")[0]).get(name, {})
+        return found
 
     # --- what is there ---
 
@@ -828,11 +835,11 @@ class _Reached:
     def take(self, found: Module, name: str) -> list[str]:
         """Reach one definition, and what its module and the packages around it do at the top."""
         mine = self.found.setdefault(found.name, {})
-        paths = []
+        around: list[str] = []
         if "" not in mine:
-            mine[""], paths = found.definition("")
+            mine[""], around = found.definition("")
             package = found.name.rpartition(".")[0]
-            around = self.code.module(package) if package else None
-            paths = paths + (self.take(around, "") if around is not None else [])
-        mine[name], more = found.definition(name)
-        return [*paths, *more]
+            outer = self.code.module(package) if package else None
+            around = around + (self.take(outer, "") if outer is not None else [])
+        mine[name], paths = found.definition(name)
+        return [*around, *paths]

@@ -432,7 +432,7 @@ def _import(task: Task) -> Callable[..., Any]:
     module, _, name = task.stage.function.partition(":")
     try:
         function: Callable[..., Any] = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError) as error:
+    except (ImportError, AttributeError, SyntaxError) as error:
         message = f"{task.stage.function} cannot be imported: {error}"
         raise StageError(*task.id[:2], message) from error
     return function

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -23,7 +22,9 @@ PAGES = {s.function for kind in KINDS.values() for s in kind.stages if s.output 
 PACKAGE = {
     "__init__.py": "from toys.face import helper as shown\nfrom toys.other import unrelated\n",
     "face/__init__.py": "from toys.face.home import helper, idle\n__all__ = ['helper', 'idle']\n",
-    "face/home.py": "def helper(x):\n    return x + CONSTANT\n\n\nCONSTANT = 1\n\n\ndef idle():\n    return 0\n",
+    "face/home.py": (
+        "def helper(x):\n    return x + CONSTANT\n\n\nCONSTANT = 1\n\n\ndef idle():\n    return 0\n"
+    ),
     "other.py": "def unrelated():\n    return 1\n",
     "stages.py": (
         "from toys import face\n"
@@ -59,6 +60,8 @@ def edit(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new), "utf-8")
 
 
+CHECKED = "from typing import TYPE_CHECKING\n\nif TYPE_CHECKING:\n    import toys.face.home"
+UNUSED = "import toys.other as unused"
 ALL = ("first", "second", "later", "chosen", "drawn")
 
 
@@ -84,10 +87,10 @@ def touched(root: Path, change: Callable[[], object]) -> set[str]:
         # What does not run counts for nothing.
         ("face/home.py", "    return x", "    # because\n    return x", set()),
         ("face/home.py", "def helper(x):", 'def helper(x: int) -> "int":\n    """Add."""', set()),
-        ("other.py", "def un", "from typing import TYPE_CHECKING\n\nif TYPE_CHECKING:\n    import sys\n\n\ndef un", set()),
+        ("other.py", "def un", f"{CHECKED}\n\n\ndef un", set()),
         # What runs with the module counts for everything of it.
         ("other.py", "def un", "print()\n\n\ndef un", {"second", "later", "chosen"}),
-        ("stages.py", "def first", "import toys.other as unused\n\n\ndef first", {"first", "drawn"}),
+        ("stages.py", "def first", f"{UNUSED}\n\n\ndef first", {"first", "drawn"}),
     ],
 )  # fmt: skip
 def test_a_change_reaches_what_depends_on_it(
