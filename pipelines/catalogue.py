@@ -278,7 +278,8 @@ def _digest(plan: Plan) -> str:
     session = plan.session
     settings = {n: msgspec.to_builtins(e.settings) for n, e in session.experiments.items()}
     states = [[*row.task, row.state, plan.keys[row.task].value] for row in plan.rows]
-    document = [session.title, session.operator, session.synthetic, settings, states]
+    code = Store(session.folder).code.behind(f"{__name__}:{_add.__name__}")
+    document = [code, session.title, session.operator, session.synthetic, settings, states]
     return hashlib.sha256(files.canonical(document).encode("utf-8", "replace")).hexdigest()
 
 

@@ -62,14 +62,16 @@ def kept_notice(context: Context) -> tuple[Notice, ...]:
     """Say which results behind the page were made by earlier code and taken as they are."""
     if not context.kept:
         return ()
+    alike: dict[tuple[str, str], list[str]] = {}
+    for kept in context.kept:
+        alike.setdefault((kept.stage, kept.reason), []).append(kept.recording or "")
     lines = [
-        f"{k.stage}{f' [{k.recording}]' if k.recording else ''}: {', '.join(k.changed)}"
-        for k in context.kept
+        f"{stage}{f' ({len(names)} recordings)' if len(names) > 1 else ''}: {reason}"
+        for (stage, reason), names in alike.items()
     ]
     text = (
         "Results of earlier code were kept as they are; what follows from them may differ from "
-        "what this version of labpipe gives. `labpipe process` makes them again. They are, each "
-        "with what has changed since:"
+        "what this version of labpipe gives. `labpipe process` makes them again. They are:"
     )
     return (Notice("warning", "\n".join([text, *lines])),)
 

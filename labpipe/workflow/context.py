@@ -1,10 +1,25 @@
 """What a page may say about the run behind it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from labpipe.workflow.ledger import LedgerRow
+
+
+_MOST_MODULES = 3
+
+
+def code_changed(modules: Sequence[str]) -> str:
+    """Say which code has changed; of many modules only the first are named.
+
+    Examples
+    --------
+    >>> code_changed(["labpipe.units"])
+    'code changed: labpipe.units'
+    """
+    more = f" and {len(modules) - _MOST_MODULES} more" if len(modules) > _MOST_MODULES else ""
+    return f"code changed: {', '.join(modules[:_MOST_MODULES])}{more}" if modules else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +49,11 @@ class Kept:
     stage: str
     recording: str | None
     changed: tuple[str, ...]
+
+    @property
+    def reason(self) -> str:
+        """What has changed, for people."""
+        return code_changed(self.changed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from typing import Any
 from labpipe import files
 from labpipe.errors import SourceError, UsageError
 from labpipe.units import Quantity
+from labpipe.workflow.context import code_changed
 from labpipe.workflow.fields import show, suggest
 from labpipe.workflow.session import Session, html_table
 from labpipe.workflow.store import Last, Store
@@ -26,8 +27,6 @@ READY = (CACHED, KEPT)
 """States of results that can be used."""
 _MOST_REASONS = 3
 """Reasons shown in one row; the rest is counted."""
-_MOST_MODULES = 3
-"""Modules named in one reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,7 +260,7 @@ def _row(
     if task.id not in needed:
         changed = keys[task.id].kept
         state = KEPT if changed else CACHED
-        return Row(*task.id, state, _code_reason(changed), task.stage.summary)
+        return Row(*task.id, state, code_changed(changed), task.stage.summary)
     state = states[task.id]
     if state == "unpublished":
         reason = f"{page_name(task.id.experiment)} is missing or was changed"
@@ -301,7 +300,7 @@ def _changes(store: Store, task: Task, key: Key, *, is_waiting: bool) -> list[st
     old, new = record.ingredients, key.ingredients
     changes = []
     if changed := code_changes(old, new):
-        changes.append(_code_reason(changed))
+        changes.append(code_changed(changed))
     changes += _parameter_changes(old["parameters"], new["parameters"])
     changes += _file_changes(_files(old), _files(new))
     if old.get("full") != new.get("full"):
@@ -317,11 +316,6 @@ def _changes(store: Store, task: Task, key: Key, *, is_waiting: bool) -> list[st
     if not changes and not is_waiting:
         changes += _upstream_changes(old["inputs"], new["inputs"])
     return changes
-
-
-def _code_reason(changed: Sequence[str]) -> str:
-    more = f" and {len(changed) - _MOST_MODULES} more" if len(changed) > _MOST_MODULES else ""
-    return f"code changed: {', '.join(changed[:_MOST_MODULES])}{more}" if changed else ""
 
 
 def duration(seconds: float) -> str:

@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 class Event:
     """Told to the ``progress`` of a run.
 
-    ``kind`` is ``started`` or how the task ended (``done``, ``cached``, ``failed``, ``skipped``);
-    ``done`` of ``total`` tasks of the run have ended.
+    ``kind`` is ``planned`` (once, with what would run and how long that may take, and the first
+    task), ``started``, or how the task ended (``done``, ``cached``, ``kept``, ``failed``,
+    ``skipped``); ``done`` of ``total`` tasks of the run have ended.
     """
 
     kind: str
@@ -285,6 +286,8 @@ class _State:
         """Run everything, and write the beginning and the end into the log."""
         to_run = len(self.plan.to_run)
         self.log("run started", tasks=len(self.plan.rows), to_run=to_run, jobs=jobs)
+        if to_run:
+            self._show("planned", self.plan.to_run[0].task, self.plan.summary)
         try:
             self.take_cached()
             if jobs:

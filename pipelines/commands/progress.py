@@ -29,8 +29,10 @@ def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]"
 
         def show(event: "Event") -> None:
             nonlocal cached
+            if event.kind == "planned":
+                bar.console.print(escape(event.message), highlight=False)
             # What was kept took no time; counted as work it would promise an end too soon.
-            cached += event.kind == "cached"
+            cached += event.kind in ("cached", "kept")
             text = escape(f"{event.task.experiment}: {event.task.stage}")
             done, total = event.done - cached, event.total - cached
             bar.update(overall, total=total, completed=done, description=text)
