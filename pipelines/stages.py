@@ -1,7 +1,7 @@
 """The whole graph on one screen: which steps each kind of experiment takes, and what each needs.
 
-A stage names its function as text, so that planning imports no numerical library. ``version`` is
-raised when a stage's answer changes; ``parameters`` are the settings on which the answer depends.
+A stage names its function as text, so that planning imports no numerical library; ``parameters``
+are the settings on which the answer depends.
 """
 
 from dataclasses import dataclass
