@@ -6,7 +6,6 @@ from typing import Any
 
 from labpipe.workflow.ledger import LedgerRow
 
-
 _MOST_MODULES = 3
 
 

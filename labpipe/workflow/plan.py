@@ -1,6 +1,6 @@
 """What a run would do, and why, row by row; nothing numerical is imported for it."""
 
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field
 from typing import Any
 
