@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from labpipe.report import Report
     from labpipe.workflow.runner import Event, RunResult
-    from pipelines.export import Exported
+    from pipelines.session._export import Exported
 
 SETTINGS = {name: kind.settings for name, kind in KINDS.items()}
 STAGES = {name: kind.stages for name, kind in KINDS.items()}
@@ -133,8 +133,8 @@ def process(
         session is ``FOLDER/labpipe/index.html``.
     """
     from labpipe.workflow.runner import run
-    from pipelines.overview import write_overview
     from pipelines.schemas import SCHEMAS
+    from pipelines.session._overview import write_overview
 
     session = reopen_session(folder)
     done = run(
@@ -167,12 +167,12 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
     >>> for news in watch("my-session").look():  # doctest: +SKIP
     ...     print(news.experiment, news.state, news.text)
     """
-    from pipelines.arrivals import missing_part
+    from pipelines.session._arrivals import missing_part
 
     def run_one(session: Session, name: str) -> "RunResult":
         from labpipe.workflow.runner import run
-        from pipelines.overview import write_overview
         from pipelines.schemas import SCHEMAS
+        from pipelines.session._overview import write_overview
 
         done = run(session, STAGES, only=[name], jobs=jobs, schemas=SCHEMAS)
         write_overview(sessions.load(session.root, SETTINGS, may_wait=True), STAGES)
@@ -322,7 +322,7 @@ def export(
     UsageError
         A name is unknown, or a file is there and may not be replaced.
     """
-    from pipelines.export import FOLDER, Target, export_file, export_results
+    from pipelines.session._export import FOLDER, Target, export_file, export_results
 
     place = Path(source)
     if not (place / sessions.FILE_NAME).is_file() and not _is_unknown_folder(place):

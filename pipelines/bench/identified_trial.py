@@ -18,9 +18,9 @@ from labpipe.materials import Prony
 from pipelines import process
 from pipelines.bench.random_sessions import DEPTH, Truth, recorded, write
 from pipelines.evidence import KINDS as HOW
-from pipelines.experiments.indentation import Geometry, elastic_force
+from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.figures.inputs import Inputs
-from pipelines.identify import Identified, Wish, identify
+from pipelines.identify._identify import Identified, Wish, identify
 from pipelines.rig.indentations import Specimen
 
 Array = NDArray[np.float64]
@@ -267,9 +267,9 @@ def _of_indentation(role: str, owner: str, truth: Truth, inputs: Inputs) -> floa
             level = float(loads["tare"]) * float(loads.attrs["compression_sign"])
             return truth.tester.force_offset - level
     if owner == "harmonic" and role == "first touch":
-        from pipelines.experiments import mach1_file
+        from pipelines.experiments.shared import mach1_readings
 
-        touch, _ = mach1_file.contact_position(inputs.result(owner, "loads"), settings.contact)
+        touch, _ = mach1_readings.contact_position(inputs.result(owner, "loads"), settings.contact)
         return truth.specimen.surface - touch.value
     return None
 

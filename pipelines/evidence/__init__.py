@@ -4,11 +4,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from labpipe.workflow.session import Experiment
-from pipelines.evidence.drops import ball_drop, contact_area
-from pipelines.evidence.oscillations import harmonic
-from pipelines.evidence.proof import Proof, material_name, references
-from pipelines.evidence.relaxations import relaxation
-from pipelines.evidence.rheometer import dma_prior, dma_window, rheometer
+from pipelines.experiments.dma.evidence import dma_prior, dma_window, rheometer
+from pipelines.experiments.harmonic.evidence import harmonic
+from pipelines.experiments.relaxation.evidence import relaxation
+from pipelines.experiments.shared.drop_evidence import ball_drop, contact_area
+from pipelines.experiments.shared.material_evidence import Proof, material_name, references
 from pipelines.figures.inputs import Inputs
 
 __all__ = [

@@ -1,0 +1,1 @@
+"""Identification of a material from the experiments of a session, its result and its page."""
