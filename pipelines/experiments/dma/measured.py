@@ -16,10 +16,9 @@ from labpipe import materials
 from labpipe.errors import InputError
 from labpipe.materials import MasterCurve
 from pipelines.experiments.dma import _glass_transition
-from pipelines.experiments.dma.settings import Dma
+from pipelines.experiments.dma.settings import Dma, Mode
 
 Array = NDArray[np.float64]
-Mode = Literal["tension", "bending", "shear", "torsion"]
 
 _NEEDED = ("frequency", "temperature", "storage_modulus", "loss_modulus")
 _SAME_FREQUENCY = 1e-3  # relative; exports round to four or five digits

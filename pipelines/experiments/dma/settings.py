@@ -1,11 +1,15 @@
 """Settings of dynamic mechanical analysis: isothermal frequency sweeps to a master curve."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import msgspec
 
 from labpipe.workflow.config import POSITIVE, Dimensionless, File, Range, Temperature
 from pipelines.experiments.shared.settings import Table
+
+Mode = Literal["tension", "bending", "shear", "torsion"]
+MODES: tuple[str, ...] = get_args(Mode)
+"""What a rheometer loads; the file does not tell."""
 
 
 class Export(Table, frozen=True, kw_only=True):
@@ -67,7 +71,7 @@ class Dma(Table, frozen=True, kw_only=True):
 
     kind: Literal["dma"]
     rheometer: Annotated[list[File], msgspec.Meta(min_length=1)]
-    mode: Literal["tension", "bending", "shear", "torsion"]
+    mode: Mode
     nu: Annotated[Dimensionless, Range(at_least=0.0, at_most=0.5)]
     T_ref: Temperature | None = None
     export: Export = Export()
