@@ -1,11 +1,13 @@
 """The one reader of results: what a session holds as of one plan."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError, LabpipeError
 from labpipe.workflow.plan import CACHED, Plan, Row, wanted_tasks
+from labpipe.workflow.session import Experiment
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Argument, TaskId
 
@@ -41,6 +43,16 @@ class Results:
     """
 
     plan: Plan
+
+    @property
+    def folder(self) -> Path:
+        """The session's folder."""
+        return self.plan.session.root
+
+    @property
+    def experiments(self) -> Mapping[str, Experiment]:
+        """The session's experiments by name."""
+        return self.plan.session.experiments
 
     def up_to_date(self, row: Row) -> "xr.Dataset | None":
         """Return the result of a row; None when there is none, or it is damaged, or a page."""
@@ -84,7 +96,7 @@ class Results:
         return [self._value(argument) for argument in arguments]
 
     def _value(self, argument: Argument) -> Any:
-        found: list[Any] = [self.plan.session.root / name for name in argument.files]
+        found: list[Any] = [self.folder / name for name in argument.files]
         found += [self.result(*task) for task in argument.tasks]
         if argument.is_list:
             return found

@@ -9,7 +9,7 @@ import click
 from pipelines.commands.options import echo, echo_json, json_option, session_argument
 
 if TYPE_CHECKING:
-    from pipelines.identify._identify import Identified
+    from pipelines.identify import Identified
 
 STEM = "identify_"
 
@@ -71,10 +71,8 @@ def identify(session: Path, experiments: tuple[str, ...], prior: str | None, spe
     """
     from labpipe import files
     from pipelines import process
-    from pipelines.identify._identify import Wish
-    from pipelines.identify._identify import identify as found_in
-    from pipelines.identify._page import render
-    from pipelines.identify._result import dataset, document
+    from pipelines.identify import Wish, dataset, document, render
+    from pipelines.identify import identify as found_in
 
     wish = Wish(experiments, prior, spectrum, impacts, not no_profile, sampler)
     found = found_in(session, wish, say=_say)
@@ -102,6 +100,6 @@ def _say(text: str) -> None:
 
 def lines(found: "Identified") -> list[str]:
     """Return the main results as lines of text."""
-    from pipelines.identify._page import relaxed_text, statements
+    from pipelines.identify import relaxed_text, statements
 
     return [f"{found.material}: {relaxed_text(found)}", *(f"  {s}" for s in statements(found))]

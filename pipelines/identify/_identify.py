@@ -18,7 +18,6 @@ from labpipe.errors import InputError, UsageError
 from labpipe.identification import (
     Evidence,
     FractionalSpectrum,
-    Parameter,
     Posterior,
     Problem,
     Profile,
@@ -31,18 +30,12 @@ from labpipe.identification import (
     relaxation_times,
     sample,
 )
+from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
-from pipelines import process
-from pipelines.evidence import (
-    KINDS,
-    Proof,
-    dma_prior,
-    dma_window,
-    material_name,
-    references,
-    rheometer,
-)
-from pipelines.figures.inputs import Inputs
+from pipelines.experiments import KINDS, Derived
+from pipelines.experiments.shared.material_evidence import MaterialEvidence
+from pipelines.identify._materials import known_before, material_name, prior_of, temperature_of
+from pipelines.session import derive, needed, opened, process, reopen_session
 
 Array = NDArray[np.float64]
 Say = Callable[[str], None]
@@ -109,8 +102,8 @@ class _Group:
     """Experiments on one material, the rheometer's that is its prior, and what they tell."""
 
     experiments: list[Experiment] = field(default_factory=list)
-    prior: str | None = None
-    proofs: list[Proof] = field(default_factory=list)
+    prior: Experiment | None = None
+    told: list[MaterialEvidence] = field(default_factory=list)
 
 
 def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = None
@@ -144,7 +137,7 @@ def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = 
     'only an upper limit'
     """
     wish, tell = wish or Wish(), say or _silent
-    session = process.reopen_session(folder)
+    session = reopen_session(folder)
     groups: dict[str, _Group] = {}
     for name in _chosen(session, wish.experiments):
         experiment = session.experiments[name]
@@ -152,80 +145,87 @@ def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = 
         group.experiments.append(experiment)
     if wish.prior is not None:
         for group in groups.values():
-            group.prior = rheometer(session, wish.prior, group.experiments)
-    inputs = _processed(folder, groups.values())
+            group.prior = prior_of(session, wish.prior, group.experiments)
+    results = _processed(folder, groups.values())
     remarks: list[str] = []
     found = []
     for material, group in groups.items():
-        own = _gather(inputs, group, wish.impacts)
+        own = _gather(results, group, wish.impacts)
         remarks += own
-        if group.proofs:
+        if group.told:
             names = ", ".join(e.name for e in group.experiments)
             tell(f"{material}: {names}")
-            found.append(_identified(inputs, material, group, wish, own, tell))
+            found.append(_identified(results, material, group, wish, own, tell))
     if not found:
         message = "no experiment can tell of a material: " + "; ".join(remarks)
         raise InputError(message)
     return found
 
 
-def _gather(inputs: Inputs, group: _Group, impacts: int) -> list[str]:
+def _gather(results: Results, group: _Group, impacts: int) -> list[str]:
     """Take what the experiments tell; return why some cannot."""
     remarks, able = [], []
     for experiment in group.experiments:
-        proof = KINDS[experiment.kind].gather(inputs, experiment, impacts)
-        if isinstance(proof, str):
-            remarks.append(f"{experiment.name}: {proof}")
+        told = derive(results, experiment, _evidence(experiment), name=experiment.name,
+                      impacts=impacts)  # fmt: skip
+        if isinstance(told, str):
+            remarks.append(f"{experiment.name}: {told}")
             continue
         able.append(experiment)
-        group.proofs.append(proof)
+        group.told.append(told)
     group.experiments = able or group.experiments
     return remarks
 
 
+def _evidence(experiment: Experiment) -> Derived:
+    derived = KINDS[experiment.kind].evidence
+    if derived is None:
+        message = f"{experiment.name} cannot tell of a material"
+        raise UsageError(message)
+    return derived
+
+
 def _chosen(session: Session, wanted: Sequence[str]) -> list[str]:
-    able = [n for n, e in session.experiments.items() if e.kind in KINDS]
+    telling = [kind.name for kind in KINDS.values() if kind.evidence is not None]
+    able = [n for n, e in session.experiments.items() if e.kind in telling]
     if unknown := [n for n in wanted if n not in session.experiments]:
         message = f"there is no experiment {', '.join(unknown)}; known are {', '.join(able)}"
         raise UsageError(message)
     if unable := [n for n in wanted if n not in able]:
-        kinds = ", ".join(KINDS)
+        kinds = ", ".join(telling)
         message = f"{', '.join(unable)} cannot tell of a material; the kinds that can are {kinds}"
         raise UsageError(message)
     if not able:
-        message = f"the session holds no experiment of the kinds {', '.join(KINDS)}"
+        message = f"the session holds no experiment of the kinds {', '.join(telling)}"
         raise UsageError(message)
     return [n for n in able if not wanted or n in wanted]
 
 
-def _processed(folder: str | Path, groups: Iterable[_Group]) -> Inputs:
+def _processed(folder: str | Path, groups: Iterable[_Group]) -> Results:
     """Process what is not yet, and open the results."""
-    targets, names = [], []
+    session = reopen_session(folder)
+    targets = []
     for group in groups:
         for experiment in group.experiments:
-            needed = [f"{experiment.name}/{s}" for s in KINDS[experiment.kind].stages]
-            needed += references(experiment)
-            targets += needed
-            names += [task.split("/")[0] for task in needed]
+            targets += needed(session, experiment, _evidence(experiment))
         if group.prior is not None:
-            targets.append(f"{group.prior}/master_curve")
-            names.append(group.prior)
-    run = process.process(folder, targets, names)
+            targets += needed(session, group.prior, known_before(group.prior))
+    run = process(folder, targets, {target.split("/")[0] for target in targets})
     for outcome in run.failures:
         message = f"{outcome.task}: {outcome.message}"
         raise InputError(message)
-    plan = process.plan(folder)
-    return Inputs(plan, {n: e.settings for n, e in plan.session.experiments.items()})
+    return opened(folder)
 
 
 def _identified(
-    inputs: Inputs, material: str, group: _Group, wish: Wish, remarks: list[str], say: Say
+    results: Results, material: str, group: _Group, wish: Wish, remarks: list[str], say: Say
 ) -> Identified:
-    windows = [p.window for p in group.proofs]
+    told, before = list(group.told), None
     if group.prior is not None:
-        windows.append(dma_window(inputs, group.prior, group.experiments))
-    data = min(w[0] for w in windows), max(w[1] for w in windows)
-    nu = group.proofs[0].nu
+        told.append(derive(results, group.prior, known_before(group.prior), name=group.prior.name,
+                           temperature=temperature_of(group.experiments[0])))  # fmt: skip
+    data = min(each.window[0] for each in told), max(each.window[1] for each in told)
+    nu = told[0].nu
     spectrum = (
         SmoothSpectrum(relaxation_times(*data), nu)
         if wish.spectrum == "smooth"
@@ -233,17 +233,9 @@ def _identified(
     )
 
     def rebuilt(rho: Array) -> tuple[Evidence, ...]:
-        made = [p.build(rho) for p in group.proofs]
-        if group.prior is not None:
-            made.append(dma_prior(inputs, group.prior, group.experiments, rho)[0])
-        return tuple(made)
+        return tuple(each.build(rho) for each in told)
 
-    nuisances: dict[str, Parameter] = {}
-    for proof in group.proofs:
-        nuisances |= {p.name: p for p in proof.unknowns}
-    if group.prior is not None:
-        _, unknown = dma_prior(inputs, group.prior, group.experiments, spectrum.rho)
-        nuisances[unknown.name] = unknown
+    nuisances = {unknown.name: unknown for each in told for unknown in each.unknowns}
     problem = Problem(spectrum, rebuilt(spectrum.rho), tuple(nuisances.values()))
     known = infer(problem, rebuilt, progress=say)
     if not known.fit.is_settled:
@@ -253,7 +245,6 @@ def _identified(
     if wish.with_profile:
         say("profile of the long-time modulus")
         relaxed = profile(known, 0)
-    before = None
     if group.prior is not None:
         before = posterior(fit(problem.only(prior=True)))
     drawn = None

@@ -32,7 +32,7 @@ from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
 from pipelines.identify._corner import corner, main_quantities
 from pipelines.identify._identify import Identified
 from pipelines.identify._result import dataset, structure, verdicts
-from pipelines.session._overview import PAGE
+from pipelines.session import PAGE
 
 Array = NDArray[np.float64]
 

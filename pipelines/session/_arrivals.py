@@ -5,7 +5,6 @@ should be: a number of rows, an end mark, a table of frames; so the file is read
 would read it.
 """
 
-import importlib
 import warnings
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from labpipe.workflow.document import parse
 from labpipe.workflow.graph import FILE
 from labpipe.workflow.session import Experiment
 from labpipe.workflow.tasks import field_value
-from pipelines.stages import KINDS
+from pipelines.experiments import KINDS, function
 
 _PNG_END = b"IEND\xaeB`\x82"
 _READINGS = "readings"
@@ -67,6 +66,5 @@ def _own_reader(experiment: Experiment, path: Path) -> Any:
             names = field_value(experiment.settings, fields[0])
             names = [names] if isinstance(names, str) else list(names or ())
             if any(path.as_posix().endswith(f"/{name}") for name in names):
-                module, function = stage.function.split(":")
-                return getattr(importlib.import_module(module), function)
+                return function(stage.function)
     return None

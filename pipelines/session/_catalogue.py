@@ -20,10 +20,10 @@ from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
 from labpipe.units import Quantity
 from labpipe.workflow.fields import suggest
 from labpipe.workflow.plan import CACHED, Plan
+from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME
-from labpipe.workflow.store import Store
-from pipelines import process
-from pipelines.session._overview import KEY_NUMBERS, up_to_date
+from pipelines.experiments import KINDS
+from pipelines.session._processing import plan as plan_session
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -238,7 +238,7 @@ def _update(connection: sqlite3.Connection, roots: Sequence[Path], path: Path) -
         name = _relative(folder, path.parent)
         found.add(name)
         try:
-            plan = process.plan(folder)
+            plan = plan_session(folder)
         except LabpipeError as error:
             problems[name] = str(error)
             connection.execute(
@@ -293,7 +293,7 @@ def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> 
         "INSERT INTO sessions VALUES (?, ?, ?, ?, ?, NULL)",
         (name, session.title, session.operator, int(session.synthetic), digest),
     )
-    store = Store(session.folder)
+    results = Results(plan)
     for experiment in session.experiments.values():
         rows = [row for row in plan.rows if row.experiment == experiment.name]
         waiting = sum(row.state != CACHED for row in rows)
@@ -302,7 +302,7 @@ def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> 
                         "state": state})  # fmt: skip
         entry.add_settings((), experiment.settings)
         for row in rows:
-            dataset = up_to_date(plan, store, row)
+            dataset = results.up_to_date(row)
             if dataset is None:
                 continue
             entry.add_key_numbers(experiment.kind, row.stage, dataset)
@@ -361,10 +361,9 @@ class _Entry:
         found: dict[str, tuple[int, float, float | None, str]] = {}
         for name, *rest in _values(dataset):
             found.setdefault(name, tuple(rest))  # type: ignore[arg-type]
-        for number in KEY_NUMBERS:
-            home, variable = number.sources.get(kind, ("", ""))
-            if home == stage and variable in found:
-                _, value, u, _ = found[variable]
+        for number in KINDS[kind].key_numbers:
+            if number.stage == stage and number.variable in found:
+                _, value, u, _ = found[number.variable]
                 self.add_number(number.title.replace(" ", "_"), value, u, number.unit)
 
     def add_number(self, name: str, value: float, u: float | None, unit: str) -> None:

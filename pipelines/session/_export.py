@@ -2,19 +2,22 @@
 
 import json
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe import files
-from labpipe.errors import InputError, UsageError
+from labpipe.errors import InputError, SourceError, UsageError
+from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import CACHED
+from labpipe.workflow.plan import plan as make_plan
+from labpipe.workflow.results import Results
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from labpipe.workflow.plan import Plan, Row
+    from labpipe.workflow.plan import Row
 
 Format = str
 FORMATS = ("csv", "nc", "mat", "json")
@@ -81,24 +84,18 @@ class Target:
 
 
 def export_results(
-    plan: "Plan",
-    stages: Iterable[str],
-    experiments: Iterable[str],
-    target: Target,
-    load: "Callable[[Row], xr.Dataset]",
+    results: Results, stages: Iterable[str], experiments: Iterable[str], target: Target
 ) -> Exported:
     """Write the stored results of a session that are up to date.
 
     Parameters
     ----------
-    plan : Plan
+    results : Results
         Of the wanted experiments.
     stages, experiments : iterable of str
         Only these; empty for all.
     target : Target
         Where to.
-    load : callable
-        Returns the result of a row of the plan.
 
     Returns
     -------
@@ -110,6 +107,7 @@ def export_results(
     InputError
         There is nothing to export.
     """
+    plan = results.plan
     steps, names = set(stages), set(experiments)
     rows = [
         row
@@ -128,7 +126,7 @@ def export_results(
         raise InputError(message)
     paths: list[Path] = []
     for row in ready:
-        dataset = load(row)
+        dataset = results.result(*row.task)
         remarks = {"experiment": row.experiment, "stage": row.stage}
         remarks |= {"recording": row.recording} if row.recording else {}
         remarks["title"] = plan.session.title
@@ -189,3 +187,72 @@ def _frame_times(frames: Any) -> "xr.Dataset":
         variables["exposure"] = ("frame", values, attrs)
     rows, columns = frames.shape[1:]
     return xr.Dataset(variables, attrs={"rows": int(rows), "columns": int(columns)})
+
+
+def export(
+    source: str | Path,
+    format: str = "csv",  # noqa: A002
+    *,
+    only: Iterable[str] | None = None,
+    stages: Iterable[str] = (),
+    out: str | Path | None = None,
+    replace: bool = False,
+    reading: dict[str, Any] | None = None,
+) -> Exported:
+    """Write stored results, or one raw file, for programs that read no netCDF.
+
+    Parameters
+    ----------
+    source : path-like
+        A session folder, or a file (or folder of images) of a known instrument.
+    format : {"csv", "nc", "mat", "json"}
+        Of the files; csv has one table per set of dimensions, with a row of units.
+    only, stages : iterable of str, optional
+        Experiments and steps of a session; all by default.
+    out : path-like, optional
+        Folder; default ``SESSION/labpipe/export``, or the current one for a raw file.
+    replace : bool
+        Replace files of the same name; in the default folder of a session they always are.
+    reading : dict, optional
+        What a raw file leaves unsaid, such as ``{"cycle": "50 us"}``.
+
+    Returns
+    -------
+    Exported
+        The files, and the results that were left out because they are not up to date.
+
+    Raises
+    ------
+    InputError
+        No wanted result is up to date.
+    UsageError
+        A name is unknown, or a file is there and may not be replaced.
+    """
+    from pipelines.session._opening import STAGES, reopen_session
+
+    place = Path(source)
+    if not (place / sessions.FILE_NAME).is_file() and not _is_unknown_folder(place):
+        options = dict(reading or {})
+        return export_file(place, Target(Path(out or "."), format, replace), options)
+    if reading:
+        message = "options of a raw file (cycle, units) do not go with a session folder"
+        raise UsageError(message)
+    session = reopen_session(place)
+    ours = session.folder / FOLDER
+    target = Target(Path(out) if out else ours, format, replace or out is None)
+    names, experiments = tuple(stages), tuple(only or ())
+    made = make_plan(session, STAGES, names or None, experiments or None)
+    return export_results(Results(made), names, experiments, target)
+
+
+def _is_unknown_folder(place: Path) -> bool:
+    """Tell a folder that should have been a session from one that holds a film."""
+    import instruments
+
+    if not place.is_dir():
+        return False
+    try:
+        instruments.identify(place)
+    except SourceError:
+        return True
+    return False

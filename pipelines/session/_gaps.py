@@ -8,14 +8,14 @@ from pathlib import Path
 
 from labpipe.errors import InputError
 from labpipe.units import quantity, unit
+from pipelines import experiments
+from pipelines.experiments.shared.proposals import GAP
 
-GAP = "FILL"
 _LINE = re.compile(rf'^\s*(\w+)\s*=\s*"{GAP}(?: ([^"]*))?"(?:\s*#\s*(.*))?$')
 _TABLE = re.compile(r"^\[{1,2}(?:experiments\.)?([^\]]+)\]{1,2}\s*(?:#.*)?$")
 NONE = "none"
 """The answer that leaves a line out, where its remark offers it."""
 _DAYS = ("valid_from", "valid_until", "when")
-MODES = ("tension", "bending", "shear", "torsion")
 
 
 def library_names() -> tuple[str, ...]:
@@ -97,11 +97,18 @@ def checked(gap: Gap, answer: str) -> str:
         return NONE
     if gap.key in _DAYS:
         return _day(answer)
-    for key, allowed in (("material", library_names()), ("mode", MODES)):
+    for key, allowed in (("material", library_names()), *_answers()):
         if gap.key == key and answer not in allowed:
             message = f'expected one of {", ".join(allowed)}; found "{answer}"'
             raise InputError(message)
     return _with_unit(gap, answer) if gap.unit or gap.key == "nu" else answer
+
+
+def _answers() -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield fields, and the answers that the kinds accept for them."""
+    for kind in experiments.KINDS.values():
+        if kind.proposal is not None:
+            yield from kind.proposal.answers.items()
 
 
 def _day(answer: str) -> str:

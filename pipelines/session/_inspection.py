@@ -223,7 +223,7 @@ def film(frames: "FrameSource") -> dict[str, Any]:
 
 
 def _session(file: Path) -> dict[str, Any]:
-    from pipelines.process import open_session
+    from pipelines.session._opening import open_session
 
     head: dict[str, Any] = {"reader": "labpipe", "kind": "session"}
     try:

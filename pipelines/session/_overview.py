@@ -1,17 +1,18 @@
 """The page of a whole session: every experiment with its state, key numbers and a small picture."""
 
 import hashlib
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe import files
-from labpipe.errors import LabpipeError
-from labpipe.workflow.plan import CACHED, Plan, Row, make_plan, page_name
+from labpipe.workflow.plan import CACHED, Plan, make_plan, page_name
+from labpipe.workflow.results import Results
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, spell_out
+from pipelines import experiments
+from pipelines.experiments import Kind
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -26,59 +27,15 @@ _FORMAT = 4
 """Raised when the page's content changes for equal results."""
 
 
-@dataclass(frozen=True, slots=True)
-class KeyNumber:
-    """One column: a title, an SI unit, and where each kind of experiment has the number."""
-
-    title: str
-    unit: str
-    sources: dict[str, tuple[str, str]]
-
-
-KEY_NUMBERS = (
-    KeyNumber(
-        "first restitution", "1",
-        {"ball_drop": ("repeats", "restitution"), "dic_validation": ("bounces", "restitution")},
-    ),
-    KeyNumber("film minus laser", "m", {"dic_validation": ("comparison", "bias")}),
-    KeyNumber("largest contact radius", "m", {"contact_area": ("impacts", "peak_radius")}),
-    KeyNumber(
-        "contact radius under the first load", "m",
-        {"static_loading": ("approach", "level_contact_radius")},
-    ),
-    KeyNumber("storage stiffness", "N/m", {"harmonic": ("oscillations", "storage_stiffness")}),
-    KeyNumber("plateau force", "N", {"relaxation": ("tests", "plateau_force")}),
-    KeyNumber("plate frequency", "Hz", {"plate_vibration": ("plate", "frequency")}),
-    KeyNumber("relaxed modulus", "Pa", {"dma": ("master_curve", "E_relaxed")}),
-)  # fmt: skip
-"""The first finite value of a variable of a result."""
-
-PICTURES = {
-    "ball_drop": ("repeats", "time", "displacement_mean", "linear"),
-    "harmonic": ("loops", "position", "force", "linear"),
-    "dma": ("master_curve", "reduced_frequency", "master_storage", "log"),
-    "dic_validation": ("motion", "time", "displacement", "linear"),
-    "contact_area": ("radius", "time", "radius", "linear"),
-    "relaxation": ("loads", "time", "force", "linear"),
-    "static_loading": ("displacement", "time", "displacement", "linear"),
-    "plate_vibration": ("displacement", "time", "displacement", "linear"),
-}
-"""Stage, abscissa, ordinate and scale of the small picture of each kind; others have none.
-
-Of a stage that runs per recording, the first recording is shown.
-"""
-
 _REPORT, _DONE = "report", "done"
-_TITLES = {"dma": "DMA", "dic_validation": "Camera against laser"}
 _FEW_KINDS = 3  # that share one table
 _CAPTION = (
     "Select a heading to sort. The error is the root mean square of measurement minus model (of "
     "film minus laser) over the range of the measurement, that of the worst repeat, impact or "
     "frequency."
 )
-_COMPARISON, _ERROR = "comparison", "nrmse"
-_ERRORS = {"static_loading": "nrmse_approach_model", "relaxation": "nrmse_all"}
-"""Kinds whose comparison has several errors: the one that speaks for the whole."""
+_COMPARISON = "comparison"
+"""The stage whose result holds the error of a kind."""
 
 
 def write_overview(session: Session, stages: Stages) -> Path:
@@ -96,13 +53,12 @@ def write_overview(session: Session, stages: Stages) -> Path:
     Path
         ``SESSION/labpipe/index.html``.
     """
-    store = Store(session.folder)
     tasks = spell_out(session, stages)
-    plan = make_plan(session, tasks, frozenset(tasks), store)
+    plan = make_plan(session, tasks, frozenset(tasks), Store(session.folder))
     path = session.folder / PAGE
     mark = f"<!-- {_state_digest(plan)} -->\n"
     if not (path.is_file() and path.read_text("utf-8").endswith(mark)):
-        files.write_text(path, _page(plan, store) + mark)
+        files.write_text(path, _page(Results(plan)) + mark)
     return path
 
 
@@ -120,15 +76,15 @@ def _state_digest(plan: Plan) -> str:
     return hashlib.sha256(files.canonical([head, rows]).encode("utf-8", "replace")).hexdigest()
 
 
-def _page(plan: Plan, store: Store) -> str:
+def _page(results: Results) -> str:
     from labpipe.report import Document, IndexTable, Section
 
-    session = plan.session
+    session = results.plan.session
     caption = _CAPTION
     sections, states = [], []
     for title, names in _groups(session):
-        columns, cells = _columns(plan, store, names)
-        rows = tuple(_row(plan, store, name, cells[name]) for name in names)
+        columns, cells = _columns(results, names)
+        rows = tuple(_row(results, name, cells[name]) for name in names)
         sections.append(Section(title, (IndexTable(tuple(columns), rows, caption),)))
         states += [row.state for row in rows]
         caption = ""  # once is enough
@@ -153,10 +109,7 @@ def _groups(session: Session) -> list[tuple[str, list[str]]]:
         by_kind.setdefault(experiment.kind, []).append(name)
     if len(by_kind) <= _FEW_KINDS:
         return [("Experiments", list(session.experiments))]
-    return [
-        (_TITLES.get(kind, kind.replace("_", " ").capitalize()), names)
-        for kind, names in by_kind.items()
-    ]
+    return [(experiments.KINDS[kind].title, names) for kind, names in by_kind.items()]
 
 
 def _below(session: Session) -> tuple[Any, ...]:
@@ -172,38 +125,45 @@ def _below(session: Session) -> tuple[Any, ...]:
     return tuple(blocks)
 
 
-def _columns(
-    plan: Plan, store: Store, names: Sequence[str]
-) -> "tuple[list[Column], dict[str, list[Any]]]":
+def _columns(results: Results, names: Sequence[str]) -> "tuple[list[Column], dict[str, list[Any]]]":
     """Columns that at least one of the experiments has a number for, and the cells of each."""
     from labpipe.report import Column
 
-    experiments = [plan.session.experiments[name] for name in names]
+    session = results.plan.session
+    kinds = {name: experiments.KINDS[session.experiments[name].kind] for name in names}
+    numbers = _key_numbers(kinds.values())
     columns = [
         Column("error", "1", digits=2),
-        *(Column(number.title, number.unit, digits=4) for number in KEY_NUMBERS),
+        *(Column(title, unit, digits=4) for title, unit in numbers),
         Column("warnings"),
     ]
     cells: dict[str, list[Any]] = {}
-    for experiment in experiments:
-        sources = [number.sources.get(experiment.kind) for number in KEY_NUMBERS]
-        error = _ERRORS.get(experiment.kind, _ERROR)
-        cells[experiment.name] = [
-            _number(plan, store, experiment.name, (_COMPARISON, error), is_worst=True),
-            *(_number(plan, store, experiment.name, source) for source in sources),
-            _warnings(plan, store, experiment.name),
+    for name, kind in kinds.items():
+        sources = {(n.title, n.unit): (n.stage, n.variable) for n in kind.key_numbers}
+        cells[name] = [
+            _number(results, name, (_COMPARISON, kind.error), is_worst=True),
+            *(_number(results, name, sources.get(number)) for number in numbers),
+            _warnings(results.plan, name),
         ]
     is_used = [any(row[i] is not None for row in cells.values()) for i in range(len(columns))]
     kept = [i for i, used in enumerate(is_used) if used]
     return [columns[i] for i in kept], {name: [row[i] for i in kept] for name, row in cells.items()}
 
 
+def _key_numbers(shown: Iterable[Kind]) -> list[tuple[str, str]]:
+    """Return title and unit of the kinds' key numbers; kinds with the same one share it."""
+    names = {kind.name for kind in shown}
+    every = (n for kind in experiments.KINDS.values() if kind.name in names
+             for n in kind.key_numbers)  # fmt: skip
+    return list(dict.fromkeys((number.title, number.unit) for number in every))
+
+
 def _number(
-    plan: Plan, store: Store, name: str, source: tuple[str, str] | None, *, is_worst: bool = False
+    results: Results, name: str, source: tuple[str, str] | None, *, is_worst: bool = False
 ) -> float | None:
     import numpy as np
 
-    dataset = _dataset(plan, store, name, source[0]) if source else None
+    dataset = _dataset(results, name, source[0]) if source else None
     if dataset is None or source is None or source[1] not in dataset:
         return None
     values = np.atleast_1d(np.asarray(dataset[source[1]].values, float))
@@ -213,33 +173,23 @@ def _number(
     return float(values.max() if is_worst else values.flat[0])
 
 
-def _dataset(plan: Plan, store: Store, name: str, stage: str) -> "xr.Dataset | None":
-    rows = (row for row in plan.rows if (row.experiment, row.stage) == (name, stage))
+def _dataset(results: Results, name: str, stage: str) -> "xr.Dataset | None":
+    rows = (row for row in results.plan.rows if (row.experiment, row.stage) == (name, stage))
     row = next(rows, None)
-    return None if row is None else up_to_date(plan, store, row)
+    return None if row is None else results.up_to_date(row)
 
 
-def up_to_date(plan: Plan, store: Store, row: Row) -> "xr.Dataset | None":
-    """Return a result that is up to date; None when there is none, or it is damaged."""
-    key = plan.keys[row.task].value
-    if row.state != CACHED or key is None or plan.tasks[row.task].stage.output != "dataset":
-        return None
-    try:
-        found = store.read(key)
-    except LabpipeError:
-        return None  # the next run makes it again; the page says that it is not there
-    return None if isinstance(found, str) else found
-
-
-def _warnings(plan: Plan, store: Store, name: str) -> int:
+def _warnings(plan: Plan, name: str) -> int:
+    store = Store(plan.session.folder)
     keys = [plan.keys[row.task].value for row in plan.rows if row.experiment == name]
     records = [store.record(key) for key in keys if key is not None]
     return sum(len(record.warnings) for record in records if record is not None)
 
 
-def _row(plan: Plan, store: Store, name: str, cells: Sequence[Any]) -> "IndexRow":
+def _row(results: Results, name: str, cells: Sequence[Any]) -> "IndexRow":
     from labpipe.report import IndexRow
 
+    plan = results.plan
     rows = [row for row in plan.rows if row.experiment == name]
     has_page = (plan.session.folder / page_name(name)).is_file()
     waiting = [row for row in rows if row.state != CACHED]
@@ -258,19 +208,19 @@ def _row(plan: Plan, store: Store, name: str, cells: Sequence[Any]) -> "IndexRow
         name, state, level,  # type: ignore[arg-type]
         href=page_name(name) if has_page else "",
         metrics=tuple(cells),
-        thumbnail=_picture(plan, store, name),
+        thumbnail=_picture(results, name),
         remark=f"{kind}; {unreadable}" if unreadable else kind,
     )  # fmt: skip
 
 
-def _picture(plan: Plan, store: Store, name: str) -> bytes | None:
+def _picture(results: Results, name: str) -> bytes | None:
     from labpipe.report import thumbnail
 
-    source = PICTURES.get(plan.session.experiments[name].kind)
-    dataset = _dataset(plan, store, name, source[0]) if source else None
-    if source is None or dataset is None or not {source[1], source[2]} <= set(dataset.variables):
+    source = experiments.KINDS[results.plan.session.experiments[name].kind].picture
+    dataset = _dataset(results, name, source.stage) if source else None
+    if source is None or dataset is None or not {source.x, source.y} <= set(dataset.variables):
         return None
-    chart = _chart(dataset, *source[1:])
+    chart = _chart(dataset, source.x, source.y, source.scale)
     return None if chart is None else thumbnail(chart)
 
 

@@ -1,31 +1,22 @@
 """From a folder of instrument files to a first session.toml, commented, with gaps to fill in.
 
-Instruments are told by content. Repeats are files whose names differ in their last number only.
-A drop height in a name (``7mm``, ``h1p5``) is taken as a proposal and marked as such. What no
-file tells is asked for, or written as ``FILL``; the session is refused, line by line, until it is
+Instruments are told by content. Every kind of experiment is offered the files of the instruments
+that it knows; those of other distributions first, then ours from the special to the general. What
+no file tells is asked for, or written as a gap; the session is refused, line by line, until it is
 filled. A calibration record that is missing is proposed as a file of its own.
 """
 
-import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import instruments
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
 from labpipe.workflow.session import FILE_NAME, VERSION
-from pipelines.experiments.shared.record_templates import camera_template, missing_records
-from pipelines.session._gaps import GAP, MODES, Gap, filled
-
-_HEIGHT = re.compile(r"(?<![\d.])(\d+(?:[.p]\d+)?)\s*mm", re.IGNORECASE)
-_SHORT_HEIGHT = re.compile(r"(?:^|[_-])h(\d+(?:[.p]\d+)?)(?=$|[_-])", re.IGNORECASE)
-_REPEAT = re.compile(r"[_\- ]*(?:r|rep|run|repeat|test)?[_\- ]*\d+$", re.IGNORECASE)
-_UNDER = re.compile(r"under|disc|contact|below", re.IGNORECASE)
-_PLATE = re.compile(r"plate|vibration", re.IGNORECASE)
-_DEPTH = re.compile(r"[_\- ]*\d+(?:[.p]\d+)?\s*(?:um|µm|mm)?$", re.IGNORECASE)
-_SLOW = 0.1  # s between readings: no drop is seen so slowly
-_MATERIALS = ("acrylic", "pmma", "peek", "nylon", "ptfe", "nbr")
+from pipelines.experiments import KINDS, Found, Proposal, Proposed, function
+from pipelines.experiments.shared.proposals import GAP, identifier, quoted
+from pipelines.session._gaps import Gap, filled
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +32,6 @@ class Scan:
     gaps: list[str]
     records: list[Path]
     unused: list[str]
-
-
-@dataclass(frozen=True, slots=True)
-class _Group:
-    """Files of one experiment, relative to the session, and the name they suggest."""
-
-    name: str
-    files: list[str]
 
 
 def write_session_file(
@@ -75,9 +58,8 @@ def write_session_file(
         message = f"{path} exists already; edit it, or use --force to replace it"
         raise UsageError(message)
     found = recognise(folder)
-    records = dict(missing_records(folder, found).values())
-    records |= _camera_records(folder, found)
-    text, names = propose(folder, _with_records(found, records))
+    records, found = _with_missing_records(found)
+    text, names = propose(found)
     if not names:
         known = ", ".join(reader.name for reader in instruments.READERS)
         message = (
@@ -100,9 +82,9 @@ def write_session_file(
     ]
     unused = [
         f"{name} ({kind.replace('_', ' ')})"
-        for kind, files_of_kind in found.items()
+        for kind, files_of_kind in found.names.items()
         for name in files_of_kind
-        if f'"{_quoted(name)}"' not in text
+        if f'"{quoted(name)}"' not in text
     ]
     return Scan(path, names, gaps, [folder / name for name in records], unused)
 
@@ -112,50 +94,34 @@ def _owner(name: str) -> str:
     return "" if name == FILE_NAME else f"calibration of {Path(name).stem.replace('_', ' ')}"
 
 
-def _camera_records(folder: Path, found: dict[str, list[str]]) -> dict[str, str]:
-    """Propose a record for every view that is filmed and has none."""
-    known = found.get("record:camera", [])
-    views = {_view(name): name for name in found.get("phantom", [])}
-    return dict(
-        camera_template(folder, film, view)
-        for view, film in sorted(views.items())
-        if not any(view in record for record in known)
-    )
+def _records(found: Found) -> list[str]:
+    return [n for kind, names in found.names.items() if kind.startswith("record:") for n in names]
 
 
-def _records(found: dict[str, list[str]]) -> list[str]:
-    return [n for kind, names in found.items() if kind.startswith("record:") for n in names]
+def _proposals() -> list[Proposal]:
+    return [kind.proposal for kind in KINDS.values() if kind.proposal is not None]
 
 
-def _with_records(found: dict[str, list[str]], records: dict[str, str]) -> dict[str, list[str]]:
-    """Add the records that will be written to those that are there."""
-    lasers = [name for name in records if "laser" in name]
-    cameras = [name for name in records if "camera" in name]
-    return found | {
-        "record:laser": found.get("record:laser", []) + lasers,
-        "record:camera": found.get("record:camera", []) + cameras,
-    }
+def _with_missing_records(found: Found) -> tuple[dict[str, str], Found]:
+    """Return the records that the kinds propose, by name, and what was found with them."""
+    records: dict[str, str] = {}
+    names = dict(found.names)
+    for text in dict.fromkeys(proposal.records for proposal in _proposals() if proposal.records):
+        for sort, made in function(text)(found).items():
+            names[sort] = [*names.get(sort, []), *made]
+            records |= made
+    return records, replace(found, names=names)
 
 
-def _view(film: str) -> str:
-    return "under" if _UNDER.search(film) else "front"
-
-
-def recognise(folder: Path) -> dict[str, list[str]]:
-    """Return the files of every instrument, and calibration records under their kind.
-
-    Returns
-    -------
-    dict
-        ``"keyence"``, ``"mach1"``, … and ``"record:laser"``, … to names relative to ``folder``.
-    """
+def recognise(folder: Path) -> Found:
+    """Return the files of every instrument, and calibration records under their kind."""
     found: dict[str, list[str]] = {}
     for path in _candidates(folder):
         name = path.relative_to(folder).as_posix()
         kind = _record_kind(path) if path.suffix == ".toml" else _instrument(path)
         if kind is not None:
             found.setdefault(kind, []).append(name)
-    return found
+    return Found(folder, found)
 
 
 def _candidates(folder: Path) -> Iterator[Path]:
@@ -185,45 +151,33 @@ def _record_kind(path: Path) -> str | None:
     return f"record:{kind}" if isinstance(kind, str) and kind in KINDS else None
 
 
-def propose(folder: Path, found: dict[str, list[str]]) -> tuple[str, list[str]]:
+def propose(found: Found) -> tuple[str, list[str]]:
     """Return the text of session.toml and the names of the proposed experiments."""
     names: list[str] = []
     sections = [
         f"labpipe = {VERSION}  # version of this file's format",
         "",
         "[session]",
-        f'title = "{_quoted(folder.resolve().name)}"',
+        f'title = "{quoted(found.folder.resolve().name)}"',
         'operator = ""',
         'notes = ""',
     ]
-    for instrument, proposal in PROPOSALS.items():
-        for group in _grouped(found.get(instrument, []), instrument in REPEATED):
-            name = _unused(_experiment_name(folder, group, instrument), names)
-            text = proposal(folder, name, group.files, found)
-            if text is not None:
-                names.append(name)
-                sections += ["", text]
+    for instrument in dict.fromkeys(name for p in _proposals() for name in p.instruments):
+        for proposed in sorted(_of_instrument(found, instrument), key=lambda made: made.stem):
+            name = _unused(identifier(proposed.stem), names)
+            names.append(name)
+            sections += ["", proposed.text(name)]
     return "\n".join(sections) + "\n", names
 
 
-def _experiment_name(folder: Path, group: _Group, instrument: str) -> str:
-    """Name an experiment; relaxations to several depths are one, which no depth names."""
-    if instrument == "mach1" and _relaxes(folder, group.files[0]):
-        return _identifier(_depthless(group.files[0]))
-    return group.name
-
-
-def _grouped(names: list[str], is_repeated: bool) -> list[_Group]:
-    groups: dict[str, list[str]] = {}
-    for name in names:
-        stem = Path(name).with_suffix("").as_posix()
-        stem = (_REPEAT.sub("", stem) or stem) if is_repeated else stem
-        groups.setdefault(stem, []).append(name)
-    return [_Group(_identifier(stem), sorted(group)) for stem, group in sorted(groups.items())]
-
-
-def _identifier(stem: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_-]+", "_", stem.rsplit("/", 1)[-1]).strip("_") or "experiment"
+def _of_instrument(found: Found, instrument: str) -> Iterator[Proposed]:
+    """Offer the files of an instrument to one kind after the other."""
+    left = found.of(instrument)
+    for proposal in reversed(_proposals()):
+        if instrument in proposal.instruments:
+            for proposed in function(proposal.function)(found, left):
+                left = [name for name in left if name not in proposed.files]
+                yield proposed
 
 
 def _unused(name: str, names: list[str]) -> str:
@@ -231,240 +185,3 @@ def _unused(name: str, names: list[str]) -> str:
     while name in names:
         name, number = f"{wanted}_{number}", number + 1
     return name
-
-
-def _quoted(text: str) -> str:
-    return text.replace("\\", "\\\\").replace('"', '\\"')
-
-
-def _list(names: list[str]) -> str:
-    return "[\n" + "".join(f'  "{_quoted(name)}",\n' for name in names) + "]"
-
-
-def _material_word(name: str) -> str | None:
-    return next((m for m in _MATERIALS if m in name.lower()), None)
-
-
-def _material(name: str) -> str:
-    known = _material_word(name)
-    if known is None:
-        return f'material = "{GAP}"  # acrylic, peek, nylon, ptfe, nbr, or use material_file'
-    return f'material = "{known.replace("pmma", "acrylic")}"  # proposed from the file name'
-
-
-def _mode(name: str) -> str:
-    known = next((m for m in MODES if m in name.lower()), None)
-    if known is None:
-        return f'mode = "{GAP}"  # {", ".join(MODES[:-1])} or {MODES[-1]}; the file does not say it'
-    return f'mode = "{known}"  # proposed from the file name'
-
-
-def _height(name: str) -> str:
-    match = _HEIGHT.search(name) or _SHORT_HEIGHT.search(name)
-    if match is None:
-        return f'height = "{GAP} mm"  # fall from release to first touch, e.g. "1.500 ± 0.005 mm"'
-    return f'height = "{match[1].replace("p", ".")} mm"  # proposed from the file name; add ± u'
-
-
-def _laser(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str:
-    """Propose what a laser saw: slow readings are a static loading, the plate is told by its name.
-
-    A person knows better.
-    """
-    if _PLATE.search(names[0]):
-        return _plate_vibration(name, names, found)
-    if _interval(folder / names[0]) >= _SLOW:
-        return _static_loading(name, names, found)
-    return _ball_drop(name, names, found)
-
-
-def _interval(path: Path) -> float:
-    """Return the time between two readings in s; 0 when the file does not say it."""
-    try:
-        found = instruments.read(path)
-    except LabpipeError:
-        return 0.0
-    return float(getattr(found, "attrs", {}).get("sampling_interval", 0.0))
-
-
-def _static_loading(name: str, names: list[str], found: dict[str, list[str]]) -> str:
-    record = next(iter(found.get("record:laser", [])), f"calibration/{GAP}.toml")
-    return f"""[experiments.{name}]
-kind = "static_loading"  # proposed because the readings are slow
-laser = "{_quoted(names[0])}"
-calibration = "{record}"  # inclination of the sensor, with its uncertainty
-
-[experiments.{name}.sphere]
-radius = "{GAP} mm"  # of the sphere, e.g. "9.525 ± 0.005 mm"
-{_material(name)}
-
-[[experiments.{name}.loads]]  # on from the beginning
-mass = "{GAP} kg"  # all that rests on the disc, holder included
-
-[[experiments.{name}.loads]]  # one such table for each further load
-mass = "{GAP} kg"  # all that rests on the disc then
-# time = "2.55 min"  # when it was put on; without it the record is searched"""
-
-
-def _plate_vibration(name: str, names: list[str], found: dict[str, list[str]]) -> str:
-    records = found.get("record:laser", [])
-    record = next((r for r in records if _PLATE.search(r)), f"calibration/{GAP}.toml")
-    return f"""[experiments.{name}]
-kind = "plate_vibration"  # proposed from the file name
-calibration = "{record}"  # inclination of the sensor in its place over the plate
-
-[experiments.{name}.sphere]  # for the modal mass; without it frequency and damping alone
-radius = "{GAP} mm"
-mass = "{GAP} g"  # of all that moves: sphere and holder
-
-[[experiments.{name}.drops]]  # one such table for each material and height
-{_material(name)}
-{_height(name)}
-laser = {_list(names)}"""
-
-
-def _ball_drop(name: str, names: list[str], found: dict[str, list[str]]) -> str:
-    record = next(iter(found.get("record:laser", [])), f"calibration/{GAP}.toml")
-    return f"""[experiments.{name}]
-kind = "ball_drop"
-laser = {_list(names)}
-calibration = "{record}"  # inclination of the sensor, with its uncertainty
-{_height(name)}
-
-[experiments.{name}.sphere]
-radius = "{GAP} mm"  # of the sphere, e.g. "9.525 ± 0.005 mm"
-mass = "{GAP} g"  # of all that moves: sphere and holder
-{_material(name)}"""
-
-
-def _indentation(
-    folder: Path, name: str, names: list[str], found: dict[str, list[str]]
-) -> str | None:
-    """Propose what the blocks of a file are made for; relaxations to several depths are one."""
-    if _oscillates(folder, names[0]):
-        head = f'kind = "harmonic"\nmach1 = "{_quoted(names[0])}"'
-    elif _relaxes(folder, names[0]):
-        same = [n for n in found["mach1"] if _depthless(n) == _depthless(names[0])]
-        tests = [n for n in sorted(same) if _relaxes(folder, n)]
-        if names[0] != tests[0]:
-            return None  # it is in the experiment of the first
-        listed = _list(tests) if len(tests) > 1 else f'["{_quoted(tests[0])}"]'
-        head = f'kind = "relaxation"\nmach1 = {listed}'
-    else:
-        return None
-    record = next(iter(found.get("record:load_cell", [])), None)
-    cell = "" if record is None else f'\n[experiments.{name}.load_cell]\nrecord = "{record}"'
-    return f"""[experiments.{name}]
-{head}
-# For the simulation beside the measurement, say what was pressed into what:
-# [experiments.{name}.punch]
-# radius = "2 mm"      # of a cylindrical tip
-# period = "8 mm"      # distance of neighbouring tips
-# depth = "6 mm"       # length of one tip
-# tips = 3
-# [experiments.{name}.substrate]
-# material = "nbr"{cell}\
-"""
-
-
-def _oscillates(folder: Path, name: str) -> bool:
-    return b"<Sinusoid>" in (folder / name).read_bytes()
-
-
-def _relaxes(folder: Path, name: str) -> bool:
-    """Tell whether a file holds a relaxation and no oscillation after it."""
-    data = (folder / name).read_bytes()
-    return b"<Stress Relaxation>" in data and b"<Sinusoid>" not in data
-
-
-def _depthless(name: str) -> str:
-    """Return a file's name without the depth or number at its end."""
-    stem = Path(name).with_suffix("").as_posix()
-    return _DEPTH.sub("", stem) or stem
-
-
-def _dma(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str | None:
-    try:
-        readings = instruments.read(folder / names[0])
-    except LabpipeError:
-        return None  # the layout of a table window, or an export that is damaged
-    if not {"storage_modulus", "temperature", "frequency"} <= set(
-        getattr(readings, "data_vars", ())
-    ):
-        return None
-    return f"""[experiments.{name}]
-kind = "dma"
-rheometer = {_list(names)}
-{_mode(name)}
-nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"
-# T_ref = "20 degC"  # of the master curve; by default the middle temperature\
-{_published(folder, found)}"""
-
-
-def _published(folder: Path, found: dict[str, list[str]]) -> str:
-    """Propose the comparison with a table of shift factors, if there is exactly one."""
-    tables = [n for n in found.get("plain_table", []) if _holds_shifts(folder / n)]
-    if len(tables) != 1:
-        return ""
-    return f'''
-published = {{ shifts = "{_quoted(tables[0])}", source = "" }}  # to compare with'''
-
-
-def _holds_shifts(path: Path) -> bool:
-    try:
-        return "log10_aT" in getattr(instruments.read(path), "data_vars", ())
-    except LabpipeError:
-        return False
-
-
-def _film(folder: Path, name: str, names: list[str], found: dict[str, list[str]]) -> str:
-    """Propose what a film shows by its name; a person knows better."""
-    word = _view(names[0])
-    is_under = word == "under"
-    records = found.get("record:camera", [])
-    record = next((r for r in records if word in r), f"calibration/{GAP}.toml")
-    head = f"""[experiments.{name}]
-kind = "{"contact_area" if is_under else "dic_validation"}"  # proposed from the file name
-film = "{_quoted(names[0])}"
-camera = "{record}"  # image scale of this view, with its uncertainty
-view = "{word}"  # as the record says"""
-    if not is_under:
-        return f"""{head}
-{_laser_beside(folder, names[0], found)}
-# tracking = {{ body = [x, y], body_subset = 101 }}  # px in the first image, on the holder"""
-    return f"""{head}
-wavelength = "{GAP} nm"  # of the light; "none" for white light
-{_height(name)}
-
-[experiments.{name}.sphere]
-radius = "{GAP} mm"  # of the sphere, e.g. "9.525 ± 0.005 mm"
-mass = "{GAP} g"  # of all that moves: sphere and holder
-{_material(name)}"""
-
-
-def _laser_beside(folder: Path, film: str, found: dict[str, list[str]]) -> str:
-    """Propose the one drop of the film's material as what the laser saw of the same motion."""
-    word = _material_word(film)
-    drops = [
-        group.name
-        for group in _grouped(found.get("keyence", []), is_repeated=True)
-        if word is not None
-        and word == _material_word(group.files[0])
-        and not _PLATE.search(group.files[0])
-        and _interval(folder / group.files[0]) < _SLOW
-    ]
-    if len(drops) == 1:
-        return f'laser_experiment = "{drops[0]}"  # proposed: the only drop of this material'
-    return '# laser_experiment = "NAME"  # the ball drop whose laser saw the same motion'
-
-
-REPEATED = {"keyence"}
-"""Instruments whose files come as repeats of one experiment; others hold one experiment each."""
-
-PROPOSALS: dict[str, Callable[[Path, str, list[str], dict[str, list[str]]], str | None]] = {
-    "keyence": _laser,
-    "mach1": _indentation,
-    "phantom": _film,
-    "anton_paar": _dma,
-    "plain_table": _dma,
-}

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input
+from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.budget_quantity import (
     IMPACTS,
     MEASURED,
@@ -32,23 +33,24 @@ _RATIO = (
 )  # fmt: skip
 
 
-def ball_drop(
-    bounces: Sequence[xr.Dataset], displacement: xr.Dataset, model: xr.Dataset | None = None
-) -> Iterator[Quantity]:
+def quantities(
+    bounces: Sequence[xr.Dataset], displacement: Sequence[xr.Dataset], model: xr.Dataset | None,
+    *, settings: BallDrop,
+) -> Iterator[Quantity]:  # fmt: skip
     """Yield height of the fall, speed of the first impact, and restitutions of the first ones.
 
     Parameters
     ----------
-    bounces : sequence of Dataset
+    bounces, displacement : sequence of Dataset
         Of the repeats.
-    displacement : Dataset
-        Of the first one.
     model : Dataset, optional
         Gives the model's first restitution too.
+    settings : BallDrop
     """
+    del settings
     made = list(bounces)
-    yield _fall(made, displacement)
-    yield _speed(made, displacement)
+    yield _fall(made, displacement[0])
+    yield _speed(made, displacement[0])
     for i in range(min(IMPACTS, *(b.sizes["impact"] for b in made))):
         yield from _restitution(made, i)
     if model is not None and model.sizes["impact"] and "budget" in model.attrs:

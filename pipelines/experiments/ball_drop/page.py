@@ -19,8 +19,8 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
-from pipelines.experiments import budgets
 from pipelines.experiments.ball_drop._charts import motion
+from pipelines.experiments.ball_drop.budget import quantities
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import budget_blocks, pages
 
@@ -61,7 +61,7 @@ def page(
     if model is not None:
         sections.append(_model(model))
     if moved and pages.present(bounces):
-        found = budgets.ball_drop(pages.present(bounces), moved[0], model)
+        found = quantities(pages.present(bounces), moved, model, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
     if repeats is not None:
         sections.append(pages.methods(_methods(settings, moved, repeats, comparison)))

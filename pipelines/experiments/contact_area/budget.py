@@ -1,13 +1,13 @@
-"""Budgets of the films: contact radii through the disc, and the holder's motion from the front."""
+"""Budgets of a film of the contact: the largest radii, and the model's."""
 
 import json
 from collections.abc import Iterator
-from math import isfinite
 
 import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input
+from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.budget_quantity import (
     IMPACTS,
     MEASURED,
@@ -24,23 +24,13 @@ _UNDER = (
      "nothing of the drop enters what was measured; they act on the model"),
     ("repeatability", "one film shows each impact once"),
 )  # fmt: skip
-_FRONT = (
-    ("inclination, filter lag", "there is no filter, and a tilt of the view is in the pixel size"),
-    ("sampling", "a displacement holds no time"),
-    ("mass, radius, height, Poisson's ratio, temperature", "nothing of the body enters"),
-    ("repeatability", "one film shows one drop"),
-)
-_AGAINST = (
-    ("filter lag, sampling, zero", "both records are counted from first contact"),
-    ("mass, radius, height, Poisson's ratio, temperature", "nothing of the body enters"),
-    ("repeatability", "in the noise: the differences tell their own scatter, neighbours together"),
-)  # fmt: skip
 
 
-def contact_area(
-    impacts: xr.Dataset, film: xr.Dataset, model: xr.Dataset | None = None
+def quantities(
+    impacts: xr.Dataset, film: xr.Dataset, model: xr.Dataset | None, *, settings: ContactArea
 ) -> Iterator[Quantity]:
     """Yield the largest contact radii of the first impacts; with a model its first one."""
+    del settings
     size, u_size = float(film["pixel_size"]), float(film["u_pixel_size"])
     shares = _shared(film)
     total = float(np.sqrt(sum(share**2 for share in shares.values())))
@@ -83,51 +73,3 @@ def _shared(film: xr.Dataset) -> dict[str, float]:
     found = float(np.sqrt(sum(m**2 for m in medians.values())))
     names = {"phase": "phase_of_the_light"}
     return {names.get(n, n): m * total / found if found else 0.0 for n, m in medians.items()}
-
-
-def dic_validation(motion: xr.Dataset, comparison: xr.Dataset | None) -> Iterator[Quantity]:
-    """Yield the largest displacement in the film, and film against laser where there was one."""
-    size = float(motion["pixel_size"])
-    moved = motion["displacement"].values
-    at = int(np.nanargmax(np.abs(moved)))
-    rows = json.loads(motion.attrs["budget"])
-    relative = float(motion.attrs["u_systematic_relative"])
-    noise = float(motion["u_displacement"][at]) / size  # that of the scale is not in it
-    names = {r["source"].replace(" ", "_"): r for r in rows}
-    inputs = {MEASURED: Input(float(moved[at]) / size, 0.0, "px"), "noise": Input(0.0, noise, "px")}
-    inputs |= {n: Input(r["value"], r["u"], r["unit"]) for n, r in names.items()}
-
-    def along(measured: float, noise: float, **scale: float) -> float:
-        changed = sum(r["sensitivity"] * (scale[n] - r["value"]) for n, r in names.items())
-        return (measured + noise) * (size + changed)
-
-    zero = ("zero", "the mean of the still frames, whose noise is that of one frame's part")
-    yield Quantity("largest displacement in the film", "m", along, inputs, (zero, *_FRONT))
-    if comparison is not None and "bias" in comparison and isfinite(float(comparison["u_bias"])):
-        yield from _against_laser(comparison, relative)
-
-
-def _against_laser(comparison: xr.Dataset, film: float) -> Iterator[Quantity]:
-    """Yield mean difference and ratio of scales; both calibrations act on either."""
-    laser = beyond(float(comparison["expected_u_gain"]), film)
-    mean = float(comparison["film"].mean()), float(comparison["laser"].mean())
-    yield Quantity(
-        "mean of film minus laser", "m",
-        lambda measured, noise, pixel_size, inclination_and_gain: (
-            measured + noise + mean[0] * (pixel_size - 1.0) - mean[1] * (inclination_and_gain - 1.0)
-        ),
-        {MEASURED: Input(float(comparison["bias"]), 0.0, "m"),
-         "noise": Input(0.0, float(comparison["u_bias"]), "m"),
-         "pixel_size": Input(1.0, film), "inclination_and_gain": Input(1.0, laser)},
-        _AGAINST,
-    )  # fmt: skip
-    yield Quantity(
-        "ratio of displacements, laser over film", "1",
-        lambda measured, noise, pixel_size, inclination_and_gain: (
-            (measured + noise) * inclination_and_gain / pixel_size
-        ),
-        {MEASURED: Input(float(comparison["gain"]), 0.0),
-         "noise": Input(0.0, float(comparison["u_gain"])),
-         "pixel_size": Input(1.0, film), "inclination_and_gain": Input(1.0, laser)},
-        _AGAINST,
-    )  # fmt: skip

@@ -24,7 +24,7 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
-from pipelines.experiments import budgets
+from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.film_frames import enlarged, png
@@ -65,7 +65,7 @@ def page(
     if radius is not None:
         sections.append(_calibration(radius, impacts))
     if radius is not None and impacts is not None:
-        found = budgets.contact_area(impacts, radius, model)
+        found = quantities(impacts, radius, model, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
     if radius is not None and impacts is not None:
         sections.append(pages.methods(_methods(settings, radius, impacts)))

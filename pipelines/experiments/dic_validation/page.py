@@ -24,7 +24,7 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
-from pipelines.experiments import budgets
+from pipelines.experiments.dic_validation.budget import quantities
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.film_frames import enlarged, png
@@ -66,7 +66,7 @@ def page(
     if motion is not None:
         sections.append(_calibration(motion))
     if motion is not None:
-        found = budgets.dic_validation(motion, comparison)
+        found = quantities(motion, comparison, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
     if comparison is not None and track is not None:
         sections.append(pages.methods(_methods(settings, track, comparison)))

@@ -8,6 +8,7 @@ import xarray as xr
 
 from labpipe.report import quantity
 from labpipe.uncertainty import Input
+from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.budget_quantity import MEASURED, Array, Quantity, summed
 
 _ABSENT = (
@@ -29,13 +30,15 @@ _TENSION = ("Poisson's ratio", "the modulus was measured in tension or bending")
 _SLOW_DECADES = 2.0  # at the slow end, over which the loss tells how it goes on
 
 
-def dma(sweeps: xr.Dataset, master: xr.Dataset, transition: xr.Dataset | None
-        ) -> Iterator[Quantity]:  # fmt: skip
+def quantities(
+    sweeps: xr.Dataset, master: xr.Dataset, transition: xr.Dataset | None, *, settings: Dma
+) -> Iterator[Quantity]:
     """Yield a shift, the modulus at the slow end and after an infinite time, and the loss peak.
 
     The last modulus is left out where the data do not tell it: where the loss, going on as it
     does at the slow end, would take all of the storage modulus.
     """
+    del settings
     yield _shift(sweeps, master)
     yield from _moduli(sweeps, master)
     if transition is None or "T_peak" not in transition:

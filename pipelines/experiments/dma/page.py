@@ -24,9 +24,8 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
-from pipelines.experiments import budgets
 from pipelines.experiments.dma import _material_files, _published_section
-from pipelines.experiments.dma.budget import still_falls
+from pipelines.experiments.dma.budget import quantities, still_falls
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import budget_blocks, pages
 
@@ -60,7 +59,7 @@ def page(
     if temperature_sweep is not None:
         sections.append(_transition(temperature_sweep))
     if sweeps is not None and master_curve is not None:
-        found = budgets.dma(sweeps, master_curve, temperature_sweep)
+        found = quantities(sweeps, master_curve, temperature_sweep, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
     if master_curve is not None:
         sections += [_terms(master_curve, context.experiment),

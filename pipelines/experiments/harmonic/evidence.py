@@ -1,6 +1,7 @@
 """Dynamic stiffness of oscillations as evidence on a material."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,32 +12,38 @@ from labpipe import contact
 from labpipe.identification import Evidence, stiffness_evidence
 from labpipe.materials import Prony
 from labpipe.signals import common_fit
-from labpipe.workflow.session import Experiment
+from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
-from pipelines.experiments.shared.material_evidence import Proof, nuisance
-from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, punched
+from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
+from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, of_punch
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
-from pipelines.figures.inputs import Inputs
 
 Array = NDArray[np.float64]
 
 _LEAST_OF_STIFFNESS = 2e-4  # of its size: how well simulated oscillations agree with closed forms
 
 
-def harmonic(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof | str:
+def evidence(
+    loads: xr.Dataset,
+    waves: xr.Dataset,
+    file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: Harmonic,
+    name: str,
+    impacts: int,
+) -> MaterialEvidence | str:
     """Gather storage and loss stiffness at every frequency."""
     del impacts
-    settings: Any = experiment.settings
-    loads, waves = (inputs.result(experiment.name, stage) for stage in ("loads", "oscillations"))
     touch, _ = mach1_readings.contact_position(loads, settings.contact)
     mean = waves["mean_position"].values - touch.value
-    shared = punched(inputs, experiment, loads, float(mean.max()))
+    shared = of_punch(settings, loads, float(mean.max()), file, fitted)
     if isinstance(shared, str):
         return shared
     if mean.min() <= 0.0:
         return "an oscillation lies above first touch"
     frequency = waves["frequency"].values
-    zero = nuisance(f"{experiment.name} first touch", 0.0, touch.u, "m",
+    zero = nuisance(f"{name} first touch", 0.0, touch.u, "m",
                      "stage position of first touch")  # fmt: skip
     omega = 2.0 * np.pi * frequency
 
@@ -51,13 +58,13 @@ def harmonic(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof | st
 
     def build(rho: Array) -> Evidence:
         return stiffness_evidence(
-            experiment.name, frequency, storage, loss, here, rho, shared.nu,
+            name, frequency, storage, loss, here, rho, shared.nu,
             slope_by={zero.name: by_zero},
             factors=shared.factors, offsets={p.name: by_phase for p in late},
             fuller=_Oscillation(loads, waves, touch.value, shared.geometry, zero.name),
         )  # fmt: skip
 
-    return Proof(
+    return MaterialEvidence(
         shared.nu,
         (1.0 / float(omega.max()), 1.0 / float(omega.min())),
         (*shared.unknowns, zero, *late), build,

@@ -21,7 +21,7 @@ from labpipe.report import (
 from labpipe.report.style import Role
 from labpipe.report.tables import number
 from labpipe.workflow.context import Context
-from pipelines.experiments import budgets
+from pipelines.experiments.harmonic.budget import quantities
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import budget_blocks, mach1_readings, pages, ramps_and_holds
 from pipelines.experiments.shared.punch_sections import (
@@ -67,7 +67,7 @@ def page(
     if model is not None and "absent" not in model.attrs:
         sections.append(_model(settings, model))
     if loads is not None and oscillations is not None:
-        found = budgets.harmonic(oscillations, loads)
+        found = quantities(oscillations, loads, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
     if oscillations is not None:
         sections.append(pages.methods(_methods(settings, oscillations, comparison)))

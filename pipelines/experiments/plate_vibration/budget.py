@@ -1,6 +1,6 @@
 """Budgets of a plate vibration: natural frequency, damping ratio, modal mass."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import cos, isfinite
 
 import numpy as np
@@ -25,14 +25,16 @@ _OF_MASS = (
 )  # fmt: skip
 
 
-def plate_vibration(
-    settings: PlateVibration, displacement: xr.Dataset, table: xr.Dataset, plate: xr.Dataset
-) -> Iterator[Quantity]:
+def quantities(
+    displacement: Sequence[xr.Dataset], table: xr.Dataset, plate: xr.Dataset, *,
+    settings: PlateVibration,
+) -> Iterator[Quantity]:  # fmt: skip
     """Yield natural frequency, damping ratio and modal mass of the plate."""
-    yield _ringing("natural_frequency", "natural frequency", "Hz", displacement, table)
-    yield _ringing("damping_ratio", "damping ratio", "1", displacement, table)
+    moved = displacement[0]  # the laser is the same for all drops
+    yield _ringing("natural_frequency", "natural frequency", "Hz", moved, table)
+    yield _ringing("damping_ratio", "damping ratio", "1", moved, table)
     if settings.sphere is not None and isfinite(float(plate["mass"])):
-        yield _modal_mass(settings, settings.sphere, displacement, plate)
+        yield _modal_mass(settings, settings.sphere, moved, plate)
 
 
 def _ringing(

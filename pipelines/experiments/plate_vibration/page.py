@@ -22,7 +22,7 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
-from pipelines.experiments import budgets
+from pipelines.experiments.plate_vibration.budget import quantities
 from pipelines.experiments.plate_vibration.measured import drops_label
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared import budget_blocks, pages
@@ -62,7 +62,7 @@ def page(
     if pages.present(ringing):
         sections.append(_recordings(settings, ringing or ()))
     if moved and table is not None and plate is not None:
-        found = budgets.plate_vibration(settings, moved[0], table, plate)
+        found = quantities(moved, table, plate, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
     if table is not None:
         sections.append(pages.methods(_methods(settings, table, plate)))

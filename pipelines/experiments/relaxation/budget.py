@@ -1,27 +1,25 @@
-"""Budgets of the indentations: relaxed modulus and peak of a relaxation, stiffness and work."""
+"""Budgets of a relaxation: relaxed modulus, and peak of the force."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from math import cos, isfinite, pi, sin
+from math import isfinite
 
 import numpy as np
 import xarray as xr
 
 from labpipe.uncertainty import Input
 from pipelines.experiments.relaxation.settings import Relaxation
-from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.budget_quantity import (
     MEASURED,
+    NOTHING_FALLS,
     TESTS,
     Array,
     Quantity,
     beyond,
 )
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
+from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
-_ABSENT = (
-    ("inclination, pixel size, mass, height", "there is no laser, no camera, and nothing falls"),
-)
 _ON_MODULUS = (
     ("sampling", "a plateau and the first touch are fitted to many readings: in their noise"),
     ("Poisson's ratio", "a reduced modulus holds it; of a bonded sheet it is taken as exact"),
@@ -34,15 +32,18 @@ _ON_PEAK = (
     ("sampling", "the fitted force runs between the readings"),
     ("repeatability", "one test for each depth"),
 )  # fmt: skip
-_ON_CYCLES = (
-    ("zero", "a tare and a place of first touch do not oscillate"),
-    ("sampling", "all readings of all cycles are fitted, and their rounding is in the noise"),
-    ("radius, Poisson's ratio, temperature",
-     "what the rubber does at its temperature was measured; they act on model and theory"),
-)  # fmt: skip
 
 
-def relaxation(
+def quantities(
+    loads: Sequence[xr.Dataset], ramps: Sequence[xr.Dataset], curves: Sequence[xr.Dataset], *,
+    settings: Relaxation,
+) -> Iterator[Quantity]:  # fmt: skip
+    """Yield relaxed reduced modulus and peak of the first tests."""
+    for number, parts in enumerate(zip(loads[:TESTS], ramps, curves, strict=False)):
+        yield from _of_test(settings, number, *parts)
+
+
+def _of_test(
     settings: Relaxation, number: int, loads: xr.Dataset, ramps: xr.Dataset, curves: xr.Dataset
 ) -> Iterator[Quantity]:
     """Yield the relaxed reduced modulus and the peak of one test; nothing that was not found."""
@@ -68,7 +69,7 @@ def _modulus(
     at = np.array([depth])
     whole = _area(at, geometry, {})
     shape = reported / (force / whole)
-    gain, tare, lag = _gain(loads), float(loads["u_tare"]), float(ramps["u_plateau_lag"][0])
+    gain, tare, lag = relative_gain(loads), float(loads["u_tare"]), float(ramps["u_plateau_lag"][0])
     noise = beyond(float(ramps["u_plateau_force"][0]), tare, gain * force, lag)
     touch = float(ramps["u_contact_position"])
     # A contact area goes about as powers of depth and dimensions: one look instead of thousands.
@@ -95,12 +96,12 @@ def _modulus(
         "tip_radius": Input(geometry.radius.value, geometry.radius.u, "m"),
         "period": Input(geometry.period.value, geometry.period.u, "m"),
         "tip_length": Input(geometry.depth.value, geometry.depth.u, "m"),
-    }, (*_ABSENT, *_ON_MODULUS), "relaxed reduced modulus")  # fmt: skip
+    }, (*NOTHING_FALLS, *_ON_MODULUS), "relaxed reduced modulus")  # fmt: skip
 
 
 def _peak(name: str, loads: xr.Dataset, curves: xr.Dataset) -> Quantity:
     force = float(curves["peak_force_unfiltered"][0])
-    gain, tare = _gain(loads), float(loads["u_tare"])
+    gain, tare = relative_gain(loads), float(loads["u_tare"])
     lag = float(curves["peak_filter_part"][0])
     noise = beyond(float(curves["u_peak_force_unfiltered"][0]), tare, gain * force, lag)
     return Quantity(
@@ -111,13 +112,8 @@ def _peak(name: str, loads: xr.Dataset, curves: xr.Dataset) -> Quantity:
         {MEASURED: Input(force, 0.0, "N"), "noise": Input(0.0, noise, "N"),
          "tare": Input(0.0, tare, "N"), "gain": Input(1.0, gain),
          "filter_lag": Input(0.0, lag, "N")},
-        (*_ABSENT, *_ON_PEAK), "largest force before the filter",
+        (*NOTHING_FALLS, *_ON_PEAK), "largest force before the filter",
     )  # fmt: skip
-
-
-def _gain(loads: xr.Dataset) -> float:
-    """Return the relative uncertainty of the cell's gain; one that nobody knows adds nothing."""
-    return float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
 
 
 _STEP = 1e-3  # relative, by which powers are found
@@ -142,57 +138,3 @@ def _area(at: Array, geometry: Geometry, by: dict[str, float]) -> float:
         )
     }  # fmt: skip
     return float(elastic_force(at, geometry, **sizes)[0])
-
-
-def harmonic(waves: xr.Dataset, loads: xr.Dataset) -> Iterator[Quantity]:
-    """Yield storage stiffness and work per cycle at the first frequencies."""
-    for i in range(min(TESTS, waves.sizes["oscillation"])):
-        at = waves.isel(oscillation=i)
-        where = f"at {float(at['frequency']):.3g} Hz"
-        inputs, scatter = _of_cycle(at, loads, bool(waves.attrs["is_filter_corrected"]))
-        yield Quantity(
-            f"storage stiffness {where}", "N/m", _stiffness, inputs,
-            (*_ABSENT, *_ON_CYCLES, ("repeatability", "cycles are fitted as one: in the noise")),
-            "storage stiffness",
-        )  # fmt: skip
-        yield Quantity(
-            f"work per cycle {where}", "J", _work,
-            inputs | {"repeatability": scatter}, (*_ABSENT, *_ON_CYCLES), "work per cycle",
-        )  # fmt: skip
-
-
-def _of_cycle(
-    at: xr.Dataset, loads: xr.Dataset, is_corrected: bool
-) -> tuple[dict[str, Input], Input]:
-    """Return what one oscillation hangs on, and the scatter of its loops."""
-    storage, loss = float(at["storage_stiffness"]), float(at["loss_stiffness"])
-    amplitude, n = float(at["amplitude"]), float(at["n_cycles"])
-    force = float(np.hypot(storage, loss)) * amplitude
-    lag = mach1_readings.force_lag(loads, float(at["frequency"])) if is_corrected else None
-    of_filter = (0.0, 0.0) if lag is None else (lag.u_gain / lag.gain, lag.u_phase)
-    cell = _gain(loads)
-    noise = beyond(float(at["u_force_amplitude"]), cell * force, of_filter[0] * force)
-    return {
-        "force_amplitude": Input(force, noise, "N"),
-        "amplitude": Input(amplitude, float(at["u_amplitude"]), "m"),
-        "phase": Input(float(np.arctan2(loss, storage)),
-                       beyond(float(at["u_phase_lag"]), of_filter[1]), "rad"),
-        "filter_lag": Input(0.0, of_filter[1], "rad"),
-        "filter_gain": Input(1.0, of_filter[0]), "gain": Input(1.0, cell),
-    }, Input(0.0, float(at["work_sd"]) / np.sqrt(n), "J",
-             degrees_of_freedom=max(n - 1.0, 1.0))  # fmt: skip
-
-
-def _stiffness(
-    force_amplitude: float, amplitude: float, phase: float, filter_lag: float, filter_gain: float,
-    gain: float,
-) -> float:  # fmt: skip
-    return gain * force_amplitude / filter_gain / amplitude * cos(phase + filter_lag)
-
-
-def _work(
-    force_amplitude: float, amplitude: float, phase: float, filter_lag: float, filter_gain: float,
-    gain: float, repeatability: float,
-) -> float:  # fmt: skip
-    pushed = gain * force_amplitude / filter_gain
-    return pi * pushed * amplitude * sin(phase + filter_lag) + repeatability

@@ -1,7 +1,8 @@
 """Forces of relaxations as evidence on a material."""
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -9,12 +10,11 @@ from numpy.typing import NDArray
 
 from labpipe.identification import Evidence, Parameter, force_evidence, lee_radok_basis
 from labpipe.identification.joined import JoinedModel
-from labpipe.workflow.session import Experiment
 from pipelines.experiments.relaxation.measured import elastic_area
+from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
-from pipelines.experiments.shared.material_evidence import Proof, nuisance
-from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, Punched, punched
-from pipelines.figures.inputs import Inputs
+from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
+from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, PunchEvidence, of_punch
 
 Array = NDArray[np.float64]
 
@@ -22,28 +22,35 @@ _DELAYS = 20.0  # time constants of the cell's filter after which it leaves a re
 _LEAST_OF_FORCE = 1e-5  # of a force in a hold: what chords of histories are good for
 
 
-def relaxation(inputs: Inputs, experiment: Experiment, impacts: int) -> Proof | str:
+def evidence(
+    loads: Sequence[xr.Dataset],
+    ramps: Sequence[xr.Dataset],
+    curves: Sequence[xr.Dataset],
+    file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: Relaxation,
+    name: str,
+    impacts: int,
+) -> MaterialEvidence | str:
     """Gather the forces of all holds, as recorded behind the cell's filter."""
     del impacts
-    settings: Any = experiment.settings
     parts = []
-    for number, file in enumerate(settings.mach1):
-        loads, ramps, curves = (
-            inputs.result(experiment.name, stage, file) for stage in ("loads", "ramps", "curves")
-        )
-        if not np.isfinite(float(ramps["contact_position"])):
-            return f"first touch was not found in {file}"
-        shared = punched(inputs, experiment, loads, float(ramps["depth"].max()))
+    for number, recording in enumerate(settings.mach1):
+        found = ramps[number]
+        if not np.isfinite(float(found["contact_position"])):
+            return f"first touch was not found in {recording}"
+        shared = of_punch(settings, loads[number], float(found["depth"].max()), file, fitted)
         if isinstance(shared, str):
             return shared
-        label = experiment.name + (f" {number + 1}" if len(settings.mach1) > 1 else "")
-        parts.append(_Hold(label, loads, ramps, curves, shared))
+        label = name + (f" {number + 1}" if len(settings.mach1) > 1 else "")
+        parts.append(_Hold(label, loads[number], found, curves[number], shared))
     unknowns = [p for part in parts for p in part.unknowns]
     lags = np.concatenate([part.lag for part in parts])
-    return Proof(
+    return MaterialEvidence(
         parts[0].shared.nu,
         (float(lags.min()), float(lags.max())), tuple(unknowns),
-        lambda rho: _joined(experiment.name, [part.evidence(rho) for part in parts]),
+        lambda rho: _joined(name, [part.evidence(rho) for part in parts]),
     )  # fmt: skip
 
 
@@ -56,7 +63,7 @@ class _Hold:
     """
 
     def __init__(self, label: str, loads: xr.Dataset, ramps: xr.Dataset, curves: xr.Dataset,
-                 shared: Punched) -> None:  # fmt: skip
+                 shared: PunchEvidence) -> None:  # fmt: skip
         self.label, self.shared = label, shared
         declared = mach1_readings.declared_filter(loads)
         quickest = 0.0 if declared is None else _DELAYS / (2.0 * np.pi * declared["cutoff"])

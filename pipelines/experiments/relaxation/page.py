@@ -21,7 +21,7 @@ from labpipe.report import (
 )
 from labpipe.report.tables import Cell
 from labpipe.workflow.context import Context
-from pipelines.experiments import budgets
+from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import budget_blocks, pages, ramps_and_holds
 from pipelines.experiments.shared.punch_sections import (
@@ -65,8 +65,7 @@ def page(
     if model is not None and any("absent" not in each.attrs for each in model):
         sections.append(_model(settings, model))
     if loads is not None and ramps is not None and curves is not None:
-        each = zip(loads[: budgets.TESTS], ramps, curves, strict=False)
-        found = [q for i, parts in enumerate(each) for q in budgets.relaxation(settings, i, *parts)]
+        found = quantities(loads, ramps, curves, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
     if tests is not None:
         sections.append(pages.methods(_methods(settings, tests)))

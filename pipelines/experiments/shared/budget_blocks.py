@@ -17,7 +17,7 @@ from labpipe.report import (
     value_with_uncertainty,
 )
 from labpipe.uncertainty import Budget
-from pipelines.experiments.budgets import MEASURED, Quantity
+from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
 
 _MANY = 1000.0  # degrees of freedom: beyond, Student's law is the normal one
 _DRAWS = 2000  # on the page of an experiment: the ends of an interval to 5 % of u

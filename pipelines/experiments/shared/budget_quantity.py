@@ -32,6 +32,11 @@ ASKED = (
 )  # fmt: skip
 """Inputs that every budget is asked about."""
 
+NOTHING_FALLS = (
+    ("inclination, pixel size, mass, height", "there is no laser, no camera, and nothing falls"),
+)
+"""What does not act on an indentation, and why."""
+
 MEASURED = "measured"
 """Name of the input that is the result as read; its uncertainty stands in the others."""
 

@@ -43,7 +43,7 @@ def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
     """
     temperature = None if choice.temperature is None else choice.temperature.value
     if fitted is not None:
-        return _fitted(fitted, temperature)
+        return fitted_at(fitted, temperature)
     if file is not None:
         return materials.load_file(file, temperature=temperature)
     if choice.material is None:
@@ -109,8 +109,20 @@ def _poisson_ratio(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset
     return Quantity(entry.value, entry.u, "1")
 
 
-def _fitted(fitted: xr.Dataset, temperature: float | None) -> Prony:
-    """Return the material of a master curve, shifted from its reference temperature."""
+def fitted_at(fitted: xr.Dataset, temperature: float | None) -> Prony:
+    """Return the material of a master curve, shifted from its reference temperature.
+
+    Parameters
+    ----------
+    fitted : Dataset
+        The master curve.
+    temperature : float, optional [degC]
+
+    Warns
+    -----
+    UserWarning
+        The temperature lies outside the isotherms.
+    """
     at_reference = Prony(
         float(fitted["E_relaxed"]),
         fitted["E"].values,

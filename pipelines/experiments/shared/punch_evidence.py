@@ -1,17 +1,18 @@
 """What a relaxation and an oscillation under one punch leave unknown alike."""
 
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Protocol
 
 import xarray as xr
 
 from labpipe.identification import Parameter
 from labpipe.uncertainty import combined
-from labpipe.workflow.session import Experiment
 from pipelines.experiments.shared import ramps_and_holds
-from pipelines.experiments.shared.material_evidence import assumed, nuisance
+from pipelines.experiments.shared.material_choice import resolve
+from pipelines.experiments.shared.material_evidence import nuisance
 from pipelines.experiments.shared.punch_model import Geometry, relative_sources
-from pipelines.figures.inputs import Inputs
+from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
 
 SHIFT = 1e-7
 """m of first touch by which a derivative is found."""
@@ -22,8 +23,24 @@ FILTER = nuisance(
 """One cell tests all specimens of a session: relaxation and oscillation share its filter."""
 
 
+class Indentation(Protocol):
+    """Settings of an indentation by the punch."""
+
+    @property
+    def punch(self) -> Punch | None:
+        """The indenter."""
+
+    @property
+    def substrate(self) -> Substrate | None:
+        """What it is pressed into."""
+
+    @property
+    def model(self) -> IndentationModel:
+        """How it is simulated."""
+
+
 @dataclass(frozen=True, eq=False)
-class Punched:
+class PunchEvidence:
     """What relaxation and harmonic indentation share."""
 
     geometry: Geometry
@@ -32,13 +49,17 @@ class Punched:
     factors: tuple[str, ...]
 
 
-def punched(inputs: Inputs, experiment: Experiment, loads: xr.Dataset, depth: float
-            ) -> Punched | str:  # fmt: skip
-    """Return it for a depth [m]; a text where session.toml does not tell."""
-    settings: Any = experiment.settings
+def of_punch(
+    settings: Indentation, loads: xr.Dataset, depth: float, file: Path | None,
+    fitted: xr.Dataset | None,
+) -> PunchEvidence | str:  # fmt: skip
+    """Return it for a depth [m]; a text where session.toml does not tell.
+
+    Of the material that the session assumes (``file``, ``fitted``) only Poisson's ratio is used.
+    """
     if settings.punch is None or settings.substrate is None:
         return "session.toml names no punch and no substrate"
-    nu = float(assumed(inputs, experiment).nu)
+    nu = float(resolve(settings.substrate, file, fitted).nu)
     geometry = Geometry.of(settings.punch, settings.substrate, settings.model, nu)
     unknowns, factors = [], []
     relative = combined(relative_sources(depth, 0.0, geometry))
@@ -50,4 +71,4 @@ def punched(inputs: Inputs, experiment: Experiment, loads: xr.Dataset, depth: fl
         if sd > 0.0:
             unknowns.append(nuisance(name, 1.0, sd, "1", text))
             factors.append(name)
-    return Punched(geometry, nu, unknowns, tuple(factors))
+    return PunchEvidence(geometry, nu, unknowns, tuple(factors))

@@ -1,13 +1,14 @@
 """Calibration records to fill in, for readings that came without one."""
 
 import warnings
-from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
 
 import instruments
 from labpipe.errors import LabpipeError
-from pipelines.session._gaps import GAP
+from pipelines.experiments._kind import Found
+from pipelines.experiments.shared.film_frames import recorded_on
+from pipelines.experiments.shared.proposals import GAP, view
 
 _HEAD = """\
 # Written by `labpipe init`; complete it before the results are used.
@@ -33,38 +34,39 @@ pixel_length = "{GAP} px"  # what it measures in the image, e.g. "386 ± 1.5 px"
 """
 
 
-def missing_records(folder: Path, found: Mapping[str, list[str]]) -> dict[str, tuple[str, str]]:
-    """Propose a record for every sensor whose readings came without one.
+def laser_records(found: Found) -> dict[str, dict[str, str]]:
+    """Propose a record for a laser whose readings came without one.
 
     Parameters
     ----------
-    folder : Path
-        The session folder.
-    found : mapping
-        Files by instrument, and records by ``record:KIND``.
+    found : Found
 
     Returns
     -------
     dict
-        Kind (``record:laser``, ``record:camera``) to name of the file and its text; nothing that
-        would replace a file.
+        Kind of record (``record:laser``) to names and texts of files; nothing that would replace
+        a file.
     """
-    proposals: dict[str, tuple[str, str]] = {}
-    if found.get("keyence") and not found.get("record:laser"):
-        name = _free(folder, "laser")
-        model, days = _about(folder, found["keyence"])
-        how = "micrometer steps against the reading"
-        head = _head("laser", model or "Keyence laser", days, "", how)
-        proposals["record:laser"] = (name, head + _LASER)
-    return proposals
+    if not found.of("keyence") or found.of("record:laser"):
+        return {}
+    name = _free(found.folder, "laser")
+    model, days = _about(found.folder, found.of("keyence"))
+    how = "micrometer steps against the reading"
+    head = _head("laser", model or "Keyence laser", days, "", how)
+    return {"record:laser": {name: head + _LASER}}
 
 
-def camera_template(folder: Path, film: str, view: str) -> tuple[str, str]:
-    """Return name and text of a record for one view of a camera."""
-    _, days = _about(folder, [film])
-    how = "a ruler in the plane of focus"
-    head = _head("camera", "camera", days, view, how)
-    return _free(folder, f"camera_{view}"), head + _CAMERA
+def camera_records(found: Found) -> dict[str, dict[str, str]]:
+    """Propose a record for every view that is filmed and has none, as :func:`laser_records`."""
+    known = found.of("record:camera")
+    films = {view(name): name for name in found.of("phantom")}
+    made = {}
+    for seen, film in sorted(films.items()):
+        if not any(seen in record for record in known):
+            _, days = _about(found.folder, [film])
+            head = _head("camera", "camera", days, seen, "a ruler in the plane of focus")
+            made[_free(found.folder, f"camera_{seen}")] = head + _CAMERA
+    return {"record:camera": made} if made else {}
 
 
 def _head(kind: str, instrument: str, days: list[date], view: str, how: str) -> str:
@@ -86,8 +88,6 @@ def _free(folder: Path, stem: str) -> str:
 
 def _about(folder: Path, names: list[str]) -> tuple[str, list[date]]:
     """Model of the sensor and days of the recordings, as far as the files tell."""
-    from pipelines.experiments.shared.film_frames import recorded_on
-
     models, days = [], []
     for name in names:
         try:

@@ -22,9 +22,9 @@ _BOTH = (
 _GIVEN = ("mass", "first touch is given in session.toml, not found from the loads")
 
 
-def static_loading(
-    settings: StaticLoading, displacement: xr.Dataset, steps: xr.Dataset, approach: xr.Dataset,
-    model: xr.Dataset | None = None,
+def quantities(
+    displacement: xr.Dataset, steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None,
+    *, settings: StaticLoading,
 ) -> Iterator[Quantity]:  # fmt: skip
     """Yield approach and contact radius under the last load, and the model's radius."""
     depth = float(approach["level_approach"][-1])

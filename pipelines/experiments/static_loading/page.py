@@ -19,10 +19,10 @@ from labpipe.report import (
 )
 from labpipe.report.tables import Cell
 from labpipe.workflow.context import Context
-from pipelines.experiments import budgets
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.punch_sections import columns
 from pipelines.experiments.shared.ramps_and_holds import binned
+from pipelines.experiments.static_loading.budget import quantities
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _UM = 1e6
@@ -55,7 +55,7 @@ def page(
     if steps is not None and comparison is not None:
         sections.append(_residual(steps, comparison))
     if displacement is not None and steps is not None and approach is not None:
-        found = budgets.static_loading(settings, displacement, steps, approach, model)
+        found = quantities(displacement, steps, approach, model, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
     if steps is not None and approach is not None:
         sections.append(pages.methods(_methods(settings, steps, approach, comparison)))
