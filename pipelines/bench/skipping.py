@@ -26,8 +26,8 @@ from pipelines import process as verbs
 from pipelines.bench import sessions
 from pipelines.bench.dic import make_film
 from pipelines.bench.measure import Point, Suite, paired
-from pipelines.experiments import dic_validation
-from pipelines.settings.dic_validation import DicValidation, Tracking
+from pipelines.experiments.dic_validation import measured as dic_validation
+from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 
 Floats = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from instruments import keyence_writer
 from instruments.keyence_markers import Status
 from labpipe.errors import SourceError, UsageError
 from labpipe.frames import ArrayFrames
-from pipelines.contact_sheet import strip, write_sheet
-from pipelines.inspection import describe, film
+from pipelines.session._contact_sheet import strip, write_sheet
+from pipelines.session._inspection import describe, film
 
 SAMPLES = Path(__file__).parents[2] / "../shared/samples"
 FILMS = Path(__file__).parents[2] / "sample_data/films"

@@ -16,7 +16,7 @@ from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import laser_record
 from pipelines.rig.static_loading import StaticRig, write_static
-from pipelines.scan import _mode, write_session_file
+from pipelines.session._proposal import _mode, write_session_file
 
 START = datetime(2024, 5, 14, 9, 30)
 

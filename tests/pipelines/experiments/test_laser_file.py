@@ -11,8 +11,8 @@ from instruments import keyence_writer
 from labpipe.errors import ConfigError, SourceError
 from labpipe.units import quantity
 from labpipe.workflow import config
-from pipelines.experiments.laser_file import read_laser
-from pipelines.settings.common import Keyence, Table
+from pipelines.experiments.shared.laser_readings import read_laser
+from pipelines.experiments.shared.settings import Keyence, Table
 
 
 class Holder(Table, frozen=True, kw_only=True):
