@@ -79,7 +79,7 @@ def write_session_file(
     records |= _camera_records(folder, found)
     text, names = propose(folder, _with_records(found, records))
     if not names:
-        known = ", ".join(reader.name for reader in instruments.READERS)
+        known = ", ".join(each.name for each in instruments.known())
         message = (
             f"{folder}: no file of a known instrument was found; known are {known}. "
             "Is it the right folder?"

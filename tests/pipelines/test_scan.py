@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from instruments import phantom_writer
-from instruments.phantom_writer import Recording
+from instruments import phantom
+from instruments.phantom._writer import Recording
 from labpipe import files, materials
 from labpipe.errors import ConfigError, UsageError
 from pipelines.process import open_session
@@ -129,7 +129,7 @@ def filmed(small_session: Path, tmp_path: Path) -> Path:
     frames = np.full((3, 8, 16), 90, dtype=np.uint8)
     day = int(START.replace(tzinfo=UTC).timestamp())
     recording = Recording(frame_rate=4000, exposure=5e-5, bits=8, trigger=day)
-    phantom_writer.write(
+    phantom.write(
         tmp_path / "acrylic_front.cine", frames, frames.shape, np.arange(3) / 4000, recording
     )
     shutil.copy(small_session / "laser/drop_1.csv", tmp_path / "acrylic_7mm_1.csv")
