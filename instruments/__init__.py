@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from instruments import anton_paar, dice, images, keyence, mach1, phantom, tables
 from instruments._instrument import CONTENTS, HEAD_BYTES, Content, Instrument, NoOptions, text_of
-from labpipe import BUILD, plugins
+from labpipe import BUILD
 from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
+from labpipe.plugins import Plugin, survey, tell
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -61,10 +62,10 @@ class Options(
 
 
 @cache
-def added() -> tuple[plugins.Plugin[Instrument], ...]:
+def added() -> tuple[Plugin[Instrument], ...]:
     """Return the plug-ins of other distributions, and why one of them is left out."""
-    found = plugins.survey(GROUP, Instrument, [each.name for each in OURS])
-    plugins.tell([f"{p} is left out: {p.problem}" for p in found if p.problem])
+    found = survey(GROUP, Instrument, [each.name for each in OURS])
+    tell([f"{p} is left out: {p.problem}" for p in found if p.problem])
     return found
 
 
@@ -145,7 +146,7 @@ def _is_from_plugin(plugin: Instrument, head: bytes, path: Path) -> bool:
 
 @cache
 def _tell_once(problem: str) -> None:
-    plugins.tell([problem])
+    tell([problem])
 
 
 def _head(path: Path) -> bytes:

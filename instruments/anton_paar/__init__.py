@@ -8,18 +8,18 @@ from instruments._instrument import HEAD_BYTES, Instrument, lazily, text_of
 from labpipe.text import Limits
 
 if TYPE_CHECKING:
-    from instruments.anton_paar._dataset import assemble, make_column, make_interval
+    from instruments.anton_paar._dataset import CLIPPED, assemble, make_column, make_interval
     from instruments.anton_paar._export import read
-    from instruments.anton_paar._values import CLIPPED, Column, Interval
+    from instruments.anton_paar._values import Column, Interval
     from instruments.anton_paar._words import SI_OF, column_name, slug, unit_of
     from instruments.anton_paar._writer import LANGUAGES, encode, write
 else:
     __getattr__ = lazily(
         __name__,
         {
-            "_dataset": ("assemble", "make_column", "make_interval"),
+            "_dataset": ("CLIPPED", "assemble", "make_column", "make_interval"),
             "_export": ("read",),
-            "_values": ("CLIPPED", "Column", "Interval"),
+            "_values": ("Column", "Interval"),
             "_words": ("SI_OF", "column_name", "slug", "unit_of"),
             "_writer": ("LANGUAGES", "encode", "write"),
         },

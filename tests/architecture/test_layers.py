@@ -30,6 +30,7 @@ GROUND = {
     "binary",
     "uncertainty",
     "propagation",
+    "plugins",
 }
 BELOW = {
     "signals": set(),
@@ -93,6 +94,21 @@ def test_ground_imports_no_part_above_it() -> None:
         if path.stem in GROUND
         for name in imported_modules(path)
         if name.startswith("labpipe.") and name.split(".")[1] not in GROUND | {"__version__"}
+    ]
+    assert wrong == []
+
+
+def test_nothing_reaches_past_the_face_of_an_instrument() -> None:
+    """Inner modules of a room are imported by that room alone (and by tests)."""
+    wrong = [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for package in PACKAGES
+        for path in sources(package)
+        for name in imported_modules(path)
+        if name.startswith("instruments.")
+        for room in [name.split(".")[1]]
+        if any(part.startswith("_") for part in name.split(".")[2:])
+        and not path.is_relative_to(ROOT / "instruments" / room)
     ]
     assert wrong == []
 
