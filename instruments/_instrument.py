@@ -60,6 +60,8 @@ class Instrument:
         Names and types of the keyword arguments of the reader.
     writer : str
         ``"module:function"``, "" for none.
+    unproposed : str
+        Why `labpipe init` proposes no experiment from its files, "" where it does.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Instrument:
     reader: str
     options: type[Any] = NoOptions
     writer: str = ""
+    unproposed: str = ""
 
     def read(self, path: Path, options: Mapping[str, Any]) -> Any:
         """Read one file.

@@ -41,7 +41,7 @@ def missing_records(folder: Path, found: Mapping[str, list[str]]) -> dict[str, t
     folder : Path
         The session folder.
     found : mapping
-        Files by instrument, and records by ``record:KIND``.
+        Readings by content, and records by ``record:KIND``.
 
     Returns
     -------
@@ -50,9 +50,9 @@ def missing_records(folder: Path, found: Mapping[str, list[str]]) -> dict[str, t
         would replace a file.
     """
     proposals: dict[str, tuple[str, str]] = {}
-    if found.get("keyence") and not found.get("record:laser"):
+    if found.get("displacement") and not found.get("record:laser"):
         name = _free(folder, "laser")
-        model, days = _about(folder, found["keyence"])
+        model, days = _about(folder, found["displacement"])
         how = "micrometer steps against the reading"
         head = _head("laser", model or "Keyence laser", days, "", how)
         proposals["record:laser"] = (name, head + _LASER)

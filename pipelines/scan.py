@@ -74,17 +74,12 @@ def write_session_file(
     if path.exists() and not replace:
         message = f"{path} exists already; edit it, or use --force to replace it"
         raise UsageError(message)
-    found = recognise(folder)
+    found, owners = recognise(folder)
     records = dict(missing_records(folder, found).values())
     records |= _camera_records(folder, found)
     text, names = propose(folder, _with_records(found, records))
     if not names:
-        known = ", ".join(each.name for each in instruments.known())
-        message = (
-            f"{folder}: no file of a known instrument was found; known are {known}. "
-            "Is it the right folder?"
-        )
-        raise UsageError(message)
+        raise UsageError(_nothing_proposed(folder, owners))
     begun = {n: (folder / n).read_text("utf-8") for n in _records(found)}
     texts = {FILE_NAME: text, **records, **{n: t for n, t in begun.items() if GAP in t}}
     if ask is not None:
@@ -99,9 +94,8 @@ def write_session_file(
         if GAP in line and not line.lstrip().startswith("#")
     ]
     unused = [
-        f"{name} ({kind.replace('_', ' ')})"
-        for kind, files_of_kind in found.items()
-        for name in files_of_kind
+        f"{name} ({title}): {reason}"
+        for name, (title, reason) in owners.items()
         if f'"{_quoted(name)}"' not in text
     ]
     return Scan(path, names, gaps, [folder / name for name in records], unused)
@@ -115,7 +109,7 @@ def _owner(name: str) -> str:
 def _camera_records(folder: Path, found: dict[str, list[str]]) -> dict[str, str]:
     """Propose a record for every view that is filmed and has none."""
     known = found.get("record:camera", [])
-    views = {_view(name): name for name in found.get("phantom", [])}
+    views = {_view(name): name for name in found.get("film", [])}
     return dict(
         camera_template(folder, film, view)
         for view, film in sorted(views.items())
@@ -141,21 +135,66 @@ def _view(film: str) -> str:
     return "under" if _UNDER.search(film) else "front"
 
 
-def recognise(folder: Path) -> dict[str, list[str]]:
-    """Return the files of every instrument, and calibration records under their kind.
+def recognise(folder: Path) -> tuple[dict[str, list[str]], dict[str, tuple[str, str]]]:
+    """Return what the files of a folder are.
 
     Returns
     -------
-    dict
-        ``"keyence"``, ``"mach1"``, … and ``"record:laser"``, … to names relative to ``folder``.
+    found : dict
+        Instrument (``"keyence"``, …), content of readings from which experiments may begin
+        (``"displacement"``, …) and kind of calibration record (``"record:laser"``, …) to names
+        relative to ``folder``.
+    owners : dict
+        Names of all readings to what wrote them, and why no experiment would be proposed.
     """
     found: dict[str, list[str]] = {}
+    owners: dict[str, tuple[str, str]] = {}
     for path in _candidates(folder):
         name = path.relative_to(folder).as_posix()
-        kind = _record_kind(path) if path.suffix == ".toml" else _instrument(path)
-        if kind is not None:
-            found.setdefault(kind, []).append(name)
-    return found
+        if path.suffix == ".toml":
+            if (kind := _record_kind(path)) is not None:
+                found.setdefault(kind, []).append(name)
+                owners[name] = (kind.replace("_", " "), "no experiment names it")
+        elif (instrument := _instrument(path)) is not None:
+            found.setdefault(instrument, []).append(name)
+    for each in instruments.known():
+        for name in found.get(each.name, []):
+            owners[name] = (each.title, each.unproposed or _UNTOLD[each.content])
+            if not each.unproposed:
+                found.setdefault(each.content, []).append(name)
+    return found, owners
+
+
+_UNTOLD: dict[instruments.Content, str] = {
+    "displacement": "no kind of experiment is told by it alone; add it by hand",
+    "force": "it holds neither an oscillation nor a relaxation; add it by hand",
+    "film": "no kind of experiment is told by it alone; add it by hand",
+    "sweep": "it holds no moduli over frequency and temperature; add it by hand",
+    "displacement_field": "no kind of experiment begins from it",
+}
+
+
+def _nothing_proposed(folder: Path, owners: dict[str, tuple[str, str]]) -> str:
+    """Say what was found and why no experiment begins from it; or that nothing is known."""
+    of_reason: dict[tuple[str, str], list[str]] = {}
+    for name, why in owners.items():
+        of_reason.setdefault(why, []).append(name)
+    for place in [folder, *sorted(p for p in folder.rglob("*") if p.is_dir())]:
+        if (whole := _instrument(place)) is not None:
+            each = instruments.by_name(whole)
+            why = (each.title, each.unproposed or _UNTOLD[each.content])
+            of_reason.setdefault(why, []).append(place.relative_to(folder).as_posix())
+    if not of_reason:
+        known = ", ".join(each.name for each in instruments.known())
+        return (
+            f"{folder}: no file of a known instrument was found; known are {known}. "
+            "Is it the right folder?"
+        )
+    lines = [f"{folder}: no experiment is proposed"]
+    for (title, reason), names in of_reason.items():
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        lines.append(f"{names[0]}{more} ({title}): {reason}")
+    return "\n  ".join(lines)
 
 
 def _candidates(folder: Path) -> Iterator[Path]:
@@ -196,19 +235,20 @@ def propose(folder: Path, found: dict[str, list[str]]) -> tuple[str, list[str]]:
         'operator = ""',
         'notes = ""',
     ]
-    for instrument, proposal in PROPOSALS.items():
-        for group in _grouped(found.get(instrument, []), instrument in REPEATED):
-            name = _unused(_experiment_name(folder, group, instrument), names)
-            text = proposal(folder, name, group.files, found)
-            if text is not None:
-                names.append(name)
-                sections += ["", text]
+    for content, proposal in PROPOSALS.items():
+        for each in (i for i in instruments.known() if i.content == content and not i.unproposed):
+            for group in _grouped(found.get(each.name, []), content in REPEATED):
+                name = _unused(_experiment_name(folder, group, content), names)
+                text = proposal(folder, name, group.files, found)
+                if text is not None:
+                    names.append(name)
+                    sections += ["", text]
     return "\n".join(sections) + "\n", names
 
 
-def _experiment_name(folder: Path, group: _Group, instrument: str) -> str:
+def _experiment_name(folder: Path, group: _Group, content: str) -> str:
     """Name an experiment; relaxations to several depths are one, which no depth names."""
-    if instrument == "mach1" and _relaxes(folder, group.files[0]):
+    if content == "force" and _relaxes(folder, group.files[0]):
         return _identifier(_depthless(group.files[0]))
     return group.name
 
@@ -344,7 +384,7 @@ def _indentation(
     if _oscillates(folder, names[0]):
         head = f'kind = "harmonic"\nmach1 = "{_quoted(names[0])}"'
     elif _relaxes(folder, names[0]):
-        same = [n for n in found["mach1"] if _depthless(n) == _depthless(names[0])]
+        same = [n for n in found["force"] if _depthless(n) == _depthless(names[0])]
         tests = [n for n in sorted(same) if _relaxes(folder, n)]
         if names[0] != tests[0]:
             return None  # it is in the experiment of the first
@@ -447,7 +487,7 @@ def _laser_beside(folder: Path, film: str, found: dict[str, list[str]]) -> str:
     word = _material_word(film)
     drops = [
         group.name
-        for group in _grouped(found.get("keyence", []), is_repeated=True)
+        for group in _grouped(found.get("displacement", []), is_repeated=True)
         if word is not None
         and word == _material_word(group.files[0])
         and not _PLATE.search(group.files[0])
@@ -458,13 +498,12 @@ def _laser_beside(folder: Path, film: str, found: dict[str, list[str]]) -> str:
     return '# laser_experiment = "NAME"  # the ball drop whose laser saw the same motion'
 
 
-REPEATED = {"keyence"}
-"""Instruments whose files come as repeats of one experiment; others hold one experiment each."""
+REPEATED = {"displacement"}
+"""Contents whose files come as repeats of one experiment; others hold one experiment each."""
 
 PROPOSALS: dict[str, Callable[[Path, str, list[str], dict[str, list[str]]], str | None]] = {
-    "keyence": _laser,
-    "mach1": _indentation,
-    "phantom": _film,
-    "anton_paar": _dma,
-    "plain_table": _dma,
+    "displacement": _laser,
+    "force": _indentation,
+    "film": _film,
+    "sweep": _dma,
 }

@@ -33,4 +33,8 @@ INSTRUMENT = Instrument(
     sniff=_sniff,
     reader="instruments.dice:read",
     options=Options,
+    unproposed=(
+        "displacements that another program correlated are read, drawn and exported, but no kind "
+        "of experiment begins from them; name the film that they were made of instead"
+    ),
 )
