@@ -32,6 +32,7 @@ GROUND = {
     "compilation",
     "uncertainty",
     "propagation",
+    "plugins",
 }
 BELOW = {
     "signals": set(),
@@ -140,7 +141,7 @@ def exported(package: str) -> frozenset[str]:
     return frozenset()
 
 
-ROOMS = tuple(f"labpipe.{part}" for part in BELOW if part != "workflow")
+ROOMS = (*(f"labpipe.{part}" for part in BELOW if part != "workflow"), "instruments")
 """Packages whose inside is theirs alone."""
 
 

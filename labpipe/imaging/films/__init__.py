@@ -8,4 +8,10 @@ from labpipe.imaging.films._reading_plan import (
     plan_reading,
 )
 
-__all__ = ["FilmReader", "Place", "frames_in_windows", "last_moving_frame", "plan_reading"]
+__all__ = [
+    "FilmReader",
+    "Place",
+    "frames_in_windows",
+    "last_moving_frame",
+    "plan_reading",
+]

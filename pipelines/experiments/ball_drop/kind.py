@@ -93,7 +93,7 @@ KIND = Kind(
         ),
     ),
     proposal=Proposal(
-        ("keyence",),
+        ("displacement",),
         "pipelines.experiments.ball_drop.proposal:proposed",
         records="pipelines.experiments.shared.record_templates:laser_records",
     ),

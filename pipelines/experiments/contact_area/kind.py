@@ -74,7 +74,7 @@ KIND = Kind(
         ),
     ),
     proposal=Proposal(
-        ("phantom",),
+        ("film",),
         "pipelines.experiments.contact_area.proposal:proposed",
         records="pipelines.experiments.shared.record_templates:camera_records",
     ),

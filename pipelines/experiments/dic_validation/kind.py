@@ -77,7 +77,7 @@ KIND = Kind(
         ("motion", "comparison"),
     ),
     proposal=Proposal(
-        ("phantom",),
+        ("film",),
         "pipelines.experiments.dic_validation.proposal:proposed",
         records="pipelines.experiments.shared.record_templates:camera_records",
     ),

@@ -85,7 +85,7 @@ KIND = Kind(
         ("displacement", "table", "plate"),
     ),
     proposal=Proposal(
-        ("keyence",),
+        ("displacement",),
         "pipelines.experiments.plate_vibration.proposal:proposed",
         records="pipelines.experiments.shared.record_templates:laser_records",
     ),
