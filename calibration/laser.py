@@ -228,12 +228,9 @@ def _sources(
         Source("noise of a sample", 0.0, beyond_rounding, unit_text, factor, "random"),
         Source("rounding of the display", 0.0, rounding, unit_text, factor, "random"),
         Source("zero", at_rest.level, at_rest.u_level, unit_text, factor, "systematic"),
-        Source(
-            "inclination", angle.value, angle.u, "rad", largest * math.tan(angle.value),
-            "systematic",
-        ),
-        Source("gain", gain.value, gain.u, gain.si, largest / gain.value, "systematic"),
-    ]  # fmt: skip
+        Source.of("inclination", angle, largest * math.tan(angle.value)),
+        Source.of("gain", gain, largest / gain.value),
+    ]
     if values.linearity is not None:
         along = 1.0 / math.cos(angle.value)
         sources.append(Source("linearity", 0.0, values.linearity.u, "m", along, "systematic"))

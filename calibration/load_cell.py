@@ -211,8 +211,7 @@ def _sources(
         Source("tare", at_rest.level, at_rest.u_level, "N", factor, "systematic"),
     ]
     if values:
-        share = largest / gain.value
-        sources.append(Source("gain", gain.value, gain.u, "1", share, "systematic"))
+        sources.append(Source.of("gain", gain, largest / gain.value))
     if values and values.linearity:
         sources.append(Source("linearity", 0.0, values.linearity.u, "N", 1.0, "systematic"))
     return sources

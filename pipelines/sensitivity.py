@@ -1,7 +1,7 @@
 """Which input limits each of the main reported quantities, by budgets that are checked.
 
 The quantities are formulas of their inputs (:mod:`pipelines.experiments.budgets`), propagated
-linearly, by Monte Carlo and by Sobol indices (:mod:`labpipe.propagation`).
+linearly, by Monte Carlo and by Sobol indices (:mod:`labpipe.uncertainty`).
 """
 
 from collections.abc import Callable, Iterator
@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from labpipe.errors import InputError, UsageError
-from labpipe.propagation import Indices, MonteCarlo, agrees, linear, monte_carlo, sobol
-from labpipe.uncertainty import Budget
+from labpipe.uncertainty import Budget, Indices, MonteCarlo, agrees, linear, monte_carlo, sobol
 from labpipe.workflow.session import Experiment
 from pipelines import process
 from pipelines.budget_blocks import coverage_factor

@@ -48,7 +48,7 @@ BALL_DROP = (
         summary="align at first contact: mean, band, outliers",
     ),
     Stage(
-        "model", "pipelines.experiments.ball_drop:model", 5,
+        "model", "pipelines.experiments.ball_drop:model", 6,
         ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve",
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
@@ -62,7 +62,7 @@ BALL_DROP = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.ball_drop_page:page", 8,
+        "report", "pipelines.experiments.ball_drop_page:page", 9,
         ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
         ("*",), output="page", context=True,
         summary="write the page",
@@ -112,7 +112,7 @@ HARMONIC = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.harmonic_page:page", 5,
+        "report", "pipelines.experiments.harmonic_page:page", 6,
         ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison"),
         ("*",),
         output="page", context=True,
@@ -161,7 +161,7 @@ RELAXATION = (
         summary="gather the tests, average the modulus",
     ),
     Stage(
-        "report", "pipelines.experiments.relaxation_page:page", 6,
+        "report", "pipelines.experiments.relaxation_page:page", 7,
         ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -191,7 +191,7 @@ STATIC_LOADING = (
         summary="approach, contact radius and creep under each load",
     ),
     Stage(
-        "model", "pipelines.experiments.static_loading:model", 2,
+        "model", "pipelines.experiments.static_loading:model", 3,
         ("displacement", "steps", "file:sphere.material_file",
          "other:sphere.material_from/master_curve"),
         ("sphere", "model"),
@@ -203,7 +203,7 @@ STATIC_LOADING = (
         summary="measurement against model and Hertz",
     ),
     Stage(
-        "report", "pipelines.experiments.static_loading_page:page", 4,
+        "report", "pipelines.experiments.static_loading_page:page", 5,
         ("readings", "displacement", "steps", "approach", "model", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -278,7 +278,7 @@ DIC_VALIDATION = (
         summary="film against laser",
     ),
     Stage(
-        "report", "pipelines.experiments.dic_validation_page:page", 5,
+        "report", "pipelines.experiments.dic_validation_page:page", 6,
         ("track", "motion", "bounces", "velocity", "keys", "comparison",
          "other:laser_experiment/repeats"), ("*",),
         output="page", context=True,
@@ -299,7 +299,7 @@ CONTACT_AREA = (
         summary="find the largest radius of each impact, and that at rest",
     ),
     Stage(
-        "model", "pipelines.experiments.contact_area:model", 3,
+        "model", "pipelines.experiments.contact_area:model", 4,
         ("radius", "impacts", "file:sphere.material_file",
          "other:sphere.material_from/master_curve", "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
@@ -318,7 +318,7 @@ CONTACT_AREA = (
         summary="copy key frames for the page",
     ),
     Stage(
-        "report", "pipelines.experiments.contact_area_page:page", 6,
+        "report", "pipelines.experiments.contact_area_page:page", 7,
         ("radius", "impacts", "model", "comparison", "keys"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -365,7 +365,7 @@ PLATE_VIBRATION = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.plate_vibration_page:page", 5,
+        "report", "pipelines.experiments.plate_vibration_page:page", 6,
         ("readings", "displacement", "ringing", "table", "plate", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",

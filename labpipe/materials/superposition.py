@@ -52,6 +52,7 @@ from labpipe.materials.shift_start import overlapped_shifts, scanned_shifts
 from labpipe.materials.spectrum import MARGIN_DECADES, MOST_TERMS_PER_DECADE, TERMS_PER_DECADE
 from labpipe.materials.step_probe import Probe, probe_steps
 from labpipe.materials.vertical_law import Vertical
+from labpipe.uncertainty import carried
 
 Array = NDArray[np.float64]
 
@@ -272,7 +273,7 @@ def _walked(
 ) -> Probe:
     """Walk the loose steps, every residual counting for one over the length of its run."""
     moves = current.model.directions(current.fit.state)[0]
-    known = moves @ current.covariance @ moves.T
+    known = carried(moves, current.covariance)
     weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
     weight = weight / np.sqrt(length)
     return probe_steps(points, weight, current.fit, current.model, known, may_move)

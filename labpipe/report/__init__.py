@@ -16,6 +16,7 @@ from labpipe.report.blocks import (
     Paragraph,
     Picture,
 )
+from labpipe.report.budget import budget_table, difference_unit, share_bars, shown_source
 from labpipe.report.charts import Band, LineChart, ScatterChart, Series
 from labpipe.report.document import MAX_PAGE_BYTES, Document, Section, index_page
 from labpipe.report.embedded import Report
@@ -53,6 +54,8 @@ __all__ = [
     "Section",
     "Series",
     "Table",
+    "budget_table",
+    "difference_unit",
     "display_unit",
     "figure_style",
     "index_page",
@@ -61,6 +64,8 @@ __all__ = [
     "plus_minus",
     "quantity",
     "save_figure",
+    "share_bars",
+    "shown_source",
     "thumbnail",
     "value_with_uncertainty",
 ]

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from labpipe.errors import InputError
-from labpipe.uncertainty import Source, combined, table
+from labpipe.uncertainty import Row, Source, combined, table
 from labpipe.units import Quantity
 from pipelines.experiments import holds, mach1_file
 from pipelines.experiments.holds import Hold
@@ -163,7 +163,7 @@ def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
 
 def _modulus(
     loads: xr.Dataset, at: xr.Dataset, geometry: Geometry
-) -> tuple[dict[str, float], list[dict[str, Any]]]:
+) -> tuple[dict[str, float], list[Row]]:
     """Invert the plateau: reduced modulus, its uncertainty, and the budget."""
     depth, force = float(at["depth"]), float(at["plateau_force"])
     if depth <= 0:

@@ -17,6 +17,7 @@ from labpipe.report import (
     Section,
     Series,
     Table,
+    budget_table,
     value_with_uncertainty,
 )
 from labpipe.report.tables import Cell
@@ -299,9 +300,7 @@ def _moduli(
         )  # fmt: skip
     blocks.append(_modulus_table(tests))
     budgets = json.loads(curves[0].attrs["budgets"])
-    blocks += pages.budget_table(
-        budgets[0], f"Budget of the reduced modulus at {_label(tests, 0)}, in Pa"
-    )
+    blocks += budget_table(budgets[0], f"Budget of the reduced modulus at {_label(tests, 0)}", "Pa")
     return Section("Modulus", tuple(blocks))
 
 

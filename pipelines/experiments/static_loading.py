@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 
 import calibration
 from calibration import laser
-from labpipe import contact
+from labpipe import contact, uncertainty
 from labpipe.contact import hertz
 from labpipe.errors import InputError
 from labpipe.materials import Prony
-from labpipe.uncertainty import Source
-from labpipe.uncertainty import table as budget_table
+from labpipe.uncertainty import Row, Source
 from labpipe.units import Quantity
 from pipelines.experiments.laser_file import read_laser
 from pipelines.experiments.material import resolve, variations
@@ -125,13 +124,13 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
 
 def _budget(
     largest: float, displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
-) -> list[dict[str, Any]]:
+) -> list[Row]:
     """Return what makes a reading of the largest approach uncertain.
 
     Inclination and gain scale the approach alone: the way from the sensor's zero cancels.
     """
     angle, gain = float(displacement["inclination"]), float(displacement["gain"])
-    return budget_table([
+    return uncertainty.table([
         Source("noise of a reading", 0.0, float(steps["noise"]), "m", 1.0, "random"),
         Source("first touch", float(steps["touch"]), float(steps["u_touch"]), "m", -1.0,
                "systematic"),
@@ -267,13 +266,9 @@ def model(
     sources = [
         Source("load", float(force[-1]), float(steps["u_force"][-1]), "N", last / 3 / force[-1],
                "systematic"),
-        Source("radius", radius.value, radius.u, "m", last / 3 / radius.value, "systematic"),
+        Source.of("radius", radius, last / 3 / radius.value),
     ]  # fmt: skip
-    sources += [
-        Source(name, given.value, given.u, "K" if given.si == "degC" else given.si,
-               last / 3 * slope, "systematic")
-        for name, (given, slope) in softer.items()
-    ]  # fmt: skip
+    sources += [Source.of(n, given, last / 3 * slope) for n, (given, slope) in softer.items()]
     factor = 1 / (1 - float(solid.nu) ** 2)
     for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
         state = hertz.static_load(force, radius.value, float(modulus) * factor)
@@ -298,7 +293,7 @@ def model(
             "load": steps["load"],
             "elapsed": steps["elapsed"],
         },
-        attrs={"work": json.dumps(work), "budget": json.dumps(budget_table(sources))},
+        attrs={"work": json.dumps(work), "budget": json.dumps(uncertainty.table(sources))},
     )
 
 

@@ -1,7 +1,7 @@
 """Main reported quantities of every kind of experiment as formulas of their uncertain inputs.
 
 A formula can be propagated linearly, by Monte Carlo and by Sobol indices
-(:mod:`labpipe.propagation`). One module holds what belongs together; what all share stands in
+(:mod:`labpipe.uncertainty`). One module holds what belongs together; what all share stands in
 :mod:`pipelines.experiments.budgets.quantity`.
 """
 

@@ -15,8 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.propagation import Model
-from labpipe.uncertainty import Input
+from labpipe.uncertainty import Input, Model
 
 Array = NDArray[np.float64]
 

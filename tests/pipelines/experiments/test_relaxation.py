@@ -11,12 +11,12 @@ import msgspec
 import numpy as np
 import pytest
 import xarray as xr
+from labpipe.propagation import linear
 from scipy.signal import lfilter
 
 from labpipe import files, materials
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
-from labpipe.propagation import linear
 from labpipe.units import Quantity
 from pipelines.experiments import holds, mach1_file, relaxation
 from pipelines.experiments.indentation import Geometry, elastic_force

@@ -12,11 +12,11 @@ import msgspec
 import numpy as np
 import pytest
 import xarray as xr
+from labpipe.propagation import linear
 
 from labpipe import files, materials
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
-from labpipe.propagation import linear
 from labpipe.units import Quantity, quantity
 from pipelines.experiments import static_loading, static_steps
 from pipelines.process import open_session, process, result
