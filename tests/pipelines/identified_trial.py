@@ -16,12 +16,12 @@ from labpipe.identification.posterior import frequencies
 from labpipe.identification.problem import split
 from labpipe.materials import Prony
 from pipelines import process
-from pipelines.bench.random_sessions import DEPTH, Truth, recorded, write
 from pipelines.evidence import KINDS as HOW
 from pipelines.experiments.indentation import Geometry, elastic_force
 from pipelines.figures.inputs import Inputs
 from pipelines.identify import Identified, Wish, identify
 from pipelines.rig.indentations import Specimen
+from tests.pipelines.random_sessions import DEPTH, Truth, recorded, write
 
 Array = NDArray[np.float64]
 
@@ -104,7 +104,7 @@ def session_trial(truth: Truth, folder: Path) -> Trial:
     Parameters
     ----------
     truth : Truth
-        From :func:`pipelines.bench.random_sessions.drawn`.
+        From :func:`tests.pipelines.random_sessions.drawn`.
     folder : Path
         Of the session.
     """
