@@ -3,6 +3,6 @@
 from labpipe.imaging.contact_radius import contact_radius
 from labpipe.imaging.dic import track
 from labpipe.imaging.fringes import hertz_gap
-from labpipe.imaging.gating import frames_in_windows, last_moving_frame
+from labpipe.imaging.gating import frames_in_windows
 
-__all__ = ["contact_radius", "frames_in_windows", "hertz_gap", "last_moving_frame", "track"]
+__all__ = ["contact_radius", "frames_in_windows", "hertz_gap", "track"]

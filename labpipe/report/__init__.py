@@ -18,7 +18,7 @@ from labpipe.report.blocks import (
 )
 from labpipe.report.budget import budget_table, difference_unit, share_bars, shown_source
 from labpipe.report.charts import Band, LineChart, ScatterChart, Series
-from labpipe.report.document import MAX_PAGE_BYTES, Document, Section, index_page
+from labpipe.report.document import MAX_PAGE_BYTES, Document, Section
 from labpipe.report.embedded import Report
 from labpipe.report.index import IndexRow, IndexTable
 from labpipe.report.style import figure_style, line_arguments, save_figure
@@ -58,7 +58,6 @@ __all__ = [
     "difference_unit",
     "display_unit",
     "figure_style",
-    "index_page",
     "line_arguments",
     "number",
     "plus_minus",
