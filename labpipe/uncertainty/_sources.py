@@ -1,6 +1,7 @@
 """Budgets whose sensitivities are known: what each source contributes, and its share."""
 
 from collections.abc import Sequence
+from math import sqrt
 from typing import NamedTuple, TypedDict
 
 from labpipe.units import Quantity
@@ -64,6 +65,17 @@ def combined(sources: Sequence[Source]) -> float:
     5.0
     """
     return float(sum(source.contribution**2 for source in sources) ** 0.5)
+
+
+def beyond(total: float, *parts: float) -> float:
+    """Return what a standard uncertainty holds beyond some of its parts, at least 0.
+
+    Examples
+    --------
+    >>> beyond(5.0, 3.0)
+    4.0
+    """
+    return sqrt(max(total**2 - sum(part**2 for part in parts), 0.0))
 
 
 def table(sources: Sequence[Source]) -> list[Row]:

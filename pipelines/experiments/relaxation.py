@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from labpipe.errors import InputError
-from labpipe.uncertainty import Row, Source, combined, table
+from labpipe.uncertainty import Row, Source, beyond, combined, table
 from labpipe.units import Quantity
 from pipelines.experiments import holds, mach1_file
 from pipelines.experiments.holds import Hold
@@ -179,12 +179,10 @@ def _modulus(
     )  # fmt: skip
     gain = float(np.nan_to_num(float(loads["u_gain"])))
     tare = float(loads["u_tare"])
-    noise = np.sqrt(
-        max(float(at["u_plateau_force"]) ** 2 - holds.systematic(loads, force) ** 2, 0.0)
-    )
+    noise = beyond(float(at["u_plateau_force"]), holds.systematic(loads, force))
     of_force = value / force
     sources = [
-        Source("noise of the plateau", force, float(noise), "N", of_force, "random"),
+        Source("noise of the plateau", force, noise, "N", of_force, "random"),
         Source("tare", float(loads["tare"]), tare, "N", of_force, "systematic"),
         Source("relaxation not finished", 0.0, float(at["unfinished"]), "N", of_force,
                "systematic"),

@@ -7,12 +7,11 @@ from math import isfinite
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input
+from labpipe.uncertainty import Input, beyond
 from pipelines.experiments.budgets.quantity import (
     IMPACTS,
     MEASURED,
     Quantity,
-    beyond,
     of_model,
 )
 

@@ -7,14 +7,13 @@ from math import cos, isfinite, pi, sin
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input
+from labpipe.uncertainty import Input, beyond
 from pipelines.experiments import mach1_file
 from pipelines.experiments.budgets.quantity import (
     MEASURED,
     TESTS,
     Array,
     Quantity,
-    beyond,
 )
 from pipelines.experiments.indentation import Geometry, elastic_force
 from pipelines.settings.relaxation import Relaxation

@@ -8,8 +8,8 @@ from math import cos, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input
-from pipelines.experiments.budgets.quantity import MEASURED, Quantity, beyond, of_model
+from labpipe.uncertainty import Input, beyond
+from pipelines.experiments.budgets.quantity import MEASURED, Quantity, of_model
 from pipelines.settings.static_loading import StaticLoading
 
 _BOTH = (

@@ -6,8 +6,8 @@ from math import cos, isfinite
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input
-from pipelines.experiments.budgets.quantity import MEASURED, Quantity, beyond, clock
+from labpipe.uncertainty import Input, beyond
+from pipelines.experiments.budgets.quantity import MEASURED, Quantity, clock
 from pipelines.settings.plate_vibration import FallingBody, PlateVibration
 
 _NO_CAMERA = ("pixel size", "there is no camera")
