@@ -215,19 +215,6 @@ def pressure(
     return np.asarray(scale * np.arctanh(np.minimum(ratio, 1.0)))
 
 
-def punch_stiffness(half_width: ArrayLike, period: float) -> Array:
-    """Force per approach of periodic flat punches, per unit depth and E*: −(π/2)/ln sin(πb/λ).
-
-    Examples
-    --------
-    >>> float(np.round(punch_stiffness(0.25, 1.0), 5))
-    4.53236
-    """
-    sine = np.sin(np.pi * np.asarray(half_width, dtype=float) / period)
-    with np.errstate(divide="ignore"):
-        return np.asarray(-0.5 * np.pi / np.log(sine))
-
-
 def full_contact(tip_radius: float, period: float, profile: Profile = "parabola") -> float:
     """Approach [m] at which the contact of a half-plane closes over the period."""
     if profile == "cosine":
