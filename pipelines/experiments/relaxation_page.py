@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from labpipe.report import (
     Block,
+    Cell,
     Column,
     KeyValues,
     LineChart,
@@ -20,7 +21,6 @@ from labpipe.report import (
     budget_table,
     value_with_uncertainty,
 )
-from labpipe.report.tables import Cell
 from labpipe.workflow.context import Context
 from pipelines import budget_blocks, pages
 from pipelines.experiments import budgets, holds

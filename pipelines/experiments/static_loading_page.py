@@ -8,6 +8,7 @@ import xarray as xr
 
 from labpipe.report import (
     Block,
+    Cell,
     Column,
     KeyValues,
     LineChart,
@@ -18,7 +19,6 @@ from labpipe.report import (
     budget_table,
     value_with_uncertainty,
 )
-from labpipe.report.tables import Cell
 from labpipe.workflow.context import Context
 from pipelines import budget_blocks, pages
 from pipelines.experiments import budgets

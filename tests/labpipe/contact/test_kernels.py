@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from labpipe.contact.kernels import _layer_deviation, clausen, line_kernel
+from labpipe.contact.line._kernels import _layer_deviation, clausen, line_kernel
 from labpipe.errors import InputError
 
 PERIOD = 8e-3

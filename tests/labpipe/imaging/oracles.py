@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
-from labpipe.imaging.spline import NODE_SLOPES, NODE_WEIGHTS
-from labpipe.imaging.subset_kernel import compose_with_inverse
-from labpipe.imaging.subset_solver import _RIGID_FROM_AFFINE, DEFAULT_ITERATIONS
+from labpipe.imaging.dic._spline import NODE_SLOPES, NODE_WEIGHTS
+from labpipe.imaging.dic._subset_kernel import compose_with_inverse
+from labpipe.imaging.dic._subset_solver import _RIGID_FROM_AFFINE, DEFAULT_ITERATIONS
 
 Floats = NDArray[np.float64]
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from labpipe.imaging.contact_votes import find_centres
-from labpipe.imaging.vote_kernel import count_lines
+from labpipe.imaging.fringes._centre_votes import find_centres
+from labpipe.imaging.fringes._vote_kernel import count_lines
 from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose
 from tests.labpipe.imaging.oracles import plain_lines
 
