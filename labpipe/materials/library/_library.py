@@ -16,7 +16,7 @@ import numpy as np
 
 from labpipe.errors import InputError, SourceError
 from labpipe.materials.prony import Prony
-from labpipe.materials.shift_law import ZERO_CELSIUS, ShiftLaw, arrhenius, wlf
+from labpipe.materials.superposition import ShiftLaw, arrhenius, wlf
 from labpipe.units import quantity
 
 __all__ = ["NAMES", "Entry", "Material", "describe", "load", "load_file", "read_material"]
@@ -74,9 +74,6 @@ class Material:
         InputError
             The law does not reach that temperature.
         """
-        if temperature <= -ZERO_CELSIUS:
-            message = f"{temperature} degC lies below absolute zero"
-            raise InputError(message)
         return float(self.law.log10_aT(temperature))
 
     def at(self, temperature: float | None) -> Prony:

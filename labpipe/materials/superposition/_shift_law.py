@@ -61,13 +61,18 @@ class ShiftLaw:
         Raises
         ------
         InputError
-            A temperature lies beyond the pole of the WLF law (at or below T_ref − C₂).
+            A temperature lies beyond the pole of the WLF law (at or below T_ref − C₂), or below
+            absolute zero.
         """
-        value = law_values(self.name, self.parameters, np.asarray(temperature, float), self.T_ref)
+        degrees = np.asarray(temperature, float)
+        if np.any(degrees <= -ZERO_CELSIUS):
+            message = f"{degrees.min()} °C lies below absolute zero"
+            raise InputError(message)
+        value = law_values(self.name, self.parameters, degrees, self.T_ref)
         if value is None:
             message = (
                 f"the {self.name} law about {self.T_ref:g} °C has no value at "
-                f"{np.asarray(temperature)} °C: its pole lies at {self.T_ref - self.C2:.1f} °C"
+                f"{degrees} °C: its pole lies at {self.T_ref - self.C2:.1f} °C"
             )
             raise InputError(message)
         return value
