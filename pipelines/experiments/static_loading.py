@@ -251,7 +251,7 @@ def model(
     spread = relative_force[np.maximum(held, 0)]
     size = radius.u / radius.value
     softer = _softer(settings, material_file, fitted, solid, float(time[-1]))
-    of_material = float(np.sqrt(sum((given.u * s) ** 2 for given, s in softer.values())))
+    of_material = uncertainty.combined(softer)
     table: dict[str, Any] = {}
     for name, power in (("approach", 2 / 3), ("contact_radius", 1 / 3)):
         values = np.interp(time, made["time"].values, made[name].values)
@@ -268,7 +268,7 @@ def model(
                "systematic"),
         Source.of("radius", radius, last / 3 / radius.value),
     ]  # fmt: skip
-    sources += [Source.of(n, given, last / 3 * slope) for n, (given, slope) in softer.items()]
+    sources += [s._replace(sensitivity=last / 3 * s.sensitivity) for s in softer]
     factor = 1 / (1 - float(solid.nu) ** 2)
     for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
         state = hertz.static_load(force, radius.value, float(modulus) * factor)
@@ -300,13 +300,13 @@ def model(
 def _softer(
     settings: StaticLoading, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony,
     lasted: float,
-) -> dict[str, tuple[Quantity, float]]:  # fmt: skip
-    """Return what is uncertain of the solid, and the relative change of its compliance by it."""
+) -> list[Source]:  # fmt: skip
+    """Return what is uncertain of the solid, relative to its compliance."""
     whole = float(solid.creep(lasted))
-    return {
-        name: (given, float(np.log(float(other.creep(lasted)) / whole)) / step)
+    return [
+        Source.of(name, given, float(np.log(float(other.creep(lasted)) / whole)) / step)
         for name, (given, step, other) in variations(settings.sphere, material_file, fitted).items()
-    }
+    ]
 
 
 def comparison(
