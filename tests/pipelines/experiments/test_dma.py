@@ -21,8 +21,7 @@ from pipelines.experiments.shared.settings import MaterialChoice
 from pipelines.process import open_session, process
 from pipelines.rig.dma import SOLIDS, Protocol, write_dma
 from pipelines.rig.samples import SAMPLES, dma_section, session_head
-from pipelines.schemas import SCHEMAS
-from pipelines.session._proposal import write_session_file
+from pipelines.session import SCHEMAS, write_session_file
 
 SMALL = Protocol(
     temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0),
