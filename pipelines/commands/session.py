@@ -57,7 +57,7 @@ def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
     for line in found.gaps:
         echo(f"  to fill in: {line}")
     for line in found.unused:
-        echo(f"  not used: {line}; no kind of experiment is told by it alone, add it by hand")
+        echo(f"  not used: {line}")
     echo(f"then: labpipe plan {folder}")
 
 

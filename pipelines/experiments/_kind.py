@@ -72,12 +72,16 @@ class Found:
     ----------
     folder : Path
     names : mapping of str to list of str
-        Files relative to the folder by the name of their instrument (``"keyence"``), and
-        calibration records by their kind (``"record:laser"``), those that will be written too.
+        Files relative to the folder by the name of their instrument (``"keyence"``) and by what
+        they hold (``"displacement"``), and calibration records by their kind
+        (``"record:laser"``), those that will be written too.
+    owners : mapping of str to (str, str)
+        Every file of a known instrument to what wrote it, and why no experiment may begin from it.
     """
 
     folder: Path
     names: Mapping[str, list[str]]
+    owners: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
     def of(self, sort: str) -> list[str]:
         """Return the names of one sort; empty when there is none."""
@@ -114,8 +118,9 @@ class Proposal:
 
     Attributes
     ----------
-    instruments : tuple of str
-        Whose files it looks at.
+    contents : tuple of str
+        What it begins from (:data:`instruments.CONTENTS`); it is offered the files of every
+        instrument, of other distributions too, whose files hold that.
     function : str
         ``"module:function"``; takes the :class:`Found` and the names of one instrument's files
         that no kind has taken yet, and yields :class:`Proposed`.
@@ -126,7 +131,7 @@ class Proposal:
         Fields that a person is asked for, and the answers that are accepted.
     """
 
-    instruments: tuple[str, ...]
+    contents: tuple[str, ...]
     function: str
     records: str = ""
     answers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)

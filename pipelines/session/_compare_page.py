@@ -6,14 +6,15 @@ from labpipe.report import (
     Bars,
     Block,
     Column,
+    DisplayUnit,
     Document,
     KeyValues,
     Notice,
     Paragraph,
     Section,
     Table,
+    display_unit,
 )
-from labpipe.report.tables import DisplayUnit, display_unit
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice

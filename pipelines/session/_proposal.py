@@ -62,12 +62,7 @@ def write_session_file(
     records, completed = _with_missing_records(found)
     text, names = propose(completed)
     if not names:
-        known = ", ".join(reader.name for reader in instruments.READERS)
-        message = (
-            f"{folder}: no file of a known instrument was found; known are {known}. "
-            "Is it the right folder?"
-        )
-        raise UsageError(message)
+        raise UsageError(_nothing_proposed(found))
     texts = {FILE_NAME: text, **records, **{n: t for n, t in begun.items() if GAP in t}}
     if ask is not None:
         texts = {name: filled(content, ask, _owner(name)) for name, content in texts.items()}
@@ -81,9 +76,8 @@ def write_session_file(
         if GAP in line and not line.lstrip().startswith("#")
     ]
     unused = [
-        f"{name} ({kind.replace('_', ' ')})"
-        for kind, files_of_kind in found.names.items()
-        for name in files_of_kind
+        f"{name} ({title}): {reason}"
+        for name, (title, reason) in found.owners.items()
         if f'"{quoted(name)}"' not in text
     ]
     return Scan(path, names, gaps, [folder / name for name in records], unused)
@@ -114,14 +108,61 @@ def _with_missing_records(found: Found) -> tuple[dict[str, str], Found]:
 
 
 def recognise(folder: Path) -> Found:
-    """Return the files of every instrument, and calibration records under their kind."""
+    """Return what the files of a folder are: of which instrument, what they hold, which records."""
     found: dict[str, list[str]] = {}
+    owners: dict[str, tuple[str, str]] = {}
     for path in _candidates(folder):
         name = path.relative_to(folder).as_posix()
-        kind = _record_kind(path) if path.suffix == ".toml" else _instrument(path)
-        if kind is not None:
-            found.setdefault(kind, []).append(name)
-    return Found(folder, found)
+        if path.suffix == ".toml":
+            if (kind := _record_kind(path)) is not None:
+                found.setdefault(kind, []).append(name)
+                owners[name] = (kind.replace("_", " "), "no experiment names it")
+        elif (instrument := _instrument(path)) is not None:
+            found.setdefault(instrument, []).append(name)
+    for each in instruments.known():
+        for name in found.get(each.name, []):
+            owners[name] = (each.title, _why_not(each))
+            if not each.unproposed:
+                found.setdefault(each.content, []).append(name)
+    return Found(folder, found, owners)
+
+
+_UNTOLD: dict[instruments.Content, str] = {
+    "displacement": "no kind of experiment is told by it alone; add it by hand",
+    "force": "it holds neither an oscillation nor a relaxation; add it by hand",
+    "film": "no kind of experiment is told by it alone; add it by hand",
+    "sweep": "it holds no moduli over frequency and temperature; add it by hand",
+    "displacement_field": "no kind of experiment begins from it",
+}
+
+
+def _why_not(instrument: instruments.Instrument) -> str:
+    """Say why a file of an instrument is in no proposed experiment."""
+    return instrument.unproposed or _UNTOLD[instrument.content]
+
+
+def _nothing_proposed(found: Found) -> str:
+    """Say what was found and why no experiment begins from it; or that nothing is known."""
+    folder = found.folder
+    of_reason: dict[tuple[str, str], list[str]] = {}
+    for name, why in found.owners.items():
+        of_reason.setdefault(why, []).append(name)
+    for place in [folder, *sorted(p for p in folder.rglob("*") if p.is_dir())]:
+        if (whole := _instrument(place)) is not None:
+            each = instruments.by_name(whole)
+            name = place.relative_to(folder).as_posix()
+            of_reason.setdefault((each.title, _why_not(each)), []).append(name)
+    if not of_reason:
+        known = ", ".join(each.name for each in instruments.known())
+        return (
+            f"{folder}: no file of a known instrument was found; known are {known}. "
+            "Is it the right folder?"
+        )
+    lines = [f"{folder}: no experiment is proposed"]
+    for (title, reason), names in of_reason.items():
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        lines.append(f"{names[0]}{more} ({title}): {reason}")
+    return "\n  ".join(lines)
 
 
 def _candidates(folder: Path) -> Iterator[Path]:
@@ -162,19 +203,23 @@ def propose(found: Found) -> tuple[str, list[str]]:
         'operator = ""',
         'notes = ""',
     ]
-    for instrument in dict.fromkeys(name for p in _proposals() for name in p.instruments):
-        for proposed in sorted(_of_instrument(found, instrument), key=lambda made: made.stem):
-            name = _unused(identifier(proposed.stem), names)
-            names.append(name)
-            sections += ["", proposed.text(name)]
+    for content in dict.fromkeys(name for p in _proposals() for name in p.contents):
+        for each in instruments.known():
+            if each.content != content or each.unproposed:
+                continue
+            made = _of_instrument(found, each.name, content)
+            for proposed in sorted(made, key=lambda made: made.stem):
+                name = _unused(identifier(proposed.stem), names)
+                names.append(name)
+                sections += ["", proposed.text(name)]
     return "\n".join(sections) + "\n", names
 
 
-def _of_instrument(found: Found, instrument: str) -> Iterator[Proposed]:
+def _of_instrument(found: Found, instrument: str, content: str) -> Iterator[Proposed]:
     """Offer the files of an instrument to one kind after the other."""
     left = found.of(instrument)
     for proposal in reversed(_proposals()):
-        if instrument in proposal.instruments:
+        if content in proposal.contents:
             for proposed in function(proposal.function)(found, left):
                 left = [name for name in left if name not in proposed.files]
                 yield proposed

@@ -186,12 +186,12 @@ named("record_of_another_view", lambda f: required(f, {"start": "2024-06-01"}, v
 
 
 def keyence_text() -> str:
-    from instruments import keyence_writer
+    from instruments import keyence
 
-    made = keyence_writer.make_recording(
+    made = keyence.make_recording(
         {1: np.linspace(0, 1e-3, 6)}, cycle="50 us", start=datetime(2024, 5, 14)
     )
-    return keyence_writer.encode(made).decode("utf-8-sig")
+    return keyence.encode(made).decode("utf-8-sig")
 
 
 KEYENCE = {

@@ -48,7 +48,7 @@ _STAGES = (
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.bounce_compiled",),
+        imports=("labpipe.contact.impact._bounce_compiled",),
         summary="simulate the drop",
     ),
     Stage(
@@ -93,7 +93,7 @@ KIND = Kind(
         ),
     ),
     proposal=Proposal(
-        ("keyence",),
+        ("displacement",),
         "pipelines.experiments.ball_drop.proposal:proposed",
         records="pipelines.experiments.shared.record_templates:laser_records",
     ),

@@ -255,10 +255,10 @@ def _with_uncertainty(
             },
         )
     sources = [
-        Source(key, given.value, given.u, "K" if given.si == "degC" else given.si,
-               float(np.nan_to_num(by["restitution"][0])), "systematic")
-        for key, (given, by) in slopes.items() if made.sizes["impact"]
-    ]  # fmt: skip
+        Source.of(key, given, float(np.nan_to_num(by["restitution"][0])))
+        for key, (given, by) in slopes.items()
+        if made.sizes["impact"]
+    ]
     made.attrs["budget"] = json.dumps(table(sources))
     return made
 

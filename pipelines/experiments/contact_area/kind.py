@@ -11,7 +11,7 @@ _STAGES = (
         ("file:film", "file:camera"),
         ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate"),
         shortcuts=True,
-        imports=("labpipe.imaging.radius_film",),
+        imports=("labpipe.imaging.fringes._every_frame",),
         summary="fit the fringes around the contact",
     ),
     Stage(
@@ -24,7 +24,7 @@ _STAGES = (
          "other:sphere.material_from/master_curve", "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.bounce_compiled",),
+        imports=("labpipe.contact.impact._bounce_compiled",),
         summary="simulate the drop",
     ),
     Stage(
@@ -74,7 +74,7 @@ KIND = Kind(
         ),
     ),
     proposal=Proposal(
-        ("phantom",),
+        ("film",),
         "pipelines.experiments.contact_area.proposal:proposed",
         records="pipelines.experiments.shared.record_templates:camera_records",
     ),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import calibration
 from calibration import camera as camera_scale
 from labpipe import contact, imaging
-from labpipe.contact import hertz
+from labpipe.contact.sphere import hertz
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source, combined, table
@@ -298,15 +298,12 @@ def _relative_sources(
     sphere = settings.sphere
     given = (("radius", sphere.radius, 0.4), ("mass", sphere.mass, 0.2),
              ("height", settings.height, 0.2))  # fmt: skip
-    sources = [
-        Source(name, q.value, q.u, q.si, power / q.value, "systematic") for name, q, power in given
-    ]
+    sources = [Source.of(name, q, power / q.value) for name, q, power in given]
     omega = np.pi / float(made["contact_duration"][0])
     stiffness = abs(complex(solid.complex_modulus(omega)))
     for name, (q, step, other) in variations(sphere, material_file, fitted).items():
         slope = -0.2 * float(np.log(abs(complex(other.complex_modulus(omega))) / stiffness)) / step
-        unit = "K" if q.si == "degC" else q.si
-        sources.append(Source(name, q.value, q.u, unit, slope, "systematic"))
+        sources.append(Source.of(name, q, slope))
     return sources
 
 

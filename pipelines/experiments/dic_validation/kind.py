@@ -18,7 +18,7 @@ _STAGES = (
         "track", "pipelines.experiments.dic_validation.measured:track", 1, ("file:film",),
         ("tracking", "frame_rate"),
         shortcuts=True,
-        imports=("labpipe.imaging.dic_tracker",),
+        imports=("labpipe.imaging.dic._tracker",),
         summary="follow the holder through the film",
     ),
     Stage(
@@ -77,7 +77,7 @@ KIND = Kind(
         ("motion", "comparison"),
     ),
     proposal=Proposal(
-        ("phantom",),
+        ("film",),
         "pipelines.experiments.dic_validation.proposal:proposed",
         records="pipelines.experiments.shared.record_templates:camera_records",
     ),

@@ -25,7 +25,7 @@ def _laser_beside(found: Found, film: str) -> str:
     word = proposals.material_word(film)
     drops = [
         stem
-        for stem, files in proposals.grouped(found.of("keyence"), proposals.without_repeat)
+        for stem, files in proposals.grouped(found.of("displacement"), proposals.without_repeat)
         if word is not None
         and word == proposals.material_word(files[0])
         and not proposals.sees_plate(files[0])

@@ -79,7 +79,7 @@ KIND = Kind(
         ("sweeps", "master_curve"),
     ),
     proposal=Proposal(
-        ("anton_paar", "plain_table"),
+        ("sweep",),
         "pipelines.experiments.dma.proposal:proposed",
         answers={"mode": MODES},
     ),

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from instruments import anton_paar, plain_table, sniff
+import instruments
 from labpipe import materials
 from labpipe.errors import InputError
 from labpipe.materials import MasterCurve
@@ -30,9 +30,8 @@ _UNTRUSTED = ("ME-",)  # the torque was too small for a reading
 def readings(path: Path, *, settings: Dma) -> xr.Dataset:
     """Read one export, of a rheometer or as a plain table."""
     options = settings.export
-    read = plain_table.read if sniff.is_plain_table(sniff.head(path), path) else anton_paar.read
-    return read(
-        path, encoding=options.encoding, decimal=options.decimal,
+    return instruments.read_table(
+        path, "sweep", "anton_paar", encoding=options.encoding, decimal=options.decimal,
         allow_incomplete=options.allow_incomplete,
     )  # fmt: skip
 
@@ -74,7 +73,7 @@ def sweeps(
     Parameters
     ----------
     datasets : Dataset or sequence of Dataset
-        As :func:`instruments.anton_paar.read` and :func:`instruments.plain_table.read` return
+        As :func:`instruments.anton_paar.read` and :func:`instruments.tables.read` return
         them.
     mode : {"tension", "bending", "shear", "torsion"}
         What was loaded; shear moduli become E = 2 (1 + ν) G.

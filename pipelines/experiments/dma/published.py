@@ -7,11 +7,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from instruments import plain_table
+import instruments
 from labpipe import materials
 from labpipe.errors import SourceError
-from labpipe.materials.shift_start import overlapped_shifts
-from labpipe.materials.sweep_data import read_sweeps
+from labpipe.materials.superposition import overlapped_shifts, read_sweeps
 from pipelines.experiments.dma.settings import Dma
 
 Array = NDArray[np.float64]
@@ -61,7 +60,9 @@ def compared(
 def _table(path: Path, settings: Dma) -> tuple[Array, Array]:
     """Read temperatures and log10 a_T, ascending in temperature."""
     options = settings.export
-    read = plain_table.read(path, encoding=options.encoding, decimal=options.decimal)
+    read = instruments.read_table(
+        path, "sweep", "plain_table", encoding=options.encoding, decimal=options.decimal
+    )
     if "log10_aT" not in read:
         raise SourceError(
             path, "found no column log_aT; this is not a table of shift factors", line=1,

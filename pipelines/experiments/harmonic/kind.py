@@ -93,7 +93,7 @@ KIND = Kind(
         ),
     ),
     proposal=Proposal(
-        ("mach1",),
+        ("force",),
         "pipelines.experiments.harmonic.proposal:proposed",
     ),
 )

@@ -51,7 +51,7 @@ _STAGES = (
         "model", "pipelines.experiments.plate_vibration.measured:model", 1, ("table", "plate"),
         ("drops", "sphere", "model"),
         shortcuts=True,
-        imports=("labpipe.contact.bounce_compiled",),
+        imports=("labpipe.contact.impact._bounce_compiled",),
         summary="simulate the drops on the plate",
     ),
     Stage(
@@ -85,7 +85,7 @@ KIND = Kind(
         ("displacement", "table", "plate"),
     ),
     proposal=Proposal(
-        ("keyence",),
+        ("displacement",),
         "pipelines.experiments.plate_vibration.proposal:proposed",
         records="pipelines.experiments.shared.record_templates:laser_records",
     ),

@@ -8,8 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.identification import Evidence, Parameter, force_evidence, lee_radok_basis
-from labpipe.identification.joined import JoinedModel
+from labpipe.identification import Evidence, JoinedModel, Parameter, force_evidence, lee_radok_basis
 from pipelines.experiments.relaxation.measured import elastic_area
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds

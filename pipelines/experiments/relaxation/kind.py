@@ -97,7 +97,7 @@ KIND = Kind(
         ),
     ),
     proposal=Proposal(
-        ("mach1",),
+        ("force",),
         "pipelines.experiments.relaxation.proposal:proposed",
     ),
 )

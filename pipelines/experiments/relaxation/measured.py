@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from labpipe.errors import InputError
-from labpipe.uncertainty import Source, combined, table
+from labpipe.uncertainty import Row, Source, beyond, combined, table
 from labpipe.units import Quantity
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
@@ -165,7 +165,7 @@ def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
 
 def _modulus(
     loads: xr.Dataset, at: xr.Dataset, geometry: Geometry
-) -> tuple[dict[str, float], list[dict[str, Any]]]:
+) -> tuple[dict[str, float], list[Row]]:
     """Invert the plateau: reduced modulus, its uncertainty, and the budget."""
     depth, force = float(at["depth"]), float(at["plateau_force"])
     if depth <= 0:
@@ -181,12 +181,10 @@ def _modulus(
     )  # fmt: skip
     gain = float(np.nan_to_num(float(loads["u_gain"])))
     tare = float(loads["u_tare"])
-    noise = np.sqrt(
-        max(float(at["u_plateau_force"]) ** 2 - ramps_and_holds.systematic(loads, force) ** 2, 0.0)
-    )
+    noise = beyond(float(at["u_plateau_force"]), ramps_and_holds.systematic(loads, force))
     of_force = value / force
     sources = [
-        Source("noise of the plateau", force, float(noise), "N", of_force, "random"),
+        Source("noise of the plateau", force, noise, "N", of_force, "random"),
         Source("tare", float(loads["tare"]), tare, "N", of_force, "systematic"),
         Source("relaxation not finished", 0.0, float(at["unfinished"]), "N", of_force,
                "systematic"),

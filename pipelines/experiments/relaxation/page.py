@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from labpipe.report import (
     Block,
+    Cell,
     Column,
     KeyValues,
     LineChart,
@@ -17,9 +18,9 @@ from labpipe.report import (
     Section,
     Series,
     Table,
+    budget_table,
     value_with_uncertainty,
 )
-from labpipe.report.tables import Cell
 from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.settings import Relaxation
@@ -298,9 +299,7 @@ def _moduli(
         )  # fmt: skip
     blocks.append(_modulus_table(tests))
     budgets = json.loads(curves[0].attrs["budgets"])
-    blocks += pages.budget_table(
-        budgets[0], f"Budget of the reduced modulus at {_label(tests, 0)}, in Pa"
-    )
+    blocks += budget_table(budgets[0], f"Budget of the reduced modulus at {_label(tests, 0)}", "Pa")
     return Section("Modulus", tuple(blocks))
 
 

@@ -31,7 +31,7 @@ def open_film(path: Path, frame_rate: Quantity | None = None) -> FrameSource:
         The file holds readings, not images.
     """
     options: dict[str, Any] = {}
-    if instruments.identify(path) == "image_stack":
+    if "fps" in instruments.by_name(instruments.identify(path)).option_names():
         options["fps"] = None if frame_rate is None else frame_rate.value
     found = instruments.read(path, **options)
     if isinstance(found, xr.Dataset):

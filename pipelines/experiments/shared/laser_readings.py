@@ -1,17 +1,16 @@
 """One laser export as readings; what it leaves unsaid comes from the settings."""
 
 from pathlib import Path
-from typing import Any
 
 import xarray as xr
 
 import instruments
-from labpipe.errors import InputError, SourceError
+from labpipe.errors import SourceError
 from pipelines.experiments.shared.settings import Keyence
 
 
 def read_laser(path: Path, given: Keyence) -> xr.Dataset:
-    """Read one export of a Keyence controller.
+    """Read one export of a laser sensor.
 
     Parameters
     ----------
@@ -25,22 +24,15 @@ def read_laser(path: Path, given: Keyence) -> xr.Dataset:
     InputError
         The file holds a film.
     """
-    options: dict[str, Any] = {
-        "cycle": None if given.cycle is None else given.cycle.value,
-        "storage_factor": given.storage_factor,
-        "units": given.units,
-        "encoding": given.encoding,
-        "decimal": given.decimal,
-    }
-    given_options = {k: v for k, v in options.items() if v is not None}
     try:
-        found = instruments.read(path, instrument="keyence", **given_options)
+        return instruments.read_table(
+            path, "displacement", "keyence",
+            cycle=None if given.cycle is None else given.cycle.value,
+            storage_factor=given.storage_factor, units=given.units,
+            encoding=given.encoding, decimal=given.decimal,
+        )  # fmt: skip
     except SourceError as error:
         raise _with_place(error) from None
-    if not isinstance(found, xr.Dataset):
-        message = f"{path}: expected a table of readings, found a film"
-        raise InputError(message)
-    return found
 
 
 def _with_place(error: SourceError) -> SourceError:

@@ -34,12 +34,8 @@ _POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth i
 
 
 def read(path: Path) -> xr.Dataset:
-    """Read a Mach-1 file."""
-    found = instruments.read(path, instrument="mach1")
-    if not isinstance(found, xr.Dataset):
-        message = f"{path}: expected a table of readings"
-        raise InputError(message)
-    return found
+    """Read a file of the tester."""
+    return instruments.read_table(path, "force", "mach1")
 
 
 def force(

@@ -47,10 +47,10 @@ def laser_records(found: Found) -> dict[str, dict[str, str]]:
         Kind of record (``record:laser``) to names and texts of files; nothing that would replace
         a file.
     """
-    if not found.of("keyence") or found.of("record:laser"):
+    if not found.of("displacement") or found.of("record:laser"):
         return {}
     name = _free(found.folder, "laser")
-    model, days = _about(found.folder, found.of("keyence"))
+    model, days = _about(found.folder, found.of("displacement"))
     how = "micrometer steps against the reading"
     head = _head("laser", model or "Keyence laser", days, "", how)
     return {"record:laser": {name: head + _LASER}}
@@ -59,7 +59,7 @@ def laser_records(found: Found) -> dict[str, dict[str, str]]:
 def camera_records(found: Found) -> dict[str, dict[str, str]]:
     """Propose a record for every view that is filmed and has none, as :func:`laser_records`."""
     known = found.of("record:camera")
-    films = {view(name): name for name in found.of("phantom")}
+    films = {view(name): name for name in found.of("film")}
     made = {}
     for seen, film in sorted(films.items()):
         if not any(seen in record for record in known):

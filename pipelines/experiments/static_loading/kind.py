@@ -79,7 +79,7 @@ KIND = Kind(
     ),
     body="sphere",
     proposal=Proposal(
-        ("keyence",),
+        ("displacement",),
         "pipelines.experiments.static_loading.proposal:proposed",
         records="pipelines.experiments.shared.record_templates:laser_records",
     ),

@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 
 import calibration
 from calibration import laser
-from labpipe import contact
-from labpipe.contact import hertz
+from labpipe import contact, uncertainty
+from labpipe.contact.sphere import hertz
 from labpipe.errors import InputError
 from labpipe.materials import Prony
-from labpipe.uncertainty import Source
-from labpipe.uncertainty import table as budget_table
+from labpipe.uncertainty import Row, Source
 from labpipe.units import Quantity
 from pipelines.experiments.shared.laser_readings import read_laser
 from pipelines.experiments.shared.material_choice import resolve, variations
@@ -125,13 +124,13 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
 
 def _budget(
     largest: float, displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
-) -> list[dict[str, Any]]:
+) -> list[Row]:
     """Return what makes a reading of the largest approach uncertain.
 
     Inclination and gain scale the approach alone: the way from the sensor's zero cancels.
     """
     angle, gain = float(displacement["inclination"]), float(displacement["gain"])
-    return budget_table([
+    return uncertainty.table([
         Source("noise of a reading", 0.0, float(steps["noise"]), "m", 1.0, "random"),
         Source("first touch", float(steps["touch"]), float(steps["u_touch"]), "m", -1.0,
                "systematic"),
@@ -252,7 +251,7 @@ def model(
     spread = relative_force[np.maximum(held, 0)]
     size = radius.u / radius.value
     softer = _softer(settings, material_file, fitted, solid, float(time[-1]))
-    of_material = float(np.sqrt(sum((given.u * s) ** 2 for given, s in softer.values())))
+    of_material = uncertainty.combined(softer)
     table: dict[str, Any] = {}
     for name, power in (("approach", 2 / 3), ("contact_radius", 1 / 3)):
         values = np.interp(time, made["time"].values, made[name].values)
@@ -267,13 +266,9 @@ def model(
     sources = [
         Source("load", float(force[-1]), float(steps["u_force"][-1]), "N", last / 3 / force[-1],
                "systematic"),
-        Source("radius", radius.value, radius.u, "m", last / 3 / radius.value, "systematic"),
+        Source.of("radius", radius, last / 3 / radius.value),
     ]  # fmt: skip
-    sources += [
-        Source(name, given.value, given.u, "K" if given.si == "degC" else given.si,
-               last / 3 * slope, "systematic")
-        for name, (given, slope) in softer.items()
-    ]  # fmt: skip
+    sources += [s._replace(sensitivity=last / 3 * s.sensitivity) for s in softer]
     factor = 1 / (1 - float(solid.nu) ** 2)
     for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
         state = hertz.static_load(force, radius.value, float(modulus) * factor)
@@ -298,20 +293,20 @@ def model(
             "load": steps["load"],
             "elapsed": steps["elapsed"],
         },
-        attrs={"work": json.dumps(work), "budget": json.dumps(budget_table(sources))},
+        attrs={"work": json.dumps(work), "budget": json.dumps(uncertainty.table(sources))},
     )
 
 
 def _softer(
     settings: StaticLoading, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony,
     lasted: float,
-) -> dict[str, tuple[Quantity, float]]:  # fmt: skip
-    """Return what is uncertain of the solid, and the relative change of its compliance by it."""
+) -> list[Source]:  # fmt: skip
+    """Return what is uncertain of the solid, relative to its compliance."""
     whole = float(solid.creep(lasted))
-    return {
-        name: (given, float(np.log(float(other.creep(lasted)) / whole)) / step)
+    return [
+        Source.of(name, given, float(np.log(float(other.creep(lasted)) / whole)) / step)
         for name, (given, step, other) in variations(settings.sphere, material_file, fitted).items()
-    }
+    ]
 
 
 def comparison(

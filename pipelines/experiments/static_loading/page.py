@@ -8,6 +8,7 @@ import xarray as xr
 
 from labpipe.report import (
     Block,
+    Cell,
     Column,
     KeyValues,
     LineChart,
@@ -15,9 +16,9 @@ from labpipe.report import (
     Section,
     Series,
     Table,
+    budget_table,
     value_with_uncertainty,
 )
-from labpipe.report.tables import Cell
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.punch_sections import columns
@@ -110,7 +111,7 @@ def _measured(
         blocks.append(pages.calibration_rows(displacement.attrs["calibration"]))
     if approach is not None:
         caption = "Budget of a single reading of the approach, at the largest load"
-        blocks += pages.budget_table(json.loads(approach.attrs["budget"]), caption, "m")
+        blocks += budget_table(json.loads(approach.attrs["budget"]), caption, "m")
     header = pages.raw_header(readings)
     return Section(
         "What was measured, and its calibration",

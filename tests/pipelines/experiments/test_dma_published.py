@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from instruments import plain_table
+from instruments import tables
 from labpipe.errors import SourceError
 from labpipe.units import Quantity
 from pipelines.experiments.dma import _published_section, published
@@ -113,4 +113,4 @@ def test_a_scan_proposes_table_and_comparison(tmp_path, sweeps):
     gathered = dma.gathered([dma.readings(tmp_path / "polymer.csv", settings=SETTINGS)],
                             settings=SETTINGS)  # fmt: skip
     np.testing.assert_allclose(gathered.storage, sweeps.storage, rtol=1e-5)
-    assert isinstance(plain_table.read(tmp_path / "shifts.csv"), xr.Dataset)
+    assert isinstance(tables.read(tmp_path / "shifts.csv"), xr.Dataset)

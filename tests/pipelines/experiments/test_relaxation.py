@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from labpipe import files, materials
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
-from labpipe.propagation import linear
+from labpipe.uncertainty import linear
 from labpipe.units import Quantity
 from pipelines.experiments.relaxation import measured as relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds

@@ -16,7 +16,7 @@ import xarray as xr
 from labpipe import files, materials
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
-from labpipe.propagation import linear
+from labpipe.uncertainty import linear
 from labpipe.units import Quantity, quantity
 from pipelines.experiments.static_loading import load_steps
 from pipelines.experiments.static_loading import measured as static_loading
