@@ -10,7 +10,7 @@ import xarray as xr
 from instruments import tables
 from labpipe.errors import SourceError
 from labpipe.units import Quantity
-from pipelines.experiments.dma import _published_section, published
+from pipelines.experiments.dma import _published_section, model, published
 from pipelines.experiments.dma import measured as dma
 from pipelines.experiments.dma.settings import Dma, Fit, Published
 from pipelines.session import write_session_file
@@ -35,7 +35,7 @@ def sweeps():
 def curve(sweeps):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return dma.master_curve(sweeps, settings=SETTINGS)
+        return model.master_curve(sweeps, settings=SETTINGS)
 
 
 def table(folder, shifts, temperature=TRUTH.temperature):
