@@ -113,8 +113,8 @@ class _Group:
     proofs: list[Proof] = field(default_factory=list)
 
 
-def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = None
-             ) -> list[Identified]:  # fmt: skip
+def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = None,
+             jobs: int = 1) -> list[Identified]:  # fmt: skip
     """Identify every material on which a session holds experiments.
 
     Parameters
@@ -124,6 +124,8 @@ def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = 
     wish : Wish, optional
     say : callable, optional
         Called with a line of text now and then.
+    jobs : int
+        Experiments processed side by side; 0 processes in this process.
 
     Returns
     -------
@@ -153,7 +155,7 @@ def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = 
     if wish.prior is not None:
         for group in groups.values():
             group.prior = rheometer(session, wish.prior, group.experiments)
-    inputs = _processed(folder, groups.values())
+    inputs = _processed(folder, groups.values(), jobs)
     remarks: list[str] = []
     found = []
     for material, group in groups.items():
@@ -198,7 +200,7 @@ def _chosen(session: Session, wanted: Sequence[str]) -> list[str]:
     return [n for n in able if not wanted or n in wanted]
 
 
-def _processed(folder: str | Path, groups: Iterable[_Group]) -> Inputs:
+def _processed(folder: str | Path, groups: Iterable[_Group], jobs: int) -> Inputs:
     """Process what is not yet, and open the results."""
     targets, names = [], []
     for group in groups:
@@ -210,7 +212,7 @@ def _processed(folder: str | Path, groups: Iterable[_Group]) -> Inputs:
         if group.prior is not None:
             targets.append(f"{group.prior}/master_curve")
             names.append(group.prior)
-    run = process.process(folder, targets, names)
+    run = process.process(folder, targets, names, jobs=jobs)
     for outcome in run.failures:
         message = f"{outcome.task}: {outcome.message}"
         raise InputError(message)

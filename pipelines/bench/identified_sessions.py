@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import norm
 
+from labpipe.errors import LabpipeError
+from labpipe.workflow.engines import Died, Processes, side_by_side
 from pipelines.bench.identified_trial import Score, Trial, session_trial
 from pipelines.bench.measure import Point, Suite
 from pipelines.bench.random_sessions import drawn
@@ -56,18 +58,37 @@ def run(quick: bool) -> Suite:
 
 
 def trials_of(sessions: dict[str, int]) -> list[Trial]:
-    """Make and identify as many sessions of each kind, one after the other.
+    """Make and identify as many sessions of each kind, one on every processor.
 
     Parameters
     ----------
     sessions : dict of str to int
+
+    Raises
+    ------
+    LabpipeError
+        A session kills its worker again and again.
     """
-    made = []
-    for kind, count in sessions.items():
-        for number in range(count):
-            with tempfile.TemporaryDirectory() as folder:
-                made.append(session_trial(drawn(kind, number), Path(folder)))
-    return made
+    tasks = {(kind, n): (kind, n) for kind, count in sessions.items() for n in range(count)}
+    found: dict[tuple[str, int], Trial] = {}
+    for key, trial in side_by_side(Processes(), f"{__name__}:one_trial", tasks):
+        if isinstance(trial, Died):
+            message = f"session {key}: {trial}; too little memory?"
+            raise LabpipeError(message)
+        found[key] = trial
+    return [found[key] for key in tasks]
+
+
+def one_trial(kind: str, number: int) -> Trial:
+    """Make and identify one session, in a worker and all of it there.
+
+    Parameters
+    ----------
+    kind, number : str, int
+        See :func:`pipelines.bench.random_sessions.drawn`.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        return session_trial(drawn(kind, number), Path(folder), jobs=0)
 
 
 def points(trials: Sequence[Trial]) -> list[Point]:

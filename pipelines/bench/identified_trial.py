@@ -98,7 +98,7 @@ class Trial(msgspec.Struct, frozen=True):
     failure: str | None = None
 
 
-def session_trial(truth: Truth, folder: Path) -> Trial:
+def session_trial(truth: Truth, folder: Path, *, jobs: int = 1) -> Trial:
     """Write a session where there is none, identify its material, and compare with the truth.
 
     Parameters
@@ -107,6 +107,8 @@ def session_trial(truth: Truth, folder: Path) -> Trial:
         From :func:`pipelines.bench.random_sessions.drawn`.
     folder : Path
         Of the session.
+    jobs : int
+        See :func:`pipelines.identify.identify`.
     """
     write(truth, folder)
     group = "smooth" if truth.seed % 2 == 0 else "one term per decade"
@@ -116,7 +118,7 @@ def session_trial(truth: Truth, folder: Path) -> Trial:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # what a reader of one session must know
         try:
-            (found,) = identify(folder, wish)
+            (found,) = identify(folder, wish, jobs=jobs)
         except LabpipeError as error:
             return replace(blank, failure=f"{type(error).__name__}: {error}")
         seconds = clock.perf_counter() - started

@@ -327,7 +327,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(tmp_path: Path
     plan = design("drop", [axis("drop", "height", "1 mm : 3 mm : 200")], {"rtol": "0.001"})
     sweep(plan, tmp_path / "one.nc")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0"
     ) as cluster:
         engine = Dask(cluster.scheduler_address)
 
