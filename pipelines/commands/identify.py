@@ -57,7 +57,8 @@ STEM = "identify_"
 @jobs_option
 @json_option
 def identify(session: Path, experiments: tuple[str, ...], prior: str | None, spectrum: str,
-             impacts: int, no_profile: bool, sampler: str, jobs: int, as_json: bool) -> None:  # fmt: skip
+             impacts: int, no_profile: bool, sampler: str, jobs: int, as_json: bool,
+             ) -> None:  # fmt: skip
     r"""Find the materials behind the experiments in SESSION, with honest intervals.
 
     Drops, contact films, relaxations and harmonic indentations of one material are fitted
