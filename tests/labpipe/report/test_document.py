@@ -34,8 +34,8 @@ from labpipe.report import (
     Section,
     Series,
     Table,
-    index_page,
 )
+from tests.labpipe.report.index_page import index_page
 
 PAYLOADS = (
     "<script>alert(1)</script>",
