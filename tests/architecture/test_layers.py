@@ -31,6 +31,7 @@ GROUND = {
     "binary",
     "compilation",
     "uncertainty",
+    "plugins",
 }
 BELOW = {
     "signals": set(),
@@ -139,7 +140,7 @@ def exported(package: str) -> frozenset[str]:
     return frozenset()
 
 
-ROOMS = tuple(f"labpipe.{part}" for part in BELOW if part != "workflow")
+ROOMS = (*(f"labpipe.{part}" for part in BELOW if part != "workflow"), "instruments")
 """Packages whose inside is theirs alone."""
 
 

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from labpipe.errors import InputError, LabpipeError
 from labpipe.identification import Evidence, Parameter, Posterior, frequencies, moduli, split
 from labpipe.materials import Prony
-from pipelines import process
-from pipelines.evidence import KINDS as HOW
-from pipelines.experiments.indentation import Geometry, elastic_force
-from pipelines.figures.inputs import Inputs
+from labpipe.workflow.results import Results
+from pipelines.experiments import KINDS
+from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.identify import Identified, Wish, identify
 from pipelines.rig.indentations import Specimen
+from pipelines.session import derive, opened
 from tests.pipelines.random_sessions import DEPTH, Truth, recorded, write
 
 Array = NDArray[np.float64]
@@ -122,16 +122,15 @@ def session_trial(truth: Truth, folder: Path) -> Trial:
 
 
 def _compared(truth: Truth, folder: Path, found: Identified, wish: Wish) -> dict[str, Any]:
-    plan = process.plan(folder)
-    inputs = Inputs(plan, {n: e.settings for n, e in plan.session.experiments.items()})
+    results = opened(folder)
     known = found.known
     problem = known.fit.problem
     names = [e.name for e in problem.evidence]
-    exact = {p.name: true_value(p.name, truth, inputs, names) for p in problem.nuisances}
+    exact = {p.name: true_value(p.name, truth, results, names) for p in problem.nuisances}
     return {
         "moduli": _moduli(known, truth.solid),
         "unknowns": _unknowns(known, exact),
-        "evidence": _at_the_truth(inputs, names, truth.solid, exact, wish.impacts),
+        "evidence": _at_the_truth(results, names, truth.solid, exact, wish.impacts),
         "relaxed": _relaxed(found, truth.solid.E_relaxed),
         "misfits": {f"{e}: {g}": m.relative for (e, g), m in known.fit.misfits.items()},
         "is_settled": known.fit.is_settled,
@@ -191,7 +190,7 @@ def role_of(parameter: Parameter) -> str:
     return parameter.name
 
 
-def true_value(name: str, truth: Truth, inputs: Inputs, experiments: list[str]) -> float:
+def true_value(name: str, truth: Truth, results: Results, experiments: list[str]) -> float:
     """Return the true value of a nuisance, in its unit.
 
     Parameters
@@ -199,7 +198,7 @@ def true_value(name: str, truth: Truth, inputs: Inputs, experiments: list[str]) 
     name : str
         Of the unknown.
     truth : Truth
-    inputs : Inputs
+    results : Results
         Results of the session: what was taken for zero is known from them.
     experiments : list of str
         That were taken as evidence.
@@ -212,16 +211,16 @@ def true_value(name: str, truth: Truth, inputs: Inputs, experiments: list[str]) 
     owner = next((e for e in experiments if name.startswith(f"{e} ")), "")
     role = name.removeprefix(f"{owner} ") if owner else name
     if truth.kind == "drop":
-        found = _of_drop(role, truth, inputs)
+        found = _of_drop(role, truth, results)
     else:
-        found = _of_indentation(role, owner, truth, inputs)
+        found = _of_indentation(role, owner, truth, results)
     if found is None:
         message = f"the truth of the unknown {name} is not known; teach it to this comparison"
         raise InputError(message)
     return found
 
 
-def _of_drop(role: str, truth: Truth, inputs: Inputs) -> float | None:
+def _of_drop(role: str, truth: Truth, results: Results) -> float | None:
     rig = truth.rig
     if role == _PULSE:
         return 0.0
@@ -232,32 +231,32 @@ def _of_drop(role: str, truth: Truth, inputs: Inputs) -> float | None:
     if role.startswith("radius "):
         return rig.radius
     if role == "height":
-        return float(np.mean([one["height"] for one in recorded(inputs.folder)]))
+        return float(np.mean([one["height"] for one in recorded(results.folder)]))
     if role == "trigger":
-        drops = recorded(inputs.folder)
-        files = inputs.experiments["drop"].laser
+        drops = recorded(results.folder)
+        settings: Any = results.experiments["drop"].settings
         late = [
-            float(inputs.result("drop", "bounces", file)["touch_time"][0]) - one["touch_time"][0]
-            for file, one in zip(files, drops, strict=True)
+            float(results.result("drop", "bounces", file)["touch_time"][0]) - one["touch_time"][0]
+            for file, one in zip(settings.laser, drops, strict=True)
         ]
         return float(np.mean(late))
     return None
 
 
-def _of_indentation(role: str, owner: str, truth: Truth, inputs: Inputs) -> float | None:
+def _of_indentation(role: str, owner: str, truth: Truth, results: Results) -> float | None:
     if role == "load cell":
         return truth.tester.force_gain
     if role == "punch":
-        return _effect_of_the_punch(truth, inputs)
+        return _effect_of_the_punch(truth, results)
     if role == "filter":
         # a delay stated too long turns loss up, which is a negative coordinate of the phase
         return -truth.delay_error
-    settings = inputs.experiments.get(owner)
-    if settings is None:
+    if owner not in results.experiments:
         return None
+    settings: Any = results.experiments[owner].settings
     if owner == "relaxation":
         (file,) = settings.mach1
-        ramps, loads = (inputs.result(owner, s, file) for s in ("ramps", "loads"))
+        ramps, loads = (results.result(owner, s, file) for s in ("ramps", "loads"))
         if role == "first touch":
             # what the stage's own steps hide of the depth is a part of it
             return float(ramps["depth"][0]) - DEPTH
@@ -265,16 +264,16 @@ def _of_indentation(role: str, owner: str, truth: Truth, inputs: Inputs) -> floa
             level = float(loads["tare"]) * float(loads.attrs["compression_sign"])
             return truth.tester.force_offset - level
     if owner == "harmonic" and role == "first touch":
-        from pipelines.experiments import mach1_file
+        from pipelines.experiments.shared import mach1_readings
 
-        touch, _ = mach1_file.contact_position(inputs.result(owner, "loads"), settings.contact)
+        touch, _ = mach1_readings.contact_position(results.result(owner, "loads"), settings.contact)
         return truth.specimen.surface - touch.value
     return None
 
 
-def _effect_of_the_punch(truth: Truth, inputs: Inputs) -> float:
+def _effect_of_the_punch(truth: Truth, results: Results) -> float:
     """Return the elastic force of the true punch over that of the stated one."""
-    settings = next(iter(inputs.experiments.values()))
+    settings: Any = next(iter(results.experiments.values())).settings
     stated = Geometry.of(settings.punch, settings.substrate, settings.model, truth.solid.nu)
     own: Specimen = truth.specimen
     true = {"radius": own.tip_radius, "period": own.period, "depth": own.depth}
@@ -283,16 +282,19 @@ def _effect_of_the_punch(truth: Truth, inputs: Inputs) -> float:
 
 
 def _at_the_truth(
-    inputs: Inputs, names: list[str], solid: Prony, exact: dict[str, float], impacts: int
+    results: Results, names: list[str], solid: Prony, exact: dict[str, float], impacts: int
 ) -> dict[str, list[float]]:
     """Return what every observed number differs by from the true material's, over its u."""
     made = {}
     for name in names:
-        experiment = inputs.plan.session.experiments[name]
-        proof = HOW[experiment.kind].gather(inputs, experiment, impacts)
-        if isinstance(proof, str):
-            raise InputError(f"{name}: {proof}")
-        evidence: Evidence = proof.build(solid.rho)
+        experiment = results.experiments[name]
+        derived = KINDS[experiment.kind].evidence
+        if derived is None:
+            raise InputError(f"{name} cannot tell of a material")
+        told = derive(results, experiment, derived, name=name, impacts=impacts)
+        if isinstance(told, str):
+            raise InputError(f"{name}: {told}")
+        evidence: Evidence = told.build(solid.rho)
         numbers = evidence.model.refined(solid, exact)
         if numbers is None:
             numbers = evidence.model.predict(solid, exact)

@@ -1,8 +1,9 @@
 from math import nan
 
-from labpipe.uncertainty import Input
-from pipelines.budget_blocks import section
 from pipelines.experiments.budgets import Quantity
+
+from labpipe.uncertainty import Input
+from pipelines.experiments.shared.budget_blocks import section
 
 
 def total(mean: float, repeats: float) -> float:

@@ -2,4 +2,7 @@
 
 from labpipe.contact.lumped._collision import collision, contact_stiffness
 
-__all__ = ["collision", "contact_stiffness"]
+__all__ = [
+    "collision",
+    "contact_stiffness",
+]

@@ -2,4 +2,6 @@
 
 from labpipe.imaging.dic._track import track
 
-__all__ = ["track"]
+__all__ = [
+    "track",
+]

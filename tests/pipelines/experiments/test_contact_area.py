@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from labpipe.propagation import linear
 
 from labpipe import files, materials
+from labpipe.uncertainty import linear
 from pipelines.figures import make
 from pipelines.process import process, result
 from pipelines.rig.fall import Body

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from labpipe.propagation import linear
 
 from labpipe import files, materials
 from labpipe.errors import ConfigError
+from labpipe.uncertainty import linear
 from pipelines.figures import make
 from pipelines.process import open_session, process, result
 from pipelines.rig.drops import write_drops
