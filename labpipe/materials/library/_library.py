@@ -226,7 +226,9 @@ class _Reader:
                 self.fail(f"shift.{name}", f'expected a number, found "{value}"')
         if min(numbers) <= 0:
             self.fail(f"shift.{names[0]}", "expected positive numbers")
-        return arrhenius(*numbers, reference) if law == "arrhenius" else wlf(*numbers, reference)
+        if law == "arrhenius":
+            return arrhenius(numbers[0], reference)
+        return wlf(numbers[0], numbers[1], reference)
 
     def material(self) -> Material:
         unknown = set(self.tree) - _TABLES

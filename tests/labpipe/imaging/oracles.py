@@ -126,7 +126,7 @@ def plain_lines(
 ) -> Floats:
     """Add up the weights of the lines that go through each cell, counted once a cell width.
 
-    The numpy twin of :func:`labpipe.imaging.vote_kernel.count_lines`, to the same bits.
+    The numpy twin of :func:`labpipe.imaging.fringes._vote_kernel.count_lines`, to the same bits.
     """
     rows, columns = shape
     steps = (np.arange(-reach, reach + 1) * cell)[:, None]
