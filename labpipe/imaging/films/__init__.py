@@ -7,13 +7,9 @@ from labpipe.imaging.films._reading_plan import (
     plan_reading,
 )
 
-<<<<<<< HEAD
-__all__ = ["FilmReader", "Place", "frames_in_windows", "plan_reading"]
-=======
 __all__ = [
     "FilmReader",
     "Place",
     "frames_in_windows",
     "plan_reading",
 ]
->>>>>>> main

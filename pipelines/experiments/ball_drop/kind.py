@@ -43,7 +43,7 @@ _STAGES = (
         summary="align at first contact: mean, band, outliers",
     ),
     Stage(
-        "model", "pipelines.experiments.ball_drop.measured:model", 6,
+        "model", "pipelines.experiments.ball_drop.measured:model", 5,
         ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve",
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
@@ -57,7 +57,7 @@ _STAGES = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.ball_drop.page:page", 9,
+        "report", "pipelines.experiments.ball_drop.page:page", 8,
         ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
         ("*",), output="page", context=True,
         summary="write the page",

@@ -19,7 +19,7 @@ _STAGES = (
         summary="find the largest radius of each impact, and that at rest",
     ),
     Stage(
-        "model", "pipelines.experiments.contact_area.measured:model", 4,
+        "model", "pipelines.experiments.contact_area.measured:model", 3,
         ("radius", "impacts", "file:sphere.material_file",
          "other:sphere.material_from/master_curve", "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
@@ -38,7 +38,7 @@ _STAGES = (
         summary="copy key frames for the page",
     ),
     Stage(
-        "report", "pipelines.experiments.contact_area.page:page", 7,
+        "report", "pipelines.experiments.contact_area.page:page", 6,
         ("radius", "impacts", "model", "comparison", "keys"), ("*",),
         output="page", context=True,
         summary="write the page",

@@ -9,7 +9,10 @@ import xarray as xr
 
 from labpipe.uncertainty import Input, beyond
 from pipelines.experiments.dic_validation.settings import DicValidation
-from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
+from pipelines.experiments.shared.budget_quantity import (
+    MEASURED,
+    Quantity,
+)
 
 _FRONT = (
     ("inclination, filter lag", "there is no filter, and a tilt of the view is in the pixel size"),

@@ -48,7 +48,7 @@ _STAGES = (
         summary="film against laser",
     ),
     Stage(
-        "report", "pipelines.experiments.dic_validation.page:page", 6,
+        "report", "pipelines.experiments.dic_validation.page:page", 5,
         ("track", "motion", "bounces", "velocity", "keys", "comparison",
          "other:laser_experiment/repeats"), ("*",),
         output="page", context=True,

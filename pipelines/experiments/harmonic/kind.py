@@ -57,7 +57,7 @@ _STAGES = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.harmonic.page:page", 6,
+        "report", "pipelines.experiments.harmonic.page:page", 5,
         ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison"),
         ("*",),
         output="page", context=True,

@@ -60,7 +60,7 @@ _STAGES = (
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.plate_vibration.page:page", 6,
+        "report", "pipelines.experiments.plate_vibration.page:page", 5,
         ("readings", "displacement", "ringing", "table", "plate", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",

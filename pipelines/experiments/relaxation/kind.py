@@ -60,7 +60,7 @@ _STAGES = (
         summary="gather the tests, average the modulus",
     ),
     Stage(
-        "report", "pipelines.experiments.relaxation.page:page", 7,
+        "report", "pipelines.experiments.relaxation.page:page", 6,
         ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"), ("*",),
         output="page", context=True,
         summary="write the page",

@@ -38,7 +38,7 @@ _STAGES = (
         summary="approach, contact radius and creep under each load",
     ),
     Stage(
-        "model", "pipelines.experiments.static_loading.measured:model", 3,
+        "model", "pipelines.experiments.static_loading.measured:model", 2,
         ("displacement", "steps", "file:sphere.material_file",
          "other:sphere.material_from/master_curve"),
         ("sphere", "model"),
@@ -50,7 +50,7 @@ _STAGES = (
         summary="measurement against model and Hertz",
     ),
     Stage(
-        "report", "pipelines.experiments.static_loading.page:page", 5,
+        "report", "pipelines.experiments.static_loading.page:page", 4,
         ("readings", "displacement", "steps", "approach", "model", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",
