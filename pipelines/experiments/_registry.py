@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from labpipe.errors import InputError
+from labpipe.plugins import Plugin, survey
 from labpipe.schema import Schema
-from labpipe.workflow import plugins
 from labpipe.workflow.graph import ordered
 from pipelines.experiments._kind import Kind
 from pipelines.experiments.ball_drop.kind import KIND as BALL_DROP
@@ -33,29 +33,28 @@ OURS = (
 """From the general to the special: ``init`` offers a file to the last kind first."""
 
 
-def gathered() -> tuple[Mapping[str, Kind], tuple[str, ...]]:
-    """Return all kinds by name, and why kinds of other distributions are left out.
+def gathered() -> tuple[Mapping[str, Kind], tuple[Plugin[Kind], ...]]:
+    """Return all kinds by name, and what other distributions add or why it is left out.
 
     Ours come first and cannot be replaced. A kind that cannot be loaded, or whose stages do not
     fit together, is named and left out; the others work.
     """
     kinds = {kind.name: kind for kind in OURS}
     schemas = {schema.name: schema for kind in OURS for schema in kind.schemas}
-    others, problems = plugins.load(GROUP, Kind)
-    left_out = list(problems)
-    for kind in others:
-        problem = _problem(kind, kinds, schemas)
-        if problem:
-            left_out.append(f'{GROUP}: the kind "{kind.name}" is left out: {problem}')
+    added = []
+    for plugin in survey(GROUP, Kind, list(kinds)):
+        kind = plugin.found
+        if kind is not None and (problem := _problem(kind, schemas)):
+            added.append(plugin.left_out(problem))
             continue
-        kinds[kind.name] = kind
-        schemas |= {schema.name: schema for schema in kind.schemas}
-    return MappingProxyType(kinds), tuple(left_out)
+        added.append(plugin)
+        if kind is not None:
+            kinds[kind.name] = kind
+            schemas |= {schema.name: schema for schema in kind.schemas}
+    return MappingProxyType(kinds), tuple(added)
 
 
-def _problem(kind: Kind, kinds: Mapping[str, Kind], schemas: Mapping[str, Schema]) -> str:
-    if kind.name in kinds:
-        return "there is a kind of that name already"
+def _problem(kind: Kind, schemas: Mapping[str, Schema]) -> str:
     taken = [s.name for s in kind.schemas if schemas.get(s.name, s) != s]
     if taken:
         return f"another kind has other schemas of the names {', '.join(taken)}"
