@@ -84,8 +84,8 @@ def test_a_second_run_does_nothing(session_copy: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "reruns", "keeps"),
     [
-        ('radius = "9.525', 'radius = "9.526', {"model", "comparison", "report"},
-         {"readings", "displacement", "bounces", "velocity", "repeats"}),
+        pytest.param('radius = "9.525', 'radius = "9.526', {"model", "comparison", "report"},
+         {"readings", "displacement", "bounces", "velocity", "repeats"}, marks=pytest.mark.slow),
         ('height = "1.5', 'height = "1.501', {"displacement", "bounces", "model", "report"},
          {"readings"}),
     ],

@@ -16,6 +16,7 @@ from labpipe.contact.memory import (
 )
 from labpipe.errors import InputError
 from labpipe.materials import Prony
+from tests.by_day import by_day
 from tests.rounding import rounding
 
 PMMA15 = Creep.from_terms(
@@ -128,11 +129,12 @@ def test_free_decay_is_one_step():
     np.testing.assert_allclose(after[:, 0], [np.exp(-10.0), 2.0], rtol=1e-8)
 
 
-def test_work_on_a_spring_is_never_less_than_what_it_stores():
+@pytest.mark.parametrize("moves", by_day([40, 400], 1))
+def test_work_on_a_spring_is_never_less_than_what_it_stores(moves):
     rng = np.random.default_rng(3)
     creep = Creep.from_terms(0.2, np.array([1.0, 4.0, 0.5]), np.array([1e-3, 1.0, 50.0]))
     memory, load, work, displacement = creep.rest(1), np.zeros(1), 0.0, 0.0
-    for _ in range(400):
+    for _ in range(moves):
         dt, new_load = 10 ** rng.uniform(-5, 2), rng.uniform(0, 1, 1)
         n_sub = 200
         for i in range(n_sub):

@@ -25,6 +25,7 @@ def test_true_moduli_superpose_by_the_true_shifts() -> None:
     np.testing.assert_allclose(MAXWELL.modulus(omega * 10.0 ** (at[0] - at[1])), made.exact)
 
 
+@pytest.mark.slow
 def test_only_the_secular_equation_keeps_weak_terms() -> None:
     points = {p.setting: p for p in interconversion.run(quick=True).points}
     for point in points.values():
@@ -33,6 +34,7 @@ def test_only_the_secular_equation_keeps_weak_terms() -> None:
     assert default.setting == "secular equation, 50 terms"
 
 
+@pytest.mark.slow
 def test_three_terms_a_decade_serve_both_truths() -> None:
     for suite in prony.run(quick=True):
         found = {p.setting: p for p in suite.points}
