@@ -4,7 +4,8 @@
 - :mod:`~labpipe.workflow.session`: ``session.toml``
 - :mod:`~labpipe.workflow.graph`, :mod:`~labpipe.workflow.tasks`: stages, tasks and their keys
 - :mod:`~labpipe.workflow.plan`: what would run, and why
-- :mod:`~labpipe.workflow.store`: results by key
+- :mod:`~labpipe.workflow.store`: results by key; :mod:`~labpipe.workflow.results`: the reader of
+  those that are up to date
 - :mod:`~labpipe.workflow.runner` over :mod:`~labpipe.workflow.pool` and
   :mod:`~labpipe.workflow.worker`: doing it
 - :mod:`~labpipe.workflow.ledger`, :mod:`~labpipe.workflow.provenance`,
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from labpipe.workflow.context import Context
     from labpipe.workflow.graph import Stage
     from labpipe.workflow.plan import Plan
+    from labpipe.workflow.results import Results
     from labpipe.workflow.runner import RunResult, events, open_result, run
     from labpipe.workflow.session import Experiment, Session, load
     from labpipe.workflow.store import Store
@@ -30,6 +32,7 @@ __all__ = [
     "Context",
     "Experiment",
     "Plan",
+    "Results",
     "RunResult",
     "Session",
     "Stage",
@@ -44,6 +47,7 @@ _HOMES = {
     "Context": "context",
     "Experiment": "session",
     "Plan": "plan",
+    "Results": "results",
     "RunResult": "runner",
     "Session": "session",
     "Stage": "graph",

@@ -14,6 +14,7 @@ from labpipe.workflow import pool, provenance
 from labpipe.workflow.ledger import LedgerRow, summarise
 from labpipe.workflow.plan import CACHED, Plan, make_plan, page_name, wanted_tasks
 from labpipe.workflow.processes import Died
+from labpipe.workflow.results import Results, read
 from labpipe.workflow.session import Session, html_table
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, TaskId, spell_out
@@ -87,7 +88,7 @@ class RunResult:
         wanted = TaskId(experiment, stage, recording)
         for outcome in self.outcomes:
             if outcome.task == wanted and outcome.key is not None:
-                return _dataset(Store(self.session.folder), outcome.key, wanted)
+                return read(Store(self.session.folder), outcome.key, wanted)
         message = f"{wanted} gave no result in this run"
         raise InputError(message)
 
@@ -208,25 +209,9 @@ def open_result(
     tasks = spell_out(session, stages)
     wanted_tasks(session, tasks, [f"{experiment}/{stage}"], [experiment])
     task = TaskId(experiment, stage, recording)
-    if task not in tasks:
-        found = [str(n.recording) for n in tasks if n[:2] == task[:2] and n.recording is not None]
-        message = f"{task} is no task; recordings: {', '.join(found) or 'none'}"
-        raise InputError(message)
-    made = make_plan(session, tasks, frozenset([task]), store, full=full)
-    row = next(row for row in made.rows if row.task == task)
-    key = made.keys[task].value
-    if row.state != CACHED or key is None:
-        message = f"{task} has no up-to-date result ({row.reason}); run labpipe process first"
-        raise InputError(message)
-    return _dataset(store, key, task)
-
-
-def _dataset(store: Store, key: str, task: TaskId) -> "xr.Dataset":
-    result = store.read(key)
-    if isinstance(result, str):
-        message = f"{task} is a page; open it in a browser"
-        raise InputError(message)
-    return result
+    known = frozenset(n for n in tasks if n[:2] == task[:2])
+    made = make_plan(session, tasks, known & {task} or known, store, full=full)
+    return Results(made).result(experiment, stage, recording)
 
 
 def events(session: Session) -> Iterator[dict[str, Any]]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from pipelines.commands.options import echo, echo_json, json_option
-from pipelines.export import FORMATS
+from pipelines.session import FORMATS
 
 
 @click.command()

@@ -71,10 +71,8 @@ def identify(session: Path, experiments: tuple[str, ...], prior: str | None, spe
     """
     from labpipe import files
     from pipelines import process
-    from pipelines.identify import Wish
+    from pipelines.identify import Wish, dataset, document, render
     from pipelines.identify import identify as found_in
-    from pipelines.identify_page import render
-    from pipelines.identify_result import dataset, document
 
     wish = Wish(experiments, prior, spectrum, impacts, not no_profile, sampler)
     found = found_in(session, wish, say=_say)
@@ -102,6 +100,6 @@ def _say(text: str) -> None:
 
 def lines(found: "Identified") -> list[str]:
     """Return the main results as lines of text."""
-    from pipelines.identify_page import relaxed_text, statements
+    from pipelines.identify import relaxed_text, statements
 
     return [f"{found.material}: {relaxed_text(found)}", *(f"  {s}" for s in statements(found))]

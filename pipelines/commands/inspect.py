@@ -37,13 +37,13 @@ def inspect(
       labpipe inspect my-session/laser/drop_1.csv
       labpipe inspect my-session/film/front.cine --out front.png
     """
-    from pipelines.inspection import describe
+    from pipelines.session import describe
 
     given = {"cycle": cycle, "units": list(units), "storage_factor": storage_factor}
     options = {name: value for name, value in given.items() if value}
     found = describe(file, options)
     if out is not None:
-        from pipelines.contact_sheet import write_sheet
+        from pipelines.session import write_sheet
 
         write_sheet(file, out, options)
         found["picture"] = str(out)

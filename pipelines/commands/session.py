@@ -10,11 +10,11 @@ import click
 from labpipe.errors import LabpipeError
 from pipelines.cli import printable
 from pipelines.commands.options import echo, echo_json, jobs_option, json_option, session_argument
-from pipelines.overview import PAGE
+from pipelines.session import PAGE
 
 if TYPE_CHECKING:
     from labpipe.workflow.runner import RunResult
-    from pipelines.gaps import Gap
+    from pipelines.session import Gap
 
 _STATE_WIDTH = 10
 
@@ -36,7 +36,7 @@ def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
     Example:
       labpipe init my-session
     """
-    from pipelines.scan import write_session_file
+    from pipelines.session import write_session_file
 
     is_person = sys.stdin.isatty() and not as_json
     asker = _Asker() if (is_person if ask is None else ask) else None
@@ -57,7 +57,7 @@ def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
     for line in found.gaps:
         echo(f"  to fill in: {line}")
     for line in found.unused:
-        echo(f"  not used: {line}; no kind of experiment is told by it alone, add it by hand")
+        echo(f"  not used: {line}")
     echo(f"then: labpipe plan {folder}")
 
 
@@ -70,7 +70,7 @@ class _Asker:
 
     def __call__(self, gap: "Gap") -> str | None:
         """Ask until the answer fits or is empty."""
-        from pipelines.gaps import checked
+        from pipelines.session import checked
 
         if not self.has_begun:
             click.echo("What no file tells; Enter alone leaves it open, Ctrl-C writes nothing.",

@@ -16,7 +16,7 @@ import pytest
 
 import instruments
 from calibration.record import load_record
-from instruments import anton_paar, image_stack, keyence, mach1, phantom
+from instruments import anton_paar, images, keyence, mach1, phantom
 from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.workflow.session import load
@@ -101,7 +101,7 @@ def chain(key: str, count: int) -> bytes:
 
 
 Case = tuple[str, Callable[[Path], bytes], Callable[[Path], object]]
-one_image = lambda path: image_stack.read(path, fps=1.0)[0]  # noqa: E731
+one_image = lambda path: images.read(path, fps=1.0)[0]  # noqa: E731
 whole_film = lambda path: phantom.read(path).valid  # noqa: E731
 session = lambda path: load(path, SETTINGS)  # noqa: E731
 

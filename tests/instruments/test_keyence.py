@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import instruments
 from instruments import keyence
 from instruments.keyence import Status
-from instruments.keyence_markers import MARKERS, Layout, marker_status
+from instruments.keyence._markers import MARKERS, Layout, marker_status
 from labpipe.errors import InputError, SourceError
 from labpipe.units import quantity
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 
 from instruments import keyence
-from instruments.keyence_markers import marker_status
+from instruments.keyence._markers import marker_status
 from labpipe.errors import LabpipeError, SourceError
 from tests.by_day import by_day
 from tests.instruments.mutations import drawn, mutated, mutations, usual

@@ -5,7 +5,7 @@ from pathlib import Path
 from pipelines import process
 from pipelines.experiments.budgets import ASKED, Quantity
 from pipelines.figures.inputs import Inputs
-from pipelines.sensitivity import QUANTITIES
+from pipelines.session._sensitivity import QUANTITIES
 
 ITEMS = {
     "clock": "sampling", "first_touch": "zero", "tare": "zero", "drift": "zero", "stage": "zero",

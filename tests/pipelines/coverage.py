@@ -24,18 +24,17 @@ import numpy as np
 
 from labpipe import files, materials
 from labpipe.units import Quantity
-from pipelines.experiments import (
-    ball_drop,
-    contact_area,
-    dic_validation,
-    dma,
-    harmonic,
-    plate_vibration,
-    relaxation,
-    static_loading,
-    static_steps,
-)
-from pipelines.experiments.indentation import Geometry, elastic_force
+from pipelines.experiments.ball_drop import measured as ball_drop
+from pipelines.experiments.contact_area import measured as contact_area
+from pipelines.experiments.dic_validation import measured as dic_validation
+from pipelines.experiments.dma import measured as dma
+from pipelines.experiments.dma.settings import Dma
+from pipelines.experiments.harmonic import measured as harmonic
+from pipelines.experiments.plate_vibration import measured as plate_vibration
+from pipelines.experiments.relaxation import measured as relaxation
+from pipelines.experiments.shared.punch_model import Geometry, elastic_force
+from pipelines.experiments.static_loading import load_steps
+from pipelines.experiments.static_loading import measured as static_loading
 from pipelines.process import open_session
 from pipelines.rig.dma import SOLIDS, Protocol, write_dma
 from pipelines.rig.drops import write_drops
@@ -61,7 +60,6 @@ from pipelines.rig.reference_drop import Floor
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import NOTE, drop_section, laser_record, session_head
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
-from pipelines.settings.dma import Dma
 from tests.pipelines.small import START
 
 Scores = dict[str, list[float]]
@@ -173,7 +171,7 @@ def static_loadings(folder: Path, seed: int, scores: Scores) -> None:
         static_loading.readings(folder / file, settings=settings),
         folder / "calibration/laser.toml", settings=settings,
     )  # fmt: skip
-    steps = static_steps.steps(moved, settings=settings)
+    steps = load_steps.steps(moved, settings=settings)
     found = static_loading.approach(moved, steps, settings=settings)
     known, time = truth(folder, "s"), found["time"].values
     approach = np.interp(time, known["time"], known["approach"])

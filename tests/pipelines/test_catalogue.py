@@ -8,9 +8,9 @@ import pytest
 from click.testing import CliRunner
 
 from labpipe.errors import SourceError, UsageError
-from pipelines.catalogue import FILE, catalogue, query
 from pipelines.commands.catalogue import catalogue as command
 from pipelines.process import result
+from pipelines.session._catalogue import FILE, catalogue, query
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,9 @@
 """The command line as a user meets it: outputs, exit codes, JSON, and what it does not import."""
 
+import importlib.machinery
+import importlib.util
 import json
+import os
 import re
 import subprocess
 import sys
@@ -285,15 +288,49 @@ def test_completion_prints_a_script(capsys: pytest.CaptureFixture[str], shell: s
     assert "_LABPIPE_COMPLETE" in out
 
 
-def test_a_foreign_package_of_our_name_is_noticed(
+BROKEN, WORKING = "import nothing_of_this_name\n", "BUILD = 1\n"
+
+
+@pytest.mark.parametrize(
+    ("line", "name", "source"),
+    [
+        (["doctor"], "instruments", BROKEN),
+        (["inspect", "a.csv"], "instruments", WORKING),
+        (["--help"], "instruments", BROKEN),
+        (["plan", "."], "calibration", BROKEN),
+    ],
+)
+def test_a_foreign_package_of_our_name_is_told_by_every_command(
+    tmp_path: Path, line: list[str], name: str, source: str
+) -> None:
+    """As when InstrumentKit, which installs `instruments` too, came after labpipe."""
+    (tmp_path / name).mkdir()
+    face = tmp_path / name / "__init__.py"
+    face.write_text(source)
+    (tmp_path / "a.csv").write_text("1,2\n")
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    for json_option in ([], ["--json"]):
+        done = subprocess.run(
+            [sys.executable, "-c", "from pipelines.cli import main; main()", *line, *json_option],
+            check=False, capture_output=True, text=True, cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": path},
+        )  # fmt: skip
+        said = json.loads(done.stdout)["error"]["message"] if json_option else done.stderr
+        assert done.returncode == 3
+        assert f"the module `{name}` at {face} is not labpipe's" in said
+        assert "use a separate environment" in said
+        assert "Traceback" not in done.stderr
+
+
+def test_a_package_that_another_one_took_away_is_told(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import instruments
-
-    monkeypatch.setattr(instruments, "BUILD", "somebody else's")
-    code, _, err = run(capsys, "--help")
-    assert code == 3
-    assert "separate environment" in err
+    bare = importlib.machinery.ModuleSpec("instruments", None, is_package=True)
+    for found in (None, bare):
+        monkeypatch.setattr(importlib.util, "find_spec", lambda _, found=found: found)
+        code, _, err = run(capsys, "doctor")
+        assert code == 3
+        assert "`instruments` of labpipe is missing or has lost its files" in err
 
 
 def test_control_characters_of_a_file_do_not_reach_the_terminal(

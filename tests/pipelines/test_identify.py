@@ -9,21 +9,21 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from pipelines.evidence import KINDS, material_name, references
 
 from labpipe import files, materials
 from labpipe.errors import UsageError
 from labpipe.identification import moduli, sample
 from labpipe.units import Quantity
 from pipelines.cli import main
-from pipelines.evidence import KINDS, material_name, references
+from pipelines.experiments.shared.settings import Plate
 from pipelines.figures.inputs import Inputs
-from pipelines.identify import Wish, identify
+from pipelines.identify._identify import Wish, identify
 from pipelines.process import plan
 from pipelines.rig.indentation_session import cell_record, relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.samples import session_head
-from pipelines.settings.common import Plate
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def rubber(processed_session: Path, tmp_path_factory: pytest.TempPathFactory):
     (folder / "laser/drop_2.csv").unlink()  # what is lost elsewhere is of no concern here
     said = io.StringIO()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pipelines.identify.sample", lambda known: sample(known, 60))
+        patch.setattr("pipelines.identify._identify.sample", lambda known: sample(known, 60))
         with pytest.raises(SystemExit) as left, contextlib.redirect_stdout(said):
             main(["identify", str(folder), "-e", "nbr", "--sampler", "rto", "--json"])
     assert left.value.code == 0

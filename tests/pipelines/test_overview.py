@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 
 from pipelines.cli import main
-from pipelines.overview import KEY_NUMBERS, PAGE, PICTURES, _chart, write_overview
 from pipelines.process import STAGES, open_session, process
+from pipelines.session._overview import KEY_NUMBERS, PAGE, PICTURES, _chart, write_overview
 
 
 def page(folder: Path) -> str:

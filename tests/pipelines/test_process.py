@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from labpipe.errors import ConfigError, InputError, SourceError
-from pipelines.compare import compare
 from pipelines.process import check_store, export, open_session, plan, process, report, result
+from pipelines.session._compare import compare
 
 
 def truth(folder: Path, name: str) -> dict:

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from labpipe.contact import Shortcuts, drop
-from labpipe.contact.bounce import Stepper
-from labpipe.contact.mdr import line_springs
-from labpipe.contact.memory import Creep
-from labpipe.contact.motion import Body
-from labpipe.contact.plate import Plate
-from labpipe.contact.rest import RestTest
+from labpipe.contact.impact._bounce import Stepper
+from labpipe.contact.impact._line_springs import line_springs
+from labpipe.contact.impact._motion import Body
+from labpipe.contact.impact._plate import Plate
+from labpipe.contact.impact._rest import RestTest
+from labpipe.contact.memory._creep import Creep
 from labpipe.errors import LabpipeError
 from labpipe.materials import Prony
 

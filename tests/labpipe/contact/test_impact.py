@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from labpipe.contact import Plate, drop
-from labpipe.contact.impact import _fall_further
+from labpipe.contact.impact._drop import _fall_further
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 from tests.rounding import rounding

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from labpipe.contact.motion import Body, Record
-from labpipe.contact.plate import PlateState
-from labpipe.contact.trajectory import Contact, Flight, columns, peak
+from labpipe.contact.impact._motion import Body, Record
+from labpipe.contact.impact._plate import PlateState
+from labpipe.contact.impact._trajectory import Contact, Flight, columns, peak
 from tests.rounding import rounding
 
 BODY = Body(mass=2.0, gravity=10.0, plate=None)

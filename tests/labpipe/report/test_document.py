@@ -34,9 +34,9 @@ from labpipe.report import (
     Section,
     Series,
     Table,
-    index_page,
 )
 from tests.by_day import by_day
+from tests.labpipe.report.index_page import index_page
 
 PAYLOADS = (
     "<script>alert(1)</script>",

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pipelines.evidence import KINDS
 
 from labpipe import materials
 from labpipe.materials import Prony
-from pipelines.evidence import KINDS, oscillations
-from pipelines.evidence.oscillations import along_chords
-from pipelines.experiments import mach1_file
+from pipelines.experiments.harmonic import evidence
+from pipelines.experiments.harmonic.evidence import along_chords
+from pipelines.experiments.shared import mach1_readings
 from pipelines.figures.inputs import Inputs
 from pipelines.process import plan
 
@@ -26,7 +27,7 @@ def simulated(inputs: Inputs, solid: Prony) -> tuple[np.ndarray, np.ndarray, np.
     """Return stiffness of the simulated and of the true oscillations, and the true size."""
     proof: Any = KINDS["harmonic"].gather(inputs, inputs.plan.session.experiments["nbr"], 6)
     loads = inputs.result("nbr", "loads")
-    touch, _ = mach1_file.contact_position(loads, None)
+    touch, _ = mach1_readings.contact_position(loads, None)
     truth = json.loads((inputs.folder / "truth/nbr.json").read_text(encoding="utf-8"))
     given = {p.name: p.mean for p in proof.unknowns}
     given["nbr first touch"] = truth["surface"] - touch.value
@@ -81,7 +82,7 @@ def test_the_gain_and_the_delay_of_the_cell_are_no_noise(inputs: Inputs) -> None
             stated[f"u_{part}_stiffness"] = np.hypot(
                 waves[f"u_{part}_stiffness"], more * waves[f"{part}_stiffness"]
             )
-        storage, loss, by_phase = oscillations._stiffness(said, stated)
+        storage, loss, by_phase = evidence._stiffness(said, stated)
         own.append(np.concatenate([storage[1], loss[1]]))
     np.testing.assert_allclose(own, [own[0]] * 3, rtol=1e-6)
     assert (own[0] < np.abs(by_phase).max()).all()

@@ -1,0 +1,498 @@
+"""Harmonic indentation: oscillations of a periodic punch in rubber, and the model beside them."""
+
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe import contact, signals
+from labpipe.contact.line import dissipation
+from labpipe.errors import InputError
+from labpipe.signals import CommonFit, common_fit, nrmse, quantisation_step
+from pipelines.experiments.harmonic.settings import Harmonic
+from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+from pipelines.experiments.shared.material_choice import resolve
+from pipelines.experiments.shared.punch_model import Geometry, simulated
+
+Array = NDArray[np.float64]
+
+_SINUSOID = "Sinusoid"
+_LOOP_POINTS = 200  # over one cycle
+_FEWEST_CYCLES = 2
+_CLEAR = 2.0  # standard uncertainties by which a force must exceed zero to prove contact
+_LEAST_SHIFT = 1e-7  # m of first touch by which a sensitivity is found
+
+_COLUMNS = {
+    "frequency": ("Hz", "frequency, fitted to the position"),
+    "amplitude": ("m", "amplitude of the position"),
+    "force_amplitude": ("N", "amplitude of the force"),
+    "phase_lag": ("rad", "lead of the force over the position"),
+    "storage_stiffness": ("N/m", "storage stiffness"),
+    "loss_stiffness": ("N/m", "loss stiffness"),
+    "work_per_cycle": ("J", "dissipated work per cycle"),
+}
+
+
+def readings(path: Path, *, settings: Harmonic) -> xr.Dataset:
+    """Read the Mach-1 file."""
+    del settings
+    return mach1_readings.read(path)
+
+
+def loads(readings: xr.Dataset, record: Path | None, *, settings: Harmonic) -> xr.Dataset:
+    """Make force compression-positive, and tare it where the file begins in air."""
+    return mach1_readings.force(
+        readings, settings.load_cell.tare, record,
+        untared="mean forces hold a preload, amplitudes and work do not",
+    )  # fmt: skip
+
+
+def hold(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
+    """Measure the relaxation before the oscillations: depth, peak and plateau of its force."""
+    if ramps_and_holds.RELAXATION not in {str(f) for f in loads["function"].values}:
+        reason = f"the file holds no {ramps_and_holds.RELAXATION} block before its oscillations"
+        return xr.Dataset(attrs={"absent": reason})
+    try:
+        touch, _ = mach1_readings.contact_position(loads, settings.contact)
+    except InputError:
+        touch = None  # the depth is then NaN; the model says why
+    return ramps_and_holds.measured(loads, touch, settings.plateau.value)
+
+
+def _sinusoids(loads: xr.Dataset) -> list[int]:
+    found = [i for i, f in enumerate(loads["function"].values) if str(f) == _SINUSOID]
+    if not found:
+        functions = ", ".join(sorted({str(f) for f in loads["function"].values}))
+        message = f"the file holds no Sinusoid block; its blocks are: {functions}"
+        raise InputError(message)
+    return found
+
+
+def counted(
+    time: Array, position: Array, declared: float, skip: int
+) -> tuple[float, float, float, int]:
+    """Return begin and end of the cycles that count, the frequency, and how many cycles ran.
+
+    The stage rests before and after. Cycles are counted from the first motion; the first ``skip``
+    are the transient and the last, in which the stage brakes, is left out too.
+
+    Raises
+    ------
+    InputError
+        Fewer than two whole cycles are left.
+    """
+    window = signals.active_window(time, position, declared)
+    period = 1 / window.frequency
+    cycles = round((window.end - window.start) / period)
+    last = cycles - 1
+    if last - skip < _FEWEST_CYCLES:
+        message = (
+            f"{cycles} cycles ran, of which the first {skip} are the transient and the last is "
+            f"cut: fewer than {_FEWEST_CYCLES} are left; lower cycles.skip"
+        )
+        raise InputError(message)
+    begin = window.start + skip * period
+    return begin, window.start + last * period, window.frequency, cycles
+
+
+def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
+    """Fit every Sinusoid block: frequency, stiffness, work; one row per block."""
+    declared = mach1_readings.declared_filter(loads)
+    correct = settings.load_cell.correct_filter_lag and declared is not None
+    rows = [
+        _oscillation(loads, block, settings.cycles.skip, declared if correct else None)
+        for block in _sinusoids(loads)
+    ]
+    table: dict[str, Any] = {}
+    for name, (units, text) in _COLUMNS.items():
+        table[name] = ("oscillation", [r[name] for r in rows], {"units": units, "long_name": text})
+        table[f"u_{name}"] = (
+            "oscillation", [r[f"u_{name}"] for r in rows],
+            {"units": units, "long_name": f"standard uncertainty: {text}"},
+        )  # fmt: skip
+    others = {
+        "declared_frequency": ("Hz", "frequency in the header"),
+        "declared_amplitude": ("m", "amplitude in the header"),
+        "work_sd": ("J", "standard deviation of the loop area over cycles"),
+        "loop_area": ("J", "mean area of the recorded loops, filter lag included"),
+        "mean_force": ("N", "mean force"),
+        "mean_position": ("m", "mean position of the stage"),
+        "filter_phase": ("rad", "lag of the load cell's filter that was removed"),
+        "filter_gain": ("1", "gain of the load cell's filter that was divided by"),
+        "n_cycles": ("1", "cycles that count"),
+        "n_skipped": ("1", "transient and braking cycles left out"),
+        "begin": ("s", "begin of the cycles that count, in the block's time"),
+        "end": ("s", "end of the cycles that count, in the block's time"),
+        "block": ("1", "number of the block in the file"),
+    }
+    for name, (units, text) in others.items():
+        table[name] = ("oscillation", [r[name] for r in rows], {"units": units, "long_name": text})
+    work = {"cycles_fitted": int(sum(r["n_cycles"] for r in rows))}
+    return xr.Dataset(
+        table,
+        coords={"oscillation": np.arange(1, len(rows) + 1)},
+        attrs={
+            "filter": json.dumps(declared),
+            "filter_delay": loads.attrs["filter_delay"],
+            "is_filter_corrected": int(correct),
+            "work": json.dumps(work),
+        },
+    )
+
+
+def _oscillation(
+    loads: xr.Dataset, block: int, skip: int, declared: dict[str, float] | None
+) -> dict[str, float]:
+    part = loads.isel(sample=mach1_readings.rows(loads, block))
+    time, position, force = (part[n].values for n in ("time", "position_z", "force"))
+    stated = float(loads["declared_frequency"][block])
+    begin, end, frequency, cycles = counted(time, position, stated, skip)
+    interval = float(np.median(np.diff(time)))
+    # one sample beyond either end, so that whole cycles can be cut by interpolation
+    used = (time >= begin - interval) & (time <= end + interval)
+    lag = None
+    response = None
+    if declared is not None:
+        lag = mach1_readings.force_lag(loads, frequency)
+
+        def response(f: float) -> complex:
+            at = mach1_readings.force_lag(loads, f)
+            if at is None:
+                return 1.0 + 0.0j
+            return at.gain * complex(np.exp(-1j * at.phase))
+
+    # A fast stage skips so many steps that they do not show; the file's decimals remain.
+    finest = max(quantisation_step(position[used]), mach1_readings.LAST_DECIMAL)
+    steps = (finest, float(loads.attrs["resolution"]))
+    fit = common_fit(
+        time[used], position[used], force[used], frequency, response=response, resolutions=steps
+    )
+    cut = signals.loops(time, position, force, fit.position.frequency, start=begin, end=end)
+    areas = cut["work"].values
+    u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase if lag else 0.0))
+    cell = float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
+    u_gain = float(np.hypot(lag.u_gain / lag.gain if lag else 0.0, cell))
+    return _row(fit, areas, u_phase, u_gain) | {
+        "declared_frequency": stated,
+        "declared_amplitude": float(loads["declared_amplitude"][block]),
+        "mean_force": fit.force.offset,
+        "mean_position": fit.position.offset,
+        "filter_phase": lag.phase if lag else 0.0,
+        "filter_gain": lag.gain if lag else 1.0,
+        "n_skipped": float(cycles - areas.size),
+        "begin": begin,
+        "end": end,
+        "block": float(block),
+    }
+
+
+def _row(fit: CommonFit, areas: Array, u_phase: float, u_gain: float) -> dict[str, float]:
+    """Return stiffness and work of one oscillation; u holds noise and the filter's unknown type."""
+    x, f = fit.position, fit.force
+    modulus = float(np.hypot(fit.storage_stiffness, fit.loss_stiffness))
+    cosine, sine = fit.storage_stiffness / modulus, fit.loss_stiffness / modulus
+    u_relative = float(np.hypot(np.hypot(f.u_amplitude / f.amplitude,
+                                         x.u_amplitude / x.amplitude), u_gain))  # fmt: skip
+    u_storage = modulus * float(np.hypot(u_relative * cosine, u_phase * sine))
+    u_loss = modulus * float(np.hypot(u_relative * sine, u_phase * cosine))
+    work = np.pi * fit.loss_stiffness * x.amplitude**2
+    spread = float(areas.std(ddof=1)) if areas.size > 1 else 0.0
+    u_work = float(np.hypot(np.pi * x.amplitude**2 * u_loss, spread / np.sqrt(max(areas.size, 1))))
+    return {
+        "frequency": x.frequency, "u_frequency": x.u_frequency,
+        "amplitude": x.amplitude, "u_amplitude": x.u_amplitude,
+        "force_amplitude": f.amplitude,
+        "u_force_amplitude": float(np.hypot(f.u_amplitude, u_gain * f.amplitude)),
+        "phase_lag": fit.phase_lag, "u_phase_lag": u_phase,
+        "storage_stiffness": fit.storage_stiffness, "u_storage_stiffness": u_storage,
+        "loss_stiffness": fit.loss_stiffness, "u_loss_stiffness": u_loss,
+        "work_per_cycle": work, "u_work_per_cycle": u_work,
+        "work_sd": spread, "loop_area": float(areas.mean()), "n_cycles": float(areas.size),
+    }  # fmt: skip
+
+
+def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
+    """Average the loop of every oscillation, as recorded, and see whether contact is kept.
+
+    Where the mean loop's force does not exceed twice its uncertainty the punch has left the
+    surface: ``contact_loss`` is that share of the cycle. The cell's filter rounds the force off,
+    so that a loss shorter than its delay is not seen.
+    """
+    del settings
+    is_tared = bool(loads.attrs["is_tared"])
+    phase = np.linspace(0, 1, _LOOP_POINTS + 1)
+    positions, forces, spreads, kept = [], [], [], []
+    for i in range(oscillations.sizes["oscillation"]):
+        at = oscillations.isel(oscillation=i)
+        part = loads.isel(sample=mach1_readings.rows(loads, int(at["block"])))
+        time = part["time"].values
+        period = 1 / float(at["frequency"])
+        grid = float(at["begin"]) + (phase + np.arange(int(at["n_cycles"]))[:, None]) * period
+        x = np.interp(grid, time, part["position_z"].values)
+        f = np.interp(grid, time, part["force"].values)
+        # a slowly relaxing mean would smear the loops over each other
+        f = f - f.mean(axis=1, keepdims=True) + f.mean()
+        positions.append(x.mean(axis=0))
+        forces.append(f.mean(axis=0))
+        spreads.append(f.std(axis=0, ddof=1) if len(f) > 1 else np.zeros(phase.size))
+        noise = max(float(np.median(spreads[-1])), float(loads.attrs["resolution"]) / np.sqrt(12))
+        u = float(np.hypot(noise / np.sqrt(len(f)), float(loads["u_tare"])))
+        least, lost = float(forces[-1].min()), float(np.mean(forces[-1][:-1] < _CLEAR * u))
+        kept.append((least, u, lost) if is_tared else (np.nan, np.nan, np.nan))
+    dims = ("oscillation", "cycle")
+    return xr.Dataset(
+        {
+            "position": (dims, positions, {"units": "m", "long_name": "stage position"}),
+            "force": (dims, forces, {"units": "N", "long_name": "force, compression positive"}),
+            "force_sd": (
+                dims, spreads, {"units": "N", "long_name": "standard deviation over cycles"},
+            ),
+            "least_force": (
+                "oscillation", [k[0] for k in kept],
+                {"units": "N", "long_name": "least force of the mean loop"},
+            ),
+            "u_least_force": (
+                "oscillation", [k[1] for k in kept],
+                {"units": "N", "long_name": "standard uncertainty: least force of the mean loop"},
+            ),
+            "contact_loss": (
+                "oscillation", [k[2] for k in kept],
+                {"units": "1", "long_name": "share of a cycle without contact"},
+            ),
+        },
+        coords={
+            "oscillation": oscillations["oscillation"],
+            "cycle": ("cycle", phase, {"units": "1", "long_name": "fraction of a cycle"}),
+        },
+    )  # fmt: skip
+
+
+def model(
+    loads: xr.Dataset,
+    oscillations: xr.Dataset,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: Harmonic,
+) -> xr.Dataset:
+    """Simulate the whole history of the file with the measured displacement.
+
+    Without punch and substrate there is nothing to simulate; the result is then empty and says so.
+    """
+    punch, substrate = settings.punch, settings.substrate
+    if punch is None or substrate is None:
+        reason = "session.toml names no punch and no substrate, so nothing was simulated"
+        return xr.Dataset(attrs={"absent": reason})
+    touch, how = mach1_readings.contact_position(loads, settings.contact)
+    solid = resolve(substrate, material_file, fitted)
+    geometry = Geometry.of(punch, substrate, settings.model, float(solid.nu))
+    force, u_force, attrs = simulated(loads, touch, solid, geometry)
+    result = _model_rows(loads, oscillations, force, u_force)
+    result["contact_position"] = (
+        (), touch.value, {"units": "m", "long_name": "stage position of first touch"},
+    )  # fmt: skip
+    result["u_contact_position"] = (
+        (), touch.u, {"units": "m", "long_name": "standard uncertainty: position of first touch"},
+    )  # fmt: skip
+    result.attrs |= attrs | {"contact": how}
+    return result
+
+
+def _model_rows(
+    loads: xr.Dataset, oscillations: xr.Dataset, force: Array, u_force: Array
+) -> xr.Dataset:
+    """Fit the simulated force as the measured one was, and keep its curve beside the readings."""
+    rows, lost = [], []
+    for i in range(oscillations.sizes["oscillation"]):
+        at = oscillations.isel(oscillation=i)
+        where = mach1_readings.rows(loads, int(at["block"]))
+        time = loads["time"].values[where]
+        used = (time >= float(at["begin"])) & (time <= float(at["end"]))
+        x = loads["position_z"].values[where][used]
+        fit = common_fit(time[used], x, force[where][used], float(at["frequency"]))
+        shifted = common_fit(time[used], x, (force - u_force)[where][used], float(at["frequency"]))
+        rows.append((fit, shifted))
+        lost.append(float(np.mean(force[where][used] <= 0.0)))
+    table: dict[str, Any] = {
+        "force": ("sample", force, {"units": "N", "long_name": "simulated force"}),
+        "u_force": (
+            "sample", u_force,
+            {"units": "N", "long_name": "standard uncertainty from first touch and punch"},
+        ),
+        "contact_loss": (
+            "oscillation", np.array(lost),
+            {"units": "1", "long_name": "share of a cycle without contact, simulated"},
+        ),
+    }  # fmt: skip
+    for name in ("storage_stiffness", "loss_stiffness"):
+        values = np.array([getattr(fit, name) for fit, _ in rows])
+        moved = np.array([getattr(shifted, name) for _, shifted in rows])
+        units, text = _COLUMNS[name]
+        table[name] = ("oscillation", values, {"units": units, "long_name": f"{text}, simulated"})
+        table[f"u_{name}"] = (
+            "oscillation", np.abs(moved - values),
+            {"units": units, "long_name": f"standard uncertainty, touch and punch: {text}"},
+        )  # fmt: skip
+    amplitude = np.array([fit.position.amplitude for fit, _ in rows])
+    for prefix in ("", "u_"):
+        table[f"{prefix}work_per_cycle"] = (
+            "oscillation", np.pi * amplitude**2 * table[f"{prefix}loss_stiffness"][1],
+            {"units": "J", "long_name": f"{prefix and 'standard uncertainty: '}simulated work"},
+        )  # fmt: skip
+    return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
+
+
+def theory(
+    oscillations: xr.Dataset,
+    loops: xr.Dataset,
+    model: xr.Dataset,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: Harmonic,
+) -> xr.Dataset:
+    """Return work by eq. (2.31), the tapping front (2.34), and everything dimensionless.
+
+    Equations (2.36) to (2.40); the work of (2.40) is per contact length. The uncertainty of the
+    theory is that of first touch: its mean indentation.
+    """
+    punch, substrate = settings.punch, settings.substrate
+    if punch is None or substrate is None or "absent" in model.attrs:
+        return xr.Dataset(attrs={"absent": str(model.attrs.get("absent", "no punch is named"))})
+    solid = resolve(substrate, material_file, fitted)
+    radius, period = punch.radius.value, punch.period.value
+    depth = punch.depth.value * punch.tips
+    touch, u_touch = (float(model[f"{p}contact_position"]) for p in ("", "u_"))
+    frequency, amplitude = oscillations["frequency"].values, oscillations["amplitude"].values
+    mean = oscillations["mean_position"].values - touch
+    if mean.min() <= 0:
+        message = (
+            f"the mean of an oscillation lies {-mean.min() * 1e6:.3g} µm above first touch; the "
+            "position of first touch cannot be right"
+        )
+        raise InputError(message)
+    step = max(u_touch, _LEAST_SHIFT)
+
+    def at(indentation: Array) -> tuple[Array, Array]:
+        shape = (radius, period)
+        pairs = list(zip(frequency, amplitude, indentation, strict=True))
+        work = [float(contact.dissipated_work(solid, f, a, i, *shape, depth)) for f, a, i in pairs]
+        front = [float(contact.tapping_amplitude(solid, f, i, *shape)) for f, _, i in pairs]
+        return np.array(work), np.array(front)
+
+    work, front = at(mean)
+    moved_work, moved_front = at(mean + step)
+    tau = settings.characteristic_time
+    shortest = float(solid.creep_terms()[1].min()) if len(solid.rho) else np.nan
+    scale = (solid, radius, period, depth)
+    sources = {
+        "measured": (
+            oscillations["work_per_cycle"].values,
+            oscillations["u_work_per_cycle"].values,
+        ),
+        "model": (model["work_per_cycle"].values, model["u_work_per_cycle"].values),
+        "theory": (work, np.abs(moved_work - work) * u_touch / step),
+    }
+    table: dict[str, Any] = {
+        "dissipated_work": (sources["theory"][0], "J", "dissipated work per cycle, eq. (2.31)"),
+        "u_dissipated_work": (sources["theory"][1], "J", "standard uncertainty from first touch"),
+        "tapping_amplitude": (front, "m", "amplitude at which contact is lost, eq. (2.34)"),
+        "u_tapping_amplitude": (
+            np.abs(moved_front - front) * u_touch / step, "m", "standard uncertainty: tapping",
+        ),
+        "mean_indentation": (mean, "m", "mean indentation"),
+        "u_mean_indentation": (
+            np.full(mean.size, u_touch), "m", "standard uncertainty: mean indentation",
+        ),
+        "work_difference": (
+            oscillations["work_per_cycle"].values - work, "J", "work, measured minus eq. (2.31)",
+        ),
+        "u_work_difference": (
+            np.hypot(sources["measured"][1], sources["theory"][1]), "J",
+            "standard uncertainty: work difference",
+        ),
+        "dimensionless_mean": (mean / radius, "1", "mean indentation over R, eq. (2.36)"),
+        "dimensionless_amplitude": (amplitude / radius, "1", "amplitude over R, eq. (2.37)"),
+    }  # fmt: skip
+    time = shortest if tau is None else tau.value
+    table["dimensionless_frequency"] = (
+        dissipation.dimensionless_frequency(frequency, time), "1", "f tau_0, eq. (2.38)",
+    )  # fmt: skip
+    for name, (values, u) in sources.items():
+        for prefix, numbers in (("", values), ("u_", u)):
+            table[f"{prefix}dimensionless_work_{name}"] = (
+                dissipation.dimensionless_work(numbers, *scale), "1",
+                f"{prefix and 'standard uncertainty: '}work, dimensionless (2.40), {name}",
+            )  # fmt: skip
+    made = xr.Dataset(
+        {n: ("oscillation", v, {"units": u, "long_name": t}) for n, (v, u, t) in table.items()},
+        coords={"oscillation": oscillations["oscillation"]},
+    )
+    for name, value, units, text in (
+        ("characteristic_time", time, "s", "characteristic time tau_0"),
+        ("force_scale", solid.E_relaxed * period * depth, "N", "E_relaxed times period and depth"),
+        ("work_scale", solid.E_relaxed * period * depth * radius, "J", "scale of the work (2.40)"),
+    ):
+        made[name] = ((), float(value), {"units": units, "long_name": text})
+    _warn_of_loss(loops, made, amplitude, front)
+    return made
+
+
+def _warn_of_loss(loops: xr.Dataset, made: xr.Dataset, amplitude: Array, front: Array) -> None:
+    """Say where contact is lost, or should be: the theory does not hold there."""
+    frequency = made["dimensionless_frequency"].values / float(made["characteristic_time"])
+    for label, where in (
+        ("contact is lost in part of the cycle", loops["contact_loss"].values > 0),
+        ("the amplitude lies beyond the tapping front (2.34)", amplitude > front),
+    ):
+        if where.any():
+            shown = ", ".join(f"{f:.3g}" for f in frequency[where])
+            warnings.warn(
+                f"{label} at {shown} Hz: eq. (2.31) is an extrapolation there", stacklevel=3
+            )
+
+
+def comparison(
+    loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic
+) -> xr.Dataset:
+    """Lay the simulated force, filtered as the cell filters, over the measured one."""
+    del settings
+    if "absent" in model.attrs:
+        return xr.Dataset(attrs={"absent": model.attrs["absent"]})
+    declared = mach1_readings.declared_filter(loads)
+    kind = mach1_readings.filter_kinds(loads)[0]
+    interval = float(loads["sampling_interval"][0])
+    error, bias = [], []
+    simulated = np.full(loads.sizes["sample"], np.nan)
+    for i in range(oscillations.sizes["oscillation"]):
+        at = oscillations.isel(oscillation=i)
+        where = mach1_readings.rows(loads, int(at["block"]))
+        passed = mach1_readings.filtered(model["force"].values[where], interval, declared, kind)
+        simulated[where] = passed
+        time = loads["time"].values[where]
+        used = (time >= float(at["begin"])) & (time <= float(at["end"]))
+        measured = loads["force"].values[where][used]
+        error.append(nrmse(measured, passed[used]))
+        bias.append(float(np.mean(measured - passed[used])))
+    table: dict[str, Any] = {
+        "simulated_force": (
+            "sample", simulated, {"units": "N", "long_name": "simulated force, filtered"},
+        ),
+        "nrmse": ("oscillation", error, {"units": "1", "long_name": "rms error over force range"}),
+        "bias": ("oscillation", bias, {"units": "N", "long_name": "mean of measured minus model"}),
+    }  # fmt: skip
+    for name in ("storage_stiffness", "loss_stiffness", "work_per_cycle"):
+        units, text = _COLUMNS[name]
+        difference = oscillations[name].values - model[name].values
+        u = np.hypot(oscillations[f"u_{name}"].values, model[f"u_{name}"].values)
+        table[f"{name}_difference"] = (
+            "oscillation", difference, {"units": units, "long_name": f"{text}, measured − model"},
+        )  # fmt: skip
+        table[f"u_{name}_difference"] = (
+            "oscillation", u, {"units": units, "long_name": f"standard uncertainty: {text}"},
+        )  # fmt: skip
+    return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
