@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from pipelines import process
 from pipelines.experiments.budgets import ASKED, Quantity
+
+from pipelines import process
 from pipelines.figures.inputs import Inputs
 from pipelines.session._sensitivity import QUANTITIES
 

@@ -1,7 +1,8 @@
 from math import nan
 
-from labpipe.uncertainty import Input
 from pipelines.experiments.budgets import Quantity
+
+from labpipe.uncertainty import Input
 from pipelines.experiments.shared.budget_blocks import section
 
 
