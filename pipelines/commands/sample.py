@@ -64,7 +64,7 @@ def demo(dest: Path, as_json: bool) -> None:
     with watching(enabled=not as_json) as progress:
         outcome = verbs.process(dest, jobs=2, progress=progress)
     if as_json:
-        echo_json(as_document(outcome))
+        echo_json(as_document(outcome, dest))
     else:
         echo(f"synthetic session: {dest}")
         summarise(outcome)

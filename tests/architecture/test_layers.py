@@ -42,6 +42,7 @@ BELOW = {
     "contact": {"materials"},
     "identification": {"materials", "contact"},
     "workflow": set(),
+    "judging": set(),
     "report": set(),
 }
 
