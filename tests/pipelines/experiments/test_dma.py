@@ -329,6 +329,9 @@ def test_an_export_without_temperature_gives_a_page_with_the_reason(session):
     made = make([([1.0, 2.0, 4.0], [20.0] * 3, [""] * 3)])
     text = anton_paar.encode(made).decode("utf-16").replace("Temperature", "Some Other")
     (session / "dma/ptfe.csv").write_bytes(text.encode("utf-16"))
-    assert {f.task.stage for f in process(session, jobs=0).failures} == {"sweeps", "temperature_sweep"}
+    assert {f.task.stage for f in process(session, jobs=0).failures} == {
+        "sweeps",
+        "temperature_sweep",
+    }
     page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
     assert "no column for: temperature" in page
