@@ -317,6 +317,19 @@ def test_samples_are_listed_and_go_into_new_folders_only(
     assert (tmp_path / "mine/notes.txt").read_text() == "precious"
 
 
+def test_demo_goes_on_with_its_own_session_and_leaves_a_foreign_one(
+    capsys: pytest.CaptureFixture[str], session_copy: Path
+) -> None:
+    code, _, err = run(capsys, "demo", str(session_copy))
+    assert code == 2
+    assert "not empty" in err
+    settings = session_copy / "session.toml"
+    settings.write_text(settings.read_text().replace("Small (", "Demonstration ("))
+    code, out, err = run(capsys, "demo", str(session_copy), "--json")
+    assert code == 0, err
+    assert set(json.loads(out)["reports"]) == {"drop", "nbr"}
+
+
 def test_doctor_finds_a_damaged_result(
     capsys: pytest.CaptureFixture[str], session_copy: Path
 ) -> None:
