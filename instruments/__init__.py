@@ -1,46 +1,100 @@
-"""One module per instrument: bytes to Dataset, and back.
+"""One room per instrument: bytes to Dataset, and back.
 
-:func:`read` tells the instrument from the content of a file, never from its name. Adding an
-instrument is one line in :data:`READERS`: a name, a test of the first bytes
-(:mod:`instruments.sniff`), and the reader as ``"module:function"``, imported only when needed.
+:func:`read` tells the instrument from the content of a file, never from its name. Each room is a
+package whose face defines one :class:`Instrument`; :data:`OURS` lists them in the order in which
+they are asked. Other distributions add theirs by entry points of the group
+``labpipe.instruments`` (:mod:`labpipe.plugins`); they are asked after ours.
 """
 
-import importlib
 import os
-from collections.abc import Callable
+import stat
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Unpack
 
-from instruments import sniff
+from instruments import anton_paar, dice, images, keyence, mach1, phantom, tables
+from instruments._instrument import CONTENTS, HEAD_BYTES, Content, Instrument, NoOptions, text_of
 from labpipe import BUILD
-from labpipe.errors import SourceError, UsageError
+from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
+from labpipe.plugins import Plugin, survey, tell
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from labpipe.frames import FrameSource
 
-__all__ = ["BUILD", "READERS", "Reader", "identify", "read"]
+__all__ = [
+    "BUILD",
+    "CONTENTS",
+    "HEAD_BYTES",
+    "OURS",
+    "Content",
+    "Instrument",
+    "NoOptions",
+    "Options",
+    "added",
+    "by_name",
+    "identify",
+    "known",
+    "read",
+    "read_table",
+    "text_of",
+]
 
+GROUP = "labpipe.instruments"
 
-class Reader(NamedTuple):
-    """One instrument: its name, how its files are told, and the function that reads them."""
-
-    name: str
-    sniff: Callable[[bytes, Path], bool]
-    function: str
-
-
-READERS: tuple[Reader, ...] = (
-    Reader("mach1", sniff.is_mach1, "instruments.mach1:read"),
-    Reader("phantom", sniff.is_phantom, "instruments.phantom:read"),
-    Reader("anton_paar", sniff.is_anton_paar, "instruments.anton_paar:read"),
-    Reader("plain_table", sniff.is_plain_table, "instruments.plain_table:read"),
-    Reader("dice", sniff.is_dice, "instruments.dice:read"),
-    Reader("image_stack", sniff.is_image_stack, "instruments.image_stack:read"),
+OURS: tuple[Instrument, ...] = (
+    mach1.INSTRUMENT,
+    phantom.INSTRUMENT,
+    anton_paar.INSTRUMENT,
+    tables.INSTRUMENT,
+    dice.INSTRUMENT,
+    images.INSTRUMENT,
     # The Keyence layout has no magic number, so it is asked last.
-    Reader("keyence", sniff.is_keyence, "instruments.keyence:read"),
+    keyence.INSTRUMENT,
 )
+
+
+class Options(
+    keyence.Options, mach1.Options, anton_paar.Options, tables.Options, images.Options, dice.Options
+):
+    """Every option of :func:`read`; each instrument takes those of its own ``Options``."""
+
+
+@cache
+def added() -> tuple[Plugin[Instrument], ...]:
+    """Return the plug-ins of other distributions, and why one of them is left out."""
+    found = tuple(
+        plugin.left_out(f'its content is "{plugin.found.content}"; known are {", ".join(CONTENTS)}')
+        if plugin.found is not None and plugin.found.content not in CONTENTS
+        else plugin
+        for plugin in survey(GROUP, Instrument, [each.name for each in OURS])
+    )
+    tell(found)
+    return found
+
+
+def known() -> tuple[Instrument, ...]:
+    """Return all instruments in the order in which they are asked: ours, then plug-ins."""
+    return (*OURS, *(plugin.found for plugin in added() if plugin.found is not None))
+
+
+def by_name(name: str) -> Instrument:
+    """Return one instrument by its name.
+
+    Raises
+    ------
+    UsageError
+        No instrument has that name.
+    """
+    for each in OURS:
+        if each.name == name:
+            return each
+    for each in known():
+        if each.name == name:
+            return each
+    message = f'no instrument "{name}"; known are {", ".join(each.name for each in known())}'
+    raise UsageError(message)
 
 
 def identify(path: str | os.PathLike[str]) -> str:
@@ -49,7 +103,7 @@ def identify(path: str | os.PathLike[str]) -> str:
     Returns
     -------
     str
-        A name from :data:`READERS`.
+        The name of one of :func:`known`.
 
     Raises
     ------
@@ -64,7 +118,7 @@ def identify(path: str | os.PathLike[str]) -> str:
     return _identify(Path(path)).name
 
 
-def _identify(path: Path) -> Reader:
+def _identify(path: Path) -> Instrument:
     head = _head(path)
     if path.suffix == ".recording":
         raise SourceError(
@@ -72,10 +126,13 @@ def _identify(path: Path) -> Reader:
             "this is an unfinished recording",
             hint=f"Finish it with `labpipe acquire recover {path}`.",
         )
-    for reader in READERS:
-        if reader.sniff(head, path):
-            return reader
-    tried = ", ".join(reader.name for reader in READERS)
+    for each in OURS:
+        if each.sniff(head, path):
+            return each
+    for plugin in added():
+        if plugin.found is not None and _is_from(plugin, head, path):
+            return plugin.found
+    tried = ", ".join(each.name for each in known())
     raise SourceError(
         path,
         f"no instrument recognises the content; tried {tried}",
@@ -83,14 +140,42 @@ def _identify(path: Path) -> Reader:
     )
 
 
+def _is_from(plugin: Plugin[Instrument], head: bytes, path: Path) -> bool:
+    """Ask a plug-in; one that fails is told, once, and does not know the file."""
+    try:
+        return plugin.found is not None and bool(plugin.found.sniff(head, path))
+    except Exception as error:  # somebody else's code may raise anything
+        if plugin.name not in _FAILED:
+            _FAILED.add(plugin.name)
+            tell([plugin.left_out(f"its sniff raised {type(error).__name__}: {error}")])
+        return False
+
+
+_FAILED: set[str] = set()
+
+
 def _head(path: Path) -> bytes:
     try:
-        if path.is_dir():
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
             return b""
+        if not stat.S_ISREG(mode):
+            raise SourceError(
+                path, f"is {_SPECIAL.get(stat.S_IFMT(mode), 'no regular file')}, expected a file",
+                hint="Write what comes from it into a file first.",
+            )  # fmt: skip
         with path.open("rb") as stream:
-            return stream.read(sniff.HEAD_BYTES)
+            return stream.read(HEAD_BYTES)
     except OSError as error:
         raise _unopened(path, error) from None
+
+
+_SPECIAL = {
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
 
 
 def _unopened(path: Path, error: OSError) -> SourceError:
@@ -103,7 +188,7 @@ def _unopened(path: Path, error: OSError) -> SourceError:
 
 
 def read(
-    path: str | os.PathLike[str], *, instrument: str | None = None, **options: Any
+    path: str | os.PathLike[str], *, instrument: str | None = None, **options: Unpack[Options]
 ) -> "xr.Dataset | FrameSource":
     """Read a file of any known instrument.
 
@@ -112,9 +197,10 @@ def read(
     path : path-like
         The file, or the folder of an image stack.
     instrument : str, optional
-        A name from :data:`READERS`; by default the content of the file decides.
+        The name of one of :func:`known`; by default the content of the file decides.
     **options
-        Passed to the reader of that instrument, for example ``cycle="50 us"`` for Keyence.
+        For the reader of that instrument, for example ``cycle="50 us"`` for Keyence; what there
+        is says its ``Options``.
 
     Returns
     -------
@@ -126,21 +212,20 @@ def read(
     SourceError
         The file is not known, is damaged, or changes while it is read.
     UsageError
-        The instrument has no such name.
+        There is no such instrument, or it has no such option.
 
     Examples
     --------
     >>> readings = read("drop_07.csv", cycle="50 us")  # doctest: +SKIP
     """
     path = Path(path)
-    reader = _identify(path) if instrument is None else _by_name(instrument)
-    module, function = reader.function.split(":")
-    call = getattr(importlib.import_module(module), function)
+    reader = _identify(path) if instrument is None else by_name(instrument)
+    _head(path)  # no reader waits at a named pipe
     before = _stamp(path)
-    result = call(path, **options)
+    result = _read(reader, path, options)
     if _stamp(path) != before:
         before = _stamp(path)
-        result = call(path, **options)
+        result = _read(reader, path, options)
         if _stamp(path) != before:
             raise SourceError(
                 path,
@@ -150,12 +235,59 @@ def read(
     return result
 
 
-def _by_name(name: str) -> Reader:
-    for reader in READERS:
-        if reader.name == name:
-            return reader
-    message = f'no instrument "{name}"; known are {", ".join(r.name for r in READERS)}'
-    raise UsageError(message)
+def read_table(
+    path: str | os.PathLike[str], content: Content, usual: str, **options: Unpack[Options]
+) -> "xr.Dataset":
+    """Read a file of whichever instrument, for an experiment that needs a table of some content.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    content : str
+        What the table must hold, one of :data:`CONTENTS`.
+    usual : str
+        The instrument that reads what none recognises, or what holds something else; its reader
+        then says what is wrong.
+    **options
+        As of :func:`read`; None stands for what the reader does by itself.
+
+    Raises
+    ------
+    SourceError, UsageError
+        As of :func:`read`.
+    InputError
+        The file holds a film.
+    """
+    import xarray as xr
+
+    try:
+        found = _identify(Path(path))
+        name = found.name if found.content == content else usual
+    except SourceError:
+        name = usual
+    given: Any = {key: value for key, value in options.items() if value is not None}
+    table = read(path, instrument=name, **given)
+    if not isinstance(table, xr.Dataset):
+        message = f"{path}: expected a table of readings, found a film"
+        raise InputError(message)
+    return table
+
+
+def _read(reader: Instrument, path: Path, options: Any) -> "xr.Dataset | FrameSource":
+    """Read a file; what a plug-in raises that is no error of ours is told as its fault."""
+    try:
+        found: xr.Dataset | FrameSource = reader.read(path, options)
+    except LabpipeError:
+        raise
+    except Exception as error:
+        if reader in OURS:
+            raise
+        raise SourceError(
+            path, f'the plug-in "{reader.name}" failed: {type(error).__name__}: {error}',
+            hint="Tell who maintains it; `labpipe doctor` says which distribution it is of.",
+        ) from error  # fmt: skip
+    return found
 
 
 def _stamp(path: Path) -> tuple[int, int]:

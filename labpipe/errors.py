@@ -8,6 +8,7 @@
     ├── ConfigError (3)           session.toml holds one or more mistakes, all listed
     ├── CalibrationError (3)      a calibration record is missing, expired, or for another view
     ├── InputError (3)            a value handed to a function lies outside its domain
+    ├── InstallationError (3)     a package of ours was replaced by another of its name
     ├── StageError (1)            one step of one experiment failed; the others go on
     ├── StoreError (4)            a stored result is damaged
     └── StorageError (5)          no space, or no permission, to write a result
@@ -121,6 +122,12 @@ class ConfigError(LabpipeError):
     def __reduce__(self) -> tuple[object, ...]:
         """Rebuild from the list of problems."""
         return ConfigError, (self.problems,)
+
+
+class InstallationError(LabpipeError):
+    """A package of labpipe is not its own: another distribution has replaced or removed it."""
+
+    exit_code = 3
 
 
 class CalibrationError(LabpipeError):

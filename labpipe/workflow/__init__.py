@@ -5,8 +5,9 @@
 - :mod:`~labpipe.workflow.graph`, :mod:`~labpipe.workflow.tasks`: stages, tasks and their keys
 - :mod:`~labpipe.workflow.code`: the code that a stage can reach, as a part of its keys
 - :mod:`~labpipe.workflow.plan`: what would run, and why
-- :mod:`~labpipe.workflow.store`: results by key
-- :mod:`~labpipe.workflow.runner` over :mod:`~labpipe.workflow.pool` and
+- :mod:`~labpipe.workflow.store`: results by key; :mod:`~labpipe.workflow.results`: the reader of
+  those that are up to date
+- :mod:`~labpipe.workflow.runner` over :mod:`~labpipe.workflow.engines` and
   :mod:`~labpipe.workflow.worker`: doing it
 - :mod:`~labpipe.workflow.log`: what the runs did, and when
 - :mod:`~labpipe.workflow.ledger`, :mod:`~labpipe.workflow.provenance`,
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
     from labpipe.workflow.graph import Stage
     from labpipe.workflow.log import events
     from labpipe.workflow.plan import Plan
-    from labpipe.workflow.runner import RunResult, open_result, run
+    from labpipe.workflow.results import Results
+    from labpipe.workflow.runner import RunResult, open_result, run, run_all
     from labpipe.workflow.session import Experiment, Session, load
     from labpipe.workflow.store import Store
 
@@ -33,6 +35,7 @@ __all__ = [
     "Context",
     "Experiment",
     "Plan",
+    "Results",
     "RunResult",
     "Session",
     "Stage",
@@ -41,12 +44,14 @@ __all__ = [
     "load",
     "open_result",
     "run",
+    "run_all",
 ]
 
 _HOMES = {
     "Context": "context",
     "Experiment": "session",
     "Plan": "plan",
+    "Results": "results",
     "RunResult": "runner",
     "Session": "session",
     "Stage": "graph",
@@ -55,6 +60,7 @@ _HOMES = {
     "load": "session",
     "open_result": "runner",
     "run": "runner",
+    "run_all": "runner",
 }
 
 

@@ -41,6 +41,7 @@ OURS = ("labpipe", "instruments", "calibration", "pipelines")
 """Packages that are followed; of a plug-in, also the package that holds the function."""
 
 _TEXT = re.compile(r"[^\W\d]\w*(?:\.\w+)*:[^\W\d]\w*")
+_GROUP = re.compile(r"labpipe\.\w+")  # of entry points; what is a module is none
 _DOTTED = re.compile(r"[^\W\d]\w*(?:\.\w+)+")
 _DATA = ("importlib:resources", "importlib.resources:", "pkgutil:", "jinja2:PackageLoader")
 _ENDINGS = (*importlib.machinery.EXTENSION_SUFFIXES, ".py", ".pyc")
@@ -238,12 +239,16 @@ def _text(node: ast.AST | None) -> str | None:
 
 
 def _tables(body: Iterable[ast.stmt]) -> dict[str, str]:
-    """All tables of texts by texts, joined."""
-    tables = [
-        v for statement in body if isinstance(v := getattr(statement, "value", None), ast.Dict)
-    ]
-    pairs = [(_text(k), _text(v)) for t in tables for k, v in zip(t.keys, t.values, strict=True)]
-    return {key: value for key, value in pairs if key is not None and value is not None}
+    """Homes by name, of tables that give a home to a name, or names to a home."""
+    found: dict[str, str] = {}
+    tables = [n for s in _run(body, deep=False) for n in ast.walk(s) if isinstance(n, ast.Dict)]
+    for key, value in ((k, v) for t in tables for k, v in zip(t.keys, t.values, strict=True)):
+        name, home = _text(key), _text(value)
+        if name is not None and home is not None:
+            found[name] = home
+        elif name is not None and isinstance(value, ast.Tuple | ast.List):
+            found |= dict.fromkeys(_texts(value.elts), name)
+    return found
 
 
 def _bound(body: Iterable[ast.AST]) -> dict[str, None]:
@@ -349,6 +354,8 @@ class _Walk:
             self.texts.add(value)
             if _TEXT.fullmatch(value):
                 self.refer(value)
+            elif _GROUP.fullmatch(value):
+                self.references.add(f"group:{value}")
 
     def on_JoinedStr(self, node: ast.JoinedStr, scope: Scope) -> None:
         """Write a text with values; Python 3.12 puts empty texts between them."""
@@ -378,12 +385,10 @@ class _Walk:
     on_Attribute = on_Name
 
     def on_Call(self, node: ast.Call, scope: Scope) -> None:
-        """Refer to what is imported by its name, or found among entry points."""
+        """Refer to what is imported by its name."""
         name = getattr(node.func, "attr", getattr(node.func, "id", ""))
-        if name in {"import_module", "__import__", "entry_points"}:
-            given = [*node.args, *(keyword.value for keyword in node.keywords)]
-            shape = "group:{}" if name == "entry_points" else "{}:"
-            self.references |= {shape.format(text) for text in _texts(given)}
+        if name in {"import_module", "__import__"}:
+            self.references |= {f"{text}:" for text in _texts(node.args)}
         self.parts(node, scope)
 
     def generated(self, node: Any, scope: Scope) -> None:
@@ -778,6 +783,8 @@ class _Reached:
             self.files |= dict(self.code.data(attributes)) if self.is_ours(attributes) else {}
             return []
         if module == "group":
+            if attributes in self.code.tree(OURS[0]):
+                return []
             values = self.code.group(attributes)
             self.ours |= {value.partition(":")[0].partition(".")[0] for value in values}
             return [value if ":" in value else f"{value}:" for value in values]
@@ -811,7 +818,7 @@ class _Reached:
             if kind and not any(isinstance(s, ast.ClassDef) for s in found.defined[first]):
                 return [p if p.endswith("()") else f"{p}()" for p in found.definition(first)[1]]
             return self.take(found, first + kind)
-        if first in found.passed:
+        if found.passed.get(first, path := f"{module}:{first}") != path:  # not its own module
             return [_joined(found.passed[first], rest.split(".") if rest else []) + suffix]
         if f"{module}.{first}" in self.code.tree(module.partition(".")[0]):
             return [f"{module}.{first}:{rest}{suffix}"]

@@ -124,7 +124,7 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
             for recording in recordings(experiment, stage):
                 task_id = TaskId(name, stage.name, recording)
                 arguments = tuple(
-                    _argument(session, plans, experiment, stage, recording, text)
+                    _argument(session, plans, experiment, text, recording, stage.over)
                     for text in stage.inputs
                 )
                 tasks[task_id] = Task(task_id, stage, arguments)
@@ -190,18 +190,31 @@ def _experiment_order(session: Session, plans: Mapping[str, tuple[Stage, ...]]) 
         raise ConfigError([f"{FILE_NAME}:{line}: experiments.{second}.{message}"]) from None
 
 
+def arguments(
+    session: Session, stages: Stages, experiment: Experiment, inputs: Iterable[str]
+) -> tuple[Argument, ...]:
+    """Resolve inputs, written like those of a stage, for what runs once per experiment.
+
+    Raises
+    ------
+    ConfigError
+        The experiment refers to one that has no such stage.
+    """
+    return tuple(_argument(session, stages, experiment, text) for text in inputs)
+
+
 def _argument(
     session: Session,
-    plans: Mapping[str, tuple[Stage, ...]],
+    plans: Stages,
     experiment: Experiment,
-    stage: Stage,
-    recording: str | None,
     text: str,
+    recording: str | None = None,
+    over: str | None = None,
 ) -> Argument:
     if text.startswith(FILE):
         field = text.removeprefix(FILE)
         value = field_value(experiment.settings, field)
-        if recording is not None and field == stage.over:
+        if recording is not None and field == over:
             return Argument(text, files=(recording,))
         return Argument(text, files=_names(value), is_list=isinstance(value, list | tuple))
     source, name = experiment, text

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from labpipe import files, materials
-from labpipe.workflow.processes import processors
+from labpipe.workflow.engines import processors
 from pipelines import process as verbs
 from pipelines.bench.measure import Point, Suite, paired
+from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
 from pipelines.rig.samples import write_sample
 from pipelines.rig.session_text import drop_section, laser_record, session_head
-from pipelines.settings.ball_drop import BallDrop
 
 _PROCESSOR = "processor time of the steps (s)"
 _START = datetime(2024, 5, 14, 9, 30)

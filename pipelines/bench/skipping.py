@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import instruments
-from instruments import phantom_writer
+from instruments import phantom
 from labpipe import contact, imaging, materials
 from labpipe.contact import Shortcuts
 from labpipe.contact.memory import Creep, advance, history, step_weights
@@ -26,8 +26,8 @@ from pipelines import process as verbs
 from pipelines.bench import sessions
 from pipelines.bench.dic import make_film
 from pipelines.bench.measure import Point, Suite, paired
-from pipelines.experiments import dic_validation
-from pipelines.settings.dic_validation import DicValidation, Tracking
+from pipelines.experiments.dic_validation import measured as dic_validation
+from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 
 Floats = NDArray[np.float64]
 
@@ -150,8 +150,8 @@ def _rest_in_a_film(folder: Path, count: int) -> Shortcut:
             noisy = grey + 2.0 * generator.standard_normal(grey.shape)
             yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
-    recording = phantom_writer.Recording(10_000, 5e-6, bits=8)
-    phantom_writer.write(path, images(), (count, 96, 96), frame / 1e4, recording)
+    recording = phantom.Recording(10_000, 5e-6, bits=8)
+    phantom.write(path, images(), (count, 96, 96), frame / 1e4, recording)
     tracking = Tracking(body=(48.0, 48.0), body_subset=41, static_frames=1)
     settings = DicValidation(
         kind="dic_validation", film=str(path), camera="unused", tracking=tracking
@@ -237,8 +237,8 @@ def _rows_outside(folder: Path) -> Shortcut:
     """Read a rectangle of a film instead of whole frames."""
     path = folder / "rows.cine"
     images = np.random.default_rng(_SEED).integers(0, 256, (40, 480, 1280), dtype=np.uint8)
-    recording = phantom_writer.Recording(10_000, 5e-6, bits=8)
-    phantom_writer.write(path, images, images.shape, np.arange(40) / 1e4, recording)
+    recording = phantom.Recording(10_000, 5e-6, bits=8)
+    phantom.write(path, images, images.shape, np.arange(40) / 1e4, recording)
     film = instruments.read(path)
     rows, columns = slice(100, 220), slice(200, 840)
     part = film.roi(rows, columns)

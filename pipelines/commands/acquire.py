@@ -4,13 +4,15 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from labpipe.errors import InputError
-from pipelines.acquire import EMULATOR_ONLY, Acquired
 from pipelines.commands.options import echo, echo_json, json_option
+
+if TYPE_CHECKING:
+    from instruments.keyence import Acquired
 
 
 class Time(click.ParamType):  # type: ignore[type-arg]  # generic only since click 8.2
@@ -95,29 +97,28 @@ def keyence(
       labpipe acquire keyence drop_1.csv --host 192.168.0.10 --decimals 4 --duration "2 s" \
         --trigger "out1 < -0.5 mm" --interval "1 ms"
     """
-    from instruments.keyence_live import DL_EN1, LK_PORT, Connection
-    from instruments.keyence_recorder import Setup
-    from pipelines.acquire import check_units, parse_trigger, record_keyence
+    from instruments import keyence as laser
 
-    if port is None and protocol == DL_EN1:
+    if port is None and protocol == laser.DL_EN1:
         raise click.UsageError("--port is needed: that of a DL-EN1 is set on the unit")
     units = units * len(outputs) if len(units) == 1 else units
     decimals = decimals * len(outputs) if len(decimals) == 1 else decimals
-    check_units(units)
-    setup = Setup(outputs, decimals, units, interval, model)
+    laser.check_units(units)
+    setup = laser.Setup(outputs, decimals, units, interval, model)
     timeout = max(1.0, 2 * interval)
 
-    def connect() -> Connection:
-        return Connection(protocol, host, port or LK_PORT, outputs, timeout)
+    def connect() -> laser.Connection:
+        return laser.Connection(protocol, host, port or laser.LK_PORT, outputs, timeout)
 
     with _showing(as_json) as progress:
-        done = record_keyence(
-            file, setup, connect, duration, parse_trigger(trigger, before) if trigger else None,
+        done = laser.record(
+            file, setup, connect, duration,
+            laser.parse_trigger(trigger, before) if trigger else None,
             patience=patience, progress=progress,
         )  # fmt: skip
     _tell(done, as_json)
     if not as_json:
-        echo(EMULATOR_ONLY)
+        echo(laser.EMULATOR_ONLY)
 
 
 @acquire.command()
@@ -134,12 +135,12 @@ def recover(file: Path, as_json: bool) -> None:
     Example:
       labpipe acquire recover my-session/laser/drop_1.csv.recording
     """
-    from pipelines.acquire import recover as finish
+    from instruments import keyence as laser
 
-    _tell(finish(file), as_json)
+    _tell(laser.recover(file), as_json)
 
 
-def _tell(done: Acquired, as_json: bool) -> None:
+def _tell(done: "Acquired", as_json: bool) -> None:
     if as_json:
         echo_json({"file": str(done.path), "times": str(done.times), **done.summary})
         return

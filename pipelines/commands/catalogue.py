@@ -10,7 +10,7 @@ from pipelines.commands.options import echo, echo_json, json_option
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pipelines.catalogue import Catalogued
+    from pipelines.session import Catalogued
 
 
 @click.command()
@@ -44,8 +44,8 @@ def catalogue(
       labpipe catalogue sessions --where "material = 'acrylic' and height > 0.005"
       labpipe catalogue sessions --table results --where "variable = 'restitution' and item = 0"
     """
-    from pipelines.catalogue import catalogue as update
-    from pipelines.catalogue import query
+    from pipelines.session import catalogue as update
+    from pipelines.session import query
 
     done = update(folders, database)
     names = [name.strip() for name in columns.split(",") if name.strip()]

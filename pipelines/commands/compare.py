@@ -13,10 +13,10 @@ from pipelines.commands.options import (
     keep_option,
     session_argument,
 )
-from pipelines.overview import COMPARISON_PAGE
+from pipelines.session import COMPARISON_PAGE
 
 if TYPE_CHECKING:
-    from pipelines.compare import Row
+    from pipelines.experiments.shared.comparison_rows import Row
 
 
 @click.command()
@@ -37,9 +37,9 @@ def compare(session: Path, jobs: int, keep: bool, as_json: bool) -> None:
     from labpipe import files
     from pipelines import process
     from pipelines.commands.progress import watching
-    from pipelines.compare import compare as collect
-    from pipelines.compare_page import render
-    from pipelines.overview import write_overview
+    from pipelines.session import compare as collect
+    from pipelines.session import comparison_page as render
+    from pipelines.session import write_overview
 
     with watching(enabled=not as_json) as progress:
         found = collect(session, jobs=jobs, keep=keep or None, progress=progress)

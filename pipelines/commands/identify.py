@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pipelines.commands.options import echo, echo_json, json_option, session_argument
+from pipelines.commands.options import echo, echo_json, jobs_option, json_option, session_argument
 
 if TYPE_CHECKING:
     from pipelines.identify import Identified
@@ -54,9 +54,11 @@ STEM = "identify_"
     show_default=True,
     help="Normal approximation alone, or independent draws of the posterior beside it.",
 )
+@jobs_option
 @json_option
 def identify(session: Path, experiments: tuple[str, ...], prior: str | None, spectrum: str,
-             impacts: int, no_profile: bool, sampler: str, as_json: bool) -> None:  # fmt: skip
+             impacts: int, no_profile: bool, sampler: str, jobs: int, as_json: bool,
+             ) -> None:  # fmt: skip
     r"""Find the materials behind the experiments in SESSION, with honest intervals.
 
     Drops, contact films, relaxations and harmonic indentations of one material are fitted
@@ -71,13 +73,11 @@ def identify(session: Path, experiments: tuple[str, ...], prior: str | None, spe
     """
     from labpipe import files
     from pipelines import process
-    from pipelines.identify import Wish
+    from pipelines.identify import Wish, dataset, document, render
     from pipelines.identify import identify as found_in
-    from pipelines.identify_page import render
-    from pipelines.identify_result import dataset, document
 
     wish = Wish(experiments, prior, spectrum, impacts, not no_profile, sampler)
-    found = found_in(session, wish, say=_say)
+    found = found_in(session, wish, say=_say, jobs=jobs)
     opened = process.reopen_session(session)
     documents = []
     for one in found:
@@ -102,6 +102,6 @@ def _say(text: str) -> None:
 
 def lines(found: "Identified") -> list[str]:
     """Return the main results as lines of text."""
-    from pipelines.identify_page import relaxed_text, statements
+    from pipelines.identify import relaxed_text, statements
 
     return [f"{found.material}: {relaxed_text(found)}", *(f"  {s}" for s in statements(found))]

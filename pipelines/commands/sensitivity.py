@@ -24,8 +24,8 @@ def sensitivity(session: Path, which: str | None, as_json: bool) -> None:
     """
     from labpipe import files
     from pipelines import process
-    from pipelines.sensitivity import examine
-    from pipelines.sensitivity_page import advice, render
+    from pipelines.session import advice, examine
+    from pipelines.session import sensitivity_page as render
 
     found = examine(session, which)
     opened = process.reopen_session(session)

@@ -1,5 +1,61 @@
-"""The experiments: one module with the stages of a kind, one with its page.
+"""The kinds of experiment: one room each, with one object :class:`Kind` that every verb asks.
 
-A stage is a pure function from Datasets and frozen settings to a Dataset. Which stages a kind has,
-and what each needs, stands in :mod:`pipelines.stages`.
+A room holds, as far as they apply, ``kind.py`` (the object ``KIND``), ``settings.py`` (what
+session.toml says), ``measured.py``, ``model.py`` and ``comparison.py`` (stages: pure functions
+from Datasets and frozen settings to a Dataset), ``budget.py`` (uncertain inputs of the main
+quantities), ``evidence.py`` (what the results tell of a material), ``proposal.py`` (what ``init``
+makes of its files) and ``page.py`` (the report). What several kinds share stands in
+:mod:`pipelines.experiments.shared`.
+
+``KINDS`` maps every name to its kind: ours, then those of other distributions by the entry point
+group ``labpipe.kinds``; ``ADDED`` says what those are and why one is left out. Both are made at the
+first look, so that a stage that runs imports no other kind.
 """
+
+import importlib
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from labpipe.plugins import tell
+
+if TYPE_CHECKING:
+    from labpipe.plugins import Plugin
+    from pipelines.experiments._kind import (
+        Derived,
+        Found,
+        KeyNumber,
+        Kind,
+        Picture,
+        Proposal,
+        Proposed,
+        function,
+    )
+
+    KINDS: Mapping[str, Kind]
+    ADDED: tuple[Plugin[Kind], ...]
+
+__all__ = [
+    "ADDED",
+    "KINDS",
+    "Derived",
+    "Found",
+    "KeyNumber",
+    "Kind",
+    "Picture",
+    "Proposal",
+    "Proposed",
+    "function",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Make or import a public name when it is first used."""
+    if name in {"KINDS", "ADDED"}:
+        found = importlib.import_module("pipelines.experiments._registry").gathered()
+        globals().update(KINDS=found[0], ADDED=found[1])
+        tell(found[1])
+        return globals()[name]
+    if name in __all__:
+        return getattr(importlib.import_module("pipelines.experiments._kind"), name)
+    message = f"module {__name__!r} has no attribute {name!r}"
+    raise AttributeError(message)

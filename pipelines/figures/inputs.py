@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labpipe.errors import InputError
+from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
 from pipelines.figures import Need
 
@@ -54,21 +54,7 @@ class Inputs:
         InputError
             It is missing or out of date.
         """
-        from labpipe.workflow.plan import READY
-        from labpipe.workflow.store import Store
-        from labpipe.workflow.tasks import TaskId
-        from pipelines.process import result
-
-        task = TaskId(experiment, stage, recording)
-        row = next((row for row in self.plan.rows if row.task == task), None)
-        key = None if row is None else self.plan.keys[task].value
-        if row is None or row.state not in READY or key is None:
-            return result(self.folder, experiment, stage, recording)  # which says what is wrong
-        found = Store(self.plan.session.folder).read(key)
-        if isinstance(found, str):
-            message = f"{task} is a page, not numbers"
-            raise InputError(message)
-        return found
+        return Results(self.plan).result(experiment, stage, recording)
 
     def of_kind(self, kind: str) -> dict[str, Any]:
         """Return the experiments of one kind, from the lowest height."""

@@ -7,11 +7,11 @@ import xarray as xr
 from matplotlib import colormaps
 
 from labpipe import contact
-from labpipe.contact import dissipation
+from labpipe.contact.line import dissipation
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
 from labpipe.workflow.fields import REFERENCE
-from pipelines.experiments.material import resolve
+from pipelines.experiments.shared.material_choice import resolve
 from pipelines.figures.chapter2 import CHARACTERISTIC_TIME
 from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
@@ -110,9 +110,9 @@ def _cycles_at(
 
 def json_rows(loads: xr.Dataset, block: int) -> slice:
     """Return the rows of one block of a Mach-1 file."""
-    from pipelines.experiments import mach1_file
+    from pipelines.experiments.shared import mach1_readings
 
-    return mach1_file.rows(loads, block)
+    return mach1_readings.rows(loads, block)
 
 
 def _loop_panel(

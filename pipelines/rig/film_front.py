@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments import phantom_writer
+from instruments import phantom
 from labpipe import files
 from pipelines.rig.reference_drop import Trajectory
 from pipelines.rig.speckle import Holder, Pose, draw, make_holder
@@ -81,13 +81,13 @@ def write_front_film(
     fall = height / camera.pixel_size
     holder = make_holder(camera.rows, camera.columns, fall + 8, seed, camera.holder_width)
     shape = (count, camera.rows, camera.columns)
-    recording = phantom_writer.Recording(
+    recording = phantom.Recording(
         camera.frame_rate, camera.exposure, bits=8, trigger=TRIGGER,
         camera="labpipe virtual camera",
         description="SYNTHETIC: drawn by labpipe's virtual rig, front view",
     )  # fmt: skip
     images = _images(holder, trajectory, height, camera, time, seed + 1)
-    phantom_writer.write(path, images, shape, time, recording)
+    phantom.write(path, images, shape, time, recording)
     poses = [_pose(t, trajectory, height, camera) for t in time]
     return {
         "synthetic": True,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from instruments import phantom_writer
+from instruments import phantom
 from pipelines.rig.fall import Body, fall
 from pipelines.rig.film_front import TRIGGER
 from pipelines.rig.reference_drop import Springs
@@ -88,12 +88,12 @@ def write_under_film(
     states = _with_hold(motion.springs, held, body.height)
     shape = (len(time), camera.rows, camera.columns)
     rate = round(1 / float(np.min(np.diff(time))))
-    recording = phantom_writer.Recording(
+    recording = phantom.Recording(
         rate, camera.exposure, bits=8, trigger=TRIGGER, camera="labpipe virtual camera",
         description="SYNTHETIC: drawn by labpipe's virtual rig, view under the disc",
     )  # fmt: skip
     images = _images(states, body, camera, weights / 2, len(time), seed)
-    phantom_writer.write(path, images, shape, time, recording)
+    phantom.write(path, images, shape, time, recording)
     radius = states.contact_radius.reshape(len(time), -1)
     return {
         "synthetic": True,

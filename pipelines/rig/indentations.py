@@ -15,9 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments import mach1
-from instruments.mach1_blocks import Block
-from instruments.mach1_dataset import assemble
-from instruments.mach1_synthetic import LoadCell, make_block
+from instruments.mach1 import Block, LoadCell, assemble, make_block
 from labpipe import files
 from labpipe.materials import Prony
 from pipelines.rig.mach1_tester import (

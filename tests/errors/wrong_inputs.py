@@ -186,12 +186,12 @@ named("record_of_another_view", lambda f: required(f, {"start": "2024-06-01"}, v
 
 
 def keyence_text() -> str:
-    from instruments import keyence_writer
+    from instruments import keyence
 
-    made = keyence_writer.make_recording(
+    made = keyence.make_recording(
         {1: np.linspace(0, 1e-3, 6)}, cycle="50 us", start=datetime(2024, 5, 14)
     )
-    return keyence_writer.encode(made).decode("utf-8-sig")
+    return keyence.encode(made).decode("utf-8-sig")
 
 
 KEYENCE = {
@@ -226,8 +226,8 @@ for _name, (_old, _new) in KEYENCE.items():
 
 @case
 def keyence_no_cycle_in_a_session(folder: Path) -> object:
-    from pipelines.experiments.laser_file import read_laser
-    from pipelines.settings.common import Keyence
+    from pipelines.experiments.shared.laser_readings import read_laser
+    from pipelines.experiments.shared.settings import Keyence
 
     text = keyence_text().replace("Sampling cycle,50us\r\n", "")
     (folder / "a.csv").write_bytes(text.encode())
@@ -486,7 +486,7 @@ def report_before_processing(folder: Path) -> object:
 
 @case
 def scan_of_nothing(folder: Path) -> object:
-    from pipelines.scan import write_session_file
+    from pipelines.session import write_session_file
 
     return write_session_file(folder)
 

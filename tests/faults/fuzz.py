@@ -64,9 +64,9 @@ def _phantom(path: Path) -> None:
 
 
 def _image(path: Path) -> None:
-    from instruments import image_headers
+    from instruments.images import _headers
 
-    image_headers.read_headers(path)
+    _headers.read_headers(path)
 
 
 def _configuration(path: Path) -> None:

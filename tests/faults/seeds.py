@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from instruments import anton_paar, keyence, mach1, phantom_writer
+from instruments import anton_paar, keyence, mach1, phantom
 
 START = datetime(2024, 5, 14, 10, 22, 31)
 
@@ -58,10 +58,10 @@ def film_bytes(
     """A film of random pixels at 10,000 frames a second, the trigger at its third frame."""
     images = np.random.default_rng(3).integers(64, 2 ** min(bits, 12), (count, rows, columns))
     kind = np.uint8 if bits == 8 else np.uint16
-    recording = phantom_writer.Recording(10_000, 1e-5, bits=bits, packed=packed, first_image=-2)
+    recording = phantom.Recording(10_000, 1e-5, bits=bits, packed=packed, first_image=-2)
     time = (np.arange(count) - 2) * 1e-4 if time is None else time
     path = folder / "seed.cine"
-    phantom_writer.write(path, images.astype(kind), images.shape, time, recording)
+    phantom.write(path, images.astype(kind), images.shape, time, recording)
     return path.read_bytes()
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from instruments.phantom import CineFrames, read
-from instruments.phantom_times import TimeFlag
+from instruments.phantom._times import TimeFlag
 from labpipe.errors import LabpipeError, SourceError
 from tests.faults import seeds
 

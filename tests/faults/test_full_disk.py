@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from instruments.keyence_live import Reading
-from instruments.keyence_markers import Status
-from instruments.keyence_recorder import Setup
+from instruments.keyence import record, recover
+from instruments.keyence._live import Reading
+from instruments.keyence._markers import Status
+from instruments.keyence._recorder import Setup
 from labpipe.errors import LabpipeError, StorageError
 from labpipe.workflow import provenance, runner
-from pipelines.acquire import record_keyence, recover
 from tests.faults.crashes import child_result, moments
 from tests.faults.mounts import resize, share, small_disk, vanish
 from tests.labpipe.workflow import toy_laboratory as toy
@@ -93,7 +93,7 @@ def test_a_disk_that_fills_up_while_a_sensor_is_recorded_keeps_what_came(tmp_pat
     setup = Setup((1,), (4,), ("mm",), 2e-4)
     with small_disk(tmp_path / "disk", 16384) as disk:
         with pytest.raises(StorageError, match="no space left"):
-            record_keyence(disk / "a.csv", setup, _Counting, 20.0)  # type: ignore[arg-type]
+            record(disk / "a.csv", setup, _Counting, 20.0)  # type: ignore[arg-type]
         if (disk / "a.csv").exists():
             return  # the file is smaller than its journal, and found room
         assert (disk / "a.csv.recording").stat().st_size > 4096

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from instruments import image_stack
+from instruments import images
 from labpipe.errors import InputError, SourceError
 
 Amount = Callable[[int, int], int]
@@ -28,7 +28,7 @@ def test_any_wrong_bit_of_a_png_spoils_this_image_alone(tmp_path: Path, amount: 
         damaged = bytearray(data)
         damaged[rng.randrange(head, len(data))] ^= 1 << rng.randrange(8)
         (tmp_path / "f1.png").write_bytes(damaged)
-        film = image_stack.read(tmp_path, fps=100.0)
+        film = images.read(tmp_path, fps=100.0)
         assert film.valid.tolist() == [True, False, True]
         view = film.roi(slice(2, 8), slice(0, 4))
         assert view.valid.tolist() == [True, False, True]
@@ -41,13 +41,13 @@ def test_any_wrong_bit_of_a_png_spoils_this_image_alone(tmp_path: Path, amount: 
 def test_a_png_cut_anywhere_is_no_frame(tmp_path: Path, kept: int) -> None:
     for i, image in enumerate(IMAGES):
         (tmp_path / f"f{i}.png").write_bytes(png(image)[: kept if i == 1 else None])
-    film = image_stack.read(tmp_path, fps=100.0)
+    film = images.read(tmp_path, fps=100.0)
     assert film.valid.tolist() == [True, False, True]
 
 
 def test_bytes_behind_a_png_are_noticed(tmp_path: Path) -> None:
     (tmp_path / "f0.png").write_bytes(png(IMAGES[0]) + b"more")
-    assert not image_stack.read(tmp_path, fps=100.0).valid.any()
+    assert not images.read(tmp_path, fps=100.0).valid.any()
 
 
 def folder(path: Path, names: list[str]) -> Path:
@@ -66,17 +66,17 @@ def folder(path: Path, names: list[str]) -> Path:
 )
 def test_a_folder_that_is_no_film_is_refused(tmp_path: Path, names: list[str], says: str) -> None:
     with pytest.raises(SourceError, match=says):
-        image_stack.read(folder(tmp_path, names), fps=100.0)
+        images.read(folder(tmp_path, names), fps=100.0)
 
 
 @pytest.mark.parametrize("fps", [0.0, -1.0, float("nan"), float("inf")])
 def test_a_frame_rate_that_is_none_is_refused(tmp_path: Path, fps: float) -> None:
     with pytest.raises(InputError, match="frame rate must be positive"):
-        image_stack.read(folder(tmp_path, ["f0.png"]), fps=fps)
+        images.read(folder(tmp_path, ["f0.png"]), fps=fps)
 
 
 def test_regions_and_frames_that_do_not_exist_are_refused(tmp_path: Path) -> None:
-    film = image_stack.read(folder(tmp_path, ["f0.png"]), fps=100.0, exposure=1e-3)
+    film = images.read(folder(tmp_path, ["f0.png"]), fps=100.0, exposure=1e-3)
     assert film.exposure.tolist() == [1e-3]
     with pytest.raises(IndexError, match="frame 1 of 1"):
         film[1]
@@ -88,7 +88,7 @@ def test_regions_and_frames_that_do_not_exist_are_refused(tmp_path: Path) -> Non
 def test_an_image_that_is_another_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "f0.png").write_bytes(b"GIF89a" + bytes(60))
     with pytest.raises(SourceError, match="neither PNG nor TIFF"):
-        image_stack.read(tmp_path, fps=100.0)
+        images.read(tmp_path, fps=100.0)
 
 
 TIFFS = {
@@ -106,14 +106,14 @@ def test_a_tiff_that_contradicts_itself_is_refused(tmp_path: Path, name: str) ->
     data, says = TIFFS[name]
     (tmp_path / "a.tif").write_bytes(data)
     with pytest.raises(SourceError, match=says):
-        image_stack.read(tmp_path / "a.tif", fps=100.0)
+        images.read(tmp_path / "a.tif", fps=100.0)
 
 
 def test_a_film_in_files_of_several_pages_each_is_refused(tmp_path: Path) -> None:
     assert cv2.imwritemulti(str(tmp_path / "f0.tif"), list(IMAGES))
     with pytest.raises(SourceError, match="holds 3 images, expected one per file"):
-        image_stack.read(tmp_path, fps=100.0)
-    film = image_stack.read(tmp_path / "f0.tif", fps=100.0)
+        images.read(tmp_path, fps=100.0)
+    film = images.read(tmp_path / "f0.tif", fps=100.0)
     assert all(np.array_equal(film[i], IMAGES[i]) for i in (-1, 0, 1))
 
 
@@ -129,7 +129,7 @@ def video(tmp_path: Path) -> Path:
 
 @pytest.mark.filterwarnings("ignore:a.avi")
 def test_a_video_is_a_film_in_any_order(video: Path) -> None:
-    film = image_stack.read(video, fps=1000.0, exposure=1e-4)
+    film = images.read(video, fps=1000.0, exposure=1e-4)
     assert film.shape == (3, 24, 32)
     assert film.valid.all()
     assert film.levels == (0.0, 255.0)
@@ -150,7 +150,7 @@ def test_a_video_is_a_film_in_any_order(video: Path) -> None:
 def test_a_cut_video_gives_the_frames_that_there_are_or_none(video: Path, kept: int) -> None:
     video.write_bytes(video.read_bytes()[:kept])
     try:
-        film = image_stack.read(video, fps=1000.0)
+        film = images.read(video, fps=1000.0)
         assert [frame.shape for frame in film] == [(24, 32)] * len(film)
     except SourceError as error:
         assert "a.avi" in str(error)  # noqa: PT017

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 import instruments
-from instruments import keyence_journal as journals
-from instruments import keyence_writer
-from instruments.keyence_live import Reading
-from instruments.keyence_markers import Status
-from instruments.keyence_recorder import Sample, Setup, Tally
-from pipelines.acquire import record_keyence, recover
+from instruments import keyence
+from instruments.keyence import _journal as journals
+from instruments.keyence import record, recover
+from instruments.keyence._live import Reading
+from instruments.keyence._markers import Status
+from instruments.keyence._recorder import Sample, Setup, Tally
 from pipelines.figures import make
 from pipelines.process import process
-from pipelines.scan import write_session_file
+from pipelines.session import write_session_file
 from tests.faults.crashes import killed_after, moments, operations
 from tests.faults.test_failed_inputs import session
 
@@ -61,8 +61,8 @@ def make_laser(folder: Path) -> None:
     start = datetime(2026, 5, 14)  # storage files know no zone
     for n in range(2):
         readings = {1: np.linspace(0.0, 1e-3 * (n + 1), 50)}
-        made = keyence_writer.make_recording(readings, cycle="50 us", start=start)
-        keyence_writer.write(folder / f"drop_{n}.csv", made)
+        made = keyence.make_recording(readings, cycle="50 us", start=start)
+        keyence.write(folder / f"drop_{n}.csv", made)
 
 
 def write_configuration(folder: Path) -> None:
@@ -92,7 +92,9 @@ PROGRAMS: dict[str, tuple[Callable[[Path], None], Callable[[Path], None]]] = {
 }
 
 
-@pytest.mark.parametrize("what", PROGRAMS)
+@pytest.mark.parametrize(
+    "what", [pytest.param(p, marks=pytest.mark.slow) if p == "figure" else p for p in PROGRAMS]
+)
 def test_killed_before_any_operation_the_next_run_ends_as_an_undisturbed_one(
     tmp_path: Path, what: str, amount: Amount
 ) -> None:
@@ -145,7 +147,7 @@ def test_a_recording_killed_at_any_time_is_whole_but_for_the_last_look(
         begun = time.monotonic()
         assert killed_after(
             seconds,
-            lambda target=target: record_keyence(target, SETUP, _Counting, 60.0),  # type: ignore[arg-type]
+            lambda target=target: record(target, SETUP, _Counting, 60.0),  # type: ignore[arg-type]
         )
         assert time.monotonic() - begun >= seconds
         partial = journals.path_of(target)

@@ -16,11 +16,12 @@ import pytest
 
 import instruments
 from calibration.record import load_record
-from instruments import anton_paar, image_stack, keyence, mach1, phantom
+from instruments import anton_paar, images, keyence, mach1, phantom
 from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.workflow.session import load
 from pipelines.process import SETTINGS
+from tests.by_day import by_day
 from tests.faults import seeds
 
 resource = pytest.importorskip("resource", reason="limits of memory are those of Unix")
@@ -100,7 +101,7 @@ def chain(key: str, count: int) -> bytes:
 
 
 Case = tuple[str, Callable[[Path], bytes], Callable[[Path], object]]
-one_image = lambda path: image_stack.read(path, fps=1.0)[0]  # noqa: E731
+one_image = lambda path: images.read(path, fps=1.0)[0]  # noqa: E731
 whole_film = lambda path: phantom.read(path).valid  # noqa: E731
 session = lambda path: load(path, SETTINGS)  # noqa: E731
 
@@ -195,7 +196,7 @@ def refusal(path: Path, read: Callable[[Path], object]) -> str:
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of fork, where there are threads
 @pytest.mark.skipif(not Path("/proc/self/statm").is_file(), reason="measures memory by /proc")
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", by_day(CASES, 9))
 def test_what_declares_too_much_is_refused_with_little_memory(tmp_path: Path, name: str) -> None:
     file_name, make, read = CASES[name]
     path = tmp_path / file_name

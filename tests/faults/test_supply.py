@@ -14,7 +14,7 @@ from tests.faults.test_failed_inputs import GARBAGE, session
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ["labpipe", "instruments", "calibration", "pipelines"]
-SPEAKS = {"instruments/keyence_live.py"}
+SPEAKS = {"instruments/keyence/_live.py"}
 """Modules that open a connection: the live acquisition."""
 NETWORK = {"socket", "ssl", "http", "ftplib", "smtplib", "urllib.request", "xmlrpc", "requests",
            "httpx", "aiohttp", "pooch", "webbrowser", "asyncio", "socketserver"}  # fmt: skip

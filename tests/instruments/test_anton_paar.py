@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import instruments
 from instruments import anton_paar
-from instruments import anton_paar_words as words
+from instruments.anton_paar import _words as words
 from instruments.anton_paar import assemble, make_column, make_interval
 from labpipe.errors import SourceError
 

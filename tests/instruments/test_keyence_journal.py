@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 import instruments
-from instruments import keyence_journal as journals
-from instruments.keyence_live import Reading
-from instruments.keyence_markers import Status
-from instruments.keyence_recorder import Sample, Setup, Tally, Trigger
+from instruments.keyence import _journal as journals
+from instruments.keyence._live import Reading
+from instruments.keyence._markers import Status
+from instruments.keyence._recorder import Sample, Setup, Tally, Trigger
 from labpipe.errors import SourceError
 
 HEAD = journals.Head(

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import instruments
-from instruments.keyence_live import DL_EN1, LK_G5000, Connection, ProtocolError, Reading
-from instruments.keyence_markers import Status
-from instruments.keyence_recorder import (
+from instruments.keyence._live import DL_EN1, LK_G5000, Connection, ProtocolError, Reading
+from instruments.keyence._markers import Status
+from instruments.keyence._recorder import (
     Recorder,
     Ring,
     Sample,
@@ -125,11 +125,11 @@ def recorder(made, interval=0.01, patience=2.0, timeout=0.3, outputs=(1,)) -> Re
 
 @pytest.mark.parametrize("protocol", [LK_G5000, DL_EN1])
 def test_a_recording_is_a_storage_file_that_the_reader_reads(protocol: str, tmp_path: Path) -> None:
-    from pipelines.acquire import record_keyence
+    from instruments.keyence import record
 
     with emulator(protocol, lambda n: [1000 + n, -99999999 if protocol == DL_EN1 else -5]) as made:
         rec = recorder(made, outputs=(1, 2))
-        done = record_keyence(tmp_path / "drop.csv", rec.setup, rec.connect, 0.3)
+        done = record(tmp_path / "drop.csv", rec.setup, rec.connect, 0.3)
     found = instruments.read(done.path)
     assert instruments.identify(done.path) == "keyence"
     assert found.attrs["sampling_interval"] == pytest.approx(0.01)
@@ -173,13 +173,13 @@ def test_a_late_answer_empties_the_slots_it_missed() -> None:
 def test_a_controller_that_stays_silent_ends_the_recording_and_keeps_what_came(
     tmp_path: Path,
 ) -> None:
-    from pipelines.acquire import record_keyence
+    from instruments.keyence import record
 
     faults = dict.fromkeys(range(10, 10_000), "silent")
     with emulator(LK_G5000, lambda n: [n], faults) as made:
         rec = recorder(made, timeout=0.1)
         with pytest.raises(SourceError, match=r"silent for 0\.5 s") as caught:
-            record_keyence(tmp_path / "a.csv", rec.setup, rec.connect, 60.0, patience=0.5)
+            record(tmp_path / "a.csv", rec.setup, rec.connect, 60.0, patience=0.5)
     assert "no whole answer" in str(caught.value)
     assert instruments.read(tmp_path / "a.csv").sizes["time"] >= 10
 

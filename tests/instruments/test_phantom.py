@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from instruments.phantom import read
-from instruments.phantom_pixels import (
+from instruments.phantom._pixels import (
     companded_from_linear,
     linear_from_companded,
     pack10,
@@ -16,8 +16,8 @@ from instruments.phantom_pixels import (
     unpack10,
     unpack12,
 )
-from instruments.phantom_times import TimeFlag
-from instruments.phantom_writer import Recording, write
+from instruments.phantom._times import TimeFlag
+from instruments.phantom._writer import Recording, write
 from labpipe.errors import InputError, LabpipeError, SourceError
 from labpipe.frames import FrameSource
 

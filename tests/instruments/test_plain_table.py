@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import instruments
-from instruments import plain_table, plain_table_words
+from instruments import tables
+from instruments.tables import _words
 from labpipe.errors import SourceError
 
 SAMPLES = Path(__file__).parents[2] / "../shared/samples/dma"
@@ -25,7 +26,7 @@ SHIFTS = "T,log_aT\nC, -\n40,-1.5\n20,0\n"
 def read(folder, text, encoding="utf-8", **options):
     path = folder / "table.csv"
     path.write_bytes(text.encode(encoding))
-    return plain_table.read(path, **options)
+    return tables.read(path, **options)
 
 
 def assert_is_the_table(found):
@@ -124,7 +125,7 @@ def test_the_content_tells_the_reader(tmp_path):
 
 @pytest.mark.parametrize("line", ["x,y,z", "Time,Temperature", "f,E_stor,T", "no delimiter"])
 def test_other_tables_are_not_claimed(line):
-    assert not plain_table_words.recognises(line)
+    assert not _words.recognises(line)
 
 
 @pytest.mark.skipif(not SAMPLES.exists(), reason="the sample files lie beside the checkout only")

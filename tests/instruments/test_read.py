@@ -1,7 +1,8 @@
 """`instruments.read`: the content of a file decides, and what is not known is said."""
 
+import importlib
+import inspect
 import os
-import re
 import subprocess
 import sys
 from datetime import datetime
@@ -55,8 +56,8 @@ def test_unknown_content_lists_what_was_tried(tmp_path):
     path.write_text("dear reader\n")
     with pytest.raises(SourceError, match="no instrument recognises the content") as caught:
         instruments.read(path)
-    for reader in instruments.READERS:
-        assert reader.name in str(caught.value)
+    for each in instruments.OURS:
+        assert each.name in str(caught.value)
 
 
 def test_instrument_may_be_named(tmp_path):
@@ -120,11 +121,62 @@ def test_raw_file_is_not_touched(laser):
     assert (laser.read_bytes(), laser.stat().st_mtime_ns) == before
 
 
-def test_readers_are_one_line_each_and_exist():
-    names = [reader.name for reader in instruments.READERS]
-    assert len(set(names)) == len(names)
-    for reader in instruments.READERS:
-        assert re.fullmatch(r"instruments\.\w+:\w+", reader.function)
+def test_names_are_those_that_results_state():
+    assert [each.name for each in instruments.OURS] == [
+        "mach1", "phantom", "anton_paar", "plain_table", "dice", "image_stack", "keyence",
+    ]  # fmt: skip
+    assert {each.content for each in instruments.OURS} <= set(instruments.CONTENTS)
+
+
+@pytest.mark.parametrize("each", instruments.OURS, ids=lambda each: each.name)
+def test_options_are_those_that_the_reader_takes(each):
+    module, function = each.reader.split(":")
+    reader = getattr(importlib.import_module(module), function)
+    path, *options = inspect.signature(reader).parameters.values()
+    assert path.name == "path"
+    assert all(option.kind is option.KEYWORD_ONLY for option in options)
+    assert tuple(option.name for option in options) == each.option_names()
+
+
+@pytest.mark.parametrize("each", instruments.OURS, ids=lambda each: each.name)
+def test_the_face_of_a_room_keeps_what_it_promises(each):
+    room = importlib.import_module(each.reader.split(":")[0])
+    assert room.INSTRUMENT is each
+    assert all(getattr(room, name) is not None for name in room.__all__)
+    with pytest.raises(AttributeError, match="has no attribute 'tarot'"):
+        room.tarot  # noqa: B018
+    assert bool(each.writer) == ("write" in room.__all__)
+
+
+def test_an_option_of_another_instrument_names_those_that_there_are(tester, laser):
+    with pytest.raises(UsageError, match='mach1 has no option "cycle"; it has decimal, allow_'):
+        instruments.read(tester, cycle="50 us")
+    with pytest.raises(UsageError, match='keyence has no option "fps"; it has cycle, units, '):
+        instruments.read(laser, fps=10.0)
+
+
+def test_what_is_read_only_is_not_written(tmp_path):
+    with pytest.raises(UsageError, match="files of dice are read, never written"):
+        instruments.by_name("dice").write(tmp_path / "a")
+
+
+def test_a_pipe_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "a.csv")
+    for options in ({}, {"instrument": "keyence"}):
+        with pytest.raises(SourceError, match="is a named pipe, expected a file"):
+            instruments.read(tmp_path / "a.csv", **options)
+    with pytest.raises(SourceError, match="is a device, expected a file"):
+        instruments.read("/dev/zero")
+
+
+def test_a_table_for_an_experiment_is_read_by_whoever_knows_it(tmp_path, laser, tester):
+    bare = tmp_path / "bare.csv"
+    bare.write_text("1,+00.1234\n2,+00.1235\n3,+00.1236\n")
+    found = instruments.read_table(bare, "displacement", "keyence", cycle="50 us", units=["mm"])
+    assert found.sizes["time"] == 3
+    assert instruments.read_table(laser, "displacement", "keyence", cycle=None).sizes["time"] == 50
+    with pytest.raises(SourceError, match="Mach-1"):
+        instruments.read_table(laser, "force", "mach1")
 
 
 def test_identifying_imports_no_numerical_library(tester):

@@ -13,12 +13,12 @@ import pytest
 from click.testing import CliRunner
 
 import instruments
-from instruments import keyence_journal as journals
-from instruments.keyence_live import Reading
-from instruments.keyence_markers import Status
-from instruments.keyence_recorder import Sample, Setup, Tally
+from instruments.keyence import _journal as journals
+from instruments.keyence import parse_trigger, record, recover
+from instruments.keyence._live import Reading
+from instruments.keyence._markers import Status
+from instruments.keyence._recorder import Sample, Setup, Tally
 from labpipe.errors import ConfigError, InputError, UsageError
-from pipelines.acquire import parse_trigger, record_keyence, recover
 from pipelines.cli import cli
 from pipelines.commands.acquire import acquire
 from tests.instruments.keyence_emulator import emulator
@@ -84,9 +84,9 @@ def test_a_raw_file_is_never_replaced_and_the_trigger_must_be_recorded(tmp_path:
     (tmp_path / "a.csv").write_text("precious")
     setup = Setup((1,), (4,), ("mm",), 0.01)
     with pytest.raises(UsageError, match="never replaced"):
-        record_keyence(tmp_path / "a.csv", setup, lambda: None, 1.0)  # type: ignore[arg-type,return-value]
+        record(tmp_path / "a.csv", setup, lambda: None, 1.0)  # type: ignore[arg-type,return-value]
     with pytest.raises(InputError, match="looks at out2, which is not recorded"):
-        record_keyence(
+        record(
             tmp_path / "b.csv", setup, lambda: None, 1.0, parse_trigger("out2 > 1 mm")  # type: ignore[arg-type,return-value]
         )  # fmt: skip
 
@@ -145,7 +145,7 @@ def test_an_unfinished_recording_is_never_written_over(tmp_path: Path) -> None:
     path = unfinished(tmp_path)
     setup = Setup((1,), (4,), ("mm",), 0.01)
     with pytest.raises(UsageError, match="labpipe acquire recover"):
-        record_keyence(tmp_path / "a.csv", setup, Slow, 1.0)  # type: ignore[arg-type]
+        record(tmp_path / "a.csv", setup, Slow, 1.0)  # type: ignore[arg-type]
     (tmp_path / "a.csv").write_text("precious")
     with pytest.raises(UsageError, match="holds something else; move it away"):
         recover(path)
@@ -168,7 +168,7 @@ def test_a_recording_that_goes_on_is_left_alone_and_ends_without_a_rest(tmp_path
                 recover(tmp_path / "a.csv.recording")
             told.append(str(error.value))
 
-    record_keyence(tmp_path / "a.csv", setup, Slow, 0.5, progress=look)  # type: ignore[arg-type]
+    record(tmp_path / "a.csv", setup, Slow, 0.5, progress=look)  # type: ignore[arg-type]
     assert told
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.csv", "a.times.csv"]
 
@@ -182,7 +182,7 @@ def test_after_a_trigger_the_journal_holds_what_came_before_it_too(tmp_path: Pat
         held.append((tmp_path / "a.csv.recording").read_bytes())
 
     trigger = parse_trigger("out1 > 0.003 mm", 0.05)
-    done = record_keyence(tmp_path / "a.csv", setup, Slow, 0.3, trigger, progress=look)  # type: ignore[arg-type]
+    done = record(tmp_path / "a.csv", setup, Slow, 0.3, trigger, progress=look)  # type: ignore[arg-type]
     (tmp_path / "b.csv.recording").write_bytes(held[-1])
     again = recover(tmp_path / "b.csv.recording")
     assert held[0] == b""

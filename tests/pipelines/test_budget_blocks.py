@@ -1,8 +1,8 @@
 from math import nan
 
 from labpipe.uncertainty import Input
-from pipelines.budget_blocks import section
-from pipelines.experiments.budgets import Quantity
+from pipelines.experiments.shared.budget_blocks import section
+from pipelines.experiments.shared.budget_quantity import Quantity
 
 
 def total(mean: float, repeats: float) -> float:

@@ -8,9 +8,10 @@ import pytest
 from click.testing import CliRunner
 
 from labpipe.errors import SourceError, UsageError
-from pipelines.catalogue import FILE, catalogue, query
 from pipelines.commands.catalogue import catalogue as command
 from pipelines.process import result
+from pipelines.session import catalogue, query
+from pipelines.session._catalogue import FILE
 
 
 @pytest.fixture(scope="module")

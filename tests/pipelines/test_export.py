@@ -12,9 +12,9 @@ from scipy.io import loadmat
 
 from labpipe import files
 from labpipe.errors import InputError, SourceError, UsageError
-from pipelines.export import FORMATS
-from pipelines.export_formats import csv_tables, json_text, mat_bytes
 from pipelines.process import export, result
+from pipelines.session import FORMATS
+from pipelines.session._export_formats import csv_tables, json_text, mat_bytes
 
 
 def small() -> xr.Dataset:

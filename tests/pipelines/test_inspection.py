@@ -7,12 +7,13 @@ import cv2
 import numpy as np
 import pytest
 
-from instruments import keyence_writer
-from instruments.keyence_markers import Status
+from instruments import keyence
+from instruments.keyence._markers import Status
 from labpipe.errors import SourceError, UsageError
 from labpipe.frames import ArrayFrames
-from pipelines.contact_sheet import strip, write_sheet
-from pipelines.inspection import describe, film
+from pipelines.session import describe, write_sheet
+from pipelines.session._contact_sheet import strip
+from pipelines.session._inspection import film
 
 SAMPLES = Path(__file__).parents[2] / "../shared/samples"
 FILMS = Path(__file__).parents[2] / "sample_data/films"
@@ -22,10 +23,10 @@ needs_films = pytest.mark.skipif(not FILMS.is_dir(), reason="the sample films ar
 def test_a_laser_export_with_columns_sampling_and_states(tmp_path: Path) -> None:
     readings = np.full(1000, 1e-3)
     readings[100:110] = 9e-3
-    made = keyence_writer.make_recording(
+    made = keyence.make_recording(
         {1: readings}, cycle="50 us", start=datetime(2024, 5, 14), measuring_range=5e-3
     )
-    keyence_writer.write(tmp_path / "a.csv", made)
+    keyence.write(tmp_path / "a.csv", made)
     found = describe(tmp_path / "a.csv")
     assert (found["reader"], found["kind"]) == ("keyence", "table")
     assert (found["interval"], found["rate"], found["duration"]) == (

@@ -4,19 +4,21 @@ import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
-from instruments import phantom_writer
-from instruments.phantom_writer import Recording
+from instruments import phantom
+from instruments.phantom._writer import Recording
 from labpipe import files, materials
 from labpipe.errors import ConfigError, UsageError
+from pipelines.experiments.dma.proposal import mode_line
 from pipelines.process import open_session
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import laser_record
 from pipelines.rig.static_loading import StaticRig, write_static
-from pipelines.scan import _mode, write_session_file
+from pipelines.session import describe, write_session_file
 
 START = datetime(2024, 5, 14, 9, 30)
 
@@ -69,6 +71,25 @@ def test_a_folder_without_known_files_is_told_so(tmp_path: Path) -> None:
         write_session_file(tmp_path)
 
 
+def test_what_inspect_knows_init_names_with_the_reason(tmp_path: Path) -> None:
+    run = tmp_path / "session/run"
+    run.mkdir(parents=True)
+    for frame in range(3):
+        head = "SUBSET_ID,COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y,SIGMA\n"
+        (run / f"DICe_solution_{frame:02d}.txt").write_text(head + "0,1,1,0.5,0.5,0.01\n")
+    (tmp_path / "session/film").mkdir()
+    picture = cv2.imencode(".png", np.zeros((8, 8), np.uint8))[1].tobytes()
+    (tmp_path / "session/film/frame_1.png").write_bytes(picture)
+    assert describe(run / "DICe_solution_00.txt")["reader"] == "dice"
+    with pytest.raises(UsageError, match="no experiment is proposed") as caught:
+        write_session_file(tmp_path / "session")
+    _, solutions, images = str(caught.value).splitlines()
+    assert "DICe_solution_00.txt and 3 more (displacement field of DICe)" in solutions
+    assert "no kind of experiment begins from them" in solutions
+    assert "film (film exported as images): images hold no time" in images
+    assert not (tmp_path / "session/session.toml").exists()
+
+
 def test_a_laser_on_the_plate_is_told_by_its_name(small_session: Path, tmp_path: Path) -> None:
     shutil.copy(small_session / "laser/drop_1.csv", tmp_path / "plate acrylic 7mm 1.csv")
     shutil.copy(small_session / "laser/drop_2.csv", tmp_path / "plate acrylic 7mm 2.csv")
@@ -94,7 +115,10 @@ def test_a_relaxation_is_proposed_and_what_no_experiment_takes_is_named(pile: Pa
     found = write_session_file(pile)
     assert "hold" in found.experiments
     assert 'kind = "relaxation"\nmach1 = ["hold.txt"]' in found.path.read_text("utf-8")
-    assert found.unused == ["sweep.csv (anton paar)"]
+    assert found.unused == [
+        "sweep.csv (rheometer export): it holds no moduli over frequency and temperature; add it "
+        "by hand"
+    ]
 
 
 def test_relaxations_to_several_depths_are_one_experiment(tmp_path: Path) -> None:
@@ -129,7 +153,7 @@ def filmed(small_session: Path, tmp_path: Path) -> Path:
     frames = np.full((3, 8, 16), 90, dtype=np.uint8)
     day = int(START.replace(tzinfo=UTC).timestamp())
     recording = Recording(frame_rate=4000, exposure=5e-5, bits=8, trigger=day)
-    phantom_writer.write(
+    phantom.write(
         tmp_path / "acrylic_front.cine", frames, frames.shape, np.arange(3) / 4000, recording
     )
     shutil.copy(small_session / "laser/drop_1.csv", tmp_path / "acrylic_7mm_1.csv")
@@ -165,4 +189,4 @@ def test_the_record_of_a_camera_knows_the_day_of_its_film_and_is_named_in_questi
     ],
 )
 def test_the_mode_of_a_rheometer_is_proposed_from_the_name(name: str, line: str) -> None:
-    assert _mode(name) == line
+    assert mode_line(name) == line

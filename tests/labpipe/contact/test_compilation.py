@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from labpipe.contact import bounce_compiled, drop
+from labpipe.contact import drop
+from labpipe.contact.impact import _bounce_compiled
 from labpipe.materials import Prony
 from tests.labpipe.without_cache import printed_without_cache
 
@@ -48,7 +49,7 @@ def test_a_full_disk_is_said_and_survived(monkeypatch: pytest.MonkeyPatch, expec
     def full(*_: object) -> None:
         raise OSError(28, "no space left on device")
 
-    monkeypatch.setattr(bounce_compiled, "plain_steps", full)
+    monkeypatch.setattr(_bounce_compiled, "plain_steps", full)
     with pytest.warns(UserWarning, match="no space left on device") as caught:
         found = drop(SLS, **BODY)
     assert len(caught) == 1

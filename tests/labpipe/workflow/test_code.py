@@ -13,7 +13,7 @@ import pytest
 from labpipe.errors import InputError, SourceError
 from labpipe.workflow import code
 from labpipe.workflow.code import OURS, Code, Identity, Module
-from pipelines.stages import KINDS
+from pipelines.experiments import KINDS
 
 ROOT = Path(__file__).parents[3]
 FUNCTIONS = sorted({stage.function for kind in KINDS.values() for stage in kind.stages})

@@ -239,7 +239,7 @@ def test_a_lost_index_of_last_keys_costs_only_the_reason(session: Session) -> No
 
 
 def test_experiments_in_a_circle_are_refused_at_their_line(tmp_path: Path) -> None:
-    curve = Stage("curve", "toy_laboratory:mean", 1, ("other:material/mean",))
+    curve = Stage("curve", "toy_laboratory:mean", ("other:material/mean",))
     stages = {"drop": (*toy.DROP, curve)}
     text = toy.TOML.replace("[experiments.nbr]", 'material = "nbr"\n[experiments.nbr]')
     text = text.replace('material = "rubber"', 'material = "acrylic"')

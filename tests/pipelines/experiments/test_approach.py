@@ -11,7 +11,7 @@ from scipy.signal import butter, sosfilt
 
 from labpipe import materials
 from labpipe.materials import Prony
-from pipelines.experiments import mach1_file
+from pipelines.experiments.shared import mach1_readings
 from pipelines.rig import indentations
 from pipelines.rig.indentations import Part, Specimen
 from pipelines.rig.mach1_tester import OVERSAMPLING, RATE, approach, record
@@ -52,7 +52,7 @@ def scores(
     found = []
     for seed in range(count):
         loads, surface = recorded(part, force, seed, noise)
-        touch = mach1_file._touch(loads, mach1_file.declared_filter(loads))
+        touch = mach1_readings._touch(loads, mach1_readings.declared_filter(loads))
         found.append(((touch.value - surface) / touch.u, touch.u))
     made = np.array(found)
     return made[:, 0], float(made[:, 1].mean())
@@ -96,7 +96,7 @@ def test_a_stage_that_goes_back_after_it_has_touched_tells_the_same() -> None:
         for n in range(1, 40)
     ]
     longer = xr.concat([loads, *gone], "sample").assign_attrs(loads.attrs)
-    declared = mach1_file.declared_filter(loads)
-    plain, found = (mach1_file._touch(each, declared) for each in (loads, longer))
+    declared = mach1_readings.declared_filter(loads)
+    plain, found = (mach1_readings._touch(each, declared) for each in (loads, longer))
     assert abs(found.value - plain.value) < plain.u
     assert abs(found.value - surface) < 3 * found.u

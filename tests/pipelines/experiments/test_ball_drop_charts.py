@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from labpipe.report import Band, Series
-from pipelines.experiments.ball_drop_charts import impact_views, motion
+from pipelines.experiments.ball_drop._charts import impact_views, motion
 
 
 def repeats(count: int) -> xr.Dataset:

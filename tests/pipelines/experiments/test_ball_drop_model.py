@@ -9,10 +9,12 @@ import pytest
 import xarray as xr
 
 from labpipe.units import Quantity
-from pipelines.experiments.ball_drop import comparison, model, repeats
+from pipelines.experiments.ball_drop.comparison import comparison
+from pipelines.experiments.ball_drop.measured import repeats
+from pipelines.experiments.ball_drop.model import model
+from pipelines.experiments.ball_drop.settings import BallDrop
+from pipelines.experiments.shared.settings import Plate
 from pipelines.process import open_session, process, result
-from pipelines.settings.ball_drop import BallDrop
-from pipelines.settings.common import Plate
 
 Measured = tuple[BallDrop, xr.Dataset]
 # The rig's table is 1500 kg at 400 Hz; this is what a laboratory might know of it.

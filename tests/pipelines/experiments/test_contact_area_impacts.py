@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from scipy.integrate import solve_ivp
 
-from pipelines.experiments.contact_area import impacts
+from pipelines.experiments.contact_area.measured import impacts
 
 
 def seen_in_film(time: np.ndarray, radius: np.ndarray, in_contact: np.ndarray) -> xr.Dataset:

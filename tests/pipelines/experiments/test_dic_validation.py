@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from labpipe import files, materials
-from labpipe.propagation import linear
+from labpipe.uncertainty import linear
 from pipelines.figures import make
 from pipelines.process import process, result
 from pipelines.rig.drops import write_drops
@@ -117,8 +117,8 @@ def test_another_views_record_is_refused(session: Path, tmp_path: Path) -> None:
 
 
 def test_skipping_frames_at_rest_changes_nothing_that_is_kept(tmp_path: Path) -> None:
-    from pipelines.experiments.dic_validation import track
-    from pipelines.settings.dic_validation import DicValidation, Tracking
+    from pipelines.experiments.dic_validation.measured import track
+    from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 
     camera = FrontCamera(rows=56, columns=48, frame_rate=2000, duration=0.3, release=0.006)
     film = tmp_path / write_front(tmp_path, "ptfe", 0.5e-3, camera, 3)

@@ -13,15 +13,15 @@ from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
 from labpipe.schema import check
 from labpipe.units import Quantity
-from pipelines.experiments import dma, dma_export, dma_transition
-from pipelines.experiments.material import resolve
+from pipelines.experiments.dma import _glass_transition, _material_files, model
+from pipelines.experiments.dma import measured as dma
+from pipelines.experiments.dma.settings import Dma, Fit
+from pipelines.experiments.shared.material_choice import resolve
+from pipelines.experiments.shared.settings import MaterialChoice
 from pipelines.process import open_session, process
 from pipelines.rig.dma import SOLIDS, Protocol, write_dma
 from pipelines.rig.samples import SAMPLES, dma_section, session_head
-from pipelines.scan import write_session_file
-from pipelines.schemas import SCHEMAS
-from pipelines.settings.common import MaterialChoice
-from pipelines.settings.dma import Dma, Fit
+from pipelines.session import SCHEMAS, write_session_file
 
 SMALL = Protocol(
     temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0),
@@ -52,7 +52,7 @@ def curve(ptfe):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         sweeps = dma.gathered([ptfe[0]], settings=settings)
-        return dma.master_curve(sweeps, settings=settings)
+        return model.master_curve(sweeps, settings=settings)
 
 
 def test_the_sweeps_hold_the_true_moduli_within_the_noise(ptfe):
@@ -91,7 +91,7 @@ def test_another_experiment_can_take_the_material(curve):
 def test_the_same_sweeps_give_the_same_bytes(ptfe):
     settings = settings_for("ptfe", fit=Fit(vertical="none", delay="off"))
     sweeps = dma.gathered([ptfe[0]], settings=settings)
-    first, second = (dma.master_curve(sweeps, settings=settings) for _ in range(2))
+    first, second = (model.master_curve(sweeps, settings=settings) for _ in range(2))
     assert first.identical(second)
 
 
@@ -166,11 +166,11 @@ def test_the_glass_transition_lies_at_the_maximum_of_the_true_curve():
     true = solid.modulus(np.ones(fine.size), fine)
     noise = np.random.default_rng(4)
     measured = solid.modulus(np.ones(T.size), T)
-    ramp = dma_transition.Ramp(
+    ramp = _glass_transition.Ramp(
         1.0, T, measured.real * np.exp(0.01 * noise.standard_normal(T.size)),
         measured.imag * np.exp(0.02 * noise.standard_normal(T.size)),
     )  # fmt: skip
-    found = dma_transition.transitions([ramp])
+    found = _glass_transition.transitions([ramp])
     peak = fine[np.argmax(true.imag / true.real)]
     assert abs(float(found.T_peak[0]) - peak) < max(3 * float(found.u_T_peak[0]), 2.0)
     assert abs(float(found.T_loss[0]) - fine[np.argmax(true.imag)]) < 5.0
@@ -179,14 +179,16 @@ def test_the_glass_transition_lies_at_the_maximum_of_the_true_curve():
 def test_no_transition_is_said_where_there_is_none(ptfe):
     solid, T = SOLIDS["peek"], np.arange(-40.0, 121.0, 2.0)
     measured = solid.modulus(np.ones(T.size), T)
-    found = dma_transition.transitions([dma_transition.Ramp(1.0, T, measured.real, measured.imag)])
+    found = _glass_transition.transitions(
+        [_glass_transition.Ramp(1.0, T, measured.real, measured.imag)]
+    )
     assert np.isnan(found.T_peak).all()
     kept = ptfe[0].isel(sample=slice(0, 0)).assign_attrs(tests="[]")
     assert "absent" in dma.temperature_sweep([kept], settings=settings_for("ptfe")).attrs
 
 
 def test_fewer_terms_keep_the_moduli(curve):
-    reduced = dma_export.fewest_terms(curve, 0.01)
+    reduced = _material_files.fewest_terms(curve, 0.01)
     assert reduced.E.size < curve.sizes["term"] / 1.5
     omega = 2 * np.pi * curve["reduced_frequency"].values
     full = Prony(float(curve.E_relaxed), curve.E.values, curve.rho.values, nu=0.46)
@@ -196,20 +198,20 @@ def test_fewer_terms_keep_the_moduli(curve):
 
 
 def test_exports_hold_relative_moduli_that_sum_below_one(curve):
-    reduced = dma_export.fewest_terms(curve)
+    reduced = _material_files.fewest_terms(curve)
     law = json.loads(curve.attrs["law"])
-    text = dma_export.abaqus(reduced, law, 20.0, "ptfe")
+    text = _material_files.abaqus(reduced, law, 20.0, "ptfe")
     rows = text.split("TIME=PRONY\n")[1].split("*")[0].split()
     shares = [float(x.strip(",")) for x in rows[::3]]
     assert len(shares) == reduced.E.size
     assert 0 < sum(shares) < 1
-    assert dma_export.ansys(reduced, law, 20.0).count("TBDATA") >= 2 * len(shares)
-    assert json.loads(dma_export.as_json(curve, reduced))["nu"] == 0.46
+    assert _material_files.ansys(reduced, law, 20.0).count("TBDATA") >= 2 * len(shares)
+    assert json.loads(_material_files.as_json(curve, reduced))["nu"] == 0.46
 
 
 def test_the_table_for_a_spreadsheet_holds_every_term_and_shift(curve):
-    reduced = dma_export.fewest_terms(curve)
-    terms, shifts = dma_export.as_csv(curve, reduced).split("\n\n")
+    reduced = _material_files.fewest_terms(curve)
+    terms, shifts = _material_files.as_csv(curve, reduced).split("\n\n")
     rows = [line.split(",") for line in terms.splitlines() if line.startswith("full,")]
     assert float(rows[0][3]) == pytest.approx(float(curve.E_relaxed), rel=1e-7)
     np.testing.assert_allclose([float(r[3]) for r in rows[1:]], curve.E, rtol=1e-7)
@@ -229,7 +231,7 @@ def session(tmp_path: Path) -> Path:
 
 
 def test_a_session_is_processed_to_a_page_with_every_section(session):
-    result = process(session)
+    result = process(session, jobs=0)
     assert not result.failures
     page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
     for title in ("Master curve", "Shift factors", "Spectrum", "Do both moduli belong together?",
@@ -263,7 +265,7 @@ def test_a_reference_far_outside_is_refused_with_what_to_do(ptfe):
     settings = settings_for("ptfe", T_ref=Quantity(300.0, 0.0, "degC"))
     sweeps = dma.gathered([ptfe[0]], settings=settings)
     with pytest.raises(InputError, match="outside the measured"):
-        dma.master_curve(sweeps, settings=settings)
+        model.master_curve(sweeps, settings=settings)
 
 
 def test_a_scan_proposes_the_experiment_and_asks_for_the_mode(session):
@@ -317,7 +319,7 @@ def test_one_temperature_gives_a_page_that_claims_no_shift_law(session):
     write_dma(session, "ptfe", solid, Protocol(temperatures=(20.0,), ramp=(0.0, 5.0)), 1)
     path = session / "session.toml"
     path.write_text(path.read_text("utf-8").replace('T_ref = "20 degC"\n', ""), "utf-8")
-    assert not process(session).failures
+    assert not process(session, jobs=0).failures
     page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
     assert "one temperature cannot tell a shift" in page
     assert "One temperature only" in page
@@ -327,6 +329,9 @@ def test_an_export_without_temperature_gives_a_page_with_the_reason(session):
     made = make([([1.0, 2.0, 4.0], [20.0] * 3, [""] * 3)])
     text = anton_paar.encode(made).decode("utf-16").replace("Temperature", "Some Other")
     (session / "dma/ptfe.csv").write_bytes(text.encode("utf-16"))
-    assert {f.task.stage for f in process(session).failures} == {"sweeps", "temperature_sweep"}
+    assert {f.task.stage for f in process(session, jobs=0).failures} == {
+        "sweeps",
+        "temperature_sweep",
+    }
     page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
     assert "no column for: temperature" in page

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from instruments import plain_table
+from instruments import tables
 from labpipe.errors import SourceError
 from labpipe.units import Quantity
-from pipelines.experiments import dma, dma_published, dma_published_page
-from pipelines.scan import write_session_file
-from pipelines.settings.dma import Dma, Fit, Published
+from pipelines.experiments.dma import _published_section, model, published
+from pipelines.experiments.dma import measured as dma
+from pipelines.experiments.dma.settings import Dma, Fit, Published
+from pipelines.session import write_session_file
 from tests.labpipe.materials.conftest import Truth, maxwell_sum, wlf_law
 
 TRUTH = Truth(60.0, maxwell_sum, wlf_law, temperature=(0.0, 20.0, 40.0, 60.0, 80.0))
@@ -34,7 +35,7 @@ def sweeps():
 def curve(sweeps):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return dma.master_curve(sweeps, settings=SETTINGS)
+        return model.master_curve(sweeps, settings=SETTINGS)
 
 
 def table(folder, shifts, temperature=TRUTH.temperature):
@@ -46,14 +47,14 @@ def table(folder, shifts, temperature=TRUTH.temperature):
 
 def compared(folder, sweeps, curve, shifts, **options):
     path = table(folder, shifts, **options)
-    return dma_published.compared(sweeps, curve, path, settings=SETTINGS)
+    return published.compared(sweeps, curve, path, settings=SETTINGS)
 
 
 def test_the_true_table_is_found_to_agree_whatever_its_reference(tmp_path, sweeps, curve):
     found = compared(tmp_path, sweeps, curve, TRUTH.log10_aT + 3.0)
     assert np.nanmax(np.abs(found.difference)) < 0.1
     assert found.attrs["published_at_reference"] == pytest.approx(3.0)
-    said = " ".join(dma_published_page.reasons(found, curve))
+    said = " ".join(_published_section.reasons(found, curve))
     assert "cannot tell the two tables apart" in said
     assert "+3.00, which is taken off" in said
     assert "a paper" in said
@@ -65,11 +66,11 @@ def test_a_wrong_step_is_named(tmp_path, sweeps, curve):
     change = found.step_fitted - found.step_published
     assert int(np.argmax(np.abs(change.values))) == 1
     assert float(change[1]) == pytest.approx(-0.8, abs=0.1)
-    said = " ".join(dma_published_page.reasons(found, curve))
+    said = " ".join(_published_section.reasons(found, curve))
     assert "20 °C to 40 °C" in said
     assert "contradicts the published steps" in said
     assert found.attrs["residual_loss"] > 0.04
-    assert dma_published_page.section(found, curve).title == "Comparison with published shifts"
+    assert _published_section.section(found, curve).title == "Comparison with published shifts"
 
 
 def test_temperatures_outside_the_table_are_left_out(tmp_path, sweeps, curve):
@@ -88,12 +89,12 @@ def test_sweeps_are_no_table_of_shifts(tmp_path, sweeps, curve):
     path = tmp_path / "sweeps.csv"
     path.write_text("f,E_stor,E_loss,T\nHz,Pa,Pa,C\n1,2,3,4\n", encoding="utf-8")
     with pytest.raises(SourceError, match="no column log_aT"):
-        dma_published.compared(sweeps, curve, path, settings=SETTINGS)
+        published.compared(sweeps, curve, path, settings=SETTINGS)
 
 
 def test_without_a_table_there_is_nothing_to_compare(sweeps, curve):
     settings = msgspec.structs.replace(SETTINGS, published=None)
-    found = dma_published.compared(sweeps, curve, None, settings=settings)
+    found = published.compared(sweeps, curve, None, settings=settings)
     assert "absent" in found.attrs
 
 
@@ -112,4 +113,4 @@ def test_a_scan_proposes_table_and_comparison(tmp_path, sweeps):
     gathered = dma.gathered([dma.readings(tmp_path / "polymer.csv", settings=SETTINGS)],
                             settings=SETTINGS)  # fmt: skip
     np.testing.assert_allclose(gathered.storage, sweeps.storage, rtol=1e-5)
-    assert isinstance(plain_table.read(tmp_path / "shifts.csv"), xr.Dataset)
+    assert isinstance(tables.read(tmp_path / "shifts.csv"), xr.Dataset)

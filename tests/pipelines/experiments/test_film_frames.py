@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labpipe.errors import InputError
-from pipelines.experiments.film_frames import key_frames
+from pipelines.experiments.shared.film_frames import key_frames
 
 
 @dataclass

@@ -8,12 +8,12 @@ import xarray as xr
 from scipy.signal import bessel, butter, freqs
 
 from labpipe import contact
-from labpipe.contact import westergaard
+from labpipe.contact.line import westergaard
 from labpipe.materials import Prony
 from labpipe.units import Quantity
-from pipelines.experiments import mach1_file
-from pipelines.experiments.indentation import Geometry, elastic_force, relative_sources
-from pipelines.settings.indentation import IndentationModel, Punch, Substrate
+from pipelines.experiments.shared import mach1_readings
+from pipelines.experiments.shared.punch_model import Geometry, elastic_force, relative_sources
+from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
 
 PUNCH = Punch(
     radius=Quantity(2e-3, 2e-6, "m"), period=Quantity(8e-3, 4e-6, "m"),
@@ -89,13 +89,13 @@ def cell(delay: list[float] | None) -> xr.Dataset:
 def test_a_measured_delay_tells_the_kind_of_filter(
     delay: list[float] | None, kinds: tuple[str, ...]
 ) -> None:
-    assert mach1_file.filter_kinds(cell(delay)) == kinds
+    assert mach1_readings.filter_kinds(cell(delay)) == kinds
 
 
 def test_a_measured_delay_stretches_the_lag() -> None:
     plain, longer = (
-        mach1_file.force_lag(cell(None), 2.0),
-        mach1_file.force_lag(cell([1.1 * 15.9155e-3, 0.2e-3]), 2.0),
+        mach1_readings.force_lag(cell(None), 2.0),
+        mach1_readings.force_lag(cell([1.1 * 15.9155e-3, 0.2e-3]), 2.0),
     )
     assert plain is not None
     assert longer is not None
@@ -107,7 +107,7 @@ def test_a_measured_delay_stretches_the_lag() -> None:
 def test_a_filtered_sinusoid_has_the_gain_and_lag_of_the_analogue_filter(kind: str) -> None:
     frequency, interval = 2.0, 0.01
     time = np.arange(0, 6, interval)
-    passed = mach1_file.filtered(
+    passed = mach1_readings.filtered(
         np.sin(2 * np.pi * frequency * time), interval, {"order": 3.0, "cutoff": 20.0}, kind
     )
     design = butter if kind == "butterworth" else lambda *a, **k: bessel(*a, norm="mag", **k)

@@ -7,12 +7,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from instruments import keyence_writer
+from instruments import keyence
 from labpipe.errors import ConfigError, SourceError
 from labpipe.units import quantity
 from labpipe.workflow import config
-from pipelines.experiments.laser_file import read_laser
-from pipelines.settings.common import Keyence, Table
+from pipelines.experiments.shared.laser_readings import read_laser
+from pipelines.experiments.shared.settings import Keyence, Table
 
 
 class Holder(Table, frozen=True, kw_only=True):
@@ -22,10 +22,10 @@ class Holder(Table, frozen=True, kw_only=True):
 @pytest.fixture
 def export(tmp_path: Path) -> Path:
     """Ten points of 50 us each; the file states its cycle but no storage factor."""
-    made = keyence_writer.make_recording(
+    made = keyence.make_recording(
         {1: np.linspace(0, 1e-3, 10)}, cycle="50 us", start=datetime(2024, 5, 14)
     )
-    data = keyence_writer.encode(made)
+    data = keyence.encode(made)
     lines = [line for line in data.split(b"\r\n") if not line.startswith(b"Storage cycle")]
     (tmp_path / "drop.csv").write_bytes(b"\r\n".join(lines))
     return tmp_path / "drop.csv"
@@ -43,10 +43,10 @@ def test_the_storage_factor_of_the_settings_is_used(export: Path, factor: int) -
 
 
 def test_a_contradiction_to_the_file_is_refused(tmp_path: Path) -> None:
-    made = keyence_writer.make_recording(
+    made = keyence.make_recording(
         {1: np.zeros(3)}, cycle="50 us", start=datetime(2024, 5, 14), storage_factor=2
     )
-    keyence_writer.write(tmp_path / "a.csv", made)
+    keyence.write(tmp_path / "a.csv", made)
     with pytest.raises(SourceError, match="says 2, the option storage_factor says 5"):
         read_laser(tmp_path / "a.csv", Keyence(storage_factor=5))
     with pytest.raises(SourceError, match=r"the option cycle says 0\.0001 s"):

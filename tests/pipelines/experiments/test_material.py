@@ -9,8 +9,8 @@ import xarray as xr
 from labpipe import materials
 from labpipe.errors import InputError
 from labpipe.units import Quantity
-from pipelines.experiments.material import resolve, variations
-from pipelines.settings.common import MaterialChoice
+from pipelines.experiments.shared.material_choice import resolve, variations
+from pipelines.experiments.shared.settings import MaterialChoice
 
 C1, C2, T_REF = 10.0, 120.0, 20.0
 

@@ -16,16 +16,18 @@ from scipy.signal import lfilter
 from labpipe import files, materials
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
-from labpipe.propagation import linear
+from labpipe.uncertainty import linear
 from labpipe.units import Quantity
-from pipelines.experiments import holds, mach1_file, relaxation
-from pipelines.experiments.indentation import Geometry, elastic_force
+from pipelines.experiments.relaxation import comparison, model
+from pipelines.experiments.relaxation import measured as relaxation
+from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+from pipelines.experiments.shared.punch_model import Geometry, elastic_force
+from pipelines.experiments.shared.punch_settings import IndentationModel, Punch
 from pipelines.process import open_session, process, result
 from pipelines.rig.indentation_session import cell_record, relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import NOTE, session_head
-from pipelines.settings.indentation import IndentationModel, Punch
 from tests.pipelines.asked import quantities
 
 START = datetime(2024, 5, 14, 9, 30)
@@ -132,8 +134,8 @@ def compared(session: Path, changed: Any = None) -> xr.Dataset:
     loads, ramps = (result(session, "nbr", stage, name) for stage in ("loads", "ramps"))
     if chosen.contact is not None:
         ramps["contact_position"] = ramps["contact_position"] * 0 + chosen.contact.value
-    made = relaxation.model(loads, ramps, None, None, settings=chosen)
-    return relaxation.comparison(loads, ramps, made, settings=chosen)
+    made = model.model(loads, ramps, None, None, settings=chosen)
+    return comparison.comparison(loads, ramps, made, settings=chosen)
 
 
 def stiffer(factor: float) -> Callable[..., Prony]:
@@ -144,7 +146,7 @@ def stiffer(factor: float) -> Callable[..., Prony]:
 
 
 def test_a_material_a_tenth_too_stiff_shows(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(relaxation, "resolve", stiffer(1.1))
+    monkeypatch.setattr(model, "resolve", stiffer(1.1))
     assert float(compared(session)["nrmse_all"][0]) > 0.05
 
 
@@ -153,7 +155,7 @@ def test_a_material_without_its_relaxation_shows_in_the_early_part(
 ) -> None:
     rubber = materials.load("nbr")
     monkeypatch.setattr(
-        relaxation, "resolve", lambda *_: Prony(float(rubber.E_relaxed), [], [], nu=rubber.nu)
+        model, "resolve", lambda *_: Prony(float(rubber.E_relaxed), [], [], nu=rubber.nu)
     )
     found = compared(session)
     assert float(found["nrmse_early"][0]) > 0.08
@@ -241,7 +243,7 @@ def history(*moves: tuple[float, float], rate: float = 100.0) -> xr.Dataset:
 
 
 def test_every_ramp_of_a_block_is_found() -> None:
-    found = holds.find(history((0.1e-3, 5.0), (0.2e-3, 4.0), (0.05e-3, 3.0)))
+    found = ramps_and_holds.find(history((0.1e-3, 5.0), (0.2e-3, 4.0), (0.05e-3, 3.0)))
     np.testing.assert_allclose([h.held for h in found], [0.1e-3, 0.3e-3, 0.35e-3])
     np.testing.assert_allclose([h.start for h in found], [0.0, 0.1e-3, 0.3e-3], atol=1e-12)
     np.testing.assert_allclose([h.last - h.end for h in found], [5.0, 4.0, 3.0], atol=0.03)
@@ -251,24 +253,24 @@ def test_every_ramp_of_a_block_is_found() -> None:
 def test_a_file_without_relaxation_names_what_it_holds() -> None:
     other = history((0.1e-3, 5.0)).assign(function=("block_index", ["Sinusoid"]))
     with pytest.raises(InputError, match="no Stress Relaxation block; its blocks are: Sinusoid"):
-        holds.find(other)
+        ramps_and_holds.find(other)
 
 
 def test_a_block_in_which_nothing_moves_is_refused() -> None:
     with pytest.raises(InputError, match="there is no ramp"):
-        holds.find(history((0.0, 5.0)))
+        ramps_and_holds.find(history((0.0, 5.0)))
 
 
 def test_a_ramp_that_is_not_held_is_refused() -> None:
     with pytest.raises(InputError, match="moves on"):
-        holds.find(history((2e-3, 0.05)))
+        ramps_and_holds.find(history((2e-3, 0.05)))
 
 
 def test_a_missing_reading_is_refused() -> None:
     spoilt = history((0.1e-3, 5.0))
     spoilt["force"][200] = np.nan
     with pytest.raises(InputError, match="missing"):
-        holds.find(spoilt)
+        ramps_and_holds.find(spoilt)
 
 
 @pytest.mark.skipif(not SAMPLES.is_dir(), reason="the shared samples are not beside the checkout")
@@ -291,7 +293,7 @@ def test_the_uncertainty_of_a_plateau_is_that_of_its_noise() -> None:
     made = history((0.1e-3, 40.0))
     noise = np.random.default_rng(1).normal(0.0, 0.02, made.sizes["sample"])
     made["force"] = made["force"] * 0 + 13.5 - 0.01 * made["time"].values + noise
-    level = holds.plateau(made, holds.find(made)[0], 60.0)
+    level = ramps_and_holds.plateau(made, ramps_and_holds.find(made)[0], 60.0)
     assert level.end - level.begin == pytest.approx(4.0, abs=0.02)
     assert level.u == pytest.approx(0.001, rel=0.2)
 
@@ -314,11 +316,11 @@ def test_a_plateau_is_free_of_the_lag_of_the_filter(session: Path) -> None:
     """A Butterworth filter of order 3 delays a slow force by 2 / (2 pi 20 Hz)."""
     loads = result(session, "nbr", "loads", files_of(session)[0])
     bare = loads.assign_attrs(filter_delay="null")
-    assert mach1_file.filter_delay(bare).value == pytest.approx(2 / (40 * np.pi), rel=1e-3)
-    hold = holds.find(loads)[0]
+    assert mach1_readings.filter_delay(bare).value == pytest.approx(2 / (40 * np.pi), rel=1e-3)
+    hold = ramps_and_holds.find(loads)[0]
     falling = loads.assign(force=50.0 - 0.5 * loads["time"])
-    late = holds.mean_force(falling, hold, 10.0, 20.0)
-    delay = mach1_file.filter_delay(loads)
+    late = ramps_and_holds.mean_force(falling, hold, 10.0, 20.0)
+    delay = mach1_readings.filter_delay(loads)
     assert late.lag == pytest.approx(0.5 * delay.value, rel=1e-6)
     time = loads["time"].values[hold.rows]
     middle = float(time[(time >= 10.0) & (time <= 20.0)].mean())
@@ -332,18 +334,18 @@ def test_the_uncertainty_of_a_bin_is_that_of_its_noise(memory: float) -> None:
     rng = np.random.default_rng(5)
     made = history((0.1e-3, 60.0))
     time = made["time"].values
-    hold = holds.find(made)[0]
+    hold = ramps_and_holds.find(made)[0]
     fall = 8.0 * np.maximum(time - hold.begin, 0.005) ** -0.2
     edges = np.geomspace(0.1, 60.0, 20)
     since = time[hold.rows] - hold.end
-    exact = holds.binned(since, fall[hold.rows], edges)[1]
+    exact = ramps_and_holds.binned(since, fall[hold.rows], edges)[1]
     scores = []
     for _ in range(20):
         noise = lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.normal(0.0, 0.01, time.size))
         loads = made.assign(force=("sample", fall + noise), u_force=("sample", 0.0 * time + 0.01))
         force = loads["force"].values[hold.rows]
-        u = holds.u_of_means(since, force, edges, holds.noise(loads, hold), 0.0)
-        scores.append((holds.binned(since, force, edges)[1] - exact) / u)
+        u = ramps_and_holds.u_of_means(since, force, edges, ramps_and_holds.noise(loads, hold), 0.0)
+        scores.append((ramps_and_holds.binned(since, force, edges)[1] - exact) / u)
     square = np.mean(np.square(scores), axis=0)
     # the scatter of a mean of a few that are alike is less than that of one
     assert square[5:].mean() == pytest.approx(1.0, abs=0.25)
@@ -356,8 +358,8 @@ def test_a_bin_that_trembles_keeps_its_own_scatter() -> None:
     values = 5.0 + rng.normal(0.0, 0.01, time.size)
     trembling = (time > 2.0) & (time <= 4.0)
     values[trembling] += 0.1 * np.sin(2 * np.pi * 7.3 * time[trembling])
-    u = holds.u_of_means(time, values, np.array([0.5, 2.005, 4.005, 30.0]),
-                         holds.Noise(0.01, 1.0), 0.0)  # fmt: skip
+    u = ramps_and_holds.u_of_means(time, values, np.array([0.5, 2.005, 4.005, 30.0]),
+                         ramps_and_holds.Noise(0.01, 1.0), 0.0)  # fmt: skip
     np.testing.assert_allclose(u[[0, 2]], [0.01 / np.sqrt(151), 0.01 / np.sqrt(2600)], rtol=0.05)
     assert u[1] == pytest.approx(0.1 / np.sqrt(2) / np.sqrt(200), rel=0.1)
 
@@ -365,7 +367,7 @@ def test_a_bin_that_trembles_keeps_its_own_scatter() -> None:
 def test_a_bin_belongs_to_the_mean_time_of_its_readings(session: Path) -> None:
     name = files_of(session)[0]
     curves, loads = (result(session, "nbr", stage, name) for stage in ("curves", "loads"))
-    found = holds.find(loads)[0]
+    found = ramps_and_holds.find(loads)[0]
     since = loads["time"].values[found.rows] - found.end
     single = curves["time_spread"].values[0] == 0.0
     assert single.sum() >= 3

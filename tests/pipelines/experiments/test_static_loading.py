@@ -16,9 +16,10 @@ import xarray as xr
 from labpipe import files, materials
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
-from labpipe.propagation import linear
+from labpipe.uncertainty import linear
 from labpipe.units import Quantity, quantity
-from pipelines.experiments import static_loading, static_steps
+from pipelines.experiments.static_loading import comparison, load_steps, model
+from pipelines.experiments.static_loading import measured as static_loading
 from pipelines.process import open_session, process, result
 from pipelines.rig.session_text import laser_record, session_head
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
@@ -117,8 +118,8 @@ def test_hertz_misses_the_creep_that_the_model_has(session: Path) -> None:
 
 def compared(session: Path, chosen: Any) -> xr.Dataset:
     steps, found = stage(session, "steps"), stage(session, "approach")
-    made = static_loading.model(stage(session, "displacement"), steps, None, None, settings=chosen)
-    return static_loading.comparison(found, steps, made, settings=chosen)
+    made = model.model(stage(session, "displacement"), steps, None, None, settings=chosen)
+    return comparison.comparison(found, steps, made, settings=chosen)
 
 
 def softer(factor: float) -> Callable[..., Prony]:
@@ -129,7 +130,7 @@ def softer(factor: float) -> Callable[..., Prony]:
 
 
 def test_a_modulus_a_quarter_too_low_shows(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(static_loading, "resolve", softer(0.75))
+    monkeypatch.setattr(model, "resolve", softer(0.75))
     assert float(compared(session, settings(session))["nrmse_contact_radius_model"]) > 0.06
 
 
@@ -143,8 +144,8 @@ def test_loads_fifteen_per_cent_too_large_show(session: Path) -> None:
     steps, found = stage(session, "steps"), stage(session, "approach")
     chosen = settings(session)
     wrong = steps.assign(force=steps["force"] * 1.15)
-    made = static_loading.model(stage(session, "displacement"), wrong, None, None, settings=chosen)
-    gap = static_loading.comparison(found, wrong, made, settings=chosen)
+    made = model.model(stage(session, "displacement"), wrong, None, None, settings=chosen)
+    gap = comparison.comparison(found, wrong, made, settings=chosen)
     assert float(gap["nrmse_contact_radius_model"]) > 0.03
 
 
@@ -157,17 +158,17 @@ def test_a_wrong_inclination_shows(session: Path, tmp_path: Path) -> None:
     moved = static_loading.displacement(
         stage(session, "readings"), tmp_path / "laser.toml", settings=chosen
     )
-    steps = static_steps.steps(moved, settings=chosen)
+    steps = load_steps.steps(moved, settings=chosen)
     found = static_loading.approach(moved, steps, settings=chosen)
-    made = static_loading.model(moved, steps, None, None, settings=chosen)
-    gap = static_loading.comparison(found, steps, made, settings=chosen)
+    made = model.model(moved, steps, None, None, settings=chosen)
+    gap = comparison.comparison(found, steps, made, settings=chosen)
     assert float(gap["nrmse_contact_radius_model"]) > 0.03
 
 
 def test_times_need_not_be_given(session: Path) -> None:
     chosen = settings(session)
     loads = [msgspec.structs.replace(load, time=None) for load in chosen.loads]
-    found = static_steps.steps(
+    found = load_steps.steps(
         stage(session, "displacement"), settings=msgspec.structs.replace(chosen, loads=loads)
     )
     np.testing.assert_allclose(found["begin"], stage(session, "steps")["begin"])
@@ -179,7 +180,7 @@ def test_a_time_that_is_half_a_minute_off_is_told(session: Path) -> None:
     loads = list(chosen.loads)
     loads[2] = msgspec.structs.replace(loads[2], time=quantity("1145 s"))
     with pytest.warns(UserWarning, match=r"3.5 kg: 109\d s, given 1145 s"):
-        static_steps.steps(
+        load_steps.steps(
             stage(session, "displacement"), settings=msgspec.structs.replace(chosen, loads=loads)
         )
 
@@ -189,7 +190,7 @@ def test_a_load_too_many_is_refused(session: Path) -> None:
     more = msgspec.structs.replace(chosen.loads[-1], mass=quantity("6.5 kg"), time=None)
     changed = msgspec.structs.replace(chosen, loads=[*chosen.loads, more])
     with pytest.raises(InputError, match=r"no step .* for the load 6.5 kg"):
-        static_steps.steps(stage(session, "displacement"), settings=changed)
+        load_steps.steps(stage(session, "displacement"), settings=changed)
 
 
 def test_a_load_that_nobody_stated_is_noticed(session: Path) -> None:
@@ -197,7 +198,7 @@ def test_a_load_that_nobody_stated_is_noticed(session: Path) -> None:
     fewer = msgspec.structs.replace(stated, loads=stated.loads[:2])
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        static_steps.steps(stage(session, "displacement"), settings=fewer)
+        load_steps.steps(stage(session, "displacement"), settings=fewer)
     found = [str(w.message) for w in caught if "where no load is stated (2 are)" in str(w.message)]
     assert len(found) == 1
     at = float(re.search(r"at (\d+) s", found[0])[1])
@@ -208,7 +209,7 @@ def test_a_sensor_that_counts_the_other_way_is_noticed(session: Path) -> None:
     moved = stage(session, "displacement")
     turned = moved.assign(displacement=-moved["displacement"])
     with pytest.raises(InputError, match="the sensor's direction"):
-        static_steps.steps(turned, settings=settings(session))
+        load_steps.steps(turned, settings=settings(session))
 
 
 def test_a_given_zero_replaces_the_fit(session: Path) -> None:
@@ -219,7 +220,7 @@ def test_a_given_zero_replaces_the_fit(session: Path) -> None:
     moved = static_loading.displacement(
         readings, session / "calibration/laser.toml", settings=chosen
     )
-    steps = static_steps.steps(moved, settings=chosen)
+    steps = load_steps.steps(moved, settings=chosen)
     found = static_loading.approach(moved, steps, settings=chosen)
     level, _ = true_levels(session, steps, found)
     assert np.abs(found["level_approach"].values - level).max() < 0.4e-6

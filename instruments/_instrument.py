@@ -1,0 +1,174 @@
+"""What an instrument is: one object that tells its files, reads and writes them.
+
+A room (a package below this one, or of another distribution) defines one. Its face is imported
+whenever a file is to be told, so it imports no numerical library: readers are named as
+``"module:function"`` and loaded when the first file is read.
+"""
+
+import contextlib
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypedDict, get_args
+
+from labpipe.errors import UsageError
+
+HEAD_BYTES = 4096  # enough for every magic number and every text header known
+
+Content = Literal["displacement", "force", "film", "sweep", "displacement_field"]
+"""What the files of an instrument hold, and so which experiments can begin from them.
+
+``displacement``
+    A table over ``time`` [s]: ``out1``, … [m or V], ``status1``, … (0 where valid), with the
+    attribute ``sampling_interval`` [s], and ``start`` (ISO 8601), by whose day a calibration
+    record is told valid.
+``force``
+    A table over ``sample`` as :func:`instruments.mach1.read` returns it: blocks of time, position
+    and force.
+``film``
+    A :class:`labpipe.frames.FrameSource`.
+``sweep``
+    A table over ``sample``: ``frequency`` [Hz], ``temperature`` [degC], ``storage_modulus``,
+    ``loss_modulus`` [Pa], and ``interval``; or ``temperature`` and ``log10_aT``.
+``displacement_field``
+    A table over ``frame`` and ``point``: ``dx``, ``dy`` [px].
+"""
+CONTENTS: tuple[Content, ...] = get_args(Content)
+
+
+class NoOptions(TypedDict, total=False):
+    """Options of a reader that has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Instrument:
+    """One instrument.
+
+    Parameters
+    ----------
+    name : str
+        By which it is called in Python, JSON and on the command line.
+    title : str
+        What a reader of a message calls its files, for example ``"Keyence storage file"``.
+    content : str
+        What its files hold: one of :data:`CONTENTS`.
+    sniff : callable
+        Takes the first :data:`HEAD_BYTES` bytes of a file (none of a folder) and its path, and
+        tells whether this instrument wrote it. It imports no numerical library.
+    reader : str
+        ``"module:function"``; takes the path and the options, returns a Dataset in SI or a film.
+    options : TypedDict class
+        Names and types of the keyword arguments of the reader.
+    writer : str
+        ``"module:function"``, "" for none.
+    unproposed : str
+        Why `labpipe init` proposes no experiment from its files, "" where it does.
+    """
+
+    name: str
+    title: str
+    content: Content
+    sniff: Callable[[bytes, Path], bool]
+    reader: str
+    options: type[Any] = NoOptions
+    writer: str = ""
+    unproposed: str = ""
+
+    def read(self, path: Path, options: Mapping[str, Any]) -> Any:
+        """Read one file.
+
+        Raises
+        ------
+        UsageError
+            The reader has no such option; the message names those that it has.
+        """
+        for name in options:
+            self._require_option(name)
+        return _loaded(self.reader)(path, **options)
+
+    def option(self, name: str, text: str) -> Any:
+        """Return the value of an option that was typed as text.
+
+        Raises
+        ------
+        UsageError
+            There is no such option, or the text is none of its values.
+        """
+        self._require_option(name)
+        kind = self.options.__annotations__[name]
+        for wanted in get_args(kind) or (kind,):
+            if wanted in _TYPED:
+                with contextlib.suppress(KeyError, ValueError):
+                    return _TYPED[wanted](text)
+        expected = ", ".join(_WORDS[k] for k in get_args(kind) or (kind,) if k in _WORDS)
+        message = f'the option {name} of {self.name} cannot be "{text}"; ' + (
+            f"expected {expected}" if expected else "it can be given from Python only"
+        )
+        raise UsageError(message)
+
+    def _require_option(self, name: str) -> None:
+        known = self.option_names()
+        if name not in known:
+            message = f'{self.name} has no option "{name}"; it has {", ".join(known) or "none"}'
+            raise UsageError(message)
+
+    def option_names(self) -> tuple[str, ...]:
+        """Return the names of the options, in the order in which they are declared."""
+        return tuple(self.options.__annotations__)
+
+    def write(self, path: Path, *what: Any) -> None:
+        """Write a file in the form of this instrument.
+
+        Raises
+        ------
+        UsageError
+            The instrument's files are only read.
+        """
+        if not self.writer:
+            message = f"files of {self.name} are read, never written"
+            raise UsageError(message)
+        _loaded(self.writer)(path, *what)
+
+
+_TYPED: dict[Any, Callable[[str], Any]] = {
+    bool: {"true": True, "false": False}.__getitem__,
+    int: int,
+    float: float,
+    str: str,
+}
+_WORDS: dict[Any, str] = {bool: "true or false", int: "a whole number", float: "a number"}
+
+
+def _loaded(target: str) -> Callable[..., Any]:
+    module, name = target.split(":")
+    function: Callable[..., Any] = getattr(importlib.import_module(module), name)
+    return function
+
+
+def lazily(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
+    """Return a ``__getattr__`` for a face, which loads the module of a name on its first use.
+
+    Parameters
+    ----------
+    package : str
+        The face's ``__name__``.
+    homes : mapping
+        Inner module to the public names that it defines.
+    """
+    home = {name: module for module, names in homes.items() for name in names}
+
+    def load(name: str) -> Any:
+        if name not in home:
+            message = f"module {package!r} has no attribute {name!r}"
+            raise AttributeError(message)
+        return getattr(importlib.import_module(f"{package}.{home[name]}"), name)
+
+    return load
+
+
+def text_of(head: bytes) -> str:
+    """Decode the first bytes of a text file of any codec, well enough to look for words."""
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return head.decode("utf-16", errors="replace")
+    return head.decode("latin-1").removeprefix("ï»¿")

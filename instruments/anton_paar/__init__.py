@@ -1,0 +1,103 @@
+"""Anton Paar rheometer exports (RheoCompass CSV, TXT and XLSX; RheoPlus), read and written."""
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, TypedDict
+
+from instruments._instrument import HEAD_BYTES, Instrument, lazily, text_of
+from labpipe.text import Limits
+
+if TYPE_CHECKING:
+    from instruments.anton_paar._dataset import CLIPPED, assemble, make_column, make_interval
+    from instruments.anton_paar._export import read
+    from instruments.anton_paar._values import Column, Interval
+    from instruments.anton_paar._words import SI_OF, column_name, slug, unit_of
+    from instruments.anton_paar._writer import LANGUAGES, encode, write
+else:
+    __getattr__ = lazily(
+        __name__,
+        {
+            "_dataset": ("CLIPPED", "assemble", "make_column", "make_interval"),
+            "_export": ("read",),
+            "_values": ("Column", "Interval"),
+            "_words": ("SI_OF", "column_name", "slug", "unit_of"),
+            "_writer": ("LANGUAGES", "encode", "write"),
+        },
+    )
+
+__all__ = [
+    "CLIPPED",
+    "INSTRUMENT",
+    "LANGUAGES",
+    "SI_OF",
+    "Column",
+    "Interval",
+    "Options",
+    "assemble",
+    "column_name",
+    "encode",
+    "make_column",
+    "make_interval",
+    "read",
+    "slug",
+    "unit_of",
+    "write",
+]
+
+_INTERVAL = re.compile(
+    r'^"?[^\t;,\n]{4,60}:"?[\t;,]+"?[0-9]{1,9}"?[\t;,]+"?[0-9]{1,9}"?[\t;,]*\r?$'
+    r"|^\"?(?:Data Series Information|Datenreihen ?-?Information)"
+    r"|Rheo\.Repository\.",
+    re.MULTILINE,
+)
+_INTERVAL_IN_SHEET = re.compile(r"interval[^<]{0,40}:|abschnitt[^<]{0,40}:", re.IGNORECASE)
+
+
+class Options(TypedDict, total=False):
+    """How an export is to be read where it does not decide; see :func:`read`."""
+
+    encoding: str | None
+    delimiter: str | None
+    decimal: str | None
+    allow_incomplete: bool
+    limits: Limits | None
+
+
+def _sniff(head: bytes, path: Path) -> bool:
+    """Tell a RheoCompass or RheoPlus export by the line that begins a table, or its window XML."""
+    if head.startswith(b"PK\x03\x04"):
+        return _is_workbook(path)
+    text = text_of(head)
+    return "\0" not in text and _INTERVAL.search(text) is not None
+
+
+def _is_workbook(path: Path) -> bool:
+    """Look for the label of an interval in the beginning of the texts of a workbook."""
+    import zipfile
+    import zlib
+
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = [
+                n for n in archive.namelist()
+                if n == "xl/sharedStrings.xml" or n.startswith("xl/worksheets/sheet1")
+            ]  # fmt: skip
+            for name in names:
+                with archive.open(name) as stream:
+                    text = stream.read(16 * HEAD_BYTES).decode("utf-8", errors="replace")
+                if _INTERVAL_IN_SHEET.search(text):
+                    return True
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError):
+        return False  # not told apart from any other archive; the reader says what is wrong
+    return False
+
+
+INSTRUMENT = Instrument(
+    name="anton_paar",
+    title="rheometer export",
+    content="sweep",
+    sniff=_sniff,
+    reader="instruments.anton_paar:read",
+    options=Options,
+    writer="instruments.anton_paar:write",
+)

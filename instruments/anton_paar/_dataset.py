@@ -1,0 +1,258 @@
+"""Intervals to one Dataset, and back."""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from instruments.anton_paar import _words as words
+from instruments.anton_paar._values import Column, Interval
+from labpipe.errors import InputError
+
+DEVICE = "Anton Paar rheometer"
+#: The loss factor that RheoCompass writes when it cannot tell one.
+CLIPPED = 20000.0
+_CLIP_TOLERANCE = 1e-3  # a storage modulus that was made from the clipped value agrees so well
+
+_SAMPLE = ("sample",)
+
+
+def assemble(intervals: Sequence[Interval], **attrs: Any) -> xr.Dataset:
+    """Join intervals along ``sample``; a column that an interval lacks is NaN there.
+
+    Parameters
+    ----------
+    intervals : sequence of Interval
+        In the order of the file.
+    **attrs
+        Further attributes of the Dataset.
+
+    Raises
+    ------
+    InputError
+        One name stands for two SI units.
+    """
+    counts = [interval.point.size for interval in intervals]
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(int)
+    variables: dict[str, Any] = {}
+    for interval, start in zip(intervals, starts, strict=False):
+        for column in interval.columns:
+            _put(variables, column, start, int(starts[-1]))
+    tests, results = _numbered(intervals)
+    coords = {
+        name: (_SAMPLE, np.repeat(np.asarray(values, dtype=np.int64), counts),
+               {"units": "1", "long_name": text})
+        for name, values, text in (
+            ("test", tests, "number of the test, from 0"),
+            ("result", results, "number of the result in its test, from 0"),
+            ("interval", [i.number for i in intervals], "number of the interval, as in the file"),
+        )
+    }  # fmt: skip
+    coords["point"] = (
+        _SAMPLE,
+        np.concatenate([i.point for i in intervals]),
+        {"units": "1", "long_name": "number of the point, 0 where the file gives none"},
+    )
+    variables["is_valid"] = (
+        _SAMPLE,
+        np.concatenate([i.is_valid for i in intervals]).astype(np.int8),
+        {"units": "1", "long_name": "0 where the instrument marked the point invalid"},
+    )
+    dataset = xr.Dataset(variables, coords=coords)
+    dataset.attrs = {
+        "instrument": DEVICE,
+        "layout": "RheoCompass",
+        "tests": json.dumps(_described(intervals, tests, results), ensure_ascii=False),
+        **attrs,
+    }
+    return _frequencies(_unclipped(dataset))
+
+
+def _put(variables: dict[str, Any], column: Column, start: int, total: int) -> None:
+    """Write a column into its place."""
+    if column.name not in variables:
+        is_text = isinstance(column.values, list)
+        empty: NDArray[Any] = (
+            np.full(total, "", dtype=object) if is_text else np.full(total, np.nan)
+        )
+        attrs = {"units": "1" if is_text else column.si, "long_name": column.header}
+        variables[column.name] = (_SAMPLE, empty, attrs)
+    array, attrs = variables[column.name][1], variables[column.name][2]
+    is_text = isinstance(column.values, list)
+    if (array.dtype == object) != is_text or (not is_text and attrs["units"] != column.si):
+        message = (
+            f'the column "{column.header}" is in "{column.unit or "text"}" here and in '
+            f'"{attrs["units"]}" in another table; rename one of them'
+        )
+        raise InputError(message)
+    array[start : start + len(column.values)] = column.values
+
+
+def _numbered(intervals: Sequence[Interval]) -> tuple[list[int], list[int]]:
+    """Count tests and results in the order of the file; a name that returns begins anew."""
+    tests: list[int] = []
+    results: list[int] = []
+    before: Interval | None = None
+    for interval in intervals:
+        place = (interval.sheet, interval.test)
+        if before is None or place != (before.sheet, before.test):
+            tests.append(tests[-1] + 1 if tests else 0)
+            results.append(0)
+        else:
+            is_next = interval.result != before.result or interval.number <= before.number
+            tests.append(tests[-1])
+            results.append(results[-1] + is_next)
+        before = interval
+    return tests, results
+
+
+def _described(
+    intervals: Sequence[Interval], tests: Sequence[int], results: Sequence[int]
+) -> list[dict[str, Any]]:
+    """Return one entry per interval: names, counts, and the columns as they stand in the file."""
+    return [
+        {
+            "test": test,
+            "result": result,
+            "interval": interval.number,
+            "test_name": interval.test,
+            "result_name": interval.result,
+            "declared": interval.declared,
+            "rows": int(interval.point.size),
+            **({"sheet": interval.sheet} if interval.sheet else {}),
+            "columns": [
+                {"name": c.name, "header": c.header, "unit": c.unit,
+                 **({"sub_label": c.sub_label} if c.sub_label else {})}
+                for c in interval.columns
+            ],
+        }
+        for interval, test, result in zip(intervals, tests, results, strict=True)
+    ]  # fmt: skip
+
+
+def _unclipped(dataset: xr.Dataset) -> xr.Dataset:
+    """Replace clipped loss factors by the ratio of the moduli, where the storage modulus is real.
+
+    RheoCompass clips at 20000 and often makes the storage modulus from the clipped value; such a
+    modulus is no reading, so nothing can be recomputed from it and the loss factor stays NaN.
+    """
+    if "loss_factor" not in dataset:
+        return dataset
+    factor = dataset["loss_factor"].values
+    clipped = np.abs(factor) >= CLIPPED * (1 - 1e-9)
+    fresh = np.where(clipped, np.nan, factor)
+    if "storage_modulus" in dataset and "loss_modulus" in dataset:
+        storage, loss = dataset["storage_modulus"].values, dataset["loss_modulus"].values
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = loss / storage
+        is_real = (storage > 0) & (np.abs(ratio) < CLIPPED * (1 - _CLIP_TOLERANCE))
+        fresh = np.where(clipped & is_real, ratio, fresh)
+    dataset = dataset.assign(
+        loss_factor=(_SAMPLE, fresh, dataset["loss_factor"].attrs),
+        is_clipped=(
+            _SAMPLE,
+            clipped.astype(np.int8),
+            {"units": "1", "long_name": "1 where the file's loss factor is clipped at 20000"},
+        ),
+    )
+    dataset.attrs["clipped_loss_factors"] = int(clipped.sum())
+    return dataset
+
+
+def _frequencies(dataset: xr.Dataset) -> xr.Dataset:
+    """Give both frequencies where the file has one."""
+    omega = dataset.get("angular_frequency")
+    hertz = dataset.get("frequency")
+    if omega is None and hertz is None:
+        return dataset
+    count = dataset.sizes["sample"]
+    absent = np.full(count, np.nan)
+    from_omega = absent if omega is None else omega.values / (2 * np.pi)
+    from_hertz = absent if hertz is None else hertz.values * (2 * np.pi)
+    dataset.attrs["derived"] = "frequency" if hertz is None else (
+        "angular_frequency" if omega is None else ""
+    )  # fmt: skip
+    return dataset.assign(
+        frequency=(
+            _SAMPLE, from_omega if hertz is None else np.where(
+                np.isnan(hertz.values), from_omega, hertz.values),
+            {"units": "Hz", "long_name": "Frequency"},
+        ),
+        angular_frequency=(
+            _SAMPLE, from_hertz if omega is None else np.where(
+                np.isnan(omega.values), from_hertz, omega.values),
+            {"units": "rad/s", "long_name": "Angular Frequency"},
+        ),
+    )  # fmt: skip
+
+
+def intervals_of(dataset: xr.Dataset) -> list[Interval]:
+    """Return the intervals of a Dataset of the form of :func:`assemble`.
+
+    Raises
+    ------
+    InputError
+        It has another form.
+    """
+    try:
+        described = json.loads(dataset.attrs["tests"])
+        stops = np.cumsum([entry["rows"] for entry in described])
+        if not len(stops) or int(stops[-1]) != dataset.sizes["sample"]:
+            message = "the attribute tests does not fit the samples"
+            raise InputError(message)
+        return [
+            _interval(dataset.isel(sample=slice(int(stop) - entry["rows"], int(stop))), entry)
+            for entry, stop in zip(described, stops, strict=True)
+        ]
+    except KeyError as error:
+        message = f"not a Dataset of this reader: {error} is missing"
+        raise InputError(message) from None
+
+
+def _interval(part: xr.Dataset, entry: dict[str, Any]) -> Interval:
+    columns = []
+    for described in entry["columns"]:
+        variable = part[described["name"]]
+        is_text = variable.dtype.kind not in "fiu"
+        values = [str(v) for v in variable.values] if is_text else variable.values.astype(float)
+        columns.append(
+            Column(
+                described["name"], described["header"], described["unit"],
+                "" if is_text else variable.attrs["units"], values,
+                described.get("sub_label", ""),
+            )
+        )  # fmt: skip
+    return Interval(
+        entry["test_name"], entry["result_name"], entry["interval"], entry["declared"],
+        part["point"].values.astype(np.int64), part["is_valid"].values.astype(bool),
+        tuple(columns), sheet=entry.get("sheet", ""),
+    )  # fmt: skip
+
+
+def make_column(header: str, unit: str, values: Any) -> Column:
+    """Make a column of numbers in SI (or of text, with an empty unit) under an English heading.
+
+    Examples
+    --------
+    >>> made = make_column("Torque", "[mN·m]", [1e-3])
+    >>> made.name, made.si
+    ('torque', 'N m')
+    """
+    name = words.column_name(header) or words.slug(header)
+    if name in words.TEXT_COLUMNS:
+        return Column(name, header, "", "", [str(v) for v in values])
+    return Column(name, header, unit, words.unit_of(unit).si, np.asarray(values, dtype=float))
+
+
+def make_interval(
+    test: str, result: str, number: int, columns: Sequence[Column], *, declared: int | None = None
+) -> Interval:
+    """Make an interval of valid points, numbered from 1."""
+    count = len(columns[0].values)
+    return Interval(
+        test, result, number, count if declared is None else declared,
+        np.arange(1, count + 1), np.ones(count, dtype=bool), tuple(columns),
+    )  # fmt: skip

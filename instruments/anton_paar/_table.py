@@ -1,0 +1,322 @@
+"""From rows of cells to intervals: the structure that all Anton Paar exports share.
+
+RheoCompass::
+
+    Project:  name | host, date | counter
+    Test:     sample A 25C
+    Result:   Frequency sweep 1
+    Interval and data points:  1  11
+    Interval data:  Point No.  Angular Frequency  Storage Modulus  …  Status
+                    (a row of sub-labels, mostly empty)
+                               [rad/s]            [Pa]
+                    1          50                 62589
+
+RheoPlus has one label for each of interval and number of points, and no empty first column.
+Structure is asked before words: a label and two whole numbers begin an interval in any language.
+"""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from instruments.anton_paar import _words as words
+from labpipe.errors import SourceError
+from labpipe.text import shorten
+
+Cell = str | float | None
+
+_BRACKETS = re.compile(r"\s*\[.*\]\s*")
+_WHOLE = re.compile(r"\s*[0-9]{1,9}(?:\.0*)?\s*")
+_NUMBER = re.compile(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?")
+_UNITS_WITHIN = 3  # lines below the header: sub-labels, and a line that a hand has added
+_MOST_COLUMNS = 512
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One row: its number in the file or sheet, its sheet ("" in a text), its cells."""
+
+    line: int
+    cells: list[Cell]
+    sheet: str = ""
+
+
+@dataclass(slots=True)
+class RawInterval:
+    """One table as it stands in the file.
+
+    ``declared`` is the number of points that the file announces (None when it does not);
+    ``first`` the cell with which the columns begin.
+    """
+
+    test: str
+    result: str
+    number: int
+    declared: int | None
+    line: int
+    sheet: str
+    headers: list[str] = field(default_factory=list)
+    sub_labels: list[str] = field(default_factory=list)
+    units: list[str] = field(default_factory=list)
+    rows: list[Row] = field(default_factory=list)
+    first: int = 0
+
+
+@dataclass(slots=True)
+class Export:
+    """Everything between the first and the last row."""
+
+    path: Path
+    intervals: list[RawInterval] = field(default_factory=list)
+    header: list[str] = field(default_factory=list)
+    projects: int = 0
+    notes: list[str] = field(default_factory=list)
+
+
+def text_of(cell: Cell) -> str:
+    """Return a cell as text; a number as its shortest form."""
+    if cell is None:
+        return ""
+    if isinstance(cell, float):
+        return repr(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
+    return cell.strip()
+
+
+def read_table(path: Path, rows: Iterable[Row]) -> Export:
+    """Find the intervals.
+
+    Raises
+    ------
+    SourceError
+        There is none, a table has no units, or a row does not fit its header.
+    """
+    reader = _Reader(path)
+    for row in rows:
+        reader.take(row)
+    return reader.finished()
+
+
+class _Reader:
+    """The state of one pass: which labels were seen, and which part of a table comes next."""
+
+    def __init__(self, path: Path) -> None:
+        self.export = Export(path)
+        self.sheet: str | None = None
+        self.test = self.result = ""
+        self.unknown: list[str] = []  # values of unknown labels since the last table
+        self.number: int | None = None  # RheoPlus: stated before the number of points
+        self.current: RawInterval | None = None
+        self.expects = "labels"
+        self.dangling = 0  # line of a label after the last table
+        self.is_last_blank = False
+
+    def fail(
+        self, row: Row, message: str, hint: str = "", column: int | None = None
+    ) -> SourceError:
+        where = f"sheet {row.sheet}: " if row.sheet else ""
+        return SourceError(
+            self.export.path, where + message, line=row.line, column=column, hint=hint
+        )
+
+    def take(self, row: Row) -> None:
+        """Take one row in."""
+        if row.sheet != self.sheet:
+            self.close()
+            self.sheet, self.test, self.result, self.unknown = row.sheet, "", "", []
+            self.number = None
+        cells = [text_of(c) for c in row.cells]
+        while cells and not cells[-1]:
+            cells.pop()
+        self.is_last_blank = not cells
+        if not cells:
+            if self.current is not None and self.current.rows:
+                self.close()
+            return
+        if len(cells) > _MOST_COLUMNS:
+            raise self.fail(
+                row, f"found {len(cells)} cells, no table has more than {_MOST_COLUMNS}"
+            )
+        if self._is_label(cells):
+            self._label(row, cells)
+        elif self.current is None:
+            self._loose(row, cells)
+        elif self.expects == "header":
+            self._header(self.current, row, cells)
+        elif self.expects == "units":
+            self._units(self.current, row, cells)
+        else:
+            self._data(self.current, row, cells)
+
+    def _is_label(self, cells: list[str]) -> bool:
+        first = cells[0]
+        if self.expects == "header" and len(cells) > 2 and not _WHOLE.fullmatch(cells[1]):
+            return False
+        return first.endswith(":") or words.label(first) in ("header", "project")
+
+    def _label(self, row: Row, cells: list[str]) -> None:
+        self.close()
+        self.dangling = row.line
+        values = [c for c in cells[1:] if c]
+        text = words.repaired(" ".join(values))
+        meaning = words.label(words.repaired(cells[0]))
+        numbers = [int(float(v)) for v in values if _WHOLE.fullmatch(v)]
+        if len(values) == 2 and len(numbers) == 2:
+            self._begin(row, numbers[0], numbers[1])
+        elif meaning == "header" and len(values) > 1:
+            self.export.notes.append(
+                f"line {row.line}: a table without the line that states its number of points"
+            )
+            self._header(self._begin(row, len(self._siblings()) + 1, None), row, cells)
+        elif meaning == "interval" and len(values) == 1 and numbers:
+            self.number = numbers[0]
+        elif meaning == "points" and len(values) == 1 and numbers:
+            self._begin(row, self.number or len(self._siblings()) + 1, numbers[0])
+            self.number = None
+        else:
+            self._named(row, meaning, cells[0], text)
+
+    def _siblings(self) -> list[RawInterval]:
+        return [
+            i for i in self.export.intervals
+            if (i.sheet, i.test, i.result) == (self.sheet, self.test, self.result)
+        ]  # fmt: skip
+
+    def _named(self, row: Row, meaning: str | None, name: str, text: str) -> None:
+        self.export.header.append(f"{name}\t{text}")
+        if meaning == "project":
+            self.export.projects += 1
+            if self.export.projects == 2 and not row.sheet:
+                self.export.notes.append(
+                    f"line {row.line}: a second project begins; exports were joined"
+                )
+        elif meaning == "test":
+            self.test, self.result, self.unknown = text, "", []
+        elif meaning == "result":
+            self.result = text
+        elif meaning is None:
+            self.unknown.append(text)
+
+    def _begin(self, row: Row, number: int, declared: int | None) -> RawInterval:
+        if not self.test and self.unknown:
+            # Words of another language: a test stands before its result.
+            self.test = self.unknown[-2] if len(self.unknown) > 1 else self.unknown[-1]
+            self.result = self.result or (self.unknown[-1] if len(self.unknown) > 1 else "")
+            self.export.notes.append(
+                f"line {row.line}: the labels above are in no known language; "
+                f"{shorten(self.test)} is taken as the test"
+            )
+        self.unknown = []
+        self.current = RawInterval(
+            self.test, self.result, number, declared, row.line, self.sheet or ""
+        )
+        self.expects = "header"
+        return self.current
+
+    def _header(self, current: RawInterval, row: Row, cells: list[str]) -> None:
+        headers = [words.repaired(c) for c in cells]
+        # RheoCompass keeps the first column for the label, RheoPlus begins with the points.
+        current.first = 0 if words.column_name(headers[0]) == "point" else 1
+        current.headers = headers[current.first :]
+        while current.headers and not current.headers[-1]:
+            current.headers.pop()
+        if len(current.headers) < 2 or any(_WHOLE.fullmatch(h) for h in headers):
+            raise self.fail(
+                row, f"found {shorten(' '.join(cells))}, expected the names of the columns",
+                "The lines of the table were changed; export the file again.",
+            )  # fmt: skip
+        self.header_line = row.line
+        self.expects = "units"
+
+    def _units(self, current: RawInterval, row: Row, cells: list[str]) -> None:
+        inside = [words.repaired(c) for c in cells[current.first :]]
+        stated = [c for c in inside if c]
+        if stated and not cells[0] and all(_BRACKETS.fullmatch(c) for c in stated):
+            if len(inside) > len(current.headers):
+                raise self.fail(
+                    row, f"found {len(inside)} units for {len(current.headers)} columns"
+                )
+            current.units = inside + [""] * (len(current.headers) - len(inside))
+            self.expects = "data"
+            return
+        is_number = any(_NUMBER.fullmatch(c) for c in stated)
+        if row.line - self.header_line > _UNITS_WITHIN or is_number:
+            raise self.fail(
+                row,
+                "found no row of units such as [Pa] below the names of the columns",
+                "Export again with units; they are not guessed.",
+            )
+        current.sub_labels = inside
+
+    def _data(self, current: RawInterval, row: Row, cells: list[str]) -> None:
+        # At least the first cell is empty (RheoCompass) or a point number (RheoPlus).
+        if current.first and cells[0]:
+            raise self.fail(
+                row,
+                f"found {shorten(cells[0])} where the first cell of a row of data is empty",
+                "A cell was added or moved; compare the row with its neighbours.",
+            )
+        inside = row.cells[current.first :]
+        width = len(current.headers)
+        filled = len(cells) - current.first
+        if filled > width:
+            raise self.fail(
+                row, f"found {filled} cells, expected {width}: {shorten(' '.join(cells))}",
+                "A cell was added; compare the row with its neighbours.",
+            )  # fmt: skip
+        inside = inside[:width]
+        if not row.sheet and len(inside) < width:
+            lost = current.headers[len(inside) :]
+            if any(words.column_name(h) not in words.TEXT_COLUMNS for h in lost):
+                raise self.fail(
+                    row, f"found {len(inside)} cells, expected {width}: {shorten(' '.join(cells))}",
+                    "A cell is missing; compare the row with its neighbours.",
+                )  # fmt: skip
+        inside = inside + [None] * (width - len(inside))
+        current.rows.append(Row(row.line, inside, row.sheet))
+
+    def _loose(self, row: Row, cells: list[str]) -> None:
+        numbers = sum(bool(_NUMBER.fullmatch(c)) for c in cells)
+        # Above the first table one number may be a remark; several are a row that lost its table.
+        if numbers > (0 if self.export.intervals else 1):
+            raise self.fail(
+                row, f"found {shorten(' '.join(cells))} outside a table",
+                "An empty line stands inside the table, or its header is lost.",
+            )  # fmt: skip
+        self.export.header.append(" ".join(cells))
+
+    def close(self) -> None:
+        """End the table at hand."""
+        found, self.current = self.current, None
+        self.expects = "labels"
+        if found is None:
+            return
+        self.dangling = 0
+        place = f"{found.sheet + ', ' if found.sheet else ''}line {found.line}"
+        if found.declared is not None and found.declared != len(found.rows):
+            self.export.notes.append(
+                f"{place}: interval {found.number} of {shorten(found.test)} declares "
+                f"{found.declared} points and holds {len(found.rows)}: the test was stopped, or "
+                "the file is cut"
+            )
+        self.export.intervals.append(found)
+
+    def finished(self) -> Export:
+        """Return what was found, or say that it is nothing."""
+        last = self.dangling if self.current is None else 0
+        self.close()
+        if last:
+            self.export.notes.append(
+                f"line {last}: the file ends after a label, before its table: it is cut"
+            )
+        elif self.is_last_blank and not self.sheet:
+            self.export.notes.append(
+                "the file ends with an empty line, as before a further table: it may be cut"
+            )
+        if not any(i.rows for i in self.export.intervals):
+            raise SourceError(
+                self.export.path,
+                "found no table with rows of data",
+                hint="Export the table of the measurement from RheoCompass as CSV or XLSX.",
+            )
+        return self.export

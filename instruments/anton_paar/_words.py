@@ -1,0 +1,186 @@
+"""The words of Anton Paar exports in four languages, and the repair of damaged letters.
+
+Words are compared folded: without accents, case and punctuation. Where a file's structure tells
+what a line is (a label and two whole numbers begin an interval), its words are not asked at all.
+"""
+
+import re
+import unicodedata
+
+from labpipe.errors import InputError
+from labpipe.units import Unit, unit
+
+_NOT_WORD = re.compile(r"[^0-9a-z]+")
+
+#: What a label before a table means, by its folded spellings.
+LABELS: dict[str, tuple[str, ...]] = {
+    "project": ("project", "projekt", "projet", "projeto", "file", "data series information",
+                "datenreihen information"),
+    "test": ("test", "teste", "essai", "versuch", "name"),
+    "result": ("result", "ergebnis", "resultat", "resultado"),
+    "interval": ("interval", "abschnitt", "messabschnitt", "intervalle", "intervalo"),
+    "points": ("number of data points", "anzahl datenpunkte", "anzahl messpunkte",
+               "nombre de points de donnees", "numero de pontos de dados"),
+    "header": ("interval data", "intervalldaten", "abschnittsdaten", "intervall daten",
+               "intervalle donnees", "interval donnees", "donnees intervalle",
+               "dados do intervalo", "intervalo dados"),
+}  # fmt: skip
+
+#: What a column holds, by its folded spellings.
+COLUMNS: dict[str, tuple[str, ...]] = {
+    "point": ("point no", "meas pts", "measuring point", "punkt nr", "messpunkt", "messpkt",
+              "messpkte", "mess pkt", "point n", "point no ", "no du point", "n du point",
+              "pts mes", "no do ponto", "ponto no"),
+    "time": ("time", "zeit", "temps", "tempo", "test time", "versuchszeit"),
+    "interval_time": ("interval time", "intervallzeit", "abschnittszeit", "temps d intervalle",
+                      "temps de l intervalle", "tempo do intervalo"),
+    "time_of_day": ("time of day", "uhrzeit", "tageszeit", "heure", "hora", "hora do dia"),
+    "angular_frequency": ("angular frequency", "kreisfrequenz", "frequence angulaire",
+                          "pulsation", "frequencia angular"),
+    "frequency": ("frequency", "frequenz", "frequence", "frequencia"),
+    "temperature": ("temperature", "temperatur", "temperatura", "measured temperature",
+                    "sample temperature", "actual temperature"),
+    "temperature_set": ("set temperature", "temperature set", "temperature set value",
+                        "solltemperatur", "temperature de consigne", "temperatura definida"),
+    "storage_modulus": ("storage modulus", "speichermodul", "module de stockage",
+                        "module de conservation", "modulo de armazenamento",
+                        "extensional storage modulus", "storage modulus e", "storage modulus g"),
+    "loss_modulus": ("loss modulus", "verlustmodul", "module de perte", "modulo de perda",
+                     "extensional loss modulus", "loss modulus e", "loss modulus g"),
+    "loss_factor": ("loss factor", "verlustfaktor", "damping factor", "facteur de perte",
+                    "facteur d amortissement", "fator de perda", "tan delta"),
+    "complex_modulus": ("complex modulus", "komplexer modul", "module complexe",
+                        "modulo complexo"),
+    "complex_viscosity": ("complex viscosity", "komplexe viskositat", "viscosite complexe",
+                          "viscosidade complexa"),
+    "complex_viscosity_real": ("re complex viscosity", "real part complex viscosity"),
+    "complex_viscosity_imaginary": ("im complex viscosity", "imaginary part complex viscosity"),
+    "strain": ("shear strain", "strain", "deformation", "scherdeformation", "scherung",
+               "extensional strain", "dehnung", "deformation de cisaillement",
+               "deformacao de cisalhamento", "deformacao", "deformation en extension"),
+    "stress": ("shear stress", "stress", "schubspannung", "spannung", "zugspannung",
+               "extensional stress", "contrainte de cisaillement", "contrainte",
+               "tensao de cisalhamento", "tensao"),
+    "shear_rate": ("shear rate", "scherrate", "schergeschwindigkeit", "taux de cisaillement",
+                   "vitesse de cisaillement", "taxa de cisalhamento"),
+    "viscosity": ("viscosity", "viskositat", "viscosite", "viscosidade"),
+    "relaxation_modulus": ("relaxation modulus", "relaxationsmodul", "module de relaxation",
+                           "modulo de relaxacao"),
+    "creep_compliance": ("creep compliance", "kriechnachgiebigkeit", "complaisance",
+                         "complaisance en fluage", "compliancia de fluencia"),
+    "torque": ("torque", "drehmoment", "moment", "couple", "torque do motor"),
+    "normal_force": ("normal force", "normalkraft", "force normale", "forca normal"),
+    "deflection_angle": ("deflection angle", "auslenkwinkel", "angle de deflexion",
+                         "angle de deviation", "angulo de deflexao"),
+    "phase_angle": ("phase shift angle", "phase angle", "phasenverschiebungswinkel",
+                    "angle de phase", "angulo de fase"),
+    "gap": ("gap", "spalt", "measuring gap", "messspalt", "entrefer", "abertura"),
+    "status": ("status", "etat", "estado", "statut"),
+}  # fmt: skip
+
+#: Columns that hold text.
+TEXT_COLUMNS = ("status", "time_of_day")
+
+#: SI unit that a known column must become; another is a mistake in the file, not a conversion.
+SI_OF: dict[str, tuple[str, ...]] = {
+    "time": ("s",), "interval_time": ("s",), "angular_frequency": ("rad/s", "Hz", "1/s"),
+    "frequency": ("Hz", "rad/s"), "temperature": ("degC",), "temperature_set": ("degC",),
+    "storage_modulus": ("Pa",), "loss_modulus": ("Pa",), "complex_modulus": ("Pa",),
+    "loss_factor": ("1",), "complex_viscosity": ("Pa s",), "complex_viscosity_real": ("Pa s",),
+    "complex_viscosity_imaginary": ("Pa s",), "strain": ("1",), "stress": ("Pa",),
+    "shear_rate": ("1/s",), "viscosity": ("Pa s",), "relaxation_modulus": ("Pa",),
+    "creep_compliance": ("1/Pa",), "torque": ("N m",), "normal_force": ("N",),
+    "deflection_angle": ("rad",), "phase_angle": ("rad",), "gap": ("m",),
+}  # fmt: skip
+
+_LABEL_OF = {word: name for name, words in LABELS.items() for word in words}
+_COLUMN_OF = {word.strip(): name for name, words in COLUMNS.items() for word in words}
+_INVALID = ("invalid", "invalide", "ungultig", "invalido")
+_COUNT = re.compile(r"\s*(\d{1,9})\s*(?:\(\s*(.+?)\s*\))?\s*")
+
+
+def fold(text: str) -> str:
+    """Return letters and digits only, without accents and case.
+
+    Examples
+    --------
+    >>> fold("Résultat:"), fold("Point No.")
+    ('resultat', 'point no')
+    """
+    plain = unicodedata.normalize("NFKD", text.casefold())
+    plain = "".join(c for c in plain if not unicodedata.combining(c))
+    return _NOT_WORD.sub(" ", plain).strip()
+
+
+def label(text: str) -> str | None:
+    """Return what a label means, or None when it is not known."""
+    return _LABEL_OF.get(fold(text))
+
+
+def column_name(text: str) -> str | None:
+    """Return the canonical name of a column, or None when it is not known."""
+    return _COLUMN_OF.get(fold(text))
+
+
+def slug(text: str) -> str:
+    """Make a variable name of an unknown column."""
+    return _NOT_WORD.sub("_", fold(text)).strip("_") or "column"
+
+
+def point_number(text: str) -> tuple[int, bool] | None:
+    """Read a point number and whether the point is valid; None when it is neither.
+
+    Examples
+    --------
+    >>> point_number("7"), point_number("8 (invalid)"), point_number("8 (perhaps)")
+    ((7, True), (8, False), None)
+    """
+    match = _COUNT.fullmatch(text)
+    if match is None or (match[2] is not None and fold(match[2]) not in _INVALID):
+        return None
+    return int(match[1]), match[2] is None
+
+
+def repaired(text: str) -> str:
+    """Undo UTF-8 that was read as cp1252 (``Âµ``, ``Ã©``, ``â„¢``); other text is unchanged."""
+    if not any(sign in text for sign in "ÂÃâ"):
+        return text
+    try:
+        return text.encode("cp1252").decode("utf-8")
+    except UnicodeError:
+        return text
+
+
+_LOST = "\N{REPLACEMENT CHARACTER}"
+_EXTRA_UNITS = {
+    "1/min": Unit(1 / 60, "1/s"), "µPa·s": Unit(1e-6, "Pa s"), "1/kPa": Unit(1e-3, "1/Pa"),
+    "kPa·s": Unit(1e3, "Pa s"), "MPa·s": Unit(1e6, "Pa s"), "K": Unit(1.0, "K"),
+}  # fmt: skip
+
+
+def unit_of(text: str) -> Unit:
+    """Look the unit of a column up; ``µ``, ``·`` and ``°`` may have been lost.
+
+    Raises
+    ------
+    InputError
+        It is not known.
+
+    Examples
+    --------
+    >>> unit_of("[mN·m]").si, unit_of("[°C]").si
+    ('N m', 'degC')
+    """
+    name = repaired(text.strip()).strip("[]() ")
+    if name in _EXTRA_UNITS:
+        return _EXTRA_UNITS[name]
+    if _LOST in name:
+        # Only three letters outside ASCII stand in these units, each in a place of its own.
+        name = "°" + name[1:] if name == f"{_LOST}C" else name
+        name = "µ" + name[1:] if name.startswith(_LOST) else name
+        name = name.replace(_LOST, "·")
+    found = unit(name)
+    if not name:
+        message = f'unknown unit "{text}"'
+        raise InputError(message)
+    return found

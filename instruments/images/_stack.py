@@ -1,0 +1,363 @@
+"""Films that were exported as images: a folder of PNG or TIFF, a multipage TIFF, or an AVI.
+
+Such files hold no time: the frame rate must be said. Gain, brightness and gamma may have been
+baked in by the exporting program, so intensities are not calibrated.
+"""
+
+import os
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.images._headers import ImageHeader, png_fault, read_headers
+from labpipe import files
+from labpipe.errors import InputError, SourceError
+
+_SUFFIXES = (".png", ".tif", ".tiff")
+_NUMBER = re.compile(r"-?\d+(?=\D*$)")
+_NEEDS_RATE = (
+    "Images hold no time: give the camera's frame rate, fps=10000 (in session.toml: frame_rate)."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where one image is: its file and, in a file of several, its page."""
+
+    path: Path
+    page: int
+    header: ImageHeader
+
+
+def read(
+    path: str | os.PathLike[str], *, fps: float | None = None, exposure: float | None = None
+) -> "ImageFrames | VideoFrames":
+    """Open a folder of images, a multipage TIFF, or an AVI.
+
+    Parameters
+    ----------
+    path : path-like
+    fps : float [1/s]
+        Frame rate of the camera; required, as the files do not know it.
+    exposure : float, optional [s]
+
+    Returns
+    -------
+    FrameSource
+        Lazy frames; the first frame has time 0.
+
+    Raises
+    ------
+    SourceError
+        There are no images, they differ in size, are colour, or declare impossible sizes.
+    InputError
+        The frame rate is missing or not positive.
+
+    Warns
+    -----
+    UserWarning
+        Numbers are missing in the names of the images; a video's levels and rate are not the
+        camera's.
+    """
+    path = Path(path)
+    if fps is None:
+        message = f"{path}: no frame rate. {_NEEDS_RATE}"
+        raise InputError(message)
+    if not (np.isfinite(fps) and fps > 0):
+        message = f"{path}: the frame rate must be positive, found {fps}"
+        raise InputError(message)
+    if path.is_file() and path.suffix.lower() not in _SUFFIXES and not _is_tiff(path):
+        return VideoFrames(path, fps, exposure)
+    places, numbers = _folder(path) if path.is_dir() else _pages(path)
+    _check_alike(places)
+    time = (numbers - numbers[0]) / fps
+    return ImageFrames(places, time, exposure)
+
+
+def _is_tiff(path: Path) -> bool:
+    from instruments.images._headers import is_tiff
+
+    with path.open("rb") as stream:
+        return is_tiff(stream.read(8))
+
+
+def _folder(folder: Path) -> tuple[list[_Place], NDArray[np.float64]]:
+    """Sort the images by the last number of their names and warn of gaps."""
+    named = [p for p in files.files_below(folder) if p.suffix.lower() in _SUFFIXES]
+    named = [p for p in named if p.parent == folder]
+    numbered = []
+    for path in named:
+        found = _NUMBER.search(path.stem)
+        if found is None:
+            raise SourceError(
+                path,
+                "the image has no number in its name, so its place in the film is unknown",
+                hint="Name images like frame_0001.png.",
+            )
+        numbered.append((_signed(path.stem, found), path))
+    if not numbered:
+        raise SourceError(folder, f"the folder holds no image ({', '.join(_SUFFIXES)})")
+    numbered.sort()
+    numbers = np.array([number for number, _ in numbered])
+    twice = np.flatnonzero(np.diff(numbers) == 0)
+    if len(twice):
+        raise SourceError(numbered[twice[0] + 1][1], f"number {numbers[twice[0]]} occurs twice")
+    places = []
+    for _, path in numbered:
+        headers = read_headers(path)
+        if len(headers) != 1:
+            raise SourceError(path, f"holds {len(headers)} images, expected one per file")
+        places.append(_Place(path, 0, headers[0]))
+    _warn_of_gaps(folder, numbers)
+    return places, numbers.astype(float)
+
+
+def _signed(stem: str, found: "re.Match[str]") -> int:
+    """Read the number; a minus sign counts only where it cannot be a hyphen between words."""
+    text = found.group()
+    is_hyphen = text.startswith("-") and found.start() > 0 and stem[found.start() - 1].isalnum()
+    return int(text.removeprefix("-") if is_hyphen else text)
+
+
+def _warn_of_gaps(folder: Path, numbers: NDArray[np.int64]) -> None:
+    steps = np.diff(numbers)
+    usual = int(np.min(steps)) if len(steps) else 1
+    missing = int(np.sum(steps // usual - 1))
+    if missing:
+        first = int(numbers[int(np.flatnonzero(steps > usual)[0])])
+        warnings.warn(
+            f"{folder.name}: {missing} images are missing, the first after number {first}; times "
+            "follow the numbers, so the film has gaps",
+            UserWarning,
+            stacklevel=4,
+        )
+
+
+def _pages(path: Path) -> tuple[list[_Place], NDArray[np.float64]]:
+    places = [_Place(path, i, header) for i, header in enumerate(read_headers(path))]
+    return places, np.arange(len(places), dtype=float)
+
+
+def _check_alike(places: Sequence[_Place]) -> None:
+    first = places[0].header
+    for place in places:
+        if place.header[:3] != first[:3]:
+            rows, columns, bits, _ = place.header
+            raise SourceError(
+                place.path,
+                f"image {place.page}: {columns} × {rows} px of {bits} bits, but the first of the "
+                f"film has {first.columns} × {first.rows} px of {first.bits} bits",
+                hint="Put only the images of one film into the folder.",
+            )
+
+
+class ImageFrames:
+    """Images in files as frames; one is decoded when it is asked for."""
+
+    def __init__(
+        self,
+        places: Sequence[_Place],
+        time: NDArray[np.float64],
+        exposure: float | None,
+        rows: slice = slice(None),
+        columns: slice = slice(None),
+        faults: dict[int, str] | None = None,
+    ) -> None:
+        header = places[0].header
+        self._faults = {} if faults is None else faults  # views of one film share what is known
+        self._places, self._time, self._exposure = list(places), time, exposure
+        self._rows, self._columns = range(header.rows)[rows], range(header.columns)[columns]
+        if not self._rows or not self._columns or self._rows.step != 1 or self._columns.step != 1:
+            message = f"the region of interest {rows}, {columns} is no rectangle of the image"
+            raise InputError(message)
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Time of every frame in s, from the numbers and the frame rate."""
+        return self._time
+
+    @property
+    def exposure(self) -> NDArray[np.float64] | None:
+        """Exposure of every frame in s, or None."""
+        return None if self._exposure is None else np.full(len(self), self._exposure)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of frames, rows, columns."""
+        return len(self), len(self._rows), len(self._columns)
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """False for images that are cut off, or that contradict their own checksums."""
+        return np.array([not self._fault(index) for index in range(len(self))])
+
+    def _fault(self, index: int) -> str:
+        if index not in self._faults:
+            place = self._places[index]
+            is_png = place.path.suffix.lower() == ".png"
+            self._faults[index] = place.header.fault or (png_fault(place.path) if is_png else "")
+        return self._faults[index]
+
+    @property
+    def levels(self) -> tuple[float, float]:
+        """Range of the pixel type: what black and white were is not known."""
+        return 0.0, float(2 ** self._places[0].header.bits - 1)
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return len(self._places)
+
+    def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
+        """Decode one frame."""
+        if not -len(self) <= index < len(self):
+            message = f"frame {index} of {len(self)}"
+            raise IndexError(message)
+        index %= len(self)
+        place = self._places[index]
+        if fault := self._fault(index):
+            raise SourceError(place.path, fault,
+                              hint="Use the frames marked in `.valid`.")  # fmt: skip
+        image = _decode(place)
+        expected = (place.header.rows, place.header.columns)
+        if image is None or image.shape != expected:
+            found = "nothing" if image is None else f"an image of shape {image.shape}"
+            raise SourceError(place.path, f"decodes to {found}, expected {expected}")
+        return image[self._rows.start : self._rows.stop, self._columns.start : self._columns.stop]
+
+    def __iter__(self) -> Iterator[NDArray[np.integer[Any]]]:
+        """Go through the frames in order."""
+        return (self[i] for i in range(len(self)))
+
+    def roi(self, rows: slice, columns: slice) -> "ImageFrames":
+        """Return a view of a rectangle; a compressed image is decoded whole all the same."""
+        inner, across = self._rows[rows], self._columns[columns]
+        return ImageFrames(
+            self._places, self._time, self._exposure,
+            slice(inner.start, inner.stop, inner.step),
+            slice(across.start, across.stop, across.step),
+            self._faults,
+        )  # fmt: skip
+
+
+def _decode(place: _Place) -> NDArray[Any] | None:
+    if place.page:
+        is_done, pages = cv2.imreadmulti(str(place.path), place.page, 1, flags=cv2.IMREAD_UNCHANGED)
+        return np.asarray(pages[0]) if is_done and pages else None
+    data = np.fromfile(place.path, np.uint8)  # names of any letters; imread takes ASCII only
+    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    return None if image is None else np.asarray(image)
+
+
+class VideoFrames:
+    """Frames of a video file, for what an AVI is worth: baked levels, 8 bit, no times."""
+
+    def __init__(self, path: Path, fps: float, exposure: float | None) -> None:
+        self._path = path
+        self._video = cv2.VideoCapture(str(path))
+        sizes = (cv2.CAP_PROP_FRAME_COUNT, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_WIDTH)
+        count, rows, columns = (int(self._video.get(p)) for p in sizes)
+        if not self._video.isOpened() or count < 1:
+            raise SourceError(path, "the video cannot be decoded, or holds no frame")
+        if rows * columns > 1 << 26:
+            raise SourceError(path, f"declares {columns} × {rows} px")
+        playback = self._video.get(cv2.CAP_PROP_FPS)
+        warnings.warn(
+            f"{path.name}: a video has its levels baked in (gain, brightness, gamma), so its "
+            f"intensities are not calibrated; its own {playback:g} frames a second are the rate of "
+            f"playback, the times here follow the stated {fps:g}",
+            UserWarning,
+            stacklevel=4,
+        )
+        self._count, self._size, self._fps = self._countable(count), (rows, columns), fps
+        self._exposure = exposure
+        self._rows, self._columns = range(rows), range(columns)
+        self._next = 0
+
+    def _countable(self, declared: int) -> int:
+        """Count the frames that there are; a container's count is only a claim."""
+        count = 0
+        while count < declared and self._video.grab():
+            count += 1
+        self._video.set(cv2.CAP_PROP_POS_FRAMES, 0)
+        if count < declared:
+            warnings.warn(
+                f"{self._path.name}: {declared} frames are declared, {count} can be read",
+                UserWarning,
+                stacklevel=5,
+            )
+        if not count:
+            raise SourceError(self._path, "no frame of the video can be decoded")
+        return count
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Time of every frame in s, by the stated rate."""
+        return np.arange(self._count) / self._fps
+
+    @property
+    def exposure(self) -> NDArray[np.float64] | None:
+        """Exposure of every frame in s, or None."""
+        return None if self._exposure is None else np.full(self._count, self._exposure)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of frames, rows, columns."""
+        return self._count, len(self._rows), len(self._columns)
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """All true: frames that cannot be decoded are not counted."""
+        return np.ones(self._count, dtype=bool)
+
+    @property
+    def levels(self) -> tuple[float, float]:
+        """Range of 8 bit."""
+        return 0.0, 255.0
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return self._count
+
+    def __getitem__(self, index: int) -> NDArray[np.integer[Any]]:
+        """Decode one frame; in order it is fast."""
+        if not -self._count <= index < self._count:
+            message = f"frame {index} of {self._count}"
+            raise IndexError(message)
+        index %= self._count
+        if index != self._next:
+            self._video.set(cv2.CAP_PROP_POS_FRAMES, index)
+        is_read, image = self._video.read()
+        self._next = index + 1
+        if not is_read or image.shape[:2] != self._size:
+            raise SourceError(self._path, f"frame {index} cannot be decoded")
+        part = image[self._rows.start : self._rows.stop, self._columns.start : self._columns.stop]
+        if part.ndim == 3:
+            # codecs of grey video round the three channels apart by a level or two
+            spread = int(np.ptp(part.astype(np.int16), axis=2).max())
+            if spread > 4:
+                raise SourceError(self._path, f"frame {index} is in colour, expected grey",
+                                  hint="A colour film has no single intensity.")  # fmt: skip
+            part = part[:, :, 1]
+        return np.ascontiguousarray(part)
+
+    def __iter__(self) -> Iterator[NDArray[np.integer[Any]]]:
+        """Go through the frames in order."""
+        return (self[i] for i in range(self._count))
+
+    def roi(self, rows: slice, columns: slice) -> "VideoFrames":
+        """Return a view of a rectangle; frames are decoded whole all the same."""
+        view = object.__new__(VideoFrames)
+        view.__dict__.update(self.__dict__)
+        view._rows, view._columns = self._rows[rows], self._columns[columns]
+        view._video, view._next = cv2.VideoCapture(str(self._path)), 0
+        if not view._rows or not view._columns:
+            message = f"the region of interest {rows}, {columns} holds no pixel"
+            raise InputError(message)
+        return view

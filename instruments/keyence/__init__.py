@@ -1,0 +1,108 @@
+"""Keyence laser displacement sensors: storage files read and written, and live recordings."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypedDict
+
+from instruments._instrument import Instrument, lazily, text_of
+from labpipe.text import Limits
+from labpipe.units import Quantity
+
+if TYPE_CHECKING:
+    from instruments.keyence._acquire import (
+        EMULATOR_ONLY,
+        Acquired,
+        check_units,
+        parse_trigger,
+        record,
+        recover,
+    )
+    from instruments.keyence._header import KeyenceProfile
+    from instruments.keyence._live import DL_EN1, LK_G5000, LK_PORT, Connection
+    from instruments.keyence._markers import Status
+    from instruments.keyence._recorder import Setup, Trigger
+    from instruments.keyence._storage import read
+    from instruments.keyence._writer import encode, make_recording, write
+else:
+    __getattr__ = lazily(
+        __name__,
+        {
+            "_acquire": (
+                "EMULATOR_ONLY",
+                "Acquired",
+                "check_units",
+                "parse_trigger",
+                "record",
+                "recover",
+            ),
+            "_header": ("KeyenceProfile",),
+            "_live": ("DL_EN1", "LK_G5000", "LK_PORT", "Connection"),
+            "_markers": ("Status",),
+            "_recorder": ("Setup", "Trigger"),
+            "_storage": ("read",),
+            "_writer": ("encode", "make_recording", "write"),
+        },
+    )
+
+__all__ = [
+    "DL_EN1",
+    "EMULATOR_ONLY",
+    "INSTRUMENT",
+    "LK_G5000",
+    "LK_PORT",
+    "Acquired",
+    "Connection",
+    "KeyenceProfile",
+    "Options",
+    "Setup",
+    "Status",
+    "Trigger",
+    "check_units",
+    "encode",
+    "make_recording",
+    "parse_trigger",
+    "read",
+    "record",
+    "recover",
+    "write",
+]
+
+_WORDS = re.compile(
+    r"keyence|\bLK-?[GHNS]|\bCL-?3|\bCL-?[PLHS]\d|\bIL-?\d|\bOUT ?\d|sampling (?:cycle|period)",
+    re.IGNORECASE,
+)
+
+
+class Options(TypedDict, total=False):
+    """What a storage file leaves unsaid; see :func:`read`."""
+
+    cycle: str | float | Quantity | None
+    units: Sequence[str] | None
+    storage_factor: int | None
+    rows: int | None
+    encoding: str | None
+    delimiter: str | None
+    decimal: str | None
+    profile: "KeyenceProfile | None"
+    allow_incomplete: bool
+    limits: Limits | None
+
+
+def _sniff(head: bytes, path: Path) -> bool:
+    """Tell a storage export by the model, an output or a sampling cycle in its header."""
+    del path
+    # A film or any other binary file may hold these letters by chance, but no text holds a NUL.
+    text = text_of(head)
+    return "\0" not in text and _WORDS.search(text) is not None
+
+
+INSTRUMENT = Instrument(
+    name="keyence",
+    title="Keyence storage file",
+    content="displacement",
+    sniff=_sniff,
+    reader="instruments.keyence:read",
+    options=Options,
+    writer="instruments.keyence:write",
+)

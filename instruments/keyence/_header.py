@@ -1,0 +1,309 @@
+"""The header of a Keyence storage file, driven by a profile; and where the readings begin.
+
+No storage file of LK-Navigator is public, so the layout is assumed and the profile holds every
+assumption. What the header does not say (sampling cycle, units) is asked for, never guessed.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+from instruments.keyence._markers import MARKERS, Marker, marker_status
+from labpipe.errors import InputError, SourceError
+from labpipe.text import shorten
+from labpipe.units import unit
+
+#: What the labels of header lines look like, by what they say. Compared as a whole, without case.
+HEADER_LABELS: Mapping[str, str] = {
+    "model": r"model|controller",
+    "serial": r"serial(?: (?:number|no\.?))?|s/n",
+    "head": r"(?:sensor )?head",
+    "date": r"date(?: and time)?|start(?: time)?",
+    "clock": r"time",
+    "cycle": r"sampling (?:cycle|period|interval|rate)|サンプリング周期",
+    "storage": r"(?:storage|storing|save) (?:cycle|factor|interval)|ストレージ周期",
+    "units": r"units?|単位",
+    "averaging": r"averag(?:e|ing)(?: (?:count|number|times))?|number of averages",
+    "rows": r"(?:number of )?(?:data|points|samples)(?: (?:count|points|number))?",
+}
+
+_COUNTER = re.compile(r"no\.?|#|index|count(?:er)?|data no\.?|番号", re.IGNORECASE)
+_OUTPUT = re.compile(r"out ?0*([0-9]{1,2})\s*(?:[\[(]([^\])]*)[\])])?", re.IGNORECASE)
+_LABEL_UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
+# A unit that lost a letter may be another unit ("mm" and "m"), so only displayed ones are taken.
+_UNITS_ALLOWED = tuple(map(unit, ("mm", "um", "V", "mV", "mm/s", "m/s2", "km/s2")))
+
+
+@dataclass(frozen=True, slots=True)
+class KeyenceProfile:
+    """What a storage file looks like, and what it does not say of itself.
+
+    Attributes
+    ----------
+    encodings : tuple of str
+        Codecs tried, in order, when there is no byte order mark and it is not UTF-8.
+    delimiter, decimal : str, optional
+        By default decided from the file.
+    cycle : str, optional
+        Time between samples, ``"50 us"``.
+    storage_factor : int, optional
+        Only every n-th sample is stored.
+    units : tuple of str, optional
+        Unit of every output, in order.
+    rows : int, optional
+        Number of stored points that the run should have.
+    labels : mapping
+        Patterns of header labels, see :data:`HEADER_LABELS`.
+    markers : tuple of Marker
+        Tokens that stand for "no reading".
+    saturation : float
+        Volts from which an analogue reading counts as saturated; the alarm voltage itself is not
+        documented, ±10 V is the end of the controller's output.
+    """
+
+    encodings: tuple[str, ...] = ("cp932", "cp1252")
+    delimiter: str | None = None
+    decimal: str | None = None
+    cycle: str | float | None = None
+    storage_factor: int | None = None
+    units: tuple[str, ...] | None = None
+    rows: int | None = None
+    labels: Mapping[str, str] = field(default_factory=lambda: HEADER_LABELS)
+    markers: tuple[Marker, ...] = MARKERS
+    saturation: float = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """What stands above the readings.
+
+    Attributes
+    ----------
+    text : str
+        The lines, unchanged.
+    n_lines : int
+        Their number: the first reading stands on line ``n_lines + 1``.
+    delimiter : str
+    entries : mapping
+        Label's meaning to (line number, cells of its value, unit inside the label).
+    outputs : tuple of int
+        Numbers of the outputs, in the order of their columns.
+    has_counter : bool
+        Whether the first column counts the points.
+    unit_texts : tuple of str
+        From the column names or a row below them, empty when there are none.
+    """
+
+    text: str
+    n_lines: int
+    delimiter: str
+    entries: Mapping[str, tuple[int, tuple[str, ...], str]]
+    outputs: tuple[int, ...]
+    has_counter: bool
+    unit_texts: tuple[str, ...]
+
+
+def is_length_or_volts(text: str) -> bool:
+    """Tell whether a text is a unit that an output can have."""
+    try:
+        return bool(text) and unit(text) in _UNITS_ALLOWED
+    except InputError:
+        return False
+
+
+def split_cells(line: str, delimiter: str) -> list[str]:
+    """Split a line and take quotes and blanks from its cells."""
+    return [cell.strip().strip('"').strip() for cell in line.split(delimiter)]
+
+
+def column_of(line: str, delimiter: str, index: int) -> int:
+    """Return where a cell begins in its line, counted from 1.
+
+    Examples
+    --------
+    >>> column_of("1,+00.1234", ",", 1)
+    3
+    """
+    return len(delimiter.join(line.split(delimiter)[:index])) + (2 if index else 1)
+
+
+def is_reading(cell: str, markers: tuple[Marker, ...]) -> bool:
+    """Tell whether a cell is a number, with any decimal sign, or a marker."""
+    looks_like_number = re.fullmatch(r"[+-]?[0-9][0-9.,]*(?:[eE][+-]?[0-9]+)?", cell) is not None
+    return looks_like_number or marker_status(cell, markers) is not None
+
+
+def parse_header(path: Path, lines: Sequence[str], profile: KeyenceProfile) -> Header:
+    """Find the first row of readings and understand what stands above it.
+
+    Parameters
+    ----------
+    path : Path
+        Named in errors.
+    lines : sequence of str
+        The beginning of the file.
+    profile : KeyenceProfile
+        Assumptions.
+
+    Raises
+    ------
+    SourceError
+        There is no row of readings, or a line stands between the names of the columns and the
+        first row, or the number of columns does not fit their names.
+    """
+    delimiter, start = _find_start(path, lines, profile)
+    head = lines[:start]
+    n_columns = len(split_cells(lines[start], delimiter))
+    names_at = _find_names(path, head, delimiter)
+    names = split_cells(head[names_at], delimiter) if names_at is not None else []
+    if names_at is None:
+        _refuse_damaged_row(path, head, delimiter, n_columns)
+        has_counter = _counts(lines[start : start + _COUNTED], delimiter, n_columns)
+        outputs = tuple(range(1, n_columns + 1 - has_counter))
+        unit_texts: tuple[str, ...] = ()
+    else:
+        if len(names) != n_columns:
+            raise SourceError(
+                path,
+                f"the first row has {n_columns} cells, its names are {len(names)}",
+                line=start + 1,
+                column=1,
+                hint="If the comma is the decimal sign, the delimiter must be another: "
+                'delimiter=";".',
+            )
+        has_counter = _COUNTER.fullmatch(names[0]) is not None
+        outputs, unit_texts = _outputs(path, names, names_at, has_counter)
+        below = _units_below(path, head, names_at, delimiter, has_counter, profile.markers)
+        unit_texts = below or unit_texts
+    if not outputs:
+        raise SourceError(path, "there is no column of readings", line=start + 1)
+    entries = _entries(head[:names_at], delimiter, profile)
+    return Header("\n".join(head), start, delimiter, entries, outputs, has_counter, unit_texts)
+
+
+_COUNTED = 3  # rows that must count 1, 2, 3 before a column without a name is taken for a counter
+
+
+def _find_start(path: Path, lines: Sequence[str], profile: KeyenceProfile) -> tuple[str, int]:
+    delimiters = (profile.delimiter,) if profile.delimiter else ("\t", ";", ",")
+    for index, line in enumerate(lines):
+        for delimiter in delimiters:
+            cells = split_cells(line, delimiter)
+            has_delimiter = delimiter in line
+            if has_delimiter and all(is_reading(cell, profile.markers) for cell in cells):
+                return delimiter, index
+        if is_reading(line.strip().strip('"'), profile.markers):
+            return delimiters[-1], index
+    raise SourceError(
+        path,
+        f"found no row of readings in the first {len(lines)} lines",
+        line=1,
+        hint="Expected rows of numbers or markers such as +FFFFFFF below the header.",
+    )
+
+
+def _find_names(path: Path, head: Sequence[str], delimiter: str) -> int | None:
+    found = [
+        index
+        for index, line in enumerate(head)
+        if any(_OUTPUT.fullmatch(cell) for cell in split_cells(line, delimiter))
+    ]
+    if len(found) > 1:
+        raise SourceError(
+            path,
+            f"the columns are named twice, before on line {found[0] + 1}",
+            line=found[1] + 1,
+            hint="Two exports were joined: split the file.",
+        )
+    return found[0] if found else None
+
+
+def _refuse_damaged_row(path: Path, head: Sequence[str], delimiter: str, n_columns: int) -> None:
+    """Without names of columns a damaged first row must not pass for a line of the header."""
+    for index, line in enumerate(head):
+        cells = split_cells(line, delimiter)
+        if len(cells) == n_columns and re.match(r"[+-]?[0-9]", cells[0]):
+            raise SourceError(
+                path,
+                f"found {shorten(line)}, which is neither a row of readings nor a header line",
+                line=index + 1,
+                column=1,
+                hint="If it is a damaged row, export the file again.",
+            )
+
+
+def _counts(rows: Sequence[str], delimiter: str, n_columns: int) -> bool:
+    """Tell whether the first column counts from 0 or 1, as a column without a name."""
+    firsts = [split_cells(row, delimiter)[0] for row in rows]
+    if n_columns == 1 or len(firsts) < _COUNTED or not all(cell.isdigit() for cell in firsts):
+        return False
+    numbers = [int(cell) for cell in firsts]
+    return numbers[0] in (0, 1) and all(b - a == 1 for a, b in pairwise(numbers))
+
+
+def _outputs(
+    path: Path, names: Sequence[str], names_at: int, has_counter: bool
+) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    numbers, units = [], []
+    for index, name in enumerate(names):
+        if index == 0 and has_counter:
+            continue
+        match = _OUTPUT.fullmatch(name)
+        if match is None or int(match[1]) in numbers:
+            raise SourceError(
+                path,
+                f"found the column name {shorten(name)}, expected OUT1, OUT2, … each once",
+                line=names_at + 1,
+                column=1,
+            )
+        numbers.append(int(match[1]))
+        units.append(match[2] or "")
+    return tuple(numbers), tuple(units) if all(units) else ()
+
+
+def _units_below(
+    path: Path,
+    head: Sequence[str],
+    names_at: int,
+    delimiter: str,
+    has_counter: bool,
+    markers: tuple[Marker, ...],
+) -> tuple[str, ...]:
+    """Read a row of units under the names; nothing else may stand there."""
+    units: tuple[str, ...] = ()
+    for index in range(names_at + 1, len(head)):
+        cells = split_cells(head[index], delimiter)
+        texts = cells[1:] if has_counter else cells
+        if not any(cells):
+            continue
+        if units or not texts or not all(map(is_length_or_volts, texts)):
+            wrong = next((i for i, c in enumerate(cells) if not is_reading(c, markers)), 0)
+            raise SourceError(
+                path,
+                f"found {shorten(cells[wrong])}, expected the first row of readings",
+                line=index + 1,
+                column=column_of(head[index], delimiter, wrong),
+                hint="A cell of the row is no number and no known marker; export the file again.",
+            )
+        units = tuple(texts)
+    return units
+
+
+def _entries(
+    head: Sequence[str], delimiter: str, profile: KeyenceProfile
+) -> dict[str, tuple[int, tuple[str, ...], str]]:
+    entries: dict[str, tuple[int, tuple[str, ...], str]] = {}
+    for number, line in enumerate(head, 1):
+        cells = split_cells(line, delimiter)
+        if len(cells) == 1:
+            cells = [part.strip() for part in re.split(r"\s*[:=]\s*", cells[0], maxsplit=1)]
+        label, unit_text = cells[0].rstrip(":= "), ""
+        inner = _LABEL_UNIT.fullmatch(label)
+        if inner:
+            label, unit_text = inner[1], inner[2]
+        for meaning, pattern in profile.labels.items():
+            if re.fullmatch(pattern, label, re.IGNORECASE) and meaning not in entries:
+                entries[meaning] = (number, tuple(cells[1:]), unit_text)
+    return entries

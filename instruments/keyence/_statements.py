@@ -1,0 +1,188 @@
+"""What a Keyence header says, checked against what the caller says: cycle, units, counts, start.
+
+Nothing is guessed: what neither of them says is asked for, and a contradiction is refused.
+"""
+
+import re
+from collections.abc import Iterable
+from datetime import datetime
+from pathlib import Path
+
+from instruments.keyence._header import Header, is_length_or_volts
+from labpipe.errors import InputError, SourceError
+from labpipe.text import shorten
+from labpipe.units import quantity, unit
+
+_DATES = ("%Y/%m/%d", "%Y-%m-%d", "%d.%m.%Y")
+_CLOCKS = ("", " %H:%M:%S", " %H:%M:%S.%f", "T%H:%M:%S", "T%H:%M:%S.%f", " %H:%M")
+
+
+def stated_units(path: Path, header: Header, given: Iterable[str] | None) -> tuple[str, ...]:
+    """Return the unit of every output, from the file or from the caller.
+
+    Raises
+    ------
+    SourceError
+        There are none, they are not known, their number is not that of the outputs, or the
+        caller contradicts the file.
+    """
+    line, cells, _ = header.entries.get("units", (None, (), ""))
+    stated = tuple(cell for cell in cells if cell) or header.unit_texts
+    asked = tuple(given) if given is not None else ()
+    units = stated or asked
+    if not units:
+        raise SourceError(
+            path,
+            "the file does not say the unit of its readings",
+            hint='Give one for every output, in order: units=["mm"].',
+        )
+    if len(units) != len(header.outputs):
+        raise SourceError(
+            path,
+            f"found {len(units)} units for {len(header.outputs)} outputs",
+            line=line,
+            hint='Give one for every output, in order: units=["mm", "um"].',
+        )
+    for text in units:
+        if not is_length_or_volts(text):
+            raise SourceError(
+                path,
+                f"found the unit {shorten(text)}, expected a length, volts or a derivative",
+                line=line,
+                hint="Units of Keyence outputs are mm, um, V, mm/s, m/s2, km/s2.",
+            )
+    if stated and asked and [unit(a) for a in asked] != [unit(s) for s in stated]:
+        raise _contradiction(path, "units", line, ", ".join(stated), ", ".join(asked))
+    return units
+
+
+def _contradiction(
+    path: Path, name: str, line: int | None, stated: object, given: object
+) -> SourceError:
+    return SourceError(
+        path,
+        f"the file says {stated}, the option {name} says {given}",
+        line=line,
+        hint=f"Leave the option {name} out, or correct it.",
+    )
+
+
+_SHORTEST, _LONGEST = 1e-7, 86400.0
+"""s; a cycle of any sensor of this family, and the time between stored points, lies within."""
+_LARGEST_FACTOR = 1e9
+
+
+def stated_cycle(path: Path, header: Header, given: str | float | None) -> float:
+    """Return the sampling cycle in s, from the file or from the caller.
+
+    Raises
+    ------
+    SourceError
+        Neither says it, it has no unit, or they contradict each other.
+    """
+    asked = None if given is None else _time(str(given) if isinstance(given, str) else f"{given} s")
+    if given is not None and asked is None:
+        message = f'cycle must be a time such as "50 us", found "{given}"'
+        raise InputError(message)
+    if "cycle" not in header.entries:
+        if asked is None:
+            raise SourceError(
+                path,
+                "the file does not say its sampling cycle",
+                hint='Give it: cycle="50 us".',
+            )
+        return asked
+    line, cells, unit_text = header.entries["cycle"]
+    text = f"{' '.join(cells)} {unit_text}".strip()
+    stated = _time(text)
+    if stated is None:
+        raise SourceError(
+            path,
+            f"found the sampling cycle {shorten(text)}, expected a time with its unit",
+            line=line,
+            hint='Correct the line; it should read for example "Sampling cycle,50us".',
+        )
+    if asked is not None and abs(asked - stated) > 1e-9 * stated:
+        raise _contradiction(path, "cycle", line, f"{stated:g} s", f"{asked:g} s")
+    return stated
+
+
+def _time(text: str) -> float | None:
+    """Read a time, or a rate as its inverse; None when it is neither, or cannot be meant."""
+    try:
+        found = quantity(text.replace(",", "."))
+    except InputError:
+        return None
+    if found.value <= 0 or found.si not in ("s", "Hz"):
+        return None
+    seconds = found.value if found.si == "s" else 1.0 / found.value
+    return seconds if _SHORTEST <= seconds <= _LONGEST else None
+
+
+def stated_storage(
+    path: Path, header: Header, given: int | None, cycle: float, *, is_cycle_given: bool
+) -> int:
+    """Return how many samples one stored point stands for.
+
+    Raises
+    ------
+    SourceError
+        The line is missing or not understood, or contradicts the caller.
+    """
+    if "storage" not in header.entries:
+        if given is None and not is_cycle_given:
+            raise SourceError(
+                path,
+                "the file does not say whether every sample was stored",
+                hint="Give the factor between samples and stored points: storage_factor=1.",
+            )
+        return given or 1
+    line, cells, unit_text = header.entries["storage"]
+    text = " ".join(cells).strip()
+    match = re.fullmatch(r"[x×*]?\s*([0-9]+)", text, re.IGNORECASE)
+    interval = _time(f"{text} {unit_text}".strip())
+    by_interval = interval / cycle if interval else 0.0
+    factor = float(match[1]) if match and not unit_text else by_interval
+    if not 1 <= factor <= _LARGEST_FACTOR or abs(factor - round(factor)) > 1e-6 * factor:
+        raise SourceError(
+            path,
+            f"found the storage cycle {shorten(text)}, expected a whole factor such as x1",
+            line=line,
+            hint='Correct the line; it should read for example "Storage cycle,x10".',
+        )
+    if given is not None and given != round(factor):
+        raise _contradiction(path, "storage_factor", line, round(factor), given)
+    return round(factor)
+
+
+def stated_count(path: Path, header: Header, meaning: str) -> int | None:
+    """Return a whole number of the header (number of points, averaging), or None.
+
+    Raises
+    ------
+    SourceError
+        The line holds something else, or not the same number for every output.
+    """
+    if meaning not in header.entries:
+        return None
+    line, cells, _ = header.entries[meaning]
+    found = {cell for cell in cells if cell}
+    if len(found) != 1 or not re.fullmatch(r"[0-9]{1,12}", next(iter(found))):
+        raise SourceError(
+            path, f"found {shorten(','.join(cells))}, expected one whole number", line=line
+        )
+    return int(found.pop())
+
+
+def stated_start(header: Header) -> str:
+    """Return the ISO start, or "" when there is no date of a form that is not ambiguous."""
+    date = " ".join(header.entries.get("date", (0, (), ""))[1]).strip()
+    clock = " ".join(header.entries.get("clock", (0, (), ""))[1]).strip()
+    for text in (f"{date} {clock}".strip(), date):
+        for day in _DATES:
+            for time in _CLOCKS:
+                try:
+                    return datetime.strptime(text, day + time).isoformat()
+                except ValueError:
+                    continue
+    return ""

@@ -1,0 +1,257 @@
+"""Keyence storage files as a controller would write them, in the assumed layout."""
+
+import os
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from instruments.keyence._markers import Layout, Status
+from labpipe import files
+from labpipe.errors import InputError
+from labpipe.units import quantity, unit
+
+DEVICE = "Keyence laser displacement sensor"
+
+#: What the writer puts for each state.
+_TOKENS = {
+    Status.RANGEOVER_P: "+FFFFFFF",
+    Status.RANGEOVER_N: "-FFFFFFF",
+    Status.WAITING: "-------",
+    Status.ALARM: "alarm",
+    Status.INVALID: "Invalid",
+    Status.SUSPECT: "FFFFFFF",
+}
+
+
+def output_variables(
+    output: int,
+    unit_text: str,
+    values: NDArray[np.float64],
+    status: NDArray[np.int8],
+    written: Layout | None,
+) -> dict[str, Any]:
+    """Make the variables of one output: its readings in SI, and their states."""
+    known = unit(unit_text)
+    attrs: dict[str, Any] = {
+        "units": known.si,
+        "long_name": f"OUT{output}",
+        "original_unit": unit_text,
+    }
+    if written is not None:
+        attrs["decimals"] = written.decimals
+        attrs["resolution"] = known.factor * 10.0**-written.decimals
+    flags = {
+        "units": "1",
+        "long_name": f"state of OUT{output}",
+        "flag_values": [int(state) for state in Status],
+        "flag_meanings": " ".join(state.name for state in Status),
+    }
+    return {
+        f"out{output}": ("time", values * known.factor, attrs),
+        f"status{output}": ("time", status.astype(np.int8), flags),
+    }
+
+
+def make_recording(
+    outputs: Mapping[int, NDArray[np.float64]],
+    *,
+    cycle: str | float,
+    start: datetime,
+    storage_factor: int = 1,
+    unit_text: str = "mm",
+    decimals: int = 4,
+    measuring_range: float | None = None,
+    averaging: int = 1,
+    model: str = "LK-G5001",
+    serial: str = "",
+) -> xr.Dataset:
+    """Make the Dataset that :func:`read` would return for these readings.
+
+    Parameters
+    ----------
+    outputs : mapping
+        Number of the output to its readings in SI, one per stored point.
+    cycle : str or float
+        Time between samples, ``"50 us"`` or s.
+    start : datetime
+        Written as the date.
+    storage_factor, averaging : int
+        As set on the controller.
+    unit_text : str
+        Unit of the display.
+    decimals : int
+        Of the display: readings are rounded to it.
+    measuring_range : float, optional [SI]
+        Readings beyond ± this value are over range.
+    model, serial : str
+        Of the controller.
+
+    Returns
+    -------
+    Dataset
+        For :func:`write`.
+
+    Examples
+    --------
+    >>> made = make_recording({1: np.array([1e-3, 9e-3])}, cycle="50 us",
+    ...                       start=datetime(2024, 5, 14), measuring_range=5e-3)
+    >>> made.status1.values.tolist()
+    [0, 1]
+    """
+    interval = quantity(cycle).value if isinstance(cycle, str) else float(cycle)
+    known = unit(unit_text)
+    written = Layout(True, 6 - decimals, decimals)
+    variables: dict[str, Any] = {}
+    for output, readings in outputs.items():
+        displayed = np.round(np.asarray(readings, float) / known.factor, decimals)
+        status = np.zeros(displayed.shape, dtype=np.int8)
+        if measuring_range is not None:
+            limit = measuring_range / known.factor
+            status[displayed > limit] = Status.RANGEOVER_P
+            status[displayed < -limit] = Status.RANGEOVER_N
+        displayed = np.where(status == Status.VALID, displayed, np.nan)
+        variables |= output_variables(output, unit_text, displayed, status, written)
+    n_points = len(next(iter(outputs.values())))
+    time = np.arange(n_points) * (interval * storage_factor)
+    attrs = {
+        "instrument": DEVICE,
+        "model": model,
+        **({"serial": serial} if serial else {}),
+        "start": start.isoformat(),
+        "sampling_cycle": interval,
+        "storage_factor": storage_factor,
+        "sampling_interval": interval * storage_factor,
+        "averaging": averaging,
+        "layout": "assumed",
+    }
+    coords = {"time": ("time", time, {"units": "s", "long_name": "time from the first point"})}
+    return xr.Dataset(variables, coords=coords, attrs=attrs)
+
+
+def encode(
+    dataset: xr.Dataset,
+    *,
+    encoding: str = "utf-8-sig",
+    delimiter: str = ",",
+    decimal: str = ".",
+) -> bytes:
+    """Turn a Dataset of the form of :func:`read` into the bytes of a storage file.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        As from :func:`read` or :func:`make_recording`.
+    encoding, delimiter, decimal : str
+        As a controller's software, or a spreadsheet, would write.
+
+    Returns
+    -------
+    bytes
+        The assumed layout; values that do not fit the eight characters of a reading are refused.
+
+    Raises
+    ------
+    InputError
+        A value does not fit, an output does not say in which unit it was recorded, or the
+        delimiter is the decimal sign.
+    """
+    if delimiter == decimal:
+        message = f'"{delimiter}" cannot be both delimiter and decimal sign'
+        raise InputError(message)
+    outputs = sorted(int(str(name)[3:]) for name in dataset.data_vars if _is_output(str(name)))
+    units = [_original_unit(dataset, output) for output in outputs]
+    columns = [_written(dataset, output, name) for output, name in zip(outputs, units, strict=True)]
+    if decimal != ".":
+        columns = [[cell.replace(".", decimal) for cell in column] for column in columns]
+    numbers = map(str, range(1, dataset.sizes["time"] + 1))
+    lines = _header_lines(dataset, outputs, units, delimiter)
+    lines += map(delimiter.join, zip(numbers, *columns, strict=True))
+    return ("\r\n".join(lines) + "\r\n").encode(encoding)
+
+
+def _is_output(name: str) -> bool:
+    return name.startswith("out") and name[3:].isdigit()
+
+
+def _original_unit(dataset: xr.Dataset, output: int) -> str:
+    attrs = dataset[f"out{output}"].attrs
+    if "original_unit" not in attrs:
+        # Arithmetic drops attributes in older xarray and keeps them in newer: never guess a unit.
+        message = (
+            f"out{output} has no attribute original_unit, so its readings cannot be written; "
+            f'state it: dataset["out{output}"].attrs["original_unit"] = "mm"'
+        )
+        raise InputError(message)
+    return str(attrs["original_unit"])
+
+
+def _header_lines(
+    dataset: xr.Dataset, outputs: Sequence[int], units: Sequence[str], delimiter: str
+) -> list[str]:
+    attrs = dataset.attrs
+    cycle = f"{attrs['sampling_cycle'] * 1e6:.6g}us"
+    pairs = [
+        ("Remark", "assumed layout"),
+        *((key.title(), attrs[key]) for key in ("model", "serial", "head") if attrs.get(key)),
+        *([("Date", attrs["start"].replace("T", " ").replace("-", "/"))] if attrs["start"] else []),
+        ("Sampling cycle", cycle),
+        ("Storage cycle", f"x{attrs['storage_factor']}"),
+        *([("Averaging", str(attrs["averaging"]))] if "averaging" in attrs else []),
+        ("Data count", str(dataset.sizes["time"])),
+        ("Unit", *units),
+        ("No.", *(f"OUT{output}" for output in outputs)),
+    ]
+    return [delimiter.join(pair) for pair in pairs]
+
+
+_WIDTH = 8  # characters of a reading: sign, digits, decimal sign
+
+
+def _written(dataset: xr.Dataset, output: int, original_unit: str) -> list[str]:
+    variable = dataset[f"out{output}"]
+    values = variable.values / unit(original_unit).factor
+    decimals = int(variable.attrs.get("decimals", 4))
+    states = dataset[f"status{output}"].values
+    cells = [f"{value:+0{_WIDTH}.{decimals}f}" for value in values.tolist()]
+    for index in np.flatnonzero(states != Status.VALID):
+        cells[index] = _TOKENS[Status(states[index])]
+    too_long = next((cell for cell in cells if len(cell) > _WIDTH), None)
+    if too_long is not None or "+0000nan" in cells:
+        message = (
+            f"OUT{output}: {too_long or 'NaN with the state VALID'} does not fit the "
+            f"{_WIDTH} characters of a reading"
+        )
+        raise InputError(message)
+    return cells
+
+
+def write(
+    path: str | os.PathLike[str],
+    dataset: xr.Dataset,
+    *,
+    encoding: str = "utf-8-sig",
+    delimiter: str = ",",
+    decimal: str = ".",
+) -> None:
+    """Write a Dataset of the form of :func:`read` as a storage file in the assumed layout.
+
+    Parameters
+    ----------
+    path : path-like
+        Where.
+    dataset, encoding, delimiter, decimal
+        See :func:`encode`.
+
+    Raises
+    ------
+    InputError
+        As :func:`encode`.
+    StorageError
+        The file cannot be written.
+    """
+    data = encode(dataset, encoding=encoding, delimiter=delimiter, decimal=decimal)
+    files.write_bytes(path, data)

@@ -1,0 +1,63 @@
+"""Biomomentum Mach-1 Motion text files: blocks of time, position and force, read and written."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, TypedDict
+
+from instruments._instrument import Instrument, lazily, text_of
+from labpipe.text import Limits
+
+if TYPE_CHECKING:
+    from instruments.mach1._blocks import Block
+    from instruments.mach1._dataset import assemble
+    from instruments.mach1._motion import encode, read, split_blocks, write
+    from instruments.mach1._synthetic import LOAD_CELLS, LoadCell, make_block
+else:
+    __getattr__ = lazily(
+        __name__,
+        {
+            "_blocks": ("Block",),
+            "_dataset": ("assemble",),
+            "_motion": ("encode", "read", "split_blocks", "write"),
+            "_synthetic": ("LOAD_CELLS", "LoadCell", "make_block"),
+        },
+    )
+
+__all__ = [
+    "INSTRUMENT",
+    "LOAD_CELLS",
+    "Block",
+    "LoadCell",
+    "Options",
+    "assemble",
+    "encode",
+    "make_block",
+    "read",
+    "split_blocks",
+    "write",
+]
+
+
+class Options(TypedDict, total=False):
+    """How a file that was changed or cut is to be read; see :func:`read`."""
+
+    decimal: str | None
+    allow_incomplete: bool
+    allow_gaps: bool
+    limits: Limits | None
+
+
+def _sniff(head: bytes, path: Path) -> bool:
+    """Tell a Mach-1 Motion text by its first line, ``<Mach-1 File>``."""
+    del path
+    return text_of(head).lstrip().lstrip('"').startswith("<Mach-1 File>")
+
+
+INSTRUMENT = Instrument(
+    name="mach1",
+    title="Mach-1 Motion file",
+    content="force",
+    sniff=_sniff,
+    reader="instruments.mach1:read",
+    options=Options,
+    writer="instruments.mach1:write",
+)

@@ -1,0 +1,440 @@
+"""The grammar of Mach-1 Motion text files: lines to blocks, in the units of the file.
+
+::
+
+    <Mach-1 File>
+    <INFO> … <END INFO>                     one block: its header,
+    <Sinusoid>                              its function and declared parameters,
+    Frequency, Hz:→0.10000
+    <DATA>                                  and its rows (→ is one TAB)
+    Time, s→Position (z), mm→Fz, gf
+    0.000000→1.877600→20051.351733
+    <divider>                               end of a ramp, the time goes on
+    <END DATA>
+    <INFO> …                                the next block; its time restarts at zero
+
+Everything that departs from it is refused with file, line and column.
+"""
+
+import re
+import warnings
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.mach1._lines import (
+    COPY_AGAIN,
+    END_DATA,
+    Cursor,
+    Options,
+    pair_of,
+    refuse_incomplete,
+    tag_of,
+)
+from labpipe.errors import InputError, SourceError
+from labpipe.text import (
+    Separators,
+    TextFile,
+    not_a_number,
+    parse_rows,
+    plain_number,
+    shorten,
+)
+from labpipe.units import Unit, unit
+
+TITLE = "<Mach-1 File>"
+DIVIDER = "<divider>"
+
+#: Functions that always record; one of them without rows is a file cut short.
+RECORDING = frozenset({"Stress Relaxation", "Find Contact", "Sinusoid"})
+#: Functions that may end a file without having recorded anything.
+SILENT = frozenset({"Move Relative", "Move Absolute", "Wait", "Zero Load"})
+
+#: Declared numbers by their key (without unit), and the variable each becomes.
+DECLARED = {
+    "Amplitude": "declared_amplitude",
+    "Velocity": "declared_velocity",
+    "Frequency": "declared_frequency",
+    "Freqency": "declared_frequency",  # so spelt by the software of about 2017
+    "Number of Cycles": "declared_number_of_cycles",
+    "Number of Ramp": "declared_number_of_ramps",
+    "Fixed Relaxation Time": "declared_relaxation_time",
+    "Relaxation Rate": "declared_relaxation_rate",
+    "Time for Measurement of the Slope": "declared_slope_time",
+    "Contact Criteria": "declared_contact_force",
+    "Stop criteria": "declared_contact_force",
+    "Stage Velocity": "declared_velocity",
+    "Stage Limit": "declared_stage_limit",
+    "Offset": "declared_offset",
+}
+
+_INFO_NUMBERS = frozenset(
+    {
+        "Load Cell Calibration Factor",
+        "Load Cell Offset",
+        "Load Cell Low-pass filter Order",
+        "Load Cell Low-pass filter Cutoff frequency (Hz)",
+    }
+)
+
+# A unit that lost a letter may be another unit ("mm" and "m"), so only those met are taken.
+_UNITS = {
+    r"Time": {"s"},
+    r"Position \([xyz]\)": {"mm"},
+    r"Position \(theta\)": {"deg"},
+    r"F[xyz]": {"N", "gf"},
+    r"T[xyz]": {"N-mm", "N·mm"},
+}
+_DECLARED_UNITS = frozenset(
+    {"1", "s", "mm", "deg", "mm/s", "deg/s", "Hz", "N", "gf", "N/min", "gf/min"}
+)
+_NOT_SET = frozenset({"", "None", "N/A"})
+_BATCH = 1 << 16  # rows parsed at a time: the text of a mapping file never is whole in memory
+
+
+class Column(NamedTuple):
+    """One column: its header cell as written, the quantity, and the unit's text and meaning."""
+
+    header: str
+    quantity: str
+    unit_text: str
+    unit: Unit
+
+
+class Parameter(NamedTuple):
+    """One ``key:→value`` line: number and unit when it holds a number in a known unit."""
+
+    key: str
+    text: str
+    number: float | None
+    unit: Unit | None
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One block of a file, as written.
+
+    Attributes
+    ----------
+    function : str
+        The tag without brackets.
+    info_lines, parameter_lines : tuple of str
+        The lines of the header and of the function, unchanged.
+    info : tuple of (str, str)
+        Keys and values of the header.
+    parameters : tuple of Parameter
+        Declared by the function.
+    columns : tuple of Column
+        Empty when the block has no data section.
+    values : array (row, column)
+        In the units of the file.
+    dividers : tuple of int
+        Number of rows before each divider.
+    has_data, is_complete : bool
+        Whether there is a data section, and whether it is ended.
+    """
+
+    function: str
+    info_lines: tuple[str, ...]
+    parameter_lines: tuple[str, ...]
+    info: tuple[tuple[str, str], ...]
+    parameters: tuple[Parameter, ...]
+    columns: tuple[Column, ...]
+    values: NDArray[np.float64]
+    dividers: tuple[int, ...] = ()
+    has_data: bool = True
+    is_complete: bool = True
+
+
+def parse(source: TextFile, options: Options) -> list[Block]:
+    """Read all blocks of a file.
+
+    Raises
+    ------
+    SourceError
+        With line and column of the first departure from the grammar.
+    """
+    cursor = Cursor(source)
+    if tag_of(cursor.line) != "Mach-1 File":
+        raise cursor.error(
+            f"found {shorten(cursor.line or cursor.cut or '')}, expected {TITLE}",
+            hint="Mach-1 Motion text files begin with this line; the file is something else.",
+        )
+    cursor.advance()
+    blocks: list[Block] = []
+    info_lines: tuple[str, ...] | None = None
+    is_header_used = True
+    while cursor.line is not None:
+        tag = tag_of(cursor.line)
+        if tag == "Mach-1 File":
+            _note_second_title(cursor)
+        elif tag == "INFO" and is_header_used:
+            info_lines, is_header_used = _read_info(cursor, options), False
+        elif tag is not None and info_lines is not None and tag not in _STRUCTURE:
+            blocks.append(_read_block(cursor, tag, info_lines, options))
+            is_header_used = True
+        elif cursor.line.strip():
+            expected = "<INFO> or the tag of a function" if is_header_used else "a function's tag"
+            raise cursor.error(f"found {shorten(cursor.line)}, expected {expected}")
+        else:
+            cursor.advance()
+    if not blocks:
+        raise cursor.error("the file ends before its first block", hint=COPY_AGAIN)
+    if blocks[-1].is_complete and (cursor.cut is not None or not is_header_used):
+        refuse_incomplete(cursor, "the file ends between two blocks", options)
+        blocks[-1] = replace(blocks[-1], is_complete=False)
+    return blocks
+
+
+_STRUCTURE = frozenset({"Mach-1 File", "INFO", "END INFO", "DATA", "END DATA", "divider"})
+
+
+def _note_second_title(cursor: Cursor) -> None:
+    warnings.warn(
+        f"{cursor.source.path}:{cursor.number}: a second {TITLE}: two files were joined; "
+        "their blocks are numbered through",
+        stacklevel=2,
+    )
+    cursor.advance()
+
+
+def _read_info(cursor: Cursor, options: Options) -> tuple[str, ...]:
+    lines: list[str] = []
+    opened = cursor.number
+    cursor.advance()
+    while tag_of(cursor.line) != "END INFO":
+        if cursor.line is None:
+            refuse_incomplete(
+                cursor, f"the file ends inside the header that opens on line {opened}", options
+            )
+            return tuple(lines)
+        if tag_of(cursor.line) or pair_of(cursor.line) is None:
+            raise cursor.error(
+                f"found {shorten(cursor.line)}, expected 'Key:', a tab and a value, or <END INFO>"
+            )
+        _check_info(cursor, cursor.line, options)
+        lines.append(cursor.line)
+        cursor.advance()
+    cursor.advance()
+    return tuple(lines)
+
+
+def _check_info(cursor: Cursor, line: str, options: Options) -> None:
+    """Refuse a header number that is none: it would be passed over later without a word."""
+    key, text = pair_of(line) or ("", "")
+    number = plain_number(text, Separators(options.decimal, ""))
+    if key in _INFO_NUMBERS and number is None:
+        column = line.find("\t") + 2
+        raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
+
+
+def _read_block(
+    cursor: Cursor, function: str, info_lines: tuple[str, ...], options: Options
+) -> Block:
+    info = tuple(pair for pair in map(pair_of, info_lines) if pair)
+    cursor.advance()
+    lines: list[str] = []
+    parameters: list[Parameter] = []
+    for line in cursor.rows():
+        lines.append(line)
+        pair = pair_of(line, (":\t",))
+        # Functions that are not known may hold tables of coordinates; they are kept as they are.
+        if pair is None and function in RECORDING:
+            raise cursor.error(f"found {shorten(line)}, expected 'Key:', a tab and a value")
+        parameters += [_parameter(cursor, *pair, options)] if pair else []
+    block = Block(
+        function,
+        info_lines,
+        tuple(lines),
+        info,
+        tuple(parameters),
+        (),
+        np.empty((0, 0)),
+        has_data=False,
+    )
+    if tag_of(cursor.line) == "DATA":
+        return _read_data(cursor, block, options)
+    if cursor.line is None and (function not in SILENT or cursor.cut is not None):
+        refuse_incomplete(cursor, f"the file ends inside <{function}>", options)
+        return replace(block, is_complete=False)
+    if function in RECORDING:
+        raise cursor.error(f"found {shorten(cursor.line or '')}, expected <DATA> of <{function}>")
+    return block
+
+
+def _parameter(cursor: Cursor, key: str, text: str, options: Options) -> Parameter:
+    name, separator, unit_text = key.rpartition(", ")
+    if not separator:
+        name, unit_text = key, "1"
+    is_declared = name in DECLARED
+    value = plain_number(text, Separators(options.decimal, ""))
+    if is_declared and text not in _NOT_SET and value is None:
+        column = (cursor.line or "").find("\t") + 2
+        raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
+    if is_declared and unit_text not in _DECLARED_UNITS:
+        raise cursor.error(
+            f"found the unit {shorten(unit_text)}, expected one of "
+            f"{', '.join(sorted(_DECLARED_UNITS))}",
+            column=len(name) + 3,
+        )
+    try:
+        known = unit(unit_text)
+    except InputError:
+        known = None
+    return Parameter(key, text, value, known if value is not None else None)
+
+
+def _first_clause(error: InputError) -> str:
+    return str(error).partition(";")[0]
+
+
+def _read_data(cursor: Cursor, block: Block, options: Options) -> Block:
+    cursor.advance()
+    columns = _read_columns(cursor)
+    parts: list[NDArray[np.float64]] = []
+    dividers: list[int] = []
+    starts: list[tuple[int, int]] = []  # (rows before, line number): to name the line of a row
+    n_rows = 0
+    while cursor.line is not None and tag_of(cursor.line) != "END DATA":
+        if tag_of(cursor.line) == "divider":
+            dividers.append(n_rows)
+            cursor.advance()
+            continue
+        if cursor.line.startswith("<") or not columns:
+            raise cursor.error(
+                f"found {shorten(cursor.line)}, expected a row, {DIVIDER} or {END_DATA}"
+            )
+        starts.append((n_rows, cursor.number))
+        part = _read_batch(cursor, len(columns), options)
+        n_rows += len(part)
+        parts.append(part)
+    is_complete = cursor.line is not None
+    if not is_complete:
+        refuse_incomplete(
+            cursor, f"the file ends inside <{block.function}>, expected {END_DATA}", options
+        )
+    cursor.advance()
+    values = np.concatenate(parts) if parts else np.empty((0, len(columns)))
+    _check_time(cursor, values, starts, options)
+    return replace(
+        block,
+        columns=columns,
+        values=values,
+        dividers=tuple(dividers),
+        has_data=True,
+        is_complete=is_complete,
+    )
+
+
+def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
+    """Parse the header row; its cells are ``quantity, unit``, split at tabs only."""
+    if cursor.line is None or cursor.line.startswith("<"):
+        return ()
+    columns = []
+    position = 1
+    for cell in cursor.line.rstrip("\t").split("\t"):
+        columns.append(_column(cursor, cell, position))
+        position += len(cell) + 1
+    if columns[0].quantity != "Time":
+        raise cursor.error(
+            f"found {shorten(columns[0].header)}, expected 'Time, s' as first column"
+        )
+    quantities = [column.quantity for column in columns]
+    twice = next((name for name in quantities if quantities.count(name) > 1), None)
+    if twice is not None:
+        raise cursor.error(f"the column {shorten(twice)} stands there twice")
+    unknown = [column.header for column in columns if _met_units(column.quantity) is None]
+    if unknown:
+        warnings.warn(
+            f"{cursor.source.path}:{cursor.number}: the column {', '.join(map(shorten, unknown))} "
+            "is not known; it is read under its own name",
+            stacklevel=2,
+        )
+    cursor.advance()
+    return tuple(columns)
+
+
+_UNITS_MET = "Units met in Mach-1 files are s, mm, deg, N, gf and N-mm."
+
+
+def _met_units(quantity: str) -> set[str] | None:
+    """Return the units that a known quantity may have, None for an unknown one."""
+    return next((met for name, met in _UNITS.items() if re.fullmatch(name, quantity)), None)
+
+
+def _column(cursor: Cursor, cell: str, position: int) -> Column:
+    quantity, separator, unit_text = cell.strip('" ').rpartition(", ")
+    if not separator:
+        raise cursor.error(
+            f"found {shorten(cell)}, expected a quantity, a comma and its unit", column=position
+        )
+    try:
+        known = unit(unit_text)
+    except InputError as error:
+        raise cursor.error(
+            _first_clause(error), column=position + len(quantity) + 2, hint=_UNITS_MET
+        ) from None
+    met = _met_units(quantity)
+    if met is not None and unit_text not in met:
+        raise cursor.error(
+            f"found the unit {shorten(unit_text)}, expected {' or '.join(sorted(met))}",
+            column=position + len(quantity) + 2,
+            hint=_UNITS_MET,
+        )
+    return Column(cell, quantity, unit_text, known)
+
+
+def _read_batch(cursor: Cursor, n_columns: int, options: Options) -> NDArray[np.float64]:
+    first = cursor.number
+    lines: list[str] = []
+    for line in cursor.rows():
+        lines.append(line)
+        if len(lines) == _BATCH:
+            cursor.advance()
+            break
+    if lines[0].endswith("\t"):  # a spreadsheet pads short rows with empty cells
+        lines = [line.rstrip("\t") for line in lines]
+    return parse_rows(
+        lines,
+        n_columns,
+        "\t",
+        path=cursor.source.path,
+        first_line=first,
+        signs=Separators(options.decimal, ""),
+    )
+
+
+def _check_time(
+    cursor: Cursor,
+    values: NDArray[np.float64],
+    starts: list[tuple[int, int]],
+    options: Options,
+) -> None:
+    """Refuse rows that repeat, go back, or are missing: time must be a grid from zero."""
+    if not len(values):
+        return
+    time = values[:, 0]
+    steps = np.diff(time)
+    wrong = np.flatnonzero(steps <= 0)
+    what = "the time does not go on"
+    if not wrong.size and not options.allow_gaps:
+        interval = float(np.median(steps)) if steps.size else 0.0
+        wrong = np.flatnonzero(np.abs(steps - interval) > interval / 2)
+        what = f"rows are missing or added: the step is not {interval:.6f} s"
+        if not wrong.size and abs(time[0]) > interval / 2:
+            wrong, what = np.array([-1]), "the first rows are missing: time must start at zero"
+    if not wrong.size:
+        return
+    row = int(wrong[0]) + 1
+    before, line = max(start for start in starts if start[0] <= row)
+    found = f"from {time[row - 1]:.6f} to {time[row]:.6f} s" if row else f"at {time[0]:.6f} s"
+    raise SourceError(
+        cursor.source.path,
+        f"{what} ({found})",
+        line=line + row - before,
+        column=1,
+        hint="The file was joined, repaired or edited. If rows are missing and their times are "
+        "right, read it with allow_gaps=True; rows that repeat have to be removed by hand.",
+    )

@@ -1,0 +1,191 @@
+"""Biomomentum Mach-1 Motion text files: blocks of time, position and force, to a Dataset and back.
+
+The grammar is in :mod:`instruments.mach1._blocks`. Facts of the instrument that matter here:
+
+- force is in N or in gram-force per column, already low-passed (as its header declares), and not
+  tared;
+- a six-axis cell counts compression negative, a single-axis cell positive. The reader keeps the
+  sign of the file and says which it is in ``compression_sign``: compression is
+  ``compression_sign * force_z``;
+- time restarts at zero in every block; ``start_time`` is a local wall clock without a zone;
+- the declared frequency and amplitude are commands, not what the stage did: fit them.
+"""
+
+import json
+import os
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from instruments.mach1._blocks import DIVIDER, TITLE, Block, parse
+from instruments.mach1._dataset import assemble, start_of
+from instruments.mach1._lines import END_DATA, Options
+from labpipe import files
+from labpipe.errors import InputError
+from labpipe.text import Limits, survey
+
+
+def read(
+    path: str | os.PathLike[str],
+    *,
+    decimal: str | None = None,
+    allow_incomplete: bool = False,
+    allow_gaps: bool = False,
+    limits: Limits | None = None,
+) -> xr.Dataset:
+    """Read a Mach-1 Motion text file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    decimal : str
+        ``","`` for a file that a spreadsheet has rewritten; the instrument writes a dot.
+    allow_incomplete : bool
+        Read a file that stops early; its last block is marked, its cut row dropped, and a warning
+        given. By default such a file is refused.
+    allow_gaps : bool
+        Read blocks in which rows are missing, by the times they carry. By default refused.
+    limits : Limits, optional
+        Size limits.
+
+    Returns
+    -------
+    Dataset
+        Over ``sample``: coordinates ``time`` [s] (within the block), ``block``, ``segment``
+        (dividers so far); variables ``position_z`` [m], ``position_theta`` [rad], ``force_z`` [N],
+        ``torque_x`` [N m], … as present, NaN in blocks without the column. Over ``block_index``:
+        ``function``, ``start_time``, ``n_rows``, ``sampling_interval`` [s],
+        ``compression_sign``, and ``declared_…`` numbers. Attributes: ``header`` (its text),
+        ``blocks`` (JSON, everything), ``start``, ``compression_sign`` when all blocks agree.
+
+    Raises
+    ------
+    SourceError
+        With file, line and column of what departs from the format.
+
+    Examples
+    --------
+    >>> readings = read("sinusoid.txt")  # doctest: +SKIP
+    >>> readings.force_z.attrs["units"]  # doctest: +SKIP
+    'N'
+    """
+    decimal = decimal or "."
+    if decimal not in (".", ","):
+        message = f'decimal must be "." or ",", found "{decimal}"'
+        raise InputError(message)
+    source = survey(path, declared=("latin-1",), limits=limits or Limits())
+    blocks = parse(source, Options(decimal, allow_incomplete, allow_gaps))
+    _note_unknown_starts(source.path, blocks)
+    dataset = assemble(blocks, decimal)
+    n_rows = int(dataset.sizes["sample"])
+    work = {"bytes_read": source.size, "blocks": len(blocks), "rows_read": n_rows}
+    dataset.attrs |= {
+        "source": Path(path).name,
+        "encoding": source.encoding,
+        "work": json.dumps(work),
+    }
+    return dataset
+
+
+def _note_unknown_starts(path: Path, blocks: list[Block]) -> None:
+    unknown = [str(number) for number, block in enumerate(blocks) if not start_of(block)]
+    if unknown:
+        warnings.warn(
+            f"{path}: date and time of block {', '.join(unknown)} are not of the form "
+            '"Wed, Jul 19, 2023" and "12:14:21.065"; the start is left empty',
+            stacklevel=3,
+        )
+
+
+def split_blocks(dataset: xr.Dataset) -> list[xr.Dataset]:
+    """Split what :func:`read` returns into one Dataset per block, each over its own ``time``.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        Over ``sample``.
+
+    Returns
+    -------
+    list of Dataset
+        Over ``time`` [s]; variables that the block does not have are left out; numbers over
+        ``block_index`` become scalars; the attribute ``block`` is the JSON of this block,
+        ``function`` and ``start`` its name and beginning.
+    """
+    described = json.loads(dataset.attrs["blocks"])
+    starts = np.concatenate([[0], np.cumsum(dataset["n_rows"].values)]).astype(int)
+    blocks = []
+    for index, block in enumerate(described):
+        part = dataset.isel(block_index=index, sample=slice(starts[index], starts[index + 1]))
+        present = {column["variable"] for column in block["columns"]}
+        absent = [
+            name for name, variable in part.data_vars.items()
+            if "sample" in variable.dims and name not in present
+        ]  # fmt: skip
+        part = part.drop_vars([*absent, "block"]).swap_dims(sample="time")
+        kept = {k: v for k, v in dataset.attrs.items() if k not in ("blocks", "header", "work")}
+        part.attrs = kept | {
+            "block": json.dumps(block, ensure_ascii=False),
+            "block_number": index,
+            "function": block["function"],
+            "start": block["start"],
+            "incomplete": int(block["incomplete"]),
+            "compression_sign": block["compression_sign"],
+        }
+        blocks.append(part)
+    return blocks
+
+
+def encode(dataset: xr.Dataset) -> bytes:
+    """Turn a Dataset of the form of :func:`read` into the bytes of a Mach-1 file.
+
+    Parameters
+    ----------
+    dataset : Dataset
+        As from :func:`read` or :func:`assemble`.
+
+    Returns
+    -------
+    bytes
+        CRLF, tabs, six decimals; what was read from a file comes out byte for byte.
+    """
+    lines = [TITLE]
+    starts = np.concatenate([[0], np.cumsum(dataset["n_rows"].values)]).astype(int)
+    for index, block in enumerate(json.loads(dataset.attrs["blocks"])):
+        lines += ["<INFO>", *block["info_lines"], "<END INFO>"]
+        lines += [f"<{block['function']}>", *block["parameter_lines"]]
+        if block["has_data"]:
+            rows = slice(starts[index], starts[index + 1])
+            lines += ["<DATA>", *_data_lines(dataset, block, rows), END_DATA]
+    text = "\r\n".join(lines) + "\r\n"
+    return text.encode(dataset.attrs.get("encoding", "latin-1"))
+
+
+def _data_lines(dataset: xr.Dataset, block: Mapping[str, Any], rows: slice) -> list[str]:
+    columns = block["columns"]
+    if not columns:
+        return []
+    values = np.column_stack(
+        [dataset[column["variable"]].values[rows] / column["factor"] for column in columns]
+    )
+    pattern = "\t".join(["%.6f"] * len(columns))
+    lines = [pattern % tuple(row) for row in values.tolist()]
+    for position in reversed(block["dividers"]):
+        lines.insert(position, DIVIDER)
+    return ["\t".join(column["header"] for column in columns), *lines]
+
+
+def write(path: str | os.PathLike[str], dataset: xr.Dataset) -> None:
+    """Write a Dataset of the form of :func:`read` as a Mach-1 file.
+
+    Raises
+    ------
+    StorageError
+        The file cannot be written.
+    """
+    files.write_bytes(Path(path), encode(dataset))

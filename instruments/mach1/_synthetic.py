@@ -1,0 +1,163 @@
+"""Mach-1 blocks as the instrument would record them: for sample data and for tests."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.mach1._blocks import Block, Column, Parameter
+from instruments.mach1._dataset import MONTHS
+from labpipe.errors import InputError
+from labpipe.units import unit
+
+_DAYS = ("Mon", "Tue", "Wed", "Thu", "Fri", "Sat", "Sun")
+
+
+@dataclass(frozen=True, slots=True)
+class LoadCell:
+    """A load cell as the header describes it, and the steps in which its columns move.
+
+    Attributes
+    ----------
+    name, kind : str
+        As in the header; ``kind`` is ``Single-axis`` or ``Multiple-axis``.
+    calibration_factor, offset : float
+        As in the header.
+    calibration_date : str
+        ISO date.
+    filter_order, filter_cutoff : int and float
+        The low-pass that is applied before the file is written, cutoff in Hz.
+    steps : mapping
+        Header cell of a column to the step of its values, in the unit of that cell.
+    """
+
+    name: str
+    kind: str
+    calibration_factor: float = 1.0
+    offset: float = 0.0
+    calibration_date: str = "2024-01-24"
+    filter_order: int = 3
+    filter_cutoff: float = 20.0
+    steps: Mapping[str, float] | None = None
+
+
+#: Cells met in public files, with the steps measured there.
+LOAD_CELLS = {
+    "17N": LoadCell(
+        "FT35537-17N",
+        "Multiple-axis",
+        1.000491,
+        2.317150,
+        "2023-07-19",
+        steps={
+            "Fx, N": 0.000600, "Fy, N": 0.000600, "Fz, N": 0.000850,
+            "Tx, N-mm": 0.006003, "Ty, N-mm": 0.006003, "Tz, N-mm": 0.006003,
+        },
+    ),
+    "25g": LoadCell("25g SN:0000000", "Single-axis", steps={"Fz, gf": 0.00125}),
+    "25kg": LoadCell(
+        "25kg SN:0000000", "Single-axis", 1.004174, 151.5, steps={"Fz, gf": 1.506261}
+    ),
+}  # fmt: skip
+
+_STAGE_STEP = 1e-4  # mm, and a hundredth of it while the stage runs a sinusoid
+_SINUSOID_STAGE_STEP = 1e-6
+
+
+def make_block(
+    function: str,
+    start: datetime,
+    columns: Mapping[str, NDArray[np.float64]],
+    parameters: Mapping[str, str],
+    *,
+    load_cell: LoadCell = LOAD_CELLS["25kg"],
+    dividers: Sequence[int] = (),
+    images_folder: str | None = None,
+) -> Block:
+    """Make a block as the instrument would record it, on the steps of its stage and load cell.
+
+    Parameters
+    ----------
+    function : str
+        For example ``"Sinusoid"``.
+    start : datetime
+        Local wall clock.
+    columns : mapping
+        Header cell (``"Time, s"``, ``"Position (z), mm"``, ``"Fz, gf"``) to values in SI.
+    parameters : mapping
+        Key to text, for example ``{"Frequency, Hz": "0.10000"}``.
+    load_cell : LoadCell
+        Its header lines and steps.
+    dividers : sequence of int
+        Number of rows before each divider.
+    images_folder : str, optional
+        Folder of the camera.
+
+    Returns
+    -------
+    Block
+        For :func:`assemble`.
+    """
+    info = _header_pairs(start, load_cell, images_folder)
+    known = []
+    values = []
+    for header, si_values in columns.items():
+        quantity, _, unit_text = header.rpartition(", ")
+        column = Column(header, quantity, unit_text, unit(unit_text))
+        known.append(column)
+        step = _step(function, quantity, header, load_cell)
+        values.append(_to_grid(np.asarray(si_values, float) / column.unit.factor, step))
+    return Block(
+        function,
+        tuple(f"{key}:\t{value}" for key, value in info),
+        tuple(f"{key}:\t{value}" for key, value in parameters.items()),
+        info,
+        tuple(_plain_parameter(key, value) for key, value in parameters.items()),
+        tuple(known),
+        np.column_stack(values),
+        tuple(dividers),
+    )
+
+
+def _header_pairs(
+    start: datetime, cell: LoadCell, images_folder: str | None
+) -> tuple[tuple[str, str], ...]:
+    date = f"{_DAYS[start.weekday()]}, {MONTHS[start.month - 1]} {start.day:02d}, {start.year}"
+    pairs = [
+        ("Date", date),
+        ("Time", f"{start:%H:%M:%S}.{start.microsecond // 1000:03d}"),
+        ("Mach-1 Motion Software Version", "4.4.0.29"),
+        ("Mach-1 System S/N", "MA0000000"),
+        ("Mach-1 System Model", "V500c"),
+        ("Load Cell Name", cell.name),
+        ("Load Cell Type", cell.kind),
+        ("Load Cell Calibration Factor", f"{cell.calibration_factor:.6f}"),
+        ("Load Cell Offset", f"{cell.offset:.6f}"),
+        ("Load Cell Calibration Date", cell.calibration_date),
+        ("Load Cell Low-pass filter", "Yes"),
+        ("Load Cell Low-pass filter Order", str(cell.filter_order)),
+        ("Load Cell Low-pass filter Cutoff frequency (Hz)", f"{cell.filter_cutoff:.2f}"),
+    ]
+    return (*pairs, *([("Captured Images Folder", images_folder)] if images_folder else []))
+
+
+def _plain_parameter(key: str, text: str) -> Parameter:
+    _, separator, unit_text = key.rpartition(", ")
+    try:
+        return Parameter(key, text, float(text), unit(unit_text if separator else "1"))
+    except (ValueError, InputError):
+        return Parameter(key, text, None, None)
+
+
+def _step(function: str, quantity: str, header: str, cell: LoadCell) -> float | None:
+    if quantity == "Position (z)":
+        return _SINUSOID_STAGE_STEP if function == "Sinusoid" else _STAGE_STEP
+    return (cell.steps or {}).get(header)
+
+
+def _to_grid(values: NDArray[np.float64], step: float | None) -> NDArray[np.float64]:
+    """Round to the step of the sensor, then to the six decimals of the file."""
+    on_grid = values if step is None else np.round(values / step) * step
+    return np.round(on_grid, 6)

@@ -1,0 +1,38 @@
+"""Phantom high-speed films (.cine): lazy frames, times from the time stamps; read and written."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from instruments._instrument import Instrument, lazily
+
+if TYPE_CHECKING:
+    from instruments.phantom._film import CineFrames, read
+    from instruments.phantom._times import TimeFlag
+    from instruments.phantom._writer import Recording, write
+else:
+    __getattr__ = lazily(
+        __name__,
+        {
+            "_film": ("CineFrames", "read"),
+            "_times": ("TimeFlag",),
+            "_writer": ("Recording", "write"),
+        },
+    )
+
+__all__ = ["INSTRUMENT", "CineFrames", "Recording", "TimeFlag", "read", "write"]
+
+
+def _sniff(head: bytes, path: Path) -> bool:
+    """Tell a Phantom .cine by its magic "CI" and the length of its first header."""
+    del path
+    return head[:4] == b"CI\x2c\x00"
+
+
+INSTRUMENT = Instrument(
+    name="phantom",
+    title="Phantom film",
+    content="film",
+    sniff=_sniff,
+    reader="instruments.phantom:read",
+    writer="instruments.phantom:write",
+)

@@ -1,0 +1,222 @@
+"""The time axis of a .cine film, from its time stamps and never from its frame rate.
+
+The frame rate of the header ignores decimation and the camera's own rounding. Stamps are 64-bit
+counts of 2⁻³² s; they are subtracted as integers, because seconds since 1970 as floats are only
+good to 0.24 µs. Cameras also write stamps that cannot be true (a corrupt last one, a clock that
+was never set); those are replaced from the median interval and flagged, never used silently. A
+camera that records in bursts pauses between them: stamps that go on after a pause are true.
+"""
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+from numpy.typing import NDArray
+
+from instruments.phantom._header import Header
+from labpipe.errors import InputError
+
+_UNIT = 2.0**-32  # s, the unit of stamps and exposures
+_TOLERANCE = 2e-6  # s; some cameras round their stamps to 1 µs
+_SHARE = 0.05  # of the median interval, the tolerance for slow films
+_CLOCK_LIMIT = 30 * 86400.0  # s; a recording further from its trigger has an unset clock
+_PAUSE = 1.0  # s; a longer step between frames is a pause of the recording, not a dropped frame
+_LONE = 10  # lengths of the film; a single frame that far from all others has a corrupt stamp
+_ROUNDS = 8  # of taking single frames out; one or two are enough for any film that was seen
+
+
+class TimeFlag(IntFlag):
+    """What is known against the time of a frame."""
+
+    OK = 0
+    RECONSTRUCTED = 1
+    """The stamp was impossible; the time continues the median interval."""
+    CLOCK_UNSET = 2
+    """Stamps and trigger come from different clocks; time 0 is the frame numbered 0."""
+    NO_STAMPS = 4
+    """The file has no stamps; times come from frame numbers and the frame rate."""
+    AFTER_GAP = 8
+    """Frames are missing before this one."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimeAxis:
+    """Times of the frames with what is known against them.
+
+    Attributes
+    ----------
+    time : array (frame,) [s]
+        Time since the trigger.
+    flag : array (frame,)
+        Sum of :class:`TimeFlag` values.
+    missing_before : array (frame,)
+        How many frames were dropped before each frame.
+    interval : float [s]
+        Median time between frames.
+    """
+
+    time: NDArray[np.float64]
+    flag: NDArray[np.int64]
+    missing_before: NDArray[np.int64]
+    interval: float
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user has to know, in words."""
+        found = []
+        flags = int(np.bitwise_or.reduce(self.flag)) if self.flag.size else 0
+        if flags & TimeFlag.RECONSTRUCTED:
+            where = np.flatnonzero(self.flag & TimeFlag.RECONSTRUCTED)
+            found.append(
+                f"{where.size} time stamp(s) are impossible (first at frame {where[0]}); "
+                "their times continue the median interval"
+            )
+        if flags & TimeFlag.CLOCK_UNSET:
+            found.append("the camera's clock was not set: time 0 is the frame numbered 0")
+        if flags & TimeFlag.NO_STAMPS:
+            found.append("the film has no time stamps: times follow the stated frame rate")
+        pauses = np.flatnonzero(np.diff(self.time) > _PAUSE + self.interval) + 1
+        dropped = int(np.delete(self.missing_before, pauses).sum())
+        if pauses.size:
+            longest = float(np.diff(self.time)[pauses - 1].max())
+            found.append(
+                f"the recording pauses {pauses.size} time(s) (first before frame {pauses[0]}), "
+                f"the longest for {longest:.4g} s"
+            )
+        if dropped:
+            found.append(f"{dropped} frame(s) were dropped by the camera")
+        return tuple(found)
+
+
+def time_axis(header: Header) -> TimeAxis:
+    """Return the times of all frames, each stamp checked against the others.
+
+    Raises
+    ------
+    InputError
+        There are no time stamps to be used, and no frame rate either.
+    """
+    number = header.first_image + np.arange(header.count, dtype=np.int64)
+    if header.stamps is None:
+        return _from_frame_rate(header, number)
+    # modular subtraction of unsigned counts, read as signed: exact for any pair of stamps
+    ticks = (header.stamps - np.uint64(header.trigger & (2**64 - 1))).view(np.int64)
+    if header.count == 1 and abs(ticks[0] * _UNIT) <= _CLOCK_LIMIT:
+        none = np.zeros(1, np.int64)
+        only = np.asarray(ticks * _UNIT, np.float64)
+        return TimeAxis(only, none, none, _stated_interval(header) or 0.0)
+    interval = _median_interval(ticks) * _UNIT
+    flag = np.zeros(header.count, dtype=np.int64)
+    if interval <= 0:
+        return _from_frame_rate(header, number)
+    bad = _impossible(ticks, interval)
+    flag[bad] |= TimeFlag.RECONSTRUCTED
+    time: NDArray[np.float64] = (ticks * _UNIT).astype(np.float64)
+    good = np.flatnonzero(~bad)
+    if abs(time[good[0]]) > _CLOCK_LIMIT:
+        # keep the spacing of the stamps, give up their origin
+        anchor = good[0]
+        time = (ticks - ticks[anchor]) * _UNIT + number[anchor] * interval
+        flag |= TimeFlag.CLOCK_UNSET
+    nearest = good[np.clip(np.searchsorted(good, np.arange(header.count)) - 1, 0, None)]
+    steps = np.arange(header.count) - nearest
+    time = np.where(bad, time[nearest] + steps * interval, time)
+    missing = _missing(time, interval)
+    flag[missing > 0] |= TimeFlag.AFTER_GAP
+    return TimeAxis(time, flag, missing, interval)
+
+
+def _from_frame_rate(header: Header, number: NDArray[np.int64]) -> TimeAxis:
+    interval = _stated_interval(header)
+    if interval is None:
+        message = (
+            f"no frame has a time: there are no usable time stamps, and the frame rate is "
+            f"{header.setup.frame_rate} with a decimation of {header.setup.decimation}"
+        )
+        raise InputError(message)
+    flag = np.full(header.count, TimeFlag.NO_STAMPS, dtype=np.int64)
+    time = np.asarray(number * interval, np.float64)
+    return TimeAxis(time, flag, np.zeros(header.count, np.int64), interval)
+
+
+def _stated_interval(header: Header) -> float | None:
+    """Return the time between frames by the header in s, None where it cannot be true."""
+    rate, decimation = header.setup.frame_rate, header.setup.decimation or 1.0
+    return decimation / rate if rate and 1.0 <= decimation < np.inf else None
+
+
+def _median_interval(ticks: NDArray[np.int64]) -> float:
+    """Return the median step between neighbours, or 0 for a single frame."""
+    return float(np.median(np.diff(ticks))) if ticks.size > 1 else 0.0
+
+
+def _impossible(ticks: NDArray[np.int64], interval: float) -> NDArray[np.bool_]:
+    """Mark the stamps that contradict the others.
+
+    The largest number of stamps that follow each other in order is believed. Of those, a stamp
+    beyond any pause of a recording is not, nor is a single one far from all others: that is how
+    damaged stamps look, while a burst has more than one frame.
+    """
+    tolerance = max(_TOLERANCE, _SHARE * interval)
+    seconds = np.asarray(ticks * _UNIT, np.float64)
+    reach = max(_PAUSE, ticks.size * interval * _LONE)
+    left = good = np.arange(ticks.size)
+    for _ in range(_ROUNDS):
+        good = left[_longest_order(seconds[left] + left * tolerance)]
+        good = max(_split(good, seconds, _CLOCK_LIMIT), key=len)
+        bursts = _split(good, seconds, reach)
+        lone = [burst[0] for burst in bursts if len(burst) == 1]
+        if not lone or len(lone) == len(bursts):
+            break
+        # without these, stamps that stood against them may be in order
+        left, good = np.setdiff1d(left, lone), np.setdiff1d(good, lone)
+    bad = np.ones(ticks.size, dtype=bool)
+    bad[good] = False
+    return bad
+
+
+def _split(
+    frames: NDArray[np.int64], seconds: NDArray[np.float64], longest: float
+) -> list[NDArray[np.int64]]:
+    """Part frames where the step to the next is longer than it may be."""
+    return np.split(frames, np.flatnonzero(np.diff(seconds[frames]) > longest) + 1)
+
+
+def _longest_order(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Mark the longest subsequence that never decreases (patience sorting, n log n)."""
+    if (np.diff(values) >= 0).all():
+        return np.ones(values.size, dtype=bool)
+    ends: list[float] = []  # smallest last value of a subsequence of each length
+    at: list[int] = []  # where that value stands
+    before = np.full(values.size, -1)
+    for i, value in enumerate(values.tolist()):
+        length = bisect_right(ends, value)
+        before[i] = at[length - 1] if length else -1
+        ends[length : length + 1], at[length : length + 1] = [value], [i]
+    chosen = np.zeros(values.size, dtype=bool)
+    i = at[-1]
+    while i >= 0:
+        chosen[i] = True
+        i = int(before[i])
+    return chosen
+
+
+def _missing(time: NDArray[np.float64], interval: float) -> NDArray[np.int64]:
+    missing = np.zeros(time.size, dtype=np.int64)
+    step = np.diff(time)
+    tolerance = max(_TOLERANCE, _SHARE * interval)
+    late = step > interval + tolerance
+    missing[1:][late] = np.maximum(np.rint(step[late] / interval).astype(np.int64) - 1, 0)
+    return missing
+
+
+def exposure_times(header: Header, axis: TimeAxis) -> NDArray[np.float64] | None:
+    """Return the exposure of every frame in s; NaN where it is longer than a frame lasts."""
+    if header.exposures is None:
+        shutter = header.setup.shutter
+        return None if shutter is None else np.full(header.count, shutter)
+    exposure = np.asarray(header.exposures * _UNIT, np.float64)
+    if header.count > 1:
+        exposure = np.where(exposure > axis.interval * (1 + _SHARE), np.nan, exposure)
+    return exposure

@@ -1,0 +1,307 @@
+"""Which frames and rows of a film are worth reading.
+
+Looking at a thin band of rows costs a few per cent of reading a frame. A frame whose band through
+the centres of the known contacts is nowhere as dark as a contact shows none; one whose band equals
+that of a contact frame before and after shows the same contact. All others are read.
+"""
+
+import math
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+from labpipe.frames import FrameSource
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+
+#: Rows of a band.
+BAND_ROWS = 16
+#: Standard deviations of the sum of squared differences from which two bands differ.
+_DIFFERENT = 6.0
+#: Standard deviations of a mean over columns from which a band differs in one place.
+_LOCALLY_DIFFERENT = 8.0
+#: Width (px) of the place, and how far from a known centre (px) a contact is looked for.
+_PLACE, _REACH = 24, 60
+#: Frames between two that are read whole at least, also where nothing changes.
+_LONGEST_REST = 64
+#: Decoded frames kept at hand (bytes), so that a second look does not read them again.
+_MOST_KEPT = 128 * 2**20
+
+
+@dataclass
+class FilmReader:
+    """Reads frames and counts them.
+
+    Attributes
+    ----------
+    film : FrameSource
+        The film.
+    frames_read, bands_read : int
+        Frames read whole, and bands of rows.
+    pixels_read, bytes_read : int
+        What that amounts to, decoded.
+    repeats : int
+        Frames that were read again because they were no longer at hand.
+    damaged : set of int
+        Frames that hold numbers that are not finite; they are returned all black.
+    """
+
+    film: FrameSource
+    frames_read: int = 0
+    bands_read: int = 0
+    pixels_read: int = 0
+    bytes_read: int = 0
+    repeats: int = 0
+    damaged: set[int] = field(default_factory=set)
+    _seen: set[int] = field(default_factory=set)
+    _parts: dict[tuple[int, int], FrameSource] = field(default_factory=dict)
+    _kept: OrderedDict[int, NDArray[np.generic]] = field(default_factory=OrderedDict)
+
+    def whole(self, index: int) -> NDArray[np.generic]:
+        """Read a frame, or hand out again one that was read lately."""
+        if index in self._kept:
+            self._kept.move_to_end(index)
+            return self._kept[index]
+        # A copy, because a film may hand out a view of memory that it uses again.
+        image = np.array(self.film[index])
+        if index in self._seen:
+            self.repeats += 1
+        else:
+            self._seen.add(index)
+            self.frames_read += 1
+        if image.dtype.kind == "f" and not np.isfinite(image).all():
+            self.damaged.add(index)
+            image = np.zeros_like(image)
+        self.pixels_read += image.size
+        self.bytes_read += image.nbytes
+        self._kept[index] = image
+        if len(self._kept) * image.nbytes > _MOST_KEPT:
+            self._kept.popitem(last=False)
+        return image
+
+    def band(self, index: int, top: int, bottom: int) -> NDArray[np.float32]:
+        """Read rows ``top`` to ``bottom - 1`` of a frame."""
+        if (top, bottom) not in self._parts:
+            self._parts[top, bottom] = self.film.roi(
+                slice(top, bottom), slice(0, self.film.shape[2])
+            )
+        image = np.asarray(self._parts[top, bottom][index])
+        self.bands_read += 1
+        self.pixels_read += image.size
+        self.bytes_read += image.nbytes
+        return np.nan_to_num(image.astype(np.float32))
+
+    def work(self) -> dict[str, int]:
+        """Return counts for a Dataset's attribute ``work``."""
+        count, rows, columns = self.film.shape
+        return {
+            "frames_read": self.frames_read,
+            "frames_total": count,
+            "bands_read": self.bands_read,
+            "pixels_read": self.pixels_read,
+            "pixels_total": count * rows * columns,
+            "bytes_read": self.bytes_read,
+            "bytes_total": count * rows * columns * self._bytes_per_pixel(),
+            "repeated_reads": self.repeats,
+        }
+
+    def _bytes_per_pixel(self) -> int:
+        """Return the size of a decoded pixel, from what was read."""
+        return round(self.bytes_read / self.pixels_read) if self.pixels_read else 1
+
+
+def frames_in_windows(time: Floats, windows: Sequence[tuple[float, float]]) -> Flags:
+    """Tell which frames lie in one of several windows of time.
+
+    Parameters
+    ----------
+    time : array (frame,) [s]
+        Time of every frame.
+    windows : sequence of (start, end) [s]
+        Both ends belong to a window.
+
+    Returns
+    -------
+    bool array (frame,)
+
+    Raises
+    ------
+    InputError
+        A window ends before it starts, or is not a pair of numbers.
+
+    Examples
+    --------
+    >>> frames_in_windows(np.array([0.0, 1.0, 2.0, 3.0]), [(0.5, 2.0)])
+    array([False,  True,  True, False])
+    """
+    found = np.zeros(len(time), bool)
+    for start, end in windows:
+        if not (math.isfinite(start) and math.isfinite(end) and start <= end):
+            message = f"windows must be (start, end) in s with start <= end, found ({start}, {end})"
+            raise InputError(message)
+        found |= (time >= start) & (time <= end)
+    return found
+
+
+def band_about(row: float, rows: int) -> tuple[int, int]:
+    """First row of the band around a row, and the row after its last, inside the frame."""
+    height = min(BAND_ROWS, rows)
+    top = min(max(round(row) - height // 2, 0), rows - height)
+    return top, top + height
+
+
+def band_noise(bands: Sequence[NDArray[np.float32]]) -> float:
+    """Noise of a pixel (grey levels), from differences of neighbours; fringes raise it a little."""
+    steps = [np.abs(np.diff(band, axis=0)) for band in bands]
+    return max(float(np.median(np.concatenate(steps))) / 0.954, 0.3)
+
+
+def is_different(one: NDArray[np.float32], other: NDArray[np.float32], noise: float) -> bool:
+    """Tell whether two bands show more than different noise.
+
+    Parameters
+    ----------
+    one, other : arrays (row, column)
+        Grey levels.
+    noise : float [grey levels]
+        Noise of a pixel.
+    """
+    difference = (one - other).mean(axis=0, dtype=np.float64)
+    deviation = noise * math.sqrt(2.0 / len(one))
+    columns = len(difference)
+    squares = float((difference**2).sum()) / deviation**2
+    if squares > columns + _DIFFERENT * math.sqrt(2.0 * columns):
+        return True
+    width = min(_PLACE, columns)
+    sums = np.concatenate([[0.0], np.cumsum(difference)])
+    places = np.abs(sums[width:] - sums[:-width]) / (math.sqrt(width) * deviation)
+    return float(places.max()) > _LOCALLY_DIFFERENT
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a contact was seen, and how bright.
+
+    Attributes
+    ----------
+    x, y : float [px]
+        Centre.
+    inside, beside : float [grey levels]
+        Brightness of the contact, and half way up to the fringes around it.
+    """
+
+    x: float
+    y: float
+    inside: float
+    beside: float
+
+    def is_lit_in(self, band: NDArray[np.float32]) -> bool:
+        """Tell whether a band through the centre is as bright as a contact near the centre."""
+        first = min(max(round(self.x) - _REACH, 0), max(band.shape[1] - _PLACE, 0))
+        last = min(max(round(self.x) + _REACH, first + _PLACE), band.shape[1])
+        line = band[:, first:last].mean(axis=0, dtype=np.float64)
+        width = min(_PLACE, len(line))
+        sums = np.concatenate([[0.0], np.cumsum(line)])
+        means = (sums[width:] - sums[:-width]) / width
+        if self.inside < self.beside:
+            return float(means.min()) < self.beside
+        return float(means.max()) > self.beside
+
+
+@dataclass(frozen=True)
+class ReadingPlan:
+    """Which frames to read whole.
+
+    Attributes
+    ----------
+    read : bool array (frame,)
+        Frames to read.
+    is_resting : bool array (frame,)
+        Frames that are not read because they look like the contact frames before and after.
+    """
+
+    read: Flags
+    is_resting: Flags
+
+
+def plan_reading(
+    reader: FilmReader, wanted: Flags, known: dict[int, bool], places: Sequence[Place]
+) -> ReadingPlan:
+    """Choose the frames to read from their bands and from frames already known.
+
+    Parameters
+    ----------
+    reader : FilmReader
+        The film.
+    wanted : bool array (frame,)
+        Frames that may be read.
+    known : dict
+        Frames that have been looked at, with and without contact.
+    places : sequence of Place
+        The contacts found in them.
+
+    Returns
+    -------
+    ReadingPlan
+        A frame is left out when its band is nowhere near a centre as bright as a contact, or
+        like that of the frame last read while in contact.
+    """
+    count = len(wanted)
+    read, resting = np.zeros(count, bool), np.zeros(count, bool)
+    if not places:
+        return ReadingPlan(wanted.copy(), resting)
+    rows = reader.film.shape[1]
+    tops = sorted({band_about(place.y, rows) for place in places})
+    through = [[place for place in places if band_about(place.y, rows) == top] for top in tops]
+
+    def bands(index: int) -> list[NDArray[np.float32]]:
+        return [reader.band(index, *top) for top in tops]
+
+    noise = band_noise([band for index in known for band in bands(index)])
+    last: list[NDArray[np.float32]] = []
+    last_index = -_LONGEST_REST
+    for index in map(int, np.flatnonzero(wanted)):
+        now = bands(index)
+        is_lit = any(
+            place.is_lit_in(band) for band, some in zip(now, through, strict=True) for place in some
+        )
+        if not is_lit and not known.get(index, False):
+            continue
+        is_same = index - last_index < _LONGEST_REST and _looks_like(now, last, noise)
+        if is_same and index not in known:
+            resting[index] = True
+            continue
+        read[index] = True
+        last, last_index = now, index
+    _read_around(read, resting, wanted)
+    return ReadingPlan(read, resting)
+
+
+def _looks_like(
+    now: list[NDArray[np.float32]], other: list[NDArray[np.float32]], noise: float
+) -> bool:
+    """Tell whether bands show nothing but noise that others do not show."""
+    return bool(other) and not any(
+        is_different(a, b, noise) for a, b in zip(now, other, strict=True)
+    )
+
+
+def _read_around(read: Flags, resting: Flags, wanted: Flags) -> None:
+    """Read the frames next to a change as well: the last one before it and the first after."""
+    for index in np.flatnonzero(read):
+        for beside in (index - 1, index + 1):
+            is_left_out = 0 <= beside < len(read) and wanted[beside] and not read[beside]
+            if is_left_out and not resting[beside]:
+                read[beside] = True
+    # A stretch of rest needs a frame that is read at both ends.
+    edges = np.flatnonzero(resting[:-1] & ~resting[1:] & ~read[1:])
+    read[edges] = True
+    resting[edges] = False
+    if resting[-1]:
+        read[-1], resting[-1] = True, False

@@ -1,0 +1,261 @@
+"""The material library: five materials whose every number says where it comes from.
+
+A material is a TOML file (see ``library/*.toml``); a laboratory's own have the same form and are
+read with :func:`load_file`. Statuses are ``measured``, ``datasheet`` and ``estimate``: the five
+here are no measurement of the thesis's specimens, and a page that uses them says so.
+"""
+
+import math
+import tomllib
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from labpipe.errors import InputError, SourceError
+from labpipe.materials.prony import Prony
+from labpipe.materials.superposition import ShiftLaw, arrhenius, wlf
+from labpipe.units import quantity
+
+__all__ = ["NAMES", "Entry", "Material", "describe", "load", "load_file", "read_material"]
+
+NAMES = ("nbr", "acrylic", "peek", "nylon", "ptfe")
+STATUSES = ("measured", "datasheet", "estimate")
+
+_LARGEST_FILE = 1 << 20  # bytes
+_TABLES = {"labpipe_material", "name", "summary", "poisson", "density", "E_relaxed", "relaxation",
+           "shift"}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One number of a material: its value in SI, uncertainty, source and status."""
+
+    name: str
+    value: float
+    u: float
+    units: str
+    source: str
+    status: str
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """A material with the origin of its numbers.
+
+    Attributes
+    ----------
+    name, summary : str
+        What it is.
+    prony : Prony
+        At the reference temperature.
+    entries : tuple of Entry
+        Poisson's ratio, density, relaxed modulus, spectrum, shift law.
+    T_ref : float [degC]
+        Reference temperature.
+    law : ShiftLaw
+        About the reference temperature.
+    """
+
+    name: str
+    summary: str
+    prony: Prony
+    entries: tuple[Entry, ...]
+    T_ref: float
+    law: ShiftLaw
+
+    def log10_aT(self, temperature: float) -> float:
+        """Shift at a temperature [degC]: positive below the reference.
+
+        Raises
+        ------
+        InputError
+            The law does not reach that temperature.
+        """
+        return float(self.law.log10_aT(temperature))
+
+    def at(self, temperature: float | None) -> Prony:
+        """Return the solid at a temperature [degC]; None is the reference."""
+        if temperature is None:
+            return self.prony
+        return self.prony.shifted(10.0 ** self.log10_aT(temperature))
+
+
+def load(name: str, temperature: float | None = None) -> Prony:
+    """Return a material of the library.
+
+    Parameters
+    ----------
+    name : str
+        ``nbr``, ``acrylic``, ``peek``, ``nylon`` or ``ptfe``.
+    temperature : float [degC], optional
+        Where the material is; by default its reference temperature.
+
+    Returns
+    -------
+    Prony
+        The viscoelastic solid.
+
+    Raises
+    ------
+    InputError
+        There is no such material, or its law does not reach the temperature.
+
+    Examples
+    --------
+    >>> load("acrylic").nu
+    0.35
+    """
+    return describe(name).at(temperature)
+
+
+def load_file(path: str | Path, temperature: float | None = None) -> Prony:
+    """Return the material of a TOML file; see :func:`load`.
+
+    Raises
+    ------
+    SourceError
+        The file cannot be read or does not describe a material.
+    """
+    return read_material(path).at(temperature)
+
+
+def describe(name: str) -> Material:
+    """Return a material of the library with the origin of its numbers."""
+    if name not in NAMES:
+        message = f'there is no material "{name}" in the library; known are {", ".join(NAMES)}'
+        raise InputError(message)
+    with resources.as_file(resources.files("labpipe.materials") / "library" / f"{name}.toml") as p:
+        return read_material(p)
+
+
+def read_material(path: str | Path) -> Material:
+    """Read a material file.
+
+    Raises
+    ------
+    SourceError
+        With the line of the first mistake.
+    """
+    path = Path(path)
+    text = _text(path)
+    try:
+        tree = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SourceError(path, f"is no TOML: {error}") from None
+    return _Reader(path, text, tree).material()
+
+
+def _text(path: Path) -> str:
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise SourceError(path, "is larger than 1 MiB, which no material file is")
+        return path.read_text("utf-8")
+    except OSError as error:
+        raise SourceError(path, f"cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise SourceError(path, "is not UTF-8 text") from None
+
+
+class _Reader:
+    """The checks of one file, with its lines at hand for messages."""
+
+    def __init__(self, path: Path, text: str, tree: dict[str, Any]) -> None:
+        self.path, self.lines, self.tree = path, text.splitlines(), tree
+
+    def fail(self, key: str, message: str) -> NoReturn:
+        table, _, field = key.partition(".")
+        start = next((i for i, s in enumerate(self.lines) if s.strip().startswith(f"[{table}]")), 0)
+        wanted = field or table
+        line = next(
+            (i for i, s in enumerate(self.lines) if i >= start and s.strip().startswith(wanted)),
+            start,
+        )
+        raise SourceError(self.path, f"{key}: {message}", line=line + 1)
+
+    def table(self, name: str) -> dict[str, Any]:
+        found = self.tree.get(name)
+        if not isinstance(found, dict):
+            self.fail(name, f"expected a table [{name}]")
+        return found
+
+    def entry(self, name: str, si: str) -> Entry:
+        table = self.table(name)
+        for key in ("value", "source", "status"):
+            if not isinstance(table.get(key), str) or not table[key]:
+                self.fail(f"{name}.{key}", "expected text")
+        if table["status"] not in STATUSES:
+            self.fail(f"{name}.status", f"expected one of {', '.join(STATUSES)}")
+        value, u = self.quantity(f"{name}.value", table["value"], si)
+        return Entry(name, value, u, si, table["source"], table["status"])
+
+    def quantity(self, key: str, text: str, si: str) -> tuple[float, float]:
+        try:
+            found = quantity(text)
+        except InputError as error:
+            self.fail(key, str(error))
+        if found.si != si:
+            self.fail(key, f'expected a quantity in {si}, found "{text}"')
+        return found.value, found.u
+
+    def numbers(self, name: str) -> list[float]:
+        found = self.table("relaxation").get(name)
+        if not isinstance(found, list) or not all(
+            isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
+            for x in found
+        ):
+            self.fail(f"relaxation.{name}", "expected a list of finite numbers")
+        return [float(x) for x in found]
+
+    def shift(self) -> ShiftLaw:
+        table = self.table("shift")
+        reference, _ = self.quantity("shift.T_ref", str(table.get("T_ref", "")), "degC")
+        law = table.get("law")
+        names = {"arrhenius": ("activation_energy",), "wlf": ("C1", "C2")}.get(str(law))
+        if names is None:
+            self.fail("shift.law", 'expected "arrhenius" or "wlf"')
+        values = [table.get(name) for name in names]
+        numbers = []
+        for name, value in zip(names, values, strict=True):
+            text = str(value).removesuffix("K").strip()
+            try:
+                numbers.append(float(text))
+            except ValueError:
+                self.fail(f"shift.{name}", f'expected a number, found "{value}"')
+        if min(numbers) <= 0:
+            self.fail(f"shift.{names[0]}", "expected positive numbers")
+        if law == "arrhenius":
+            return arrhenius(numbers[0], reference)
+        return wlf(numbers[0], numbers[1], reference)
+
+    def material(self) -> Material:
+        unknown = set(self.tree) - _TABLES
+        if unknown:
+            self.fail(min(unknown), f"is unknown; known are {', '.join(sorted(_TABLES))}")
+        if self.tree.get("labpipe_material") != 1:
+            self.fail("labpipe_material", "expected 1, the version of this form")
+        poisson = self.entry("poisson", "1")
+        relaxed = self.entry("E_relaxed", "Pa")
+        rho, E = self.numbers("rho"), self.numbers("E")
+        if len(rho) != len(E):
+            self.fail("relaxation.E", f"{len(E)} moduli stand beside {len(rho)} times")
+        try:
+            prony = Prony(relaxed.value, np.array(E), np.array(rho), nu=poisson.value)
+        except InputError as error:
+            self.fail("relaxation", str(error))
+        law = self.shift()
+        entries = [poisson, relaxed]
+        if "density" in self.tree:
+            entries.append(self.entry("density", "kg/m3"))
+        for name in ("relaxation", "shift"):
+            table = self.table(name)
+            source, status = str(table.get("source", "")), str(table.get("status", ""))
+            if not source or status not in STATUSES:
+                self.fail(name, f"expected a source and a status ({', '.join(STATUSES)})")
+            entries.append(Entry(name, math.nan, 0.0, "", source, status))
+        return Material(
+            str(self.tree.get("name", self.path.stem)), str(self.tree.get("summary", "")), prony,
+            tuple(entries), law.T_ref, law,
+        )  # fmt: skip

@@ -1,0 +1,112 @@
+"""What other distributions add to labpipe by entry points.
+
+A distribution declares in its ``pyproject.toml``, for example ::
+
+    [project.entry-points."labpipe.instruments"]
+    profilometer = "our_lab.profilometer:INSTRUMENT"
+
+Nothing is imported before it is asked for. A plug-in that cannot be used is left out and told,
+never fatal; what labpipe itself brings is not replaced by one of the same name.
+"""
+
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+T = TypeVar("T")
+
+
+class PluginWarning(UserWarning):
+    """A plug-in cannot be used; it is left out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plugin(Generic[T]):
+    """One entry point: where it comes from, and what it gave or why it is left out.
+
+    Attributes
+    ----------
+    name : str
+        Of the entry point.
+    distribution : str
+        Name and version of what installed it.
+    found : object or None
+        What it names; None when it is left out.
+    problem : str
+        Why it is left out, "" when it is used.
+    """
+
+    name: str
+    distribution: str
+    found: T | None
+    problem: str = ""
+
+    def __str__(self) -> str:
+        """Say in one line whether it is used."""
+        named = f'the plug-in "{self.name}" of {self.distribution}'
+        return f"{named} is left out: {self.problem}" if self.problem else f"{named} is used"
+
+    def left_out(self, problem: str) -> "Plugin[T]":
+        """Return it as one that is left out."""
+        return Plugin(self.name, self.distribution, None, problem)
+
+
+def survey(group: str, expected: type[T], taken: Sequence[str] = ()) -> tuple[Plugin[T], ...]:
+    """Load every entry point of a group.
+
+    Parameters
+    ----------
+    group : str
+        ``labpipe.instruments`` or ``labpipe.kinds``.
+    expected : type
+        What an entry point must name; its ``name`` is that by which it is known.
+    taken : sequence of str
+        Names that labpipe itself uses.
+
+    Returns
+    -------
+    tuple of Plugin
+        Ordered by distribution and name, so that every machine asks them in the same order.
+    """
+    from importlib.metadata import entry_points  # slow to import
+
+    entries = sorted(entry_points(group=group), key=lambda e: (_distribution(e), e.name))
+    names, found = set(taken), []
+    for entry in entries:
+        made = _loaded(entry, expected)
+        name = getattr(made.found, "name", entry.name)
+        if made.found is not None and name in names:
+            made = made.left_out(f'the name "{name}" is taken')
+        names.add(name)
+        found.append(made)
+    return tuple(found)
+
+
+def tell(plugins: Iterable[Plugin[T]]) -> None:
+    """Warn of plug-ins that are left out."""
+    for plugin in plugins:
+        if plugin.problem:
+            warnings.warn(str(plugin), PluginWarning, stacklevel=3)
+
+
+def _distribution(entry: "EntryPoint") -> str:
+    return "an unknown distribution" if entry.dist is None else (
+        f"{entry.dist.name} {entry.dist.version}"
+    )  # fmt: skip
+
+
+def _loaded(entry: "EntryPoint", expected: type[T]) -> Plugin[T]:
+    """Import what an entry point names; whatever goes wrong there is its own."""
+    where = _distribution(entry)
+    try:
+        found = entry.load()
+    except Exception as error:  # somebody else's code may raise anything
+        return Plugin(entry.name, where, None, f"{type(error).__name__}: {error}")
+    if not isinstance(found, expected):
+        problem = f"{entry.value} is a {type(found).__name__}, expected a {expected.__name__}"
+        return Plugin(entry.name, where, None, problem)
+    return Plugin(entry.name, where, found)

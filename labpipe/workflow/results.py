@@ -1,0 +1,107 @@
+"""The one reader of results: what a session holds as of one plan."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labpipe.errors import InputError, LabpipeError
+from labpipe.workflow.plan import READY, Plan, Row, wanted_tasks
+from labpipe.workflow.session import Experiment
+from labpipe.workflow.store import Store
+from labpipe.workflow.tasks import Argument, TaskId
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def read(store: Store, key: str, task: TaskId) -> "xr.Dataset":
+    """Return a stored result.
+
+    Raises
+    ------
+    InputError
+        It is a page.
+    StoreError
+        It is damaged.
+    """
+    found = store.read(key)
+    if isinstance(found, str):
+        message = f"{task} is a page; open it in a browser"
+        raise InputError(message)
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Results:
+    """Results of a session that are up to date, read from its store.
+
+    Parameters
+    ----------
+    plan : Plan
+        Made after the results were; what it does not hold is not read.
+    """
+
+    plan: Plan
+
+    @property
+    def folder(self) -> Path:
+        """The session's folder."""
+        return self.plan.session.root
+
+    @property
+    def experiments(self) -> Mapping[str, Experiment]:
+        """The session's experiments by name."""
+        return self.plan.session.experiments
+
+    def up_to_date(self, row: Row) -> "xr.Dataset | None":
+        """Return the result of a row; None when there is none, or it is damaged, or a page."""
+        key = self.plan.keys[row.task].value
+        if (
+            row.state not in READY
+            or key is None
+            or self.plan.tasks[row.task].stage.output == "page"
+        ):
+            return None
+        try:
+            found = Store(self.plan.session.folder).read(key)
+        except LabpipeError:
+            return None  # the next run makes it again
+        return None if isinstance(found, str) else found
+
+    def result(self, experiment: str, stage: str, recording: str | None = None) -> "xr.Dataset":
+        """Return one result, of a stage that runs per recording that of one file.
+
+        Raises
+        ------
+        UsageError
+            The experiment or stage is unknown.
+        InputError
+            The result is missing or out of date; run first.
+        StoreError
+            It is damaged.
+        """
+        task = TaskId(experiment, stage, recording)
+        if task not in self.plan.tasks:
+            wanted_tasks(self.plan.session, self.plan.tasks, [f"{experiment}/{stage}"],
+                         [experiment])  # fmt: skip
+            alike = [n.recording for n in self.plan.tasks if n[:2] == task[:2]]
+            message = f"{task} is no task; recordings: {', '.join(filter(None, alike)) or 'none'}"
+            raise InputError(message)
+        row = next(row for row in self.plan.rows if row.task == task)
+        key = self.plan.keys[task].value
+        if row.state not in READY or key is None:
+            message = f"{task} has no up-to-date result ({row.reason}); run labpipe process first"
+            raise InputError(message)
+        return read(Store(self.plan.session.folder), key, task)
+
+    def values(self, arguments: Sequence[Argument]) -> list[Any]:
+        """Return what a function is called with: Datasets and paths, lists of them, or None."""
+        return [self._value(argument) for argument in arguments]
+
+    def _value(self, argument: Argument) -> Any:
+        found: list[Any] = [self.folder / name for name in argument.files]
+        found += [self.result(*task) for task in argument.tasks]
+        if argument.is_list:
+            return found
+        return found[0] if found else None

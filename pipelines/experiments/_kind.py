@@ -1,0 +1,197 @@
+"""What a kind of experiment is: one object that every verb asks, and that names what it needs.
+
+Whatever computes is named as text, ``"module:function"``, and imported where it runs: a plan and
+``--help`` import nothing numerical. Inputs are written in the language of
+:class:`labpipe.workflow.graph.Stage`: ``"bounces"`` (a stage of the experiment, the list of all
+recordings for one that runs per recording), ``"file:sphere.material_file"``,
+``"other:plate_from/plate"``.
+"""
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from labpipe.schema import Schema
+from labpipe.workflow.graph import Stage
+
+
+@dataclass(frozen=True, slots=True)
+class Derived:
+    """What follows from results beside the stages, such as rows of a comparison or a budget.
+
+    Attributes
+    ----------
+    function : str
+        ``"module:function"``, called as ``function(*inputs, settings=settings)``; what it is for
+        says which further keywords it takes.
+    inputs : tuple of str
+        Results and files, in the language of a stage's inputs.
+    """
+
+    function: str
+    inputs: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class KeyNumber:
+    """A column of the session's page and of the catalogue.
+
+    It is the first finite value of ``variable`` in the result of ``stage``, in the SI ``unit``.
+    Kinds that give the same title share the column.
+    """
+
+    title: str
+    unit: str
+    stage: str
+    variable: str
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """The small picture on the session's page: one variable of a result over another.
+
+    Of a stage that runs per recording, the first recording is shown. ``scale`` is "linear" or
+    "log", of both axes.
+    """
+
+    stage: str
+    x: str
+    y: str
+    scale: str = "linear"
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What a scan recognised in a folder.
+
+    Attributes
+    ----------
+    folder : Path
+    names : mapping of str to list of str
+        Files relative to the folder by the name of their instrument (``"keyence"``) and by what
+        they hold (``"displacement"``), and calibration records by their kind
+        (``"record:laser"``), those that will be written too.
+    owners : mapping of str to (str, str)
+        Every file of a known instrument to what wrote it, and why no experiment may begin from it.
+    """
+
+    folder: Path
+    names: Mapping[str, list[str]]
+    owners: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+
+    def of(self, sort: str) -> list[str]:
+        """Return the names of one sort; empty when there is none."""
+        return self.names.get(sort, [])
+
+    def path(self, name: str) -> Path:
+        """Return where a file is."""
+        return self.folder / name
+
+
+@dataclass(frozen=True, slots=True)
+class Proposed:
+    """An experiment that a kind would make of some files.
+
+    Attributes
+    ----------
+    stem : str
+        What the files' names have in common; it gives the experiment its name and its place.
+    files : tuple of str
+        Those that belong to it, relative to the folder; no other kind is offered them.
+    text : callable
+        Takes the name that the experiment gets and returns its tables of session.toml; values that
+        no file tells are gaps (:data:`pipelines.experiments.shared.proposals.GAP`).
+    """
+
+    stem: str
+    files: tuple[str, ...]
+    text: Callable[[str], str]
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """How ``init`` finds the experiments of a kind among the files of a folder.
+
+    Attributes
+    ----------
+    contents : tuple of str
+        What it begins from (:data:`instruments.CONTENTS`); it is offered the files of every
+        instrument, of other distributions too, whose files hold that.
+    function : str
+        ``"module:function"``; takes the :class:`Found` and the names of one instrument's files
+        that no kind has taken yet, and yields :class:`Proposed`.
+    records : str
+        ``"module:function"``; takes the :class:`Found` and returns calibration records that are
+        missing, as ``{"record:KIND": {name: text}}``. Empty when the kind needs none.
+    answers : mapping of str to tuple of str
+        Fields that a person is asked for, and the answers that are accepted.
+    """
+
+    contents: tuple[str, ...]
+    function: str
+    records: str = ""
+    answers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """One kind of experiment.
+
+    Attributes
+    ----------
+    name, title, summary : str
+        As session.toml writes it; a heading; one line.
+    settings : type
+        What its table in session.toml holds.
+    stages : tuple of Stage
+        From the files to the report.
+    schemas : tuple of Schema
+        Shapes of results that the stages name.
+    key_numbers : tuple of KeyNumber
+    picture : Picture, optional
+    error : str
+        The variable of the stage ``comparison`` that speaks for the whole comparison.
+    rows : Derived, optional
+        Yields :class:`pipelines.experiments.shared.comparison_rows.Row` for ``compare``.
+    budget : Derived, optional
+        Yields :class:`pipelines.experiments.shared.budget_quantity.Quantity` for ``sensitivity``.
+    body : str
+        The table of the settings that names a material, such as ``"sphere"``.
+    evidence : Derived, optional
+        What ``identify`` learns of the material; takes also ``name`` (the experiment's) and
+        ``impacts`` (how many bounces count), and returns a
+        :class:`pipelines.experiments.shared.material_evidence.MaterialEvidence`, or a text that
+        says why there is none.
+    prior : Derived, optional
+        What is known of a material before ``identify``; takes also ``name`` and ``temperature``
+        (degC or None), and returns a ``MaterialEvidence``.
+    proposal : Proposal, optional
+        Without one a person writes the experiment into session.toml.
+    """
+
+    name: str
+    title: str
+    summary: str
+    settings: type[msgspec.Struct]
+    stages: tuple[Stage, ...]
+    schemas: tuple[Schema, ...] = ()
+    key_numbers: tuple[KeyNumber, ...] = ()
+    picture: Picture | None = None
+    error: str = "nrmse"
+    rows: Derived | None = None
+    budget: Derived | None = None
+    body: str = ""
+    evidence: Derived | None = None
+    prior: Derived | None = None
+    proposal: Proposal | None = None
+
+
+def function(text: str) -> Callable[..., Any]:
+    """Import what ``"module:function"`` names."""
+    module, _, name = text.partition(":")
+    found: Callable[..., Any] = getattr(importlib.import_module(module), name)
+    return found

@@ -1,0 +1,68 @@
+"""Which kinds of experiment there are: ours, then those of other distributions.
+
+Another distribution declares its kind in its ``pyproject.toml``::
+
+    [project.entry-points."labpipe.kinds"]
+    my_kind = "my_package.kind:KIND"
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from labpipe.errors import InputError
+from labpipe.plugins import Plugin, survey
+from labpipe.schema import Schema
+from labpipe.workflow.graph import ordered
+from pipelines.experiments._kind import Kind
+from pipelines.experiments.ball_drop.kind import KIND as BALL_DROP
+from pipelines.experiments.contact_area.kind import KIND as CONTACT_AREA
+from pipelines.experiments.dic_validation.kind import KIND as DIC_VALIDATION
+from pipelines.experiments.dma.kind import KIND as DMA
+from pipelines.experiments.harmonic.kind import KIND as HARMONIC
+from pipelines.experiments.plate_vibration.kind import KIND as PLATE_VIBRATION
+from pipelines.experiments.relaxation.kind import KIND as RELAXATION
+from pipelines.experiments.static_loading.kind import KIND as STATIC_LOADING
+
+GROUP = "labpipe.kinds"
+"""The entry point group."""
+
+OURS = (
+    BALL_DROP, STATIC_LOADING, HARMONIC, RELAXATION, DIC_VALIDATION, CONTACT_AREA,
+    PLATE_VIBRATION, DMA,
+)  # fmt: skip
+"""From the general to the special: ``init`` offers a file to the last kind first."""
+
+
+def gathered() -> tuple[Mapping[str, Kind], tuple[Plugin[Kind], ...]]:
+    """Return all kinds by name, and what other distributions add or why it is left out.
+
+    Ours come first and cannot be replaced. A kind that cannot be loaded, or whose stages do not
+    fit together, is named and left out; the others work.
+    """
+    kinds = {kind.name: kind for kind in OURS}
+    schemas = {schema.name: schema for kind in OURS for schema in kind.schemas}
+    added = []
+    for plugin in survey(GROUP, Kind, list(kinds)):
+        kind = plugin.found
+        if kind is not None and (problem := _problem(kind, schemas)):
+            added.append(plugin.left_out(problem))
+            continue
+        added.append(plugin)
+        if kind is not None:
+            kinds[kind.name] = kind
+            schemas |= {schema.name: schema for schema in kind.schemas}
+    return MappingProxyType(kinds), tuple(added)
+
+
+def _problem(kind: Kind, schemas: Mapping[str, Schema]) -> str:
+    taken = [s.name for s in kind.schemas if schemas.get(s.name, s) != s]
+    if taken:
+        return f"another kind has other schemas of the names {', '.join(taken)}"
+    named = {stage.schema for stage in kind.stages} - {None, *(s.name for s in kind.schemas)}
+    if named:
+        return f"its stages name schemas that it does not bring: {', '.join(map(str, named))}"
+    try:
+        ordered(kind.stages, kind.settings)
+    except InputError as error:
+        return str(error)
+    return ""

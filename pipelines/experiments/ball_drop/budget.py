@@ -1,0 +1,131 @@
+"""Budgets of a ball drop, heated or not: height, speed, restitution, and the model's."""
+
+import json
+from collections.abc import Iterator, Sequence
+from math import cos
+
+import numpy as np
+import xarray as xr
+
+from labpipe.uncertainty import Input
+from pipelines.experiments.ball_drop.settings import BallDrop
+from pipelines.experiments.shared.budget_quantity import (
+    IMPACTS,
+    MEASURED,
+    Array,
+    Quantity,
+    clock,
+    of_model,
+    repeats,
+    summed,
+)
+
+_CAMERA = ("pixel size", "there is no camera")
+_LAG = ("filter lag", "the moving average of the sensor delays all readings alike")
+_MODEL = (
+    "mass, radius, Poisson's ratio, temperature",
+    "nothing of the body enters what was measured; they act on the model",
+)
+_ZERO = ("zero", "a difference of two readings has none")
+_HEIGHT = ("height", "that of session.toml enters the model alone")
+_RATIO = (
+    "inclination, sampling", "the same for both speeds, so that the scale of length and time cancel"
+)  # fmt: skip
+
+
+def quantities(
+    bounces: Sequence[xr.Dataset], displacement: Sequence[xr.Dataset], model: xr.Dataset | None,
+    *, settings: BallDrop,
+) -> Iterator[Quantity]:  # fmt: skip
+    """Yield height of the fall, speed of the first impact, and restitutions of the first ones.
+
+    Parameters
+    ----------
+    bounces, displacement : sequence of Dataset
+        Of the repeats.
+    model : Dataset, optional
+        Gives the model's first restitution too.
+    settings : BallDrop
+    """
+    del settings
+    made = list(bounces)
+    yield _fall(made, displacement[0])
+    yield _speed(made, displacement[0])
+    for i in range(min(IMPACTS, *(b.sizes["impact"] for b in made))):
+        yield from _restitution(made, i)
+    if model is not None and model.sizes["impact"] and "budget" in model.attrs:
+        yield of_model(
+            "restitution of the model, impact 1", float(model["restitution"][0]), "1",
+            json.loads(model.attrs["budget"]),
+            ("mass", "radius", "height", "Poisson's ratio", "temperature"),
+        )  # fmt: skip
+
+
+def _fall(made: list[xr.Dataset], moved: xr.Dataset) -> Quantity:
+    inputs, _ = _along(made, moved, "drop_height", "m")
+    return Quantity(
+        "height of the fall", "m",
+        lambda measured, gain, inclination, noise, repeatability, pulse_shape: (
+            (measured + noise) * gain / cos(inclination) + repeatability + pulse_shape
+        ),
+        inputs,
+        (_CAMERA, _ZERO, ("sampling", "levels are fitted and hold no time"), _LAG, _MODEL, _HEIGHT),
+    )  # fmt: skip
+
+
+def _speed(made: list[xr.Dataset], moved: xr.Dataset) -> Quantity:
+    inputs, _ = _along(made, moved, "incoming_speed", "m/s")
+    return Quantity(
+        "speed of the first impact", "m/s",
+        lambda measured, gain, inclination, noise, repeatability, pulse_shape, clock: (
+            (measured + noise) * gain / cos(inclination) / clock + repeatability + pulse_shape
+        ),
+        inputs | {"clock": clock(moved)},
+        (_CAMERA, _ZERO, _LAG, _MODEL, _HEIGHT),
+    )  # fmt: skip
+
+
+def _along(
+    made: list[xr.Dataset], moved: xr.Dataset, name: str, unit: str
+) -> tuple[dict[str, Input], Array]:
+    """Return the inputs of what goes with the scale of the laser, and the repeats."""
+    tilt = Input(float(moved["inclination"]), float(moved["u_inclination"]), "rad")
+    gain = Input(float(moved["gain"]), float(moved["u_gain"]))
+    relative = float(moved.attrs["u_systematic_relative"])
+    values, u = (_first(made, n) for n in (name, f"u_{name}"))
+    shape = _pulse_shape(made, name, 0)
+    own = np.sqrt(np.maximum(u**2 - (relative * values) ** 2 - shape.u**2, 0.0))
+    noise, scatter = repeats(values, own)
+    along = float(values.mean()) * cos(tilt.value) / gain.value
+    return {
+        MEASURED: Input(along, 0.0, unit), "gain": gain, "inclination": tilt,
+        "noise": noise._replace(unit=unit), "repeatability": scatter._replace(unit=unit),
+        "pulse_shape": shape._replace(unit=unit),
+    }, values  # fmt: skip
+
+
+def _restitution(made: list[xr.Dataset], impact: int) -> Iterator[Quantity]:
+    values = np.array([float(b["restitution"][impact]) for b in made])
+    own = np.array([float(b["u_restitution"][impact]) for b in made])
+    if not np.isfinite(values).all():
+        return
+    shape = _pulse_shape(made, "restitution", impact)
+    noise, scatter = repeats(values, np.sqrt(np.maximum(own**2 - shape.u**2, 0.0)))
+    yield Quantity(
+        f"restitution, impact {impact + 1}", "1", summed,
+        {MEASURED: Input(float(values.mean()), 0.0), "noise": noise, "repeatability": scatter,
+         "pulse_shape": shape},
+        (_RATIO, _CAMERA, _ZERO, _LAG, _MODEL, _HEIGHT), "restitution",
+    )  # fmt: skip
+
+
+def _pulse_shape(made: list[xr.Dataset], name: str, impact: int) -> Input:
+    """Return what the unknown shape of the contact's pulse leaves, in all repeats alike."""
+    if f"shared_u_{name}" not in made[0]:
+        return Input(0.0, 0.0)
+    shared = np.array([float(b[f"shared_u_{name}"][impact]) for b in made])
+    return Input(0.0, float(np.sqrt(np.mean(shared**2))))
+
+
+def _first(made: list[xr.Dataset], name: str) -> Array:
+    return np.array([float(np.atleast_1d(b[name].values)[0]) for b in made])

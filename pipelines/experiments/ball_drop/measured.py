@@ -1,0 +1,160 @@
+"""Ball drop: from laser exports to bounces, and to the mean of the repeats.
+
+Conventions: heights count upwards; a repeat's time 0 is its first contact, its displacement 0 the
+level of that contact.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+import calibration
+from calibration import laser
+from labpipe import signals
+from labpipe.units import Quantity
+from pipelines.experiments.ball_drop.settings import BallDrop
+from pipelines.experiments.shared.laser_readings import read_laser
+
+Array = NDArray[np.float64]
+
+_SPEEDS = ("incoming_speed", "outgoing_speed")
+_PER_IMPACT = ("restitution", "touch_time", "incoming_speed", "outgoing_speed", "contact_duration")
+
+
+def readings(path: Path, *, settings: BallDrop) -> xr.Dataset:
+    """Read one laser export; what it leaves unsaid comes from the settings."""
+    return read_laser(path, settings.keyence)
+
+
+def displacement(readings: xr.Dataset, record: Path, *, settings: BallDrop) -> xr.Dataset:
+    """Correct the inclination: upward displacement of the holder, with uncertainty."""
+    known = calibration.load_record(record)
+    if settings.sensor.serial is not None:
+        readings = readings.assign_attrs(serial=settings.sensor.serial)
+    options: dict[str, Any] = {
+        "output": settings.sensor.output,
+        "direction": settings.sensor.direction,
+        "measured": settings.measured_on,
+    }
+    moved = laser.displacement(readings, known, **options)
+    if not settings.analysis.inclination_from_height:
+        return moved
+    found = _inclination(moved, settings)
+    again = laser.displacement(readings, known, inclination=found, **options)
+    recorded = {"value": float(moved["inclination"]), "u": float(moved["u_inclination"])}
+    return again.assign_attrs(inclination_of_record=json.dumps(recorded))
+
+
+def _inclination(moved: xr.Dataset, settings: BallDrop) -> Quantity:
+    """Fit the inclination from the fall of known height, along the line of sight."""
+    gain = float(moved["gain"])
+    along = moved["displacement_raw"] * gain
+    fall = signals.bounces(along, contact=settings.analysis.contact)
+    travel = Quantity(float(fall["drop_height"]), float(fall["u_drop_height"]), "m")
+    return laser.inclination_from_drop(travel, settings.height)
+
+
+def bounces(displacement: xr.Dataset, *, settings: BallDrop) -> xr.Dataset:
+    """Find release, contacts and rest; speeds carry the inclination's uncertainty too."""
+    found = signals.bounces(displacement, contact=settings.analysis.contact)
+    relative = float(displacement.attrs["u_systematic_relative"])
+    for name in (*_SPEEDS, "drop_height"):
+        own, scale = found[f"u_{name}"], relative * found[name].values
+        found[f"u_{name}"] = own.copy(data=np.hypot(own.values, scale))
+    return found
+
+
+def velocity(displacement: xr.Dataset, bounces: xr.Dataset, *, settings: BallDrop) -> xr.Dataset:
+    """Differentiate, with knots free to break where contacts begin and end."""
+    chosen = settings.analysis
+    options: dict[str, Any] = {"method": chosen.velocity}
+    if chosen.window is not None:
+        interval = float(np.median(np.diff(displacement["time"])))
+        options["window"] = max(1, round(chosen.window.value / interval))
+    if chosen.velocity == "spline":
+        edges = np.concatenate([bounces["touch_time"].values, bounces["liftoff_time"].values])
+        options["breaks"] = np.sort(edges[np.isfinite(edges)])
+        release = float(bounces["release_time"])
+        options["releases"] = [release] if np.isfinite(release) else []
+    found = signals.velocity(displacement["displacement"], **options)
+    return xr.Dataset(
+        {"velocity": found.drop_vars("u_velocity"), "u_velocity": found["u_velocity"].variable},
+        attrs=found.attrs,
+    )
+
+
+def repeats(
+    displacement: list[xr.Dataset],
+    velocity: list[xr.Dataset],
+    bounces: list[xr.Dataset],
+    *,
+    settings: BallDrop,
+) -> xr.Dataset:
+    """Align the repeats at first contact: mean, band, outliers, and the table of bounces."""
+    del settings
+    starts = np.array([float(b["first_contact_time"]) for b in bounces])
+    levels = [float(b["contact_level"]) for b in bounces]
+    shifted = [
+        (d["displacement"] - level).assign_attrs(d["displacement"].attrs)
+        for d, level in zip(displacement, levels, strict=True)
+    ]
+    made = signals.combine_repeats(shifted, starts)
+    speeds = signals.combine_repeats([v["velocity"] for v in velocity], starts)
+    made = made.merge(speeds.drop_vars(["is_outlier", "n"]))
+    relative = float(displacement[0].attrs["u_systematic_relative"])
+    random = made["displacement_sd"].values / np.sqrt(np.maximum(made["n"].values, 1))
+    made["u_displacement_mean"] = (
+        "time",
+        np.hypot(np.nan_to_num(random), relative * made["displacement_mean"].values),
+        {"units": "m", "long_name": "standard uncertainty: mean displacement"},
+    )
+    made = made.merge(_table(bounces, relative))
+    made.attrs = {"u_systematic_relative": relative}
+    return made
+
+
+def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
+    """Mean of every bounce over the repeats that show it; touch times since first contact.
+
+    What all repeats share, the unknown shape of the contact's pulse and the sensor's scale, is as
+    uncertain of the mean as of one of them; only the rest falls with their number.
+    """
+    count = max(b.sizes["impact"] for b in bounces)
+    table: dict[str, Any] = {}
+    for name in _PER_IMPACT:
+        shift = [float(b["first_contact_time"]) if name == "touch_time" else 0.0 for b in bounces]
+        values = np.array([
+            padded(b[name].values - s, count) for b, s in zip(bounces, shift, strict=True)
+        ])  # fmt: skip
+        own = np.array([padded(b[f"u_{name}"].values, count) for b in bounces])
+        n = np.isfinite(values).sum(axis=0)
+        mean = np.nanmean(values, axis=0)
+        shape = np.array([padded(b[f"shared_u_{name}"].values, count) for b in bounces])
+        shared = np.nanmean(shape**2, axis=0)
+        if name in _SPEEDS:
+            shared = shared + (relative * mean) ** 2
+        # scatter between repeats, but never less than what each repeat states of itself
+        scatter = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1))
+        stated = np.sqrt(np.maximum(np.nanmean(own**2, axis=0) - shared, 0.0))
+        apart = np.where(n > 1, np.maximum(scatter, stated), stated) / np.sqrt(n)
+        u = np.hypot(apart, np.sqrt(shared))
+        text = bounces[0][name].attrs
+        table[name] = ("impact", mean, text)
+        table[f"u_{name}"] = (
+            "impact", u, {"units": text["units"], "long_name": f"standard uncertainty: {name}"},
+        )  # fmt: skip
+        table[f"{name}_sd"] = (
+            "impact", np.where(n > 1, scatter, np.nan),
+            {"units": text["units"], "long_name": f"standard deviation over repeats: {name}"},
+        )  # fmt: skip
+    table["n_repeats"] = ("impact", n, {"units": "1", "long_name": "repeats that show the bounce"})
+    return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
+
+
+def padded(values: Array, count: int) -> Array:
+    """Return values (impact,) and NaN up to a number of impacts."""
+    return np.concatenate([values, np.full(count - values.size, np.nan)])

@@ -1,0 +1,345 @@
+"""The report of a ball drop."""
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe.report import (
+    Block,
+    Column,
+    KeyValues,
+    Notice,
+    Paragraph,
+    Section,
+    Table,
+    budget_table,
+    quantity,
+    value_with_uncertainty,
+)
+from labpipe.workflow.context import Context
+from pipelines.experiments.ball_drop._charts import motion
+from pipelines.experiments.ball_drop.budget import quantities
+from pipelines.experiments.ball_drop.settings import BallDrop
+from pipelines.experiments.shared import budget_blocks, pages
+
+Array = NDArray[np.float64]
+
+_RIGID_FLOOR = (
+    "The model's floor is rigid. A real one takes energy: one of mass M lowers the restitution of "
+    "a mass m by up to about 2 m/M (0.0005 for half a kilogram on 1.5 t), which the uncertainty "
+    "above does not hold. State it as plate (mass, frequency, damping_ratio), or name an "
+    "experiment that measured it as plate_from."
+)
+
+
+def page(
+    readings: list[xr.Dataset | None] | None,
+    displacement: list[xr.Dataset | None] | None,
+    velocity: list[xr.Dataset | None] | None,
+    bounces: list[xr.Dataset | None] | None,
+    repeats: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    *,
+    settings: BallDrop,
+    context: Context,
+) -> str:
+    """Write the page; a step that failed leaves its section out and its error in."""
+    del velocity
+    moved = pages.present(displacement)
+    sections = [_summary(settings, repeats, model, comparison, context)]
+    if repeats is not None:
+        sections += [motion(repeats, model, comparison), _bounces(repeats, comparison)]
+    if pages.present(bounces):
+        sections.append(_repeats(settings, bounces or (), repeats))
+        sections.append(_phases(settings, bounces or ()))
+    sections.append(_measured(settings, pages.present(readings), context))
+    if moved:
+        sections.append(_calibration(moved))
+    if model is not None:
+        sections.append(_model(model))
+    if moved and pages.present(bounces):
+        found = quantities(pages.present(bounces), moved, model, settings=settings)
+        sections += budget_blocks.section(context.experiment, found)
+    if repeats is not None:
+        sections.append(pages.methods(_methods(settings, moved, repeats, comparison)))
+    subtitle = f"Ball drop from {pages.stated(settings.height)}"
+    return pages.document(context, subtitle, sections).render()
+
+
+def _summary(
+    settings: BallDrop,
+    repeats: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    context: Context,
+) -> Section:
+    rows = [("drop height", pages.stated(settings.height), "from session.toml")]
+    if repeats is not None and repeats.sizes["impact"]:
+        e, u = float(repeats["restitution"][0]), float(repeats["u_restitution"][0])
+        rows.append(
+            ("restitution of the first impact, measured", value_with_uncertainty(e, u, "1"),
+             f"mean of {int(repeats['n_repeats'][0])} repeats; standard uncertainty")
+        )  # fmt: skip
+    if model is not None and model.sizes["impact"]:
+        e, u = float(model["restitution"][0]), float(model["u_restitution"][0])
+        rows.append(
+            ("restitution of the first impact, model", value_with_uncertainty(e, u, "1"),
+             "uncertainty from height, body, plate, and temperature and Poisson's ratio where "
+             "they are stated with one; the material's moduli are taken as exact")
+        )  # fmt: skip
+    if comparison is not None:
+        rows += [
+            ("nRMSE of displacement", f"{float(comparison['nrmse']) * 100:.2f} %",
+             "root mean square of measured minus model, over the range of the measurement"),
+            ("bias", quantity(float(comparison["bias"]), "m"),
+             "mean difference"),
+            ("largest difference",
+             quantity(float(comparison["max_error"]), "m"), ""),
+        ]  # fmt: skip
+    blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
+    if comparison is None and not context.failures:
+        blocks.append(Notice("info", "There is no comparison with a model."))
+    return Section("Summary", tuple(blocks))
+
+
+def _measured(settings: BallDrop, readings: list[xr.Dataset], context: Context) -> Section:
+    rows = [
+        ("recordings", str(len(settings.laser)), "repeats of the same drop"),
+        ("sphere radius", pages.stated(settings.sphere.radius), ""),
+        ("moving mass", pages.stated(settings.sphere.mass), "sphere and holder"),
+        ("operator", context.operator, ""),
+        ("notes", context.notes, ""),
+    ]
+    blocks: list[Block] = []
+    if readings:
+        first = readings[0]
+        interval = float(first.attrs["sampling_interval"])
+        rate = value_with_uncertainty(1 / interval, 0.0, "Hz")
+        name, model = (str(first.attrs.get(key, "")) for key in ("instrument", "model"))
+        rows[1:1] = [
+            ("instrument", name, model),
+            ("sampling", rate, f"{first.sizes['time']} points"),
+        ]
+        if first.attrs.get("layout") == "assumed":
+            blocks.append(
+                Notice(
+                    "info",
+                    "The layout of Keyence storage files is assumed: no such file is public.",
+                )
+            )
+        blocks += pages.raw_headers(readings)
+    return Section("What was measured", (KeyValues([r for r in rows if r[1]]), *blocks))
+
+
+def _calibration(displacement: list[xr.Dataset]) -> Section:
+    first = displacement[0]
+    attrs = first.attrs
+    blocks: list[Block] = [
+        pages.calibration_rows(attrs["calibration"]),
+        KeyValues(
+            [
+                (
+                    "inclination used",
+                    value_with_uncertainty(
+                        float(first["inclination"]), float(first["u_inclination"]), "rad"
+                    ),
+                    "true displacement = reading / cos(inclination)",
+                ),
+                (
+                    "relative uncertainty of the scale",
+                    f"{float(attrs['u_systematic_relative']) * 100:.3f} %",
+                    "inclination and gain; the same for every sample",
+                ),
+                (
+                    "noise of a sample",
+                    quantity(float(attrs["noise"]), "m"),
+                    "from the quiet beginning",
+                ),
+            ]
+        ),
+        *budget_table(
+            json.loads(attrs["budget"]),
+            "Budget for the largest displacement of the first repeat",
+            "m",
+        ),
+    ]
+    if "inclination_of_record" in attrs:
+        recorded = json.loads(attrs["inclination_of_record"])
+        shown = value_with_uncertainty(recorded["value"], recorded["u"], "rad")
+        text = f"The inclination was fitted from the drop height; the record says {shown}."
+        blocks.insert(1, Notice("info", text))
+    return Section("Calibration and its uncertainty", tuple(blocks))
+
+
+def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None) -> Section:
+    columns = (
+        Column("impact"), Column("repeats"),
+        Column("touch", unit="s", u=3), Column("u"),
+        Column("speed in", unit="m/s", u=5), Column("u"),
+        Column("speed out", unit="m/s", u=7), Column("u"),
+        Column("restitution", u=9), Column("u"),
+    )  # fmt: skip
+    names = ("touch_time", "incoming_speed", "outgoing_speed", "restitution")
+    values = [repeats[key].values for name in names for key in (name, f"u_{name}")]
+    counts = zip(repeats["impact"].values, repeats["n_repeats"].values, strict=True)
+    rows = [
+        (int(impact), int(n), *(float(v[i]) for v in values))
+        for i, (impact, n) in enumerate(counts)
+    ]
+    caption = (
+        "Every bounce: mean over the repeats that show it, with its standard uncertainty; the time "
+        "of the touch is counted from the first."
+    )
+    measured = Table(columns, rows, caption=caption)
+    if comparison is None:
+        return Section("Bounces", (measured,))
+    return Section("Bounces", (measured, _against_model(comparison)))
+
+
+def _against_model(comparison: xr.Dataset) -> Table:
+    columns = (
+        Column("impact"),
+        Column("restitution, model", digits=6), Column("measured − model", u=3), Column("u"),
+        Column("touch, model", unit="s", digits=6),
+        Column("measured − model", unit="s", u=6), Column("u"),
+    )  # fmt: skip
+    shown = [
+        comparison[pattern.format(name)].values
+        for name in ("restitution", "touch_time")
+        for pattern in ("{}_model", "{}_difference", "u_{}_difference")
+    ]
+    rows = [
+        (int(impact), *(float(values[i]) for values in shown))
+        for i, impact in enumerate(comparison["impact"].values)
+    ]
+    caption = (
+        "Against the model. The uncertainty of a difference holds the model's from height, radius "
+        "and mass; the material's is not in it."
+    )
+    return Table(columns, rows, caption=caption)
+
+
+def _repeats(
+    settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: xr.Dataset | None
+) -> Section:
+    rows = []
+    for i, (name, found) in enumerate(zip(settings.laser, bounces, strict=True)):
+        if found is None:
+            continue
+        is_outlier = repeats is not None and bool(repeats["is_outlier"][i])
+        rows.append(
+            (
+                name, float(found["release_time"]), float(found["first_contact_time"]),
+                float(found["u_first_contact_time"]), float(found["drop_height"]),
+                float(found["u_drop_height"]), found.sizes["impact"],
+                float(found["rest_time"]), "outlier" if is_outlier else "",
+            )
+        )  # fmt: skip
+    columns = (
+        Column("recording"), Column("release", unit="s"), Column("first contact", unit="s", u=3),
+        Column("u"), Column("fall", unit="m", u=5), Column("u"), Column("bounces"),
+        Column("rest", unit="s"), Column("remark"),
+    )  # fmt: skip
+    text = "Times of each recording by its own clock. An outlier is flagged, never dropped."
+    if len(rows) < len(bounces):
+        text += f" {len(bounces) - len(rows)} recording(s) gave no bounces: see the errors."
+    return Section("Repeats", (Table(columns, rows, caption=text),))
+
+
+def _phases(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> Section:
+    """Say of every recording how long the sphere bounces, vibrates and rests."""
+    rows = []
+    for name, found in zip(settings.laser, bounces, strict=True):
+        if found is not None:
+            touch, settled, rest = (
+                float(found[f"{which}_time"]) for which in ("first_contact", "settling", "rest")
+            )
+            rows.append(
+                (name, settled - touch, rest - settled, rest - touch, float(found["u_rest_time"]),
+                 "" if np.isfinite(rest) else "not at rest when the record ends: it goes on")
+            )  # fmt: skip
+    columns = (
+        Column("recording"), Column("bouncing", unit="s"), Column("vibration", unit="s"),
+        Column("static from", unit="s", u=4), Column("u"), Column("remark"),
+    )  # fmt: skip
+    text = (
+        "Bouncing lasts from first contact to the last touch after which no flight is resolved, "
+        "vibration from there until the speed stays below a hundredth of the first impact's; "
+        "static from then on, counted from first contact."
+    )
+    return Section("Phases", (Table(columns, rows, caption=text),))
+
+
+def _model(model: xr.Dataset) -> Section:
+    rows = [
+        ("impacts in the simulated time", str(model.sizes["impact"]), ""),
+        ("peak force", value_with_uncertainty(
+            float(model["peak_force"][0]), float(model["u_peak_force"][0]), "N"), "first impact"),
+        ("largest contact radius", value_with_uncertainty(
+            float(model["peak_contact_radius"][0]), float(model["u_peak_contact_radius"][0]),
+            "m"), "first impact"),
+        ("contact duration", value_with_uncertainty(
+            float(model["contact_duration"][0]), 0.0, "s"), "first impact"),
+    ]  # fmt: skip
+    plate = json.loads(model.attrs["plate"])
+    floor = "a rigid flat" if plate is None else "a flat that moves"
+    text = (
+        f"A viscoelastic sphere on {floor} by the method of dimensionality reduction: "
+        "independent springs with exact exponential memory, adaptive steps, one step per flight."
+    )
+    blocks: list[Block] = [Paragraph(text), KeyValues(rows)]
+    if plate is None:
+        blocks.append(Paragraph(_RIGID_FLOOR))
+    else:
+        rows.append((
+            "flat", f"{plate['mass']:.6g} kg, {plate['frequency']:.6g} Hz",
+            f"damping ratio {plate['damping_ratio']:.3g}; on a rigid one the first restitution "
+            f"is {float(model['rigid_restitution']):.5f}",
+        ))  # fmt: skip
+    return Section("Model", tuple(blocks))
+
+
+def _methods(
+    settings: BallDrop,
+    displacement: list[xr.Dataset],
+    repeats: xr.Dataset,
+    comparison: xr.Dataset | None,
+) -> str:
+    sphere = settings.sphere
+    source = sphere.material or sphere.material_file or sphere.material_from
+    text = (
+        f"A sphere of radius {pages.stated(sphere.radius)} with a total moving mass of "
+        f"{pages.stated(sphere.mass)} was dropped {len(settings.laser)} times from "
+        f"{pages.stated(settings.height)}. "
+    )
+    if displacement:
+        angle = displacement[0]
+        shown = value_with_uncertainty(
+            float(angle["inclination"]), float(angle["u_inclination"]), "rad"
+        )
+        text += (
+            f"The laser readings were divided by the cosine of the sensor's inclination ({shown}). "
+        )
+    text += (
+        "Velocity was obtained by a quintic smoothing spline with the noise level estimated from "
+        "the record; contacts were located by fitting ballistic arcs and a contact pulse to each "
+        "impact, and the recordings were aligned at first contact. "
+        f"The drop was simulated with the material “{source}” by the method of dimensionality "
+        f"reduction (profile: {settings.model.profile}, tolerance {settings.model.rtol:g}). "
+    )
+    if comparison is not None:
+        text += (
+            "The normalised root-mean-square error between the mean displacement and the model, "
+            "relative to the range of the measurement, was "
+            f"{float(comparison['nrmse']) * 100:.2f} %. "
+        )
+    e, u = float(repeats["restitution"][0]), float(repeats["u_restitution"][0])
+    text += (
+        f"The coefficient of restitution of the first impact was {value_with_uncertainty(e, u)} "
+        "(standard uncertainty)."
+    )
+    return text

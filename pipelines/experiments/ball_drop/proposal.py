@@ -1,0 +1,27 @@
+"""What ``init`` makes of laser exports that are nothing else: repeats of a drop."""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+from pipelines.experiments._kind import Found, Proposed
+from pipelines.experiments.shared import proposals
+
+
+def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
+    """Propose an experiment for every group of repeats."""
+    for stem, files in proposals.grouped(names, proposals.without_repeat):
+        yield Proposed(stem, tuple(files), partial(_text, found, files))
+
+
+def _text(found: Found, files: Sequence[str], name: str) -> str:
+    return f"""[experiments.{name}]
+kind = "ball_drop"
+laser = {proposals.listed(files)}
+calibration = "{proposals.record(found.of("record:laser"))}"  # inclination of the sensor, \
+with its uncertainty
+{proposals.height_line(name)}
+
+[experiments.{name}.sphere]
+{proposals.SPHERE}
+{proposals.MOVING_MASS}
+{proposals.material_line(name)}"""

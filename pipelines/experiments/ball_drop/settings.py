@@ -1,0 +1,69 @@
+"""Settings of a ball drop: repeated drops of one sphere from one height, seen by the laser."""
+
+from datetime import date
+from typing import Annotated, Literal
+
+import msgspec
+
+from labpipe.workflow.config import POSITIVE, ExperimentName, File, Length, Time
+from pipelines.experiments.shared.settings import (
+    DropModel,
+    Keyence,
+    Plate,
+    Sphere,
+    Table,
+    refuse_two_plates,
+)
+
+
+class Sensor(Table, frozen=True, kw_only=True):
+    """Which output of the controller sees the holder, and which way it counts.
+
+    ``direction`` is +1 when the reading grows as the holder moves up, −1 when it falls.
+    ``serial`` is the sensor in use; a calibration record of another one is refused.
+    """
+
+    output: str = "out1"
+    direction: Literal[1, -1] = 1
+    serial: str | None = None
+
+
+class Analysis(Table, frozen=True, kw_only=True):
+    """How displacement becomes velocity and bounces.
+
+    ``velocity`` is the smoothing spline, or the central differences and moving average of the
+    thesis, ``window`` long. ``inclination_from_height`` fits the sensor's inclination from the
+    known drop height; the calibration record is then only compared. ``contact`` is what is known
+    of the contact's pulse when an impact is fitted: "polymer" for spheres that return more than
+    half of their speed, "any" for a wider prior and wider intervals.
+    """
+
+    velocity: Literal["spline", "thesis"] = "spline"
+    window: Annotated[Time, POSITIVE] | None = None
+    inclination_from_height: bool = False
+    contact: Literal["polymer", "any"] = "polymer"
+
+
+class BallDrop(Table, frozen=True, kw_only=True):
+    """One sphere, one height, one or more recordings of the laser.
+
+    ``measured_on`` is the day of the measurement, for the validity of the calibration record;
+    it is needed where the laser's files carry no date.
+    """
+
+    kind: Literal["ball_drop"]
+    laser: Annotated[list[File], msgspec.Meta(min_length=1)]
+    calibration: File
+    height: Annotated[Length, POSITIVE]
+    sphere: Sphere
+    measured_on: date | None = None
+    keyence: Keyence = Keyence()
+    sensor: Sensor = Sensor()
+    analysis: Analysis = Analysis()
+    model: DropModel = DropModel()
+    plate: Plate | None = None
+    plate_from: ExperimentName | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse two plates."""
+        refuse_two_plates(self.plate, self.plate_from)

@@ -1,0 +1,1 @@
+"""Contact area: a film of the contact through the transparent disc."""

@@ -1,0 +1,74 @@
+"""Budgets of a film of the contact: the largest radii, and the model's."""
+
+import json
+from collections.abc import Iterator
+
+import numpy as np
+import xarray as xr
+
+from labpipe.uncertainty import Input, beyond
+from pipelines.experiments.contact_area.settings import ContactArea
+from pipelines.experiments.shared.budget_quantity import (
+    IMPACTS,
+    MEASURED,
+    Quantity,
+    of_model,
+)
+
+_NO_LASER = ("inclination, filter lag", "there is no laser and no filter")
+_UNDER = (
+    _NO_LASER,
+    ("zero", "the centre of the rings is fitted"),
+    ("mass, height, Poisson's ratio, temperature",
+     "nothing of the drop enters what was measured; they act on the model"),
+    ("repeatability", "one film shows each impact once"),
+)  # fmt: skip
+
+
+def quantities(
+    impacts: xr.Dataset, film: xr.Dataset, model: xr.Dataset | None, *, settings: ContactArea
+) -> Iterator[Quantity]:
+    """Yield the largest contact radii of the first impacts; with a model its first one."""
+    del settings
+    size, u_size = float(film["pixel_size"]), float(film["u_pixel_size"])
+    shares = _shared(film)
+    total = float(np.sqrt(sum(share**2 for share in shares.values())))
+    # rings in pixels of another size are taken for those of another gap, too
+    power = shares["pixel_size"] * size / u_size if u_size > 0.0 else 1.0
+    for i in range(min(IMPACTS, impacts.sizes["impact"])):
+        radius, u = float(impacts["peak_radius"][i]), float(impacts["u_peak_radius"][i])
+        sampling = float(impacts["peak_sampling"][i])
+        inputs = {
+            MEASURED: Input(radius / size, 0.0, "px"), "pixel_size": Input(size, u_size, "m/px"),
+            "noise": Input(0.0, beyond(u, total * radius, sampling), "m"),
+            "sampling": Input(0.0, sampling, "m"),
+        } | {n: Input(0.0, share * radius, "m") for n, share in shares.items()
+             if n != "pixel_size"}  # fmt: skip
+        yield Quantity(
+            f"largest contact radius, impact {i + 1}", "m",
+            lambda measured, pixel_size, **errors: (
+                measured * size * (pixel_size / size) ** power + sum(errors.values())
+            ),
+            inputs, _UNDER, "largest contact radius",
+        )  # fmt: skip
+    if model is not None and model.sizes["impact"] and "budget" in model.attrs:
+        yield of_model(
+            "largest contact radius of the model, impact 1",
+            float(model["peak_contact_radius"][0]), "m", json.loads(model.attrs["budget"]),
+            ("mass", "radius", "height", "Poisson's ratio", "temperature"),
+        )  # fmt: skip
+
+
+def _shared(film: xr.Dataset) -> dict[str, float]:
+    """Return what all frames share, relative to the radius, by source; their sum is the film's."""
+    radius = film["radius"].values
+    whole = film["radius_systematic"].values / radius
+    total = float(np.nanmedian(whole)) if np.isfinite(whole).any() else 0.0
+    parts = {
+        str(name): film["systematic_part"].sel(source=name).values / radius
+        for name in film["source"].values
+    }
+    medians = {n: float(np.nanmedian(p)) if np.isfinite(p).any() else 0.0 for n, p in parts.items()}
+    found = float(np.sqrt(sum(m**2 for m in medians.values())))
+    names = {"phase": "phase_of_the_light"}
+    return {names.get(n, n): m * total / found if found else 0.0 for n, m in medians.items()}

@@ -1,0 +1,42 @@
+"""Contact radii that a film shows, as evidence on the sphere's material."""
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from labpipe.identification import Bounces
+from pipelines.experiments.contact_area.settings import ContactArea
+from pipelines.experiments.shared.drop_evidence import body, mean_height, of_drop
+from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
+
+_LEAST_RELATIVE = 5e-4  # of a radius
+
+
+def evidence(
+    film: xr.Dataset,
+    made: xr.Dataset,
+    plate: xr.Dataset | None,
+    file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: ContactArea,
+    name: str,
+    impacts: int,
+) -> MaterialEvidence | str:
+    """Gather the largest contact radii of a film."""
+    count = min(impacts, made.sizes["impact"])
+    if not count:
+        return "no impact was seen in the film"
+    relative = float(film.attrs["u_systematic_relative"])
+    radius = made["peak_radius"].values[:count]
+    u = np.sqrt(np.maximum(made["u_peak_radius"].values[:count] ** 2 - (relative * radius) ** 2,
+                           (_LEAST_RELATIVE * radius) ** 2))  # fmt: skip
+    names, unknowns = body(settings.sphere)
+    height = mean_height(name, settings.height, np.empty(0))
+    pixel = nuisance(f"{name} scale", 1.0, relative, "1", "scale of the film")
+    names |= {"height": height.name, "pixel": pixel.name}
+    unknowns += [height, pixel]
+    none = np.full(count, np.nan)
+    seen = Bounces(none, none, none, none, radius, u)
+    return of_drop(name, settings, seen, names, unknowns, plate, file, fitted)

@@ -1,0 +1,198 @@
+"""Contact area: the radius of the contact over time from a film under the disc.
+
+Each impact is counted from its largest radius (t_p = 0), as in the thesis.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+import calibration
+from calibration import camera as camera_scale
+from labpipe import imaging
+from labpipe.errors import InputError
+from pipelines.experiments.contact_area._peaks import STILL, peak_of
+from pipelines.experiments.contact_area.settings import ContactArea
+from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
+
+Array = NDArray[np.float64]
+
+_IMPACTS = 3  # the thesis analyses the first three
+_GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
+_MISSED = 2  # frames without contact within one: a flight lasts longer
+_BRIEF = 0.3  # an impact lasts at least this share of the longest: slower ones last longer
+_SLOWEST = 3.0  # an impact lasts at most this many times the longest before: Hertz's fifth root
+_RESOLVED = 3  # frames of an impact from which single frames elsewhere are not impacts
+
+
+def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr.Dataset:
+    """Measure the contact radius while there may be contact; in every frame if full."""
+    source = open_film(film, settings.frame_rate)
+    known = calibration.load_record(record)
+    day = settings.measured_on or recorded_on(source) or None
+    size, checked = camera_scale.image_scale(known, settings.view, measured=day)
+    sphere, light = settings.sphere.radius, settings.wavelength
+    found = imaging.contact_radius(
+        source, size.value, sphere.value, None if light is None else light.value,
+        None if settings.exposure is None else settings.exposure.value,
+        full=full, u_pixel_size=size.u, u_sphere_radius=sphere.u,
+        u_wavelength=0.0 if light is None else light.u,
+    )  # fmt: skip
+    time = ("frame", source.time, {"units": "s", "long_name": "time in the film"})
+    found = found.assign_coords(time=time)
+    found["pixel_size"] = ((), size.value, {"units": "m/px", "long_name": "length of one pixel"})
+    found["u_pixel_size"] = (
+        (), size.u, {"units": "m/px", "long_name": "standard uncertainty: length of one pixel"},
+    )  # fmt: skip
+    return found.assign_attrs(
+        scale_budget=json.dumps(checked.pop("budget")),
+        calibration=json.dumps(checked, ensure_ascii=False),
+        u_systematic_relative=size.u / size.value,
+    )
+
+
+def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
+    """Find the first three impacts with their largest radius, and the radius at rest."""
+    del settings
+    time, a = radius["time"].values, radius["radius"].values
+    u = radius["u_radius"].values
+    seen = radius["in_contact"].values.astype(bool)
+    runs = _contacts(time, seen)
+    if not any(np.isfinite(a[run]).any() for run in runs):
+        message = (
+            "no contact was found in the film; check the view under the disc, its scale and the "
+            "wavelength"
+        )
+        raise InputError(message)
+    brief = _brief_contacts(time, a, runs)[:_IMPACTS]
+    peaks = [peak_of(time[run], a[run], u[run]) for run in brief]
+    shared = radius["radius_systematic"].values / a
+    relative = float(np.nanmedian(shared)) if np.isfinite(shared).any() else 0.0
+    table: dict[str, Any] = {}
+    largest = np.array([p.radius for p in peaks])
+    sampling = np.array([p.sampling for p in peaks])
+    own = np.hypot([p.u for p in peaks], sampling)
+    for name, values, units, text in (
+        ("peak_time", np.array([p.time for p in peaks]), "s", "time of the largest radius"),
+        ("peak_radius", largest, "m", "largest contact radius"),
+        ("u_peak_radius", np.hypot(own, relative * largest), "m",
+         "standard uncertainty: largest contact radius"),
+        ("peak_sampling", sampling, "m",
+         "part of that uncertainty that the course between the frames leaves"),
+    ):  # fmt: skip
+        table[name] = ("impact", values, {"units": units, "long_name": text})
+    for name, place, text in (("first_seen", 0, "first"), ("last_seen", -1, "last")):
+        table[name] = (
+            "impact", np.array([time[run[place]] for run in brief], float),
+            {"units": "s", "long_name": f"{text} frame with contact"},
+        )  # fmt: skip
+    table |= _at_rest(time, a, u, runs, relative)
+    return xr.Dataset(table, coords={"impact": np.arange(1, len(brief) + 1)})
+
+
+def _contacts(time: Array, is_seen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """Group the frames with contact into contacts."""
+    seen = np.flatnonzero(is_seen)
+    if not len(seen):
+        return []
+    usual = float(np.median(np.diff(time))) if len(time) > 1 else np.inf
+    late = np.diff(time[seen])
+    is_new = (np.diff(seen) > _MISSED + 1) | (late > max(_GAP * usual, STILL / 2))
+    is_new |= (np.diff(seen) > 1) & (late > (_MISSED + 1.5) * usual)
+    return np.split(seen, np.flatnonzero(is_new) + 1)
+
+
+def _brief_contacts(
+    time: Array, a: Array, runs: list[NDArray[np.int64]]
+) -> list[NDArray[np.int64]]:
+    """Contacts that are impacts: neither rest nor a single frame mistaken for a contact.
+
+    The time of an impact hardly depends on its speed (Hertz: as its fifth root), and grows from
+    bounce to bounce. What ends much sooner than others last, or shows in one frame where others
+    show in several, is a shadow or a sphere that passes close by.
+    """
+    brief = [run for run in runs if time[run[-1]] - time[run[0]] < STILL]
+    brief = [run for run in brief if np.isfinite(a[run]).any()]
+    brief = _without_rest(time, brief)
+    longest = max((float(time[run[-1]] - time[run[0]]) for run in brief), default=0.0)
+    most = max(map(len, brief), default=0)
+    last = len(time) - 1
+
+    def is_impact(run: NDArray[np.int64]) -> bool:
+        between = time[min(run[-1] + 1, last)] - time[max(run[0] - 1, 0)]
+        is_alone = len(run) == 1 and most >= _RESOLVED
+        return bool(between >= _BRIEF * longest) and not is_alone
+
+    return [run for run in brief if is_impact(run)]
+
+
+def _without_rest(time: Array, brief: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
+    """Leave out a contact that the film's end cuts off when it is too long for an impact."""
+    last = len(time) - 1
+    ended = [run for run in brief if run[-1] < last]
+    if len(ended) in (0, len(brief)):
+        return brief
+    frame = float(np.median(np.diff(time)))
+    longest = max(float(time[run[-1]] - time[run[0]]) for run in ended) + 2 * frame
+    is_rest = float(time[last] - time[brief[-1][0]]) > _SLOWEST * longest
+    return ended if is_rest else brief
+
+
+def _at_rest(
+    time: Array, a: Array, u: Array, runs: list[NDArray[np.int64]], relative: float
+) -> dict[str, Any]:
+    """Radius in the last half of the last contact when that is rest; NaN otherwise."""
+    last = runs[-1]
+    value, own, start = np.nan, np.nan, np.nan
+    if time[last[-1]] - time[last[0]] >= STILL:
+        half = last[time[last] >= 0.5 * (time[last[0]] + time[last[-1]])]
+        value, start = float(np.median(a[half])), float(time[half[0]])
+        scatter = float(np.std(a[half])) if len(half) > 1 else 0.0
+        own = float(np.hypot(max(scatter, np.median(u[half])), relative * value))
+    return {
+        "static_radius": ((), value, {"units": "m", "long_name": "contact radius at rest"}),
+        "u_static_radius": (
+            (), own, {"units": "m", "long_name": "standard uncertainty: contact radius at rest"},
+        ),
+        "static_since": ((), start, {"units": "s", "long_name": "begin of the frames at rest"}),
+    }  # fmt: skip
+
+
+def keys(
+    film: Path, radius: xr.Dataset, impacts: xr.Dataset, *, settings: ContactArea
+) -> xr.Dataset:
+    """Copy key frames with the fitted circles: around each largest radius, and at rest."""
+    source = open_film(film, settings.frame_rate)
+    time, seen = radius["time"].values, radius["in_contact"].values.astype(bool)
+    wanted: set[int] = set()
+    for i in range(impacts.sizes["impact"]):
+        inside = np.flatnonzero(
+            seen & (time >= float(impacts["first_seen"][i]))
+            & (time <= float(impacts["last_seen"][i]))
+        )  # fmt: skip
+        top = int(inside[np.argmin(np.abs(time[inside] - float(impacts["peak_time"][i])))])
+        wanted |= {int(inside[0]), top, int(inside[-1])}
+    if np.isfinite(float(impacts["static_radius"])):
+        wanted.add(int(np.flatnonzero(seen)[-1]))
+    near = sorted(i for i in wanted if source.valid[int(radius["frame"][i])])
+    found = key_frames(source, [int(radius["frame"][i]) for i in near])
+    size = float(radius["pixel_size"])
+    at = radius.isel(frame=near)
+    for name, values, units, text in (
+        ("circle_x", at["centre_x"].values, "px", "column of the fitted centre"),
+        ("circle_y", at["centre_y"].values, "px", "row of the fitted centre"),
+        ("circle_radius", at["radius"].values / size, "px", "fitted radius"),
+        ("circle_major", at["semi_axis_major"].values / size, "px", "fitted major semi-axis"),
+        ("circle_minor", at["semi_axis_minor"].values / size, "px", "fitted minor semi-axis"),
+        ("circle_angle", at["axis_angle"].values, "rad", "direction of the major axis"),
+        ("key_radius", at["radius"].values, "m", "contact radius"),
+        ("u_key_radius", np.hypot(at["u_radius"].values, at["radius_systematic"].values), "m",
+         "standard uncertainty: contact radius"),
+        ("key_method", at["method"].values.astype(float), "1", "how the radius was found"),
+    ):  # fmt: skip
+        found[name] = ("key", values, {"units": units, "long_name": text})
+    return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))

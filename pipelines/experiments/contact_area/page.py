@@ -1,0 +1,344 @@
+"""The report of a contact area."""
+
+import json
+import math
+
+import cv2
+import numpy as np
+import xarray as xr
+
+from labpipe.report import (
+    Bars,
+    Block,
+    Column,
+    Gallery,
+    KeyValues,
+    LineChart,
+    Notice,
+    Paragraph,
+    Picture,
+    Section,
+    Series,
+    Table,
+    budget_table,
+    quantity,
+    share_bars,
+    value_with_uncertainty,
+)
+from labpipe.uncertainty import Source, table
+from labpipe.workflow.context import Context
+from pipelines.experiments.contact_area.budget import quantities
+from pipelines.experiments.contact_area.settings import ContactArea
+from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared.film_frames import enlarged, png
+
+_CIRCLE = (60, 120, 255)  # BGR, orange
+_SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
+_VIEW = 1.5  # ms around the largest radius of an impact that a button shows
+_METHODS = {
+    1: "fringe fit", 5: "fringe fit with a gap that is not Hertz's", 2: "edge",
+    3: "interpolation between equal frames at rest", 4: "nothing but contact in view (no radius)",
+}  # fmt: skip
+_SOURCES = {
+    "sphere_radius": "radius of the sphere", "wavelength": "wavelength",
+    "pixel_size": "length of one pixel", "phase": "phase in the contact",
+}  # fmt: skip
+_GROUP = "film"  # charts and frames over the film's time
+_SUB_PIXEL = 4  # binary digits of the drawn circle's place
+
+
+def page(
+    radius: xr.Dataset | None,
+    impacts: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    keys: xr.Dataset | None,
+    *,
+    settings: ContactArea,
+    context: Context,
+) -> str:
+    """Write the page; a step that failed leaves its section out and its error in."""
+    sections = [_summary(settings, radius, impacts, model, comparison, context)]
+    if keys is not None:
+        sections.append(_key_frames(keys, settings))
+    if radius is not None:
+        sections.append(_over_time(radius, impacts, model, comparison))
+    if impacts is not None:
+        sections.append(_impacts(impacts, comparison))
+    if radius is not None:
+        sections.append(_calibration(radius, impacts))
+    if radius is not None and impacts is not None:
+        found = quantities(impacts, radius, model, settings=settings)
+        sections += budget_blocks.section(context.experiment, found)
+    if radius is not None and impacts is not None:
+        sections.append(pages.methods(_methods(settings, radius, impacts)))
+    subtitle = f"Contact area, drop from {pages.stated(settings.height)}"
+    return pages.document(context, subtitle, sections).render()
+
+
+def _summary(
+    settings: ContactArea,
+    radius: xr.Dataset | None,
+    impacts: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    context: Context,
+) -> Section:
+    rows = [
+        ("film", settings.film, f'view "{settings.view}"'),
+        ("drop height", pages.stated(settings.height), "from session.toml"),
+        ("wavelength",
+         "not known" if settings.wavelength is None else pages.stated(settings.wavelength),
+         "from session.toml"),
+    ]  # fmt: skip
+    if impacts is not None and impacts.sizes["impact"]:
+        rows.append(("largest contact radius, film", value_with_uncertainty(
+            float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0]), "m"),
+            "first impact; the scale's uncertainty included"))  # fmt: skip
+    if model is not None and model.sizes["impact"]:
+        rows.append(("largest contact radius, model", value_with_uncertainty(
+            float(model["peak_contact_radius"][0]), float(model["u_peak_contact_radius"][0]),
+            "m"), "first impact; from height, radius and mass"))  # fmt: skip
+    if comparison is not None and comparison.sizes["impact"]:
+        rows.append(("nRMSE of the radius", f"{float(comparison['nrmse'][0]) * 100:.2f} %",
+                     "first impact, over its largest radius"))  # fmt: skip
+    if impacts is not None and np.isfinite(float(impacts["static_radius"])):
+        rows.append(
+            (
+                "contact radius at rest, film",
+                value_with_uncertainty(
+                    float(impacts["static_radius"]), float(impacts["u_static_radius"]), "m"
+                ),
+                "",
+            )
+        )
+        if model is not None:
+            soft, stiff = (float(model[f"static_radius_{n}"]) for n in ("relaxed", "unrelaxed"))
+            rows.append(("Hertz radius at rest",
+                         f"{quantity(soft, 'm', 4)} relaxed, "
+                         f"{quantity(stiff, 'm', 4)} unrelaxed", ""))  # fmt: skip
+    blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
+    if settings.wavelength is None:
+        blocks.append(Notice("warning", "The wavelength is not known: only the edge of the dark "
+                             "spot was measured, not the fringes; the radius is uncertain by "
+                             "several micrometres."))  # fmt: skip
+    if radius is not None:
+        methods = radius["method"].values[radius["in_contact"].values.astype(bool)]
+        counts = [(name, int(np.sum(methods == code))) for code, name in _METHODS.items()]
+        text = ", ".join(f"{count} frames by {name}" for name, count in counts if count)
+        if text:
+            blocks.append(Notice("info", f"Method: {text}."))
+    return Section("Summary", tuple(blocks))
+
+
+def _key_frames(keys: xr.Dataset, settings: ContactArea) -> Section:
+    pictures = [_picture(keys.isel(key=i)) for i in range(keys.sizes["key"])]
+    top = int(np.nanargmax(keys["circle_radius"].values)) if pictures else 0
+    gallery = Gallery(
+        "Key frames with the fitted circle", pictures, start=top, group=_GROUP,
+        caption="First frame, largest radius and last frame of each impact, and rest. The chart "
+        "of the contact radius marks the frame that is shown.",
+    )  # fmt: skip
+    header = pages.raw_header(keys.assign_attrs(source=settings.film))
+    return Section("Film", (gallery,) if header is None else (gallery, header))
+
+
+def _picture(key: xr.Dataset) -> Picture:
+    image = key["image"].values
+    factor = max(1, math.ceil(_SMALLEST_PICTURE / max(image.shape)))
+    canvas = enlarged(image, factor)
+    scale = factor / float(key["reduction"])
+    x, y, r = (float(key[n]) for n in ("circle_x", "circle_y", "circle_radius"))
+    if all(map(math.isfinite, (x, y, r))):
+        unit = 1 << _SUB_PIXEL
+        shift = scale / 2 - 0.5  # the centre of an enlarged or reduced pixel
+        centre = (round((x * scale + shift) * unit), round((y * scale + shift) * unit))
+        axes = (float(key["circle_major"]), float(key["circle_minor"]))
+        major, minor = (v if math.isfinite(v) else r for v in axes)
+        angle = float(key["circle_angle"])
+        turned = math.degrees(angle) if math.isfinite(angle) else 0.0
+        size = (round(major * scale * unit), round(minor * scale * unit))
+        cv2.ellipse(canvas, centre, size, turned, 0, 360, _CIRCLE, 1, cv2.LINE_AA, _SUB_PIXEL)
+    frame, time = int(key["frame"]), float(key["key_time"]) * 1e3
+    found = "no radius"
+    if math.isfinite(r):
+        value = value_with_uncertainty(float(key["key_radius"]), float(key["u_key_radius"]), "m")
+        found = f"radius {value} ({r:.1f} px), {_METHODS[int(key['key_method'])]}"
+    return Picture(
+        png(canvas), f"frame {frame} with the fitted contact circle",
+        f"frame {frame}, {time:.2f} ms in the film, {found}", at=time,
+    )  # fmt: skip
+
+
+def _budget(radius: xr.Dataset, impacts: xr.Dataset | None) -> tuple[Block, ...]:
+    """Show what all frames share, for the largest contact and at rest."""
+    a = radius["radius"].values
+    if not np.isfinite(a).any():
+        return ()
+    chosen = [("largest contact", int(np.nanargmax(a)))]
+    if impacts is not None and np.isfinite(float(impacts["static_radius"])):
+        chosen.append(("at rest", int(np.flatnonzero(np.isfinite(a))[-1])))
+    at = [radius.isel(frame=frame) for _, frame in chosen]
+    rows: list[list[float | int | str | bool | None]] = [
+        [text, *(float(one["systematic_part"].sel(source=name)) for one in at)]
+        for name, text in _SOURCES.items()
+    ]
+    rows.append(
+        ["together, shared by all frames", *(float(one["radius_systematic"]) for one in at)]
+    )
+    rows.append(["noise and misfit of the frame", *(float(one["u_radius"]) for one in at)])
+    titles = [f"{where}, {quantity(float(a[frame]), 'm', 4)}" for where, frame in chosen]
+    columns = (Column("source"), *(Column(title, unit="m", digits=2) for title in titles))
+    caption = "Standard uncertainty of the contact radius by source"
+    table = Table(columns, rows, caption=caption, sortable=False)
+    return (table, *(_shares(one, where) for one, (where, _) in zip(at, chosen, strict=True)))
+
+
+def _shares(one: xr.Dataset, where: str) -> Bars:
+    """Draw what each source has in the variance of the radius in one frame."""
+    parts = {text: float(one["systematic_part"].sel(source=n)) for n, text in _SOURCES.items()}
+    parts["noise and misfit of the frame"] = float(one["u_radius"])
+    rows = table([Source(text, 0.0, u, "m", 1.0) for text, u in parts.items()])
+    return share_bars(rows, f"Share in the variance, {where}")
+
+
+def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None) -> Section:
+    size = value_with_uncertainty(
+        float(radius["pixel_size"]), float(radius["u_pixel_size"]), "m/px"
+    )
+    blocks: list[Block] = [
+        pages.calibration_rows(radius.attrs["calibration"]),
+        KeyValues([("length of one pixel", size, "in the plane of the disc")]),
+        *budget_table(
+            json.loads(radius.attrs["scale_budget"]), "Budget of the image scale", "m/px"
+        ),
+        *_budget(radius, impacts),
+    ]  # fmt: skip
+    return Section("Calibration and its uncertainty", tuple(blocks))
+
+
+def _over_time(
+    radius: xr.Dataset,
+    impacts: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+) -> Section:
+    time = radius["time"].values * 1e3
+    seen = radius["in_contact"].values.astype(bool)
+    shown = np.where(seen, radius["radius"].values, 0.0) * 1e3
+    views: tuple[tuple[str, float, float], ...] = ()
+    if impacts is not None:
+        peaks = impacts["peak_time"].values * 1e3
+        views = tuple(
+            (f"impact {i + 1}", float(p - _VIEW), float(p + _VIEW)) for i, p in enumerate(peaks)
+        )
+    known = np.hypot(radius["u_radius"].values, radius["radius_systematic"].values) * 1e3
+    known = np.where(seen & np.isfinite(known), known, 0.0)
+    curves = [Series("film", time, shown, role="measured", style="points", u=known)]
+    if model is not None and impacts is not None and impacts.sizes["impact"]:
+        start = float(impacts["peak_time"][0])
+        if comparison is not None and comparison.sizes["impact"]:
+            start -= float(comparison["model_peak_time"][0])
+        when = (model["time"].values + start) * 1e3
+        inside = (when >= time[0]) & (when <= time[-1])
+        curves.append(
+            Series(
+                "model, aligned at the first impact",
+                when[inside],
+                model["contact_radius"].values[inside] * 1e3,
+                role="model",
+            )
+        )
+    charts: list[Block] = [
+        LineChart("Contact radius", "time in the film / ms", "contact radius / mm", tuple(curves),
+                  group=_GROUP, views=views,
+                  caption="Frames without contact stand at 0. Bars: standard uncertainty.")
+    ]  # fmt: skip
+    charts += _gap_factor(radius)
+    if comparison is not None:
+        for i in range(comparison.sizes["impact"]):
+            charts += _around(comparison, i)
+    return Section("Contact radius over time", tuple(charts))
+
+
+def _gap_factor(radius: xr.Dataset) -> list[Block]:
+    """Say where the gap beside the contact was not Hertz's, and how much it differed."""
+    is_open = radius["method"].values == 5
+    if not is_open.any():
+        return []
+    factor = radius["gap_factor"].values[is_open]
+    text = (
+        f"In {int(is_open.sum())} frames the gap beside the contact was not Hertz's: "
+        f"{factor.min():.2f} to {factor.max():.2f} of it. The surface of a viscoelastic body still "
+        "recovers while the contact recedes, and when it comes back early. There the factor was "
+        "fitted too; the error bars of these frames say what is not known of the gap's shape."
+    )
+    return [Notice("info", text)]
+
+
+def _around(comparison: xr.Dataset, i: int) -> tuple[LineChart, LineChart]:
+    """Draw one impact, film and model, and their difference below."""
+    mine = comparison["impact_number"].values == i + 1
+    since = comparison["since_peak"].values[mine] * 1e3
+    film, model, u = (comparison[name].values[mine] for name in ("film", "model", "u_film"))
+    curves = LineChart(
+        f"Impact {i + 1} around its largest radius", "time since the largest radius / ms",
+        "contact radius / mm",
+        (
+            Series("film", since, film * 1e3, role="measured", style="points", u=u * 1e3),
+            Series("model", since, model * 1e3, role="model"),
+        ),
+        group=f"impact {i + 1}", height_px=260,
+    )  # fmt: skip
+    residual = LineChart(
+        f"Film minus model, impact {i + 1}", "time since the largest radius / ms",
+        "difference / µm",
+        (Series("film minus model", since, (film - model) * 1e6, role="residual", style="points",
+                u=u * 1e6),),
+        group=f"impact {i + 1}", height_px=170,
+        caption="Bars: standard uncertainty of the film. A difference that rises or falls all the "
+        "way is a small shift in time: both are aligned at the largest radius.",
+    )  # fmt: skip
+    return curves, residual
+
+
+def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None) -> Section:
+    columns = [
+        Column("impact"), Column("t_p in the film", unit="s"),
+        Column("largest radius, film", unit="m", u=3), Column("u"),
+    ]  # fmt: skip
+    if comparison is not None:
+        columns += [Column("model", unit="m"), Column("film − model", unit="m", u=6), Column("u"),
+                    Column("nRMSE")]  # fmt: skip
+    rows: list[list[float | int | str | bool | None]] = []
+    for i in range(impacts.sizes["impact"]):
+        row: list[float | int | str | bool | None] = [i + 1]
+        row += [float(impacts[n][i]) for n in ("peak_time", "peak_radius", "u_peak_radius")]
+        if comparison is not None:
+            names = ("peak_radius_model", "peak_radius_difference", "u_peak_radius_difference",
+                     "nrmse")  # fmt: skip
+            has = i < comparison.sizes["impact"]
+            row += [float(comparison[n][i]) if has else None for n in names]
+        rows.append(row)
+    text = "Impacts are counted from their largest radius (t_p = 0), as the alignment is."
+    return Section("Impacts", (Paragraph(text), Table(tuple(columns), rows)))
+
+
+def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> str:
+    how = (
+        "by fitting the interference phase of Hertz's gap to the first fringes "
+        f"(wavelength {pages.stated(settings.wavelength)})"
+        if settings.wavelength is not None
+        else "from the edge of the dark spot, as the wavelength is not known"
+    )
+    text = (
+        f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was "
+        f"measured in {radius.sizes['frame']} frames {how}, with the exposure's smear modelled. "
+    )
+    if impacts.sizes["impact"]:
+        a, u = float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])
+        text += (
+            f"The largest radius of the first impact was {value_with_uncertainty(a, u, 'm')} "
+            "(standard uncertainty)."
+        )
+    return text

@@ -1,0 +1,27 @@
+"""What ``init`` makes of films that are called after the disc or the contact."""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+from pipelines.experiments._kind import Found, Proposed
+from pipelines.experiments.shared import proposals
+from pipelines.experiments.shared.film_proposal import head
+from pipelines.experiments.shared.proposals import GAP
+
+
+def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
+    """Propose an experiment for every film from under the disc."""
+    for stem, files in proposals.grouped(names, proposals.whole_stem):
+        if proposals.view(files[0]) == "under":
+            yield Proposed(stem, tuple(files), partial(_text, found, files[0]))
+
+
+def _text(found: Found, film: str, name: str) -> str:
+    return f"""{head(found, film, "contact_area", name)}
+wavelength = "{GAP} nm"  # of the light; "none" for white light
+{proposals.height_line(name)}
+
+[experiments.{name}.sphere]
+{proposals.SPHERE}
+{proposals.MOVING_MASS}
+{proposals.material_line(name)}"""

@@ -1,0 +1,36 @@
+"""Settings of a contact area: a film through the transparent disc, lit by one wavelength."""
+
+from datetime import date
+from typing import Annotated, Literal
+
+from labpipe.workflow.config import POSITIVE, ExperimentName, File, Frequency, Length, Time
+from pipelines.experiments.shared.settings import DropModel, Plate, Sphere, Table, refuse_two_plates
+
+
+class ContactArea(Table, frozen=True, kw_only=True):
+    """A film of the contact between sphere and disc during one drop.
+
+    ``camera`` is the calibration record of the film's ``view``. ``wavelength`` is that of the
+    light; without it (white light) only the edge of the dark spot can be measured, which is
+    several micrometres worse. ``exposure`` replaces that in the film's file. ``frame_rate``
+    is needed for exported images, which hold no time. ``measured_on`` is
+    the day of the film, for the validity of the record; by default that of its trigger.
+    """
+
+    kind: Literal["contact_area"]
+    film: File
+    camera: File
+    view: str = "under"
+    height: Annotated[Length, POSITIVE]
+    sphere: Sphere
+    wavelength: Annotated[Length, POSITIVE] | None = None
+    exposure: Annotated[Time, POSITIVE] | None = None
+    measured_on: date | None = None
+    frame_rate: Annotated[Frequency, POSITIVE] | None = None
+    model: DropModel = DropModel()
+    plate: Plate | None = None
+    plate_from: ExperimentName | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse two plates."""
+        refuse_two_plates(self.plate, self.plate_from)

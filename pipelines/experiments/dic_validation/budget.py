@@ -1,0 +1,78 @@
+"""Budgets of the holder's motion in a film, and of film against laser."""
+
+import json
+from collections.abc import Iterator
+from math import isfinite
+
+import numpy as np
+import xarray as xr
+
+from labpipe.uncertainty import Input, beyond
+from pipelines.experiments.dic_validation.settings import DicValidation
+from pipelines.experiments.shared.budget_quantity import (
+    MEASURED,
+    Quantity,
+)
+
+_FRONT = (
+    ("inclination, filter lag", "there is no filter, and a tilt of the view is in the pixel size"),
+    ("sampling", "a displacement holds no time"),
+    ("mass, radius, height, Poisson's ratio, temperature", "nothing of the body enters"),
+    ("repeatability", "one film shows one drop"),
+)
+_AGAINST = (
+    ("filter lag, sampling, zero", "both records are counted from first contact"),
+    ("mass, radius, height, Poisson's ratio, temperature", "nothing of the body enters"),
+    ("repeatability", "in the noise: the differences tell their own scatter, neighbours together"),
+)  # fmt: skip
+
+
+def quantities(
+    motion: xr.Dataset, comparison: xr.Dataset | None, *, settings: DicValidation
+) -> Iterator[Quantity]:
+    """Yield the largest displacement in the film, and film against laser where there was one."""
+    del settings
+    size = float(motion["pixel_size"])
+    moved = motion["displacement"].values
+    at = int(np.nanargmax(np.abs(moved)))
+    rows = json.loads(motion.attrs["budget"])
+    relative = float(motion.attrs["u_systematic_relative"])
+    noise = float(motion["u_displacement"][at]) / size  # that of the scale is not in it
+    names = {r["source"].replace(" ", "_"): r for r in rows}
+    inputs = {MEASURED: Input(float(moved[at]) / size, 0.0, "px"), "noise": Input(0.0, noise, "px")}
+    inputs |= {n: Input(r["value"], r["u"], r["unit"]) for n, r in names.items()}
+
+    def along(measured: float, noise: float, **scale: float) -> float:
+        changed = sum(r["sensitivity"] * (scale[n] - r["value"]) for n, r in names.items())
+        return (measured + noise) * (size + changed)
+
+    zero = ("zero", "the mean of the still frames, whose noise is that of one frame's part")
+    yield Quantity("largest displacement in the film", "m", along, inputs, (zero, *_FRONT))
+    if comparison is not None and "bias" in comparison and isfinite(float(comparison["u_bias"])):
+        yield from _against_laser(comparison, relative)
+
+
+def _against_laser(comparison: xr.Dataset, film: float) -> Iterator[Quantity]:
+    """Yield mean difference and ratio of scales; both calibrations act on either."""
+    laser = beyond(float(comparison["expected_u_gain"]), film)
+    mean = float(comparison["film"].mean()), float(comparison["laser"].mean())
+    yield Quantity(
+        "mean of film minus laser", "m",
+        lambda measured, noise, pixel_size, inclination_and_gain: (
+            measured + noise + mean[0] * (pixel_size - 1.0) - mean[1] * (inclination_and_gain - 1.0)
+        ),
+        {MEASURED: Input(float(comparison["bias"]), 0.0, "m"),
+         "noise": Input(0.0, float(comparison["u_bias"]), "m"),
+         "pixel_size": Input(1.0, film), "inclination_and_gain": Input(1.0, laser)},
+        _AGAINST,
+    )  # fmt: skip
+    yield Quantity(
+        "ratio of displacements, laser over film", "1",
+        lambda measured, noise, pixel_size, inclination_and_gain: (
+            (measured + noise) * inclination_and_gain / pixel_size
+        ),
+        {MEASURED: Input(float(comparison["gain"]), 0.0),
+         "noise": Input(0.0, float(comparison["u_gain"])),
+         "pixel_size": Input(1.0, film), "inclination_and_gain": Input(1.0, laser)},
+        _AGAINST,
+    )  # fmt: skip

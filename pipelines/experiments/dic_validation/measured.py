@@ -1,0 +1,204 @@
+"""Camera against laser: the holder's motion from a film, laid over the mean of the laser's drops.
+
+The two were recorded in different sessions; they are aligned at first contact (t_c = 0, and the
+height of that contact is 0). Point 0 of the tracks is the large subset on the holder, whose motion
+is the result; the others are the line of small subsets, whose scatter tells how stiff it moves.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+import calibration
+from calibration import camera as camera_scale
+from labpipe import imaging, signals
+from labpipe.errors import InputError
+from labpipe.frames import FrameSource
+from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
+from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
+
+_LARGEST_BODY = 201  # px; its noise is a thousandth of a pixel, and larger ones cost more
+_MOST_STATIC = 64  # frames in the reference: noise within 1 % of that of endless many
+_MOVING = 1.1  # ratio of difference images to noise at which something moves (about 0.05 px)
+_MARGIN = 0.8  # of the frames found still that are used
+_EVERY = 8  # frames: the coarse pass, and what is read after rest
+_AT_REST = 0.05  # px from the last level, within which the holder is at rest
+_AFTER_REST = 40  # frames read one by one after the coarse pass sees rest
+_KEYS = 9
+
+
+def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
+    """Follow the holder through the film; after rest, only every eighth frame is read."""
+    source = open_film(film, settings.frame_rate)
+    chosen = settings.tracking
+    points, subsets = _points(source, chosen)
+    static = chosen.static_frames or _static_frames(source, points[0], subsets[0])
+    options: dict[str, Any] = {
+        "subset": subsets, "shape": "rigid", "order": chosen.order, "static_frames": static,
+    }  # fmt: skip
+    if full:
+        found = imaging.track(source, points, **options)
+        return _with_bytes(found, source, {})
+    coarse, wanted = _worth_reading(source, points[:1], {**options, "subset": subsets[:1]}, static)
+    found = imaging.track(source, points, select=wanted, **options)
+    return _with_bytes(found, source, coarse)
+
+
+def _points(source: FrameSource, chosen: Tracking) -> tuple[list[tuple[float, float]], list[int]]:
+    """Return the body's centre and the points of the line, with their subsets."""
+    _, rows, columns = source.shape
+    width = chosen.body_subset or min(_LARGEST_BODY, rows // 3, columns // 2)
+    width += 1 - width % 2
+    body = chosen.body or (0.5 * (columns - 1), max(0.25 * rows, width / 2 + 2))
+    points, subsets = [tuple(body)], [width]
+    if chosen.line is not None:
+        (x0, y0), (x1, y1) = chosen.line
+        share = np.linspace(0.0, 1.0, chosen.points)
+        line = zip(x0 + share * (x1 - x0), y0 + share * (y1 - y0), strict=True)
+        points += [(float(x), float(y)) for x, y in line]
+        subsets += [chosen.subset + 1 - chosen.subset % 2] * chosen.points
+    return [(float(x), float(y)) for x, y in points], subsets
+
+
+def _static_frames(source: FrameSource, centre: tuple[float, float], width: int) -> int:
+    """Count the frames before the motion, by the growth of the difference from the first."""
+    half = width // 2
+    left, top = max(0, round(centre[0]) - half), max(0, round(centre[1]) - half)
+    part = source.roi(slice(top, top + width), slice(left, left + width))
+    sound = np.flatnonzero(source.valid)[: round(_MOST_STATIC / _MARGIN) + 1]
+    if len(sound) < 3:
+        return 1
+    first = part[int(sound[0])].astype(float)
+    noise = None
+    for place, index in enumerate(sound[1:], 1):
+        image = part[int(index)].astype(float)
+        # the light may drift; its mean is not motion
+        apart = float(np.std(image / max(image.mean(), 1e-9) * first.mean() - first))
+        noise = apart if noise is None else min(noise, apart)
+        if apart > _MOVING * noise + 1e-9:
+            return max(1, int(_MARGIN * place))
+    return min(_MOST_STATIC, int(_MARGIN * len(sound)) or 1)
+
+
+def _worth_reading(
+    source: FrameSource, body: list[tuple[float, float]], options: dict[str, Any], static: int
+) -> tuple[dict[str, int], NDArray[np.int64]]:
+    """Find rest in a coarse pass over the body alone; thin out what follows it."""
+    count = len(source)
+    coarse = np.unique(np.concatenate([np.arange(0, count, _EVERY), [count - 1]]))
+    if len(coarse) < 4 or count < 4 * _AFTER_REST:
+        return {}, np.arange(count)
+    found = imaging.track(source, body, select=coarse, **{**options, "order": 3})
+    level = found["dy"].values[:, 0]
+    if not np.isfinite(level[-1]):
+        return json.loads(found.attrs["work"]), np.arange(count)
+    moving = np.flatnonzero(~(np.abs(level - level[-1]) < _AT_REST))
+    last = int(coarse[min(int(moving[-1]) + 1, len(coarse) - 1)]) if len(moving) else 0
+    dense = np.arange(min(count, max(last + _AFTER_REST, static)))
+    return json.loads(found.attrs["work"]), np.union1d(dense, coarse)
+
+
+def _with_bytes(found: xr.Dataset, source: FrameSource, coarse: dict[str, int]) -> xr.Dataset:
+    """Count the coarse pass too, and bytes instead of pixels."""
+    work = json.loads(found.attrs["work"])
+    size = np.asarray(source[int(np.flatnonzero(source.valid)[0])]).dtype.itemsize
+    for name in ("subsets_solved", "iterations", "reseeds"):
+        work[name] += coarse.get(name, 0)
+    total = work.pop("pixels_total")
+    # the static frames are read twice, for the reference and as frames, but counted once
+    work["bytes_read"] = min(work.pop("pixels_read"), total) * size
+    work["bytes_total"] = total * size
+    work["frames_read"] = found.sizes["frame"]
+    work["coarse_frames_read"] = coarse.get("frames_read", 0)
+    work["coarse_bytes_read"] = coarse.get("pixels_read", 0) * size
+    return found.assign_attrs(work=json.dumps(work), recorded=recorded_on(source))
+
+
+def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Dataset:
+    """Turn the tracks into metres with the view's calibration: the holder's height over time."""
+    known = calibration.load_record(record)
+    day = settings.measured_on or track.attrs["recorded"] or None
+    moved = camera_scale.motion(track, known, view=settings.view, measured=day)
+    body = moved.isel(point=0)
+    share = float(body["valid"].mean())
+    if share < 0.5:
+        message = (
+            f"the holder was found in {share:.0%} of the frames only; give tracking.body a place "
+            "on the speckled holder that stays in the image while it falls"
+        )
+        raise InputError(message)
+    time = ("time", track["time"].values, {"units": "s", "long_name": "time in the film"})
+    result = xr.Dataset(coords={"time": time})
+    for name, of, text in (
+        ("displacement", "displacement_y", "displacement of the holder, upwards"),
+        ("sideways", "displacement_x", "displacement of the holder to the right"),
+        ("rotation", "rotation", "rotation of the holder, clockwise in the image"),
+    ):
+        units = body[of].attrs["units"]
+        result[name] = ("time", body[of].values, {"units": units, "long_name": text})
+        result[f"u_{name}"] = (
+            "time", body[f"u_{of}"].values,
+            {"units": units, "long_name": f"standard uncertainty (random): {text}"},
+        )  # fmt: skip
+    if moved.sizes["point"] > 1:
+        line = moved["displacement_y"].isel(point=slice(1, None)).values
+        scatter = np.full(len(line), np.nan)
+        seen = np.isfinite(line).sum(axis=1) > 2
+        scatter[seen] = np.nanstd(line[seen], axis=1, ddof=1)
+        result["line_scatter"] = (
+            "time", scatter,
+            {"units": "m", "long_name": "standard deviation along the line of subsets"},
+        )  # fmt: skip
+    for name in ("pixel_size", "u_pixel_size"):
+        result[name] = moved[name]
+    result.attrs = {key: moved.attrs[key] for key in
+                    ("u_systematic_relative", "budget", "calibration")}  # fmt: skip
+    return result
+
+
+def bounces(motion: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:
+    """Find release, contacts, bounces and rest in the film's displacement."""
+    del settings
+    return signals.bounces(motion["displacement"])
+
+
+def velocity(motion: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:
+    """Differentiate, with knots free to break where contacts begin and end."""
+    del settings
+    edges = np.concatenate([bounces["touch_time"].values, bounces["liftoff_time"].values])
+    found = signals.velocity(motion["displacement"], breaks=np.sort(edges[np.isfinite(edges)]))
+    return xr.Dataset(
+        {"velocity": found.drop_vars("u_velocity"), "u_velocity": found["u_velocity"].variable},
+        attrs=found.attrs,
+    )
+
+
+def keys(
+    film: Path, track: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation
+) -> xr.Dataset:
+    """Copy key frames with the places of the tracked points: release, contacts, tops, rest."""
+    source = open_film(film, settings.frame_rate)
+    events = [float(bounces["release_time"]), float(bounces["rest_time"])]
+    for name in ("touch_time", "liftoff_time", "apex_time"):
+        events += list(bounces[name].values[:3])
+    time = track["time"].values
+    wanted = [t for t in [time[0], *events, time[-1]] if np.isfinite(t)]
+    near = sorted({int(np.argmin(np.abs(time - t))) for t in wanted})
+    near = near[: _KEYS - 1] + near[-1:] if len(near) > _KEYS else near
+    near = [i for i in near if source.valid[int(track["frame"][i])]]
+    found = key_frames(source, [int(track["frame"][i]) for i in near])
+    at = track.isel(frame=near)
+    for axis, text in (("x", "column"), ("y", "row")):
+        place = at[axis].values + at[f"d{axis}"].values
+        found[f"point_{axis}"] = (
+            ("key", "point"), place, {"units": "px", "long_name": f"{text} of a tracked point"},
+        )  # fmt: skip
+    found["turn"] = (
+        ("key", "point"), at["rotation"].values, {"units": "rad", "long_name": "rotation"},
+    )  # fmt: skip
+    found["subset"] = ("point", at["subset"].values, {"units": "px", "long_name": "subset"})
+    return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))

@@ -1,0 +1,313 @@
+"""The report of a film against the laser."""
+
+import json
+import math
+
+import cv2
+import numpy as np
+import xarray as xr
+
+from labpipe.report import (
+    Band,
+    Block,
+    Column,
+    Gallery,
+    KeyValues,
+    LineChart,
+    Notice,
+    Paragraph,
+    Picture,
+    Section,
+    Series,
+    Table,
+    budget_table,
+    quantity,
+    value_with_uncertainty,
+)
+from labpipe.workflow.context import Context
+from pipelines.experiments.dic_validation.budget import quantities
+from pipelines.experiments.dic_validation.settings import DicValidation
+from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared.film_frames import enlarged, png
+
+_VIEWS = 3  # impacts that get a button
+_BEFORE, _AFTER = 1e-3, 4e-3  # s around a touch that show one impact
+_SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
+_BODY, _POINT = (80, 200, 255), (255, 200, 60)  # BGR: orange square, blue points
+_GROUP = "film"  # charts and frames over the film's time
+_SPREAD = "± 2 sd of the laser's repeats"
+_LABEL = "time since first contact / ms"
+
+
+def page(
+    track: xr.Dataset | None,
+    motion: xr.Dataset | None,
+    bounces: xr.Dataset | None,
+    velocity: xr.Dataset | None,
+    keys: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    laser: xr.Dataset | None,
+    *,
+    settings: DicValidation,
+    context: Context,
+) -> str:
+    """Write the page; a step that failed leaves its section out and its error in."""
+    if comparison is not None and "nrmse" not in comparison:
+        comparison = None
+    sections = [_summary(settings, track, bounces, comparison, context)]
+    if keys is not None:
+        start = None if bounces is None else float(bounces["first_contact_time"])
+        sections.append(_key_frames(keys, settings, start))
+    if motion is not None and bounces is not None:
+        sections.append(_motion(motion, bounces, velocity, laser, comparison))
+    if comparison is not None:
+        sections.append(_agreement(comparison))
+    if track is not None:
+        sections.append(_tracking(track, motion))
+    if motion is not None:
+        sections.append(_calibration(motion))
+    if motion is not None:
+        found = quantities(motion, comparison, settings=settings)
+        sections += budget_blocks.section(context.experiment, found)
+    if comparison is not None and track is not None:
+        sections.append(pages.methods(_methods(settings, track, comparison)))
+    return pages.document(context, "Camera against laser", sections).render()
+
+
+def _value(dataset: xr.Dataset, name: str, at: int | None = None) -> str:
+    u = f"u_{name}"
+    pick = dataset if at is None else dataset.isel(impact=at)
+    return value_with_uncertainty(
+        float(pick[name]), float(pick[u]) if u in dataset else 0.0, pick[name].attrs["units"]
+    )
+
+
+def _summary(
+    settings: DicValidation,
+    track: xr.Dataset | None,
+    bounces: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    context: Context,
+) -> Section:
+    rows = [("film", settings.film, f'view "{settings.view}"')]
+    if track is not None:
+        share = float(track["valid"].mean())
+        count = track.sizes["point"]
+        followed = "one point" if count == 1 else f"{count} points"
+        rows.append(
+            ("frames", str(track.sizes["frame"]),
+             f"{followed} followed; found in {share * 100:.2f} % of the frames")
+        )  # fmt: skip
+    if bounces is not None and bounces.sizes["impact"]:
+        rows.append(("restitution of the first impact, film", _value(bounces, "restitution", 0),
+                     "standard uncertainty"))  # fmt: skip
+    if comparison is not None:
+        rows += [
+            ("nRMSE, film against laser", f"{float(comparison['nrmse']) * 100:.2f} %",
+             "root mean square of the difference, over the range of the film"),
+            ("bias", _value(comparison, "bias"), "mean of film minus laser"),
+            ("95 % limits of agreement",
+             f"{_value(comparison, 'limit_low')} to {_value(comparison, 'limit_high')}", ""),
+            ("scale of the laser per scale of the film", _value(comparison, "gain"),
+             "expected 1 within "
+             f"{float(comparison['expected_u_gain']) * 100:.2g} % from both calibrations"),
+        ]  # fmt: skip
+    blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
+    if comparison is None and not context.failures:
+        blocks.append(
+            Notice("info", "No laser experiment is named, so the film stands alone; name one as "
+                   "laser_experiment in session.toml.")
+        )  # fmt: skip
+    return Section("Summary", tuple(blocks))
+
+
+def _key_frames(keys: xr.Dataset, settings: DicValidation, start: float | None) -> Section:
+    pictures = [_picture(keys.isel(key=i), start) for i in range(keys.sizes["key"])]
+    gallery = Gallery(
+        "Key frames with the tracked subsets",
+        pictures,
+        caption="Orange: the large subset whose motion is the result, with its rotation. "
+        "Blue: the line of small subsets. The charts below mark the frame that is shown.",
+        group=_GROUP,
+    )
+    header = pages.raw_header(keys.assign_attrs(source=settings.film))
+    return Section("Film", (gallery,) if header is None else (gallery, header))
+
+
+def _picture(key: xr.Dataset, start: float | None) -> Picture:
+    image = key["image"].values
+    factor = max(1, math.ceil(_SMALLEST_PICTURE / max(image.shape)))
+    canvas = enlarged(image, factor)
+    scale = factor / float(key["reduction"])
+    half = factor / 2 - 0.5  # the centre of an enlarged pixel
+    for n in range(key.sizes["point"]):
+        x, y = float(key["point_x"][n]), float(key["point_y"][n])
+        if not (math.isfinite(x) and math.isfinite(y)):
+            continue
+        centre = (round(x * scale + half), round(y * scale + half))
+        if n == 0:
+            side = float(key["subset"][n]) * scale
+            box = cv2.boxPoints((centre, (side, side), math.degrees(float(key["turn"][n]))))
+            cv2.polylines(canvas, [np.rint(box).astype(np.int32)], True, _BODY, 2, cv2.LINE_AA)
+        else:
+            cv2.circle(canvas, centre, 4, _POINT, 2, cv2.LINE_AA)
+    frame, time = int(key["frame"]), float(key["key_time"]) * 1e3
+    return Picture(
+        png(canvas), f"frame {frame} of the film with the tracked subsets drawn on it",
+        f"frame {frame}, {time:.2f} ms in the film",
+        at=None if start is None else time - start * 1e3,
+    )  # fmt: skip
+
+
+def _calibration(motion: xr.Dataset) -> Section:
+    blocks: list[Block] = [
+        pages.calibration_rows(motion.attrs["calibration"]),
+        KeyValues([
+            ("length of one pixel", _value(motion, "pixel_size"), "in the plane of the holder"),
+            ("relative uncertainty of the scale",
+             f"{float(motion.attrs['u_systematic_relative']) * 100:.3f} %",
+             "the same for every frame"),
+        ]),
+        *budget_table(json.loads(motion.attrs["budget"]), "Budget of the image scale",
+                            "m/px"),
+    ]  # fmt: skip
+    return Section("Calibration and its uncertainty", tuple(blocks))
+
+
+def _motion(
+    motion: xr.Dataset,
+    bounces: xr.Dataset,
+    velocity: xr.Dataset | None,
+    laser: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+) -> Section:
+    start, level = float(bounces["first_contact_time"]), float(bounces["contact_level"])
+    time = (motion["time"].values - start) * 1e3
+    touches = (bounces["touch_time"].values[:_VIEWS] - start) * 1e3
+    views = tuple(
+        (f"impact {i + 1}", float(t - _BEFORE * 1e3), float(t + _AFTER * 1e3))
+        for i, t in enumerate(touches)
+        if np.isfinite(t)
+    )
+    position: list[Series | Band] = [
+        Series("film", time, (motion["displacement"].values - level) * 1e3, role="measured")
+    ]
+    if laser is not None:
+        inside = laser.sel(time=slice(time[0] * 1e-3, time[-1] * 1e-3))
+        when, mean = inside["time"].values * 1e3, inside["displacement_mean"].values * 1e3
+        position.append(Series("laser, mean of the repeats", when, mean, role="reference"))
+        if laser.sizes["repeat"] > 1:
+            wide = 2 * inside["displacement_sd"].values * 1e3
+            position.insert(0, Band(_SPREAD, when, mean - wide, mean + wide, role="reference"))
+    charts: list[Block] = [
+        LineChart("Displacement", _LABEL, "height over first contact / mm", tuple(position),
+                  group=_GROUP, views=views)
+    ]  # fmt: skip
+    if comparison is not None:
+        charts.append(_difference(comparison, laser, views))
+    if velocity is not None:
+        speed = [Series("film", time, velocity["velocity"].values, role="measured")]
+        if laser is not None and "velocity_mean" in laser:
+            speed.append(
+                Series(
+                    "laser, mean of the repeats",
+                    inside["time"].values * 1e3,
+                    inside["velocity_mean"].values,
+                    role="reference",
+                )
+            )
+        charts.append(LineChart("Velocity", _LABEL, "velocity / (m/s), upwards", tuple(speed),
+                                group=_GROUP, views=views))  # fmt: skip
+    charts.append(
+        LineChart("Rotation of the holder", _LABEL, "rotation / mrad, clockwise",
+                  (Series("film", time, motion["rotation"].values * 1e3, role="measured"),),
+                  group=_GROUP, views=views, height_px=220)
+    )  # fmt: skip
+    return Section("Motion", tuple(charts))
+
+
+def _difference(
+    comparison: xr.Dataset, laser: xr.Dataset | None, views: tuple[tuple[str, float, float], ...]
+) -> LineChart:
+    """Draw film minus laser, and behind it how far the laser's repeats differ among themselves."""
+    time = comparison["time"].values
+    series: list[Series | Band] = [
+        Series("difference", time * 1e3, comparison["residual"].values * 1e6, role="residual")
+    ]
+    if laser is not None and laser.sizes["repeat"] > 1:
+        wide = 2e6 * np.interp(time, laser["time"].values, laser["displacement_sd"].values)
+        series.insert(0, Band(_SPREAD, time * 1e3, -wide, wide, role="reference"))
+    return LineChart(
+        "Film minus laser", _LABEL, "difference / µm", tuple(series), group=_GROUP, views=views,
+        height_px=220,
+        caption="A touch that is early or late shows as a step, as both curves are steep there.",
+    )  # fmt: skip
+
+
+def _agreement(comparison: xr.Dataset) -> Section:
+    rows = [
+        ("bias", _value(comparison, "bias"), "film minus laser"),
+        ("standard deviation of the difference",
+         quantity(float(comparison["difference_sd"]), "m"), ""),
+        ("lower 95 % limit of agreement", _value(comparison, "limit_low"), ""),
+        ("upper 95 % limit of agreement", _value(comparison, "limit_high"), ""),
+        ("concordance", f"{float(comparison['concordance']):.6f}", "Lin's coefficient"),
+        ("remaining lag", _value(comparison, "lag"), "laser after film, after alignment"),
+        ("largest difference", quantity(float(comparison["max_error"]), "m"), ""),
+    ]  # fmt: skip
+    columns = (
+        Column("impact"),
+        Column("touch, film − laser", unit="s", u=2), Column("u"),
+        Column("speed in, film", unit="m/s"), Column("laser", unit="m/s"),
+        Column("restitution, film"), Column("laser"), Column("film − laser", u=8), Column("u"),
+    )  # fmt: skip
+    shown = ("touch_time_difference", "u_touch_time_difference", "incoming_speed_film",
+             "incoming_speed_laser", "restitution_film", "restitution_laser",
+             "restitution_difference", "u_restitution_difference")  # fmt: skip
+    table = [
+        (int(comparison["impact"][i]), *(float(comparison[name][i]) for name in shown))
+        for i in range(comparison.sizes["impact"])
+    ]
+    text = (
+        "Film and laser recorded different drops on different days: they are aligned at first "
+        "contact. Limits of agreement after Bland and Altman, with the number of independent "
+        "samples estimated from the autocorrelation of the difference."
+    )
+    return Section("Agreement", (Paragraph(text), KeyValues(rows), Table(columns, table)))
+
+
+def _tracking(track: xr.Dataset, motion: xr.Dataset | None) -> Section:
+    frames = track["frame"].values
+    body = track.isel(point=0)
+    size = track["subset"].values[0]
+    rows = [
+        ("subset on the holder", f"{size} px", "rigid: two shifts and a rotation"),
+        ("standard uncertainty of a displacement (noise)",
+         quantity(float(np.nanmedian(body["u_dy"])), "px"), "median"),
+        ("correlation", f"{float(np.nanmin(body['zncc'])):.4f}", "smallest over all frames"),
+        ("lost", str(int((~body["valid"].values).sum())), "frames without a value"),
+    ]  # fmt: skip
+    if motion is not None and "line_scatter" in motion:
+        rows.append(("scatter along the line",
+                     quantity(float(np.nanmedian(motion["line_scatter"])), "m"),
+                     "median over frames; holds the rotation"))  # fmt: skip
+    chart = LineChart(
+        "Correlation of the large subset", "frame", "zero-normalised correlation",
+        (Series("ZNCC", frames.astype(float), body["zncc"].values, role="measured"),),
+        height_px=200,
+    )  # fmt: skip
+    return Section("Tracking", (KeyValues(rows), chart))
+
+
+def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset) -> str:
+    size = int(track["subset"][0])
+    return (
+        "The holder's motion was measured by digital image correlation (zero-normalised sum of "
+        f"squared differences, inverse-compositional Gauss–Newton, one rigid subset of {size} px, "
+        f"B-spline interpolation of order {settings.tracking.order}) and scaled with the "
+        f"calibration of the view “{settings.view}”. It was aligned with the mean of the laser's "
+        "repeats at first contact. The normalised root-mean-square difference was "
+        f"{float(comparison['nrmse']) * 100:.2f} %, the bias {_value(comparison, 'bias')}, the "
+        f"95 % limits of agreement {_value(comparison, 'limit_low')} and "
+        f"{_value(comparison, 'limit_high')} (Bland and Altman)."
+    )

@@ -1,0 +1,37 @@
+"""What ``init`` makes of films that are not taken from under the disc."""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+from pipelines.experiments._kind import Found, Proposed
+from pipelines.experiments.shared import proposals
+from pipelines.experiments.shared.film_proposal import head
+
+
+def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
+    """Propose an experiment for every film."""
+    for stem, files in proposals.grouped(names, proposals.whole_stem):
+        yield Proposed(stem, tuple(files), partial(_text, found, files[0]))
+
+
+def _text(found: Found, film: str, name: str) -> str:
+    return f"""{head(found, film, "dic_validation", name)}
+{_laser_beside(found, film)}
+# tracking = {{ body = [x, y], body_subset = 101 }}  # px in the first image, on the holder"""
+
+
+def _laser_beside(found: Found, film: str) -> str:
+    """Propose the one drop of the film's material as what the laser saw of the same motion."""
+    word = proposals.material_word(film)
+    drops = [
+        stem
+        for stem, files in proposals.grouped(found.of("displacement"), proposals.without_repeat)
+        if word is not None
+        and word == proposals.material_word(files[0])
+        and not proposals.sees_plate(files[0])
+        and not proposals.is_slow(found.path(files[0]))
+    ]
+    if len(drops) == 1:
+        name = proposals.identifier(drops[0])
+        return f'laser_experiment = "{name}"  # proposed: the only drop of this material'
+    return '# laser_experiment = "NAME"  # the ball drop whose laser saw the same motion'

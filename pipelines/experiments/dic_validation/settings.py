@@ -1,0 +1,46 @@
+"""Settings of a validation of the camera: a film of a drop against the laser's drops."""
+
+from datetime import date
+from typing import Annotated, Literal
+
+from labpipe.workflow.config import POSITIVE, ExperimentName, File, Frequency, Range
+from pipelines.experiments.shared.settings import Table
+
+Pixel = Annotated[float, Range(at_least=-1e5, at_most=1e5)]
+Place = tuple[Pixel, Pixel]
+
+
+class Tracking(Table, frozen=True, kw_only=True):
+    """Which points of the film are followed, in px of its first image (x right, y down).
+
+    ``body`` is the centre of one large square on the holder, ``body_subset`` its width: it gives
+    the motion. ``line`` are the ends of a line of ``points`` small subsets, as in the thesis.
+    ``static_frames`` are those before the release; by default they are found. ``order`` 5 is the
+    accurate interpolation, 3 the fast one.
+    """
+
+    body: Place | None = None
+    body_subset: Annotated[int, Range(at_least=9, at_most=2001)] | None = None
+    line: tuple[Place, Place] | None = None
+    points: Annotated[int, Range(at_least=1, at_most=2000)] = 20
+    subset: Annotated[int, Range(at_least=9, at_most=501)] = 31
+    static_frames: Annotated[int, Range(at_least=1, at_most=100000)] | None = None
+    order: Literal[5, 3] = 5
+
+
+class DicValidation(Table, frozen=True, kw_only=True):
+    """A film of the holder, and the ball drop whose laser saw the same motion another day.
+
+    ``camera`` is the calibration record of the film's ``view``. ``frame_rate`` is needed for
+    exported images, which hold no time. ``measured_on`` is the day of the
+    film, for the validity of the record; by default that of its trigger.
+    """
+
+    kind: Literal["dic_validation"]
+    film: File
+    camera: File
+    view: str = "front"
+    laser_experiment: ExperimentName | None = None
+    measured_on: date | None = None
+    frame_rate: Annotated[Frequency, POSITIVE] | None = None
+    tracking: Tracking = Tracking()

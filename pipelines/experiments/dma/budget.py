@@ -1,0 +1,141 @@
+"""Budgets of a dynamic mechanical analysis: a shift, the slow end of the modulus, the loss peak."""
+
+from collections.abc import Iterator
+from math import inf, isfinite, pi, sqrt, tan
+
+import numpy as np
+import xarray as xr
+
+from labpipe.report import quantity
+from labpipe.uncertainty import Input
+from pipelines.experiments.dma.settings import Dma
+from pipelines.experiments.shared.budget_quantity import MEASURED, Array, Quantity, summed
+
+_ABSENT = (
+    ("inclination, pixel size, mass, radius, height",
+     "the rheometer's own dimensions are in its moduli; session.toml states no uncertainty"),
+    ("zero, filter lag", "the instrument's; a delay of its phase is found where it shows"),
+    ("repeatability", "one specimen; where sweeps overlap they repeat each other: in the noise"),
+)  # fmt: skip
+_SHIFT = (
+    ("sampling", "a curve runs through the frequencies: in the noise"),
+    ("Poisson's ratio", "a shift is a ratio of frequencies"),
+)
+_MODULUS = (("sampling", "a curve runs through the frequencies: in the noise"),)
+_PEAK = (
+    ("Poisson's ratio", "a loss factor is a ratio of moduli"),
+    ("sampling", "a cubic runs through the readings: in the noise"),
+)
+_TENSION = ("Poisson's ratio", "the modulus was measured in tension or bending")
+_SLOW_DECADES = 2.0  # at the slow end, over which the loss tells how it goes on
+
+
+def quantities(
+    sweeps: xr.Dataset, master: xr.Dataset, transition: xr.Dataset | None, *, settings: Dma
+) -> Iterator[Quantity]:
+    """Yield a shift, the modulus at the slow end and after an infinite time, and the loss peak.
+
+    The last modulus is left out where the data do not tell it: where the loss, going on as it
+    does at the slow end, would take all of the storage modulus.
+    """
+    del settings
+    yield _shift(sweeps, master)
+    yield from _moduli(sweeps, master)
+    if transition is None or "T_peak" not in transition:
+        return
+    peak, u_peak = float(transition["T_peak"][0]), float(transition["u_T_peak"][0])
+    if isfinite(peak) and isfinite(u_peak):
+        yield Quantity(
+            "temperature of the loss peak", "degC", summed,
+            {MEASURED: Input(peak, 0.0, "degC"), "noise": Input(0.0, u_peak, "K")},
+            (*_PEAK, *_ABSENT,
+             ("temperature", "the thermometer's own error is not stated in session.toml")),
+        )  # fmt: skip
+
+
+def _shift(sweeps: xr.Dataset, master: xr.Dataset) -> Quantity:
+    """Return the largest shift; the temperatures of its sweep act by the slope of the shifts."""
+    shifts, levels = master["log10_aT"].values, master["temperature"].values
+    far = int(np.nanargmax(np.abs(shifts)))
+    u_level = _temperature(sweeps, float(levels[far]))
+    slope = _slope(levels, shifts, far)
+    total = float(master["u_log10_aT"][far])
+    return Quantity(
+        f"log10 a_T at {quantity(float(levels[far]), 'degC', 3)}", "1",
+        lambda measured, noise, temperature: (
+            measured + noise + slope * (temperature - float(levels[far]))
+        ),
+        {MEASURED: Input(float(shifts[far]), 0.0), "noise": Input(0.0, total),
+         "temperature": Input(float(levels[far]), u_level, "degC")},
+        (*_SHIFT, *_ABSENT), "log10 a_T, the largest",
+    )  # fmt: skip
+
+
+def _temperature(sweeps: xr.Dataset, at: float) -> float:
+    """Return how well the mean temperature [K] of a sweep is known, from its range.
+
+    The readings' own changes are noise of the moduli; the mean falls with the root of their number.
+    """
+    number = int(np.argmin(np.abs(sweeps["temperature"].values - at)))
+    count = max(int(np.isfinite(sweeps["storage"].values[number]).sum()), 1)
+    return float(sweeps["temperature_spread"][number]) / sqrt(12.0 * count)
+
+
+def _slope(levels: Array, shifts: Array, at: int) -> float:
+    """Return decades per K by the neighbours."""
+    order = np.argsort(levels)
+    if order.size < 2:
+        return 0.0
+    return float(np.gradient(shifts[order], levels[order])[np.flatnonzero(order == at)[0]])
+
+
+def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
+    slow = int(np.argmin(master["reduced_frequency"].values))
+    frequency, storage, u_storage = (
+        float(master[name][slow])
+        for name in ("reduced_frequency", "master_storage", "u_master_storage")
+    )
+    factor = float(sweeps.attrs["u_modulus_factor"]) / float(sweeps.attrs["modulus_factor"])
+    names = ("temperature", "the shifts' own uncertainty is in the noise of the curve")
+    inert = (*_MODULUS, names, *_ABSENT, *(() if factor else (_TENSION,)))
+    inputs = {"noise": Input(1.0, u_storage / storage)}
+    if factor:
+        inputs["Poisson's_ratio"] = Input(1.0, factor)
+    yield Quantity(
+        f"storage modulus at {quantity(frequency, 'Hz', 2)}, the slow end", "Pa", _product,
+        {MEASURED: Input(storage, 0.0, "Pa"), **inputs}, inert,
+        "storage modulus at the slow end",
+    )  # fmt: skip
+    left = still_falls(master["reduced_frequency"].values, master["master_loss"].values)
+    if left < storage:
+        yield Quantity(
+            "modulus after an infinite time", "Pa",
+            lambda measured, extrapolation, **factors: _product(measured, **factors)
+            + extrapolation,
+            {MEASURED: Input(float(master["E_relaxed"]), 0.0, "Pa"), **inputs,
+             "extrapolation": Input(0.0, left / sqrt(3.0), "Pa")}, inert,
+        )  # fmt: skip
+
+
+def _product(measured: float, **factors: float) -> float:
+    made = measured
+    for factor in factors.values():
+        made *= factor
+    return made
+
+
+def still_falls(frequency: Array, loss: Array) -> float:
+    """Return how far [Pa] the storage modulus falls beyond the slow end, if the loss goes on so.
+
+    A loss that falls as the power m of the frequency belongs to a storage modulus that lies
+    E″ cot(m π/2) above its end (Kramers and Kronig). What does not fall ends nowhere.
+    """
+    order = np.argsort(frequency)
+    f, e = frequency[order], loss[order]
+    near = f <= f[0] * 10.0**_SLOW_DECADES
+    if near.sum() < 2 or not np.all(e[near] > 0.0):
+        return inf
+    power = float(np.polyfit(np.log(f[near]), np.log(e[near]), 1)[0])
+    if power <= 0.0:
+        return inf
+    return float(e[0]) / tan(0.5 * pi * min(power, 1.0))

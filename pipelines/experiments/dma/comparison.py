@@ -1,0 +1,27 @@
+"""What a master curve compares: the readings, reduced by the shifts, with the fitted spectrum."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import xarray as xr
+
+from labpipe import signals
+from pipelines.experiments.dma.settings import Dma
+from pipelines.experiments.shared.comparison_rows import Row, row
+
+
+def rows(master_curve: xr.Dataset, *, settings: Dma) -> Iterator[Row]:
+    """Yield the row of ``compare``."""
+    del settings
+    parts = ("storage", "loss")
+    measured = np.concatenate([master_curve[f"{p}_reduced"].values.ravel() for p in parts])
+    ratio = 1 + np.concatenate([master_curve[f"{p}_residual"].values.ravel() for p in parts])
+    known = (measured > 0) & (ratio > 0)
+    # As they are drawn: a modulus spans decades, and both parts belong to one curve.
+    ours = np.log10(measured[known])
+    theirs = ours + np.log10(ratio[known])
+    yield row(
+        "storage and loss modulus, log10", "1", int(known.sum()), against="fit",
+        nrmse=signals.nrmse(ours, theirs), difference=np.mean(ours - theirs),
+        condition=f"{float(master_curve['T_ref']):g} °C",
+    )  # fmt: skip

@@ -1,0 +1,515 @@
+"""The report of a dynamic mechanical analysis."""
+
+import json
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe.report import (
+    Band,
+    Block,
+    Column,
+    Details,
+    KeyValues,
+    LineChart,
+    Notice,
+    Paragraph,
+    Section,
+    Series,
+    Table,
+    display_unit,
+    quantity,
+    value_with_uncertainty,
+)
+from labpipe.workflow.context import Context
+from pipelines.experiments.dma import _material_files, _published_section
+from pipelines.experiments.dma.budget import quantities, still_falls
+from pipelines.experiments.dma.settings import Dma
+from pipelines.experiments.shared import budget_blocks, pages
+
+Array = NDArray[np.float64]
+
+_MPA = 1e-6
+_COVERAGE = 1.96  # of the bands, 95 %
+_KIND = {"pass": "ok", "warn": "warning", "fail": "error"}
+
+
+def page(
+    readings: list[xr.Dataset] | None,
+    sweeps: xr.Dataset | None,
+    master_curve: xr.Dataset | None,
+    published: xr.Dataset | None,
+    temperature_sweep: xr.Dataset | None,
+    *,
+    settings: Dma,
+    context: Context,
+) -> str:
+    """Write the page; a step that failed leaves its section out and its error in."""
+    sections = [_summary(sweeps, master_curve, temperature_sweep, context)]
+    if sweeps is not None:
+        sections.append(_sweeps(settings, readings, sweeps))
+    if master_curve is not None:
+        sections += [_master(master_curve), _shifts(master_curve)]
+        if published is not None and "absent" not in published.attrs:
+            sections.append(_published_section.section(published, master_curve))
+        sections += [_spectrum(master_curve), _kramers_kronig(master_curve),
+                     _residuals(master_curve)]  # fmt: skip
+    if temperature_sweep is not None:
+        sections.append(_transition(temperature_sweep))
+    if sweeps is not None and master_curve is not None:
+        found = quantities(sweeps, master_curve, temperature_sweep, settings=settings)
+        sections += budget_blocks.section(context.experiment, found)
+    if master_curve is not None:
+        sections += [_terms(master_curve, context.experiment),
+                     pages.methods(_methods(settings, master_curve))]  # fmt: skip
+    return pages.document(context, "Dynamic mechanical analysis", sections).render()
+
+
+def _rms(values: Array) -> float:
+    good = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(good**2))) if good.size else float("nan")
+
+
+def _summary(
+    sweeps: xr.Dataset | None,
+    curve: xr.Dataset | None,
+    ramp: xr.Dataset | None,
+    context: Context,
+) -> Section:
+    rows: list[tuple[str, str, str]] = []
+    blocks: list[Block] = [*pages.failed_notice(context)]
+    if sweeps is not None:
+        T = sweeps["temperature"].values
+        rows.append(
+            (
+                "isothermal sweeps",
+                str(T.size),
+                _celsius(T),
+            )
+        )
+    if curve is not None:
+        rows += _curve_rows(curve)
+        verdict = json.loads(curve.attrs["kramers_kronig"])["verdict"]
+        rows.append(("Kramers–Kronig verdict", verdict, "do both moduli belong together?"))
+    rows += _transition_rows(ramp)
+    blocks.append(KeyValues(rows))
+    if curve is not None:
+        blocks += [Notice("warning", _sentence(note)) for note in json.loads(curve.attrs["notes"])]
+    return Section("Summary", tuple(blocks))
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:] + "."
+
+
+def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
+    covered = curve["reduced_frequency"].values
+    outside = int(curve["extrapolated"].sum())
+    reference = f"{float(curve['T_ref']):.1f} °C".replace("-", "\N{MINUS SIGN}")
+    return [
+        ("reference temperature", reference, ""),
+        ("covered frequencies", f"{covered[0]:.2g} to {covered[-1]:.2g} Hz",
+         f"{np.log10(covered[-1] / covered[0]):.1f} decades at the reference temperature"),
+        ("relaxed modulus", _modulus(float(curve["E_relaxed"])),
+         f"after an infinite time; {_open_end(curve)}"),
+        ("unrelaxed modulus", _modulus(float(curve["E_unrelaxed"])),
+         "after no time; beyond the window it is extrapolation"),
+        ("relaxation terms", str(curve.sizes["term"]), f"{outside} outside the covered window"),
+        _law_row(json.loads(curve.attrs["law"])),
+        ("vertical shift", _vertical(curve), ""),
+        ("residual of E′", f"{_rms(curve['storage_residual'].values) * 100:.2f} %", "rms"),
+        ("residual of E″", f"{_rms(curve['loss_residual'].values) * 100:.2f} %", "rms"),
+    ]  # fmt: skip
+
+
+def _open_end(curve: xr.Dataset) -> str:
+    """Say how much of the relaxed modulus is told by the slow end of the data."""
+    frequency = curve["reduced_frequency"].values
+    left = still_falls(frequency, curve["master_loss"].values)
+    if left >= float(curve["master_storage"][int(np.argmin(frequency))]):
+        return "extrapolated: the loss at the slow end may take all of the storage modulus"
+    u = quantity(left / float(np.sqrt(3.0)), "Pa", 2)
+    return f"extrapolated: standard uncertainty {u}, by how the loss goes on at the slow end"
+
+
+def _vertical(curve: xr.Dataset) -> str:
+    """Name the vertical law for a reader."""
+    return {
+        "none": "none",
+        "rho_T": "b_T ∝ absolute temperature",
+        "linear": "ln b_T linear in temperature",
+        "quadratic": "ln b_T quadratic in temperature",
+    }[str(curve.attrs["vertical_law"])]
+
+
+def _celsius(T: Array) -> str:
+    return f"{T.min():.1f} to {T.max():.1f} °C".replace("-", "\N{MINUS SIGN}")
+
+
+def _modulus(value: float) -> str:
+    shown = display_unit([value], "Pa")
+    return f"{value / shown.factor:.4g} {shown.text}"
+
+
+def _law_row(law: dict[str, Any]) -> tuple[str, str, str]:
+    if law["name"] == "arrhenius" and law["u_activation_energy"] is None:
+        return "shift law", "none: one temperature cannot tell a shift", ""
+    if _material_files.holds(law):
+        return "shift law", _law_text(law), _law_quality(law)
+    return (
+        "shift law", "neither WLF nor Arrhenius holds over all temperatures",
+        "the shifts are free; a kink in them is a transition",
+    )  # fmt: skip
+
+
+def _law_text(law: dict[str, Any]) -> str:
+    if law["name"] == "wlf":
+        if law["C1"] is None or law["C2"] is None:
+            return "WLF, a straight line over temperature"
+        return (
+            f"WLF, C₁ = {value_with_uncertainty(law['C1'], law['u_C1'] or 0.0)}, "
+            f"C₂ = {value_with_uncertainty(law['C2'], law['u_C2'] or 0.0)} K"
+        )
+    u = law["u_activation_energy"] or 0.0
+    shown = value_with_uncertainty(law["activation_energy"] / 1e3, u / 1e3)
+    return f"Arrhenius, activation energy {shown} kJ/mol"
+
+
+def _transition_rows(ramp: xr.Dataset | None) -> list[tuple[str, str, str]]:
+    if ramp is None or "absent" in ramp.attrs:
+        return []
+    rows = []
+    for i in range(ramp.sizes["ramp"]):
+        at = f"at {float(ramp['frequency'][i]):.3g} Hz"
+        for name, text in (("T_peak", "maximum of tan δ"), ("T_loss", "maximum of E″"),
+                           ("T_drop", "steepest fall of E′")):  # fmt: skip
+            value = float(ramp[name][i])
+            if np.isfinite(value):
+                shown = value_with_uncertainty(value, float(ramp[f"u_{name}"][i]), "degC")
+                rows.append((f"glass transition, {text}", shown, at))
+    return rows
+
+
+def _isotherms(
+    table: xr.Dataset, name: str, x_name: str | None = None, factor: float = _MPA
+) -> list[Series]:
+    """Return one curve per temperature, sorted along x."""
+    series = []
+    for i, T in enumerate(table["temperature"].values):
+        x = table["frequency"].values if x_name is None else table[x_name].values[i]
+        y = table[name].values[i] * factor
+        good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+        good = good[np.argsort(x[good], kind="stable")]
+        if good.size:
+            series.append(
+                Series(
+                    f"{T:.0f} °C".replace("-", "\N{MINUS SIGN}"), x[good], y[good], style="points"
+                )
+            )
+    return series
+
+
+def _sweeps(settings: Dma, readings: list[xr.Dataset] | None, sweeps: xr.Dataset) -> Section:
+    blocks: list[Block] = []
+    factor = float(sweeps.attrs["modulus_factor"])
+    text = "Moduli in tension over frequency, as measured; one colour per temperature."
+    if factor != 1.0:
+        text += (
+            f" Loaded in {settings.mode}; the file's moduli were multiplied by 2 (1 + ν) = "
+            f"{factor:.4g} with ν = {value_with_uncertainty(settings.nu.value, settings.nu.u)}."
+        )
+        if settings.nu.u:
+            relative = float(sweeps.attrs["u_modulus_factor"]) / factor * 100
+            text += f" That factor is uncertain by {relative:.2g} %, alike for all moduli."
+    blocks.append(Paragraph(text))
+    for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus")):
+        blocks.append(
+            LineChart(title, "frequency / Hz", f"{title.lower()} / MPa",
+                      _isotherms(sweeps, name), x_scale="log", y_scale="log", group="sweeps")
+        )  # fmt: skip
+    for reading in readings or ():
+        header = pages.raw_header(reading)
+        if header is not None:
+            blocks.append(header)
+    return Section("Sweeps", tuple(blocks))
+
+
+def _master(curve: xr.Dataset) -> Section:
+    x = curve["reduced_frequency"].values
+    label = f"frequency at {float(curve['T_ref']):.4g} °C / Hz"
+    blocks: list[Block] = []
+    for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus")):
+        y, u = curve[f"master_{name}"].values * _MPA, curve[f"u_master_{name}"].values * _MPA
+        low = np.maximum(y - _COVERAGE * u, y * 1e-3)  # a logarithmic axis shows no zero
+        blocks.append(
+            LineChart(
+                f"{title}, master curve", label, f"{title.lower()} / MPa",
+                [
+                    *_isotherms(curve, f"{name}_reduced", "point_reduced_frequency"),
+                    Series("spectrum", x, y, role="model"),
+                    Band("95 %", x, low, y + _COVERAGE * u, role="model"),
+                ],
+                x_scale="log", y_scale="log", group="master", height_px=360,
+            )
+        )  # fmt: skip
+    blocks.append(
+        LineChart("Loss factor, master curve", label, "tan δ",
+                  [Series("spectrum", x, curve["master_loss_factor"].values, role="model")],
+                  x_scale="log", group="master", height_px=220,
+                  caption="Bands hold the noise of the spectrum, the shifts, the vertical law and "
+                  "the delay; they take superposition itself for granted.")
+    )  # fmt: skip
+    return Section("Master curve", tuple(blocks))
+
+
+def _shifts(curve: xr.Dataset) -> Section:
+    T, y, u = (curve[n].values for n in ("temperature", "log10_aT", "u_log10_aT"))
+    order = np.argsort(T)
+    fine = np.linspace(T.min(), T.max(), 161)
+    series = [Series("fitted", T[order], y[order], style="points", role="measured", u=u[order])]
+    laws = json.loads(curve.attrs["laws"])
+    for (name, law), role in zip(sorted(laws.items(), reverse=True), ("model", "reference"),
+                                 strict=False):  # fmt: skip
+        values = _law_curve(law, fine)
+        title = {"wlf": "WLF", "arrhenius": "Arrhenius"}[name]
+        series.append(Series(title, fine, values, role="model" if role == "model" else "reference"))
+    chart = LineChart("Horizontal shift factors", "temperature / °C", "log₁₀ a_T", series,
+                      caption="Bars are standard uncertainties.")  # fmt: skip
+    rows = [
+        [float(T[i]), float(y[i]), float(u[i]), float(curve["b_T"][i]),
+         float(curve["u_b_T"][i]), float(curve["level"][i]), *_neighbour(curve, float(T[i]))]
+        for i in order
+    ]  # fmt: skip
+    table = Table(
+        (Column("temperature / °C", digits=3), Column("log₁₀ a_T", u=2), Column("u"),
+         Column("b_T", u=4), Column("u"), Column("level", digits=4),
+         Column("overlap with the next / decades", digits=3), Column("step")),
+        rows,
+        caption="A step is “loose” when the data do not determine it by themselves; there the "
+        "shift rests on how polymers commonly continue.",
+    )  # fmt: skip
+    fits = [
+        (title, _law_text(law), _law_quality(law))
+        for title, law in (("law of " + n.upper() if n == "wlf" else "law of Arrhenius", entry)
+                           for n, entry in sorted(laws.items(), reverse=True))
+    ]  # fmt: skip
+    if float(curve["delay"]):
+        shown = value_with_uncertainty(float(curve["delay"]), float(curve["u_delay"]), "s")
+        fits.append(("delay of the instrument's phase", shown, "removed"))
+    return Section("Shift factors", (chart, KeyValues(fits), table))
+
+
+def _law_curve(law: dict[str, Any], T: Array) -> Array:
+    zero, gas_ln10 = 273.15, 8.314462618 * np.log(10.0)
+    parameters = law["parameters"]
+    if law["name"] == "arrhenius":
+        return np.asarray(parameters[0] / gas_ln10 * (1 / (T + zero) - 1 / (law["T_ref"] + zero)))
+    slope, bend = parameters
+    distance = T - law["T_ref"]
+    below = 1 + bend * distance
+    return np.where(below > 0, -slope * distance / np.where(below > 0, below, 1.0), np.nan)
+
+
+def _law_quality(law: dict[str, Any]) -> str:
+    if law["chi_square"] is None or not law["freedom"]:
+        return ""
+    ratio = law["chi_square"] / law["freedom"]
+    verdict = "" if _material_files.holds(law) else ": does not hold"
+    return f"χ² / degrees of freedom = {ratio:.3g}{verdict}"
+
+
+def _neighbour(curve: xr.Dataset, T: float) -> list[float | str | None]:
+    found = np.flatnonzero(np.isclose(curve["colder"].values, T))
+    if not found.size:
+        return [None, ""]
+    pair = curve.isel(pair=int(found[0]))
+    return [float(pair["overlap"]), "" if int(pair["determined"]) else "loose"]
+
+
+def _spectrum(curve: xr.Dataset) -> Section:
+    outside = curve["extrapolated"].values.astype(bool)
+    rho, E = curve["rho"].values, curve["E"].values * _MPA
+    series = [Series("inside the window", rho[~outside], E[~outside], style="points",
+                     role="measured")]  # fmt: skip
+    if outside.any():
+        series.append(Series("extrapolated", rho[outside], E[outside], style="points",
+                             role="reference"))  # fmt: skip
+    relaxation = LineChart("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series,
+                           x_scale="log", y_scale="log", group="spectrum")  # fmt: skip
+    blocks: list[Block] = [relaxation]
+    if "tau" in curve and curve.sizes.get("creep_term", 0):
+        tau, C = curve["tau"].values, curve["C"].values * 1e6
+        order = np.argsort(tau)
+        blocks.append(
+            LineChart("Creep spectrum", "retardation time τ / s", "C_k / (1/MPa)",
+                      [Series("C_k", tau[order], C[order], style="points", role="measured")],
+                      x_scale="log", y_scale="log", group="spectrum",
+                      caption="J(t) = 1/E_relaxed − Σ C_k exp(−t/τ_k), from the relaxation series "
+                      "by exact interconversion.")
+        )  # fmt: skip
+    return Section("Spectrum", tuple(blocks))
+
+
+def _kramers_kronig(curve: xr.Dataset) -> Section:
+    kk = json.loads(curve.attrs["kramers_kronig"])
+    x = curve["kk_frequency"].values
+
+    def line(name: str, title: str, role: Any, style: Any = "line") -> Series:
+        return Series(title, x, curve[name].values * _MPA, role=role, style=style)
+
+    label = f"frequency at {float(curve['T_ref']):.4g} °C / Hz"
+    storage = LineChart(
+        "Storage modulus predicted from the loss", label, "storage modulus / MPa",
+        [line("kk_storage", "measured", "measured", "points"),
+         line("kk_storage_from_loss", "from E″", "model")],
+        x_scale="log", y_scale="log", group="kk", height_px=240,
+    )  # fmt: skip
+    loss = LineChart(
+        "Loss modulus predicted from the storage", label, "loss modulus / MPa",
+        [line("kk_loss", "measured", "measured", "points"),
+         line("kk_loss_from_storage", "from E′", "model"),
+         line("kk_loss_from_slope", "slope rule (π/2) dE′/d ln ω", "reference")],
+        x_scale="log", y_scale="log", group="kk", height_px=300,
+        caption="The slope rule is only to look at: on noisy data it errs by tens of percent. "
+        "Near the ends one modulus cannot know what lies beyond.",
+    )  # fmt: skip
+    notice = Notice(_KIND[kk["verdict"]], f"Verdict: {kk['verdict']}. {_sentence(kk['reason'])}")  # type: ignore[arg-type]
+    return Section("Do both moduli belong together?", (notice, storage, loss))
+
+
+def _residuals(curve: xr.Dataset) -> Section:
+    label = f"frequency at {float(curve['T_ref']):.4g} °C / Hz"
+    blocks: list[Block] = [
+        LineChart(title, label, "model / measured − 1 / %",
+                  _isotherms(curve, name, "point_reduced_frequency", 100.0),
+                  x_scale="log", group="residuals", height_px=240)
+        for name, title in (("storage_residual", "Residuals of E′"),
+                            ("loss_residual", "Residuals of E″"))
+    ]  # fmt: skip
+    rows = []
+    for i, T in enumerate(curve["temperature"].values):
+        storage, loss = (curve[n].values[i] for n in ("storage_residual", "loss_residual"))
+        rows.append([float(T), int(np.isfinite(storage).sum()), 100 * _rms(storage),
+                     100 * _largest(storage), 100 * _rms(loss), 100 * _largest(loss)])  # fmt: skip
+    blocks.append(
+        Table((Column("temperature / °C", digits=3), Column("points"),
+               Column("E′ rms / %", digits=3), Column("E′ max / %", digits=3),
+               Column("E″ rms / %", digits=3), Column("E″ max / %", digits=3)), rows)
+    )  # fmt: skip
+    return Section("Residuals by temperature", tuple(blocks))
+
+
+def _largest(values: Array) -> float:
+    good = np.abs(values[np.isfinite(values)])
+    return float(good.max()) if good.size else float("nan")
+
+
+def _transition(ramp: xr.Dataset) -> Section:
+    if "absent" in ramp.attrs:
+        return Section("Temperature sweep", (Paragraph(_sentence(ramp.attrs["absent"])),))
+    moduli, factors = [], []
+    for i in range(ramp.sizes["ramp"]):
+        where = ramp["ramp_of"].values == i
+        T = ramp["temperature"].values[where]
+        name = f"{float(ramp['frequency'][i]):.3g} Hz"
+        moduli += [
+            Series(f"E′, {name}", T, ramp["storage"].values[where] * _MPA, role="measured"),
+            Series(f"E″, {name}", T, ramp["loss"].values[where] * _MPA, role="model"),
+        ]
+        factors.append(
+            Series(f"tan δ, {name}", T, ramp["loss_factor"].values[where], role="measured")
+        )
+    rows = _transition_rows(ramp)
+    lines = [
+        (title, float(ramp[name][0]))
+        for name, title in (("T_peak", "tan δ"), ("T_drop", "fall of E′"))
+        if np.isfinite(float(ramp[name][0]))
+    ]
+    note: Block = KeyValues(rows) if rows else Paragraph(
+        "No glass transition lies inside this sweep: the storage modulus falls too little, or the "
+        "maxima lie at its ends."
+    )  # fmt: skip
+    return Section(
+        "Temperature sweep",
+        (
+            note,
+            LineChart("Moduli over temperature", "temperature / °C", "modulus / MPa", moduli,
+                      y_scale="log", vlines=lines, group="ramp"),
+            LineChart("Loss factor over temperature", "temperature / °C", "tan δ", factors,
+                      vlines=lines, group="ramp", height_px=220),
+        ),
+    )  # fmt: skip
+
+
+def _terms(curve: xr.Dataset, name: str) -> Section:
+    outside = curve["extrapolated"].values.astype(bool)
+    reduced = _material_files.fewest_terms(curve)
+    law, T_ref = json.loads(curve.attrs["law"]), float(curve["T_ref"])
+    text = (
+        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {T_ref:.4g} °C, in tension. For simulation "
+        f"codes the series was reduced to {reduced.E.size} terms with "
+        f"E_relaxed = {_modulus(reduced.relaxed)}; "
+        f"within the covered window this costs {reduced.error * 100:.2g} % (rms of the worse "
+        "modulus). Other experiments of this session take the full series."
+    )
+    full = _term_table(
+        curve["rho"].values, curve["E"].values, outside,
+        f"All terms; E_relaxed = {_modulus(float(curve['E_relaxed']))}. Terms outside the covered "
+        "window are extrapolation.",
+    )  # fmt: skip
+    few = _term_table(
+        reduced.rho, reduced.E, np.zeros(reduced.E.size, dtype=bool), "The reduced series."
+    )
+    blocks: tuple[Block, ...] = (
+        Paragraph(text),
+        few,
+        Details(f"All {outside.size} terms", (full,)),
+        Details("For ANSYS (APDL)", text=_material_files.ansys(reduced, law, T_ref)),
+        Details("For Abaqus", text=_material_files.abaqus(reduced, law, T_ref, name)),
+        Details(
+            "CSV, all terms and the shift factors", text=_material_files.as_csv(curve, reduced)
+        ),
+        Details("JSON, all terms and the shift law", text=_material_files.as_json(curve, reduced)),
+    )
+    return Section("Terms", blocks)
+
+
+def _term_table(rho: Array, E: Array, outside: NDArray[np.bool_], caption: str) -> Table:
+    rows = [
+        [i + 1, time, weight * _MPA, "extrapolated" if is_outside else ""]
+        for i, (time, weight, is_outside) in enumerate(
+            zip(rho.tolist(), E.tolist(), outside.tolist(), strict=True)
+        )
+    ]
+    columns = [Column("term"), Column("ρ / s"), Column("E / MPa")]
+    if outside.any():
+        return Table((*columns, Column("remark")), rows, caption=caption)
+    return Table(tuple(columns), [row[:3] for row in rows], caption=caption)
+
+
+def _methods(settings: Dma, curve: xr.Dataset) -> str:
+    T = curve["temperature"].values
+    law = json.loads(curve.attrs["law"])
+    asked = settings.fit.law
+    shifts = (
+        "every isotherm had a shift of its own" if asked == "free"
+        else f"the shifts followed the {asked.upper() if asked == 'wlf' else 'Arrhenius'} law"
+    )  # fmt: skip
+    text = (
+        f"Storage and loss modulus were measured in {settings.mode} at {T.size} temperatures from "
+        f"{_celsius(T)}. "
+    )
+    if settings.mode in ("shear", "torsion"):
+        text += f"Tension moduli follow from E = 2 (1 + ν) G with ν = {settings.nu.value:g}. "
+    text += (
+        "The isotherms were joined by time–temperature superposition in one fit of all horizontal "
+        "shifts and one non-negative relaxation spectrum to both moduli (variable projection, "
+        f"regularisation by generalised cross-validation); {shifts}. "
+        f"The reference temperature is {float(curve['T_ref']):.4g} °C; vertical law: "
+        f"{_vertical(curve)}. {_law_row(law)[1]}. "
+        f"The fit left {_rms(curve['storage_residual'].values) * 100:.2f} % (E′) and "
+        f"{_rms(curve['loss_residual'].values) * 100:.2f} % (E″) rms."
+    )
+    return text

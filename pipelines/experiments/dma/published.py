@@ -1,0 +1,197 @@
+"""Shift factors against a published table: where they differ, and why."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+import instruments
+from labpipe import materials
+from labpipe.errors import SourceError
+from labpipe.materials.superposition import overlapped_shifts, read_sweeps
+from pipelines.experiments.dma.settings import Dma
+
+Array = NDArray[np.float64]
+
+_LEAST_SHARED = 2
+_LEVELS_COUNT = 1e-9  # levels that were not fitted are exactly one
+
+
+def compared(
+    sweeps: xr.Dataset, master_curve: xr.Dataset, shifts: Path | None, *, settings: Dma
+) -> xr.Dataset:
+    """Compare the fitted shifts with a published table, over ``temperature`` and ``step``.
+
+    The published shifts are taken at the measured temperatures, relative to the reference of the
+    master curve. They are also imposed on the sweeps, everything else fitted as before: what
+    residuals they leave says whether the readings speak for them.
+    """
+    if shifts is None:
+        return xr.Dataset(attrs={"absent": "no published shifts were given"})
+    table = _table(shifts, settings)
+    T, T_ref = master_curve["temperature"].values, float(master_curve["T_ref"])
+    published = _at(table, T) - _at(table, np.array([T_ref]))
+    known = np.isfinite(published) & np.isfinite(master_curve["log10_aT"].values)
+    if known.sum() < _LEAST_SHARED:
+        raise SourceError(
+            shifts, f"the table holds {table[0].size} temperatures; it shares fewer than "
+            f"{_LEAST_SHARED} with the sweeps, or T_ref = {T_ref:g} °C lies outside",
+            hint="Compare tables of the same temperatures, or choose T_ref within the table.",
+        )  # fmt: skip
+    kept = sweeps.isel(temperature=np.flatnonzero(known))
+    imposed = _imposed(kept, published[known], master_curve, settings)
+    found = _over_temperature(master_curve, published, known, imposed)
+    found = found.merge(_over_steps(kept, master_curve, published, known))
+    zero = float(np.interp(0.0, *_ascending(table[1], table[0])))
+    found.attrs = {
+        "published_source": settings.published.source if settings.published else "",
+        "published_file": shifts.name,
+        "published_zero": zero,
+        "published_at_reference": float(_at(table, np.array([T_ref]))[0]),
+        "residual_storage": _rms(imposed["storage_residual"].values),
+        "residual_loss": _rms(imposed["loss_residual"].values),
+        "temperature_distance": _farthest(table[0], T[known]),
+    }
+    return found
+
+
+def _table(path: Path, settings: Dma) -> tuple[Array, Array]:
+    """Read temperatures and log10 a_T, ascending in temperature."""
+    options = settings.export
+    read = instruments.read_table(
+        path, "sweep", "plain_table", encoding=options.encoding, decimal=options.decimal
+    )
+    if "log10_aT" not in read:
+        raise SourceError(
+            path, "found no column log_aT; this is not a table of shift factors", line=1,
+            hint="Begin the file with T,log_aT and a row of units such as C,-.",
+        )  # fmt: skip
+    T, shift = read["temperature"].values, read["log10_aT"].values
+    good = np.isfinite(T) & np.isfinite(shift)
+    ascending, first = np.unique(T[good], return_index=True)
+    return ascending, shift[good][first]
+
+
+def _ascending(x: Array, y: Array) -> tuple[Array, Array]:
+    order = np.argsort(x, kind="stable")
+    return x[order], y[order]
+
+
+def _at(table: tuple[Array, Array], T: Array) -> Array:
+    """Interpolate; set temperatures are rounded, so half their spacing beyond the ends counts."""
+    x, y = table
+    if x.size < _LEAST_SHARED:
+        return np.full(T.size, np.nan)
+    reach = 0.5 * float(np.median(np.diff(x)))
+    ends = (x[0] - reach, x[-1] + reach)
+    outer = (
+        y[0] - reach * (y[1] - y[0]) / (x[1] - x[0]),
+        y[-1] + reach * (y[-1] - y[-2]) / (x[-1] - x[-2]),
+    )
+    knots = np.concatenate([[ends[0]], x, [ends[1]]])
+    values = np.concatenate([[outer[0]], y, [outer[1]]])
+    return np.asarray(np.interp(T, knots, values, left=np.nan, right=np.nan))
+
+
+def _imposed(sweeps: xr.Dataset, published: Array, curve: xr.Dataset, settings: Dma) -> xr.Dataset:
+    """Fit spectrum, vertical law, levels and delay as they were chosen, with published shifts."""
+    noise = settings.fit.noise_ratio
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # they were said of the fit itself
+        made = materials.master_curve(
+            sweeps,
+            float(curve["T_ref"]),
+            vertical=str(curve.attrs["vertical_law"]),  # type: ignore[arg-type]
+            delay=bool(float(curve["delay"])),
+            levels=bool(np.nanmax(np.abs(curve["level"].values - 1.0)) > _LEVELS_COUNT),
+            robust=settings.fit.robust,
+            noise_ratio=noise,
+            shifts=published,
+            refine=False,
+            nu=settings.nu.value,
+        )
+    return made.data
+
+
+def _over_temperature(
+    curve: xr.Dataset, published: Array, known: NDArray[np.bool_], imposed: xr.Dataset
+) -> xr.Dataset:
+    fitted, u = curve["log10_aT"].values, curve["u_log10_aT"].values
+    columns = {
+        "fitted": (fitted, "fitted log10 a_T"),
+        "u_fitted": (u, "standard uncertainty: fitted log10 a_T"),
+        "published": (published, "published log10 a_T, relative to the same reference"),
+        "difference": (fitted - published, "fitted less published log10 a_T"),
+    }
+    for name in ("storage_residual", "loss_residual"):
+        values = np.full(known.size, np.nan)
+        values[known] = np.sqrt(np.nanmean(imposed[name].values ** 2, axis=1))
+        text = f"{name.replace('_', ' ')} with published shifts, rms"
+        columns[f"imposed_{name}"] = (values, text)
+    return xr.Dataset(
+        {
+            name: ("temperature", np.where(known, values, np.nan) if name != "fitted" else values,
+                   {"units": "1", "long_name": text})
+            for name, (values, text) in columns.items()
+        },
+        coords={"temperature": curve["temperature"]},
+    )  # fmt: skip
+
+
+def _over_steps(
+    sweeps: xr.Dataset, curve: xr.Dataset, published: Array, known: NDArray[np.bool_]
+) -> xr.Dataset:
+    """Compare the steps between neighbours; only they say where two tables part."""
+    T = curve["temperature"].values[known]
+    order = np.argsort(T, kind="stable")
+    at = np.flatnonzero(known)[order]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        data = read_sweeps(sweeps)
+    alone = overlapped_shifts(data.points, data.temperature, np.zeros(data.points.count))
+    covariance = curve["covariance"].values[np.ix_(at, at)]
+    cold, warm = np.arange(at.size - 1), np.arange(1, at.size)
+    variance = covariance[cold, cold] + covariance[warm, warm] - 2.0 * covariance[cold, warm]
+    levels = np.log(curve["b_T"].values[at] * curve["level"].values[at])
+    slope = _slopes(sweeps)[order]
+    slope = 0.5 * (slope[cold] + slope[warm])
+    columns = {
+        "step_colder": (T[order][cold], "degC", "colder temperature of the step"),
+        "step_warmer": (T[order][warm], "degC", "warmer temperature of the step"),
+        "step_fitted": (-np.diff(curve["log10_aT"].values[at]), "1", "fitted step of log10 a_T"),
+        "u_step_fitted": (np.sqrt(np.maximum(variance, 0.0)), "1",
+                          "standard uncertainty: fitted step of log10 a_T"),
+        "step_published": (-np.diff(published[at]), "1", "published step of log10 a_T"),
+        "step_storage": (-np.diff(alone[order]), "1",
+                         "step that continues the storage modulus alone, without vertical factors"),
+        "step_vertical": (-np.diff(levels) / np.maximum(slope, 1e-6), "1",
+                          "step that the vertical factor and level are worth by the slope of E'"),
+    }  # fmt: skip
+    return xr.Dataset(
+        {
+            name: ("step", values, {"units": units, "long_name": text})
+            for name, (values, units, text) in columns.items()
+        }
+    )
+
+
+def _slopes(sweeps: xr.Dataset) -> Array:
+    """Return the slope of ln E' per decade of frequency of every sweep."""
+    x = np.log10(sweeps["frequency"].values)
+    found = []
+    for row in np.log(sweeps["storage"].values):
+        good = np.isfinite(row)
+        found.append(np.polyfit(x[good], row[good], 1)[0] if good.sum() > 1 else np.nan)
+    return np.array(found)
+
+
+def _farthest(published: Array, T: Array) -> float:
+    """Return the largest distance of a measured temperature from the nearest published one."""
+    return float(np.max(np.min(np.abs(published[None, :] - T[:, None]), axis=1)))
+
+
+def _rms(values: Array) -> float:
+    good = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(good**2))) if good.size else float("nan")

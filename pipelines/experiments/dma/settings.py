@@ -1,0 +1,80 @@
+"""Settings of dynamic mechanical analysis: isothermal frequency sweeps to a master curve."""
+
+from typing import Annotated, Literal, get_args
+
+import msgspec
+
+from labpipe.workflow.config import POSITIVE, Dimensionless, File, Range, Temperature
+from pipelines.experiments.shared.settings import Table
+
+Mode = Literal["tension", "bending", "shear", "torsion"]
+MODES: tuple[str, ...] = get_args(Mode)
+"""What a rheometer loads; the file does not tell."""
+
+
+class Export(Table, frozen=True, kw_only=True):
+    """What a rheometer export may leave unsaid; nothing here is guessed."""
+
+    encoding: str | None = None
+    decimal: Literal[".", ","] | None = None
+    allow_incomplete: bool = False
+
+
+class Sweeps(Table, frozen=True, kw_only=True):
+    """Which readings make one isothermal sweep.
+
+    ``tolerance`` is how far the measured temperature may stray within a sweep; ``fewest`` the
+    frequencies that a sweep needs. ``skip_first`` leaves the first point of every sweep out,
+    which often still equilibrates.
+    """
+
+    tolerance: Annotated[float, Range(above=0.0, at_most=10.0)] = 1.5
+    fewest: Annotated[int, Range(at_least=2, at_most=1000)] = 3
+    skip_first: bool = False
+
+
+class Fit(Table, frozen=True, kw_only=True):
+    """How the sweeps are shifted.
+
+    ``law`` "free" gives every temperature a shift of its own. ``vertical``, ``delay`` and
+    ``levels`` "auto" are taken when Schwarz's criterion asks for them. ``noise_ratio`` is the
+    relative noise of the loss over that of the storage modulus; by default it is found from the
+    residuals.
+    """
+
+    law: Literal["free", "wlf", "arrhenius"] = "free"
+    vertical: Literal["auto", "none", "rho_T", "linear", "quadratic"] = "auto"
+    delay: Literal["auto", "on", "off"] = "auto"
+    levels: Literal["auto", "on", "off"] = "auto"
+    robust: bool = True
+    noise_ratio: Annotated[float, POSITIVE] | None = None
+
+
+class Published(Table, frozen=True, kw_only=True):
+    """Shift factors that others found for the same readings, to compare with.
+
+    ``shifts`` is a table of temperature and log_aT with a row of units; ``source`` says where it
+    is from. The published reference temperature does not matter.
+    """
+
+    shifts: File
+    source: str = ""
+
+
+class Dma(Table, frozen=True, kw_only=True):
+    """Exports of one specimen: of an Anton Paar rheometer, or plain tables of another analyser.
+
+    ``mode`` says what was loaded; the file does not tell tension from shear. Moduli are taken to
+    tension, for shear by E = 2 (1 + ν) G. ``nu`` goes on with the material. ``T_ref`` is the
+    temperature of the master curve; by default the middle isotherm.
+    """
+
+    kind: Literal["dma"]
+    rheometer: Annotated[list[File], msgspec.Meta(min_length=1)]
+    mode: Mode
+    nu: Annotated[Dimensionless, Range(at_least=0.0, at_most=0.5)]
+    T_ref: Temperature | None = None
+    export: Export = Export()
+    sweeps: Sweeps = Sweeps()
+    fit: Fit = Fit()
+    published: Published | None = None

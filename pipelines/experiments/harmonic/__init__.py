@@ -1,0 +1,1 @@
+"""Harmonic indentation: a periodic punch oscillates in rubber."""

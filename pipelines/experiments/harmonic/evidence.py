@@ -1,0 +1,165 @@
+"""Dynamic stiffness of oscillations as evidence on a material."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe import contact
+from labpipe.identification import Evidence, stiffness_evidence
+from labpipe.materials import Prony
+from labpipe.signals import common_fit
+from pipelines.experiments.harmonic.settings import Harmonic
+from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
+from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, of_punch
+from pipelines.experiments.shared.punch_model import Geometry, elastic_force
+
+Array = NDArray[np.float64]
+
+_LEAST_OF_STIFFNESS = 2e-4  # of its size: how well simulated oscillations agree with closed forms
+
+
+def evidence(
+    loads: xr.Dataset,
+    waves: xr.Dataset,
+    file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: Harmonic,
+    name: str,
+    impacts: int,
+) -> MaterialEvidence | str:
+    """Gather storage and loss stiffness at every frequency."""
+    del impacts
+    touch, _ = mach1_readings.contact_position(loads, settings.contact)
+    mean = waves["mean_position"].values - touch.value
+    shared = of_punch(settings, loads, float(mean.max()), file, fitted)
+    if isinstance(shared, str):
+        return shared
+    if mean.min() <= 0.0:
+        return "an oscillation lies above first touch"
+    frequency = waves["frequency"].values
+    zero = nuisance(f"{name} first touch", 0.0, touch.u, "m",
+                     "stage position of first touch")  # fmt: skip
+    omega = 2.0 * np.pi * frequency
+
+    def slope(shift: float) -> Array:
+        ends = [elastic_force(mean - shift + s * SHIFT, shared.geometry) for s in (1, -1)]
+        return np.asarray((ends[0] - ends[1]) / (2.0 * SHIFT))
+
+    storage, loss, by_phase = _stiffness(loads, waves)
+    late = [FILTER] if by_phase.any() else []
+    here = slope(0.0)
+    by_zero = (slope(SHIFT) - slope(-SHIFT)) / (2.0 * SHIFT)
+
+    def build(rho: Array) -> Evidence:
+        return stiffness_evidence(
+            name, frequency, storage, loss, here, rho, shared.nu,
+            slope_by={zero.name: by_zero},
+            factors=shared.factors, offsets={p.name: by_phase for p in late},
+            fuller=_Oscillation(loads, waves, touch.value, shared.geometry, zero.name),
+        )  # fmt: skip
+
+    return MaterialEvidence(
+        shared.nu,
+        (1.0 / float(omega.max()), 1.0 / float(omega.min())),
+        (*shared.unknowns, zero, *late), build,
+    )  # fmt: skip
+
+
+def _stiffness(
+    loads: xr.Dataset, waves: xr.Dataset
+) -> tuple[tuple[Array, Array], tuple[Array, Array], Array]:
+    """Return storage and loss with their random part, and what one deviation of delay does.
+
+    The filter's delay turns all phases the same way and the cell's gain stretches all forces: each
+    is one unknown, not noise.
+    """
+    storage, loss = waves["storage_stiffness"].values, waves["loss_stiffness"].values
+    lags = [mach1_readings.force_lag(loads, f) for f in waves["frequency"].values.tolist()]
+    is_late = bool(waves.attrs["is_filter_corrected"])
+    u_phase = np.array([lag.u_phase if lag and is_late else 0.0 for lag in lags])
+    by_phase = np.concatenate([loss * u_phase, -storage * u_phase])
+    u = np.concatenate([waves[f"u_{n}_stiffness"].values for n in ("storage", "loss")])
+    of_gain = ramps_and_holds.relative_gain(loads) * np.concatenate([storage, loss])
+    least = _LEAST_OF_STIFFNESS * np.tile(np.hypot(storage, loss), 2)
+    own = np.sqrt(np.maximum(u**2 - by_phase**2 - of_gain**2, least**2))
+    return (storage, own[: storage.size]), (loss, own[storage.size :]), by_phase
+
+
+@dataclass(frozen=True, eq=False)
+class _Oscillation:
+    """Stiffness of the whole simulated file: finite amplitude, edges that come and go.
+
+    The simulation moves along chords between the readings. What these do to a sinusoid is known
+    in closed form for every term (:func:`along_chords`), and is taken out.
+    """
+
+    loads: xr.Dataset
+    waves: xr.Dataset
+    touch: float
+    geometry: Geometry
+    zero: str
+
+    def __call__(self, material: Prony, given: Any) -> Array:
+        geometry, time = self.geometry, mach1_readings.clock(self.loads)
+        depth = self.loads["position_z"].values - self.touch - given[self.zero]
+        kept = mach1_readings.history(time, depth)
+        made = contact.indent(
+            material, geometry.radius.value, geometry.period.value,
+            geometry.depth.value * geometry.tips, time[kept], depth[kept],
+            profile=geometry.model.profile, thickness=geometry.thickness,
+            elements=geometry.model.elements,
+        )  # fmt: skip
+        force = np.interp(time, time[kept], made["force"].values)
+        found = []
+        for i in range(self.waves.sizes["oscillation"]):
+            at = self.waves.isel(oscillation=i)
+            rows = mach1_readings.rows(self.loads, int(at["block"]))
+            clock = self.loads["time"].values[rows]
+            used = (clock >= float(at["begin"])) & (clock <= float(at["end"]))
+            position = self.loads["position_z"].values[rows][used]
+            wave = common_fit(clock[used], position, force[rows][used], float(at["frequency"]))
+            exact = along_chords(
+                material, wave.position.frequency, float(np.median(np.diff(clock)))
+            )
+            found.append(complex(wave.storage_stiffness, wave.loss_stiffness) / exact)
+        stiffness = np.array(found)
+        return np.concatenate([stiffness.real, stiffness.imag])
+
+
+def along_chords(material: Prony, frequency: float, interval: float) -> complex:
+    """Return by what the modulus of a sampled sinusoid with chords between differs.
+
+    Parameters
+    ----------
+    material : Prony
+    frequency, interval : float [Hz], [s]
+        Of the sinusoid, and between its samples.
+
+    Returns
+    -------
+    complex
+        Ratio of force over strain at the samples to the complex modulus; second order in the
+        interval.
+
+    Notes
+    -----
+    Over a chord a Maxwell term relaxes by d = exp(-x), x = interval / rho, and gains (1 - d) / x
+    of the step of strain: with z = exp(i omega interval) its modulus is that of this recursion,
+    E (1 - d) / x (1 - 1/z) / (1 - d/z).
+
+    Examples
+    --------
+    >>> rubber = Prony(1e6, [1e6], [0.1])
+    >>> [round(abs(along_chords(rubber, 2.5, 0.01 / n) - 1) * 1e4, 2) for n in (1, 2)]
+    [6.24, 1.56]
+    """
+    turn, x = np.exp(-2j * np.pi * frequency * interval), interval / np.asarray(material.rho)
+    gained = -np.expm1(-x) / x * (1.0 - turn) / (1.0 - np.exp(-x) * turn)
+    exact = material.complex_modulus(2.0 * np.pi * frequency)
+    return complex((material.E_relaxed + np.asarray(material.E) @ gained) / exact)

@@ -1,0 +1,265 @@
+"""Harmonic indentation: oscillations of a periodic punch in rubber."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe import signals
+from labpipe.errors import InputError
+from labpipe.signals import CommonFit, common_fit, quantisation_step
+from pipelines.experiments.harmonic.settings import Harmonic
+from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+
+Array = NDArray[np.float64]
+
+_SINUSOID = "Sinusoid"
+_LOOP_POINTS = 200  # over one cycle
+_FEWEST_CYCLES = 2
+_CLEAR = 2.0  # standard uncertainties by which a force must exceed zero to prove contact
+COLUMNS = {
+    "frequency": ("Hz", "frequency, fitted to the position"),
+    "amplitude": ("m", "amplitude of the position"),
+    "force_amplitude": ("N", "amplitude of the force"),
+    "phase_lag": ("rad", "lead of the force over the position"),
+    "storage_stiffness": ("N/m", "storage stiffness"),
+    "loss_stiffness": ("N/m", "loss stiffness"),
+    "work_per_cycle": ("J", "dissipated work per cycle"),
+}
+
+
+def readings(path: Path, *, settings: Harmonic) -> xr.Dataset:
+    """Read the Mach-1 file."""
+    del settings
+    return mach1_readings.read(path)
+
+
+def loads(readings: xr.Dataset, record: Path | None, *, settings: Harmonic) -> xr.Dataset:
+    """Make force compression-positive, and tare it where the file begins in air."""
+    return mach1_readings.force(
+        readings, settings.load_cell.tare, record,
+        untared="mean forces hold a preload, amplitudes and work do not",
+    )  # fmt: skip
+
+
+def hold(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
+    """Measure the relaxation before the oscillations: depth, peak and plateau of its force."""
+    if ramps_and_holds.RELAXATION not in {str(f) for f in loads["function"].values}:
+        reason = f"the file holds no {ramps_and_holds.RELAXATION} block before its oscillations"
+        return xr.Dataset(attrs={"absent": reason})
+    try:
+        touch, _ = mach1_readings.contact_position(loads, settings.contact)
+    except InputError:
+        touch = None  # the depth is then NaN; the model says why
+    return ramps_and_holds.measured(loads, touch, settings.plateau.value)
+
+
+def _sinusoids(loads: xr.Dataset) -> list[int]:
+    found = [i for i, f in enumerate(loads["function"].values) if str(f) == _SINUSOID]
+    if not found:
+        functions = ", ".join(sorted({str(f) for f in loads["function"].values}))
+        message = f"the file holds no Sinusoid block; its blocks are: {functions}"
+        raise InputError(message)
+    return found
+
+
+def counted(
+    time: Array, position: Array, declared: float, skip: int
+) -> tuple[float, float, float, int]:
+    """Return begin and end of the cycles that count, the frequency, and how many cycles ran.
+
+    The stage rests before and after. Cycles are counted from the first motion; the first ``skip``
+    are the transient and the last, in which the stage brakes, is left out too.
+
+    Raises
+    ------
+    InputError
+        Fewer than two whole cycles are left.
+    """
+    window = signals.active_window(time, position, declared)
+    period = 1 / window.frequency
+    cycles = round((window.end - window.start) / period)
+    last = cycles - 1
+    if last - skip < _FEWEST_CYCLES:
+        message = (
+            f"{cycles} cycles ran, of which the first {skip} are the transient and the last is "
+            f"cut: fewer than {_FEWEST_CYCLES} are left; lower cycles.skip"
+        )
+        raise InputError(message)
+    begin = window.start + skip * period
+    return begin, window.start + last * period, window.frequency, cycles
+
+
+def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
+    """Fit every Sinusoid block: frequency, stiffness, work; one row per block."""
+    declared = mach1_readings.declared_filter(loads)
+    correct = settings.load_cell.correct_filter_lag and declared is not None
+    rows = [
+        _oscillation(loads, block, settings.cycles.skip, declared if correct else None)
+        for block in _sinusoids(loads)
+    ]
+    table: dict[str, Any] = {}
+    for name, (units, text) in COLUMNS.items():
+        table[name] = ("oscillation", [r[name] for r in rows], {"units": units, "long_name": text})
+        table[f"u_{name}"] = (
+            "oscillation", [r[f"u_{name}"] for r in rows],
+            {"units": units, "long_name": f"standard uncertainty: {text}"},
+        )  # fmt: skip
+    others = {
+        "declared_frequency": ("Hz", "frequency in the header"),
+        "declared_amplitude": ("m", "amplitude in the header"),
+        "work_sd": ("J", "standard deviation of the loop area over cycles"),
+        "loop_area": ("J", "mean area of the recorded loops, filter lag included"),
+        "mean_force": ("N", "mean force"),
+        "mean_position": ("m", "mean position of the stage"),
+        "filter_phase": ("rad", "lag of the load cell's filter that was removed"),
+        "filter_gain": ("1", "gain of the load cell's filter that was divided by"),
+        "n_cycles": ("1", "cycles that count"),
+        "n_skipped": ("1", "transient and braking cycles left out"),
+        "begin": ("s", "begin of the cycles that count, in the block's time"),
+        "end": ("s", "end of the cycles that count, in the block's time"),
+        "block": ("1", "number of the block in the file"),
+    }
+    for name, (units, text) in others.items():
+        table[name] = ("oscillation", [r[name] for r in rows], {"units": units, "long_name": text})
+    work = {"cycles_fitted": int(sum(r["n_cycles"] for r in rows))}
+    return xr.Dataset(
+        table,
+        coords={"oscillation": np.arange(1, len(rows) + 1)},
+        attrs={
+            "filter": json.dumps(declared),
+            "filter_delay": loads.attrs["filter_delay"],
+            "is_filter_corrected": int(correct),
+            "work": json.dumps(work),
+        },
+    )
+
+
+def _oscillation(
+    loads: xr.Dataset, block: int, skip: int, declared: dict[str, float] | None
+) -> dict[str, float]:
+    part = loads.isel(sample=mach1_readings.rows(loads, block))
+    time, position, force = (part[n].values for n in ("time", "position_z", "force"))
+    stated = float(loads["declared_frequency"][block])
+    begin, end, frequency, cycles = counted(time, position, stated, skip)
+    interval = float(np.median(np.diff(time)))
+    # one sample beyond either end, so that whole cycles can be cut by interpolation
+    used = (time >= begin - interval) & (time <= end + interval)
+    lag = None
+    response = None
+    if declared is not None:
+        lag = mach1_readings.force_lag(loads, frequency)
+
+        def response(f: float) -> complex:
+            at = mach1_readings.force_lag(loads, f)
+            if at is None:
+                return 1.0 + 0.0j
+            return at.gain * complex(np.exp(-1j * at.phase))
+
+    # A fast stage skips so many steps that they do not show; the file's decimals remain.
+    finest = max(quantisation_step(position[used]), mach1_readings.LAST_DECIMAL)
+    steps = (finest, float(loads.attrs["resolution"]))
+    fit = common_fit(
+        time[used], position[used], force[used], frequency, response=response, resolutions=steps
+    )
+    cut = signals.loops(time, position, force, fit.position.frequency, start=begin, end=end)
+    areas = cut["work"].values
+    u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase if lag else 0.0))
+    cell = float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
+    u_gain = float(np.hypot(lag.u_gain / lag.gain if lag else 0.0, cell))
+    return _row(fit, areas, u_phase, u_gain) | {
+        "declared_frequency": stated,
+        "declared_amplitude": float(loads["declared_amplitude"][block]),
+        "mean_force": fit.force.offset,
+        "mean_position": fit.position.offset,
+        "filter_phase": lag.phase if lag else 0.0,
+        "filter_gain": lag.gain if lag else 1.0,
+        "n_skipped": float(cycles - areas.size),
+        "begin": begin,
+        "end": end,
+        "block": float(block),
+    }
+
+
+def _row(fit: CommonFit, areas: Array, u_phase: float, u_gain: float) -> dict[str, float]:
+    """Return stiffness and work of one oscillation; u holds noise and the filter's unknown type."""
+    x, f = fit.position, fit.force
+    modulus = float(np.hypot(fit.storage_stiffness, fit.loss_stiffness))
+    cosine, sine = fit.storage_stiffness / modulus, fit.loss_stiffness / modulus
+    u_relative = float(np.hypot(np.hypot(f.u_amplitude / f.amplitude,
+                                         x.u_amplitude / x.amplitude), u_gain))  # fmt: skip
+    u_storage = modulus * float(np.hypot(u_relative * cosine, u_phase * sine))
+    u_loss = modulus * float(np.hypot(u_relative * sine, u_phase * cosine))
+    work = np.pi * fit.loss_stiffness * x.amplitude**2
+    spread = float(areas.std(ddof=1)) if areas.size > 1 else 0.0
+    u_work = float(np.hypot(np.pi * x.amplitude**2 * u_loss, spread / np.sqrt(max(areas.size, 1))))
+    return {
+        "frequency": x.frequency, "u_frequency": x.u_frequency,
+        "amplitude": x.amplitude, "u_amplitude": x.u_amplitude,
+        "force_amplitude": f.amplitude,
+        "u_force_amplitude": float(np.hypot(f.u_amplitude, u_gain * f.amplitude)),
+        "phase_lag": fit.phase_lag, "u_phase_lag": u_phase,
+        "storage_stiffness": fit.storage_stiffness, "u_storage_stiffness": u_storage,
+        "loss_stiffness": fit.loss_stiffness, "u_loss_stiffness": u_loss,
+        "work_per_cycle": work, "u_work_per_cycle": u_work,
+        "work_sd": spread, "loop_area": float(areas.mean()), "n_cycles": float(areas.size),
+    }  # fmt: skip
+
+
+def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
+    """Average the loop of every oscillation, as recorded, and see whether contact is kept.
+
+    Where the mean loop's force does not exceed twice its uncertainty the punch has left the
+    surface: ``contact_loss`` is that share of the cycle. The cell's filter rounds the force off,
+    so that a loss shorter than its delay is not seen.
+    """
+    del settings
+    is_tared = bool(loads.attrs["is_tared"])
+    phase = np.linspace(0, 1, _LOOP_POINTS + 1)
+    positions, forces, spreads, kept = [], [], [], []
+    for i in range(oscillations.sizes["oscillation"]):
+        at = oscillations.isel(oscillation=i)
+        part = loads.isel(sample=mach1_readings.rows(loads, int(at["block"])))
+        time = part["time"].values
+        period = 1 / float(at["frequency"])
+        grid = float(at["begin"]) + (phase + np.arange(int(at["n_cycles"]))[:, None]) * period
+        x = np.interp(grid, time, part["position_z"].values)
+        f = np.interp(grid, time, part["force"].values)
+        # a slowly relaxing mean would smear the loops over each other
+        f = f - f.mean(axis=1, keepdims=True) + f.mean()
+        positions.append(x.mean(axis=0))
+        forces.append(f.mean(axis=0))
+        spreads.append(f.std(axis=0, ddof=1) if len(f) > 1 else np.zeros(phase.size))
+        noise = max(float(np.median(spreads[-1])), float(loads.attrs["resolution"]) / np.sqrt(12))
+        u = float(np.hypot(noise / np.sqrt(len(f)), float(loads["u_tare"])))
+        least, lost = float(forces[-1].min()), float(np.mean(forces[-1][:-1] < _CLEAR * u))
+        kept.append((least, u, lost) if is_tared else (np.nan, np.nan, np.nan))
+    dims = ("oscillation", "cycle")
+    return xr.Dataset(
+        {
+            "position": (dims, positions, {"units": "m", "long_name": "stage position"}),
+            "force": (dims, forces, {"units": "N", "long_name": "force, compression positive"}),
+            "force_sd": (
+                dims, spreads, {"units": "N", "long_name": "standard deviation over cycles"},
+            ),
+            "least_force": (
+                "oscillation", [k[0] for k in kept],
+                {"units": "N", "long_name": "least force of the mean loop"},
+            ),
+            "u_least_force": (
+                "oscillation", [k[1] for k in kept],
+                {"units": "N", "long_name": "standard uncertainty: least force of the mean loop"},
+            ),
+            "contact_loss": (
+                "oscillation", [k[2] for k in kept],
+                {"units": "1", "long_name": "share of a cycle without contact"},
+            ),
+        },
+        coords={
+            "oscillation": oscillations["oscillation"],
+            "cycle": ("cycle", phase, {"units": "1", "long_name": "fraction of a cycle"}),
+        },
+    )  # fmt: skip

@@ -1,0 +1,403 @@
+"""The report of a harmonic indentation."""
+
+import json
+
+import numpy as np
+import xarray as xr
+
+from labpipe.report import (
+    Block,
+    Column,
+    KeyValues,
+    LineChart,
+    Notice,
+    Paragraph,
+    Role,
+    ScatterChart,
+    Section,
+    Series,
+    Table,
+    number,
+    value_with_uncertainty,
+)
+from labpipe.workflow.context import Context
+from pipelines.experiments.harmonic.budget import quantities
+from pipelines.experiments.harmonic.settings import Harmonic
+from pipelines.experiments.shared import budget_blocks, mach1_readings, pages, ramps_and_holds
+from pipelines.experiments.shared.punch_sections import (
+    blocks_table,
+    cell,
+    columns,
+    punch_rows,
+    substrate_name,
+)
+
+_UM = 1e6
+_POINTS_PER_DECADE = 12  # of a hold
+
+
+def page(
+    readings: xr.Dataset | None,
+    loads: xr.Dataset | None,
+    hold: xr.Dataset | None,
+    oscillations: xr.Dataset | None,
+    loops: xr.Dataset | None,
+    model: xr.Dataset | None,
+    theory: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    *,
+    settings: Harmonic,
+    context: Context,
+) -> str:
+    """Write the page; a step that failed leaves its section out and its error in."""
+    sections = [
+        _summary(oscillations, comparison, context),
+        _measured(settings, readings, loads, context),
+    ]
+    if oscillations is not None:
+        sections += [_frequencies(oscillations, comparison), _stiffness(oscillations, model)]
+    if oscillations is not None and theory is not None and _is_there(theory):
+        sections.append(_dissipation(theory, loops))
+    if loads is not None and hold is not None:
+        sections.append(_hold(loads, hold, oscillations))
+    if loads is not None and oscillations is not None:
+        sections.append(_curves(loads, oscillations, comparison))
+    if loops is not None and oscillations is not None:
+        sections.append(_loops(loops, oscillations, loads, comparison))
+    if model is not None and "absent" not in model.attrs:
+        sections.append(_model(settings, model))
+    if loads is not None and oscillations is not None:
+        found = quantities(oscillations, loads, settings=settings)
+        sections += budget_blocks.section(context.experiment, found)
+    if oscillations is not None:
+        sections.append(pages.methods(_methods(settings, oscillations, comparison)))
+    return pages.document(context, "Harmonic indentation", sections).render()
+
+
+def _is_there(dataset: xr.Dataset | None) -> bool:
+    return dataset is not None and "absent" not in dataset.attrs
+
+
+def _summary(
+    oscillations: xr.Dataset | None, comparison: xr.Dataset | None, context: Context
+) -> Section:
+    rows = []
+    if oscillations is not None:
+        frequency = oscillations["frequency"].values
+        rows.append(("frequencies", ", ".join(f"{f:.4g}" for f in frequency), "Hz, fitted"))
+        for at in (0, -1):
+            shown = value_with_uncertainty(
+                float(oscillations["work_per_cycle"][at]),
+                float(oscillations["u_work_per_cycle"][at]),
+                "J",
+            )
+            rows.append((f"dissipated work per cycle at {frequency[at]:.4g} Hz", shown, ""))
+    blocks: list[Block] = []
+    if comparison is not None and _is_there(comparison):
+        errors = comparison["nrmse"].values * 100
+        rows.append(
+            ("nRMSE of force", f"{errors.min():.2f} to {errors.max():.2f} %",
+             "root mean square of measured minus model, over the range of the measurement")
+        )  # fmt: skip
+    elif comparison is not None:
+        blocks.append(Notice("info", f"No comparison with a model: {comparison.attrs['absent']}."))
+    table: list[Block] = [KeyValues(rows)] if rows else []
+    return Section("Summary", (*table, *blocks, *pages.failed_notice(context)))
+
+
+def _measured(
+    settings: Harmonic, readings: xr.Dataset | None, loads: xr.Dataset | None, context: Context
+) -> Section:
+    rows = [("file", settings.mach1, ""), *punch_rows(settings.punch)]
+    rows += [("operator", context.operator, ""), ("notes", context.notes, "")]
+    blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
+    if readings is not None:
+        blocks.append(blocks_table(readings))
+    if loads is not None:
+        blocks += cell(loads)
+    header = pages.raw_header(readings)
+    if header is not None:
+        blocks.append(header)
+    return Section("What was measured, and its calibration", tuple(blocks))
+
+
+def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Section:
+    columns = [
+        Column("declared / Hz"), Column("frequency / Hz", digits=5),
+        Column("amplitude", unit="m"),
+        Column("phase lag", unit="rad", u=4), Column("u"),
+        Column("storage stiffness", unit="N/m", u=6), Column("u"),
+        Column("loss stiffness", unit="N/m", u=8), Column("u"),
+        Column("work per cycle", unit="J", u=10), Column("u"),
+        Column("spread over cycles", unit="J", digits=2), Column("cycles"),
+    ]  # fmt: skip
+    names = ("phase_lag", "storage_stiffness", "loss_stiffness", "work_per_cycle")
+    has_model = comparison is not None and _is_there(comparison)
+    if has_model:
+        columns.append(Column("nRMSE of force", unit="%", digits=3))
+    rows: list[list[float | int | str | bool | None]] = []
+    for i in range(oscillations.sizes["oscillation"]):
+        at = oscillations.isel(oscillation=i)
+        row: list[float | int | str | bool | None] = [
+            float(at[name]) for name in ("declared_frequency", "frequency", "amplitude")
+        ]
+        for name in names:
+            row += [float(at[name]), float(at[f"u_{name}"])]
+        row += [float(at["work_sd"]), int(at["n_cycles"])]
+        if comparison is not None and has_model:
+            row.append(float(comparison["nrmse"][i]) * 100)
+        rows.append(row)
+    notes: list[Block] = [
+        Table(
+            tuple(columns), rows,
+            caption="Frequency, amplitude and phase are fitted to the position; the header only "
+            "says what was commanded. Transient and braking cycles are left out.",
+        )
+    ]  # fmt: skip
+    declared = json.loads(oscillations.attrs["filter"])
+    if oscillations.attrs["is_filter_corrected"]:
+        lag = oscillations["filter_phase"].values
+        notes.append(
+            Notice(
+                "info",
+                f"The load cell's low-pass (order {declared['order']:g}, "
+                f"{declared['cutoff']:g} Hz) delays the force by "
+                f"{np.degrees(lag.min()):.1f} to {np.degrees(lag.max()):.1f}°. "
+                f"This was removed, {_source_of_lag(oscillations)}. "
+                "Switch it off with load_cell.correct_filter_lag = false.",
+            )
+        )
+    elif declared is not None:
+        notes.append(
+            Notice(
+                "warning",
+                "The load cell's low-pass was not corrected: phase lags and work are too small.",
+            )
+        )
+    return Section("Frequencies", tuple(notes))
+
+
+def _source_of_lag(oscillations: xr.Dataset) -> str:
+    """Say where the lag that was removed is known from."""
+    measured = json.loads(oscillations.attrs.get("filter_delay", "null"))
+    if measured is None:
+        return (
+            "assuming a causal Butterworth filter; the uncertainty holds the other usual types, "
+            "and shrinks with a filter_delay in the load cell's record"
+        )
+    value, u = measured
+    return f"with the delay of the record, {value_with_uncertainty(value, u, 's')}"
+
+
+def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None) -> Section:
+    frequency = oscillations["frequency"].values
+    order = np.argsort(frequency)
+    charts: list[Block] = []
+    for name, title, unit, factor in (
+        ("storage_stiffness", "Storage stiffness", "N/mm", 1e-3),
+        ("loss_stiffness", "Loss stiffness", "N/mm", 1e-3),
+        ("work_per_cycle", "Dissipated work per cycle", "µJ", 1e6),
+    ):
+        series = [
+            Series("measured", frequency[order], oscillations[name].values[order] * factor,
+                   style="points", role="measured",
+                   u=oscillations[f"u_{name}"].values[order] * factor),
+        ]  # fmt: skip
+        if model is not None and _is_there(model):
+            series.append(
+                Series("model", frequency[order], model[name].values[order] * factor, role="model")
+            )
+        charts.append(
+            LineChart(title, "frequency / Hz", f"{title.lower()} / {unit}", tuple(series),
+                      x_scale="log", height_px=260,
+                      caption="Bars are standard uncertainties." if name.startswith("s") else "")
+        )  # fmt: skip
+    return Section("Stiffness and work", tuple(charts))
+
+
+def _dissipation(theory: xr.Dataset, loops: xr.Dataset | None) -> Section:
+    """Show the dimensionless work against eq. (2.31), the tapping front, and contact."""
+    x = theory["dimensionless_frequency"].values
+    order = np.argsort(x)
+    series = []
+    roles: tuple[tuple[str, str, Role], ...] = (
+        ("measured", "measured", "measured"),
+        ("model", "model", "model"),
+        ("theory", "eq. (2.31)", "reference"),
+    )
+    for name, label, role in roles:
+        values = theory[f"dimensionless_work_{name}"].values[order]
+        u = theory[f"u_dimensionless_work_{name}"].values[order]
+        is_points = name == "measured"
+        series.append(
+            Series(label, x[order] * 1e10, values * 1e6,
+                   style="points" if is_points else "line", role=role,
+                   u=u * 1e6 if is_points else None)
+        )  # fmt: skip
+    tau = float(theory["characteristic_time"])
+    chart = LineChart(
+        "Dissipated work, dimensionless", "frequency f τ₀ / 10⁻¹⁰", "work W/(E λ R d) / 10⁻⁶",
+        tuple(series), x_scale="log", height_px=280,
+        caption=f"τ₀ = {number(tau, 3)} s, E the relaxed modulus {_scale_text(theory)}. Bars: one "
+        "standard uncertainty. Eq. (2.31) is the limit of small amplitudes.",
+    )  # fmt: skip
+    wanted: tuple[str | tuple[str, str], ...] = (
+        "f τ₀", "α/R", ("work, measured", "J"), ("work, eq. (2.31)", "J"),
+        ("tapping front", "m"), ("least force", "N"), "contact lost / %",
+    )  # fmt: skip
+    rows: list[list[float | int | str | bool | None]] = []
+    scale = float(theory["work_scale"])
+    for i in range(theory.sizes["oscillation"]):
+        at = theory.isel(oscillation=i)
+        row: list[float | int | str | bool | None] = [
+            float(x[i]), float(at["dimensionless_amplitude"]),
+            float(at["dimensionless_work_measured"]) * scale,
+            float(at["u_dimensionless_work_measured"]) * scale,
+        ]  # fmt: skip
+        for name in ("dissipated_work", "tapping_amplitude"):
+            row += [float(at[name]), float(at[f"u_{name}"])]
+        if loops is None:
+            row += [None, None, None]
+        else:
+            lost = loops.isel(oscillation=i)
+            row += [float(lost["least_force"]), float(lost["u_least_force"]),
+                    float(lost["contact_loss"]) * 100]  # fmt: skip
+        rows.append(row)
+    table = Table(
+        columns(*wanted), rows,
+        caption="Contact is lost where the mean loop's force does not exceed twice its "
+        "uncertainty; the punch should leave the surface at amplitudes beyond the tapping front "
+        "(2.34).",
+    )  # fmt: skip
+    return Section("Dissipation and detachment", (chart, table))
+
+
+def _scale_text(theory: xr.Dataset) -> str:
+    return f"(E λ R d = {float(theory['work_scale']):.4g} J)"
+
+
+def _hold(loads: xr.Dataset, hold: xr.Dataset, oscillations: xr.Dataset | None) -> Section:
+    """Show the relaxation before the oscillations, and whether it was long enough."""
+    if not _is_there(hold):
+        return Section("Relaxation before", (Notice("info", f"{hold.attrs['absent']}."),))
+    rows = [
+        (text, value_with_uncertainty(float(hold[name][-1]), float(hold[f"u_{name}"][-1]), unit),
+         note)
+        for name, text, unit, note in (
+            ("depth", "indentation", "m", "from first touch"),
+            ("peak_force", "peak", "N", "as recorded"),
+            ("plateau_force", "plateau", "N", f"after {float(hold['duration'][-1]):.0f} s"),
+        )
+    ]  # fmt: skip
+    blocks: list[Block] = []
+    if oscillations is not None:
+        last = float(oscillations["mean_force"][-1])
+        rows.append(("mean force of the last oscillation", f"{last:.3f} N", ""))
+    found = ramps_and_holds.find(loads)[-1]
+    time = loads["time"].values[found.rows] - found.end
+    first = float(time[time > 0].min())
+    count = int(np.log10(time[-1] / first) * _POINTS_PER_DECADE) + 2
+    edges = np.geomspace(0.99 * first, 1.001 * float(time[-1]), count)
+    lag, mean, _, _ = ramps_and_holds.binned(time, loads["force"].values[found.rows], edges)
+    blocks += [
+        KeyValues(rows),
+        LineChart("Force in the hold", "time since the stage arrived / s", "force / N",
+                  (Series("measured", lag, mean, style="points", role="measured"),),
+                  x_scale="log", height_px=200),
+    ]  # fmt: skip
+    return Section("Relaxation before the oscillations", tuple(blocks))
+
+
+def _curves(loads: xr.Dataset, oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Section:
+    charts: list[Block] = []
+    for i in range(oscillations.sizes["oscillation"]):
+        at = oscillations.isel(oscillation=i)
+        where = mach1_readings.rows(loads, int(at["block"]))
+        time = loads["time"].values[where]
+        measured = loads["force"].values[where]
+        series = [Series("measured", time, measured, role="measured")]
+        views = (("cycles that count", float(at["begin"]), float(at["end"])),)
+        label = f"{float(at['frequency']):.4g} Hz"
+        if comparison is not None and _is_there(comparison):
+            simulated = comparison["simulated_force"].values[where]
+            series.append(Series("model", time, simulated, role="model"))
+            residual = (Series("measured − model", time, measured - simulated, role="residual"),)
+        charts.append(
+            LineChart(f"Force at {label}", "time in the block / s", "force / N", tuple(series),
+                      group=label, views=views, height_px=240)
+        )  # fmt: skip
+        if comparison is not None and _is_there(comparison):
+            charts.append(
+                LineChart(f"Difference at {label}", "time in the block / s", "difference / N",
+                          residual, group=label, views=views, height_px=150)
+            )  # fmt: skip
+    return Section("Force over time", tuple(charts))
+
+
+def _loops(
+    loops: xr.Dataset,
+    oscillations: xr.Dataset,
+    loads: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+) -> Section:
+    series = []
+    for i in range(loops.sizes["oscillation"]):
+        at = oscillations.isel(oscillation=i)
+        name = f"{float(at['frequency']):.4g} Hz"
+        x = (loops["position"][i].values - float(at["mean_position"])) * _UM
+        series.append(Series(f"{name}, measured", x, loops["force"][i].values, role="measured"))
+        if comparison is not None and loads is not None and _is_there(comparison):
+            where = mach1_readings.rows(loads, int(at["block"]))
+            time = loads["time"].values[where]
+            period = 1 / float(at["frequency"])
+            last = float(at["end"])
+            used = (time >= last - period) & (time <= last)
+            position = (loads["position_z"].values[where][used] - float(at["mean_position"])) * _UM
+            force = comparison["simulated_force"].values[where][used]
+            series.append(Series(f"{name}, model", position, force, role="model"))
+    chart = ScatterChart(
+        "Hysteresis loops", "position − mean / µm", "force / N", tuple(series),
+        caption="Mean loop over the cycles that count, as recorded: the load cell's lag is in it, "
+        "and in the model's loop too.",
+    )  # fmt: skip
+    return Section("Loops", (chart,))
+
+
+def _model(settings: Harmonic, model: xr.Dataset) -> Section:
+    rows = [
+        ("material", substrate_name(settings.substrate), ""),
+        ("first touch", value_with_uncertainty(
+            float(model["contact_position"]), float(model["u_contact_position"]), "m"),
+         model.attrs["contact"]),
+        ("solver", model.attrs["solver"], model.attrs["solver_reason"]),
+        ("datum of displacement", model.attrs["datum"], ""),
+    ]  # fmt: skip
+    text = (
+        "Boundary elements of a periodic line contact with exact exponential memory, driven by the "
+        "measured displacement of the whole file, approach and hold included."
+    )
+    return Section("Model", (Paragraph(text), KeyValues([r for r in rows if r[1]])))
+
+
+def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Dataset | None) -> str:
+    frequency = oscillations["frequency"].values
+    text = (
+        f"Harmonic indentation was evaluated at {frequency.size} frequencies from "
+        f"{frequency.min():.3g} to {frequency.max():.3g} Hz. Frequency, amplitude and phase were "
+        f"fitted to the recorded position; the first {settings.cycles.skip} cycles and the last "
+        "one of each block were left out. "
+    )
+    if oscillations.attrs["is_filter_corrected"]:
+        text += "The delay of the load cell's low-pass filter was removed (causal Butterworth). "
+    text += (
+        "Storage and loss stiffness are the in-phase and quadrature parts of force over "
+        "displacement; the dissipated work per cycle is π times the loss stiffness times the "
+        "squared amplitude. "
+    )
+    if comparison is not None and _is_there(comparison):
+        errors = comparison["nrmse"].values * 100
+        text += (
+            "The force was simulated by periodic boundary elements with the measured displacement; "
+            f"the normalised root-mean-square error was {errors.min():.2f} to {errors.max():.2f} %."
+        )
+    return text

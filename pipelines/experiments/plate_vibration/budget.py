@@ -1,0 +1,95 @@
+"""Budgets of a plate vibration: natural frequency, damping ratio, modal mass."""
+
+from collections.abc import Iterator, Sequence
+from math import cos, isfinite
+
+import numpy as np
+import xarray as xr
+
+from labpipe.uncertainty import Input, beyond
+from pipelines.experiments.plate_vibration.settings import FallingBody, PlateVibration
+from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, clock
+
+_NO_CAMERA = ("pixel size", "there is no camera")
+_LAG = ("filter lag", "the moving average of the sensor delays all readings alike")
+_OF_RINGING = (
+    ("inclination, zero", "the scale of a ringing does not act on its frequency or its decay"),
+    _NO_CAMERA, _LAG,
+    ("mass, radius, height, Poisson's ratio, temperature", "how it was struck does not act"),
+)  # fmt: skip
+_OF_MASS = (
+    _NO_CAMERA, _LAG, ("zero", "a ringing is counted from its own mean"),
+    ("sampling", "the clock acts by its 5e-5, a twentieth of what the sphere's mass does"),
+    ("radius, Poisson's ratio, temperature",
+     "they change how long the blow lasts, not its momentum; the materials are the library's"),
+)  # fmt: skip
+
+
+def quantities(
+    displacement: Sequence[xr.Dataset], table: xr.Dataset, plate: xr.Dataset, *,
+    settings: PlateVibration,
+) -> Iterator[Quantity]:  # fmt: skip
+    """Yield natural frequency, damping ratio and modal mass of the plate."""
+    moved = displacement[0]  # the laser is the same for all drops
+    yield _ringing("natural_frequency", "natural frequency", "Hz", moved, table)
+    yield _ringing("damping_ratio", "damping ratio", "1", moved, table)
+    if settings.sphere is not None and isfinite(float(plate["mass"])):
+        yield _modal_mass(settings, settings.sphere, moved, plate)
+
+
+def _ringing(
+    name: str, text: str, unit: str, moved: xr.Dataset, table: xr.Dataset
+) -> Quantity:  # fmt: skip
+    values, own = table[name].values, table[f"u_{name}"].values
+    total, mean = float(table[f"u_plate_{name}"]), float(table[f"plate_{name}"])
+    stated = min(float(1.0 / np.sqrt(np.sum(1.0 / own**2))), total)
+    inputs = {MEASURED: Input(mean, 0.0, unit), "noise": Input(0.0, stated, unit)}
+    time = clock(moved) if name == "natural_frequency" else Input(1.0, 0.0)
+    scatter = beyond(total, stated, time.u * mean)
+    inputs["repeatability"] = Input(0.0, scatter, unit, max(values.size - 1.0, 1.0))
+    if time.u:
+        inputs["clock"] = time
+
+    def model(measured: float, noise: float, repeatability: float, clock: float = 1.0) -> float:
+        return (measured + noise + repeatability) / clock
+
+    return Quantity(
+        text, unit, model, inputs,
+        _OF_RINGING if time.u else (("sampling", "a ratio of two times"), *_OF_RINGING),
+    )  # fmt: skip
+
+
+def _modal_mass(
+    settings: PlateVibration, ball: FallingBody, moved: xr.Dataset, plate: xr.Dataset
+) -> Quantity:
+    mass = float(plate["mass"])
+    angle = float(moved["inclination"])
+    gain = float(moved["u_gain"]) / float(moved["gain"])
+    tilt = Input(angle, float(moved["u_inclination"]), "rad")
+    shared = mass * np.array([gain, np.tan(angle) * tilt.u, ball.mass.u / ball.mass.value])
+    by_height, count = _by_heights(settings, plate)
+    rest = beyond(float(plate["u_mass"]), *map(float, shared), by_height)
+    return Quantity(
+        "modal mass", "kg",
+        lambda measured, gain, inclination, mass_of_sphere, heights, repeatability: (
+            (measured + heights + repeatability) * mass_of_sphere / ball.mass.value / gain
+            * cos(inclination) / cos(angle)
+        ),
+        {MEASURED: Input(mass, 0.0, "kg"), "gain": Input(1.0, gain), "inclination": tilt,
+         "mass_of_sphere": Input(ball.mass.value, ball.mass.u, "kg"),
+         "heights": Input(0.0, by_height, "kg"),
+         "repeatability": Input(0.0, rest, "kg", max(count - 1.0, 1.0))},
+        (("noise", "in the repeatability, as the drops weigh by what each states"), *_OF_MASS),
+    )  # fmt: skip
+
+
+def _by_heights(settings: PlateVibration, plate: xr.Dataset) -> tuple[float, int]:
+    """Return what the heights leave uncertain of the weighted mean [kg], and of how many drops."""
+    each, u = plate["modal_mass"].values, plate["u_modal_mass"].values
+    known = np.isfinite(each)
+    heights = [drops.height for drops in settings.drops]
+    # the momentum goes with the root of the height
+    relative = np.array([0.5 * h.u / h.value for h in heights])[known]
+    weights = 1.0 / u[known] ** 2
+    parts = weights / weights.sum() * each[known] * relative
+    return float(np.sqrt(np.sum(parts**2))), int(known.sum())

@@ -1,0 +1,189 @@
+"""Plate vibration: frequency, damping and amplitude of the plate under falling spheres.
+
+Each recording shows one drop: a first blow, free ringing until the sphere comes back, and more
+blows. Only the free ringing is fitted (:func:`labpipe.signals._ringing`). Frequency and damping
+belong to the plate, the amplitude to the impact; the plate's modal mass follows from the momentum
+of a simulated impact. Upwards is positive, as for the sphere.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+import calibration
+from calibration import laser
+from labpipe import signals
+from pipelines.experiments.plate_vibration.settings import Drops, PlateVibration
+from pipelines.experiments.shared.laser_readings import read_laser
+
+Array = NDArray[np.float64]
+
+_LEAST_CHANGE = 1e-2  # relative change of an input by which a sensitivity is found
+_PER_DROP = ("natural_frequency", "damping_ratio", "amplitude")
+_UNITS = {"natural_frequency": "Hz", "damping_ratio": "1", "amplitude": "m", "modal_mass": "kg"}
+NAMES = {
+    "natural_frequency": "natural frequency",
+    "damping_ratio": "damping ratio",
+    "amplitude": "amplitude at the blow",
+    "modal_mass": "modal mass",
+}
+
+
+def readings(path: Path, *, settings: PlateVibration) -> xr.Dataset:
+    """Read one laser export; what it leaves unsaid comes from the settings."""
+    return read_laser(path, settings.keyence)
+
+
+def displacement(readings: xr.Dataset, record: Path, *, settings: PlateVibration) -> xr.Dataset:
+    """Correct the inclination: upward displacement of the plate, with uncertainty."""
+    if settings.sensor.serial is not None:
+        readings = readings.assign_attrs(serial=settings.sensor.serial)
+    return laser.displacement(
+        readings, calibration.load_record(record), output=settings.sensor.output,
+        direction=settings.sensor.direction, measured=settings.measured_on,
+    )  # fmt: skip
+
+
+def ringing(displacement: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset:
+    """Fit the free ringing after the first blow."""
+    moved = displacement["displacement"]
+    found = signals.ringing(
+        moved["time"].values, moved.values, noise=float(displacement.attrs["noise"]),
+        longest_blow=settings.blow.longest.value, shortest_pause=settings.blow.pause.value,
+    )  # fmt: skip
+    fit = found.fit
+    relative = float(displacement.attrs["u_systematic_relative"])
+    values = {
+        "natural_frequency": (fit.natural_frequency, fit.u_frequency),
+        "damping_ratio": (fit.damping_ratio, fit.u_damping_ratio),
+        "amplitude": (fit.amplitude, fit.u_amplitude),
+    }
+    made = xr.Dataset()
+    for name, (value, u) in values.items():
+        made[name] = scalar(value, _UNITS[name], NAMES[name])
+        made[f"u_{name}"] = scalar(u, _UNITS[name], f"random standard uncertainty: {NAMES[name]}")
+    for name, value, units, text in (
+        ("blow_time", found.blow_time, "s", "time of the blow"),
+        ("u_blow_time", found.u_blow_time, "s", "standard uncertainty: time of the blow"),
+        ("onset_time", found.onset_time, "s", "time at which the motion is first seen"),
+        ("free_from", found.free_from, "s", "begin of the free ringing"),
+        ("free_to", found.free_to, "s", "end of the free ringing"),
+        ("chi_square", found.chi_square, "1", "scatter about the fit over the noise, squared"),
+        ("phase", fit.phase, "rad", "phase at the blow"),
+        ("largest", float(np.nanmax(np.abs(moved.values))), "m", "largest single reading"),
+    ):
+        made[name] = scalar(value, units, text)
+    count = int(((moved["time"] >= found.free_from) & (moved["time"] <= found.free_to)).sum())
+    work = {"readings_fitted": count, "readings_total": int(moved.size)}
+    u_clock = float(json.loads(displacement.attrs["time_base"])["u_relative"])
+    return made.assign_attrs(
+        u_systematic_relative=relative, u_clock_relative=u_clock, work=json.dumps(work)
+    )
+
+
+def scalar(value: float, units: str, text: str) -> xr.DataArray:
+    """Return a variable without dimensions."""
+    return xr.DataArray(float(value), attrs={"units": units, "long_name": text})
+
+
+def table(ringing: list[xr.Dataset], *, settings: PlateVibration) -> xr.Dataset:
+    """Gather the repeats by material and height, and pool what belongs to the plate."""
+    groups = _groups(ringing, settings)
+    made = xr.Dataset(coords={"series": np.arange(1, len(groups) + 1)})
+    made["series"].attrs = {"units": "1", "long_name": "number of the drops"}
+    heights = [drops.height for drops in settings.drops]
+    made["material"] = ("series", [d.material for d in settings.drops], _text("material"))
+    made["height"] = ("series", [h.value for h in heights], described("m", "drop height"))
+    made["u_height"] = (
+        "series", [h.u for h in heights], described("m", "standard uncertainty: drop height"),
+    )  # fmt: skip
+    made["n"] = ("series", [len(group) for group in groups], described("1", "recordings"))
+    relative = float(ringing[0].attrs["u_systematic_relative"])
+    for name in _PER_DROP:
+        pairs = [_mean(group, name) for group in groups]
+        value, u = (np.array(part) for part in zip(*pairs, strict=True))
+        if name == "amplitude":  # inclination and gain are the same in every recording
+            u = np.hypot(u, relative * value)
+        units, text = _UNITS[name], NAMES[name]
+        made[name] = ("series", value, described(units, f"{text}, mean of the repeats"))
+        made[f"u_{name}"] = ("series", u, described(units, f"standard uncertainty: {text}"))
+    for name in ("natural_frequency", "damping_ratio"):
+        made = made.merge(_pooled(made[name].values, made[f"u_{name}"].values, name))
+    # the sensor's clock is the same in all recordings
+    u_clock = float(ringing[0].attrs["u_clock_relative"])
+    own = float(made["u_plate_natural_frequency"])
+    made["u_plate_natural_frequency"] = scalar(
+        np.hypot(own, u_clock * float(made["plate_natural_frequency"])), "Hz",
+        f"standard uncertainty: {NAMES['natural_frequency']}",
+    )  # fmt: skip
+    return made.assign_attrs(u_systematic_relative=relative)
+
+
+def _groups(ringing: list[xr.Dataset], settings: PlateVibration) -> list[list[xr.Dataset]]:
+    """Deal the recordings out to their drops."""
+    remaining = iter(ringing)
+    return [[next(remaining) for _ in drops.laser] for drops in settings.drops]
+
+
+def described(units: str, text: str) -> dict[str, str]:
+    """Return the attributes of a variable."""
+    return {"units": units, "long_name": text}
+
+
+def _text(text: str) -> dict[str, str]:
+    return described("1", text)
+
+
+def _mean(group: list[xr.Dataset], name: str) -> tuple[float, float]:
+    """Mean of the repeats; its uncertainty is never less than what each repeat states."""
+    values = np.array([float(one[name]) for one in group])
+    stated = np.sqrt(np.mean([float(one[f"u_{name}"]) ** 2 for one in group]))
+    scatter = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+    return float(values.mean()), float(max(scatter, stated) / np.sqrt(len(values)))
+
+
+def _pooled(values: Array, u: Array, name: str) -> xr.Dataset:
+    """Weighted mean over all drops, and the probability that they differ as much by chance."""
+    mean, u_mean, ratio = weighted_mean(values, u)
+    probability = float(chi2.sf(ratio * (len(values) - 1), len(values) - 1)) if len(u) > 1 else 1.0
+    units, text = _UNITS[name], NAMES[name]
+    return xr.Dataset(
+        {
+            f"plate_{name}": scalar(mean, units, f"{text}, all drops"),
+            f"u_plate_{name}": scalar(u_mean, units, f"standard uncertainty: {text}"),
+            f"probability_{name}": scalar(
+                probability, "1", f"of so large a difference by chance: {text}"
+            ),
+        }
+    )
+
+
+def weighted_mean(values: Array, u: Array) -> tuple[float, float, float]:
+    """Weighted mean, its uncertainty enlarged by a scatter that the parts do not explain.
+
+    Returns
+    -------
+    mean, u_mean, ratio : float
+        ``ratio`` is the reduced chi-square (1 when there is but one value).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> mean, u, ratio = weighted_mean(np.array([1.0, 3.0]), np.array([1.0, 1.0]))
+    >>> mean, round(u, 3), ratio
+    (2.0, 1.0, 2.0)
+    """
+    weights = 1.0 / u**2
+    mean = float(np.sum(weights * values) / np.sum(weights))
+    freedom = len(values) - 1
+    ratio = float(np.sum(weights * (values - mean) ** 2) / freedom) if freedom else 1.0
+    return mean, float(np.sqrt(max(1.0, ratio) / np.sum(weights))), ratio
+
+
+def drops_label(drops: Drops) -> str:
+    """Name of one row: ``acrylic, 1.5 mm``."""
+    return f"{drops.material}, {drops.height.value * 1e3:g} mm"

@@ -1,0 +1,317 @@
+"""The report of a plate vibration."""
+
+import json
+from collections.abc import Sequence
+from itertools import groupby
+
+import numpy as np
+import xarray as xr
+
+from labpipe.report import (
+    Block,
+    Column,
+    KeyValues,
+    LineChart,
+    Notice,
+    Paragraph,
+    ScatterChart,
+    Section,
+    Series,
+    Table,
+    budget_table,
+    quantity,
+    value_with_uncertainty,
+)
+from labpipe.workflow.context import Context
+from pipelines.experiments.plate_vibration.budget import quantities
+from pipelines.experiments.plate_vibration.measured import drops_label
+from pipelines.experiments.plate_vibration.settings import PlateVibration
+from pipelines.experiments.shared import budget_blocks, pages
+
+_UM = 1e6
+_BESIDE = 0.06  # mm by which the materials are drawn apart, so that their error bars can be told
+_UNLIKELY = 0.01  # probability below which a difference between drops is called real
+_SHOWN = {
+    "natural_frequency": ("natural frequency", "Hz"),
+    "damping_ratio": ("damping ratio", "1"),
+}
+
+
+def page(
+    readings: list[xr.Dataset | None] | None,
+    displacement: list[xr.Dataset | None] | None,
+    ringing: list[xr.Dataset | None] | None,
+    table: xr.Dataset | None,
+    plate: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    *,
+    settings: PlateVibration,
+    context: Context,
+) -> str:
+    """Write the page; a step that failed leaves its section out and its error in."""
+    sections = [
+        _summary(table, plate, comparison, context),
+        _measured(settings, pages.present(readings), context),
+    ]
+    if moved := pages.present(displacement):
+        sections.append(_calibration(moved[0]))
+    if comparison is not None:
+        sections.append(_motion(settings, comparison))
+    if table is not None:
+        sections.append(_table(settings, table, plate, comparison))
+        sections.append(_dependence(settings, table))
+    if pages.present(ringing):
+        sections.append(_recordings(settings, ringing or ()))
+    if moved and table is not None and plate is not None:
+        found = quantities(moved, table, plate, settings=settings)
+        sections += budget_blocks.section(context.experiment, found)
+    if table is not None:
+        sections.append(pages.methods(_methods(settings, table, plate)))
+    return pages.document(context, "Vibration of the plate", sections).render()
+
+
+def _summary(
+    table: xr.Dataset | None,
+    plate: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    context: Context,
+) -> Section:
+    rows = []
+    blocks: list[Block] = []
+    if table is not None:
+        count = int(table["n"].sum())
+        for name, (title, unit) in _SHOWN.items():
+            shown = value_with_uncertainty(
+                float(table[f"plate_{name}"]), float(table[f"u_plate_{name}"]), unit
+            )
+            rows.append(
+                (title, shown, f"weighted mean of {count} recordings; standard uncertainty")
+            )
+            blocks.append(_verdict(table, name, title))
+    if plate is not None and np.isfinite(float(plate["mass"])):
+        rows.append(
+            ("modal mass", value_with_uncertainty(float(plate["mass"]), float(plate["u_mass"]),
+             "kg"), "from amplitude and simulated momentum; the material's uncertainty is not "
+             "included")
+        )  # fmt: skip
+    if comparison is not None:
+        worst = float(comparison["nrmse"].max()) * 100
+        rows.append(
+            ("nRMSE of displacement", f"at most {worst:.2f} %",
+             "root mean square of measured minus model, over the range of the measurement")
+        )  # fmt: skip
+    elif not context.failures:
+        blocks.append(Notice("info", "There is no comparison with a model."))
+    return Section("Summary", (KeyValues(rows), *blocks, *pages.failed_notice(context)))
+
+
+def _verdict(table: xr.Dataset, name: str, title: str) -> Notice:
+    """Say whether the drops agree in what should belong to the plate alone."""
+    probability = float(table[f"probability_{name}"])
+    if table.sizes["series"] < 2:
+        return Notice("info", f"One kind of drop only: whether the {title} is the plate's is open.")
+    if probability < _UNLIKELY:
+        text = (
+            f"The {title} differs between the drops by more than its uncertainty (probability "
+            f"{probability:.1e} by chance); the stated uncertainty is enlarged by that."
+        )
+        return Notice("warning", text)
+    text = (
+        f"The {title} is the same for all materials and heights within its uncertainty "
+        f"(probability {probability:.2f} of so large a difference by chance)."
+    )
+    return Notice("ok", text)
+
+
+def _measured(settings: PlateVibration, readings: list[xr.Dataset], context: Context) -> Section:
+    count = sum(len(drops.laser) for drops in settings.drops)
+    rows = [
+        ("recordings", str(count), f"{len(settings.drops)} combinations of material and height"),
+        ("operator", context.operator, ""),
+        ("notes", context.notes, ""),
+    ]
+    if settings.sphere is not None:
+        for title, quantity in (
+            ("sphere radius", settings.sphere.radius),
+            ("moving mass", settings.sphere.mass),
+        ):
+            rows.insert(1, (title, value_with_uncertainty(quantity.value, quantity.u, quantity.si),
+                            ""))  # fmt: skip
+    blocks: list[Block] = []
+    if readings:
+        first = readings[0]
+        interval = float(first.attrs["sampling_interval"])
+        rows.insert(1, ("sampling", value_with_uncertainty(1 / interval, 0.0, "Hz"),
+                        f"{first.sizes['time']} points"))  # fmt: skip
+        header = pages.raw_header(first)
+        blocks += [] if header is None else [header]
+    return Section("What was measured", (KeyValues([r for r in rows if r[1]]), *blocks))
+
+
+def _calibration(first: xr.Dataset) -> Section:
+    attrs = first.attrs
+    rows = [
+        ("inclination used", value_with_uncertainty(
+            float(first["inclination"]), float(first["u_inclination"]), "rad"),
+         "true displacement = reading / cos(inclination)"),
+        ("relative uncertainty of the scale",
+         f"{float(attrs['u_systematic_relative']) * 100:.3f} %",
+         "inclination and gain; the same in every recording"),
+        ("noise of a sample", quantity(float(attrs["noise"]), "m"),
+         "from the quiet beginning"),
+    ]  # fmt: skip
+    budget = budget_table(
+        json.loads(attrs["budget"]),
+        "Budget for the largest displacement of the first recording",
+        "m",
+    )
+    return Section(
+        "Calibration and its uncertainty",
+        (pages.calibration_rows(attrs["calibration"]), KeyValues(rows), *budget),
+    )
+
+
+def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
+    time = comparison["time"].values * 1e3
+    charts: list[Block] = []
+    numbered = sorted(enumerate(settings.drops), key=lambda pair: pair[1].height.value)
+    for height, group in groupby(numbered, key=lambda pair: pair[1].height.value):
+        curves: list[Series] = []
+        for i, drops in group:
+            at = comparison.isel(series=i)
+            curves.append(
+                Series(drops.material, time, at["measured"].values * _UM, role="measured")
+            )
+            if np.isfinite(at["model"].values).any():
+                curves.append(
+                    Series(f"{drops.material}, model", time, at["model"].values * _UM, role="model")
+                )
+        charts.append(
+            LineChart(
+                f"Plate after a drop from {height * 1e3:g} mm", "time since the blow / ms",
+                "displacement, upwards / µm", tuple(curves), group="plate",
+                views=(("first ringing", -2.0, 20.0),), height_px=260,
+            )
+        )  # fmt: skip
+    text = (
+        "Mean of the repeats and the simulated drop on the plate that was found, both counted from "
+        "the blow of no duration that would have started the same ringing."
+    )
+    return Section("Motion", (Paragraph(text), *charts))
+
+
+def _table(
+    settings: PlateVibration,
+    table: xr.Dataset,
+    plate: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+) -> Section:
+    columns = [
+        Column("material"), Column("height", unit="m"), Column("n"),
+        Column("natural frequency", unit="Hz", u=4), Column("u"),
+        Column("damping ratio", u=6), Column("u"),
+        Column("amplitude", unit="m", u=8), Column("u"),
+        Column("mass", unit="kg", u=10), Column("u"), Column("nRMSE", digits=2),
+    ]  # fmt: skip
+    rows: list[list[float | int | str | bool | None]] = []
+    for i, drops in enumerate(settings.drops):
+        at = table.isel(series=i)
+        row: list[float | int | str | bool | None] = [
+            drops.material, drops.height.value, len(drops.laser)
+        ]  # fmt: skip
+        for name in ("natural_frequency", "damping_ratio", "amplitude"):
+            row += [float(at[name]), float(at[f"u_{name}"])]
+        has_mass = plate is not None and "modal_mass" in plate
+        for name in ("modal_mass", "u_modal_mass"):
+            value = float(plate[name][i]) if has_mass and plate is not None else np.nan
+            row.append(value if np.isfinite(value) else None)
+        row.append(None if comparison is None else float(comparison["nrmse"][i]))
+        rows.append(row)
+    caption = (
+        "Means of the repeats with their standard uncertainty. The amplitude is the envelope at "
+        "the blow; it holds the calibration's uncertainty, which all rows share."
+    )
+    return Section("By material and height", (Table(tuple(columns), rows, caption=caption),))
+
+
+def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section:
+    numbers: dict[str, list[int]] = {}
+    for i, drops in enumerate(settings.drops):
+        numbers.setdefault(drops.material, []).append(i)
+
+    def curves(name: str, factor: float) -> tuple[Series, ...]:
+        made = []
+        for place, (material, chosen) in enumerate(numbers.items()):
+            at = table.isel(series=sorted(chosen, key=lambda i: float(table["height"][i])))
+            beside = _BESIDE * (place - 0.5 * (len(numbers) - 1))
+            made.append(
+                Series(material, at["height"].values * 1e3 + beside, at[name].values * factor,
+                       style="points", u=at[f"u_{name}"].values * factor)
+            )  # fmt: skip
+        return tuple(made)
+
+    charts = tuple(
+        ScatterChart(
+            title,
+            "drop height / mm",
+            label,
+            curves(name, factor),
+            height_px=300,
+            caption="Materials of one height are drawn a little apart.",
+        )
+        for title, label, name, factor in (
+            ("Amplitude", "amplitude / µm", "amplitude", _UM),
+            ("Natural frequency", "natural frequency / Hz", "natural_frequency", 1.0),
+            ("Damping ratio", "damping ratio / %", "damping_ratio", 100.0),
+        )
+    )
+    return Section("Dependence on height and material", charts)
+
+
+def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) -> Section:
+    columns = (
+        Column("recording"), Column("drop"), Column("blow", unit="s"),
+        Column("free from", unit="s"), Column("free to", unit="s"),
+        Column("natural frequency", unit="Hz", u=6), Column("u"),
+        Column("damping ratio", u=8), Column("u"),
+        Column("amplitude", unit="m", u=10), Column("u"),
+        Column("scatter over noise, squared", digits=2),
+    )  # fmt: skip
+    named = [(name, drops_label(drops)) for drops in settings.drops for name in drops.laser]
+    rows: list[tuple[float | int | str | bool | None, ...]] = []
+    for (name, label), found in zip(named, ringing, strict=True):
+        if found is None:
+            continue
+        values = [float(found[n]) for n in ("blow_time", "free_from", "free_to")]
+        for n in ("natural_frequency", "damping_ratio", "amplitude"):
+            values += [float(found[n]), float(found[f"u_{n}"])]
+        rows.append((name, label, *values, float(found["chi_square"])))
+    text = (
+        "The free ringing lies between the end of the first contact and the second; it is the "
+        "longest stretch that one damped oscillation foretells. Random uncertainties only."
+    )
+    return Section("Recordings", (Table(columns, rows, caption=text),))
+
+
+def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None) -> str:
+    kinds = sorted({drops.material for drops in settings.drops})
+    frequency = value_with_uncertainty(
+        float(table["plate_natural_frequency"]), float(table["u_plate_natural_frequency"]), "Hz"
+    )
+    damping = value_with_uncertainty(
+        float(table["plate_damping_ratio"]), float(table["u_plate_damping_ratio"])
+    )
+    text = (
+        f"The laser was directed at the plate beside the disc while spheres ({', '.join(kinds)}) "
+        f"were dropped in {int(table['n'].sum())} recordings. The free ringing between the first "
+        "and the second contact was fitted by one damped oscillation; its stretch was found by "
+        f"prediction. The natural frequency was {frequency}, the damping ratio {damping} "
+        "(standard uncertainties). "
+    )
+    if plate is not None and np.isfinite(float(plate["mass"])):
+        mass = value_with_uncertainty(float(plate["mass"]), float(plate["u_mass"]), "kg")
+        text += (
+            f"The modal mass, {mass}, follows from the amplitudes and the momentum of the "
+            "simulated impacts at that frequency."
+        )
+    return text

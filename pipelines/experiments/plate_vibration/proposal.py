@@ -1,0 +1,31 @@
+"""What ``init`` makes of laser exports that are called after the plate."""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+from pipelines.experiments._kind import Found, Proposed
+from pipelines.experiments.shared import proposals
+from pipelines.experiments.shared.proposals import GAP
+
+
+def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
+    """Propose an experiment for recordings of the plate."""
+    for stem, files in proposals.grouped(names, proposals.without_repeat):
+        if proposals.sees_plate(files[0]):
+            yield Proposed(stem, tuple(files), partial(_text, found, files))
+
+
+def _text(found: Found, files: Sequence[str], name: str) -> str:
+    record = proposals.record(filter(proposals.sees_plate, found.of("record:laser")))
+    return f"""[experiments.{name}]
+kind = "plate_vibration"  # proposed from the file name
+calibration = "{record}"  # inclination of the sensor in its place over the plate
+
+[experiments.{name}.sphere]  # for the modal mass; without it frequency and damping alone
+radius = "{GAP} mm"
+mass = "{GAP} g"  # of all that moves: sphere and holder
+
+[[experiments.{name}.drops]]  # one such table for each material and height
+{proposals.material_line(name)}
+{proposals.height_line(name)}
+laser = {proposals.listed(files)}"""

@@ -1,0 +1,69 @@
+"""Settings of a plate vibration: the laser on the plate while spheres fall beside it."""
+
+from datetime import date
+from typing import Annotated, Literal
+
+import msgspec
+
+from labpipe.units import Quantity
+from labpipe.workflow.config import POSITIVE, File, Length, Mass, Time
+from pipelines.experiments.ball_drop.settings import Sensor
+from pipelines.experiments.shared.settings import DropModel, Keyence, Table
+
+
+class FallingBody(Table, frozen=True, kw_only=True):
+    """What falls in every drop; ``mass`` is all that moves, sphere and holder."""
+
+    radius: Annotated[Length, POSITIVE]
+    mass: Annotated[Mass, POSITIVE]
+
+
+class Drops(Table, frozen=True, kw_only=True):
+    """Repeated drops of one material from one height.
+
+    ``material`` is a name of the library; drops of a material that is not in it are measured but
+    give no modal mass, which needs the momentum of a simulated impact.
+    """
+
+    material: Annotated[str, msgspec.Meta(min_length=1, max_length=60)]
+    height: Annotated[Length, POSITIVE]
+    laser: Annotated[list[File], msgspec.Meta(min_length=1)]
+
+
+class Blow(Table, frozen=True, kw_only=True):
+    """What is known of the blows before the free ringing is looked for.
+
+    ``longest`` is longer than any contact (about 1 ms; 4 ms leaves a margin). ``pause`` is shorter
+    than any first flight: a sphere from 1.5 mm that keeps only half of its speed is back after
+    17 ms. Between the two the ringing is free, and from there the stretch is enlarged.
+    """
+
+    longest: Annotated[Time, POSITIVE] = Quantity(4e-3, 0.0, "s")
+    pause: Annotated[Time, POSITIVE] = Quantity(15e-3, 0.0, "s")
+
+
+class PlateVibration(Table, frozen=True, kw_only=True):
+    """Drops of one or more materials from one or more heights, the laser on the plate.
+
+    Without ``sphere`` the ringing is measured but the plate's modal mass is not; ``plate_from`` of
+    a drop needs it. ``sensor`` counts as for a ball drop: direction 1 when the reading grows as
+    the plate moves up.
+    """
+
+    kind: Literal["plate_vibration"]
+    drops: Annotated[list[Drops], msgspec.Meta(min_length=1)]
+    calibration: File
+    sphere: FallingBody | None = None
+    blow: Blow = Blow()
+    measured_on: date | None = None
+    keyence: Keyence = Keyence()
+    sensor: Sensor = Sensor()
+    model: DropModel = DropModel()
+
+    def __post_init__(self) -> None:
+        """Refuse a recording that is listed twice."""
+        names = [name for drops in self.drops for name in drops.laser]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            message = f"listed in more than one of the drops: {', '.join(twice)}; remove one"
+            raise ValueError(message)

@@ -1,0 +1,1 @@
+"""Relaxation: a periodic punch is pressed into rubber and held."""

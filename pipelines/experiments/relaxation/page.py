@@ -1,0 +1,366 @@
+"""The report of relaxation tests."""
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe.report import (
+    Block,
+    Cell,
+    Column,
+    KeyValues,
+    LineChart,
+    Notice,
+    Paragraph,
+    Section,
+    Series,
+    Table,
+    budget_table,
+    value_with_uncertainty,
+)
+from labpipe.workflow.context import Context
+from pipelines.experiments.relaxation.budget import quantities
+from pipelines.experiments.relaxation.settings import Relaxation
+from pipelines.experiments.shared import budget_blocks, pages, ramps_and_holds
+from pipelines.experiments.shared.punch_sections import (
+    columns,
+    header_blocks,
+    punch_rows,
+    substrate_name,
+)
+
+Array = NDArray[np.float64]
+
+_UM = 1e6
+_MPA = 1e-6
+_RAMP_VIEW = 2.0  # s around a ramp that are drawn sample by sample
+_POINTS_PER_DECADE = 12
+
+
+def page(
+    readings: list[xr.Dataset] | None,
+    loads: list[xr.Dataset] | None,
+    ramps: list[xr.Dataset] | None,
+    curves: list[xr.Dataset] | None,
+    model: list[xr.Dataset] | None,
+    comparison: list[xr.Dataset] | None,
+    tests: xr.Dataset | None,
+    *,
+    settings: Relaxation,
+    context: Context,
+) -> str:
+    """Write the page; a step that failed leaves its section out and its error in."""
+    loads, ramps, curves = _complete(loads), _complete(ramps), _complete(curves)
+    model, comparison = _complete(model), _complete(comparison)
+    sections = [_summary(tests, comparison, context), _measured(settings, readings, loads, context)]
+    if tests is not None:
+        sections.append(_tests(tests))
+    if loads is not None and ramps is not None and comparison is not None:
+        sections.append(_ramps(loads, ramps, comparison, tests))
+        sections.append(_holds(loads, comparison, tests))
+    if curves is not None and tests is not None:
+        sections.append(_moduli(curves, model, tests))
+    if model is not None and any("absent" not in each.attrs for each in model):
+        sections.append(_model(settings, model))
+    if loads is not None and ramps is not None and curves is not None:
+        found = quantities(loads, ramps, curves, settings=settings)
+        sections += budget_blocks.section(context.experiment, found)
+    if tests is not None:
+        sections.append(pages.methods(_methods(settings, tests)))
+    return pages.document(context, "Stress relaxation", sections).render()
+
+
+def _complete(results: list[xr.Dataset] | None) -> list[xr.Dataset] | None:
+    """Return the results of all recordings, or None when one of them failed."""
+    return None if results is None or any(r is None for r in results) else results
+
+
+def _names(tests: xr.Dataset) -> list[str]:
+    return list(json.loads(tests.attrs["names"]))
+
+
+def _label(tests: xr.Dataset, number: int) -> str:
+    depth = float(tests["depth"][number])
+    if np.isfinite(depth):
+        return f"{depth * 1e3:.3f} mm"
+    return _names(tests)[number]
+
+
+def _summary(
+    tests: xr.Dataset | None, comparison: Sequence[xr.Dataset] | None, context: Context
+) -> Section:
+    blocks: list[Block] = []
+    rows = []
+    if tests is not None:
+        rows.append(("tests", str(tests.sizes["test"]), "ramps with their holds"))
+        for i in range(tests.sizes["test"]):
+            at = tests.isel(test=i)
+            shown = ", ".join(
+                value_with_uncertainty(float(at[name]), float(at[f"u_{name}"]), "N")
+                for name in ("peak_force", "plateau_force")
+            )
+            rows.append((f"peak and plateau at {_label(tests, i)}", shown, "force"))
+        if "mean_relaxed_modulus" in tests and np.isfinite(float(tests["mean_relaxed_modulus"])):
+            rows.append(
+                ("relaxed modulus", value_with_uncertainty(
+                    float(tests["mean_relaxed_modulus"]), float(tests["u_mean_relaxed_modulus"]),
+                    "Pa"), "in tension, from the plateaus of all tests")
+            )  # fmt: skip
+        elif "mean_reduced_modulus" in tests:
+            rows.append(
+                ("relaxed reduced modulus", value_with_uncertainty(
+                    float(tests["mean_reduced_modulus"]), float(tests["u_mean_reduced_modulus"]),
+                    "Pa"), "E/(1 − ν²), from the plateaus of all tests")
+            )  # fmt: skip
+        if "nrmse_all" in tests:
+            errors = tests["nrmse_all"].values * 100
+            rows.append(
+                ("nRMSE of force", f"{np.nanmin(errors):.2f} to {np.nanmax(errors):.2f} %",
+                 "root mean square of measured minus model, over the range of each test")
+            )  # fmt: skip
+    if rows:
+        blocks.append(KeyValues(rows))
+    reasons = sorted({str(c.attrs["absent"]) for c in comparison or () if "absent" in c.attrs})
+    blocks += [Notice("info", f"No comparison with a model: {reason}.") for reason in reasons]
+    return Section("Summary", (*blocks, *pages.failed_notice(context)))
+
+
+def _measured(
+    settings: Relaxation,
+    readings: list[xr.Dataset] | None,
+    loads: list[xr.Dataset] | None,
+    context: Context,
+) -> Section:
+    rows = [("files", ", ".join(settings.mach1), "")]
+    rows += punch_rows(settings.punch)
+    rows += [("operator", context.operator, ""), ("notes", context.notes, "")]
+    blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
+    for number, name in enumerate(settings.mach1):
+        ours = None if loads is None else loads[number]
+        raw = None if readings is None else readings[number]
+        blocks += header_blocks(raw, ours, name)
+    return Section("What was measured, and its calibration", tuple(blocks))
+
+
+def _tests(tests: xr.Dataset) -> Section:
+    names = ["depth", "peak_force", "plateau_force", "ratio"]
+    has_model = "nrmse_all" in tests
+    wanted: list[str | tuple[str, str]] = [
+        "test", ("depth", "m"), ("peak", "N"), ("plateau", "N"), ("peak/plateau", ""),
+    ]  # fmt: skip
+    parts = ("ramp", "early", "late", "all")
+    rows, errors = [], []
+    for i, name in enumerate(_names(tests)):
+        at = tests.isel(test=i)
+        pair = {n: (float(at[n]), float(at[f"u_{n}"])) for n in names}
+        row: list[Cell] = [name, *(number for n in names for number in pair[n])]
+        rows.append(row)
+        motion: list[Cell] = [_label(tests, i), float(at["speed"]), float(at["duration"])]
+        if has_model:
+            motion += [float(at[f"nrmse_{p}"]) * 100 for p in parts]
+        errors.append(motion)
+    caption = (
+        "The peak is as recorded, behind the load cell's filter; the plateau is the mean over the "
+        "end of the hold."
+    )
+    second = [Column("test"), Column("ramp speed", "m/s"), Column("hold", "s")]
+    if has_model:
+        second += [Column(f"nRMSE {p}", "%", digits=3) for p in parts]
+    return Section("Tests", (
+        Table(columns(*wanted), rows, caption=caption),
+        Table(tuple(second), errors,
+              caption="Measured displacement, and errors of the simulated force relative to the "
+              "range of the force in the whole test." if has_model else "Measured displacement."),
+    ))  # fmt: skip
+
+
+def _each(
+    loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset]
+) -> list[tuple[xr.Dataset, xr.Dataset, ramps_and_holds.Hold]]:
+    return [
+        (load, compared, hold)
+        for load, compared in zip(loads, comparison, strict=True)
+        for hold in ramps_and_holds.find(load)
+    ]
+
+
+def _title(tests: xr.Dataset | None, number: int) -> str:
+    return f"test {number + 1}" if tests is None else _label(tests, number)
+
+
+def _ramps(
+    loads: Sequence[xr.Dataset],
+    ramps: Sequence[xr.Dataset],
+    comparison: Sequence[xr.Dataset],
+    tests: xr.Dataset | None,
+) -> Section:
+    charts: list[Block] = []
+    touches = [float(r["contact_position"]) for r in ramps for _ in range(r.sizes["ramp"])]
+    for number, (load, compared, hold) in enumerate(_each(loads, comparison)):
+        time = load["time"].values[hold.rows]
+        near = (time >= hold.begin - _RAMP_VIEW) & (time <= hold.end + _RAMP_VIEW)
+        since, label = time[near] - hold.begin, _title(tests, number)
+        force = load["force"].values[hold.rows][near]
+        series = [Series("measured", since, force, role="measured")]
+        if "absent" not in compared.attrs:
+            theirs = compared["simulated_force"].values[hold.rows][near]
+            series.append(Series("model", since, theirs, role="model"))
+        charts.append(
+            LineChart(f"Force around the ramp to {label}", "time since the ramp began / s",
+                      "force / N", tuple(series), group=label, height_px=240,
+                      caption="The model passed the load cell's filter, as the force did.")
+        )  # fmt: skip
+        position = load["position_z"].values[hold.rows][near]
+        datum = touches[number] if np.isfinite(touches[number]) else hold.start
+        charts.append(
+            LineChart(f"Indentation around the ramp to {label}", "time since the ramp began / s",
+                      "indentation / mm", (Series("measured, input of the model", since,
+                      (position - datum) * 1e3, role="measured"),), group=label,
+                      height_px=150)
+        )  # fmt: skip
+    return Section("Ramp and peak", tuple(charts))
+
+
+def _holds(
+    loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None
+) -> Section:
+    curves, gaps = [], []
+    for number, (load, compared, hold) in enumerate(_each(loads, comparison)):
+        label = _title(tests, number)
+        time = load["time"].values[hold.rows] - hold.end
+        longest = float(time[-1])
+        first = float(np.min(time[time > 0]))
+        count = int(np.log10(longest / first) * _POINTS_PER_DECADE) + 2
+        edges = np.geomspace(0.99 * first, 1.001 * longest, count)
+        force = load["force"].values[hold.rows]
+        lag, mean, _, _ = ramps_and_holds.binned(time, force, edges)
+        curves.append(Series(f"{label}, measured", lag, mean, style="points", role="measured"))
+        if "absent" in compared.attrs:
+            continue
+        theirs = compared["simulated_force"].values[hold.rows]
+        _, model, _, _ = ramps_and_holds.binned(time, theirs, edges)
+        _, gap, spread, n = ramps_and_holds.binned(time, force - theirs, edges)
+        u = np.maximum(spread, float(np.nanmax(load["u_force"].values))) / np.sqrt(n)
+        curves.append(Series(f"{label}, model", lag, model, role="model"))
+        gaps.append(Series(label, lag, gap, role="residual", u=u))
+    charts: list[Block] = [
+        LineChart("Relaxation", "time since the stage arrived / s", "force / N", tuple(curves),
+                  x_scale="log", height_px=320,
+                  caption="Means of equal steps of the logarithm of time.")
+    ]  # fmt: skip
+    if gaps:
+        charts.append(
+            LineChart("Measured minus model", "time since the stage arrived / s", "difference / N",
+                      tuple(gaps), x_scale="log", height_px=200,
+                      caption="Bars: noise of each mean, one standard uncertainty. An error of the "
+                      "depth, of the gain or of the modulus moves a whole curve.")
+        )  # fmt: skip
+    return Section("Relaxation", tuple(charts))
+
+
+def _moduli(
+    curves: Sequence[xr.Dataset], models: Sequence[xr.Dataset] | None, tests: xr.Dataset
+) -> Section:
+    absent = next((str(c.attrs["absent"]) for c in curves if "absent" in c.attrs), None)
+    if absent is not None:
+        return Section("Modulus", (Notice("info", f"{absent}."),))
+    blocks: list[Block] = [
+        Paragraph(
+            "The plateau gives the relaxed reduced modulus E/(1 − ν²) as force over the elastic "
+            "force of a unit modulus at the same depth (eq. 2.17 inverted, for the punch's own "
+            "profile). The relaxation modulus is fitted to the force from ramp to end of hold "
+            "through Lee and Radok's integral; no material was assumed."
+        )
+    ]
+    series = []
+    number = 0
+    for curve in curves:
+        if "relaxation_modulus" in curve:
+            series.append(
+                Series(_label(tests, number), curve["elapsed"].values,
+                       curve["relaxation_modulus"].values * _MPA, role="measured")
+            )  # fmt: skip
+        number += curve.sizes["ramp"]
+    there = next((m for m in models or () if "relaxation_modulus" in m), None)
+    if series and there is not None:
+        series.append(
+            Series("of the material", there["elapsed"].values,
+                   there["relaxation_modulus"].values * _MPA, role="model")
+        )  # fmt: skip
+    if series:
+        blocks.append(
+            LineChart("Relaxation modulus from the force", "time / s",
+                      "reduced modulus / MPa", tuple(series), x_scale="log", height_px=280,
+                      caption="Curves of a linear material lie on each other. They begin where "
+                      "ramp and filter let processes be told apart.")
+        )  # fmt: skip
+    blocks.append(_modulus_table(tests))
+    budgets = json.loads(curves[0].attrs["budgets"])
+    blocks += budget_table(budgets[0], f"Budget of the reduced modulus at {_label(tests, 0)}", "Pa")
+    return Section("Modulus", tuple(blocks))
+
+
+def _modulus_table(tests: xr.Dataset) -> Table:
+    rows = []
+    for i in range(tests.sizes["test"]):
+        at = tests.isel(test=i)
+        row: list[Cell] = [_label(tests, i)]
+        for name in ("reduced_modulus", "peak_force_unfiltered"):
+            row += [float(at[name]), float(at[f"u_{name}"])] if name in tests else [np.nan, np.nan]
+        rows.append([*row, float(at["reduced_modulus_cosine"])])
+    return Table(
+        (*columns("depth", ("reduced modulus", "Pa"), ("peak before the filter", "N")),
+         Column("by eq. (2.17) as printed", "Pa", digits=4)),
+        rows,
+        caption="Eq. (2.17) holds for a cosine on a half-plane. The peak before the filter "
+        "follows from the fit; its uncertainty holds the filter's unknown type.",
+        sortable=False,
+    )  # fmt: skip
+
+
+def _model(settings: Relaxation, models: Sequence[xr.Dataset]) -> Section:
+    there = next(m for m in models if "absent" not in m.attrs)
+    rows = [
+        ("material", substrate_name(settings.substrate), ""),
+        ("its relaxed reduced modulus", value_with_uncertainty(
+            float(there["reduced_modulus"]), 0.0, "Pa"), ""),
+        ("profile of the tips", settings.model.profile, ""),
+        ("solver", there.attrs["solver"], there.attrs["solver_reason"]),
+        ("datum of displacement", there.attrs["datum"], ""),
+    ]  # fmt: skip
+    text = (
+        "Boundary elements of a periodic line contact with exact exponential memory, driven by the "
+        "measured displacement of the whole file, approach included."
+    )
+    return Section("Model", (Paragraph(text), KeyValues([r for r in rows if r[1]])))
+
+
+def _methods(settings: Relaxation, tests: xr.Dataset) -> str:
+    depths = tests["depth"].values * 1e3
+    speed = float(np.median(tests["speed"])) * 1e3
+    hold = float(np.median(tests["duration"]))
+    text = f"In {tests.sizes['test']} relaxation tests a periodic punch was pressed into the sample"
+    if np.isfinite(depths).all():
+        text += f" to {', '.join(f'{d:.3f}' for d in depths)} mm"
+    text += (
+        f" at {speed:.3g} mm/s and held for {hold:.0f} s. First touch was fitted to the force of "
+        "the approach, behind the load cell's filter. The plateau is the mean force over the last "
+        f"{min(settings.hold.plateau.value, 0.1 * hold):.0f} s. "
+    )
+    if "mean_reduced_modulus" in tests:
+        value, u = (float(tests[f"{p}mean_reduced_modulus"]) for p in ("", "u_"))
+        text += (
+            "The relaxed reduced modulus, from the plateau and the elastic force at the measured "
+            f"depth, is {value_with_uncertainty(value, u, 'Pa')} (standard uncertainty). "
+        )
+    if "nrmse_all" in tests:
+        error = tests["nrmse_all"].values * 100
+        text += (
+            "The force was simulated by periodic boundary elements with the measured displacement; "
+            "the normalised root-mean-square error over a test was "
+            f"{error.min():.2f} to {error.max():.2f} %."
+        )
+    return text

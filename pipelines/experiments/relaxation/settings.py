@@ -1,0 +1,41 @@
+"""Settings of a relaxation test: a periodic punch pressed into rubber and held (Mach-1)."""
+
+from typing import Annotated, Literal
+
+import msgspec
+
+from labpipe.units import Quantity
+from labpipe.workflow.config import POSITIVE, File, Length, Time
+from pipelines.experiments.shared.punch_settings import IndentationModel, LoadCell, Punch, Substrate
+from pipelines.experiments.shared.settings import Table
+
+
+class Hold(Table, frozen=True, kw_only=True):
+    """Which part of a hold counts for what.
+
+    ``early`` ends the early part of a relaxation, in which the model is compared apart; ten
+    seconds are a hundred times the thesis's ramps. The plateau is the mean over the last
+    ``plateau`` of the hold, at most a tenth of it: long enough to average noise out, short enough
+    that the force hardly falls meanwhile.
+    """
+
+    early: Annotated[Time, POSITIVE] = Quantity(10.0, 0.0, "s")
+    plateau: Annotated[Time, POSITIVE] = Quantity(60.0, 0.0, "s")
+
+
+class Relaxation(Table, frozen=True, kw_only=True):
+    """One or more Mach-1 files with a Stress Relaxation block each; one test per ramp.
+
+    Without ``punch`` no modulus is found, without ``substrate`` nothing is simulated; the report
+    says so. ``contact`` is the stage position of first touch; without it the approach in each file
+    is searched for it.
+    """
+
+    kind: Literal["relaxation"]
+    mach1: Annotated[list[File], msgspec.Meta(min_length=1)]
+    punch: Punch | None = None
+    substrate: Substrate | None = None
+    contact: Length | None = None
+    load_cell: LoadCell = LoadCell()
+    hold: Hold = Hold()
+    model: IndentationModel = IndentationModel()

@@ -1,0 +1,166 @@
+"""How the budget of a formula is told, on the page of an experiment and on the sensitivities'."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import ceil, isfinite, isinf, log10
+from typing import Any
+
+from labpipe.report import (
+    Block,
+    Column,
+    Details,
+    Paragraph,
+    Section,
+    Table,
+    budget_table,
+    difference_unit,
+    quantity,
+    shown_source,
+    value_with_uncertainty,
+)
+from labpipe.uncertainty import Budget, MonteCarlo, agrees, apart, linear, monte_carlo
+from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
+
+_MANY = 1000.0  # degrees of freedom: beyond, Student's law is the normal one
+_DRAWS = 2000  # on the page of an experiment: the ends of an interval to 5 % of u
+
+Propagated = tuple[Quantity, Budget, MonteCarlo]
+
+
+def section(experiment: str, quantities: Iterable[Quantity]) -> tuple[Section, ...]:
+    """Return the budgets of an experiment's main quantities, one line each and each folded away.
+
+    Parameters
+    ----------
+    experiment : str
+        Its name.
+    quantities : iterable of Quantity
+        Those without a finite value are left out.
+
+    Returns
+    -------
+    tuple of Section
+        Empty when there is nothing to show.
+    """
+    found: list[Propagated] = []
+    for each in quantities:
+        budget = linear(each.model, each.inputs)
+        if isfinite(budget.value) and isfinite(budget.u):
+            found.append((each, budget, monte_carlo(each.model, each.inputs, draws=_DRAWS)))
+    if not found:
+        return ()
+    largest = [budget.rows[0] for _, budget, _ in found]
+    table = overview(
+        found, "largest source",
+        [f"{shown_source(r['source'])}, {100.0 * r['share']:.0f} %" for r in largest],
+        "After the GUM; repeats count as type A with Student's quantile. Which input "
+        f"should be measured better: labpipe sensitivity SESSION {experiment}.",
+    )  # fmt: skip
+    folded = (Details(each[0].name, blocks=blocks(*each)) for each in found)
+    return (Section("Uncertainty budgets", (table, *folded)),)
+
+
+def overview(
+    found: Sequence[Propagated], last: str, texts: Sequence[str], caption: str = ""
+) -> Table:
+    """Return one line for each quantity, which ends with a text under a heading of its own."""
+    rows = [
+        (
+            each.name, value_with_uncertainty(budget.value, budget.u, each.unit),
+            half_width(budget, each.unit), coverage_factor(budget),
+            _number(budget.degrees_of_freedom), compared(budget, drawn), text,
+        )
+        for (each, budget, drawn), text in zip(found, texts, strict=True)
+    ]  # fmt: skip
+    columns = (
+        Column("quantity"), Column("value"), Column("expanded uncertainty, 95 %"),
+        Column("coverage factor", digits=3), Column("degrees of freedom"),
+        Column("linear and Monte Carlo"), Column(last),
+    )  # fmt: skip
+    return Table(columns, rows, caption=caption, sortable=False)
+
+
+def blocks(
+    found: Quantity,
+    budget: Budget,
+    drawn: MonteCarlo,
+    columns: Mapping[str, Mapping[str, Any]] | None = None,
+) -> tuple[Block, ...]:
+    """Return one budget as text, table and bars.
+
+    Parameters
+    ----------
+    found : Quantity
+    budget : Budget
+    drawn : MonteCarlo
+    columns : mapping of str to mapping of str to float, optional
+        Further columns by title and source.
+    """
+    half, unit = budget.expanded(), found.unit
+    # two digits of the half width
+    digits = 2 + max(ceil(log10(abs(budget.value) / half)), 1) if budget.value and half else 5
+    ends = [
+        f"{quantity(low, unit, digits)} to {quantity(high, unit, digits)}"
+        for low, high in ((budget.value - half, budget.value + half), (drawn.low, drawn.high))
+    ]
+    text = (
+        f"{value_with_uncertainty(budget.value, budget.u, unit)}; expanded uncertainty "
+        f"{half_width(budget, unit)} with k = {coverage_factor(budget):.3g} "
+        f"({_number(budget.degrees_of_freedom)} degrees of freedom), 95 %. "
+        f"Linear: {ends[0]}; Monte Carlo: {ends[1]}: they {compared(budget, drawn)}"
+        f"{_reason(budget, drawn)}."
+    )
+    return Paragraph(text), *_table(found, budget, columns or {}), *_others(found)
+
+
+def _table(
+    found: Quantity, budget: Budget, columns: Mapping[str, Mapping[str, Any]]
+) -> tuple[Block, ...]:
+    """Return the uncertain inputs as table and bars, the largest first."""
+    rows = [row for row in budget.rows if row["u"] > 0.0]
+    freedom = {n: _number(g.degrees_of_freedom) for n, g in found.inputs.items()}
+    few = any(isfinite(g.degrees_of_freedom) for g in found.inputs.values())
+    more = ({"degrees of freedom": freedom} if few else {}) | dict(columns)
+    return budget_table(rows, found.name, found.unit, more)
+
+
+def _others(found: Quantity) -> tuple[Block, ...]:
+    """Say of the inputs without a row why they have none."""
+    exact = [shown_source(n) for n, g in found.inputs.items() if g.u == 0.0 and n != MEASURED]
+    texts = [f"{names} ({why})" for names, why in found.inert]
+    said = [f"Stated without uncertainty, or none was found: {', '.join(exact)}."] if exact else []
+    said += [f"Not acting: {'; '.join(texts)}."] if texts else []
+    return (Paragraph(" ".join(said)),) if said else ()
+
+
+def half_width(budget: Budget, unit: str) -> str:
+    """Write the expanded uncertainty, for 95 %; that of a temperature is a difference."""
+    return quantity(budget.expanded(), difference_unit(unit), 2)
+
+
+def compared(budget: Budget, drawn: MonteCarlo) -> str:
+    """Say whether the linear interval stands, or by which share of its half width it does not."""
+    if agrees(budget, drawn):
+        return "agree"
+    return f"differ by {100.0 * apart(budget, drawn) / budget.expanded():.0f} %"
+
+
+def _reason(budget: Budget, drawn: MonteCarlo) -> str:
+    if agrees(budget, drawn):
+        return ""
+    if isfinite(budget.degrees_of_freedom):
+        return (
+            " of the half width, as repeats are few: effective degrees of freedom stand for "
+            "Student's law of one input, which the draws follow; take theirs"
+        )
+    return " of the half width, as the result bends within the uncertainty; take the drawn one"
+
+
+def coverage_factor(budget: Budget) -> float:
+    """Return expanded over standard uncertainty, for 95 %; not a number without uncertainty."""
+    return budget.expanded() / budget.u if budget.u else float("nan")
+
+
+def _number(freedom: float) -> str:
+    if freedom >= _MANY:
+        return "∞" if isinf(freedom) else f"> {_MANY:.0f}"
+    return f"{freedom:.3g}"

@@ -1,0 +1,116 @@
+"""A reported quantity as a formula of its uncertain inputs, and what formulas share.
+
+Every budget is asked about the same inputs (:data:`ASKED`): each acts, by a row of the budget, or
+the page says why it does not. Nothing stands twice: what readings show of themselves is the noise,
+and what repeats show beyond that is the repeatability, type A with n − 1 degrees of freedom.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe.uncertainty import Input, Model, beyond
+
+Array = NDArray[np.float64]
+
+IMPACTS = 3
+"""Impacts that are shown; the thesis analyses the first three."""
+
+TESTS = 3
+"""Depths or frequencies of an indentation that are shown."""
+
+ASKED = (
+    "inclination", "pixel size", "zero", "noise", "sampling", "filter lag", "mass", "radius",
+    "height", "Poisson's ratio", "temperature", "repeatability",
+)  # fmt: skip
+"""Inputs that every budget is asked about."""
+
+NOTHING_FALLS = (
+    ("inclination, pixel size, mass, height", "there is no laser, no camera, and nothing falls"),
+)
+"""What does not act on an indentation, and why."""
+
+MEASURED = "measured"
+"""Name of the input that is the result as read; its uncertainty stands in the others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """One reported quantity as a formula of uncertain inputs.
+
+    Attributes
+    ----------
+    name, unit : str
+    model : callable
+        Takes every input by its name.
+    inputs : dict of str to Input
+    inert : tuple of (str, str)
+        Inputs of :data:`ASKED` that do not act, several in one text, and why.
+    family : str
+        What quantities of the same sense have in common; the name where it is empty.
+    """
+
+    name: str
+    unit: str
+    model: Model
+    inputs: dict[str, Input]
+    inert: tuple[tuple[str, str], ...] = ()
+    family: str = ""
+
+
+def repeats(values: Array, own: Array) -> tuple[Input, Input]:
+    """Return what repeats state of themselves, averaged, and their scatter beyond it."""
+    n = values.size
+    stated = float(np.sqrt(np.mean(own**2)) / sqrt(n))
+    if n < 2:
+        return Input(0.0, stated), Input(0.0, 0.0)
+    scatter = float(np.std(values, ddof=1) / sqrt(n))
+    return Input(0.0, stated), Input(0.0, beyond(scatter, stated), degrees_of_freedom=n - 1)
+
+
+def clock(displacement: xr.Dataset) -> Input:
+    """Return the sensor's clock over the true one; what nobody compared is assumed."""
+    return Input(1.0, float(json.loads(displacement.attrs["time_base"])["u_relative"]))
+
+
+def summed(**inputs: float) -> float:
+    """Add all inputs: the formula of a result with errors of its own unit."""
+    return sum(inputs.values())
+
+
+def of_model(
+    name: str, value: float, unit: str, rows: Sequence[Mapping[str, Any]], asked: Sequence[str]
+) -> Quantity:
+    """Return what a model gave, of which only the sensitivities are known.
+
+    Parameters
+    ----------
+    name, unit : str
+    value : float
+    rows : sequence of mapping
+        As :func:`labpipe.uncertainty.table` makes them.
+    asked : sequence of str
+        Inputs of the model; those without a row are stated as exact.
+    """
+    given = {str(r["source"]).replace(" ", "_"): r for r in rows}
+
+    def model(measured: float, **inputs: float) -> float:
+        return measured + sum(r["sensitivity"] * (inputs[n] - r["value"]) for n, r in given.items())
+
+    inputs = {MEASURED: Input(value, 0.0, unit)}
+    inputs |= {n: Input(r["value"], r["u"], r["unit"]) for n, r in given.items()}
+    exact = [n for n in asked if n.replace(" ", "_") not in given]
+    inert = [(", ".join(exact), "stated without an uncertainty, or not at all")] if exact else []
+    return Quantity(name, unit, model, inputs, (*inert, _NOT_READ))
+
+
+_NOT_READ = (
+    "inclination, pixel size, zero, noise, sampling, filter lag, repeatability",
+    "nothing that was read enters the model",
+)

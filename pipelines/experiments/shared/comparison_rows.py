@@ -1,0 +1,92 @@
+"""One row of ``compare``: a curve or an event, measured and by the model."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+IMPACTS = 3
+"""Impacts that are compared one by one; the thesis compares the first three."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One comparison.
+
+    Attributes
+    ----------
+    experiment, kind, material, condition : str
+        Which experiment, of what, and under which height, temperature or load. ``compare`` fills
+        in what a kind leaves empty.
+    quantity, unit : str
+        What is compared; SI.
+    n : int
+        Repeats behind the measurement, or points of a single curve.
+    against : str
+        ``model``, or what else the measurement is laid against.
+    measured, u_measured, model, u_model, difference, u_difference : float or None
+        Values of an event with standard uncertainties; the difference is measured minus model.
+        Of a curve only the difference is given: the bias, and its uncertainty where one is stated.
+    nrmse : float or None
+        Of a curve, relative to the range of the measurement.
+    kept : tuple of str
+        Results behind it that earlier code made and that were taken as they are.
+    """
+
+    experiment: str
+    kind: str
+    material: str
+    condition: str
+    quantity: str
+    unit: str
+    n: int
+    against: str = "model"
+    measured: float | None = None
+    u_measured: float | None = None
+    model: float | None = None
+    u_model: float | None = None
+    difference: float | None = None
+    u_difference: float | None = None
+    nrmse: float | None = None
+    kept: tuple[str, ...] = ()
+
+    @property
+    def is_curve(self) -> bool:
+        """Whether a whole curve is compared."""
+        return self.nrmse is not None
+
+    @property
+    def deviation(self) -> float | None:
+        """Difference in units of its standard uncertainty."""
+        if self.is_curve or self.difference is None or not self.u_difference:
+            return None
+        return self.difference / self.u_difference
+
+    def document(self) -> dict[str, Any]:
+        """Return the row for JSON."""
+        return asdict(self) | {"deviation": self.deviation}
+
+
+def row(
+    quantity: str,
+    unit: str,
+    n: int,
+    *,
+    material: str = "",
+    condition: str = "",
+    against: str = "model",
+    **values: Any,
+) -> Row:
+    """Return a row without its experiment; values that are not finite become None.
+
+    Examples
+    --------
+    >>> row("restitution", "1", 3, measured=0.8, u_measured=float("nan")).u_measured
+    """
+    plain = {name: _plain(value) for name, value in values.items()}
+    return Row("", "", material, condition, quantity, unit, n, against, **plain)
+
+
+def _plain(value: Any) -> float | None:
+    number = float("nan") if value is None else float(value)
+    return number if np.isfinite(number) else None

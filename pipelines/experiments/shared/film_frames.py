@@ -1,0 +1,119 @@
+"""What the experiments with films share: opening one, its day, key frames."""
+
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+import instruments
+from labpipe.errors import InputError
+from labpipe.frames import FrameSource
+from labpipe.units import Quantity
+
+Array = NDArray[np.float64]
+
+_FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
+_WIDEST = 640  # px of a stored key frame: what a page shows
+
+
+def open_film(path: Path, frame_rate: Quantity | None = None) -> FrameSource:
+    """Open a film of any known format; exported images need the frame rate.
+
+    Raises
+    ------
+    InputError
+        The file holds readings, not images.
+    """
+    options: dict[str, Any] = {}
+    if "fps" in instruments.by_name(instruments.identify(path)).option_names():
+        options["fps"] = None if frame_rate is None else frame_rate.value
+    found = instruments.read(path, **options)
+    if isinstance(found, xr.Dataset):
+        message = f"{path}: expected a film, found a table of readings"
+        raise InputError(message)
+    return found
+
+
+def recorded_on(film: object) -> str:
+    """Return the day of the film's trigger (UTC) as text, "" when the file does not know it."""
+    header = getattr(film, "header", None)
+    if header is None or not hasattr(header, "trigger"):
+        return ""
+    seconds = int(header.trigger) >> 32
+    # a camera whose clock was never set counts from 1970 or from its own first day
+    return "" if seconds < _FIRST_DAY else str(datetime.fromtimestamp(seconds, UTC).date())
+
+
+def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
+    """Copy a few frames for the page, reduced to 8 bit and to its width.
+
+    Returns
+    -------
+    Dataset
+        ``image`` (key, y, x) grey levels 0 to 255, ``frame`` (key,), ``key_time`` (key,) [s], and
+        the scalar ``reduction``, px of the film per px of the image. Attribute ``header``: what
+        the film says of itself, one line each.
+    """
+    sound = [i for i in chosen if film.valid[i]]
+    if not sound:
+        message = "none of the frames to be shown is whole in the film"
+        raise InputError(message)
+    low, high = film.levels
+    _, rows, columns = film.shape
+    factor = max(1.0, columns / _WIDEST)
+    size = (round(columns / factor), max(1, round(rows / factor)))
+    images = [
+        cv2.resize(_eight_bit(film[i], low, high), size, interpolation=cv2.INTER_AREA)
+        for i in sound
+    ]
+    return xr.Dataset(
+        {
+            "image": (("key", "y", "x"), np.stack(images),
+                      {"units": "1", "long_name": "grey level of a key frame"}),
+            "frame": ("key", np.array(sound), {"units": "1", "long_name": "frame of the film"}),
+            "key_time": ("key", film.time[sound], {"units": "s", "long_name": "time in the film"}),
+            "reduction": ((), columns / size[0],
+                          {"units": "1", "long_name": "px of the film per px of the image"}),
+        },
+        attrs={"header": "\n".join(_header_lines(getattr(film, "header", None)))},
+    )  # fmt: skip
+
+
+def _header_lines(header: Any) -> list[str]:
+    """List the single values of a header, those of its parts too; tables are left out."""
+    if not is_dataclass(header):
+        return []
+    lines = []
+    for field in fields(header):
+        value = getattr(header, field.name)
+        if is_dataclass(value):
+            lines += _header_lines(value)
+        elif isinstance(value, int | float | str) and value != "":
+            lines.append(f"{field.name.replace('_', ' ')}: {value}")
+    return lines
+
+
+def _eight_bit(image: NDArray[np.integer], low: float, high: float) -> NDArray[np.uint8]:
+    scaled = (image.astype(float) - low) * (255.0 / max(high - low, 1.0))
+    return np.clip(np.rint(scaled), 0, 255).astype(np.uint8)
+
+
+def png(image: NDArray[np.uint8]) -> bytes:
+    """Encode a grey or colour (BGR) image."""
+    is_done, data = cv2.imencode(".png", image)
+    if not is_done:
+        message = f"an image of shape {image.shape} cannot be written as PNG"
+        raise InputError(message)
+    return data.tobytes()
+
+
+def enlarged(image: NDArray[np.uint8], factor: int) -> NDArray[Any]:
+    """Return a BGR copy, ``factor`` times as large, to draw on."""
+    colour = cv2.cvtColor(np.ascontiguousarray(image), cv2.COLOR_GRAY2BGR)
+    return cv2.resize(colour, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)

@@ -1,0 +1,46 @@
+"""One laser export as readings; what it leaves unsaid comes from the settings."""
+
+from pathlib import Path
+
+import xarray as xr
+
+import instruments
+from labpipe.errors import SourceError
+from pipelines.experiments.shared.settings import Keyence
+
+
+def read_laser(path: Path, given: Keyence) -> xr.Dataset:
+    """Read one export of a laser sensor.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    given : Keyence
+        What the session says of it.
+
+    Raises
+    ------
+    InputError
+        The file holds a film.
+    """
+    try:
+        return instruments.read_table(
+            path, "displacement", "keyence",
+            cycle=None if given.cycle is None else given.cycle.value,
+            storage_factor=given.storage_factor, units=given.units,
+            encoding=given.encoding, decimal=given.decimal,
+        )  # fmt: skip
+    except SourceError as error:
+        raise _with_place(error) from None
+
+
+def _with_place(error: SourceError) -> SourceError:
+    """Add where a session says what the file leaves unsaid."""
+    if error.hint is None or not error.hint.startswith("Give"):
+        return error
+    example = 'keyence = { cycle = "50 us", storage_factor = 1, units = ["mm"] }'
+    return SourceError(
+        error.path, error.message, line=error.line, column=error.column, offset=error.offset,
+        hint=f"{error.hint} In session.toml, for the experiment: {example}.",
+    )  # fmt: skip

@@ -1,0 +1,255 @@
+"""What the experiments on a Mach-1 tester share: blocks of a file, force, contact, histories."""
+
+import json
+import warnings
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.interpolate import Akima1DInterpolator
+from scipy.signal import bessel, besselap, buttap, butter, sosfilt, sosfilt_zi
+
+import calibration
+import instruments
+from calibration import load_cell
+from calibration.record import LoadCellRecord
+from labpipe.errors import InputError
+from labpipe.units import Quantity
+from pipelines.experiments.shared import mach1_touch
+
+Array = NDArray[np.float64]
+
+LAST_DECIMAL = 1e-9
+"""Last decimal of a position in m: every file has six of a millimetre."""
+
+_APPROACH = "Find Contact"
+_KINDS = ("butterworth", "bessel")  # what a header's "low-pass" may be, the likelier first
+_CONSISTENT = 3.0  # standard uncertainties between two delays that may be one
+_SLOW = 1e-3  # of a cutoff: there a filter only delays
+_FILTER_FINENESS = 10  # steps per sample, so that a digital filter behaves as the analogue one
+_POINTS_PER_DECADE = 25  # of a rest, kept for the simulation: force is smooth in log time
+
+
+def read(path: Path) -> xr.Dataset:
+    """Read a file of the tester."""
+    return instruments.read_table(path, "force", "mach1")
+
+
+def force(
+    readings: xr.Dataset, tare: bool, record: Path | None = None, *, untared: str
+) -> xr.Dataset:
+    """Add compression-positive force; tared where the file begins with a free approach.
+
+    Parameters
+    ----------
+    readings : Dataset
+        Of :func:`read`.
+    tare : bool
+        Subtract the force of the quiet start.
+    record : Path, optional
+        Calibration record of the cell; without it the gain's uncertainty is NaN.
+    untared : str
+        What it means for the results when the force cannot be tared; a warning says so.
+    """
+    begins_free = str(readings["function"].values[0]) == _APPROACH
+    if tare and not begins_free:
+        message = f"the file begins in contact, so the force is not tared: {untared}"
+        warnings.warn(message, stacklevel=3)
+    known = None if record is None else calibration.load_record(record)
+    loads = load_cell.force(readings, known, zero="start" if tare and begins_free else None)
+    kept = [n for n in readings.data_vars if n not in loads and n != "force_z"]
+    made = loads.merge(readings[kept])
+    delay = known.values.filter_delay if isinstance(known, LoadCellRecord) else None
+    made.attrs["filter_delay"] = json.dumps(None if delay is None else [delay.value, delay.u])
+    made.attrs["is_tared"] = int(tare and begins_free)
+    made.attrs["blocks"] = readings.attrs["blocks"]
+    made.attrs["source"] = readings.attrs.get("source", "")
+    return made
+
+
+def blocks(loads: xr.Dataset) -> list[dict[str, Any]]:
+    """Return what the header says of every block."""
+    return list(json.loads(loads.attrs["blocks"]))
+
+
+def rows(loads: xr.Dataset, block: int) -> slice:
+    """Return where the samples of a block lie."""
+    where = np.flatnonzero(loads["block"].values == block)
+    return slice(int(where[0]), int(where[-1]) + 1)
+
+
+def declared_filter(loads: xr.Dataset) -> dict[str, float] | None:
+    """Return order and cutoff of the load cell's low-pass, when the header says so."""
+    return load_cell.declared_filter(loads.attrs)
+
+
+def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag | None:
+    """Return gain and lag of the load cell's filter at a frequency; None without a filter.
+
+    A delay that the cell's record gives stretches the lag of the assumed filter, so that how it
+    changes with frequency is kept; its uncertainty then replaces that of the filter's type.
+    """
+    declared = declared_filter(loads)
+    if declared is None:
+        return None
+    order, cutoff = int(declared["order"]), float(declared["cutoff"])
+    lag = load_cell.filter_lag(frequency, order, cutoff)
+    measured = json.loads(loads.attrs.get("filter_delay", "null"))
+    if measured is None:
+        return lag
+    value, u = measured
+    slow = load_cell.filter_lag(_SLOW * cutoff, order, cutoff).delay
+    note = "delay measured, see the record of the load cell"
+    # where the delay leaves one kind of filter, its gain is known
+    u_gain = 0.0 if filter_kinds(loads) == _KINDS[:1] else lag.u_gain
+    return lag._replace(
+        u_gain=u_gain,
+        phase=lag.phase * value / slow, u_phase=lag.phase * u / slow,
+        delay=lag.delay * value / slow, note=note,
+    )  # fmt: skip
+
+
+def filter_delay(loads: xr.Dataset) -> Quantity:
+    """Return by how much a slowly changing force comes late [s]; 0 without a filter."""
+    declared = declared_filter(loads)
+    slow = 0.0 if declared is None else _SLOW * float(declared["cutoff"])
+    lag = force_lag(loads, slow) if slow else None
+    if lag is None:
+        return Quantity(0.0, 0.0, "s")
+    return Quantity(lag.delay, lag.u_phase / (2 * np.pi * slow), "s")
+
+
+def filter_kinds(loads: xr.Dataset) -> tuple[str, ...]:
+    """Return which kinds of filter the load cell may have: those of the delay in its record.
+
+    Without a delay in the record, or with one that fits no kind, all of them, the likeliest first.
+    """
+    declared = declared_filter(loads)
+    measured = json.loads(loads.attrs.get("filter_delay", "null"))
+    if declared is None or measured is None:
+        return _KINDS
+    order, turn = int(declared["order"]), 2 * np.pi * declared["cutoff"]
+    value, u = measured
+    fitting = []
+    for kind, poles in (
+        ("butterworth", buttap(order)[1]),
+        ("bessel", besselap(order, norm="mag")[1]),
+    ):
+        delay = float(np.real(np.sum(-1 / poles))) / turn
+        if abs(delay - value) <= _CONSISTENT * u:
+            fitting.append(kind)
+    return tuple(fitting) or _KINDS
+
+
+def filtered(
+    force_values: Array,
+    interval: float,
+    declared: dict[str, float] | None,
+    kind: str = "butterworth",
+) -> Array:
+    """Pass a force through the load cell's filter, assumed causal.
+
+    Parameters
+    ----------
+    force_values : array (n,) [N]
+        At the instrument's rate.
+    interval : float [s]
+        Between readings.
+    declared : dict or None
+        ``order`` and ``cutoff`` as the header says; None leaves the force as it is.
+    kind : {"butterworth", "bessel"}
+        The header does not say it.
+    """
+    if declared is None:
+        return force_values
+    coarse = np.arange(force_values.size)
+    fine = np.arange(force_values.size * _FILTER_FINENESS) / _FILTER_FINENESS
+    # a chord would cut off peaks; Akima's curve bends with them and does not overshoot corners
+    force_between = Akima1DInterpolator(coarse, force_values, extrapolate=True)(fine)
+    rate = _FILTER_FINENESS / interval
+    sections = _sections(declared, kind, rate)
+    passed, _ = sosfilt(sections, force_between, zi=sosfilt_zi(sections) * force_between[0])
+    result: Array = passed[::_FILTER_FINENESS]
+    return result
+
+
+def _sections(declared: dict[str, float], kind: str, rate: float) -> Array:
+    """Return the load cell's filter (section, 6) at a rate [Hz]."""
+    order, cutoff = int(declared["order"]), declared["cutoff"]
+    if kind == "bessel":
+        return np.asarray(bessel(order, cutoff, fs=rate, output="sos", norm="mag"))
+    return np.asarray(butter(order, cutoff, fs=rate, output="sos"))
+
+
+def clock(loads: xr.Dataset) -> Array:
+    """Return the time of every sample since the file's first block began, in s."""
+    starts = []
+    for block in blocks(loads):
+        if not block.get("start"):
+            message = "a block without a start time cannot be put into the history of the test"
+            raise InputError(message)
+        starts.append(datetime.fromisoformat(block["start"]))
+    since = np.array([(s - starts[0]).total_seconds() for s in starts])
+    absolute: Array = loads["time"].values + since[loads["block"].values.astype(int)]
+    return absolute
+
+
+def contact_position(loads: xr.Dataset, given: Quantity | None) -> tuple[Quantity, str]:
+    """Return the stage position of first touch, and how it was found.
+
+    Raises
+    ------
+    InputError
+        It is neither given nor found in an approach.
+    """
+    if given is not None:
+        return given, "given in session.toml"
+    functions = [str(f) for f in loads["function"].values]
+    if _APPROACH not in functions:
+        message = (
+            "the file holds no Find Contact block, so the position of first touch is not known; "
+            'give it in session.toml: contact = "12.345 ± 0.001 mm"'
+        )
+        raise InputError(message)
+    part = loads.isel(sample=rows(loads, functions.index(_APPROACH)))
+    found = _touch(part, declared_filter(loads))
+    return found, "fitted to the force of the Find Contact block, with the cell's filter"
+
+
+def _touch(part: xr.Dataset, declared: dict[str, float] | None) -> Quantity:
+    """Find the first touch of an approach, through the load cell's filter."""
+    if declared is None:
+        return mach1_touch.touched(part, 0.0, [np.empty((0, 6))])
+    interval = float(np.median(np.diff(part["time"].values)))
+    filters = [
+        _sections(declared, kind, mach1_touch.FINENESS / interval) for kind in filter_kinds(part)
+    ]
+    delay = load_cell.filter_lag(_SLOW * declared["cutoff"], int(declared["order"]),
+                                 declared["cutoff"]).delay  # fmt: skip
+    return mach1_touch.touched(part, delay, filters)
+
+
+def history(time: Array, displacement: Array) -> NDArray[np.int64]:
+    """Choose the samples that a simulation needs: all in motion, few at rest.
+
+    Returns
+    -------
+    array of int
+        Indices, the first and last sample included.
+    """
+    moving = np.concatenate([[True], np.diff(displacement) != 0])
+    moving[:-1] |= moving[1:]
+    kept = set(np.flatnonzero(moving).tolist()) | {0, time.size - 1}
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (~moving).astype(int), [0]])))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        count = last - first
+        if count < 4:
+            kept |= set(range(first, last))
+            continue
+        decades = np.log10(count)
+        picks = np.geomspace(1, count, max(4, int(decades * _POINTS_PER_DECADE)))
+        kept |= set((first + np.unique(picks.astype(int)) - 1).tolist())
+    return np.array(sorted(kept), dtype=np.int64)

@@ -1,0 +1,150 @@
+"""The material of an experiment: from the library, a file of the session, or a DMA experiment."""
+
+import json
+import warnings
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+import xarray as xr
+
+from labpipe import materials
+from labpipe.errors import InputError
+from labpipe.materials import Prony, ShiftLaw, shift_at
+from labpipe.units import Quantity
+from pipelines.experiments.shared.settings import MaterialChoice
+
+_LEAST_WARMER = 3.0  # K
+_LEAST_POISSON = 0.03
+
+
+def resolve(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None) -> Prony:
+    """Return the material that the settings name.
+
+    Parameters
+    ----------
+    choice : MaterialChoice
+        What session.toml says.
+    file : Path, optional
+        The material file, when the settings name one.
+    fitted : Dataset, optional
+        The master curve of the DMA experiment, when the settings name one.
+
+    Raises
+    ------
+    InputError
+        No material is named, or its shifts do not reach the temperature.
+
+    Warns
+    -----
+    UserWarning
+        The temperature lies outside the isotherms of the DMA experiment.
+    """
+    temperature = None if choice.temperature is None else choice.temperature.value
+    if fitted is not None:
+        return fitted_at(fitted, temperature)
+    if file is not None:
+        return materials.load_file(file, temperature=temperature)
+    if choice.material is None:
+        message = "no material is named"
+        raise InputError(message)
+    return materials.load(choice.material, temperature=temperature)
+
+
+class Variation(NamedTuple):
+    """An uncertain input of a material, a change of it, and the solid that it makes."""
+
+    given: Quantity
+    change: float
+    solid: Prony
+
+
+def variations(
+    choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
+) -> dict[str, Variation]:
+    """Return what is uncertain of the material, each with the solid of a changed input.
+
+    The temperature shifts the material by its law; Poisson's ratio changes the modulus of a
+    contact, E / (1 - nu^2), and nothing else. The changes are large enough for a simulation to
+    tell them from its own error.
+
+    Parameters
+    ----------
+    choice, file, fitted
+        As for :func:`resolve`.
+
+    Returns
+    -------
+    dict of str to Variation
+        Empty where neither is stated with an uncertainty.
+    """
+    found: dict[str, Variation] = {}
+    stated = choice.temperature
+    if stated is not None and stated.u > 0.0:
+        step = max(stated.u, _LEAST_WARMER)
+        off = Quantity(stated.value + step, 0.0, stated.si)
+        warmer = msgspec.structs.replace(choice, temperature=off)
+        found["temperature"] = Variation(stated, step, resolve(warmer, file, fitted))
+    nu = _poisson_ratio(choice, file, fitted)
+    if nu.u > 0.0:
+        # of a modulus that was measured in shear, nu has made the one in tension before
+        in_shear = fitted is not None and float(fitted.attrs["modulus_factor"]) != 1.0
+        power = 1 if in_shear else 2
+        step = max(nu.u, _LEAST_POISSON)
+        factor = (1.0 - nu.value**power) / (1.0 - (nu.value + step) ** power)
+        solid = resolve(choice, file, fitted).scaled(factor)
+        found["Poisson's ratio"] = Variation(nu, step, solid)
+    return found
+
+
+def _poisson_ratio(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
+                   ) -> Quantity:  # fmt: skip
+    if fitted is not None:
+        return Quantity(float(fitted["nu"]), float(fitted["u_nu"]), "1")
+    known = materials.describe(choice.material or "") if file is None else (
+        materials.read_material(file)
+    )  # fmt: skip
+    entry = next(e for e in known.entries if e.name == "poisson")
+    return Quantity(entry.value, entry.u, "1")
+
+
+def fitted_at(fitted: xr.Dataset, temperature: float | None) -> Prony:
+    """Return the material of a master curve, shifted from its reference temperature.
+
+    Parameters
+    ----------
+    fitted : Dataset
+        The master curve.
+    temperature : float, optional [degC]
+
+    Warns
+    -----
+    UserWarning
+        The temperature lies outside the isotherms.
+    """
+    at_reference = Prony(
+        float(fitted["E_relaxed"]),
+        fitted["E"].values,
+        fitted["rho"].values,
+        nu=float(fitted["nu"]),
+    )
+    if temperature is None or temperature == float(fitted["T_ref"]):
+        return at_reference
+    stored = json.loads(fitted.attrs["law"])
+    size = len(stored["parameters"])
+    law = ShiftLaw(
+        stored["name"], stored["T_ref"], tuple(stored["parameters"]), np.zeros((size, size))
+    )
+    measured = fitted["temperature"].values
+    log10_aT = shift_at(law, measured, fitted["log10_aT"].values, temperature)
+    if not measured.min() <= temperature <= measured.max():
+        warnings.warn(
+            f"{temperature:g} °C lies outside the isotherms of the DMA experiment "
+            f"({measured.min():g} to {measured.max():g} °C); its {law.name} law is extrapolated",
+            UserWarning,
+            stacklevel=3,
+        )
+    vertical = fitted["b_T"].dropna("temperature").sortby("temperature")
+    b_T = float(np.interp(temperature, vertical["temperature"].values, vertical.values))
+    return at_reference.shifted(10.0**log10_aT, b_T)

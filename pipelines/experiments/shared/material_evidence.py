@@ -1,0 +1,37 @@
+"""What an experiment tells of its material, ready to become evidence."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.identification import Evidence, Parameter
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class MaterialEvidence:
+    """One experiment, ready to become evidence once the relaxation times are chosen.
+
+    Attributes
+    ----------
+    nu : float
+    window : tuple of float [s]
+        Shortest and longest time of which it tells.
+    unknowns : tuple of Parameter
+        What it leaves unknown besides the material.
+    build : callable
+        Takes relaxation times (term,) and returns the evidence.
+    """
+
+    nu: float
+    window: tuple[float, float]
+    unknowns: tuple[Parameter, ...]
+    build: Callable[[Array], Evidence]
+
+
+def nuisance(name: str, mean: float, sd: float, unit: str, text: str) -> Parameter:
+    """Return an unknown of an experiment."""
+    return Parameter(name, mean, sd, unit, text, is_nuisance=True)

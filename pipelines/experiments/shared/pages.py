@@ -1,0 +1,174 @@
+"""The sections that every report has: calibration, ledger, warnings and errors, provenance.
+
+What is special to a kind of experiment stands in its own page module.
+"""
+
+import json
+from collections.abc import Sequence
+
+import xarray as xr
+
+from labpipe.report import (
+    Block,
+    Column,
+    Details,
+    Document,
+    KeyValues,
+    Notice,
+    Paragraph,
+    Section,
+    Table,
+    value_with_uncertainty,
+)
+from labpipe.units import Quantity
+from labpipe.workflow.context import Context, Warned
+
+SYNTHETIC = "synthetic data"
+SESSION_PAGE = "../index.html"
+"""From a report to the page of the whole session."""
+
+
+def stated(given: Quantity) -> str:
+    """Write a quantity of the configuration with its uncertainty."""
+    return value_with_uncertainty(given.value, given.u, given.si)
+
+
+def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Document:
+    """Assemble a page: the sections of its kind between the head and the sections of every page."""
+    head = (*((synthetic_notice(),) if context.synthetic else ()), *kept_notice(context))
+    first, *rest = sections
+    opening = Section(first.title, (*head, *first.blocks), first.anchor)
+    return Document(
+        title=context.experiment,
+        subtitle=f"{subtitle} · {context.title}" if context.title else subtitle,
+        badge=SYNTHETIC if context.synthetic else "",
+        home=SESSION_PAGE,
+        sections=(opening, *rest, problems(context), ledger(context), provenance(context)),
+    )
+
+
+def synthetic_notice() -> Notice:
+    """Say that nothing on the page was measured."""
+    return Notice(
+        "warning",
+        "Synthetic data: recorded by labpipe's virtual rig, not by an instrument. They show what "
+        "the analysis does; they say nothing about a real material.",
+    )
+
+
+def kept_notice(context: Context) -> tuple[Notice, ...]:
+    """Say which results behind the page were made by earlier code and taken as they are."""
+    if not context.kept:
+        return ()
+    alike: dict[tuple[str, str], list[str]] = {}
+    for kept in context.kept:
+        alike.setdefault((kept.stage, kept.reason), []).append(kept.recording or "")
+    lines = [
+        f"{stage}{f' ({len(names)} recordings)' if len(names) > 1 else ''}: {reason}"
+        for (stage, reason), names in alike.items()
+    ]
+    text = (
+        "Results of earlier code were kept as they are; what follows from them may differ from "
+        "what this version of labpipe gives. `labpipe process` makes them again. They are:"
+    )
+    return (Notice("warning", "\n".join([text, *lines])),)
+
+
+def failed_notice(context: Context) -> tuple[Notice, ...]:
+    """Say which steps gave no result, so that a missing section is explained."""
+    return tuple(
+        Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}")
+        for f in context.failures
+    )
+
+
+def problems(context: Context) -> Section:
+    """Warnings and errors of every step; also when there are none."""
+    blocks: list[Block] = list(failed_notice(context))
+    alike: dict[tuple[str, str], list[Warned]] = {}
+    for warned in context.warnings:
+        alike.setdefault((warned.stage, warned.text), []).append(warned)
+    blocks += [_warning(group) for group in alike.values()]
+    if not blocks:
+        blocks.append(Notice("ok", "No warnings and no errors."))
+    return Section("Warnings and errors", tuple(blocks))
+
+
+def _warning(alike: Sequence[Warned]) -> Notice:
+    """Say once what several recordings have in common, and which they are."""
+    first = alike[0]
+    names = [warned.recording for warned in alike if warned.recording]
+    where = f" [{names[0]}]" if len(names) == 1 else ""
+    total = sum(warned.count for warned in alike)
+    times = f" ({total} times)" if total > len(alike) else ""
+    listed = f"\n{len(names)} recordings: {', '.join(names)}" if len(names) > 1 else ""
+    return Notice("warning", f"{first.stage}{where}: {first.text}{times}{listed}")
+
+
+def calibration_rows(text: str) -> KeyValues:
+    """Show which record was used and what could be checked of it."""
+    checked = json.loads(text)
+    shown = {
+        "id": "record", "instrument": "instrument", "serial": "serial number", "view": "view",
+        "how": "method", "who": "calibrated by", "when": "on", "valid_from": "valid from",
+        "valid_until": "valid until", "sensor_check": "sensor", "validity_check": "validity",
+    }  # fmt: skip
+    rows = [(title, str(checked[key]), "") for key, title in shown.items() if checked.get(key)]
+    return KeyValues(rows, caption="Calibration record")
+
+
+def raw_header(dataset: xr.Dataset | None) -> Details | None:
+    """Show the instrument's own header, folded away."""
+    if dataset is None:
+        return None
+    header = str(dataset.attrs.get("header", "")).strip()
+    if not header:
+        return None
+    return Details(f"Raw header of {dataset.attrs.get('source', 'the file')}", text=header)
+
+
+def present(results: Sequence[xr.Dataset | None] | None) -> list[xr.Dataset]:
+    """Return the results of the recordings that gave one; a step that failed left None."""
+    return [result for result in results or () if result is not None]
+
+
+def raw_headers(datasets: Sequence[xr.Dataset]) -> tuple[Details, ...]:
+    """Show the headers of several files, folded into one."""
+    headers = tuple(h for dataset in datasets if (h := raw_header(dataset)) is not None)
+    if len(headers) < 2:
+        return headers
+    return (Details(f"Raw headers of {len(headers)} files", blocks=headers),)
+
+
+def ledger(context: Context) -> Section:
+    """Show what was done and what was skipped for this page."""
+    rows = [
+        (row.stage or "all steps", row.name.replace("_", " "), row.done, row.skipped)
+        for row in context.ledger
+    ]
+    blocks: tuple[Block, ...] = (
+        Table(
+            (Column("step"), Column("work"), Column("done"), Column("skipped")),
+            rows,
+            caption="Counts of work; the same for the same inputs on every machine.",
+        ),
+    )
+    return Section("Work done and work skipped", blocks)
+
+
+def provenance(context: Context) -> Section:
+    """Show inputs with their digests, versions, and the settings."""
+    found = dict(context.provenance)
+    files = Table(
+        (Column("file"), Column("bytes", digits=12), Column("SHA-256")),
+        [(f.name, f.size, f.sha256) for f in context.inputs],
+        caption="Raw files behind this page; none of them was changed.",
+    )
+    text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)
+    blocks = (files, Details("Versions, parameters and stages (JSON)", text=text))
+    return Section("Provenance", blocks)
+
+
+def methods(text: str) -> Section:
+    """Offer a paragraph for a manuscript."""
+    return Section("Methods, to paste", (Paragraph(text, copyable=True),))

@@ -1,0 +1,72 @@
+"""The plate under a drop: from the settings, or from an experiment that measured it."""
+
+import numpy as np
+import xarray as xr
+
+from labpipe import contact
+from labpipe.errors import InputError
+from labpipe.units import Quantity
+from pipelines.experiments.shared.settings import Plate
+
+
+def resolve_plate(given: Plate | None, found: xr.Dataset | None) -> contact.Plate | None:
+    """Return the plate of the model; None is a rigid one.
+
+    Parameters
+    ----------
+    given : Plate, optional
+        What session.toml says.
+    found : Dataset, optional
+        The result ``plate`` of a plate vibration, when the settings name one.
+
+    Raises
+    ------
+    InputError
+        The plate vibration found no modal mass.
+    """
+    if found is None:
+        if given is None:
+            return None
+        return contact.Plate(given.mass.value, given.frequency.value, given.damping_ratio.value)
+    return contact.Plate(
+        modal_mass(found).value, float(found["frequency"]), float(found["damping_ratio"])
+    )
+
+
+def plate_inputs(given: Plate | None, found: xr.Dataset | None) -> dict[str, Quantity]:
+    """Return the uncertain numbers of the plate by their names in :class:`labpipe.contact.Plate`.
+
+    Parameters
+    ----------
+    given, found
+        As for :func:`resolve_plate`.
+    """
+    if found is not None:
+        others = {"frequency": "Hz", "damping_ratio": "1"}
+        return {"mass": modal_mass(found)} | {
+            name: Quantity(float(found[name]), float(found[f"u_{name}"]), unit)
+            for name, unit in others.items()
+        }
+    if given is None:
+        return {}
+    return {
+        "mass": given.mass, "frequency": given.frequency, "damping_ratio": given.damping_ratio,
+    }  # fmt: skip
+
+
+def modal_mass(found: xr.Dataset) -> Quantity:
+    """Return the plate's modal mass with its uncertainty.
+
+    Raises
+    ------
+    InputError
+        The plate vibration found none.
+    """
+    mass = float(found["mass"])
+    if not np.isfinite(mass):
+        message = (
+            "the plate vibration found no modal mass; name its sphere (radius and mass) and drops "
+            "of a material of the library, or give plate = {mass, frequency, damping_ratio} here"
+        )
+        raise InputError(message)
+    return Quantity(mass, float(found["u_mass"]), "kg")

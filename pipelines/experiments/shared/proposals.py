@@ -1,0 +1,120 @@
+"""What kinds share when ``init`` makes experiments of files: words, lines, and names of files.
+
+Repeats are files whose names differ in their last number only. A drop height or a material in a
+name (``7mm``, ``h1p5``, ``peek``) is taken as a proposal and marked as such. What no file tells is
+written as :data:`GAP`; a person is asked for it, and the session is refused until it is filled.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+
+import instruments
+from labpipe.errors import LabpipeError
+
+GAP = "FILL"
+"""What stands in session.toml, before its unit, for a value that no file tells."""
+
+SPHERE = f'''radius = "{GAP} mm"  # of the sphere, e.g. "9.525 ± 0.005 mm"'''
+MOVING_MASS = f'''mass = "{GAP} g"  # of all that moves: sphere and holder'''
+
+_HEIGHT = re.compile(r"(?<![\d.])(\d+(?:[.p]\d+)?)\s*mm", re.IGNORECASE)
+_SHORT_HEIGHT = re.compile(r"(?:^|[_-])h(\d+(?:[.p]\d+)?)(?=$|[_-])", re.IGNORECASE)
+_REPEAT = re.compile(r"[_\- ]*(?:r|rep|run|repeat|test)?[_\- ]*\d+$", re.IGNORECASE)
+_DEPTH = re.compile(r"[_\- ]*\d+(?:[.p]\d+)?\s*(?:um|µm|mm)?$", re.IGNORECASE)
+_PLATE = re.compile(r"plate|vibration", re.IGNORECASE)
+_UNDER = re.compile(r"under|disc|contact|below", re.IGNORECASE)
+_SLOW = 0.1  # s between readings: no drop is seen so slowly
+_MATERIALS = ("acrylic", "pmma", "peek", "nylon", "ptfe", "nbr")
+
+
+def whole_stem(name: str) -> str:
+    """Return a file's path without its suffix: what a file that stands alone is called by."""
+    return Path(name).with_suffix("").as_posix()
+
+
+def without_repeat(name: str) -> str:
+    """Return the stem without the number of a repeat at its end."""
+    stem = whole_stem(name)
+    return _REPEAT.sub("", stem) or stem
+
+
+def without_depth(name: str) -> str:
+    """Return the stem without the depth or number at its end."""
+    stem = whole_stem(name)
+    return _DEPTH.sub("", stem) or stem
+
+
+def grouped(names: Iterable[str], stem: Callable[[str], str]) -> Iterator[tuple[str, list[str]]]:
+    """Yield stems and the files that have them, in the order of their names.
+
+    Examples
+    --------
+    >>> list(grouped(["a_2.csv", "b.csv", "a_1.csv"], without_repeat))
+    [('a', ['a_1.csv', 'a_2.csv']), ('b', ['b.csv'])]
+    """
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(stem(name), []).append(name)
+    for key in sorted(groups):
+        yield key, sorted(groups[key])
+
+
+def identifier(stem: str) -> str:
+    """Return the name that a stem gives an experiment."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", stem.rsplit("/", 1)[-1]).strip("_") or "experiment"
+
+
+def quoted(text: str) -> str:
+    """Return a text as it stands between the quotes of TOML."""
+    return text.replace("\\", "\\\\").replace('"', '\\"')
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names as an array of TOML, one a line."""
+    return "[\n" + "".join(f'  "{quoted(name)}",\n' for name in names) + "]"
+
+
+def material_word(name: str) -> str | None:
+    """Return the polymer that a name holds."""
+    return next((m for m in _MATERIALS if m in name.lower()), None)
+
+
+def material_line(name: str) -> str:
+    """Return the line of the material, from a file's name where it tells."""
+    known = material_word(name)
+    if known is None:
+        return f'material = "{GAP}"  # acrylic, peek, nylon, ptfe, nbr, or use material_file'
+    return f'material = "{known.replace("pmma", "acrylic")}"  # proposed from the file name'
+
+
+def height_line(name: str) -> str:
+    """Return the line of the drop height, from a file's name where it tells."""
+    match = _HEIGHT.search(name) or _SHORT_HEIGHT.search(name)
+    if match is None:
+        return f'height = "{GAP} mm"  # fall from release to first touch, e.g. "1.500 ± 0.005 mm"'
+    return f'height = "{match[1].replace("p", ".")} mm"  # proposed from the file name; add ± u'
+
+
+def sees_plate(name: str) -> bool:
+    """Tell by its name whether a file of the laser, or a record, is of the plate."""
+    return bool(_PLATE.search(name))
+
+
+def is_slow(path: Path) -> bool:
+    """Tell whether the readings of a file are too slow for a drop; not when it does not say."""
+    try:
+        found = instruments.read(path)
+    except LabpipeError:
+        return False
+    return float(getattr(found, "attrs", {}).get("sampling_interval", 0.0)) >= _SLOW
+
+
+def view(film: str) -> str:
+    """Tell by its name from where a film was taken: ``under`` the disc, or the ``front``."""
+    return "under" if _UNDER.search(film) else "front"
+
+
+def record(names: Iterable[str]) -> str:
+    """Return the first record, or the gap for one."""
+    return next(iter(names), f"calibration/{GAP}.toml")

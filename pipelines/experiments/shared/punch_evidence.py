@@ -1,0 +1,74 @@
+"""What a relaxation and an oscillation under one punch leave unknown alike."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import xarray as xr
+
+from labpipe.identification import Parameter
+from labpipe.uncertainty import combined
+from pipelines.experiments.shared import ramps_and_holds
+from pipelines.experiments.shared.material_choice import resolve
+from pipelines.experiments.shared.material_evidence import nuisance
+from pipelines.experiments.shared.punch_model import Geometry, relative_sources
+from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
+
+SHIFT = 1e-7
+"""m of first touch by which a derivative is found."""
+
+FILTER = nuisance(
+    "filter", 0.0, 1.0, "1", "delay of the cell's filter, in units of its uncertainty"
+)
+"""One cell tests all specimens of a session: relaxation and oscillation share its filter."""
+
+
+class Indentation(Protocol):
+    """Settings of an indentation by the punch."""
+
+    @property
+    def punch(self) -> Punch | None:
+        """The indenter."""
+
+    @property
+    def substrate(self) -> Substrate | None:
+        """What it is pressed into."""
+
+    @property
+    def model(self) -> IndentationModel:
+        """How it is simulated."""
+
+
+@dataclass(frozen=True, eq=False)
+class PunchEvidence:
+    """What relaxation and harmonic indentation share."""
+
+    geometry: Geometry
+    nu: float
+    unknowns: list[Parameter]
+    factors: tuple[str, ...]
+
+
+def of_punch(
+    settings: Indentation, loads: xr.Dataset, depth: float, file: Path | None,
+    fitted: xr.Dataset | None,
+) -> PunchEvidence | str:  # fmt: skip
+    """Return it for a depth [m]; a text where session.toml does not tell.
+
+    Of the material that the session assumes (``file``, ``fitted``) only Poisson's ratio is used.
+    """
+    if settings.punch is None or settings.substrate is None:
+        return "session.toml names no punch and no substrate"
+    nu = float(resolve(settings.substrate, file, fitted).nu)
+    geometry = Geometry.of(settings.punch, settings.substrate, settings.model, nu)
+    unknowns, factors = [], []
+    relative = combined(relative_sources(depth, 0.0, geometry))
+    gain = ramps_and_holds.relative_gain(loads)
+    for name, sd, text in (
+        ("punch", relative, "effect of the punch's dimensions on the force"),
+        ("load cell", gain, "gain of the load cell"),
+    ):
+        if sd > 0.0:
+            unknowns.append(nuisance(name, 1.0, sd, "1", text))
+            factors.append(name)
+    return PunchEvidence(geometry, nu, unknowns, tuple(factors))

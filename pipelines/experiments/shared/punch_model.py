@@ -1,0 +1,149 @@
+"""What the indentations of rubber share: the elastic force of the punch, and the simulation.
+
+The displacement of a test is the stage position minus that of first touch; the model gets the
+measured one, whatever was commanded.
+"""
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe import contact
+from labpipe.contact.line import westergaard
+from labpipe.errors import InputError
+from labpipe.materials import Prony
+from labpipe.uncertainty import Source, combined
+from labpipe.units import Quantity
+from pipelines.experiments.shared import mach1_readings
+from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
+
+Array = NDArray[np.float64]
+
+_RELATIVE_CHANGE = 1e-3  # of an input by which a sensitivity is found
+_LEAST_SHIFT = 1e-7  # m of first touch for the same purpose: far above the solver's own error
+_UNIT_MODULUS = 1e6  # Pa; a soft elastic solid whose force is divided by it
+_INCOMPRESSIBLE = 0.5  # what a layer's ratio is taken for when no material is named
+
+
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """What the elastic force depends on besides the modulus; m, ratio of Poisson."""
+
+    radius: Quantity
+    period: Quantity
+    depth: Quantity
+    tips: int
+    thickness: float
+    nu: float
+    model: IndentationModel
+
+    @classmethod
+    def of(
+        cls, punch: Punch, substrate: Substrate | None, model: IndentationModel, nu: float | None
+    ) -> "Geometry":
+        """Gather it from the settings."""
+        layer = None if substrate is None else substrate.thickness
+        return cls(
+            punch.radius, punch.period, punch.depth, punch.tips,
+            np.inf if layer is None else layer.value,
+            _INCOMPRESSIBLE if nu is None else nu, model,
+        )  # fmt: skip
+
+
+def elastic_force(displacement: Array, geometry: Geometry, **changed: float) -> Array:
+    """Return force over reduced modulus [m²] of an elastic contact at displacements [m].
+
+    Parameters
+    ----------
+    displacement : array (n,) [m]
+    geometry : Geometry
+    **changed
+        ``radius``, ``period`` or ``depth`` [m] instead of the geometry's, for sensitivities.
+
+    Notes
+    -----
+    Closed forms for parabola and cosine on a half-plane (for the cosine eq. 2.17), boundary
+    elements otherwise.
+    """
+    radius, period, depth = (
+        changed.get(name, getattr(geometry, name).value) for name in ("radius", "period", "depth")
+    )
+    length = depth * geometry.tips
+    profile = geometry.model.profile
+    inside = np.maximum(np.asarray(displacement, float), 0.0)
+    if profile != "circle" and np.isinf(geometry.thickness):
+        state = westergaard.from_displacement(inside, radius, period, 1.0, profile)
+        return np.asarray(state.force * length)
+    order = np.argsort(inside)
+    solid = Prony(_UNIT_MODULUS * (1 - geometry.nu**2), [], [], nu=geometry.nu)
+    made = contact.indent(
+        solid, radius, period, length, np.arange(inside.size, dtype=float), inside[order],
+        profile=profile, thickness=geometry.thickness, elements=geometry.model.elements,
+    )  # fmt: skip
+    force = np.empty(inside.size)
+    force[order] = made["force"].values / _UNIT_MODULUS
+    return force
+
+
+def relative_sources(displacement: float, u_touch: float, geometry: Geometry) -> list[Source]:
+    """Return what makes the elastic force at a displacement uncertain, relative to the force."""
+    at = np.array([displacement])
+    force = float(elastic_force(at, geometry)[0])
+    sources = []
+    for name in ("radius", "period", "depth"):
+        given: Quantity = getattr(geometry, name)
+        change = _RELATIVE_CHANGE * given.value
+        other = float(elastic_force(at, geometry, **{name: given.value + change})[0])
+        slope = (other - force) / change / force
+        label = {"radius": "tip radius", "period": "period", "depth": "length of a tip"}[name]
+        sources.append(Source.of(label, given, slope))
+    step = _RELATIVE_CHANGE * displacement
+    other = float(elastic_force(at + step, geometry)[0])
+    slope = (other - force) / step / force
+    sources.append(Source("first touch", 0.0, u_touch, "m", -slope, "systematic"))
+    return sources
+
+
+def simulated(
+    loads: xr.Dataset, touch: Quantity, solid: Prony, geometry: Geometry
+) -> tuple[Array, Array, dict[str, Any]]:
+    """Simulate a whole file with its measured displacement.
+
+    Returns
+    -------
+    force, u_force : array (sample,) [N]
+        The uncertainty is that of first touch and of the punch's dimensions.
+    attrs : dict
+        ``solver``, ``solver_reason``, ``datum`` and the JSON counts ``work``.
+    """
+    time = mach1_readings.clock(loads)
+    if np.any(np.diff(time) < 0):
+        message = "the blocks of the file overlap in time; their start times cannot be right"
+        raise InputError(message)
+    depth = loads["position_z"].values - touch.value
+    kept = mach1_readings.history(time, depth)
+
+    def run(shift: float) -> xr.Dataset:
+        return contact.indent(
+            solid, geometry.radius.value, geometry.period.value,
+            geometry.depth.value * geometry.tips, time[kept], depth[kept] - shift,
+            profile=geometry.model.profile, thickness=geometry.thickness,
+            elements=geometry.model.elements,
+        )  # fmt: skip
+
+    made = run(0.0)
+    force = np.interp(time, time[kept], made["force"].values)
+    shift = max(touch.u, _LEAST_SHIFT)
+    moved = np.interp(time, time[kept], run(shift)["force"].values)
+    u_touch = np.abs(moved - force) * touch.u / shift
+    deepest = float(depth.max())
+    relative = combined(relative_sources(deepest, 0.0, geometry)) if deepest > 0 else 0.0
+    attrs = {key: str(made.attrs[key]) for key in ("solver", "solver_reason", "datum")}
+    work = json.loads(made.attrs["work"])
+    work.pop("seconds", None)  # the clock has no place in a stored result
+    work |= {"history_samples": int(kept.size), "history_samples_total": int(time.size)}
+    return force, np.hypot(u_touch, relative * force), attrs | {"work": json.dumps(work)}

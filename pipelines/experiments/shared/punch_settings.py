@@ -1,0 +1,45 @@
+"""Settings that the indentations on a Mach-1 tester share: punch, rubber, load cell, model."""
+
+from typing import Annotated, Literal
+
+from labpipe.workflow.config import POSITIVE, File, Length, Range
+from pipelines.experiments.shared.settings import MaterialChoice, Table
+
+
+class Punch(Table, frozen=True, kw_only=True):
+    """The indenter: cylindrical tips of one radius, ``period`` apart.
+
+    ``depth`` is the length of one tip along its axis; ``tips`` how many touch.
+    """
+
+    radius: Annotated[Length, POSITIVE]
+    period: Annotated[Length, POSITIVE]
+    depth: Annotated[Length, POSITIVE]
+    tips: Annotated[int, Range(at_least=1, at_most=1000)] = 3
+
+
+class Substrate(MaterialChoice, frozen=True, kw_only=True):
+    """The rubber: its material and, when it is a thin bonded sheet, its thickness."""
+
+    thickness: Annotated[Length, POSITIVE] | None = None
+
+
+class LoadCell(Table, frozen=True, kw_only=True):
+    """How force is prepared.
+
+    ``correct_filter_lag`` removes the delay of the low-pass that the header declares.
+    ``tare`` subtracts the force of the quiet start; off for a test that starts in contact.
+    ``record`` is the calibration record of the cell: without it the gain's uncertainty is not
+    known and stands in no result.
+    """
+
+    correct_filter_lag: bool = True
+    tare: bool = True
+    record: File | None = None
+
+
+class IndentationModel(Table, frozen=True, kw_only=True):
+    """How the indentation is simulated: tip profile and strips per period."""
+
+    profile: Literal["parabola", "circle", "cosine"] = "circle"
+    elements: Annotated[int, Range(at_least=64, at_most=16384)] = 1024

@@ -1,0 +1,359 @@
+"""Ramps and holds of a Mach-1 file: where they lie, and what the force did in them."""
+
+import json
+import warnings
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from labpipe.errors import InputError
+from labpipe.signals import independent_count
+from labpipe.units import Quantity
+from pipelines.experiments.shared import mach1_readings
+
+Array = NDArray[np.float64]
+
+RELAXATION = "Stress Relaxation"
+_ARRIVED = 2e-3  # of a ramp's travel: closer to its end than this the stage has arrived
+_LEAST_TRAVEL = 1e-6  # m; ten steps of the stage's display
+_STEP = 1e-7  # m, the step of the display outside a Sinusoid block
+_HELD = 0.9  # of the readings after the ramp, which must lie where it ended
+_UNFINISHED = 0.01  # of a plateau, its uncertainty from relaxation that goes on: told
+_SLOWEST = 0.9  # of a quarter's fall in the next quarter: a fall without end is not extrapolated
+_FEWEST = 20  # readings of a hold
+_PLATEAU_SHARE = 0.1  # of a hold, at most
+_ENOUGH = 100  # readings from which noise is known to 7 %
+_NOISE_TREND = 3  # degree in log time: what is left of the second half of a hold is noise
+_BIN_TREND = 2  # degree in time: a bin of a relaxation is a short arc
+_CHANCE = 0.999  # of a bin's scatter: what exceeds it is no chance of the hold's noise
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """One ramp with its hold.
+
+    ``rows`` are the samples of ramp and hold; ``begin``, ``end`` and ``last`` are the block's
+    times [s] at which the ramp begins, the stage has arrived, and the hold ends; ``start`` and
+    ``held`` the positions [m] before and after; ``speed`` [m/s] that of the ramp's middle.
+    """
+
+    block: int
+    rows: slice
+    begin: float
+    end: float
+    last: float
+    start: float
+    held: float
+    speed: float
+
+
+def find(loads: xr.Dataset) -> list[Hold]:
+    """Return every ramp and hold of the file's Stress Relaxation blocks.
+
+    Raises
+    ------
+    InputError
+        The file holds none, or a block holds no ramp.
+    """
+    functions = [str(f) for f in loads["function"].values]
+    if RELAXATION not in functions:
+        known = ", ".join(sorted(set(functions)))
+        message = f"the file holds no {RELAXATION} block; its blocks are: {known}"
+        raise InputError(message)
+    found = []
+    for block in (i for i, function in enumerate(functions) if function == RELAXATION):
+        rows = mach1_readings.rows(loads, block)
+        segment = loads["segment"].values[rows]
+        edges = np.flatnonzero(np.diff(segment, prepend=segment[0] - 1, append=segment[-1] + 1))
+        previous = None
+        for first, after in pairwise(edges):
+            inside = slice(rows.start + int(first), rows.start + int(after))
+            hold = _hold(loads, block, inside, previous)
+            previous = hold.held
+            found.append(hold)
+    return found
+
+
+def _hold(loads: xr.Dataset, block: int, rows: slice, previous: float | None) -> Hold:
+    time = loads["time"].values[rows]
+    position = loads["position_z"].values[rows]
+    if not (np.isfinite(position).all() and np.isfinite(loads["force"].values[rows]).all()):
+        message = f"block {block + 1}: a reading of position or force is missing during the test"
+        raise InputError(message)
+    held = float(np.median(position[position.size // 2 :]))
+    start = float(position[0]) if previous is None else previous
+    travel = held - start
+    if abs(travel) < _LEAST_TRAVEL:
+        message = (
+            f"block {block + 1}: the stage moves by {travel * 1e6:.3g} µm only, so there is no "
+            "ramp; a relaxation test has one"
+        )
+        raise InputError(message)
+    near = max(_ARRIVED * abs(travel), 2 * _STEP)
+    moving = np.abs(position - start) > near
+    arrived = np.abs(position - held) <= near
+    if not arrived.any() or time.size - int(np.argmax(arrived)) < _FEWEST:
+        message = f"block {block + 1}: the stage is not held after its ramp"
+        raise InputError(message)
+    first, end = max(int(np.argmax(moving)) - 1, 0), int(np.argmax(arrived))
+    if np.mean(arrived[end:]) < _HELD:
+        message = (
+            f"block {block + 1}: the stage moves on after its ramp; a relaxation test holds it"
+        )
+        raise InputError(message)
+    share = (position - start) / travel
+    middle = (share > 0.1) & (share < 0.9) & (np.arange(time.size) <= end)
+    speed = (
+        float(np.polyfit(time[middle], position[middle], 1)[0])
+        if middle.sum() > 2
+        else travel / max(float(time[end] - time[first]), 1e-9)
+    )
+    return Hold(block, rows, float(time[first]), float(time[end]), float(time[-1]), start, held,
+                speed)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """A mean force [N] with the uncertainty of its noise, and over which times [s].
+
+    ``lag`` [N] is by how much the force would have read lower without the cell's filter, and
+    ``u_lag`` how well that is known; the mean is free of it.
+    """
+
+    force: float
+    u: float
+    begin: float
+    end: float
+    lag: float
+    u_lag: float
+
+
+def plateau(loads: xr.Dataset, hold: Hold, longest: float) -> Level:
+    """Return the mean force over the end of a hold."""
+    window = min(longest, _PLATEAU_SHARE * (hold.last - hold.end))
+    return mean_force(loads, hold, hold.last - window, hold.last)
+
+
+def mean_force(loads: xr.Dataset, hold: Hold, begin: float, end: float) -> Level:
+    """Return the mean force between two times of the block, with its random uncertainty."""
+    time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
+    used = (time >= begin) & (time <= end)
+    values = force[used]
+    since = time[used] - time[used].mean()
+    slope = float(since @ values / max(float(since @ since), 1e-30))
+    rest = values - values.mean() - slope * since
+    step = float(loads.attrs.get("resolution", 0.0))
+    noise = max(float(rest.std()), step / np.sqrt(12))
+    # the cell's filter ties neighbouring readings together
+    u = noise / np.sqrt(independent_count(rest))
+    if noise < step / 2:
+        u = max(u, step / np.sqrt(12))  # all on one step of the cell: no mean sees between
+    delay = mach1_readings.filter_delay(loads)
+    lag = -slope * delay.value  # what falls, reads too high by as much as it falls meanwhile
+    u_lag = abs(slope) * delay.u
+    return Level(float(values.mean()) - lag, float(np.hypot(u, u_lag)), begin, end, lag, u_lag)
+
+
+def unfinished(loads: xr.Dataset, hold: Hold, level: Level) -> float:
+    """Return the standard uncertainty [N] of a plateau from relaxation that still goes on.
+
+    The force at half and at three quarters of the hold tells how fast its fall slows down; a
+    fall that goes on so, each quarter the same share of the one before, ends lower by a known
+    amount. A rectangle of twice this half width stands for what it may be.
+    """
+    width = 0.5 * (level.end - level.begin)
+    places = [hold.end + share * (hold.last - hold.end) for share in (0.5, 0.75)]
+    half, later = (mean_force(loads, hold, t - width, t + width) for t in places)
+    fell, falls = half.force - later.force, later.force - level.force
+    share = float(np.clip(falls / max(fell, half.u, 1e-12), 0.0, _SLOWEST))
+    left = max(falls, 0.0) * share / (1.0 - share)
+    return 2.0 * left / float(np.sqrt(3.0))
+
+
+def binned(
+    time: Array, values: Array, edges: Array
+) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+    """Return mean time, mean value, standard deviation and number in bins; empty bins left out."""
+    place = np.searchsorted(edges, time, side="right") - 1
+    inside = (place >= 0) & (place < edges.size - 1)
+    count = np.bincount(place[inside], minlength=edges.size - 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        t = np.bincount(place[inside], time[inside], edges.size - 1) / count
+        mean = np.bincount(place[inside], values[inside], edges.size - 1) / count
+        square = np.bincount(place[inside], values[inside] ** 2, edges.size - 1) / count
+    filled = count > 0
+    spread = np.sqrt(np.maximum(square - mean**2, 0.0))
+    return t[filled], mean[filled], spread[filled], count[filled]
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Noise of a reading in a hold: standard deviation [N], and readings per independent one."""
+
+    sd: float
+    memory: float
+
+
+def noise(loads: xr.Dataset, hold: Hold) -> Noise:
+    """Return the noise of the readings of a hold.
+
+    The second half of the hold, where the force hardly falls, tells it better than the few
+    readings of an early bin could; the quiet start of the file stands for a hold that is short.
+    """
+    time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
+    late = time >= 0.5 * (hold.end + hold.last)
+    step = float(loads.attrs.get("resolution", 0.0))
+    least = step / np.sqrt(12.0)
+    if late.sum() < _ENOUGH:
+        return Noise(max(float(np.nanmax(loads["u_force"].values)), least), 1.0)
+    since = np.log(time[late] - hold.end)
+    trend = np.polynomial.Polynomial.fit(since, force[late], _NOISE_TREND)
+    rest = force[late] - trend(since)
+    # the cell's filter ties neighbouring readings together
+    return Noise(max(float(rest.std()), least), rest.size / independent_count(rest))
+
+
+def u_of_means(time: Array, values: Array, edges: Array, noise: Noise, step: float) -> Array:
+    """Return the standard uncertainty (filled bin,) of the means of :func:`binned` [N].
+
+    It is that of the hold's noise; the fall of the force within a bin is none. A bin whose
+    readings scatter about their own arc by more than chance keeps that scatter.
+
+    Parameters
+    ----------
+    time, values, edges : array
+        As for :func:`binned`.
+    noise : Noise
+        Of the hold.
+    step : float [N]
+        Resolution of the cell: where the noise does not cross it no mean sees between.
+    """
+    place = np.searchsorted(edges, time, side="right") - 1
+    made = []
+    for bin_ in np.unique(place[(place >= 0) & (place < edges.size - 1)]).tolist():
+        inside = place == bin_
+        count = max(float(inside.sum()) / noise.memory, 1.0)
+        u = _scatter(time[inside], values[inside], noise) / np.sqrt(count)
+        made.append(max(u, step / np.sqrt(12.0)) if noise.sd < step / 2 else u)
+    return np.array(made)
+
+
+def _scatter(time: Array, values: Array, noise: Noise) -> float:
+    """Return the standard deviation of the readings of one bin [N]."""
+    freedom = time.size - _BIN_TREND - 1
+    if freedom <= _BIN_TREND:
+        return noise.sd
+    trend = np.polynomial.Polynomial.fit(time, values, _BIN_TREND)
+    square = float(np.sum((values - trend(time)) ** 2)) / freedom
+    independent = max(freedom / noise.memory, 1.0)
+    limit = float(chi2.ppf(_CHANCE, independent)) / independent
+    return float(np.sqrt(square)) if square > limit * noise.sd**2 else noise.sd
+
+
+def systematic(loads: xr.Dataset, force: float) -> float:
+    """Return what tare and gain leave uncertain in a force [N]; an unknown gain adds nothing."""
+    return float(np.hypot(float(loads["u_tare"]), relative_gain(loads) * force))
+
+
+def relative_gain(loads: xr.Dataset) -> float:
+    """Return the relative uncertainty of the cell's gain; an unknown one is 0."""
+    return float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
+
+
+def over_ramps(rows: list[dict[str, float]], columns: dict[str, tuple[str, str]]) -> dict[str, Any]:
+    """Make variables over ``ramp`` from one dict per ramp."""
+    return {
+        name: ("ramp", np.array([r[name] for r in rows]), {"units": units, "long_name": text})
+        for name, (units, text) in columns.items()
+    }
+
+
+_RAMP_COLUMNS = {
+    "depth": ("m", "indentation of the hold, from first touch"),
+    "u_depth": ("m", "standard uncertainty: indentation of the hold"),
+    "travel": ("m", "way of the ramp"),
+    "speed": ("m/s", "speed of the ramp, from the position"),
+    "duration": ("s", "length of the hold"),
+    "peak_force": ("N", "largest force, as recorded behind the cell's filter"),
+    "u_peak_force": ("N", "standard uncertainty: largest force as recorded"),
+    "plateau_force": ("N", "mean force over the end of the hold"),
+    "u_plateau_force": ("N", "standard uncertainty: plateau force"),
+    "unfinished": ("N", "standard uncertainty of the plateau from relaxation that goes on"),
+    "plateau_lag": ("N", "lag of the cell's filter that was taken from the plateau"),
+    "u_plateau_lag": ("N", "standard uncertainty: lag of the cell's filter in the plateau"),
+    "ratio": ("1", "peak over plateau"),
+    "u_ratio": ("1", "standard uncertainty: peak over plateau"),
+    "begin": ("s", "begin of the ramp, in the block's time"),
+    "end": ("s", "arrival of the stage, in the block's time"),
+    "peak_time": ("s", "time of the largest force, in the block's time"),
+    "plateau_begin": ("s", "begin of the plateau's window, in the block's time"),
+    "last": ("s", "end of the hold, in the block's time"),
+    "block": ("1", "number of the block in the file"),
+}
+
+
+def measured(loads: xr.Dataset, touch: Quantity | None, longest: float) -> xr.Dataset:
+    """Return depth, peak, plateau and their ratio of every ramp and hold of a file.
+
+    Parameters
+    ----------
+    loads : Dataset
+        Tared, compression-positive force of one file.
+    touch : Quantity [m] or None
+        Stage position of first touch; depths are NaN without it.
+    longest : float [s]
+        Of the plateau's window.
+    """
+    rows = [_row(loads, hold, touch, longest) for hold in find(loads)]
+    return xr.Dataset(
+        over_ramps(rows, _RAMP_COLUMNS),
+        coords={"ramp": np.arange(1, len(rows) + 1)},
+        attrs={"work": json.dumps({"ramps": len(rows)})},
+    )
+
+
+def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) -> dict[str, float]:
+    time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
+    top = int(np.argmax(force))
+    level = plateau(loads, hold, longest)
+    rest = unfinished(loads, hold, level)
+    if rest > _UNFINISHED * level.force:
+        warnings.warn(
+            f"block {hold.block + 1}: the force still falls at the end of the hold, by about "
+            f"{50 * np.sqrt(3.0) * rest / level.force:.1f} % more: the plateau is not relaxed",
+            stacklevel=2,
+        )
+    noise = float(np.nanmax(loads["u_force"].values))
+    shared = systematic(loads, 1.0), float(loads["u_tare"])
+    peak = float(force[top])
+    ratio = peak / level.force
+    own = np.hypot(noise / peak, level.u / level.force)
+    # the gain cancels in the ratio, the tare does not
+    tare = shared[1] * abs(1 / level.force - 1 / peak)
+    return {
+        "depth": np.nan if touch is None else hold.held - touch.value,
+        "u_depth": np.nan if touch is None else float(np.hypot(touch.u, _STEP / np.sqrt(12))),
+        "travel": hold.held - hold.start,
+        "speed": hold.speed,
+        "duration": hold.last - hold.end,
+        "peak_force": peak,
+        "u_peak_force": float(np.hypot(noise, systematic(loads, peak))),
+        "plateau_force": level.force,
+        "u_plateau_force": float(np.hypot(level.u, systematic(loads, level.force))),
+        "unfinished": rest,
+        "plateau_lag": level.lag,
+        "u_plateau_lag": level.u_lag,
+        "ratio": ratio,
+        "u_ratio": float(ratio * np.hypot(own, tare)),
+        "begin": hold.begin,
+        "end": hold.end,
+        "peak_time": float(time[top]),
+        "plateau_begin": level.begin,
+        "last": hold.last,
+        "block": float(hold.block),
+    }

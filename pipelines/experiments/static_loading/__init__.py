@@ -1,0 +1,1 @@
+"""Static loading: a sphere under growing loads, seen by the laser."""

@@ -1,0 +1,296 @@
+"""When the loads of a static loading were put on, and where the sphere first touched.
+
+Under loads that are only added to the contact only grows, and Lee and Radok's form is exact,
+
+    δ^{3/2} = (3 / (4 √R)) ∫ J*(t − s) dF(s),
+
+for any creep compliance J*. It makes the sensor's reading at first touch follow from the loads,
+and gives the compliance itself, with no material assumed.
+
+References
+----------
+Thesis section 3.3.4; E. H. Lee & J. R. M. Radok, J. Appl. Mech. 27 (1960) 438,
+https://doi.org/10.1115/1.3644020.
+"""
+
+import json
+import warnings
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar, nnls
+
+from labpipe.errors import InputError
+from labpipe.signals import estimate_noise
+from pipelines.experiments.static_loading.settings import StaticLoading
+
+Array = NDArray[np.float64]
+
+_TERMS_PER_DECADE = 2  # of the creep compliance that is fitted
+SIDE = 4
+"""Readings on either side of a step."""
+_CLEAR = 5.0  # standard deviations by which a step must stand out
+_MORE = 0.1  # of the smallest step that was found, above which another one counts
+_ELAPSED = 60  # points of the compliance curve
+_TOLERANCE = 1e-5  # of the record's range, to which first touch is searched
+_MISFIT = 1.5  # times the noise, above which the creep fit does not describe the record
+_WIDEST = 1e4  # times the noise, the search for a misfit that grows ends
+
+
+def steps(displacement: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
+    """Find when each load was put on, and the reading at first touch."""
+    time, moved = valid(displacement)
+    noise = _noise(moved)
+    starts, sizes = _starts(time, moved, noise, settings)
+    masses = [load.mass for load in settings.loads]
+    gravity = settings.model.gravity
+    force = np.array([m.value for m in masses]) * gravity.value
+    u_force = np.array([np.hypot(m.u / m.value, gravity.u / gravity.value) for m in masses]) * force
+    given = [np.nan if load.time is None else load.time.value for load in settings.loads]
+    ends = np.append(starts[1:], time[-1])
+    table = {
+        "begin": (starts, "s", "time at which the load was put on"),
+        "end": (ends, "s", "time at which the next one was, or the record ends"),
+        "given_time": (np.array(given), "s", "time that session.toml gives"),
+        "jump": (sizes, "m", "displacement across the step"),
+        "force": (force, "N", "load"),
+        "u_force": (u_force, "N", "standard uncertainty: load"),
+    }
+    result = xr.Dataset(
+        {n: ("load", v, {"units": u, "long_name": t}) for n, (v, u, t) in table.items()},
+        coords={"load": np.arange(1, starts.size + 1)},
+    )
+    touch = _first_touch(displacement, noise, result, settings)
+    return result.merge(touch).assign_attrs(touch.attrs)
+
+
+def valid(displacement: xr.Dataset) -> tuple[Array, Array]:
+    """Return time [s] and displacement [m] of the valid readings."""
+    usable = displacement["valid"].values.astype(bool)
+    return displacement["time"].values[usable], displacement["displacement"].values[usable]
+
+
+def _noise(moved: Array) -> float:
+    found = estimate_noise(moved)
+    return float(max(found.sigma, found.step / np.sqrt(12)))
+
+
+def _starts(
+    time: Array, moved: Array, noise: float, settings: StaticLoading
+) -> tuple[Array, Array]:
+    """Return begin and size of every step; the first load is on from the beginning."""
+    padded = np.lib.stride_tricks.sliding_window_view(moved, SIDE)
+    level = np.median(padded, axis=1)
+    place = np.arange(SIDE, moved.size - SIDE + 1)
+    jump = level[place] - level[place - SIDE]
+    gap = SIDE * 2
+    starts, sizes = [float(time[0])], [np.nan]
+    free = np.ones(place.size, dtype=bool)
+    wanted = settings.loads[1:]
+    # steps with a given time first: their places are then taken
+    for load in sorted(wanted, key=lambda each: each.time is None):
+        inside = free.copy()
+        if load.time is not None:
+            inside &= np.abs(time[place] - load.time.value) <= settings.steps.search.value
+        best = int(np.argmax(np.where(inside, jump, -np.inf)))
+        if not inside.any() or jump[best] < _CLEAR * noise:
+            where = (
+                f"within {settings.steps.search.value:g} s of {load.time.value:g} s"
+                if load.time is not None
+                else "in the record"
+            )
+            message = (
+                f"no step of the displacement was found {where} for the load "
+                f"{load.mass.value:g} kg; check times and number of the loads, and the sensor's "
+                "direction"
+            )
+            raise InputError(message)
+        at = _sharpened(moved, int(place[best]))
+        # the load came between two readings
+        starts.append(0.5 * float(time[at - 1] + time[at]))
+        sizes.append(float(jump[best]))
+        free[max(0, best - gap) : best + gap + 1] = False
+    _warn_of_more(time[place[free]], jump[free], sizes[1:], noise)
+    order = np.argsort(starts)
+    tolerance = 0.5 * settings.steps.search.value
+    late = [
+        f"{load.mass.value:g} kg: {start:.0f} s, given {load.time.value:.0f} s"
+        for load, start in zip(settings.loads, np.array(starts)[order], strict=True)
+        if load.time is not None and abs(start - load.time.value) > tolerance
+    ]
+    if late:
+        warnings.warn(
+            "loads were put on at other times than given; the times found are used: "
+            + "; ".join(late),
+            stacklevel=2,
+        )
+    return np.array(starts)[order], np.array(sizes)[order]
+
+
+def _warn_of_more(time: Array, jump: Array, found: list[float], noise: float) -> None:
+    """Say that the record steps where no load is stated; a load left out spoils all others."""
+    if not (found and jump.size):
+        return
+    largest = int(np.argmax(jump))
+    if jump[largest] > max(_CLEAR * noise, _MORE * min(found)):
+        warnings.warn(
+            f"the displacement steps by {jump[largest]:.3g} m at {time[largest]:.0f} s, where no "
+            f"load is stated ({len(found) + 1} are); state every load that was put on, in its own "
+            "[[loads]]",
+            stacklevel=3,
+        )
+
+
+def _sharpened(moved: Array, near: int) -> int:
+    """Return the first reading behind a step: the split with the least absolute misfit.
+
+    A hand may disturb a reading next to the step; medians and absolute values forgive it.
+    """
+    low, high = max(near - 2 * SIDE, 0), min(near + 2 * SIDE, moved.size)
+    before, after = np.median(moved[low : near - 1]), np.median(moved[near + 1 : high])
+    splits = range(max(near - SIDE // 2, low + 1), min(near + SIDE // 2, high - 1) + 1)
+    return min(splits, key=lambda k: float(
+        np.abs(moved[low:k] - before).sum() + np.abs(moved[k:high] - after).sum()
+    ))  # fmt: skip
+
+
+def settled(time: Array, table: xr.Dataset, settings: StaticLoading) -> NDArray[np.bool_]:
+    """Return which readings lie far enough from every step."""
+    spacing = float(np.median(np.diff(time)))
+    kept = np.ones(time.size, dtype=bool)
+    for begin in table["begin"].values:
+        since = time - begin
+        kept &= (since < -spacing) | (since > settings.steps.settle.value)
+    return kept
+
+
+def _creep_design(time: Array, table: xr.Dataset, radius: float) -> tuple[Array, Array]:
+    """Return approach^{3/2} under unit compliances: instantaneous, and creep with each time tau."""
+    begin = table["begin"].values
+    added = np.diff(table["force"].values, prepend=0.0)
+    spacing, whole = float(np.median(np.diff(time))), float(time[-1] - begin[0])
+    decades = np.log10(whole / spacing)
+    tau = np.geomspace(spacing, whole, int(decades * _TERMS_PER_DECADE) + 1)
+    since = np.maximum(time[:, None] - begin, 0.0)
+    columns = [(added * (since > 0)).sum(axis=1)]
+    columns += [(-added * np.expm1(-since / each)).sum(axis=1) for each in tau]
+    return 0.75 / np.sqrt(radius) * np.column_stack(columns), tau
+
+
+class _TouchFit:
+    """The creep fit as a function of the displacement at first touch; see :func:`_first_touch`."""
+
+    def __init__(self, rows: Array, design: Array) -> None:
+        self.rows, self.design = rows, design
+
+    def solve(self, touch: float) -> tuple[Array, float]:
+        """Return the compliance's weights and the sum of squares [m²] of the approach's misfit."""
+        depth = np.maximum(self.rows - touch, 1e-9)
+        # the power 3/2 is linear in the compliance; its derivative brings the misfit back to m
+        weight = 1 / (1.5 * np.sqrt(depth))
+        scale = np.abs(self.design).max(axis=0)
+        answer, misfit = nnls(self.design / scale * weight[:, None], depth**1.5 * weight)
+        return answer / scale, misfit**2
+
+    def best(self) -> float:
+        """Return the displacement of least misfit."""
+        high = float(self.rows.min())
+        low = high - float(np.ptp(self.rows))
+        found = minimize_scalar(
+            lambda touch: self.solve(touch)[1], bounds=(low, high), method="bounded",
+            options={"xatol": _TOLERANCE * float(np.ptp(self.rows))},
+        )  # fmt: skip
+        return float(found.x)
+
+
+def _first_touch(
+    displacement: xr.Dataset, noise: float, table: xr.Dataset, settings: StaticLoading
+) -> xr.Dataset:
+    """Return the displacement at first touch and the creep compliance that fits with it.
+
+    Two nested least squares: for every position of first touch the compliance is a sum of creep
+    terms with weights of at least zero; the position is that of the least misfit. Its uncertainty
+    holds the misfit's curvature, the sensor's drift and the loads.
+    """
+    time, moved = valid(displacement)
+    used = settled(time, table, settings)
+    elapsed, rows = time[used], moved[used]
+    design, tau = _creep_design(elapsed, table, settings.sphere.radius.value)
+    fit = _TouchFit(rows, design)
+    if settings.zero is None:
+        touch = fit.best()
+        weights, misfit = fit.solve(touch)
+        scatter = _scatter(misfit, weights, rows.size)
+        drift = settings.steps.drift.value * elapsed / float(time[-1])
+        drifts = settings.steps.drift.value > 0.0
+        by_drift = _TouchFit(rows + drift, design).best() - touch if drifts else 0.0
+        changes = []
+        for i, u in enumerate(table["u_force"].values):
+            if u > 0:
+                force = table["force"].values.copy()
+                force[i] += u
+                other = table.assign(force=("load", force))
+                again, _ = _creep_design(elapsed, other, settings.sphere.radius.value)
+                changes.append(_TouchFit(rows, again).best())
+        own = _u_from_curvature(fit, touch, max(noise, scatter))
+        by_loads = float(np.sqrt(sum((c - touch) ** 2 for c in changes)))
+        u, how = float(np.sqrt(own**2 + by_drift**2 + by_loads**2)), "from the loads"
+    else:
+        touch, how = 0.0, "given in session.toml"
+        factor = float(displacement["gain"]) / np.cos(float(displacement["inclination"]))
+        u, by_loads = settings.zero.u * factor, 0.0
+        weights, misfit = fit.solve(touch)
+        scatter = _scatter(misfit, weights, rows.size)
+    if scatter > _MISFIT * noise:
+        warnings.warn(
+            f"the record differs from any creep under these loads by {scatter * 1e6:.2g} µm, "
+            f"{scatter / noise:.1f} times its noise: a load, a time or the zero cannot be right, "
+            "or something else than the contact moved",
+            stacklevel=2,
+        )
+    lag = np.geomspace(settings.steps.settle.value + 1.0, float(time[-1] - time[0]), _ELAPSED)
+    terms = np.column_stack([np.ones(lag.size), -np.expm1(-lag[:, None] / tau)])
+    scalars = {
+        "touch": (touch, "m", "displacement at first touch"),
+        "u_touch": (u, "m", "standard uncertainty: displacement at first touch"),
+        "touch_part_of_loads": (by_loads, "m", "part of it that comes from the loads"),
+        "scatter": (scatter, "m", "root mean square misfit of the creep fit"),
+        "noise": (noise, "m", "noise of a reading"),
+    }
+    return xr.Dataset(
+        {n: ((), v, {"units": unit, "long_name": t}) for n, (v, unit, t) in scalars.items()}
+        | {
+            "compliance": (
+                "elapsed", terms @ weights,
+                {"units": "1/Pa", "long_name": "reduced creep compliance, from the record"},
+            ),
+        },
+        coords={
+            "elapsed": ("elapsed", lag, {"units": "s", "long_name": "time under load"}),
+        },
+        attrs={
+            "touch": how,
+            "work": json.dumps({"fit_rows": int(rows.size), "fit_terms": int(tau.size + 1)}),
+        },
+    )  # fmt: skip
+
+
+def _scatter(misfit: float, weights: Array, n_rows: int) -> float:
+    return float(np.sqrt(misfit / max(n_rows - int((weights > 0).sum()) - 1, 1)))
+
+
+def _u_from_curvature(fit: _TouchFit, touch: float, noise: float) -> float:
+    """Return the shift at which the misfit has grown by one variance, the mean of both sides."""
+    least = fit.solve(touch)[1]
+    step = noise
+    sides = []
+    for sign in (-1.0, 1.0):
+        rise = 0.0
+        width = step
+        while rise < noise**2 and width < _WIDEST * noise:
+            width *= 2.0
+            rise = fit.solve(touch + sign * width)[1] - least
+        # a parabola through the least and this point
+        sides.append(width * noise / np.sqrt(max(rise, 1e-3 * noise**2)))
+    return float(np.mean(sides))

@@ -1,0 +1,218 @@
+"""Static loading: approach and contact radius of a sphere while loads are added, and its creep.
+
+Conventions: the approach counts downwards from first touch; a load is all that rests on the disc.
+When the loads were put on, and where first touch was, tells
+:mod:`pipelines.experiments.static_loading.load_steps`; a = √(R δ) makes the radius of the approach.
+
+References
+----------
+Thesis section 3.3.4.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+import calibration
+from calibration import laser
+from labpipe import uncertainty
+from labpipe.errors import InputError
+from labpipe.uncertainty import Row, Source
+from labpipe.units import Quantity
+from pipelines.experiments.shared.laser_readings import read_laser
+from pipelines.experiments.static_loading.load_steps import SIDE, settled, valid
+from pipelines.experiments.static_loading.settings import StaticLoading
+
+Array = NDArray[np.float64]
+
+_SMOOTH = 60.0  # s, the moving average of the thesis's smoothed curve
+
+
+def readings(path: Path, *, settings: StaticLoading) -> xr.Dataset:
+    """Read the laser's export; what it leaves unsaid comes from the settings."""
+    return read_laser(path, settings.keyence)
+
+
+def displacement(readings: xr.Dataset, record: Path, *, settings: StaticLoading) -> xr.Dataset:
+    """Correct the inclination: displacement downwards, from the sensor's zero or first touch."""
+    known = calibration.load_record(record)
+    if settings.sensor.serial is not None:
+        readings = readings.assign_attrs(serial=settings.sensor.serial)
+    moved = laser.displacement(
+        readings, known, output=settings.sensor.output, direction=-settings.sensor.direction,
+        measured=settings.measured_on, zero=0.0 if settings.zero is None else settings.zero,
+    )  # fmt: skip
+    short = moved["time"].values[-1] < settings.steps.window.value
+    if int(moved["valid"].sum()) < 2 * SIDE * len(settings.loads) or short:
+        message = (
+            f"the record holds {int(moved['valid'].sum())} valid readings over "
+            f"{float(moved['time'][-1]):.4g} s, too few for {len(settings.loads)} loads"
+        )
+        raise InputError(message)
+    return moved
+
+
+_LEVELS = {
+    "approach": ("m", "approach at the end of the load"),
+    "contact_radius": ("m", "contact radius at the end of the load, from the approach"),
+    "mean_radius": ("m", "contact radius, mean over the load"),
+    "creep": ("m", "growth of the approach under the load, first to last window"),
+}
+
+
+def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
+    """Return approach and contact radius over time, and their levels and creep under each load."""
+    time, moved = valid(displacement)
+    depth = moved - float(steps["touch"])
+    radius = settings.sphere.radius
+    relative = float(displacement.attrs["u_systematic_relative"])
+    noise, u_touch = float(steps["noise"]), float(steps["u_touch"])
+    wander = settings.steps.drift.value * time / float(time[-1])
+    u_depth = np.sqrt(u_touch**2 + (relative * depth) ** 2 + wander**2)
+    a = np.sqrt(radius.value * np.maximum(depth, 0.0))
+    rows = [
+        _levels(time, depth, u_depth, wander, step, noise, relative, settings)
+        for step in spans(steps)
+    ]
+    table: dict[str, Any] = {
+        "approach": ("time", depth, {"units": "m", "long_name": "approach from first touch"}),
+        "u_approach": (
+            "time", np.hypot(u_depth, noise),
+            {"units": "m", "long_name": "standard uncertainty: approach from first touch"},
+        ),
+        "contact_radius": (
+            "time", a, {"units": "m", "long_name": "contact radius, root of R times approach"},
+        ),
+        "u_contact_radius": (
+            "time", _u_radius(a, depth, np.hypot(u_depth, noise), radius),
+            {"units": "m", "long_name": "standard uncertainty: contact radius"},
+        ),
+        "smooth_radius": (
+            "time", _smoothed(time, a, steps),
+            {"units": "m", "long_name": "contact radius, moving average inside each load"},
+        ),
+        "is_settled": (
+            "time", settled(time, steps, settings),
+            {"units": "1", "long_name": "whether the reading lies far from every step"},
+        ),
+    }  # fmt: skip
+    for name, (units, text) in _LEVELS.items():
+        for prefix, words in (("", text), ("u_", f"standard uncertainty: {text}")):
+            key = f"{prefix}{name}" if name in ("creep", "mean_radius") else f"{prefix}level_{name}"
+            table[key] = (
+                "load", np.array([r[f"{prefix}{name}"] for r in rows]),
+                {"units": units, "long_name": words},
+            )  # fmt: skip
+    return xr.Dataset(
+        table,
+        coords={
+            "time": ("time", time, {"units": "s", "long_name": "time from the first point"}),
+            "load": steps["load"],
+        },
+        attrs={"budget": json.dumps(_budget(float(depth.max()), displacement, steps, settings))},
+    )
+
+
+def _budget(
+    largest: float, displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
+) -> list[Row]:
+    """Return what makes a reading of the largest approach uncertain.
+
+    Inclination and gain scale the approach alone: the way from the sensor's zero cancels.
+    """
+    angle, gain = float(displacement["inclination"]), float(displacement["gain"])
+    return uncertainty.table([
+        Source("noise of a reading", 0.0, float(steps["noise"]), "m", 1.0, "random"),
+        Source("first touch", float(steps["touch"]), float(steps["u_touch"]), "m", -1.0,
+               "systematic"),
+        Source("drift of the zero", 0.0, settings.steps.drift.value, "m", 1.0, "systematic"),
+        Source("inclination", angle, float(displacement["u_inclination"]), "rad",
+               largest * np.tan(angle), "systematic"),
+        Source("gain", gain, float(displacement["u_gain"]), "1", largest / gain, "systematic"),
+    ])  # fmt: skip
+
+
+def spans(steps: xr.Dataset) -> list[tuple[float, float]]:
+    """Return begin and end [s] of every load."""
+    return list(zip(steps["begin"].values.tolist(), steps["end"].values.tolist(), strict=True))
+
+
+def windows(
+    time: Array, step: tuple[float, float], settings: StaticLoading
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return the first and the last window of one load.
+
+    Raises
+    ------
+    InputError
+        The load lasts too short for two windows.
+    """
+    begin, end = step
+    chosen, spacing = settings.steps, float(np.median(np.diff(time)))
+    start = begin + chosen.settle.value
+    first = (time > start) & (time <= start + chosen.window.value)
+    last = (time < end - spacing) & (time >= end - spacing - chosen.window.value)
+    if not first.any() or not last.any() or np.any(first & last):
+        message = (
+            f"the load from {begin:.0f} to {end:.0f} s is too short for two windows of "
+            f"{chosen.window.value:g} s after {chosen.settle.value:g} s; lower steps.window"
+        )
+        raise InputError(message)
+    return first, last
+
+
+def _levels(
+    time: Array,
+    depth: Array,
+    u_depth: Array,
+    wander: Array,
+    step: tuple[float, float],
+    noise: float,
+    relative: float,
+    settings: StaticLoading,
+) -> dict[str, float]:
+    """Return level, radius and creep of one load with their uncertainties."""
+    first, last = windows(time, step, settings)
+    radius = settings.sphere.radius
+    level = float(depth[last].mean())
+    random = noise / np.sqrt(last.sum())
+    u_level = float(np.hypot(random, u_depth[last].mean()))
+    creep = level - float(depth[first].mean())
+    moved = float(wander[last].mean() - wander[first].mean())
+    u_creep = float(np.sqrt(
+        noise**2 * (1 / first.sum() + 1 / last.sum()) + (relative * creep) ** 2 + moved**2
+    ))  # fmt: skip
+    inside = (time > step[0] + settings.steps.settle.value) & (time < step[1])
+    mean = np.sqrt(radius.value * max(float(depth[inside].mean()), 0.0))
+    u_mean = np.hypot(noise / np.sqrt(inside.sum()), float(u_depth[inside].mean()))
+    a = np.sqrt(radius.value * max(level, 0.0))
+    return {
+        "approach": level, "u_approach": u_level,
+        "contact_radius": float(a),
+        "u_contact_radius": float(_u_radius(a, level, u_level, radius)),
+        "mean_radius": float(mean),
+        "u_mean_radius": float(_u_radius(mean, mean**2 / radius.value, u_mean, radius)),
+        "creep": creep, "u_creep": u_creep,
+    }  # fmt: skip
+
+
+def _u_radius(a: Any, depth: Any, u_depth: Any, radius: Quantity) -> Any:
+    """Propagate through a = √(R δ)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.where(depth > 0, u_depth / np.maximum(depth, 1e-12), np.nan)
+    return 0.5 * a * np.hypot(relative, radius.u / radius.value)
+
+
+def _smoothed(time: Array, a: Array, steps: xr.Dataset) -> Array:
+    """Return a moving average that does not cross a step."""
+    made = np.empty_like(a)
+    for begin, end in spans(steps):
+        inside = np.flatnonzero((time >= begin) & (time <= end))
+        for n in inside:
+            near = inside[np.abs(time[inside] - time[n]) <= 0.5 * _SMOOTH]
+            made[n] = a[near].mean()
+    return made

@@ -1,0 +1,293 @@
+"""The report of a static loading."""
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import xarray as xr
+
+from labpipe.report import (
+    Block,
+    Cell,
+    Column,
+    KeyValues,
+    LineChart,
+    Paragraph,
+    Section,
+    Series,
+    Table,
+    budget_table,
+    value_with_uncertainty,
+)
+from labpipe.workflow.context import Context
+from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared.punch_sections import columns
+from pipelines.experiments.shared.ramps_and_holds import binned
+from pipelines.experiments.static_loading.budget import quantities
+from pipelines.experiments.static_loading.settings import StaticLoading
+
+_UM = 1e6
+_MIN = 1 / 60
+_POINTS_PER_DECADE = 8  # of the creep curves
+
+
+def page(
+    readings: xr.Dataset | None,
+    displacement: xr.Dataset | None,
+    steps: xr.Dataset | None,
+    approach: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    *,
+    settings: StaticLoading,
+    context: Context,
+) -> str:
+    """Write the page; a step that failed leaves its section out and its error in."""
+    sections = [
+        _summary(approach, comparison, context),
+        _measured(settings, readings, displacement, approach, context),
+    ]
+    if steps is not None and approach is not None:
+        sections.append(_radii(steps, approach, model, comparison))
+        if model is not None:
+            sections.append(_creep(settings, steps, approach, model))
+        sections.append(_loads(settings, steps, approach, comparison))
+        sections.append(_touch(steps, model))
+    if steps is not None and comparison is not None:
+        sections.append(_residual(steps, comparison))
+    if displacement is not None and steps is not None and approach is not None:
+        found = quantities(displacement, steps, approach, model, settings=settings)
+        sections += budget_blocks.section(context.experiment, found)
+    if steps is not None and approach is not None:
+        sections.append(pages.methods(_methods(settings, steps, approach, comparison)))
+    return pages.document(context, "Static loading", sections).render()
+
+
+def _summary(
+    approach: xr.Dataset | None, comparison: xr.Dataset | None, context: Context
+) -> Section:
+    rows = []
+    if approach is not None:
+        radius = approach["level_contact_radius"].values * _UM
+        rows.append(("loads", str(radius.size), "steps of the load"))
+        for at, word in ((0, "first"), (-1, "last")):
+            shown = value_with_uncertainty(
+                float(approach["level_contact_radius"][at]),
+                float(approach["u_level_contact_radius"][at]), "m",
+            )  # fmt: skip
+            rows.append((f"contact radius under the {word} load", shown, "at the end of the load"))
+        largest = int(np.argmax(approach["creep"].values))
+        shown = value_with_uncertainty(
+            float(approach["creep"][largest]), float(approach["u_creep"][largest]), "m"
+        )
+        rows.append(("largest creep under one load", shown, f"load {largest + 1}"))
+    if comparison is not None:
+        for other, word in (("model", "viscoelastic model"), ("hertz", "Hertz, relaxed modulus")):
+            error = float(comparison[f"nrmse_contact_radius_{other}"]) * 100
+            rows.append((f"nRMSE of contact radius, {word}", f"{error:.2f} %",
+                         "single readings, over the range of the measurement"))  # fmt: skip
+    shown_rows: list[Block] = [KeyValues(rows)] if rows else []
+    return Section("Summary", (*shown_rows, *pages.failed_notice(context)))
+
+
+def _measured(
+    settings: StaticLoading,
+    readings: xr.Dataset | None,
+    displacement: xr.Dataset | None,
+    approach: xr.Dataset | None,
+    context: Context,
+) -> Section:
+    ball = settings.sphere
+    source = ball.material or ball.material_file or ball.material_from or ""
+    rows = [
+        ("file", settings.laser, ""),
+        ("radius of the sphere", value_with_uncertainty(ball.radius.value, ball.radius.u, "m"), ""),
+        ("material", source.removeprefix("experiment:"), ""),
+        ("operator", context.operator, ""),
+        ("notes", context.notes, ""),
+    ]
+    blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
+    if displacement is not None:
+        blocks.append(pages.calibration_rows(displacement.attrs["calibration"]))
+    if approach is not None:
+        caption = "Budget of a single reading of the approach, at the largest load"
+        blocks += budget_table(json.loads(approach.attrs["budget"]), caption, "m")
+    header = pages.raw_header(readings)
+    return Section(
+        "What was measured, and its calibration",
+        (*blocks, *([header] if header is not None else [])),
+    )
+
+
+def _radii(
+    steps: xr.Dataset,
+    approach: xr.Dataset,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+) -> Section:
+    time = approach["time"].values * _MIN
+    series = [
+        Series("readings", time, approach["contact_radius"].values * _UM, role="repeat"),
+        Series("moving average", time, approach["smooth_radius"].values * _UM, role="measured"),
+    ]  # fmt: skip
+    edges = np.append(steps["begin"].values, steps["end"].values[-1]) * _MIN
+    if model is not None:
+        series.append(
+            Series("viscoelastic model", time, model["contact_radius"].values * _UM, role="model")
+        )
+        elastic = model["hertz_radius_relaxed"].values * _UM
+        series.append(
+            Series("Hertz, relaxed modulus", edges, np.append(elastic, elastic[-1]), style="step",
+                   role="reference")
+        )  # fmt: skip
+    if comparison is not None and np.isfinite(comparison["given_radius"].values).any():
+        kept = np.isfinite(comparison["given_radius"].values)
+        series.append(
+            Series("given radius", steps["end"].values[kept] * _MIN,
+                   comparison["given_radius"].values[kept] * _UM, style="points",
+                   u=comparison["u_given_radius"].values[kept] * _UM)
+        )  # fmt: skip
+    lines = [(f"load {i + 1}", float(t)) for i, t in enumerate(edges[:-1])]
+    views = [(f"load {i + 1}", float(a), float(b))
+             for i, (a, b) in enumerate(pairwise(edges))]  # fmt: skip
+    chart = LineChart(
+        "Contact radius, a = √(R δ)", "time / min", "contact radius / µm", tuple(series),
+        vlines=tuple(lines), views=tuple(views), height_px=340,
+        caption="Moving average over one minute, not across a load step.",
+    )  # fmt: skip
+    return Section("Contact radius", (chart,))
+
+
+def _creep(
+    settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset
+) -> Section:
+    """Show the approach over Hertz's under each load, over the time since it was put on."""
+    time, kept = approach["time"].values, approach["is_settled"].values.astype(bool)
+    series = []
+    for i in range(steps.sizes["load"]):
+        begin, end = float(steps["begin"][i]), float(steps["end"][i])
+        inside = kept & (time > begin) & (time < end)
+        since = time[inside] - begin
+        elastic = float(model["hertz_approach_relaxed"][i])
+        count = int(np.log10(since[-1] / since[0]) * _POINTS_PER_DECADE) + 2
+        edges = np.geomspace(0.99 * since[0], 1.001 * since[-1], count)
+        lag, mean, _, _ = binned(since, approach["approach"].values[inside] / elastic, edges)
+        label = f"{settings.loads[i].mass.value:g} kg"
+        series.append(Series(f"{label}, measured", lag, mean, style="points", role="measured"))
+        _, theirs, _, _ = binned(since, model["approach"].values[inside] / elastic, edges)
+        series.append(Series(f"{label}, model", lag, theirs, role="model"))
+    chart = LineChart(
+        "Approach over that of Hertz", "time since the load was put on / s",
+        "approach / approach by Hertz", tuple(series), x_scale="log", height_px=320,
+        caption="Hertz with the relaxed modulus is 1 at all times; readings next to a step are "
+        "left out.",
+    )  # fmt: skip
+    return Section("Creep", (chart,))
+
+
+def _loads(
+    settings: StaticLoading,
+    steps: xr.Dataset,
+    approach: xr.Dataset,
+    comparison: xr.Dataset | None,
+) -> Section:
+    wanted: list[str | tuple[str, str]] = [
+        "load / kg", "found / min", ("approach", "m"), ("contact radius", "m"),
+        ("mean radius", "m"), ("creep", "m"),
+    ]  # fmt: skip
+    rows: list[list[Cell]] = []
+    gaps: list[list[Cell]] = []
+    for i in range(steps.sizes["load"]):
+        at = approach.isel(load=i)
+        row: list[Cell] = [settings.loads[i].mass.value, float(steps["begin"][i]) * _MIN]
+        for name in ("level_approach", "level_contact_radius", "mean_radius", "creep"):
+            row += [float(at[name]), float(at[f"u_{name}"])]
+        if comparison is not None:
+            gaps.append([row[0], *(
+                float(comparison[name][i])
+                for name in ("creep_model", "radius_model", "radius_difference",
+                             "u_radius_difference", "hertz_difference")
+            )])  # fmt: skip
+        rows.append(row)
+    chosen = settings.steps
+    caption = (
+        f"Approach and radius: means over the last {chosen.window.value:g} s of a load. Creep: "
+        f"from the first {chosen.window.value:g} s, {chosen.settle.value:g} s after the load was "
+        "put on, to the last. Hertz does not creep."
+    )
+    tables: list[Block] = [Table(columns(*wanted), rows, caption=caption, sortable=False)]
+    if gaps:
+        tables.append(
+            Table(
+                (Column("load / kg"), Column("creep, model", "m"), Column("radius, model", "m"),
+                 Column("measured − model", "m", u=4), Column("u", "m"),
+                 Column("measured − Hertz", "m")),
+                gaps, sortable=False,
+                caption="Radius at the end of each load; Hertz with the relaxed modulus.",
+            )
+        )  # fmt: skip
+    return Section("Loads", tuple(tables))
+
+
+def _touch(steps: xr.Dataset, model: xr.Dataset | None) -> Section:
+    rows = [
+        ("displacement at first touch", value_with_uncertainty(
+            float(steps["touch"]), float(steps["u_touch"]), "m"), steps.attrs["touch"]),
+        ("misfit of the creep fit", f"{float(steps['scatter']) * _UM:.2f} µm",
+         f"noise of a reading: {float(steps['noise']) * _UM:.2f} µm"),
+    ]  # fmt: skip
+    lag = steps["elapsed"].values
+    series = [Series("from the record", lag, steps["compliance"].values * 1e9, role="measured")]
+    if model is not None:
+        series.append(
+            Series("of the material", lag, model["compliance"].values * 1e9, role="model")
+        )
+    text = (
+        "Under loads that only grow, the approach to the power 3/2 is the load run through the "
+        "creep compliance (Lee and Radok); loads of different size fix the zero of the approach, "
+        "and the compliance follows with no material assumed."
+    )
+    chart = LineChart(
+        "Reduced creep compliance", "time under load / s", "compliance / GPa⁻¹", tuple(series),
+        x_scale="log", height_px=240,
+    )  # fmt: skip
+    return Section("First touch and compliance", (Paragraph(text), KeyValues(rows), chart))
+
+
+def _residual(steps: xr.Dataset, comparison: xr.Dataset) -> Section:
+    time = comparison["time"].values * _MIN
+    lines = [(f"load {i + 1}", float(t) * _MIN) for i, t in enumerate(steps["begin"].values)]
+    chart = LineChart(
+        "Approach, measured minus model", "time / min", "difference / µm",
+        (Series("measured − model", time, comparison["approach_residual"].values * _UM,
+                style="points", role="residual"),),
+        vlines=tuple(lines), height_px=200, caption="Readings next to a step are left out.",
+    )  # fmt: skip
+    return Section("Difference", (chart,))
+
+
+def _methods(
+    settings: StaticLoading,
+    steps: xr.Dataset,
+    approach: xr.Dataset,
+    comparison: xr.Dataset | None,
+) -> str:
+    masses = ", ".join(f"{load.mass.value:g}" for load in settings.loads)
+    begins = ", ".join(f"{t * _MIN:.2f}" for t in steps["begin"].values)
+    text = (
+        f"A sphere of {settings.sphere.radius.value * 1e3:g} mm radius was loaded on a rigid disc "
+        f"by {masses} kg at {begins} min. The displacement of the holder was read by a laser every "
+        f"{float(np.median(np.diff(approach['time']))):.3g} s and corrected for its inclination. "
+        "The contact radius is √(R δ). "
+    )
+    if settings.zero is None:
+        text += "The approach at first touch was fitted from the loads (Lee and Radok). "
+    if comparison is not None:
+        error = float(comparison["nrmse_contact_radius_model"]) * 100
+        elastic = float(comparison["nrmse_contact_radius_hertz"]) * 100
+        text += (
+            "The normalised root-mean-square error of the contact radius was "
+            f"{error:.2f} % against a viscoelastic simulation and {elastic:.2f} % against Hertz "
+            "with the relaxed modulus."
+        )
+    return text

@@ -1,0 +1,34 @@
+"""What ``init`` makes of laser exports whose readings are slow: a static loading."""
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+
+from pipelines.experiments._kind import Found, Proposed
+from pipelines.experiments.shared import proposals
+from pipelines.experiments.shared.proposals import GAP
+
+
+def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
+    """Propose an experiment for slow readings."""
+    for stem, files in proposals.grouped(names, proposals.without_repeat):
+        if proposals.is_slow(found.path(files[0])):
+            yield Proposed(stem, tuple(files), partial(_text, found, files))
+
+
+def _text(found: Found, files: Sequence[str], name: str) -> str:
+    return f"""[experiments.{name}]
+kind = "static_loading"  # proposed because the readings are slow
+laser = "{proposals.quoted(files[0])}"
+calibration = "{proposals.record(found.of("record:laser"))}"  # inclination of the sensor, \
+with its uncertainty
+
+[experiments.{name}.sphere]
+{proposals.SPHERE}
+{proposals.material_line(name)}
+
+[[experiments.{name}.loads]]  # on from the beginning
+mass = "{GAP} kg"  # all that rests on the disc, holder included
+
+[[experiments.{name}.loads]]  # one such table for each further load
+mass = "{GAP} kg"  # all that rests on the disc then
+# time = "2.55 min"  # when it was put on; without it the record is searched"""

@@ -1,0 +1,99 @@
+"""Settings of a static loading: a sphere on a rigid disc, masses put on the holder one by one."""
+
+from datetime import date
+from itertools import pairwise
+from typing import Annotated, Literal
+
+import msgspec
+
+from labpipe.units import Quantity
+from labpipe.workflow.config import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Acceleration,
+    File,
+    Length,
+    Mass,
+    Range,
+    Time,
+)
+from pipelines.experiments.ball_drop.settings import Sensor
+from pipelines.experiments.shared.settings import Keyence, MaterialChoice, Table
+
+
+class Load(Table, frozen=True, kw_only=True):
+    """One load: the whole ``mass`` that rests on the disc, holder included.
+
+    ``time`` is when it was put on, counted from the record's first point; without it the record is
+    searched for the step. ``radius`` is a contact radius that was measured otherwise under this
+    load, for example from a film through the disc.
+    """
+
+    mass: Annotated[Mass, POSITIVE]
+    time: Annotated[Time, NOT_NEGATIVE] | None = None
+    radius: Annotated[Length, POSITIVE] | None = None
+
+
+class Ball(MaterialChoice, frozen=True, kw_only=True):
+    """The sphere; its material, and its radius."""
+
+    radius: Annotated[Length, POSITIVE]
+
+
+class Steps(Table, frozen=True, kw_only=True):
+    """Which readings count.
+
+    ``settle`` after a step is left out: a hand is near. Levels are means over ``window``.
+    ``search`` is how far the step may lie from the time that is given for it. ``drift`` is the
+    standard uncertainty by which the sensor's zero may wander over the whole record.
+    """
+
+    settle: Annotated[Time, NOT_NEGATIVE] = Quantity(10.0, 0.0, "s")
+    window: Annotated[Time, POSITIVE] = Quantity(60.0, 0.0, "s")
+    search: Annotated[Time, POSITIVE] = Quantity(60.0, 0.0, "s")
+    drift: Annotated[Length, NOT_NEGATIVE] = Quantity(0.0, 0.0, "m")
+
+
+class StaticModel(Table, frozen=True, kw_only=True):
+    """How the loading is simulated: the gap's shape, the springs, gravity at the place."""
+
+    profile: Literal["parabola", "sphere"] = "parabola"
+    springs: Annotated[int, Range(at_least=50, at_most=5000)] = 400
+    gravity: Annotated[Acceleration, POSITIVE] = Quantity(9.81, 0.0, "m/s2")
+
+
+class StaticLoading(Table, frozen=True, kw_only=True):
+    """One record of the laser while loads are added; the first is on from the beginning.
+
+    ``zero`` is the sensor's reading at first touch. Without it, it follows from the loads: the
+    approach goes with the power 2/3 of load and compliance, and loads of different size tell it.
+    """
+
+    kind: Literal["static_loading"]
+    laser: File
+    calibration: File
+    sphere: Ball
+    loads: Annotated[list[Load], msgspec.Meta(min_length=2)]
+    zero: Length | None = None
+    measured_on: date | None = None
+    keyence: Keyence = Keyence()
+    sensor: Sensor = Sensor()
+    steps: Steps = Steps()
+    model: StaticModel = StaticModel()
+
+    def __post_init__(self) -> None:
+        """Refuse loads that fall, and times that run backwards."""
+        masses = [load.mass.value for load in self.loads]
+        if any(b <= a for a, b in pairwise(masses)):
+            message = (
+                "loads: every mass is all that rests on the disc, so each must exceed the one "
+                f"before; found {', '.join(f'{m:g} kg' for m in masses)}"
+            )
+            raise ValueError(message)
+        times = [load.time.value for load in self.loads if load.time is not None]
+        if any(b <= a for a, b in pairwise(times)):
+            message = (
+                "loads: times must grow from load to load; found "
+                f"{', '.join(f'{t:g} s' for t in times)}"
+            )
+            raise ValueError(message)

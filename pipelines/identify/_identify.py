@@ -1,0 +1,261 @@
+"""Identification of a material from the processed experiments of a session.
+
+Results that are up to date (or are made first) become evidence (:mod:`labpipe.identification`):
+bounces of the laser, largest contact radii of the film, forces of relaxations, dynamic stiffness
+of harmonic indentations, and moduli of the rheometer as prior. Experiments on one material are
+taken together; what they share (sphere, punch, load cell) is one unknown.
+"""
+
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError, UsageError
+from labpipe.identification import (
+    Evidence,
+    FractionalSpectrum,
+    Posterior,
+    Problem,
+    Profile,
+    Sample,
+    SmoothSpectrum,
+    fit,
+    infer,
+    posterior,
+    profile,
+    relaxation_times,
+    sample,
+)
+from labpipe.workflow.results import Results
+from labpipe.workflow.session import Experiment, Session
+from pipelines.experiments import KINDS, Derived
+from pipelines.experiments.shared.material_evidence import MaterialEvidence
+from pipelines.identify._materials import known_before, material_name, prior_of, temperature_of
+from pipelines.session import derive, needed, opened, process, reopen_session
+
+Array = NDArray[np.float64]
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """One identified material.
+
+    Attributes
+    ----------
+    material : str
+        As the session names it.
+    known : Posterior
+        Its fit is ``known.fit``.
+    relaxed : Profile or None
+        Profile of the long-time modulus; None when it was not asked for.
+    prior : Posterior or None
+        What the rheometer alone says, when it was taken as prior.
+    remarks : tuple of str
+        What was left out and why.
+    drawn : Sample or None
+        Draws of the posterior, when they were asked for.
+    """
+
+    material: str
+    known: Posterior
+    relaxed: Profile | None
+    prior: Posterior | None
+    remarks: tuple[str, ...]
+    drawn: Sample | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """What to identify and how.
+
+    Attributes
+    ----------
+    experiments : tuple of str
+        Of the session; all that can tell of a material by default.
+    prior : str, optional
+        ``"dma"`` for the session's rheometer experiment, or the name of one.
+    spectrum : {"smooth", "fractional"}
+        Family of spectra.
+    impacts : int
+        Bounces of a drop that count; later ones are small and say little new.
+    with_profile : bool
+        Follow the long-time modulus to see whether it is determined.
+    sampler : {"laplace", "rto"}
+        Whether to draw from the posterior too, by randomise-then-optimise.
+    """
+
+    experiments: tuple[str, ...] = ()
+    prior: str | None = None
+    spectrum: str = "smooth"
+    impacts: int = 6
+    with_profile: bool = True
+    sampler: str = "laplace"
+
+
+@dataclass(slots=True)
+class _Group:
+    """Experiments on one material, the rheometer's that is its prior, and what they tell."""
+
+    experiments: list[Experiment] = field(default_factory=list)
+    prior: Experiment | None = None
+    told: list[MaterialEvidence] = field(default_factory=list)
+
+
+def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = None,
+             jobs: int = 1) -> list[Identified]:  # fmt: skip
+    """Identify every material on which a session holds experiments.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder; what is not processed yet is processed first.
+    wish : Wish, optional
+    say : callable, optional
+        Called with a line of text now and then.
+    jobs : int
+        Experiments processed side by side; 0 processes in this process.
+
+    Returns
+    -------
+    list of Identified
+        One per material.
+
+    Raises
+    ------
+    UsageError
+        An experiment is unknown, or none of them can tell of a material.
+    InputError
+        A step before failed.
+
+    Examples
+    --------
+    >>> (found,) = identify("my-session", Wish(("acrylic_1p5mm",)))  # doctest: +SKIP
+    >>> found.relaxed.verdict  # doctest: +SKIP
+    'only an upper limit'
+    """
+    wish, tell = wish or Wish(), say or _silent
+    session = reopen_session(folder)
+    groups: dict[str, _Group] = {}
+    for name in _chosen(session, wish.experiments):
+        experiment = session.experiments[name]
+        group = groups.setdefault(material_name(experiment), _Group())
+        group.experiments.append(experiment)
+    if wish.prior is not None:
+        for group in groups.values():
+            group.prior = prior_of(session, wish.prior, group.experiments)
+    results = _processed(folder, groups.values(), jobs)
+    remarks: list[str] = []
+    found = []
+    for material, group in groups.items():
+        own = _gather(results, group, wish.impacts)
+        remarks += own
+        if group.told:
+            names = ", ".join(e.name for e in group.experiments)
+            tell(f"{material}: {names}")
+            found.append(_identified(results, material, group, wish, own, tell))
+    if not found:
+        message = "no experiment can tell of a material: " + "; ".join(remarks)
+        raise InputError(message)
+    return found
+
+
+def _gather(results: Results, group: _Group, impacts: int) -> list[str]:
+    """Take what the experiments tell; return why some cannot."""
+    remarks, able = [], []
+    for experiment in group.experiments:
+        told = derive(results, experiment, _evidence(experiment), name=experiment.name,
+                      impacts=impacts)  # fmt: skip
+        if isinstance(told, str):
+            remarks.append(f"{experiment.name}: {told}")
+            continue
+        able.append(experiment)
+        group.told.append(told)
+    group.experiments = able or group.experiments
+    return remarks
+
+
+def _evidence(experiment: Experiment) -> Derived:
+    derived = KINDS[experiment.kind].evidence
+    if derived is None:
+        message = f"{experiment.name} cannot tell of a material"
+        raise UsageError(message)
+    return derived
+
+
+def _chosen(session: Session, wanted: Sequence[str]) -> list[str]:
+    telling = [kind.name for kind in KINDS.values() if kind.evidence is not None]
+    able = [n for n, e in session.experiments.items() if e.kind in telling]
+    if unknown := [n for n in wanted if n not in session.experiments]:
+        message = f"there is no experiment {', '.join(unknown)}; known are {', '.join(able)}"
+        raise UsageError(message)
+    if unable := [n for n in wanted if n not in able]:
+        kinds = ", ".join(telling)
+        message = f"{', '.join(unable)} cannot tell of a material; the kinds that can are {kinds}"
+        raise UsageError(message)
+    if not able:
+        message = f"the session holds no experiment of the kinds {', '.join(telling)}"
+        raise UsageError(message)
+    return [n for n in able if not wanted or n in wanted]
+
+
+def _processed(folder: str | Path, groups: Iterable[_Group], jobs: int) -> Results:
+    """Process what is not yet, and open the results."""
+    session = reopen_session(folder)
+    targets = []
+    for group in groups:
+        for experiment in group.experiments:
+            targets += needed(session, experiment, _evidence(experiment))
+        if group.prior is not None:
+            targets += needed(session, group.prior, known_before(group.prior))
+    experiments = {target.split("/")[0] for target in targets}
+    run = process(folder, targets, experiments, jobs=jobs, keep=None)
+    for outcome in run.failures:
+        message = f"{outcome.task}: {outcome.message}"
+        raise InputError(message)
+    return opened(folder)
+
+
+def _identified(
+    results: Results, material: str, group: _Group, wish: Wish, remarks: list[str], say: Say
+) -> Identified:
+    told, before = list(group.told), None
+    if group.prior is not None:
+        told.append(derive(results, group.prior, known_before(group.prior), name=group.prior.name,
+                           temperature=temperature_of(group.experiments[0])))  # fmt: skip
+    data = min(each.window[0] for each in told), max(each.window[1] for each in told)
+    nu = told[0].nu
+    spectrum = (
+        SmoothSpectrum(relaxation_times(*data), nu)
+        if wish.spectrum == "smooth"
+        else FractionalSpectrum.over(*data, nu)
+    )
+
+    def rebuilt(rho: Array) -> tuple[Evidence, ...]:
+        return tuple(each.build(rho) for each in told)
+
+    nuisances = {unknown.name: unknown for each in told for unknown in each.unknowns}
+    problem = Problem(spectrum, rebuilt(spectrum.rho), tuple(nuisances.values()))
+    known = infer(problem, rebuilt, progress=say)
+    if not known.fit.is_settled:
+        warnings.warn(f"{material}: the fit did not settle; take its intervals with care",
+                      UserWarning, stacklevel=2)  # fmt: skip
+    relaxed = None
+    if wish.with_profile:
+        say("profile of the long-time modulus")
+        relaxed = profile(known, 0)
+    if group.prior is not None:
+        before = posterior(fit(problem.only(prior=True)))
+    drawn = None
+    if wish.sampler == "rto":
+        say("draws of the posterior")
+        drawn = sample(known)
+    return Identified(material, known, relaxed, before, tuple(remarks), drawn)
+
+
+def _silent(text: str) -> None:
+    del text

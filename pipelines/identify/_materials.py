@@ -1,0 +1,75 @@
+"""What a session says of the material of an experiment, and what is known of it beforehand."""
+
+from typing import Any
+
+from labpipe.errors import UsageError
+from labpipe.workflow.fields import REFERENCE
+from labpipe.workflow.session import Experiment, Session
+from pipelines.experiments import KINDS, Derived
+
+
+def choice(experiment: Experiment) -> Any:
+    """Return the table that names the material."""
+    return getattr(experiment.settings, KINDS[experiment.kind].body)
+
+
+def material_name(experiment: Experiment) -> str:
+    """Return how the session names the material; another temperature is another material."""
+    chosen = choice(experiment)
+    name = chosen.material or chosen.material_from or chosen.material_file
+    at = "" if chosen.temperature is None else f" at {chosen.temperature.value:g} degC"
+    return str(name).removeprefix(REFERENCE) + at
+
+
+def temperature_of(experiment: Experiment) -> float | None:
+    """Return the temperature [degC] at which the material was, where it is stated."""
+    stated = choice(experiment).temperature
+    return None if stated is None else float(stated.value)
+
+
+def known_before(experiment: Experiment) -> Derived:
+    """Return what an experiment gives as prior.
+
+    Raises
+    ------
+    UsageError
+        It gives none.
+    """
+    derived = KINDS[experiment.kind].prior
+    if derived is None:
+        message = f"{experiment.name} cannot be a prior"
+        raise UsageError(message)
+    return derived
+
+
+def prior_of(session: Session, wanted: str, experiments: list[Experiment]) -> Experiment:
+    """Return the rheometer experiment that is the prior of a material.
+
+    The name of its kind stands for the one that the material is taken from, else for the only
+    one, else for the only one whose name begins with that of the material.
+
+    Raises
+    ------
+    UsageError
+        There is no such experiment, or it is not clear which one is meant.
+    """
+    kinds = [kind.name for kind in KINDS.values() if kind.prior is not None]
+    able = [n for n, e in session.experiments.items() if e.kind in kinds]
+    if wanted in able:
+        return session.experiments[wanted]
+    if wanted not in kinds:
+        known = ", ".join(able) or "none"
+        message = f'there is no rheometer experiment "{wanted}"; known are: {known}'
+        raise UsageError(message)
+    able = [n for n in able if session.experiments[n].kind == wanted]
+    choices = [choice(e) for e in experiments]
+    named = {c.material_from.removeprefix(REFERENCE) for c in choices if c.material_from}
+    alike = [n for n in able for c in choices[:1] if c.material and n.startswith(c.material)]
+    for possible in (sorted(named), able, alike):
+        if len(possible) == 1:
+            return session.experiments[possible[0]]
+    message = (
+        f"{experiments[0].name}: which rheometer experiment is the prior? Give --prior NAME; "
+        f"there are: {', '.join(able) or 'none'}"
+    )
+    raise UsageError(message)

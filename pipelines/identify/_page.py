@@ -1,0 +1,426 @@
+"""The page of an identification: the answer first, then why it may be believed."""
+
+from math import isfinite
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.identification import BEFORE, bands, frequencies, moduli
+from labpipe.identification import Band as Prediction
+from labpipe.report import (
+    Band,
+    Bars,
+    Block,
+    Column,
+    Details,
+    Document,
+    KeyValues,
+    LineChart,
+    Notice,
+    Paragraph,
+    Picture,
+    Section,
+    Series,
+    Table,
+    quantity,
+)
+from labpipe.uncertainty import spread
+from labpipe.workflow.session import Session
+from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
+from pipelines.identify._corner import corner, main_quantities
+from pipelines.identify._identify import Identified
+from pipelines.identify._result import dataset, structure, verdicts
+from pipelines.session import PAGE
+
+Array = NDArray[np.float64]
+
+_REACH = 1.96
+_MOST_COMBINATIONS = 12
+SHAPE = ("change ", "lump ")  # begin the names of the unknowns of a spectrum's shape
+_DIGITS = 4  # of the ends of an interval
+_NOTHING = 1e-4  # relative: a smaller discrepancy is in the table only
+_LOUD = 2.5  # standard deviations by which a nuisance may leave its prior without a remark
+
+
+def render(session: Session, found: Identified) -> str:
+    """Return the page as HTML text.
+
+    Parameters
+    ----------
+    session : Session
+    found : Identified
+    """
+    head: tuple[Block, ...] = (synthetic_notice(),) if session.synthetic else ()
+    sections = (
+        Section("Answer", (*head, *_answer(found))),
+        Section("Moduli over frequency", _curves(found)),
+        Section("Fit and residuals", _fits(found)),
+        Section("Unknowns", _unknowns(found)),
+        *([Section("Draws of the posterior", _draws(found))] if found.drawn is not None else []),
+        Section("What the data determine", _combinations(found)),
+        Section("Method", _method(found)),
+    )
+    return Document(
+        title=f"Identification: {found.material}",
+        subtitle=session.title,
+        badge=SYNTHETIC if session.synthetic else "",
+        home=PAGE,
+        sections=sections,
+    ).render()
+
+
+def relaxed_text(found: Identified) -> str:
+    """Say what is known of the long-time modulus."""
+    value, low, high = (_shown(v, "Pa") for v in found.known.interval(0))
+    said = found.relaxed
+    if said is None:
+        return (
+            f"E_relaxed {value}, {low} to {high} if it is determined at all, which was not examined"
+        )
+    if said.verdict == "identified":
+        return f"E_relaxed {value} (95 %: {_shown(said.low, 'Pa')} to {_shown(said.high, 'Pa')})"
+    texts = {
+        "only an upper limit": f"below {_shown(said.high, 'Pa')} (95 %)",
+        "only a lower limit": f"above {_shown(said.low, 'Pa')} (95 %)",
+        "not identifiable": "without any limit",
+    }
+    return f"E_relaxed is not identifiable from these experiments: {texts[said.verdict]}"
+
+
+def _shown(value: float, unit: str) -> str:
+    """Write an end of an interval: gains are known to a thousandth and better."""
+    return quantity(value, unit, _DIGITS)
+
+
+def statements(found: Identified) -> list[str]:
+    """Return what else a reader must know, one sentence each."""
+    known = found.known
+    texts = [_at_middle(found)]
+    if chances := structure(found):
+        said = ", ".join(f"{name} {100 * chance:.0f} %" for name, chance in chances.items())
+        texts.append(f"structure of the spectrum: {said}")
+    texts.append(
+        f"{known.n_determined} of {len(known.fit.xi)} combinations of unknowns are known better "
+        "from the data than before"
+    )
+    for (experiment, group), misfit in known.fit.misfits.items():
+        if misfit.relative < _NOTHING:
+            continue
+        texts.append(
+            f"{experiment}, {group}: the model misses by {100 * misfit.relative:.2g} % more than "
+            "the stated uncertainties explain; the intervals allow for it"
+        )
+    for i, parameter in enumerate(known.fit.problem.parameters):
+        away = float(known.fit.xi[i])
+        if parameter.is_nuisance and abs(away) > _LOUD:
+            texts.append(
+                f"{parameter.name} lies {abs(away):.1f} standard deviations from what is stated"
+            )
+    if not known.fit.is_settled:
+        texts.append("the fit did not settle; take the intervals with care")
+    return [*texts, *found.remarks]
+
+
+def _at_middle(found: Identified) -> str:
+    """Say modulus and loss where the data know them best."""
+    made = dataset(found)
+    spread = made["u_ln_storage"].values ** 2 + made["u_ln_loss_factor"].values ** 2
+    inside = made["is_determined"].values.astype(bool)
+    if not inside.any():
+        return "modulus and loss are not determined at any frequency"
+    best = int(np.argmin(np.where(inside, spread, np.inf)))
+    frequency = float(made["frequency"][best])
+    storage, loss = float(made["storage"][best]), float(made["loss_factor"][best])
+    u, u_loss = (float(made[f"u_ln_{n}"][best]) for n in ("storage", "loss_factor"))
+    return (
+        f"best known at {quantity(frequency, 'Hz')}: storage modulus {quantity(storage, 'Pa')} "
+        f"± {100 * u:.2g} %, loss factor {loss:.3g} ± {100 * u_loss:.2g} %"
+    )
+
+
+def _answer(found: Identified) -> tuple[Block, ...]:
+    is_known = found.relaxed is not None and found.relaxed.verdict == "identified"
+    first = Notice("ok" if is_known else "warning", relaxed_text(found))
+    rows = [("experiments", ", ".join(e.name for e in found.known.fit.problem.evidence), "")]
+    rows += [(f"{i + 1}", text, "") for i, text in enumerate(statements(found))]
+    return first, KeyValues(rows)
+
+
+def _curves(found: Identified) -> tuple[Block, ...]:
+    made = dataset(found)
+    frequency = made["frequency"].values
+    low, high = float(made["lowest_frequency"]), float(made["highest_frequency"])
+    marks = (("data begin", low), ("data end", high))
+    charts: list[Block] = []
+    for name, title, label in (
+        ("storage", "Storage modulus", "storage modulus / Pa"),
+        ("loss_factor", "Loss factor", "loss factor"),
+    ):
+        value, u = made[name].values, made[f"u_ln_{name}"].values
+        wide = np.minimum(_REACH * u, np.log(1e3))
+        series: list[Series | Band] = [
+            Band("95 % of the posterior", frequency, value * np.exp(-wide), value * np.exp(wide)),
+            Series("most probable", frequency, value, role="model"),
+        ]
+        if found.prior is not None:
+            before = moduli(found.prior, frequency)
+            values = before.storage if name == "storage" else before.loss_factor
+            series.append(Series("rheometer alone", frequency, values, role="reference"))
+        charts.append(
+            LineChart(
+                title, "frequency / Hz", label, series, group="frequency", x_scale="log",
+                y_scale="log", vlines=marks,
+            )
+        )  # fmt: skip
+    spreads = [
+        Series(
+            f"{name}, {'after' if prefix == 'u' else 'before'}", frequency,
+            made[f"{prefix}_ln_{key}"].values, role="model" if prefix == "u" else "reference",
+        )
+        for key, name in (("storage", "storage modulus"), ("loss_factor", "loss factor"))
+        for prefix in ("u", "prior")
+    ]  # fmt: skip
+    text = (
+        "Outside the two marks nothing was observed: there the curves follow the prior, and the "
+        "bands say how far a spectrum usually goes astray. Curves and bands are those of all "
+        "structures that the spectrum may have, each with its probability."
+    )
+    chart = LineChart(
+        "Prior against posterior", "frequency / Hz", "standard deviation of the logarithm",
+        spreads, group="frequency", x_scale="log", y_scale="log", vlines=marks,
+    )  # fmt: skip
+    return Paragraph(text), *charts, chart, *_structure(found)
+
+
+def _structure(found: Identified) -> tuple[Block, ...]:
+    """Tell how probable each structure of the spectrum is."""
+    chances = structure(found)
+    if not chances:
+        return ()
+    rows = [(name, 100.0 * BEFORE[name], 100.0 * chances.get(name, 0.0)) for name in BEFORE]
+    return (
+        Table(
+            (Column("structure of the spectrum"), Column("before the data", "%", digits=2),
+             Column("after the data", "%", digits=3)),
+            rows,
+            caption="Storage and loss modulus of a series with one term per decade, as most "
+            "published ones are, wave about those of a smooth spectrum by 4 % of the loss "
+            "modulus; in a rough one every term stands for itself. What the data do not tell "
+            "apart is in the bands.",
+            sortable=False,
+        ),
+    )  # fmt: skip
+
+
+def _fits(found: Identified) -> tuple[Block, ...]:
+    made = bands(found.known)
+    rows = [
+        (
+            b.evidence, b.group.name, b.group.values.size, b.chi_square / b.group.values.size,
+            100 * b.misfit.relative, b.misfit.correlation,
+        )
+        for b in made
+    ]  # fmt: skip
+    table = Table(
+        (
+            Column("experiment"), Column("quantity"), Column("n"),
+            Column("chi square / n", digits=3), Column("discrepancy", "%", digits=2),
+            Column("correlation of neighbours", digits=2),
+        ),
+        rows,
+        caption="chi square over the stated uncertainties alone; a discrepancy is taken where it "
+        "exceeds its 99 % quantile",
+    )  # fmt: skip
+    charts = [chart for b in made for chart in _fit_charts(b)]
+    return table, *charts
+
+
+def _fit_charts(shown: Prediction) -> tuple[Block, ...]:
+    group = shown.group
+    if group.values.size < 2:
+        return ()
+    order = np.argsort(group.axis, kind="stable")
+    axis = group.axis[order]
+    scale = "log" if axis[0] > 0 and axis[-1] / axis[0] > 100 else "linear"
+    values, u = group.values[order], group.u[order]
+    predicted, wide = shown.predicted[order], _REACH * shown.u_predicted[order]
+    label = f"{group.axis_name} / {group.axis_units}" if group.axis_units != "1" else "impact"
+    title = f"{shown.evidence}: {group.name}"
+    fit = LineChart(
+        title, label, f"{group.name} / {group.units}",
+        (
+            Band("95 % of the prediction", axis, predicted - wide, predicted + wide),
+            Series("predicted", axis, predicted, role="model"),
+            Series("observed", axis, values, "points", "measured", u),
+        ),
+        group=title, x_scale="log" if scale == "log" else "linear",
+    )  # fmt: skip
+    rest = LineChart(
+        f"{title}, residuals", label, "observed − predicted, in deviations",
+        (Series("residual", axis, shown.residual[order], "points", "residual"),),
+        group=title, x_scale="log" if scale == "log" else "linear", height_px=180,
+    )  # fmt: skip
+    return fit, rest
+
+
+def _unknowns(found: Identified) -> tuple[Block, ...]:
+    parameters = found.known.fit.problem.parameters
+    rows = _rows(found)
+    is_change = [p.name.startswith(SHAPE) for p in parameters]
+    main = [row for row, own in zip(rows, is_change, strict=True) if not own]
+    blocks: list[Block] = [_table(main), *_profile(found)]
+    blocks.append(
+        Picture(
+            corner(found), "corner plot of the main quantities",
+            "68 % and 95 % of the normal approximation" + (
+                "" if found.drawn is None else "; points: draws of the posterior"
+            ) + ". Unknowns of the experiments in standard deviations of their prior, whose own "
+            "68 % are shaded.", 760,
+        )
+    )  # fmt: skip
+    blocks.append(_spectrum(found))
+    if any(is_change):
+        rest = [row for row, own in zip(rows, is_change, strict=True) if own]
+        blocks.append(Details(f"The {len(rest)} unknowns of the spectrum's shape", [_table(rest)]))
+    return tuple(blocks)
+
+
+def _rows(found: Identified) -> list[tuple[str, ...]]:
+    made = dataset(found)
+    texts = verdicts(found)
+    rows: list[tuple[str, ...]] = []
+    for i, parameter in enumerate(found.known.fit.problem.parameters):
+        ends = [float(made[n][i]) for n in ("low", "high", "prior_low", "prior_high")]
+        shown = [_shown(e, parameter.unit) if isfinite(e) else "none" for e in ends]
+        rows.append((
+            parameter.name, parameter.text, _shown(float(made["value"][i]), parameter.unit),
+            f"{shown[0]} to {shown[1]}", f"{shown[2]} to {shown[3]}", texts[i],
+        ))  # fmt: skip
+    return rows
+
+
+def _table(rows: list[tuple[str, ...]]) -> Table:
+    return Table(
+        (
+            Column("unknown"), Column("what it is"), Column("most probable"),
+            Column("95 % after the data"), Column("95 % before"), Column("verdict"),
+        ),
+        rows, sortable=False,
+    )  # fmt: skip
+
+
+def _profile(found: Identified) -> tuple[Block, ...]:
+    if found.relaxed is None or found.relaxed.values.size < 2:
+        return ()
+    values = found.relaxed.values
+    return (
+        LineChart(
+            "Profile of the long-time modulus", "E_relaxed / Pa", "rise of −ln likelihood",
+            (
+                Series("all others follow", values, np.minimum(found.relaxed.rise, 10.0),
+                       role="model"),
+                Series("95 %", values[[0, -1]], [1.92, 1.92], role="reference"),
+            ),
+            x_scale="log" if values[-1] > 10.0 * values[0] else "linear",
+            caption="Where the curve stays below the line the data do not object.",
+        ),
+    )  # fmt: skip
+
+
+def _spectrum(found: Identified) -> Block:
+    """Draw the weight per decade over relaxation time."""
+    known = found.known
+    spectrum, n = known.fit.problem.spectrum, known.fit.problem.n_material
+    xi = known.fit.xi[:n]
+    slopes = spectrum.slopes(xi)[1:]
+    u = spread(slopes, known.covariance[:n, :n])
+    weight = np.exp(spectrum.log_terms(xi)[1:]) / np.gradient(np.log10(spectrum.rho))
+    wide = np.exp(np.minimum(_REACH * u, np.log(1e3)))
+    low, high = (0.5 / np.pi / f for f in reversed(frequencies(known)))
+    return LineChart(
+        "Relaxation spectrum", "relaxation time / s", "modulus per decade / Pa",
+        (
+            Band("95 % of the posterior", spectrum.rho, weight / wide, weight * wide),
+            Series("most probable", spectrum.rho, weight, role="model"),
+        ),
+        x_scale="log", y_scale="log", vlines=(("data begin", low), ("data end", high)),
+    )  # fmt: skip
+
+
+def _draws(found: Identified) -> tuple[Block, ...]:
+    """Compare the normal approximation with draws of the posterior."""
+    if found.drawn is None:
+        return ()
+    drawn, shown = found.drawn, main_quantities(found)
+    kind: Literal["ok", "warning"] = "ok" if drawn.is_good else "warning"
+    mean, spread = drawn.spread(shown.drawn(found))
+    rows = [
+        (name.replace("\n", " "), centre, u, m, s, (m - centre) / u, s / u)
+        for name, centre, u, m, s in zip(
+            shown.names, shown.centre.tolist(), np.sqrt(np.diag(shown.covariance)).tolist(),
+            mean.tolist(), spread.tolist(), strict=True,
+        )
+    ]  # fmt: skip
+    table = Table(
+        (
+            Column("quantity"), Column("normal: value", digits=4), Column("u", digits=2),
+            Column("draws: mean", digits=4), Column("u", digits=2),
+            Column("shift over u", digits=2), Column("ratio of u", digits=3),
+        ),
+        rows,
+        caption="Where the ratio is far from one the normal approximation is not to be used: take "
+        "the quantiles of the draws, in the netCDF file.",
+        sortable=False,
+    )  # fmt: skip
+    return Notice(kind, drawn.statement), table
+
+
+def _combinations(found: Identified) -> tuple[Block, ...]:
+    known = found.known
+    parameters = known.fit.problem.parameters
+    rows = []
+    for value, vector in zip(known.singular_values[:_MOST_COMBINATIONS], known.combinations,
+                             strict=False):  # fmt: skip
+        order = np.argsort(-np.abs(vector))[:4]
+        text = ", ".join(f"{vector[i]:+.2f} {parameters[i].name}" for i in order.tolist())
+        rows.append((float(value), "yes" if value > 1.0 else "no", text))
+    table = Table(
+        (Column("singular value", digits=3), Column("determined"), Column("mostly made of")),
+        rows,
+        caption="Combinations of unknowns, in standard deviations of their prior; a singular value "
+        "says how many times better than the prior the data know one.",
+        sortable=False,
+    )
+    bars = Bars(
+        "Part of the prior's variance that the data took",
+        [
+            (p.name, float(np.clip(1.0 - sd**2, 0.0, 1.0)), "")
+            for p, sd in zip(parameters, known.sd.tolist(), strict=True)
+            if not p.name.startswith(SHAPE)
+        ],
+    )
+    return table, bars
+
+
+def _method(found: Identified) -> tuple[Block, ...]:
+    fit = found.known.fit
+    starts = ", ".join(f"{c:.4g}" for c in fit.costs_from_starts)
+    text = (
+        "Least squares in coordinates in which the prior is standard normal, from several starts; "
+        "costlier models (finite amplitude, a ringing plate, finer steps) correct the fast ones "
+        "until nothing changes. Intervals are Laplace's; that of the long-time modulus is its "
+        "profile likelihood. Spectra of several structures are weighed by Laplace's approximation "
+        "to their evidence; fit and unknowns are those of the most probable one. A spectrum walks "
+        "over the decades: within two standard deviations a factor of ten per decade, with a "
+        "slope that lasts two decades. Poisson's "
+        "ratio is taken as stated: only E/(1 − ν²) is observed. What relaxes after hours counts as "
+        "relaxed."
+    )
+    rows = [
+        ("cost from the starts", starts, "half the sum of squares; fits from a start end roughly"),
+        ("cost at the end", f"{fit.cost:.4g}", ""),
+        ("runs of all models", str(fit.evaluations), ""),
+        ("derivatives of all models", str(fit.differentiations), ""),
+    ]
+    return Paragraph(text, copyable=True), KeyValues(rows)

@@ -1,0 +1,224 @@
+"""What an identification found, as one Dataset: for the store, for Python, for JSON."""
+
+import json
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from labpipe.identification import DETERMINED, Moduli, bands, drawn_moduli, frequencies, moduli
+from pipelines.identify._identify import Identified
+
+Array = NDArray[np.float64]
+
+_PER_DECADE = 6
+_BEYOND = 100.0  # factor by which the curves go on beyond the data
+_LEVEL = 0.95
+
+
+def dataset(found: Identified) -> xr.Dataset:
+    """Return everything that was found.
+
+    Parameters
+    ----------
+    found : Identified
+
+    Returns
+    -------
+    Dataset
+        Over ``term``: the Prony series ``E`` [Pa], ``rho`` [s] with ``E_relaxed``, ``nu``, of the
+        most probable structure. Over ``frequency``, by all structures: storage modulus and loss
+        factor with ``u_ln_``, the standard deviations of their logarithms, ``open_ln_``, what the
+        structure adds to them, those of the prior, and ``is_determined``. Over ``parameter``:
+        values with 95 % intervals, prior and verdict. Over ``structure``: its probability. Over
+        ``combination``: singular values. Over ``observation``: observed, predicted, residuals.
+        With draws of the posterior also their 95 % intervals, ``drawn_…_low`` and ``drawn_…_high``.
+    """
+    known = found.known
+    solid = known.fit.problem.material(known.fit.xi)
+    low, high = frequencies(known)
+    count = int(np.log10(high / low * _BEYOND**2) * _PER_DECADE)
+    curve = moduli(known, np.geomspace(low / _BEYOND, high * _BEYOND, count))
+    table: dict[str, Any] = {
+        "E": ("term", solid.E, _text("Pa", "Prony series of the most probable structure")),
+        "rho": ("term", solid.rho, _text("s", "relaxation times")),
+        "E_relaxed": ((), solid.E_relaxed, _text("Pa", "long-time modulus")),
+        "nu": ((), solid.nu, _text("1", "Poisson's ratio, as stated")),
+        "lowest_frequency": ((), low, _text("Hz", "lowest frequency of which the data tell")),
+        "highest_frequency": ((), high, _text("Hz", "highest frequency of which the data tell")),
+    }
+    for name, values, units, text in (
+        ("storage", curve.storage, "Pa", "storage modulus"),
+        ("u_ln_storage", curve.u_ln_storage, "1", "standard deviation of its logarithm"),
+        ("open_ln_storage", curve.open_ln_storage, "1", "what the structure adds"),
+        ("prior_ln_storage", curve.prior_ln_storage, "1", "the same before the data"),
+        ("loss_factor", curve.loss_factor, "1", "loss factor"),
+        ("u_ln_loss_factor", curve.u_ln_loss_factor, "1", "standard deviation of its logarithm"),
+        ("open_ln_loss_factor", curve.open_ln_loss_factor, "1", "what the structure adds"),
+        ("prior_ln_loss_factor", curve.prior_ln_loss_factor, "1", "the same before the data"),
+        ("is_determined", curve.is_determined.astype(np.int8), "1", "1 where the data tell"),
+    ):
+        table[name] = ("frequency", values, _text(units, text))
+    table |= _parameters(found) | _observations(found) | _drawn(found, curve)
+    chances = structure(found)
+    table["structure_name"] = ("structure", list(chances), _text("1", "structure of the spectrum"))
+    table["structure_probability"] = (
+        "structure", list(chances.values()), _text("1", "its probability after the data"),
+    )  # fmt: skip
+    table["singular_value"] = (
+        "combination", known.singular_values,
+        _text("1", "how many times better than the prior a combination is known"),
+    )  # fmt: skip
+    return xr.Dataset(
+        table,
+        coords={"frequency": ("frequency", curve.frequency, _text("Hz", "frequency"))},
+        attrs=_attributes(found),
+    )
+
+
+def _drawn(found: Identified, curve: Moduli) -> dict[str, Any]:
+    """Return the 95 % intervals of the draws, where there are any."""
+    if found.drawn is None:
+        return {}
+    problem, drawn = found.known.fit.problem, found.drawn
+    values = [[p.value(x) for p, x in zip(problem.parameters, xi, strict=True)]
+              for xi in drawn.draws.tolist()]  # fmt: skip
+    storage, loss_factor = drawn_moduli(drawn, found.known, curve)
+    ends = np.array([0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL])
+    table = {}
+    for name, dimension, numbers, units in (
+        ("storage", "frequency", storage, "Pa"), ("loss_factor", "frequency", loss_factor, "1"),
+        ("parameter", "parameter", np.array(values), "1"),
+    ):  # fmt: skip
+        low, high = drawn.quantiles(numbers, ends)
+        table[f"drawn_{name}_low"] = dimension, low, _text(units, "2.5 % quantile of the draws")
+        table[f"drawn_{name}_high"] = dimension, high, _text(units, "97.5 % quantile of the draws")
+    return table
+
+
+def structure(found: Identified) -> dict[str, float]:
+    """Return the probabilities of what the structure of the spectrum may be, most probable first.
+
+    Empty where the spectrum was given a form.
+    """
+    made: dict[str, float] = {}
+    for one in found.known.structures:
+        made[one.name] = made.get(one.name, 0.0) + one.weight
+    return dict(sorted(made.items(), key=lambda pair: -pair[1]))
+
+
+def verdicts(found: Identified) -> list[str]:
+    """Return for every unknown whether the data determine it.
+
+    The long-time modulus is judged by its profile; any other unknown is determined where the data
+    at least halve the standard deviation of its prior.
+    """
+    texts = [
+        "determined by the data" if sd < DETERMINED else "known from the prior only"
+        for sd in found.known.sd.tolist()
+    ]
+    texts[0] = "not examined" if found.relaxed is None else found.relaxed.verdict
+    return texts
+
+
+def _parameters(found: Identified) -> dict[str, Any]:
+    known = found.known
+    parameters = known.fit.problem.parameters
+    reach = float(norm.ppf(0.5 + 0.5 * _LEVEL))
+    ends = np.array([known.interval(i, _LEVEL) for i in range(len(parameters))])
+    if found.relaxed is not None:
+        ends[0, 1:] = found.relaxed.low, found.relaxed.high
+    columns = {
+        "value": (ends[:, 0], "most probable value"),
+        "low": (ends[:, 1], "lower end of the 95 % interval; 0 or less where there is none"),
+        "high": (ends[:, 2], "upper end of the 95 % interval; infinite where there is none"),
+        "prior_low": ([p.value(-reach) for p in parameters], "lower end of the prior"),
+        "prior_high": ([p.value(reach) for p in parameters], "upper end of the prior"),
+        "contraction": (1.0 - known.sd**2, "part of the prior's variance that the data took"),
+    }
+    made: dict[str, Any] = {
+        name: ("parameter", np.asarray(values, float), _text("1", f"{text}, in the unit named"))
+        for name, (values, text) in columns.items()
+    }
+    made["parameter_name"] = ("parameter", [p.name for p in parameters], _text("1", "unknown"))
+    made["parameter_unit"] = ("parameter", [p.unit for p in parameters], _text("1", "its unit"))
+    made["verdict"] = ("parameter", verdicts(found), _text("1", "whether the data determine it"))
+    return made
+
+
+def _observations(found: Identified) -> dict[str, Any]:
+    made = bands(found.known)
+    names = [f"{b.evidence}: {b.group.name}" for b in made for _ in range(b.group.values.size)]
+    columns = {
+        "observed": ([b.group.values for b in made], "observed"),
+        "u_observed": ([b.group.u for b in made], "its own standard uncertainty"),
+        "predicted": ([b.predicted for b in made], "predicted by the identified material"),
+        "u_predicted": ([b.u_predicted for b in made], "standard uncertainty of the prediction"),
+        "residual": ([b.residual for b in made], "observed minus predicted over the deviation"),
+    }
+    table: dict[str, Any] = {
+        name: ("observation", np.concatenate(parts), _text("1", f"{text}, SI"))
+        for name, (parts, text) in columns.items()
+    }
+    table["observation_name"] = ("observation", names, _text("1", "experiment and quantity"))
+    return table
+
+
+def _attributes(found: Identified) -> dict[str, Any]:
+    fit = found.known.fit
+    misfits = {
+        f"{experiment}: {group}": {"relative": m.relative, "correlation": m.correlation}
+        for (experiment, group), m in fit.misfits.items()
+    }
+    work = {"evaluations": fit.evaluations, "differentiations": fit.differentiations}
+    return {
+        "material": found.material,
+        "experiments": json.dumps([e.name for e in fit.problem.evidence]),
+        "cost": fit.cost,
+        "costs_from_starts": json.dumps(list(fit.costs_from_starts)),
+        "is_settled": int(fit.is_settled),
+        "discrepancies": json.dumps(misfits),
+        "n_determined": found.known.n_determined,
+        "remarks": json.dumps(list(found.remarks), ensure_ascii=False),
+        "sampler": "laplace" if found.drawn is None else found.drawn.statement,
+        "work": json.dumps(work),
+    }
+
+
+def document(found: Identified) -> dict[str, Any]:
+    """Return the main results as plain JSON types."""
+    made = dataset(found)
+    rows = [
+        {
+            "name": str(made["parameter_name"].values[i]),
+            "unit": str(made["parameter_unit"].values[i]),
+            "value": float(made["value"][i]),
+            "low": _finite(float(made["low"][i])),
+            "high": _finite(float(made["high"][i])),
+            "verdict": str(made["verdict"].values[i]),
+        }
+        for i in range(made.sizes["parameter"])
+    ]
+    return {
+        "material": found.material,
+        "experiments": json.loads(made.attrs["experiments"]),
+        "E_relaxed": rows[0],
+        "unknowns": rows[1:],
+        "structure": structure(found),
+        "combinations_determined": found.known.n_determined,
+        "frequency_range": [float(made["lowest_frequency"]), float(made["highest_frequency"])],
+        "is_settled": found.known.fit.is_settled,
+        "discrepancies": json.loads(made.attrs["discrepancies"]),
+        "sampler": made.attrs["sampler"],
+        "remarks": list(found.remarks),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
+
+
+def _text(units: str, long_name: str) -> dict[str, str]:
+    return {"units": units, "long_name": long_name}

@@ -1,0 +1,119 @@
+"""The verbs on a session folder; each loops over the kinds of experiment and names none.
+
+What the command line does, Python does with these; each returns objects to look at. They are
+imported when they are first used, so that a plan loads nothing that it does not need.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pipelines.session._catalogue import FILE as CATALOGUE
+    from pipelines.session._catalogue import Catalogued, catalogue, query
+    from pipelines.session._compare import Comparison, compare
+    from pipelines.session._compare_page import render as comparison_page
+    from pipelines.session._contact_sheet import write_sheet
+    from pipelines.session._export import FORMATS, Exported, export
+    from pipelines.session._gaps import Gap, checked
+    from pipelines.session._inspection import describe
+    from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, open_session, reopen_session
+    from pipelines.session._overview import COMPARISON_PAGE, PAGE, write_overview
+    from pipelines.session._processing import check_store, plan, process, process_all, report, watch
+    from pipelines.session._proposal import Scan, write_session_file
+    from pipelines.session._results import derive, needed, opened, result, results
+    from pipelines.session._sensitivity import Examined, examine
+    from pipelines.session._sensitivity_page import advice
+    from pipelines.session._sensitivity_page import render as sensitivity_page
+
+__all__ = [
+    "CATALOGUE",
+    "COMPARISON_PAGE",
+    "FORMATS",
+    "PAGE",
+    "SCHEMAS",
+    "SETTINGS",
+    "STAGES",
+    "Catalogued",
+    "Comparison",
+    "Examined",
+    "Exported",
+    "Gap",
+    "Scan",
+    "advice",
+    "catalogue",
+    "check_store",
+    "checked",
+    "compare",
+    "comparison_page",
+    "derive",
+    "describe",
+    "examine",
+    "export",
+    "needed",
+    "open_session",
+    "opened",
+    "plan",
+    "process",
+    "process_all",
+    "query",
+    "reopen_session",
+    "report",
+    "result",
+    "results",
+    "sensitivity_page",
+    "watch",
+    "write_overview",
+    "write_session_file",
+    "write_sheet",
+]
+
+_HOMES = {
+    "CATALOGUE": "_catalogue:FILE",
+    "COMPARISON_PAGE": "_overview:COMPARISON_PAGE",
+    "Catalogued": "_catalogue:Catalogued",
+    "Comparison": "_compare:Comparison",
+    "Examined": "_sensitivity:Examined",
+    "Exported": "_export:Exported",
+    "FORMATS": "_export:FORMATS",
+    "Gap": "_gaps:Gap",
+    "PAGE": "_overview:PAGE",
+    "SCHEMAS": "_opening:SCHEMAS",
+    "SETTINGS": "_opening:SETTINGS",
+    "STAGES": "_opening:STAGES",
+    "Scan": "_proposal:Scan",
+    "advice": "_sensitivity_page:advice",
+    "catalogue": "_catalogue:catalogue",
+    "check_store": "_processing:check_store",
+    "checked": "_gaps:checked",
+    "compare": "_compare:compare",
+    "comparison_page": "_compare_page:render",
+    "derive": "_results:derive",
+    "describe": "_inspection:describe",
+    "examine": "_sensitivity:examine",
+    "export": "_export:export",
+    "needed": "_results:needed",
+    "open_session": "_opening:open_session",
+    "opened": "_results:opened",
+    "plan": "_processing:plan",
+    "process": "_processing:process",
+    "process_all": "_processing:process_all",
+    "query": "_catalogue:query",
+    "reopen_session": "_opening:reopen_session",
+    "report": "_processing:report",
+    "result": "_results:result",
+    "results": "_results:results",
+    "sensitivity_page": "_sensitivity_page:render",
+    "watch": "_processing:watch",
+    "write_overview": "_overview:write_overview",
+    "write_session_file": "_proposal:write_session_file",
+    "write_sheet": "_contact_sheet:write_sheet",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its module."""
+    if name in _HOMES:
+        module, _, inner = _HOMES[name].partition(":")
+        return getattr(importlib.import_module(f"{__name__}.{module}"), inner)
+    message = f"module {__name__!r} has no attribute {name!r}"
+    raise AttributeError(message)

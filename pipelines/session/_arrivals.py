@@ -1,0 +1,70 @@
+"""Whether a file that has stopped growing is complete by its own content.
+
+A copy may pause for longer than anybody waits. Every format says in its own way how much there
+should be: a number of rows, an end mark, a table of frames; so the file is read as the analysis
+would read it.
+"""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+from labpipe.errors import LabpipeError
+from labpipe.workflow.document import parse
+from labpipe.workflow.graph import FILE
+from labpipe.workflow.session import Experiment
+from labpipe.workflow.tasks import field_value
+from pipelines.experiments import KINDS, function
+
+_PNG_END = b"IEND\xaeB`\x82"
+_READINGS = "readings"
+"""Name of the stage that reads one file of an experiment, with the options in its settings."""
+
+
+def missing_part(experiment: Experiment, path: Path) -> str | None:
+    """Say what a file lacks, or None when it is complete.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Whose file it is; its settings hold what a file leaves unsaid.
+    path : Path
+        The file.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # shown when the file is processed
+            return _missing_part(experiment, path)
+    except LabpipeError as error:
+        return str(error)
+
+
+def _missing_part(experiment: Experiment, path: Path) -> str | None:
+    import xarray as xr
+
+    import instruments
+
+    suffix = path.suffix.lower()
+    if suffix == ".toml":
+        parse(path)
+        return None
+    if suffix == ".png":
+        return None if path.read_bytes().endswith(_PNG_END) else f"{path}: the picture has no end"
+    reader = _own_reader(experiment, path)
+    found: Any = reader(path, settings=experiment.settings) if reader else instruments.read(path)
+    if isinstance(found, xr.Dataset):
+        return None
+    absent = int((~found.valid).sum())
+    return f"{path}: {absent} of {len(found)} frames are not there" if absent else None
+
+
+def _own_reader(experiment: Experiment, path: Path) -> Any:
+    """Find the function by which the experiment reads this file, if it has one."""
+    for stage in KINDS[experiment.kind].stages:
+        fields = [text.removeprefix(FILE) for text in stage.inputs if text.startswith(FILE)]
+        if stage.name == _READINGS and len(fields) == len(stage.inputs) == 1:
+            names = field_value(experiment.settings, fields[0])
+            names = [names] if isinstance(names, str) else list(names or ())
+            if any(path.as_posix().endswith(f"/{name}") for name in names):
+                return function(stage.function)
+    return None

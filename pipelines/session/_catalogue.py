@@ -1,0 +1,402 @@
+"""Many session folders as one table of experiments, parameters and results.
+
+The table is an SQLite database. It is made in memory and written whole, so that it is never half
+there, and it can be thrown away: everything in it stands in the sessions. A session is read again
+only when its plan says that something changed.
+"""
+
+import hashlib
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from labpipe import files
+from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
+from labpipe.units import Quantity
+from labpipe.workflow.fields import suggest
+from labpipe.workflow.plan import KEPT, READY, Plan
+from labpipe.workflow.results import Results
+from labpipe.workflow.session import FILE_NAME
+from pipelines.experiments import KINDS
+from pipelines.session._processing import plan as plan_session
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+FILE = "labpipe-catalogue.sqlite"
+TABLES = ("experiments", "results", "sessions", "columns")
+
+_APPLICATION = 0x6C706361  # "lpca": tells our databases from others
+_LAYOUT = 1
+"""Raised when the tables change; a catalogue of another layout is made anew."""
+_LONGEST_RESULT = 64
+"""Values of one variable that are listed; longer ones are curves, which ``export`` writes."""
+_BODIES = ("sphere", "punch", "substrate")
+"""Their fields stand without the name of their table: ``radius``, not ``sphere_radius``."""
+_FIRST = ("session", "experiment", "kind", "state")
+_SCHEMA = f"""
+PRAGMA application_id = {_APPLICATION};
+PRAGMA user_version = {_LAYOUT};
+CREATE TABLE sessions (session TEXT PRIMARY KEY, title TEXT, operator TEXT, synthetic INTEGER,
+                       digest TEXT, problem TEXT);
+CREATE TABLE columns (name TEXT PRIMARY KEY, unit TEXT);
+CREATE TABLE experiments (session TEXT, experiment TEXT, kind TEXT, state TEXT,
+                          PRIMARY KEY (session, experiment));
+CREATE TABLE results (session TEXT, experiment TEXT, stage TEXT, recording TEXT, variable TEXT,
+                      item INTEGER, value REAL, u REAL, unit TEXT);
+CREATE INDEX results_of ON results (session, experiment);
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Catalogued:
+    """What an update found; sessions are named relative to the database's folder.
+
+    Attributes
+    ----------
+    path : Path
+        The database.
+    renewed, unchanged, removed : tuple of str
+        Sessions read again, left as they were, and gone from below the searched folders.
+    problems : dict
+        Sessions that cannot be read, with the reason; what was known of them is kept.
+    """
+
+    path: Path
+    renewed: tuple[str, ...]
+    unchanged: tuple[str, ...]
+    removed: tuple[str, ...]
+    problems: dict[str, str]
+
+
+def catalogue(folders: Iterable[str | Path], database: str | Path | None = None) -> Catalogued:
+    """Bring the table of all sessions below some folders up to date.
+
+    Nothing is processed: of a session that is not, the parameters are listed.
+
+    Parameters
+    ----------
+    folders : iterable of path-like
+        Searched for ``session.toml``; symbolic links are not followed.
+    database : path-like, optional
+        Default ``labpipe-catalogue.sqlite`` in the first folder.
+
+    Returns
+    -------
+    Catalogued
+
+    Raises
+    ------
+    SourceError
+        The database is another program's file, or a newer labpipe's.
+    StorageError
+        It cannot be written.
+    """
+    roots = [Path(folder).resolve() for folder in folders]
+    if not roots:
+        message = "no folder to search; give at least one"
+        raise InputError(message)
+    path = Path(database).resolve() if database is not None else roots[0] / FILE
+    with closing((_opened(path) if path.exists() else None) or _empty()) as connection:
+        with connection:
+            done = _update(connection, roots, path)
+        if done.renewed or done.removed or done.problems or not path.exists():
+            files.write_bytes(path, connection.serialize())
+    return done
+
+
+def query(
+    database: str | Path,
+    where: str = "",
+    columns: Sequence[str] = (),
+    *,
+    table: str = "experiments",
+) -> "pd.DataFrame":
+    """Select rows of a catalogue.
+
+    Parameters
+    ----------
+    database : path-like
+        Written by :func:`catalogue`.
+    where : str
+        An SQL expression in the columns, ``"material = 'acrylic' and height > 0.005"``; SI units.
+    columns : sequence of str
+        Only these; default all.
+    table : {"experiments", "results", "sessions", "columns"}
+        ``results`` has one row per value with all columns of its experiment beside it.
+
+    Returns
+    -------
+    DataFrame
+        Ordered by session and experiment. ``attrs["units"]`` maps columns to SI units.
+
+    Raises
+    ------
+    UsageError
+        The expression is not one, or names a column that is not there.
+    SourceError
+        There is no such catalogue.
+    """
+    import pandas as pd
+
+    if table not in TABLES:
+        message = f'unknown table "{table}"; expected one of {", ".join(TABLES)}'
+        raise UsageError(message)
+    connection = _opened(Path(database))
+    if connection is None:
+        raise SourceError(Path(database), "damaged, or of an older layout",
+                          hint="Make it anew with `labpipe catalogue FOLDER`.")  # fmt: skip
+    with closing(connection):
+        units = dict(connection.execute("SELECT name, unit FROM columns"))
+        source = "results NATURAL JOIN experiments" if table == "results" else table
+        empty = connection.execute(f"SELECT * FROM {source} LIMIT 0")  # noqa: S608
+        known = [column[0] for column in empty.description]
+        for name in columns:
+            if name not in known:
+                message = f'no column "{name}"{suggest(name, known)}; there are {", ".join(known)}'
+                raise UsageError(message)
+        selected = ", ".join(f'"{name}"' for name in columns) or "*"
+        order = '"session", "experiment"' if "experiment" in known else "1"
+        condition = f"WHERE ({where})" if where.strip() else ""
+        # The expression is the user's; the connection is to a copy in memory and may only read.
+        connection.set_authorizer(_may_only_read)
+        statement = f"SELECT {selected} FROM {source} {condition} ORDER BY {order}"  # noqa: S608
+        try:
+            rows = connection.execute(statement).fetchall()
+        except (sqlite3.Error, sqlite3.Warning) as error:
+            message = f"--where {where!r}: {error}; the columns are {', '.join(known)}"
+            raise UsageError(message) from error
+    frame = pd.DataFrame(rows, columns=list(columns) or known)
+    frame.attrs["units"] = {name: units[name] for name in frame.columns if units.get(name)}
+    return frame
+
+
+def _may_only_read(action: int, first: str | None, *_: object) -> int:
+    allowed = {sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ, sqlite3.SQLITE_FUNCTION}
+    is_harmless = action in allowed and first != "load_extension"
+    return sqlite3.SQLITE_OK if is_harmless else sqlite3.SQLITE_DENY
+
+
+def _empty() -> sqlite3.Connection:
+    connection = sqlite3.connect(":memory:")
+    connection.executescript(_SCHEMA)
+    return connection
+
+
+def _opened(path: Path) -> sqlite3.Connection | None:
+    """Load a catalogue into memory; none when it is damaged or of an older layout.
+
+    What it is stands in the file's first bytes (sqlite.org/fileformat2.html, section 1.3).
+    """
+    if not path.is_file():
+        raise SourceError(
+            path, "there is no such catalogue", hint="Make one with `labpipe catalogue FOLDER`."
+        )
+    data = path.read_bytes()
+    layout = int.from_bytes(data[60:64])
+    if not data.startswith(b"SQLite format 3\0") or int.from_bytes(data[68:72]) != _APPLICATION:
+        raise SourceError(path, "not a catalogue of labpipe",
+                          hint="Give another --database; this file is left as it is.")  # fmt: skip
+    if layout > _LAYOUT:
+        raise SourceError(path, f"written by a newer labpipe (layout {layout}, ours {_LAYOUT})",
+                          hint="Update labpipe, or give another --database.")  # fmt: skip
+    connection = sqlite3.connect(":memory:")
+    try:
+        connection.deserialize(data)
+        is_sound = connection.execute("PRAGMA quick_check").fetchone() == ("ok",)
+    except sqlite3.Error:
+        is_sound = False
+    if is_sound and layout == _LAYOUT:
+        return connection
+    connection.close()
+    return None
+
+
+def _sessions(roots: Iterable[Path]) -> Iterator[Path]:
+    seen = set()
+    for root in roots:
+        for folder, names, file_names in os.walk(root):
+            place = Path(folder)
+            has_session = FILE_NAME in file_names
+            # What labpipe wrote holds no sessions, and there may be much of it.
+            names[:] = sorted(
+                n for n in names if not n.startswith(".") and not (has_session and n == "labpipe")
+            )
+            if has_session and place not in seen:
+                seen.add(place)
+                yield place
+
+
+def _update(connection: sqlite3.Connection, roots: Sequence[Path], path: Path) -> Catalogued:
+    known = dict(connection.execute("SELECT session, digest FROM sessions"))
+    renewed, unchanged = [], []
+    problems: dict[str, str] = {}
+    found = set()
+    for folder in _sessions(roots):
+        name = _relative(folder, path.parent)
+        found.add(name)
+        try:
+            plan = plan_session(folder)
+        except LabpipeError as error:
+            problems[name] = str(error)
+            connection.execute(
+                "INSERT INTO sessions (session, problem) VALUES (?, ?) "
+                "ON CONFLICT (session) DO UPDATE SET digest = NULL, problem = excluded.problem",
+                (name, str(error)),
+            )
+            continue
+        digest = _digest(plan)
+        if known.get(name) == digest:
+            unchanged.append(name)
+            continue
+        _forget(connection, name)
+        _add(connection, name, digest, plan)
+        renewed.append(name)
+    below = [_relative(root, path.parent) for root in roots]
+    gone = [n for n in known if n not in found and any(_is_below(n, root) for root in below)]
+    for name in gone:
+        _forget(connection, name)
+    return Catalogued(path, tuple(renewed), tuple(unchanged), tuple(gone), problems)
+
+
+def _relative(folder: Path, start: Path) -> str:
+    try:
+        return Path(os.path.relpath(folder, start)).as_posix()
+    except ValueError:  # another drive
+        return folder.as_posix()
+
+
+def _is_below(name: str, root: str) -> bool:
+    return (
+        (root == "." and not name.startswith("../")) or name == root or name.startswith(f"{root}/")
+    )
+
+
+def _digest(plan: Plan) -> str:
+    session = plan.session
+    settings = {n: msgspec.to_builtins(e.settings) for n, e in session.experiments.items()}
+    states = [[*row.task, row.state, plan.keys[row.task].value] for row in plan.rows]
+    document = [session.title, session.operator, session.synthetic, settings, states]
+    return hashlib.sha256(files.canonical(document).encode("utf-8", "replace")).hexdigest()
+
+
+def _forget(connection: sqlite3.Connection, name: str) -> None:
+    for table in ("sessions", "experiments", "results"):
+        connection.execute(f"DELETE FROM {table} WHERE session = ?", (name,))  # noqa: S608
+
+
+def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> None:
+    session = plan.session
+    connection.execute(
+        "INSERT INTO sessions VALUES (?, ?, ?, ?, ?, NULL)",
+        (name, session.title, session.operator, int(session.synthetic), digest),
+    )
+    results = Results(plan)
+    for experiment in session.experiments.values():
+        rows = [row for row in plan.rows if row.experiment == experiment.name]
+        waiting = sum(row.state not in READY for row in rows)
+        kept = sum(row.state == KEPT for row in rows)
+        state = f"{waiting} of {len(rows)} steps to do" if waiting else "done"
+        state += f", {kept} results of earlier code" if kept else ""
+        entry = _Entry({"session": name, "experiment": experiment.name, "kind": experiment.kind,
+                        "state": state})  # fmt: skip
+        entry.add_settings((), experiment.settings)
+        for row in rows:
+            dataset = results.up_to_date(row)
+            if dataset is None:
+                continue
+            entry.add_key_numbers(experiment.kind, row.stage, dataset)
+            label = (name, experiment.name, row.stage, row.recording)
+            connection.executemany(
+                "INSERT INTO results VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                [(*label, *value) for value in _values(dataset)],
+            )
+        entry.insert(connection)
+
+
+def _values(dataset: "xr.Dataset") -> Iterator[tuple[str, int, float, float | None, str]]:
+    """Numbers of short variables: name, position, value, standard uncertainty, unit."""
+    import numpy as np
+
+    for name, variable in dataset.data_vars.items():
+        text = str(name)
+        if variable.size > _LONGEST_RESULT or variable.dtype.kind not in "fiub":
+            continue
+        if text.startswith("u_") and text[2:] in dataset:
+            continue
+        u_name = f"u_{text}"
+        u = np.ravel(dataset[u_name].values) if u_name in dataset else None
+        for i, value in enumerate(np.ravel(variable.values)):
+            if np.isfinite(value):
+                own_u = None if u is None or u.size != variable.size else float(u[i])
+                yield text, i, float(value), own_u, str(variable.attrs.get("units", ""))
+
+
+@dataclass(slots=True)
+class _Entry:
+    """One row of the table of experiments while it is gathered."""
+
+    cells: dict[str, Any]
+    units: dict[str, str] = field(default_factory=dict)
+
+    def add_settings(self, path: tuple[str, ...], value: Any) -> None:
+        """Add a setting or, for a table of settings, all in it."""
+        if isinstance(value, msgspec.Struct):
+            for name in value.__struct_fields__:
+                self.add_settings((*path, name), getattr(value, name))
+            return
+        place = path[1:] if len(path) > 1 and path[0] in _BODIES else path
+        name = "_".join(place)
+        if value is None or name == "kind":
+            return
+        if isinstance(value, Quantity):
+            self.add_number(name, value.value, value.u or None, value.si)
+        elif isinstance(value, bool | int | float | str):
+            self.cells[name] = value
+        else:
+            self.cells[name] = files.canonical(msgspec.to_builtins(value))
+
+    def add_key_numbers(self, kind: str, stage: str, dataset: "xr.Dataset") -> None:
+        """Add the numbers that the session's page shows of this kind of experiment."""
+        found: dict[str, tuple[int, float, float | None, str]] = {}
+        for name, *rest in _values(dataset):
+            found.setdefault(name, tuple(rest))  # type: ignore[arg-type]
+        for number in KINDS[kind].key_numbers:
+            if number.stage == stage and number.variable in found:
+                _, value, u, _ = found[number.variable]
+                self.add_number(number.title.replace(" ", "_"), value, u, number.unit)
+
+    def add_number(self, name: str, value: float, u: float | None, unit: str) -> None:
+        """Add a value, and its standard uncertainty under ``u_`` and the same name."""
+        self.cells.setdefault(name, value)
+        self.units[name] = unit
+        if u is not None:
+            self.cells.setdefault(f"u_{name}", u)
+            self.units[f"u_{name}"] = unit
+
+    def insert(self, connection: sqlite3.Connection) -> None:
+        """Write the row; columns that are new come to the table."""
+        units = dict(connection.execute("SELECT name, unit FROM columns"))
+        cells = {}
+        for name, value in self.cells.items():
+            unit = self.units.get(name, "")
+            # The same word for two quantities, in kinds that know nothing of each other.
+            title = name if units.get(name, unit) == unit else f"{self.cells['kind']}_{name}"
+            cells[title] = value
+            if title not in units:
+                connection.execute("INSERT INTO columns VALUES (?, ?)", (title, unit))
+                if title not in _FIRST:
+                    connection.execute(f'ALTER TABLE experiments ADD COLUMN "{title}"')
+        names = ", ".join(f'"{name}"' for name in cells)
+        marks = ", ".join("?" for _ in cells)
+        connection.execute(
+            f"INSERT INTO experiments ({names}) VALUES ({marks})",  # noqa: S608
+            tuple(cells.values()),
+        )

@@ -1,0 +1,122 @@
+"""Measurement against model over all experiments of a session, as one table.
+
+What an experiment compares stands in its own results; here the rows of all kinds are collected.
+A curve gives its normalised root-mean-square error and bias, an event (a restitution, a largest
+radius, the work of a cycle) its two values and their difference with its uncertainty.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from labpipe.workflow.plan import Plan
+from labpipe.workflow.session import Experiment
+from pipelines.experiments import KINDS
+from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.session._opening import reopen_session
+from pipelines.session._processing import process
+from pipelines.session._results import derive, needed, opened
+
+if TYPE_CHECKING:
+    from labpipe.workflow.runner import Event
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """All rows of a session, and the experiments that failed or compare nothing, with reasons."""
+
+    rows: tuple[Row, ...]
+    failed: dict[str, str]
+    absent: dict[str, str]
+
+
+def compare(
+    folder: str | Path,
+    *,
+    jobs: int = 1,
+    keep: bool | None = None,
+    progress: "Callable[[Event], None] | None" = None,
+) -> Comparison:
+    """Compare measurement and model of every experiment; what is missing is processed first.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    jobs : int
+        Experiments processed side by side.
+    keep : bool or None
+        Take results of earlier code as they are; by default those that an earlier run took.
+    progress : callable, optional
+        Called with every event of the processing.
+
+    Returns
+    -------
+    Comparison
+    """
+    session = reopen_session(folder)
+    able = {
+        experiment.name: derived
+        for experiment in session.experiments.values()
+        if (derived := KINDS[experiment.kind].rows) is not None
+    }
+    wanted = [
+        target
+        for name, derived in able.items()
+        for target in needed(session, session.experiments[name], derived)
+    ]
+    failed: dict[str, str] = {}
+    if wanted:
+        names = {target.split("/")[0] for target in wanted}
+        run = process(folder, wanted, names, jobs=jobs, keep=keep, progress=progress)
+        for outcome in run.failures:
+            failed.setdefault(outcome.task.experiment, f"{outcome.task}: {outcome.message}")
+    results = opened(folder)
+    rows: list[Row] = []
+    absent: dict[str, str] = {}
+    for name, experiment in session.experiments.items():
+        if name in failed:
+            continue
+        if name not in able:
+            absent[name] = f"the kind {experiment.kind} holds no comparison with a model"
+            continue
+        found = [labelled(row, experiment) for row in derive(results, experiment, able[name])]
+        kept = _kept(results.plan, name)
+        rows += [replace(row, kept=kept) for row in found]
+        if not found:
+            absent[name] = "no model belongs to it: session.toml names nothing to simulate"
+    return Comparison(tuple(rows), failed, absent)
+
+
+def _kept(plan: Plan, experiment: str) -> tuple[str, ...]:
+    """Name the results of earlier code behind those of an experiment."""
+    wanted = [name for name in plan.tasks if name.experiment == experiment]
+    return tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in plan.kept(*wanted)))
+
+
+def labelled(row: Row, experiment: Experiment) -> Row:
+    """Say of a row which experiment it is of and, where it does not, of what and how."""
+    return replace(
+        row, experiment=experiment.name, kind=experiment.kind,
+        material=row.material or _material(experiment),
+        condition=row.condition or _condition(experiment),
+    )  # fmt: skip
+
+
+def _material(experiment: Experiment) -> str:
+    body = getattr(experiment.settings, KINDS[experiment.kind].body, None)
+    texts = (getattr(body, n, None) for n in ("material", "material_from", "material_file"))
+    return next((text for text in texts if isinstance(text, str)), "")
+
+
+def _condition(experiment: Experiment) -> str:
+    parts = []
+    height = getattr(experiment.settings, "height", None)
+    if height is not None:
+        parts.append(f"{height.value * 1e3:g} mm")
+    body = getattr(experiment.settings, KINDS[experiment.kind].body, None)
+    temperature = getattr(body, "temperature", None)
+    if temperature is not None:
+        parts.append(f"{temperature.value:g} °C")
+    return ", ".join(parts)

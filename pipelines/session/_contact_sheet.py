@@ -1,0 +1,124 @@
+"""A small picture of a file: some frames of a film side by side, or its columns over time."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+import instruments
+from labpipe import files
+from labpipe.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from labpipe.frames import FrameSource
+
+_FRAMES = 8
+_WIDTH, _GAP = 240, 6
+"""Pixels of one picture of the strip, and between two."""
+_COLUMNS = 6
+"""Columns of a table that are drawn; more would be too small to read."""
+
+
+def write_sheet(source: Path, target: Path, options: dict[str, Any] | None = None) -> None:
+    """Draw a file and write the picture.
+
+    Parameters
+    ----------
+    source : Path
+        A film or table of a known instrument.
+    target : Path
+        Where to; it ends in .png.
+    options : dict, optional
+        Of :func:`instruments.read`.
+
+    Raises
+    ------
+    UsageError
+        The target is no .png, or is the source.
+    """
+    if target.suffix.lower() != ".png":
+        message = f"{target}: the picture is written as .png; name it so"
+        raise UsageError(message)
+    if target.resolve() == source.resolve():
+        message = f"{target} is the file itself, which is never written; name another picture"
+        raise UsageError(message)
+    found = instruments.read(source, **options or {})
+    data = _curves(found) if isinstance(found, xr.Dataset) else _png(strip(found))
+    files.write_bytes(target, data)
+
+
+def strip(frames: "FrameSource", count: int = _FRAMES) -> "NDArray[np.uint8]":
+    """Put some frames, evenly over the film, side by side.
+
+    Parameters
+    ----------
+    frames : FrameSource
+        The film; only the frames shown are read.
+    count : int
+        How many.
+
+    Returns
+    -------
+    array (row, column) of uint8
+        Black and white are the film's levels; a damaged frame is left grey.
+    """
+    import cv2
+
+    total, rows, columns = frames.shape
+    chosen = np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(int))
+    height = max(1, round(rows * _WIDTH / columns))
+    shape = (height, len(chosen) * (_WIDTH + _GAP) - _GAP)
+    sheet = np.full(shape, 255, np.uint8)
+    black, white = frames.levels
+    for place, index in enumerate(chosen.tolist()):
+        left = place * (_WIDTH + _GAP)
+        tile = np.full((height, _WIDTH), 128, np.uint8)
+        if frames.valid[index]:
+            grey = (frames[index].astype(np.float32) - black) * (255.0 / max(white - black, 1e-9))
+            # Averaging over areas does not invent patterns when a frame is made smaller.
+            way = cv2.INTER_AREA if columns > _WIDTH else cv2.INTER_NEAREST
+            small = cv2.resize(grey, (_WIDTH, height), interpolation=way)
+            tile = np.clip(np.round(small), 0, 255).astype(np.uint8)
+        sheet[:, left : left + _WIDTH] = tile
+    return sheet
+
+
+def _png(image: "NDArray[np.uint8]") -> bytes:
+    import cv2
+
+    return bytes(cv2.imencode(".png", image)[1].tobytes())
+
+
+def _curves(dataset: xr.Dataset) -> bytes:
+    """Draw the numeric columns of a table over its first long axis, one below the other."""
+    from io import BytesIO
+
+    from matplotlib.figure import Figure
+
+    longest = max(dataset.sizes.values(), default=0)
+    names = [
+        str(n)
+        for n, v in dataset.data_vars.items()
+        if v.shape == (longest,) and v.dtype.kind == "f" and np.isfinite(v.values).any()
+    ][:_COLUMNS]
+    if not names:
+        message = "the file holds no column of numbers to draw"
+        raise InputError(message)
+    figure = Figure(figsize=(7.0, 1.5 * len(names) + 0.4), layout="constrained")
+    for place, name in enumerate(names):
+        axes = figure.add_subplot(len(names), 1, place + 1)
+        variable = dataset[name]
+        has_time = "time" in dataset.variables and dataset["time"].dims == variable.dims
+        # A clock that starts again in every block would lay the blocks over each other.
+        has_time = has_time and bool((np.diff(dataset["time"].values) > 0).all())
+        x = dataset["time"].values if has_time else np.arange(variable.size)
+        axes.plot(x, variable.values, linewidth=0.7)
+        axes.set_ylabel(f"{name} / {variable.attrs.get('units', '')}")
+        if place == len(names) - 1:
+            axes.set_xlabel("time / s" if has_time else str(variable.dims[0]))
+    stream = BytesIO()
+    figure.savefig(stream, format="png", dpi=100, metadata={"Software": None})
+    return stream.getvalue()

@@ -1,0 +1,258 @@
+"""Results and raw files for other programs: which ones, under which names, in which format."""
+
+import json
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labpipe import files
+from labpipe.errors import InputError, SourceError, UsageError
+from labpipe.workflow import session as sessions
+from labpipe.workflow.plan import READY
+from labpipe.workflow.plan import plan as make_plan
+from labpipe.workflow.results import Results
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from labpipe.workflow.plan import Row
+
+Format = str
+FORMATS = ("csv", "nc", "mat", "json")
+FOLDER = "export"
+"""Below ``SESSION/labpipe``: files in it may be replaced."""
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """What an export wrote, and which results it left out, each with the reason."""
+
+    paths: tuple[Path, ...]
+    left_out: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Where files go, in which format, and whether those of the same name are replaced."""
+
+    folder: Path
+    format: Format
+    may_replace: bool
+
+    def __post_init__(self) -> None:
+        """Refuse a format that nobody writes."""
+        if self.format not in FORMATS:
+            message = f'unknown format "{self.format}"; expected one of {", ".join(FORMATS)}'
+            raise UsageError(message)
+
+    def write(self, name: str, dataset: "xr.Dataset", remarks: dict[str, str]) -> list[Path]:
+        """Write one Dataset under a name; return the files.
+
+        Raises
+        ------
+        UsageError
+            A file of that name is there and may not be replaced.
+        """
+        from pipelines.session import _export_formats as formats
+
+        if self.format == "nc":
+            path = self._free(f"{name}.nc")
+            files.write_dataset(path, dataset.assign_attrs({**dataset.attrs, **remarks}))
+            return [path]
+        if self.format == "mat":
+            path = self._free(f"{name}.mat")
+            files.write_bytes(path, formats.mat_bytes(dataset, remarks))
+            return [path]
+        if self.format == "json":
+            path = self._free(f"{name}.json")
+            files.write_text(path, formats.json_text(dataset, remarks))
+            return [path]
+        tables = formats.csv_tables(dataset, remarks)
+        paths = [self._free(f"{name}.{part}.csv") for part in tables]
+        for path, text in zip(paths, tables.values(), strict=True):
+            files.write_text(path, text)
+        return paths
+
+    def _free(self, name: str) -> Path:
+        path = self.folder / name
+        if path.exists() and not self.may_replace:
+            message = f"{path} exists already; use --force to replace it, or another --out"
+            raise UsageError(message)
+        return path
+
+
+def export_results(
+    results: Results, stages: Iterable[str], experiments: Iterable[str], target: Target
+) -> Exported:
+    """Write the stored results of a session that are up to date.
+
+    Parameters
+    ----------
+    results : Results
+        Of the wanted experiments.
+    stages, experiments : iterable of str
+        Only these; empty for all.
+    target : Target
+        Where to.
+
+    Returns
+    -------
+    Exported
+        With the steps that have no up-to-date result.
+
+    Raises
+    ------
+    InputError
+        There is nothing to export.
+    """
+    plan = results.plan
+    steps, names = set(stages), set(experiments)
+    rows = [
+        row
+        for row in plan.rows
+        if plan.tasks[row.task].stage.output == "dataset"
+        and (not steps or row.stage in steps)
+        and (not names or row.experiment in names)
+    ]
+    left_out = tuple(f"{row.task}: {row.reason}" for row in rows if row.state not in READY)
+    ready = [row for row in rows if row.state in READY]
+    if not ready:
+        message = (
+            f"{plan.session.root}: none of {len(rows)} wanted results is there and up to date; "
+            f"run: labpipe process {plan.session.root}"
+        )
+        raise InputError(message)
+    paths: list[Path] = []
+    for row in ready:
+        dataset = results.result(*row.task)
+        remarks = {"experiment": row.experiment, "stage": row.stage}
+        remarks |= {"recording": row.recording} if row.recording else {}
+        remarks["title"] = plan.session.title
+        if plan.session.synthetic:
+            remarks["synthetic"] = "yes: made by a virtual rig, not measured"
+        remarks["provenance"] = str(dataset.attrs.get("provenance", ""))
+        paths += target.write(_name(row), dataset, remarks)
+    return Exported(tuple(paths), left_out)
+
+
+def _name(row: "Row") -> str:
+    parts = [row.experiment, row.stage]
+    if row.recording is not None:
+        parts.append(re.sub(r"[^\w.-]+", "_", Path(row.recording).with_suffix("").as_posix()))
+    return ".".join(parts)
+
+
+def export_file(path: Path, target: Target, options: dict[str, Any]) -> Exported:
+    """Write the readings of one raw instrument file; of a film, the times of its frames.
+
+    Raises
+    ------
+    SourceError
+        The file is not known or cannot be read.
+    UsageError
+        The target lies where the raw file is.
+    """
+    import xarray as xr
+
+    import instruments
+    from labpipe.workflow.provenance import program
+
+    source = instruments.read(path, **options)
+    dataset = source if isinstance(source, xr.Dataset) else _frame_times(source)
+    origin = {
+        "file": path.name,
+        "sha256": files.digest(path),
+        "reader": options.get("instrument") or instruments.identify(path),
+        "program": program(),
+    }
+    remarks = {"source": path.name, "provenance": json.dumps(origin, sort_keys=True)}
+    return Exported(tuple(target.write(path.stem, dataset, remarks)), ())
+
+
+def _frame_times(frames: Any) -> "xr.Dataset":
+    """Return what a film says beside its pixels: time, exposure and state of every frame."""
+    import numpy as np
+    import xarray as xr
+
+    variables: dict[str, Any] = {
+        "time": ("frame", frames.time, {"units": "s", "long_name": "time from the trigger"}),
+        "valid": ("frame", frames.valid.astype(np.int8),
+                  {"units": "1", "long_name": "1 where the frame is whole"}),
+    }  # fmt: skip
+    if frames.exposure is not None:
+        attrs = {"units": "s", "long_name": "exposure time"}
+        values = np.broadcast_to(np.asarray(frames.exposure, float), frames.time.shape)
+        variables["exposure"] = ("frame", values, attrs)
+    rows, columns = frames.shape[1:]
+    return xr.Dataset(variables, attrs={"rows": int(rows), "columns": int(columns)})
+
+
+def export(
+    source: str | Path,
+    format: str = "csv",  # noqa: A002
+    *,
+    only: Iterable[str] | None = None,
+    stages: Iterable[str] = (),
+    out: str | Path | None = None,
+    replace: bool = False,
+    reading: dict[str, Any] | None = None,
+) -> Exported:
+    """Write stored results, or one raw file, for programs that read no netCDF.
+
+    Parameters
+    ----------
+    source : path-like
+        A session folder, or a file (or folder of images) of a known instrument.
+    format : {"csv", "nc", "mat", "json"}
+        Of the files; csv has one table per set of dimensions, with a row of units.
+    only, stages : iterable of str, optional
+        Experiments and steps of a session; all by default.
+    out : path-like, optional
+        Folder; default ``SESSION/labpipe/export``, or the current one for a raw file.
+    replace : bool
+        Replace files of the same name; in the default folder of a session they always are.
+    reading : dict, optional
+        What a raw file leaves unsaid, such as ``{"cycle": "50 us"}``.
+
+    Returns
+    -------
+    Exported
+        The files, and the results that were left out because they are not up to date.
+
+    Raises
+    ------
+    InputError
+        No wanted result is up to date.
+    UsageError
+        A name is unknown, or a file is there and may not be replaced.
+    """
+    from pipelines.session._opening import STAGES, reopen_session
+
+    place = Path(source)
+    if not (place / sessions.FILE_NAME).is_file() and not _is_unknown_folder(place):
+        options = dict(reading or {})
+        return export_file(place, Target(Path(out or "."), format, replace), options)
+    if reading:
+        message = "options of a raw file (cycle, units) do not go with a session folder"
+        raise UsageError(message)
+    session = reopen_session(place)
+    ours = session.folder / FOLDER
+    target = Target(Path(out) if out else ours, format, replace or out is None)
+    names, experiments = tuple(stages), tuple(only or ())
+    made = make_plan(session, STAGES, names or None, experiments or None, keep=None)
+    return export_results(Results(made), names, experiments, target)
+
+
+def _is_unknown_folder(place: Path) -> bool:
+    """Tell a folder that should have been a session from one that holds a film."""
+    import instruments
+
+    if not place.is_dir():
+        return False
+    try:
+        instruments.identify(place)
+    except SourceError:
+        return True
+    return False

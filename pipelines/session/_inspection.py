@@ -1,0 +1,291 @@
+"""What a single file is, what it holds, and what is wrong with it, as plain values.
+
+Readings of every instrument, films, calibration records, session.toml, results and pictures.
+"""
+
+import json
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labpipe.errors import ConfigError, LabpipeError, SourceError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from labpipe.frames import FrameSource
+
+_KNOWN = (
+    "instrument", "model", "serial", "head", "start", "sampling_interval", "sampling_cycle",
+    "storage_factor", "averaging", "layout", "encoding", "delimiter", "decimal",
+)  # fmt: skip
+_LOOK, _SHOWN = 4096, 60  # bytes of an unknown file that are looked at, characters that are shown
+_IRREGULAR = 0.01
+"""Of the median interval: a step that differs by more is worth telling."""
+
+
+def describe(file: Path, options: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Return what is known of a file.
+
+    Parameters
+    ----------
+    file : Path
+        Any single file, or the folder of an image stack.
+    options : dict, optional
+        Of :func:`instruments.read`: the instrument, where no content tells it, and what the file
+        leaves unsaid, for example ``{"cycle": "50 us"}``.
+
+    Returns
+    -------
+    dict
+        ``file``, ``reader``, ``kind`` (``table``, ``film``, ``record``, ``session``, ``result``,
+        ``picture``), what there is to say of that kind, and ``problems``. A table's columns are in
+        ``variables``: name, long name, unit, range, and number of invalid readings.
+
+    Raises
+    ------
+    SourceError
+        The file is not known or cannot be read.
+    """
+    suffix = file.suffix.lower()
+    if options or not (file.is_file() or file.is_dir()):  # of an instrument; a pipe is refused
+        found = _instrument(file, options or {})
+    elif suffix == ".toml":
+        found = _session(file) if file.name == "session.toml" else _record(file)
+    elif suffix == ".nc":
+        found = {"reader": "labpipe", "kind": "result"} | _result(file)
+    elif suffix == ".png" and not file.is_dir():
+        found = {"reader": "image", "kind": "picture"} | _picture(file)
+    else:
+        found = _instrument(file, {})
+    head = {"file": str(file), "bytes": _size(file)}
+    problems = found.pop("problems", [])
+    return head | found | {"problems": problems}
+
+
+def _size(file: Path) -> int:
+    from labpipe.files import files_below
+
+    parts = files_below(file) if file.is_dir() else [file]
+    return sum(part.stat().st_size for part in parts)
+
+
+def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
+    import xarray as xr
+
+    import instruments
+
+    try:
+        name = options.get("instrument") or instruments.identify(file)
+    except SourceError as error:
+        raise _with_a_look(file, error) from None
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        source = instruments.read(file, **options | {"instrument": name})
+        is_table = isinstance(source, xr.Dataset)
+        found = table(source) if isinstance(source, xr.Dataset) else film(source)
+    said = [str(w.message) for w in caught]
+    problems = list(dict.fromkeys([*said, *found.pop("problems")]))
+    return {
+        "reader": name, "kind": "table" if is_table else "film", **found, "problems": problems,
+    }  # fmt: skip
+
+
+def _with_a_look(file: Path, error: SourceError) -> SourceError:
+    """Add what can be seen of a file that no instrument recognises."""
+    if not file.is_file():
+        return error
+    with file.open("rb") as opened:
+        head = opened.read(_LOOK)
+    try:
+        text = head.decode("utf-8", "strict" if len(head) < _LOOK else "ignore")
+    except UnicodeDecodeError:
+        text = ""
+    line = next((line.strip() for line in text.splitlines() if line.strip()), "")
+    if line.isprintable() and line:
+        seen = f'text that begins with "{line[:_SHOWN]}"'
+    else:
+        seen = f"{file.stat().st_size} bytes that begin with {head[:8]!r}" if head else "empty"
+    hint = f"It is {seen}. {error.hint}" if error.hint else f"It is {seen}."
+    return SourceError(file, error.message, hint=hint)
+
+
+def table(dataset: "xr.Dataset") -> dict[str, Any]:
+    """Describe readings: header, sampling, and every column with unit and range."""
+    columns = [
+        _column(str(name), variable)
+        for name, variable in dataset.variables.items()
+        if variable.size
+    ]
+    known = {k: dataset.attrs[k] for k in _KNOWN if dataset.attrs.get(k) not in (None, "")}
+    sampling, problems = _sampling(dataset)
+    return {
+        **known,
+        "sizes": ", ".join(f"{k} {v}" for k, v in dataset.sizes.items()),
+        **sampling,
+        "variables": columns,
+        "problems": problems + _reading_problems(dataset, columns),
+    }
+
+
+def _column(name: str, variable: "xr.Variable") -> dict[str, Any]:
+    import numpy as np
+
+    row: dict[str, Any] = {
+        "name": name,
+        "long_name": str(variable.attrs.get("long_name", "")),
+        "units": str(variable.attrs.get("units", "")),
+        "min": None,
+        "max": None,
+        "invalid": 0,
+    }
+    if variable.dtype.kind in "fiub":
+        values = np.asarray(variable.values, float)
+        finite = values[np.isfinite(values)]
+        row["invalid"] = int(values.size - finite.size)
+        if finite.size:
+            row |= {"min": float(finite.min()), "max": float(finite.max())}
+    else:
+        texts = sorted({str(v) for v in variable.values.ravel().tolist()})
+        row["values"] = texts[:8]
+    return row
+
+
+def _sampling(dataset: "xr.Dataset") -> tuple[dict[str, Any], list[str]]:
+    """Say how the time axis runs: points, interval, rate, duration, and where it is uneven."""
+    import numpy as np
+
+    if "time" not in dataset.variables or dataset["time"].ndim != 1 or dataset["time"].size < 2:
+        return {}, []
+    time = np.asarray(dataset["time"].values, float)
+    steps = np.diff(time)
+    forward = steps[steps > 0]
+    if not forward.size:
+        return {}, ["the time does not advance"]
+    interval = float(np.median(forward))
+    found = {
+        "interval": f"{interval:.6g} s",
+        "rate": f"{1.0 / interval:.6g} Hz",
+        "duration": f"{float(time.max() - time.min()):.6g} s",
+    }
+    restarts = int((steps <= 0).sum())
+    uneven = int((np.abs(forward - interval) > _IRREGULAR * interval).sum())
+    if uneven > len(forward) // 2:  # a rheometer samples as it likes; that is no mistake
+        return {"interval": "uneven", "duration": found["duration"]}, []
+    problems = []
+    if restarts and "block" not in dataset.variables and "interval" not in dataset.variables:
+        problems.append(f"the time goes back {restarts} times")
+    if uneven:
+        worst = float(forward.max())
+        problems.append(f"{uneven} of {len(forward)} steps in time are uneven, up to {worst:.4g} s")
+    return found, problems
+
+
+def _reading_problems(dataset: "xr.Dataset", columns: list[dict[str, Any]]) -> list[str]:
+    found = []
+    states = json.loads(dataset.attrs.get("status_counts", "{}"))
+    longest = max(dataset.sizes.values(), default=0)
+    for row in columns:
+        size = dataset[row["name"]].size
+        if not row["invalid"] or size < longest:
+            continue  # tables beside the readings leave out what a header does not state
+        states_of = states.get(row["name"].replace("out", "status"), {})
+        why = ", ".join(f"{n} {s}" for s, n in states_of.items() if s != "VALID")
+        found.append(f"{row['name']}: {row['invalid']} of {size} readings are invalid" +
+                     (f" ({why})" if why else ""))  # fmt: skip
+    if dataset.attrs.get("incomplete"):
+        found.append("the file is incomplete: it ends before its end mark")
+    return found
+
+
+def film(frames: "FrameSource") -> dict[str, Any]:
+    """Describe a film: size, times, exposure, levels, damaged frames."""
+    import numpy as np
+
+    count, rows, columns = frames.shape
+    time, valid = frames.time, frames.valid
+    problems = list(getattr(getattr(frames, "time_axis", None), "warnings", ()))
+    if not valid.all():
+        problems.append(f"{int((~valid).sum())} of {count} frames are damaged")
+    steps = np.diff(time) if count > 1 else np.array([np.nan])
+    interval = float(np.nanmedian(steps))
+    if (np.abs(steps - interval) > 0.5 * interval).any():
+        problems.append(f"frames are missing: the longest step is {np.nanmax(steps):.4g} s")
+    exposure = frames.exposure
+    return {
+        "frames": count,
+        "image": f"{columns} × {rows} px",
+        "interval": f"{interval:.6g} s",
+        "rate": f"{1.0 / interval:.6g} Hz",
+        "time": f"{time[0]:.6g} … {time[-1]:.6g} s from the trigger",
+        "exposure": "unknown" if exposure is None else f"{np.nanmedian(exposure):.3g} s",
+        "levels": f"{frames.levels[0]:g} black, {frames.levels[1]:g} white",
+        "problems": problems,
+    }
+
+
+def _session(file: Path) -> dict[str, Any]:
+    from pipelines.session._opening import open_session
+
+    head: dict[str, Any] = {"reader": "labpipe", "kind": "session"}
+    try:
+        session = open_session(file.parent)
+    except ConfigError as error:
+        return head | {"problems": list(error.problems)}
+    return head | {
+        "title": session.title,
+        "operator": session.operator,
+        "synthetic": session.synthetic,
+        "experiments": ", ".join(f"{e.name} ({e.kind})" for e in session.experiments.values()),
+    }
+
+
+def _record(file: Path) -> dict[str, Any]:
+    """Describe a calibration record, or a material, whichever the file is."""
+    from calibration import load_record
+    from labpipe.workflow.document import parse
+    from labpipe.workflow.fields import show
+
+    tree = parse(file).tree
+    if "kind" not in tree:
+        return {"reader": "labpipe", "kind": "toml", "keys": ", ".join(tree)}
+    head: dict[str, Any] = {"reader": "calibration", "kind": "record"}
+    try:
+        record: Any = load_record(file)
+    except LabpipeError as error:
+        return head | {"problems": str(error).splitlines()}
+    stated = {
+        name: str(getattr(record, name))
+        for name in ("id", "instrument", "serial", "valid_from", "valid_until", "who", "how")
+        if getattr(record, name, None)
+    }
+    values = {
+        name: show(value)
+        for name in record.values.__struct_fields__
+        if (value := getattr(record.values, name)) is not None and hasattr(value, "si")
+    }
+    return head | {"of": record.kind} | stated | values
+
+
+def _result(file: Path) -> dict[str, Any]:
+    from labpipe.files import read_dataset
+
+    return table(read_dataset(file))
+
+
+def _picture(file: Path) -> dict[str, Any]:
+    import cv2
+    import numpy as np
+
+    image = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise SourceError(
+            file, "is no whole picture; it cannot be decoded", hint="Copy or save it again."
+        )
+    rows, columns = image.shape[:2]
+    return {
+        "image": f"{columns} × {rows} px",
+        "channels": 1 if image.ndim == 2 else image.shape[2],
+        "depth": f"{image.dtype.itemsize * 8} bit",
+        "levels": f"{int(image.min())} … {int(image.max())} seen",
+    }

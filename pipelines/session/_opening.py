@@ -1,0 +1,64 @@
+"""From a folder to a session: its ``session.toml``, checked against the kinds of experiment."""
+
+from pathlib import Path
+
+from labpipe.errors import ConfigError, SourceError
+from labpipe.workflow import session as sessions
+from labpipe.workflow.session import Session
+from pipelines.experiments import KINDS
+
+SETTINGS = {name: kind.settings for name, kind in KINDS.items()}
+STAGES = {name: kind.stages for name, kind in KINDS.items()}
+SCHEMAS = {schema.name: schema for kind in KINDS.values() for schema in kind.schemas}
+
+
+def open_session(folder: str | Path) -> Session:
+    """Read and check the ``session.toml`` of a folder.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+
+    Returns
+    -------
+    Session
+        Title, operator, and the experiments with their typed settings.
+
+    Raises
+    ------
+    SourceError
+        The folder holds no session.toml.
+    ConfigError
+        The file holds mistakes; all of them are listed with their lines.
+    """
+    path = Path(folder) / sessions.FILE_NAME
+    if not path.is_file():
+        raise SourceError(
+            path, "there is no such file", hint=f"Write one with `labpipe init {folder}`."
+        )
+    return sessions.load(path, SETTINGS)
+
+
+def reopen_session(folder: str | Path) -> Session:
+    """Open a session as :func:`open_session`, but once processed let it lack files.
+
+    In a session that was never processed a file that is not there is a mistake in session.toml,
+    told with all others. Later it has been lost: its experiment fails and says so, the others go
+    on.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    """
+    try:
+        return open_session(folder)
+    except ConfigError as all_mistakes:
+        try:
+            session = sessions.load(folder, SETTINGS, may_wait=True)
+        except ConfigError:
+            raise all_mistakes from None
+        if not (session.folder / "store").is_dir():
+            raise
+        return session

@@ -1,0 +1,251 @@
+"""The page of a whole session: every experiment with its state, key numbers and a small picture."""
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labpipe import files
+from labpipe.workflow.code import Identity
+from labpipe.workflow.plan import KEPT, READY, Plan, make_plan, page_name
+from labpipe.workflow.results import Results
+from labpipe.workflow.session import Session
+from labpipe.workflow.store import Store
+from labpipe.workflow.tasks import Stages, spell_out
+from pipelines import experiments
+from pipelines.experiments import Kind
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from labpipe.report import Column, IndexRow, LineChart, ScatterChart
+
+PAGE = "index.html"
+"""Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
+COMPARISON_PAGE = "compare.html"
+"""Beside it, once ``labpipe compare`` has written it."""
+
+
+_REPORT, _DONE = "report", "done"
+_FEW_KINDS = 3  # that share one table
+_CAPTION = (
+    "Select a heading to sort. The error is the root mean square of measurement minus model (of "
+    "film minus laser) over the range of the measurement, that of the worst repeat, impact or "
+    "frequency."
+)
+_COMPARISON = "comparison"
+"""The stage whose result holds the error of a kind."""
+
+
+def write_overview(session: Session, stages: Stages) -> Path:
+    """Write the page of a session, unless it is up to date.
+
+    Parameters
+    ----------
+    session : Session
+        With all its experiments.
+    stages : mapping
+        The stages of every kind.
+
+    Returns
+    -------
+    Path
+        ``SESSION/labpipe/index.html``.
+    """
+    tasks = spell_out(session, stages)
+    store = Store(session.folder)
+    plan = make_plan(session, tasks, frozenset(tasks), store, keep=None)
+    path = session.folder / PAGE
+    code = store.code.behind(f"{__name__}:{_page.__name__}")
+    mark = f"<!-- {_state_digest(plan, code)} -->\n"
+    if not (path.is_file() and path.read_text("utf-8").endswith(mark)):
+        files.write_text(path, _page(Results(plan)) + mark)
+    return path
+
+
+def _state_digest(plan: Plan, code: Identity) -> str:
+    """Digest of all that the page depends on."""
+    session = plan.session
+    rows = [
+        [row.experiment, row.stage, row.recording, row.state, plan.keys[row.task].value,
+         (session.folder / page_name(row.experiment)).is_file()]
+        for row in plan.rows
+    ]  # fmt: skip
+    has_comparison = (session.folder / COMPARISON_PAGE).is_file()
+    head = [code, session.title, session.operator, session.notes, session.synthetic,
+            has_comparison]  # fmt: skip
+    return hashlib.sha256(files.canonical([head, rows]).encode("utf-8", "replace")).hexdigest()
+
+
+def _page(results: Results) -> str:
+    from labpipe.report import Document, IndexTable, Section
+
+    session = results.plan.session
+    caption = _CAPTION
+    sections, states = [], []
+    for title, names in _groups(session):
+        columns, cells = _columns(results, names)
+        rows = tuple(_row(results, name, cells[name]) for name in names)
+        sections.append(Section(title, (IndexTable(tuple(columns), rows, caption),)))
+        states += [row.state for row in rows]
+        caption = ""  # once is enough
+    if below := _below(session):
+        sections.append(Section("Session", below))
+    about = [
+        f"{sum(state.startswith(_DONE) for state in states)} of {len(states)} experiments done"
+    ]
+    if session.operator:
+        about.insert(0, f"recorded by {session.operator}")
+    return Document(
+        session.title, " · ".join(about), "synthetic data" if session.synthetic else "",
+        tuple(sections),
+    ).render()  # fmt: skip
+
+
+def _groups(session: Session) -> list[tuple[str, list[str]]]:
+    """Put all experiments into one table, or those of each kind where kinds are many.
+
+    Every kind has key numbers of its own; a table of all would be wide and mostly empty.
+    """
+    by_kind: dict[str, list[str]] = {}
+    for name, experiment in session.experiments.items():
+        by_kind.setdefault(experiment.kind, []).append(name)
+    if len(by_kind) <= _FEW_KINDS:
+        return [("Experiments", list(session.experiments))]
+    return [(experiments.KINDS[kind].title, names) for kind, names in by_kind.items()]
+
+
+def _below(session: Session) -> tuple[Any, ...]:
+    """Lead to the comparison of all experiments, and show the notes."""
+    from labpipe.report import Link, Paragraph
+
+    blocks: list[Any] = []
+    if (session.folder / COMPARISON_PAGE).is_file():
+        remark = "all experiments in one table, as of the last labpipe compare"
+        blocks.append(Link("Measurement against model", COMPARISON_PAGE, remark))
+    if session.notes:
+        blocks.append(Paragraph(session.notes))
+    return tuple(blocks)
+
+
+def _columns(results: Results, names: Sequence[str]) -> "tuple[list[Column], dict[str, list[Any]]]":
+    """Columns that at least one of the experiments has a number for, and the cells of each."""
+    from labpipe.report import Column
+
+    session = results.plan.session
+    kinds = {name: experiments.KINDS[session.experiments[name].kind] for name in names}
+    numbers = _key_numbers(kinds.values())
+    columns = [
+        Column("error", "1", digits=2),
+        *(Column(title, unit, digits=4) for title, unit in numbers),
+        Column("warnings"),
+    ]
+    cells: dict[str, list[Any]] = {}
+    for name, kind in kinds.items():
+        sources = {(n.title, n.unit): (n.stage, n.variable) for n in kind.key_numbers}
+        cells[name] = [
+            _number(results, name, (_COMPARISON, kind.error), is_worst=True),
+            *(_number(results, name, sources.get(number)) for number in numbers),
+            _warnings(results.plan, name),
+        ]
+    is_used = [any(row[i] is not None for row in cells.values()) for i in range(len(columns))]
+    kept = [i for i, used in enumerate(is_used) if used]
+    return [columns[i] for i in kept], {name: [row[i] for i in kept] for name, row in cells.items()}
+
+
+def _key_numbers(shown: Iterable[Kind]) -> list[tuple[str, str]]:
+    """Return title and unit of the kinds' key numbers; kinds with the same one share it."""
+    names = {kind.name for kind in shown}
+    every = (n for kind in experiments.KINDS.values() if kind.name in names
+             for n in kind.key_numbers)  # fmt: skip
+    return list(dict.fromkeys((number.title, number.unit) for number in every))
+
+
+def _number(
+    results: Results, name: str, source: tuple[str, str] | None, *, is_worst: bool = False
+) -> float | None:
+    import numpy as np
+
+    dataset = _dataset(results, name, source[0]) if source else None
+    if dataset is None or source is None or source[1] not in dataset:
+        return None
+    values = np.atleast_1d(np.asarray(dataset[source[1]].values, float))
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return None
+    return float(values.max() if is_worst else values.flat[0])
+
+
+def _dataset(results: Results, name: str, stage: str) -> "xr.Dataset | None":
+    rows = (row for row in results.plan.rows if (row.experiment, row.stage) == (name, stage))
+    row = next(rows, None)
+    return None if row is None else results.up_to_date(row)
+
+
+def _warnings(plan: Plan, name: str) -> int:
+    store = Store(plan.session.folder)
+    keys = [plan.keys[row.task].value for row in plan.rows if row.experiment == name]
+    records = [store.record(key) for key in keys if key is not None]
+    return sum(len(record.warnings) for record in records if record is not None)
+
+
+def _row(results: Results, name: str, cells: Sequence[Any]) -> "IndexRow":
+    from labpipe.report import IndexRow
+
+    plan = results.plan
+    rows = [row for row in plan.rows if row.experiment == name]
+    has_page = (plan.session.folder / page_name(name)).is_file()
+    waiting = [row for row in rows if row.state not in READY]
+    kept = [row for row in rows if row.state == KEPT]
+    kind = plan.session.experiments[name].kind.replace("_", " ")
+    unreadable = next((plan.keys[r.task].problem for r in rows if plan.keys[r.task].problem), "")
+    state, level = _DONE, "ok"
+    if unreadable:
+        state, level = "waiting for files", "warning"
+    elif has_page and {row.stage for row in waiting} == {_REPORT}:
+        state, level = "page out of date", "warning"
+    elif waiting and has_page:
+        state, level = f"{len(waiting)} of {len(rows)} steps to do or failed", "error"
+    elif waiting:
+        state, level = "not processed", "info"
+    elif kept:
+        state, level = f"{_DONE}, {len(kept)} results of earlier code", "warning"
+    return IndexRow(
+        name, state, level,  # type: ignore[arg-type]
+        href=page_name(name) if has_page else "",
+        metrics=tuple(cells),
+        thumbnail=_picture(results, name),
+        remark=f"{kind}; {unreadable}" if unreadable else kind,
+    )  # fmt: skip
+
+
+def _picture(results: Results, name: str) -> bytes | None:
+    from labpipe.report import thumbnail
+
+    source = experiments.KINDS[results.plan.session.experiments[name].kind].picture
+    dataset = _dataset(results, name, source.stage) if source else None
+    if source is None or dataset is None or not {source.x, source.y} <= set(dataset.variables):
+        return None
+    chart = _chart(dataset, source.x, source.y, source.scale)
+    return None if chart is None else thumbnail(chart)
+
+
+def _chart(
+    dataset: "xr.Dataset", x_name: str, y_name: str, scale: Any
+) -> "LineChart | ScatterChart | None":
+    import numpy as np
+
+    from labpipe.report import LineChart, ScatterChart, Series
+
+    x, y = np.asarray(dataset[x_name].values, float), np.asarray(dataset[y_name].values, float)
+    if x.ndim > 1:  # one loop per frequency
+        loops = [(a[np.isfinite(a + b)], b[np.isfinite(a + b)]) for a, b in zip(x, y, strict=True)]
+        series = [Series(str(i), a, b) for i, (a, b) in enumerate(loops) if a.size]
+        return ScatterChart("", x_name, y_name, series) if series else None
+    if np.count_nonzero(np.isfinite(x) & np.isfinite(y)) < 2:
+        return None
+    known = np.flatnonzero(np.isfinite(x))
+    order = known[np.argsort(x[known], kind="stable")]
+    # A value that is missing is a gap in the curve, not a line across it.
+    series = [Series(y_name, x[order], np.where(np.isinf(y), np.nan, y)[order])]
+    return LineChart("", x_name, y_name, series, x_scale=scale, y_scale=scale)

@@ -1,0 +1,218 @@
+"""Plan a session, process it, watch it, show its reports, check its store."""
+
+from collections.abc import Callable, Generator, Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from labpipe.errors import InputError, LabpipeError
+from labpipe.workflow import session as sessions
+from labpipe.workflow.plan import Plan
+from labpipe.workflow.plan import plan as make_plan
+from labpipe.workflow.session import Session
+from labpipe.workflow.watch import LOOKS, Settling, Watcher
+from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, reopen_session
+from pipelines.session._overview import write_overview
+
+if TYPE_CHECKING:
+    from labpipe.report import Report
+    from labpipe.workflow.runner import Event, RunResult
+
+
+def plan(
+    folder: str | Path,
+    targets: Iterable[str] | None = None,
+    only: Iterable[str] | None = None,
+    *,
+    full: bool = False,
+    keep: bool | None = False,
+) -> Plan:
+    """Say what :func:`process` would run, and why; nothing numerical is imported.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    targets, only : str or iterable of str, optional
+        Stages and experiments that are wanted; all by default.
+    full : bool
+        Plan for a run without shortcuts.
+    keep : bool or None
+        Take results of earlier code as they are; with None, those that an earlier run took.
+    """
+    return make_plan(reopen_session(folder), STAGES, targets, only, full=full, keep=keep)
+
+
+def process(
+    folder: str | Path,
+    targets: Iterable[str] | None = None,
+    only: Iterable[str] | None = None,
+    *,
+    jobs: int = 1,
+    cluster: str | None = None,
+    full: bool = False,
+    keep: bool | None = False,
+    fail_fast: bool = False,
+    progress: "Callable[[Event], None] | None" = None,
+) -> "RunResult":
+    """Compute what a session lacks, and write its reports.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder; results go to ``FOLDER/labpipe``.
+    targets, only : str or iterable of str, optional
+        Stages and experiments that are wanted; all by default.
+    jobs : int
+        Experiments computed side by side; 0 computes in this process.
+    cluster : str, optional
+        Address of a Dask scheduler, ``tcp://host:port``, whose workers compute instead; the
+        session must lie under the same path for all of them.
+    full : bool
+        Without the shortcuts that skip what a scene does not need.
+    keep : bool or None
+        Take results of earlier code as they are where nothing else has changed, and say so on
+        every page; with None, those that an earlier run took. By default all is made again.
+    fail_fast : bool
+        Stop at the first failure instead of going on with the other experiments.
+    progress : callable, optional
+        Called with every event of the run.
+
+    Returns
+    -------
+    RunResult
+        Outcome of every task, the ledger, and the reports by experiment. The page of the whole
+        session is ``FOLDER/labpipe/index.html``.
+    """
+    ((_, done),) = process_all(
+        [folder], targets, only, jobs=jobs, cluster=cluster,
+        full=full, keep=keep, fail_fast=fail_fast, progress=progress,
+    )  # fmt: skip
+    if isinstance(done, LabpipeError):
+        raise done
+    return done
+
+
+def process_all(
+    folders: Iterable[str | Path],
+    targets: Iterable[str] | None = None,
+    only: Iterable[str] | None = None,
+    *,
+    jobs: int = 1,
+    cluster: str | None = None,
+    full: bool = False,
+    keep: bool | None = False,
+    fail_fast: bool = False,
+    progress: "Callable[[Event], None] | None" = None,
+) -> "Generator[tuple[Path, RunResult | LabpipeError]]":
+    """Process many sessions, their experiments side by side.
+
+    Parameters
+    ----------
+    folders : iterable of path-like
+        Session folders; each is opened when there is room for its experiments.
+    targets, only, jobs, cluster, full, keep, fail_fast, progress
+        See :func:`process`.
+
+    Yields
+    ------
+    tuple
+        A folder, and how its run ended or why it cannot be processed; the others go on.
+
+    Examples
+    --------
+    >>> for folder, done in process_all(["monday", "tuesday"], jobs=4):  # doctest: +SKIP
+    ...     print(folder, done)
+    """
+    from labpipe.workflow.runner import run_all
+
+    refused: list[tuple[Path, LabpipeError]] = []
+
+    def opened() -> Iterator[Session]:
+        for folder in map(Path, folders):
+            try:
+                yield reopen_session(folder)
+            except LabpipeError as error:
+                refused.append((folder, error))
+                if fail_fast:
+                    return
+
+    for session, done in run_all(
+        opened(), STAGES, jobs=jobs, cluster=cluster, targets=targets, only=only,
+        fail_fast=fail_fast, full=full, keep=keep, schemas=SCHEMAS, progress=progress,
+    ):  # fmt: skip
+        if not isinstance(done, LabpipeError):
+            write_overview(session, STAGES)
+        yield session.root, done
+    yield from refused
+
+
+def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
+    """Watch a session that is still being recorded; process what has become complete.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder; files, and session.toml itself, may come later.
+    looks : int
+        Looks in a row that must find a file unchanged.
+    jobs : int
+        0 computes in this process.
+
+    Returns
+    -------
+    Watcher
+        Call its ``look()`` again and again; each call yields what is new.
+
+    Examples
+    --------
+    >>> for news in watch("my-session").look():  # doctest: +SKIP
+    ...     print(news.experiment, news.state, news.text)
+    """
+    from pipelines.session._arrivals import missing_part
+
+    def run_one(session: Session, name: str) -> "RunResult":
+        from labpipe.workflow.runner import run
+
+        done = run(session, STAGES, only=[name], jobs=jobs, schemas=SCHEMAS)
+        write_overview(sessions.load(session.root, SETTINGS, may_wait=True), STAGES)
+        return done
+
+    settling = Settling(looks)
+    return Watcher(Path(folder), SETTINGS, STAGES, missing_part, run_one, settling)
+
+
+def report(folder: str | Path, experiment: str) -> "Report":
+    """Return the report of an experiment; a notebook shows it.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    experiment : str
+        Its name.
+
+    Raises
+    ------
+    InputError
+        There is none yet.
+    """
+    from labpipe.report import Report
+    from labpipe.workflow.plan import page_name
+
+    session = reopen_session(folder)
+    path = session.folder / page_name(experiment)
+    if experiment not in session.experiments or not path.is_file():
+        known = ", ".join(session.experiments)
+        message = (
+            f'there is no report of "{experiment}" yet; run: labpipe process {folder} '
+            f"(experiments: {known})"
+        )
+        raise InputError(message)
+    return Report(experiment, path)
+
+
+def check_store(folder: str | Path) -> list[str]:
+    """Read every stored result of a session and name the damaged ones."""
+    from labpipe.workflow.store import Store
+
+    return Store(reopen_session(folder).folder).check()

@@ -1,0 +1,232 @@
+"""From a folder of instrument files to a first session.toml, commented, with gaps to fill in.
+
+Instruments are told by content. Every kind of experiment is offered the files of the instruments
+that it knows; those of other distributions first, then ours from the special to the general. What
+no file tells is asked for, or written as a gap; the session is refused, line by line, until it is
+filled. A calibration record that is missing is proposed as a file of its own.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import instruments
+from labpipe import files
+from labpipe.errors import LabpipeError, UsageError
+from labpipe.workflow.session import FILE_NAME, VERSION
+from pipelines.experiments import KINDS, Found, Proposal, Proposed, function
+from pipelines.experiments.shared.proposals import GAP, identifier, quoted
+from pipelines.session._gaps import Gap, filled
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """What :func:`write_session_file` wrote: the file, its experiments, and what is to fill in.
+
+    ``records`` are calibration records that were proposed; ``unused`` names files of a known
+    instrument that no proposed experiment takes.
+    """
+
+    path: Path
+    experiments: list[str]
+    gaps: list[str]
+    records: list[Path]
+    unused: list[str]
+
+
+def write_session_file(
+    folder: Path, replace: bool = False, ask: Callable[[Gap], str | None] | None = None
+) -> Scan:
+    """Scan a folder and write its session.toml.
+
+    Parameters
+    ----------
+    folder : Path
+        The session folder.
+    replace : bool
+        Replace a session.toml that is already there.
+    ask : callable, optional
+        Returns the answer to a question that no file answers, or None to leave it open.
+
+    Raises
+    ------
+    UsageError
+        There is a session.toml, or the folder holds no file of a known instrument.
+    """
+    path = folder / FILE_NAME
+    if path.exists() and not replace:
+        message = f"{path} exists already; edit it, or use --force to replace it"
+        raise UsageError(message)
+    found = recognise(folder)
+    begun = {n: (folder / n).read_text("utf-8") for n in _records(found)}
+    records, completed = _with_missing_records(found)
+    text, names = propose(completed)
+    if not names:
+        raise UsageError(_nothing_proposed(found))
+    texts = {FILE_NAME: text, **records, **{n: t for n, t in begun.items() if GAP in t}}
+    if ask is not None:
+        texts = {name: filled(content, ask, _owner(name)) for name, content in texts.items()}
+    for name in reversed(texts):  # session.toml last: with it, the folder is a session
+        if texts[name] != begun.get(name):
+            files.write_text(folder / name, texts[name])
+    gaps = [
+        f"{name}:{number}: {line.strip()}"
+        for name, content in texts.items()
+        for number, line in enumerate(content.splitlines(), 1)
+        if GAP in line and not line.lstrip().startswith("#")
+    ]
+    unused = [
+        f"{name} ({title}): {reason}"
+        for name, (title, reason) in found.owners.items()
+        if f'"{quoted(name)}"' not in text
+    ]
+    return Scan(path, names, gaps, [folder / name for name in records], unused)
+
+
+def _owner(name: str) -> str:
+    """Name a calibration record in questions; session.toml's tables are named already."""
+    return "" if name == FILE_NAME else f"calibration of {Path(name).stem.replace('_', ' ')}"
+
+
+def _records(found: Found) -> list[str]:
+    return [n for kind, names in found.names.items() if kind.startswith("record:") for n in names]
+
+
+def _proposals() -> list[Proposal]:
+    return [kind.proposal for kind in KINDS.values() if kind.proposal is not None]
+
+
+def _with_missing_records(found: Found) -> tuple[dict[str, str], Found]:
+    """Return the records that the kinds propose, by name, and what was found with them."""
+    records: dict[str, str] = {}
+    names = dict(found.names)
+    for text in dict.fromkeys(proposal.records for proposal in _proposals() if proposal.records):
+        for sort, made in function(text)(found).items():
+            names[sort] = [*names.get(sort, []), *made]
+            records |= made
+    return records, replace(found, names=names)
+
+
+def recognise(folder: Path) -> Found:
+    """Return what the files of a folder are: of which instrument, what they hold, which records."""
+    found: dict[str, list[str]] = {}
+    owners: dict[str, tuple[str, str]] = {}
+    for path in _candidates(folder):
+        name = path.relative_to(folder).as_posix()
+        if path.suffix == ".toml":
+            if (kind := _record_kind(path)) is not None:
+                found.setdefault(kind, []).append(name)
+                owners[name] = (kind.replace("_", " "), "no experiment names it")
+        elif (instrument := _instrument(path)) is not None:
+            found.setdefault(instrument, []).append(name)
+    for each in instruments.known():
+        for name in found.get(each.name, []):
+            owners[name] = (each.title, _why_not(each))
+            if not each.unproposed:
+                found.setdefault(each.content, []).append(name)
+    return Found(folder, found, owners)
+
+
+_UNTOLD: dict[instruments.Content, str] = {
+    "displacement": "no kind of experiment is told by it alone; add it by hand",
+    "force": "it holds neither an oscillation nor a relaxation; add it by hand",
+    "film": "no kind of experiment is told by it alone; add it by hand",
+    "sweep": "it holds no moduli over frequency and temperature; add it by hand",
+    "displacement_field": "no kind of experiment begins from it",
+}
+
+
+def _why_not(instrument: instruments.Instrument) -> str:
+    """Say why a file of an instrument is in no proposed experiment."""
+    return instrument.unproposed or _UNTOLD[instrument.content]
+
+
+def _nothing_proposed(found: Found) -> str:
+    """Say what was found and why no experiment begins from it; or that nothing is known."""
+    folder = found.folder
+    of_reason: dict[tuple[str, str], list[str]] = {}
+    for name, why in found.owners.items():
+        of_reason.setdefault(why, []).append(name)
+    for place in [folder, *sorted(p for p in folder.rglob("*") if p.is_dir())]:
+        if (whole := _instrument(place)) is not None:
+            each = instruments.by_name(whole)
+            name = place.relative_to(folder).as_posix()
+            of_reason.setdefault((each.title, _why_not(each)), []).append(name)
+    if not of_reason:
+        known = ", ".join(each.name for each in instruments.known())
+        return (
+            f"{folder}: no file of a known instrument was found; known are {known}. "
+            "Is it the right folder?"
+        )
+    lines = [f"{folder}: no experiment is proposed"]
+    for (title, reason), names in of_reason.items():
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        lines.append(f"{names[0]}{more} ({title}): {reason}")
+    return "\n  ".join(lines)
+
+
+def _candidates(folder: Path) -> Iterator[Path]:
+    for path in files.files_below(folder):
+        parts = path.relative_to(folder).parts
+        hidden = any(part.startswith(".") for part in parts)
+        if not hidden and parts[0] not in {"labpipe", "truth", FILE_NAME}:
+            yield path
+
+
+def _instrument(path: Path) -> str | None:
+    try:
+        return instruments.identify(path)
+    except LabpipeError:
+        return None
+
+
+def _record_kind(path: Path) -> str | None:
+    """Name the kind that a record claims; an incomplete one is a record that has gaps."""
+    from calibration import KINDS
+    from labpipe.workflow.document import parse
+
+    try:
+        kind = parse(path).tree.get("kind")
+    except LabpipeError:
+        return None
+    return f"record:{kind}" if isinstance(kind, str) and kind in KINDS else None
+
+
+def propose(found: Found) -> tuple[str, list[str]]:
+    """Return the text of session.toml and the names of the proposed experiments."""
+    names: list[str] = []
+    sections = [
+        f"labpipe = {VERSION}  # version of this file's format",
+        "",
+        "[session]",
+        f'title = "{quoted(found.folder.resolve().name)}"',
+        'operator = ""',
+        'notes = ""',
+    ]
+    for content in dict.fromkeys(name for p in _proposals() for name in p.contents):
+        for each in instruments.known():
+            if each.content != content or each.unproposed:
+                continue
+            made = _of_instrument(found, each.name, content)
+            for proposed in sorted(made, key=lambda made: made.stem):
+                name = _unused(identifier(proposed.stem), names)
+                names.append(name)
+                sections += ["", proposed.text(name)]
+    return "\n".join(sections) + "\n", names
+
+
+def _of_instrument(found: Found, instrument: str, content: str) -> Iterator[Proposed]:
+    """Offer the files of an instrument to one kind after the other."""
+    left = found.of(instrument)
+    for proposal in reversed(_proposals()):
+        if content in proposal.contents:
+            for proposed in function(proposal.function)(found, left):
+                left = [name for name in left if name not in proposed.files]
+                yield proposed
+
+
+def _unused(name: str, names: list[str]) -> str:
+    number, wanted = 2, name
+    while name in names:
+        name, number = f"{wanted}_{number}", number + 1
+    return name

@@ -1,0 +1,112 @@
+"""What a processed session holds: one result, all of an experiment, or what a kind derives."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labpipe.errors import InputError
+from labpipe.workflow.plan import READY
+from labpipe.workflow.plan import plan as make_plan
+from labpipe.workflow.results import Results
+from labpipe.workflow.session import Experiment, Session
+from labpipe.workflow.tasks import arguments
+from pipelines.experiments import Derived, function
+from pipelines.session._opening import STAGES, reopen_session
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+
+def opened(folder: str | Path, only: Iterable[str] | None = None) -> Results:
+    """Return the results of a session as they are now.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    only : iterable of str, optional
+        Experiments whose results are wanted; all by default.
+    """
+    return Results(make_plan(reopen_session(folder), STAGES, only=only, keep=None))
+
+
+def needed(session: Session, experiment: Experiment, derived: Derived) -> list[str]:
+    """Return the targets behind what is derived, such as ``"acrylic/model"``; others' too."""
+    found = arguments(session, STAGES, experiment, derived.inputs)
+    return list(dict.fromkeys(f"{t.experiment}/{t.stage}" for a in found for t in a.tasks))
+
+
+def derive(results: Results, experiment: Experiment, derived: Derived, **keywords: Any) -> Any:
+    """Call what a kind derives from its results."""
+    found = arguments(results.plan.session, STAGES, experiment, derived.inputs)
+    call = function(derived.function)
+    return call(*results.values(found), settings=experiment.settings, **keywords)
+
+
+def result(
+    folder: str | Path, experiment: str, stage: str, recording: str | None = None
+) -> "xr.Dataset":
+    """Return one stored result of a processed session.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    experiment, stage : str
+        Names, for example ``"acrylic_1p5mm"`` and ``"bounces"``.
+    recording : str, optional
+        The file, for stages that run once per recording.
+
+    Raises
+    ------
+    InputError
+        The result is missing or out of date.
+    """
+    from labpipe.workflow.runner import open_result
+
+    return open_result(reopen_session(folder), STAGES, experiment, stage, recording)
+
+
+def results(folder: str | Path, experiment: str) -> "xr.DataTree":
+    """Return all results of an experiment that are up to date, as one tree.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder.
+    experiment : str
+        Its name.
+
+    Returns
+    -------
+    DataTree
+        One node per stage; below it one per recording for stages that run per recording, by the
+        stem of the file (by its whole name where two have the same).
+
+    Raises
+    ------
+    InputError
+        There is none.
+    UsageError
+        There is no such experiment.
+    """
+    import xarray as xr
+
+    known = opened(folder, [experiment])
+    found: dict[str, xr.Dataset] = {}
+    for row in known.plan.rows:
+        is_wanted = row.experiment == experiment and row.state in READY
+        if is_wanted and known.plan.tasks[row.task].stage.output == "dataset":
+            node = f"/{row.stage}"
+            if row.recording is not None:
+                stem = Path(row.recording).stem
+                is_taken = f"{node}/{stem}" in found
+                node += f"/{row.recording.replace('/', '_') if is_taken else stem}"
+            found[node] = known.result(*row.task)
+    if not found:
+        message = (
+            f"{experiment} has no result that is up to date; run: labpipe process {folder} "
+            f"--only {experiment}"
+        )
+        raise InputError(message)
+    return xr.DataTree.from_dict(found, name=experiment)

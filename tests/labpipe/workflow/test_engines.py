@@ -1,0 +1,145 @@
+"""Calls side by side: every task has one answer, whoever dies, and only what is asked for runs."""
+
+import contextlib
+import os
+import random
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import pytest
+
+from labpipe.errors import InputError
+from labpipe.workflow.engines import Died, Engine, Processes, Serial, choose, side_by_side
+
+DOUBLE = f"{__name__}:double"
+
+
+def double(number: int) -> int:
+    if number < 0:
+        raise ValueError("negative")
+    return 2 * number
+
+
+def deadly(number: int, marker: Path) -> int:
+    """Kill the worker: once at 3, always at 5."""
+    if number == 5 or (number == 3 and marker.exists()):
+        marker.unlink(missing_ok=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 2 * number
+
+
+def threads() -> str:
+    return os.environ["OMP_NUM_THREADS"] + os.environ["OPENBLAS_NUM_THREADS"]
+
+
+def unsendable(number: int) -> object:
+    return (lambda: number) if number else number
+
+
+def naps(number: int, folder: Path) -> int:
+    """Tell who computes, and take a moment."""
+    (folder / f"{os.getpid()}").touch()
+    time.sleep(0.02)
+    return number
+
+
+class Lazy(Mapping[int, tuple[int]]):
+    """Tasks that say who was asked for."""
+
+    def __init__(self) -> None:
+        self.asked: list[int] = []
+
+    def __getitem__(self, key: int) -> tuple[int]:
+        self.asked.append(key)
+        return (key,)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(range(1000))
+
+    def __len__(self) -> int:
+        return 1000
+
+
+@pytest.mark.parametrize("engine", [Serial(), Processes(2)])
+def test_every_task_has_one_answer(engine: Engine) -> None:
+    found = list(side_by_side(engine, DOUBLE, {f"n{i}": (i,) for i in range(20)}))
+    assert len(found) == 20
+    assert dict(found) == {f"n{i}": 2 * i for i in range(20)}
+
+
+def test_nothing_to_do_starts_nothing() -> None:
+    assert list(side_by_side(Processes(2), DOUBLE, {})) == []
+
+
+def test_a_death_costs_nobody_else_his_result(tmp_path: Path) -> None:
+    marker = tmp_path / "alive"
+    marker.touch()
+    found = list(
+        side_by_side(Processes(2), f"{__name__}:deadly", {i: (i, marker) for i in range(8)})
+    )
+    assert sorted(key for key, _ in found) == list(range(8))
+    answers = dict(found)
+    assert isinstance(answers.pop(5), Died)
+    assert answers == {i: 2 * i for i in range(8) if i != 5}
+
+
+@pytest.mark.parametrize("engine", [Serial(), Processes(2)])
+def test_what_a_task_raises_is_raised(engine: Engine) -> None:
+    with pytest.raises(ValueError, match="negative"):
+        dict(side_by_side(engine, DOUBLE, {0: (1,), 1: (-1,)}))
+
+
+def test_an_answer_that_cannot_be_sent_is_an_error_and_no_death() -> None:
+    with pytest.raises(TypeError, match="cannot be sent between processes"):
+        dict(side_by_side(Processes(1), f"{__name__}:unsendable", {0: (0,), 1: (1,)}))
+
+
+def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
+    tmp_path: Path, amount: Callable[[int, int], int]
+) -> None:
+    """A worker may be killed while it waits, computes or answers, and while another one starts."""
+    done, generator = threading.Event(), random.Random(3)
+
+    def kill() -> None:
+        while not done.wait(generator.uniform(0.0, 0.2)):
+            workers = [int(path.name) for path in tmp_path.iterdir()]
+            if workers:
+                (tmp_path / str(victim := generator.choice(workers))).unlink()
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(victim, signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    try:
+        tasks = {i: (i, tmp_path) for i in range(amount(40, 3000))}
+        found = list(side_by_side(Processes(3), f"{__name__}:naps", tasks))
+    finally:
+        done.set()
+        killer.join()
+    assert sorted(key for key, _ in found) == sorted(tasks)
+    assert all(answer == key or isinstance(answer, Died) for key, answer in found)
+
+
+def test_tasks_are_asked_for_when_their_turn_comes() -> None:
+    tasks = Lazy()
+    answers = side_by_side(Processes(2), DOUBLE, tasks)
+    for _ in range(3):
+        next(answers)
+    answers.close()
+    assert len(tasks.asked) < 10
+
+
+def test_a_worker_computes_with_one_thread_and_leaves_ours_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    assert dict(side_by_side(Processes(1), f"{__name__}:threads", {0: ()})) == {0: "11"}
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+
+
+def test_fewer_workers_than_none_are_refused() -> None:
+    with pytest.raises(InputError, match="jobs must be at least 0, found -1"):
+        choose(-1)
