@@ -108,7 +108,7 @@ def _size(values: CameraValues) -> tuple[Quantity, list[Source]]:
     sources = []
     if values.scale is not None:
         size = values.scale
-        sources.append(Source("scale", size.value, size.u, "m/px", 1.0, "systematic"))
+        sources.append(Source.of("scale", size, 1.0))
     else:
         length, pixels = values.reference_length, values.pixel_length
         if length is None or pixels is None:
@@ -116,12 +116,9 @@ def _size(values: CameraValues) -> tuple[Quantity, list[Source]]:
             raise CalibrationError(message)
         size = pixel_size(length, pixels)
         sources += [
-            Source("reference length", length.value, length.u, "m", 1 / pixels.value, "systematic"),
-            Source(
-                "pixel distance", pixels.value, pixels.u, "px", size.value / pixels.value,
-                "systematic",
-            ),
-        ]  # fmt: skip
+            Source.of("reference length", length, 1 / pixels.value),
+            Source.of("pixel distance", pixels, size.value / pixels.value),
+        ]
     if values.out_of_plane is not None:
         sources.append(
             Source("out of plane", 0.0, values.out_of_plane.u, "1", size.value, "systematic")

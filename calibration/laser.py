@@ -23,7 +23,7 @@ from calibration import quiet
 from calibration.record import LaserRecord, LaserValues, Record, require
 from calibration.time_base import TimeBase, corrected, time_base
 from labpipe.errors import CalibrationError, InputError
-from labpipe.uncertainty import Source, combined, table
+from labpipe.uncertainty import Source, beyond, combined, table
 from labpipe.units import Quantity
 
 __all__ = ["displacement", "inclination_from_drop", "reading"]
@@ -223,17 +223,14 @@ def _sources(
     largest = float(finite[np.argmax(np.abs(finite))]) if finite.size else 0.0
     unit_text = str(variable.attrs["units"])
     rounding = step / math.sqrt(12)
-    beyond_rounding = math.sqrt(max(at_rest.noise**2 - rounding**2, 0.0))
+    noise = beyond(at_rest.noise, rounding)
     sources = [
-        Source("noise of a sample", 0.0, beyond_rounding, unit_text, factor, "random"),
+        Source("noise of a sample", 0.0, noise, unit_text, factor, "random"),
         Source("rounding of the display", 0.0, rounding, unit_text, factor, "random"),
         Source("zero", at_rest.level, at_rest.u_level, unit_text, factor, "systematic"),
-        Source(
-            "inclination", angle.value, angle.u, "rad", largest * math.tan(angle.value),
-            "systematic",
-        ),
-        Source("gain", gain.value, gain.u, gain.si, largest / gain.value, "systematic"),
-    ]  # fmt: skip
+        Source.of("inclination", angle, largest * math.tan(angle.value)),
+        Source.of("gain", gain, largest / gain.value),
+    ]
     if values.linearity is not None:
         along = 1.0 / math.cos(angle.value)
         sources.append(Source("linearity", 0.0, values.linearity.u, "m", along, "systematic"))

@@ -19,7 +19,7 @@ from scipy import signal
 from calibration import quiet
 from calibration.record import LoadCellRecord, LoadCellValues, Record, require
 from labpipe.errors import CalibrationError, InputError
-from labpipe.uncertainty import Source, combined, table
+from labpipe.uncertainty import Source, beyond, combined, table
 from labpipe.units import Quantity
 
 __all__ = ["FilterLag", "declared_filter", "filter_lag", "force"]
@@ -203,7 +203,7 @@ def _sources(
     finite = pressed[np.isfinite(pressed)]
     largest = float(finite[np.argmax(np.abs(finite))]) if finite.size else 0.0
     rounding = step / math.sqrt(12)
-    noise = math.sqrt(max(at_rest.noise**2 - rounding**2, 0.0))
+    noise = beyond(at_rest.noise, rounding)
     factor = sign * gain.value
     sources = [
         Source("noise of a sample", 0.0, noise, "N", factor, "random"),
@@ -211,8 +211,7 @@ def _sources(
         Source("tare", at_rest.level, at_rest.u_level, "N", factor, "systematic"),
     ]
     if values:
-        share = largest / gain.value
-        sources.append(Source("gain", gain.value, gain.u, "1", share, "systematic"))
+        sources.append(Source.of("gain", gain, largest / gain.value))
     if values and values.linearity:
         sources.append(Source("linearity", 0.0, values.linearity.u, "N", 1.0, "systematic"))
     return sources

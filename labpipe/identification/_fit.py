@@ -20,6 +20,7 @@ from scipy.stats import chi2
 from labpipe.errors import InputError, LabpipeError
 from labpipe.identification._problem import Corrections, Misfit, Problem, split
 from labpipe.identification._tangent import Surrogate, Tangent
+from labpipe.uncertainty import variance
 
 Array = NDArray[np.float64]
 Misfits = dict[tuple[str, str], Misfit]
@@ -327,7 +328,7 @@ class Objective:
         """Estimate the discrepancy of every group that the stated uncertainties do not explain."""
         rows, covariance = self.data_jacobian(xi), self.covariance(xi)
         predicted = self.problem.predictions(xi, self.corrections)
-        used = np.einsum("ij,jk,ik->i", rows, covariance, rows)
+        used = variance(rows, covariance)
         found: Misfits = {}
         first = 0
         for each, numbers in zip(self.problem.evidence, predicted, strict=True):

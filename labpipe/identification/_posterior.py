@@ -17,6 +17,7 @@ from labpipe.identification._fit import Fit, Objective, laplace
 from labpipe.identification._linear import modulus_basis
 from labpipe.identification._problem import Misfit, split
 from labpipe.identification._spectra import Spectrum
+from labpipe.uncertainty import carried, spread
 
 Array = NDArray[np.float64]
 
@@ -94,7 +95,7 @@ class Posterior:
 
     def carried(self, by_xi: Array) -> Array:
         """Return the covariance of quantities from their derivatives (quantity, parameter)."""
-        return np.asarray(by_xi @ self.covariance @ by_xi.T)
+        return carried(by_xi, self.covariance)
 
 
 def posterior(found: Fit) -> Posterior:
@@ -206,7 +207,7 @@ def ln_moduli(spectrum: Spectrum, xi: Array, omega: Array) -> tuple[Array, Array
 def _told(one: Structure, omega: Array) -> tuple[Array, Array]:
     """Return logarithms (2 n,) of storage modulus and loss factor with standard deviations."""
     values, by_xi = ln_moduli(one.spectrum, one.xi, omega)
-    return values, np.sqrt(np.einsum("ij,jk,ik->i", by_xi, one.covariance, by_xi))
+    return values, spread(by_xi, one.covariance)
 
 
 def frequencies(known: Posterior) -> tuple[float, float]:
@@ -268,7 +269,7 @@ def bands(known: Posterior) -> tuple[Band, ...]:
     found = known.fit
     problem = found.problem
     predicted = problem.predictions(found.xi, found.corrections)
-    u = np.sqrt(np.einsum("ij,jk,ik->i", known.sensitivity, known.covariance, known.sensitivity))
+    u = spread(known.sensitivity, known.covariance)
     made, first = [], 0
     for each, numbers in zip(problem.evidence, predicted, strict=True):
         for group, part in zip(each.groups, split(each, numbers), strict=True):

@@ -17,8 +17,9 @@ from labpipe.report._blocks import (
     Picture,
     Section,
 )
+from labpipe.report._budget import budget_table, difference_unit, share_bars, shown_source
 from labpipe.report._charts import Band, LineChart, ScatterChart, Series
-from labpipe.report._document import MAX_PAGE_BYTES, Document, index_page
+from labpipe.report._document import MAX_PAGE_BYTES, Document
 from labpipe.report._embedded import Report
 from labpipe.report._index import IndexRow, IndexTable
 from labpipe.report._style import Role, figure_bytes, figure_style, line_arguments, save_figure
@@ -59,15 +60,18 @@ __all__ = [
     "Section",
     "Series",
     "Table",
+    "budget_table",
+    "difference_unit",
     "display_unit",
     "figure_bytes",
     "figure_style",
-    "index_page",
     "line_arguments",
     "number",
     "plus_minus",
     "quantity",
     "save_figure",
+    "share_bars",
+    "shown_source",
     "thumbnail",
     "value_with_uncertainty",
 ]

@@ -11,7 +11,6 @@ from urllib.parse import quote
 from labpipe.errors import InputError
 from labpipe.report._blocks import (
     Bars,
-    Block,
     Details,
     Gallery,
     KeyValues,
@@ -22,11 +21,11 @@ from labpipe.report._blocks import (
     Section,
 )
 from labpipe.report._charts import LineChart, ScatterChart
-from labpipe.report._index import IndexRow, IndexTable, index_view
+from labpipe.report._index import IndexTable, index_view
 from labpipe.report._media import mime_type
 from labpipe.report._page import assemble, clean_all, data_address, fill
 from labpipe.report._shrinking import shrunk
-from labpipe.report._tables import Column, Table, table_view
+from labpipe.report._tables import Table, table_view
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -123,47 +122,6 @@ class Document:
             home=self.home,
         )
         return assemble(self.title, body, badge=self.badge)
-
-
-def index_page(
-    title: str,
-    rows: Sequence[IndexRow],
-    columns: Sequence[Column] = (),
-    *,
-    subtitle: str = "",
-    badge: str = "",
-    caption: str = "",
-    blocks: Sequence[Block] = (),
-) -> str:
-    """Write the page of a session: all experiments, sortable by state and by every metric.
-
-    Parameters
-    ----------
-    title, subtitle, badge : str
-        Head of the page.
-    rows : sequence of IndexRow
-        One per experiment.
-    columns : sequence of Column
-        The metrics; every row holds one cell for each, numbers in SI.
-    caption : str
-        Above the table.
-    blocks : sequence of blocks
-        What follows below the table (warnings, provenance).
-
-    Returns
-    -------
-    str
-        HTML.
-
-    Examples
-    --------
-    >>> page = index_page("Session", [IndexRow("drop 1", href="drop_1.html")])
-    >>> '<a href="drop_1.html">drop 1</a>' in page
-    True
-    """
-    table = IndexTable(tuple(columns), tuple(rows), caption)
-    section = Section("Experiments", (table, *blocks))
-    return Document(title, subtitle, badge, (section,)).render()
 
 
 class _ChartPart:

@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
 from scipy.optimize import least_squares
 
+from labpipe.uncertainty import carried
+
 Array = NDArray[np.float64]
 
 _EXPONENT = 1.5
@@ -195,8 +197,8 @@ def fit_impact(
     value, gradient = _outputs(p, scale)
     value[:2] += reference
     value[4:7] += height
-    output_covariance: Array = np.asarray(gradient @ covariance @ gradient.T, float)
-    of_shape = np.asarray(gradient @ of_shape @ gradient.T, float)
+    output_covariance = carried(gradient, covariance)
+    of_shape = carried(gradient, of_shape)
     unread = _unread_contact(time, float(value[0]), float(value[1]))
     if unread is not None:
         output_covariance = output_covariance + _of_unread(value, unread[1] - unread[0])

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import binomtest, norm
 from scipy.stats import t as student
 
 from labpipe.errors import InputError
@@ -199,48 +198,6 @@ def determination(measured: ArrayLike, model: ArrayLike) -> float:
         raise InputError(message)
     total = float(np.sum((a - a.mean()) ** 2))
     return 1.0 - float(np.sum((a - b) ** 2)) / total
-
-
-def coverage(
-    measured: ArrayLike, model: ArrayLike, u: ArrayLike, level: float = 0.95
-) -> tuple[float, float, float]:
-    """Count how often intervals of the stated uncertainty hold the other value.
-
-    Parameters
-    ----------
-    measured, model : array (n,)
-    u : array (n,) or float
-        Standard uncertainty of the difference, > 0.
-    level : float
-        Nominal probability of the interval.
-
-    Returns
-    -------
-    share, low, high : float
-        The share inside, and the 95 % Clopper-Pearson interval of that share for independent
-        pairs; to be compared with ``level``.
-
-    Raises
-    ------
-    InputError
-        Shapes differ, or an uncertainty is not positive.
-
-    Examples
-    --------
-    >>> coverage([0.0, 1.0, 2.0, 9.0], [0.1, 1.0, 2.1, 3.0], 0.1)[0]
-    0.75
-    """
-    a, b = np.asarray(measured, float), np.asarray(model, float)
-    spread = np.broadcast_to(np.asarray(u, float), a.shape)
-    known = np.isfinite(spread)
-    a, b = _pairs(np.where(known, a, np.nan), b)
-    spread = spread[np.isfinite(np.asarray(measured, float) - np.asarray(model, float)) & known]
-    if np.any(spread <= 0):
-        message = "an uncertainty must be positive to span an interval"
-        raise InputError(message)
-    inside = int(np.count_nonzero(np.abs(a - b) <= norm.ppf(0.5 + 0.5 * level) * spread))
-    exact = binomtest(inside, a.size).proportion_ci(0.95)
-    return inside / a.size, float(exact.low), float(exact.high)
 
 
 def independent_count(values: ArrayLike) -> float:

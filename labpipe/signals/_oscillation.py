@@ -19,6 +19,7 @@ from scipy.optimize import minimize_scalar
 from labpipe.errors import InputError
 from labpipe.signals._readings import checked_times, is_constant, refuse_infinite
 from labpipe.signals._residuals import parameter_covariance
+from labpipe.uncertainty import spread
 
 Array = NDArray[np.float64]
 
@@ -359,9 +360,9 @@ def _described(
         frequency=frequency,
         u_frequency=0.0 if fixed else float(u[-1]),
         amplitude=amplitude,
-        u_amplitude=float(np.sqrt(along @ covariance[pair] @ along)),
+        u_amplitude=float(spread(along, covariance[pair])),
         phase=float(np.arctan2(cosines[0], sines[0])),
-        u_phase=float(np.sqrt(across @ covariance[pair] @ across)) / amplitude,
+        u_phase=float(spread(across, covariance[pair])) / amplitude,
         offset=float(trend[0]),
         u_offset=float(u_trend[0]),
         drift=float(trend[1]) if trend_order else 0.0,

@@ -6,7 +6,7 @@
 - :mod:`~labpipe.workflow.plan`: what would run, and why
 - :mod:`~labpipe.workflow.store`: results by key; :mod:`~labpipe.workflow.results`: the reader of
   those that are up to date
-- :mod:`~labpipe.workflow.runner` over :mod:`~labpipe.workflow.pool` and
+- :mod:`~labpipe.workflow.runner` over :mod:`~labpipe.workflow.engines` and
   :mod:`~labpipe.workflow.worker`: doing it
 - :mod:`~labpipe.workflow.ledger`, :mod:`~labpipe.workflow.provenance`,
   :mod:`~labpipe.workflow.context`: what was done, from what, and what a page is told of it
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from labpipe.workflow.graph import Stage
     from labpipe.workflow.plan import Plan
     from labpipe.workflow.results import Results
-    from labpipe.workflow.runner import RunResult, events, open_result, run
+    from labpipe.workflow.runner import RunResult, events, open_result, run, run_all
     from labpipe.workflow.session import Experiment, Session, load
     from labpipe.workflow.store import Store
 
@@ -41,6 +41,7 @@ __all__ = [
     "load",
     "open_result",
     "run",
+    "run_all",
 ]
 
 _HOMES = {
@@ -56,6 +57,7 @@ _HOMES = {
     "load": "session",
     "open_result": "runner",
     "run": "runner",
+    "run_all": "runner",
 }
 
 

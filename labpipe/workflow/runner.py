@@ -1,29 +1,48 @@
 """Run what a plan says: experiments side by side, each failure on its own, nothing half-done."""
 
+import contextlib
 import datetime
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from labpipe import files
-from labpipe.errors import InputError, StorageError
+from labpipe.errors import InputError, LabpipeError, StorageError
 from labpipe.schema import Schema
-from labpipe.workflow import pool, provenance
+from labpipe.workflow import engines, provenance
+from labpipe.workflow.engines import Call, Crew, Died
 from labpipe.workflow.ledger import LedgerRow, summarise
 from labpipe.workflow.plan import CACHED, Plan, make_plan, page_name, wanted_tasks
-from labpipe.workflow.processes import Died
 from labpipe.workflow.results import Results, read
 from labpipe.workflow.session import Session, html_table
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, TaskId, spell_out
-from labpipe.workflow.worker import DONE, FAILED, SKIPPED, Job, Outcome, check_schemas, run_job
+from labpipe.workflow.worker import DONE, FAILED, SKIPPED, WORK, Job, Outcome, check_schemas
 
 if TYPE_CHECKING:
     import xarray as xr
 
 LOG = "run.jsonl"
+
+_TRIES = 2
+"""Workers that a task may kill before it has failed."""
+
+_IMPORTS = ("numpy", "xarray", "netCDF4", "labpipe.netcdf", "labpipe.workflow.worker")
+"""What every worker needs."""
+
+_IMPORTS_TO_DRAW = (
+    "jinja2",
+    "matplotlib.figure",
+    "matplotlib.backends.backend_svg",
+    "matplotlib.backends.backend_agg",
+    "labpipe.report._document",
+    "labpipe.report._pictures",
+)
+"""What workers need that write pages: loaded once, not once for every experiment."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +50,15 @@ class Event:
     """Told to the ``progress`` of a run.
 
     ``kind`` is ``started`` or how the task ended (``done``, ``cached``, ``failed``, ``skipped``);
-    ``done`` of ``total`` tasks of the run have ended.
+    ``done`` of ``total`` tasks of its session have ended.
     """
 
     kind: str
     task: TaskId
     done: int
     total: int
-    message: str = ""
+    message: str
+    session: Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,43 +122,27 @@ class RunResult:
         return html_table(f"{self.session.title}: {summary or 'nothing to do'}", names, rows)
 
 
-def run(
-    session: Session,
-    stages: Stages,
-    *,
-    jobs: int = 1,
-    targets: Iterable[str] | None = None,
-    only: Iterable[str] | None = None,
-    fail_fast: bool = False,
-    full: bool = False,
-    paranoid: bool = False,
-    schemas: Mapping[str, Schema] | None = None,
-    progress: Callable[[Event], None] | None = None,
-) -> RunResult:
-    """Compute what a session lacks.
+class Options(TypedDict, total=False):
+    """What :func:`run_all` is asked for."""
+
+    jobs: int
+    cluster: str | None
+    targets: Iterable[str] | None
+    only: Iterable[str] | None
+    fail_fast: bool
+    full: bool
+    paranoid: bool
+    schemas: Mapping[str, Schema] | None
+    progress: Callable[[Event], None] | None
+
+
+def run(session: Session, stages: Stages, **options: Unpack[Options]) -> RunResult:
+    """Compute what one session lacks.
 
     Parameters
     ----------
-    session : Session
-        See :func:`labpipe.workflow.session.load`.
-    stages : mapping
-        The stages of every kind of experiment.
-    jobs : int
-        Experiments computed at the same time, each in its own process. 0 computes in this
-        process, for looking into a stage with a debugger; equal bytes are promised from 1 up,
-        because only a process of its own can hold the libraries to one thread.
-    targets, only : str or iterable of str, optional
-        See :func:`labpipe.workflow.plan.plan`.
-    fail_fast : bool
-        Stop everything at the first failure.
-    full : bool
-        Without shortcuts; stages that declare ``shortcuts`` are told.
-    paranoid : bool
-        Read every file again instead of trusting size, times and inode.
-    schemas : mapping, optional
-        The schemas that stages name.
-    progress : callable, optional
-        Told every :class:`Event`.
+    session, stages, **options
+        See :func:`run_all`.
 
     Returns
     -------
@@ -154,35 +158,123 @@ def run(
     KeyboardInterrupt
         After the workers have ended; everything finished until then is kept.
     """
-    if jobs < 0:
-        message = f"jobs must be at least 0, found {jobs}"
-        raise InputError(message)
+    ((_, ended),) = run_all([session], stages, **options)
+    if isinstance(ended, LabpipeError):
+        raise ended
+    return ended
+
+
+def run_all(
+    sessions: Iterable[Session],
+    stages: Stages,
+    *,
+    jobs: int = 1,
+    cluster: str | None = None,
+    targets: Iterable[str] | None = None,
+    only: Iterable[str] | None = None,
+    fail_fast: bool = False,
+    full: bool = False,
+    paranoid: bool = False,
+    schemas: Mapping[str, Schema] | None = None,
+    progress: Callable[[Event], None] | None = None,
+) -> Generator[tuple[Session, RunResult | LabpipeError]]:
+    """Compute what sessions lack, experiments of all of them side by side.
+
+    Parameters
+    ----------
+    sessions : iterable of Session
+        See :func:`labpipe.workflow.session.load`. One is asked for when there is room for it.
+    stages : mapping
+        The stages of every kind of experiment.
+    jobs : int
+        Experiments computed at the same time, each in a process. 0 computes in this process, for
+        looking into a stage with a debugger; equal bytes are promised from 1 up, because only a
+        process of its own can hold the libraries to one thread.
+    cluster : str, optional
+        Address of a Dask scheduler whose workers compute instead; sessions must lie under the same
+        path for all of them.
+    targets, only : str or iterable of str, optional
+        See :func:`labpipe.workflow.plan.plan`.
+    fail_fast : bool
+        Stop everything at the first failure; sessions that have not begun are left out.
+    full : bool
+        Without shortcuts; stages that declare ``shortcuts`` are told.
+    paranoid : bool
+        Read every file again instead of trusting size, times and inode.
+    schemas : mapping, optional
+        The schemas that stages name.
+    progress : callable, optional
+        Told every :class:`Event`; its counts are those of its session.
+
+    Yields
+    ------
+    tuple
+        A session, and how its run ended or why it could not begin, as soon as that is known.
+
+    Raises
+    ------
+    InputError, UsageError
+        The stages do not fit the schemas, or there is no such engine.
+    KeyboardInterrupt
+        As for :func:`run`.
+    """
+    engine = engines.choose(jobs, cluster)
     check_schemas(stages, schemas or {})
-    store = Store(session.folder, paranoid=paranoid)
-    store.clean()
-    tasks = spell_out(session, stages)
-    made = make_plan(session, tasks, wanted_tasks(session, tasks, targets, only), store, full=full)
-    if made.to_run:
-        store.index.save()
-    template = Job(
-        session=session,
-        stages=stages,
-        schemas=dict(schemas or {}),
-        experiment="",
-        wanted=frozenset(),
-        full=full,
-        paranoid=paranoid,
-        fail_fast=fail_fast,
-        program=provenance.program() if made.to_run else {},
-        failures={},
-    )
-    state = _State(made, store, template, progress)
+
+    def begin(session: Session) -> _State:
+        store = Store(session.folder, paranoid=paranoid)
+        store.clean()
+        tasks = spell_out(session, stages)
+        wanted = wanted_tasks(session, tasks, targets, only)
+        made = make_plan(session, tasks, wanted, store, full=full)
+        if made.to_run:
+            store.index.save()
+        template = Job(
+            session=replace(session, root=session.root.absolute()),
+            stages=stages,
+            schemas=dict(schemas or {}),
+            experiment="",
+            wanted=frozenset(),
+            full=full,
+            paranoid=paranoid,
+            fail_fast=fail_fast,
+            program=provenance.program() if made.to_run else {},
+            failures={},
+        )
+        state = _State(made, store, template, progress)
+        state.begin(jobs)
+        return state
+
+    queue = iter(sessions)
+    under_way: list[_State] = []
+    must_stop = False
     try:
-        with store.writing():
-            state.all(jobs)
-    finally:
-        store.clean()  # after an interrupt; otherwise there is nothing to remove
-    return state.result()
+        with engine.crew() as crew:
+            while not must_stop:
+                for state in [state for state in under_way if state.is_over]:
+                    under_way.remove(state)
+                    yield state.plan.session, state.end()
+                if crew.room and (session := next(queue, None)) is not None:
+                    try:
+                        under_way.append(begin(session))
+                    except LabpipeError as error:
+                        yield session, error
+                        continue
+                    under_way[-1].give(crew)
+                    continue
+                if not under_way:
+                    return
+                for (state, experiment), answer in crew.ended():
+                    state.take(experiment, answer)
+                must_stop = any(state.must_stop() for state in under_way)
+                for state in under_way:
+                    state.give(crew)
+        for state in under_way:
+            yield state.plan.session, state.end()
+    except BaseException as error:
+        for state in under_way:
+            state.leave(error)
+        raise
 
 
 def open_result(
@@ -237,15 +329,24 @@ def _bytes(path: Path) -> int:
         return 0
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _State:
-    """A run while it goes on."""
+    """The run of one session while it goes on.
+
+    ``waiting`` holds experiments to run with those that must end before them, ``running`` those
+    given to a worker with the task that it is at, ``killed`` tasks that have killed their workers.
+    """
 
     plan: Plan
     store: Store
     template: Job
     progress: Callable[[Event], None] | None
     outcomes: dict[TaskId, Outcome] = field(default_factory=dict)
+    waiting: dict[str, set[str]] = field(default_factory=dict)
+    running: dict[str, TaskId | None] = field(default_factory=dict)
+    deaths: Counter[tuple[str, TaskId | None]] = field(default_factory=Counter)
+    killed: dict[TaskId, str] = field(default_factory=dict)
+    held: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
     # --- telling ---
 
@@ -272,28 +373,42 @@ class _State:
     def _show(self, kind: str, task: TaskId, message: str) -> None:
         if self.progress is not None:
             total = max(len(self.plan.rows), len(self.outcomes))
-            self.progress(Event(kind, task, len(self.outcomes), total, message))
+            root = self.plan.session.root
+            self.progress(Event(kind, task, len(self.outcomes), total, message, root))
 
     # --- running ---
 
-    def all(self, jobs: int) -> None:
-        """Run everything, and write the beginning and the end into the log."""
-        to_run = len(self.plan.to_run)
-        self.log("run started", tasks=len(self.plan.rows), to_run=to_run, jobs=jobs)
-        try:
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing is left to give or to wait for."""
+        return not self.waiting and not self.running
+
+    def begin(self, jobs: int) -> None:
+        """Write the beginning into the log, and find out what is to be done."""
+        with contextlib.ExitStack() as held:
+            held.callback(self.store.clean)  # after an interrupt; otherwise nothing is there
+            held.enter_context(self.store.writing())
+            to_run = len(self.plan.to_run)
+            self.log("run started", tasks=len(self.plan.rows), to_run=to_run, jobs=jobs)
             self.take_cached()
-            if jobs:
-                self.in_processes(jobs)
-            else:
-                self.here()
-            self.skip_rest()
-        except BaseException as error:
+            self.held = held.pop_all()
+        self.waiting = self._longest_first(self._needs())
+
+    def end(self) -> RunResult:
+        """Write the end into the log and sum up."""
+        self.skip_rest()
+        result = self.result()
+        self.log("run finished", exit_code=result.exit_code)
+        self.held.close()
+        return result
+
+    def leave(self, error: BaseException) -> None:
+        """Write into the log what stopped everything."""
+        with self.held:
             self.log("run interrupted", error=type(error).__name__)
-            raise
-        self.log("run finished", exit_code=self.result().exit_code)
 
     def take_cached(self) -> None:
-        """Experiments with nothing to do need no process."""
+        """Experiments with nothing to do need no worker."""
         busy = {row.experiment for row in self.plan.to_run}
         for row in self.plan.rows:
             key = self.plan.keys[row.task].value
@@ -304,7 +419,64 @@ class _State:
                     self.store.note_latest(row.task, key)
             self.tell("ended", Outcome(*row.task, CACHED, key))
 
-    def waiting(self) -> dict[str, set[str]]:
+    def must_stop(self) -> bool:
+        """Whether a failure ends the whole run."""
+        return self.template.fail_fast and any(o.state == FAILED for o in self.outcomes.values())
+
+    def give(self, crew: Crew) -> None:
+        """Hand out as many experiments as there is room for and wait for no other."""
+        ready = [n for n, needs in self.waiting.items() if not needs & self._unfinished()]
+        for experiment in ready[: crew.room]:
+            del self.waiting[experiment]
+            own = {n: text for n, text in self.killed.items() if n.experiment == experiment}
+            job = self._job(experiment, own)
+            call = Call(WORK, (job,), tells=True, imports=self._imports())
+            crew.give((self, experiment), call, partial(self._hear, experiment))
+            self.running[experiment] = None
+
+    def _unfinished(self) -> set[str]:
+        return self.waiting.keys() | self.running.keys()
+
+    def take(self, experiment: str, answer: "list[Outcome] | Died") -> None:
+        """Take how the call of an experiment ended."""
+        blamed = self.running.pop(experiment)
+        if isinstance(answer, Died):
+            self._try_again(experiment, blamed, str(answer))
+            return
+        for outcome in answer:
+            if self.outcomes.get(outcome.task) != outcome:  # not heard of before
+                self.tell("ended", outcome)
+
+    def _hear(self, experiment: str, event: tuple[str, Any]) -> None:
+        """Take an event of a worker, and know what it is at."""
+        name, value = event
+        if name == "started":
+            task = TaskId(*value)
+            self.running[experiment] = task
+            self.tell(name, task)
+        else:
+            self.running[experiment] = None
+            self.tell(name, Outcome(**value))
+
+    def _try_again(self, experiment: str, blamed: TaskId | None, how: str) -> None:
+        """Give an experiment whose worker died another try; results up to then are in the store.
+
+        A task that kills a second worker has failed, and the rest goes on without it; an
+        experiment that kills two outside its tasks has failed as a whole.
+        """
+        self.log("worker died", experiment=experiment, task=blamed, message=how)
+        self.deaths[experiment, blamed] += 1
+        if self.deaths[experiment, blamed] < _TRIES:
+            self.waiting[experiment] = set()
+        elif blamed is not None and blamed not in self.killed:
+            self.killed[blamed] = how
+            self.waiting[experiment] = set()
+        else:
+            for row in self.plan.to_run:
+                if row.experiment == experiment and row.task not in self.outcomes:
+                    self.tell("ended", Outcome(*row.task, FAILED, message=how, exit_code=1))
+
+    def _needs(self) -> dict[str, set[str]]:
         """Experiments to run, in order, each with those that must end before it."""
         needs: dict[str, set[str]] = {row.experiment: set() for row in self.plan.to_run}
         for row in self.plan.to_run:
@@ -312,8 +484,8 @@ class _State:
             needs[row.experiment] |= (others - {row.experiment}) & needs.keys()
         return needs
 
-    def job(self, experiment: str, failures: Mapping[TaskId, str] | None = None) -> Job:
-        """Make the job of an experiment, with what has failed in others."""
+    def _job(self, experiment: str, killed: Mapping[TaskId, str]) -> Job:
+        """Make the job of an experiment, with what has failed in others or killed its workers."""
         known = {
             o.task: o.message
             for o in self.outcomes.values()
@@ -323,27 +495,21 @@ class _State:
             self.template,
             experiment=experiment,
             wanted=frozenset(r.task for r in self.plan.rows if r.experiment == experiment),
-            failures=known | dict(failures or {}),
+            failures=known | dict(killed),
         )
 
-    def must_stop(self) -> bool:
-        """Whether a failure ends the whole run."""
-        return self.template.fail_fast and any(o.state == FAILED for o in self.outcomes.values())
-
-    def here(self) -> None:
-        """Run in this process, one experiment after the other."""
-        for experiment in self._in_order():
-            if not self.must_stop():
-                run_job(self.job(experiment), self.tell)
-
-    def _in_order(self) -> list[str]:
-        """Experiments to run; the plan lists inputs first."""
-        return list(dict.fromkeys(row.experiment for row in self.plan.to_run))
+    def _imports(self) -> tuple[str, ...]:
+        """Modules that the stages to run need."""
+        stages = [self.plan.tasks[row.task].stage for row in self.plan.to_run]
+        own = {stage.function.partition(":")[0] for stage in stages}
+        own |= {name for stage in stages for name in stage.imports}
+        is_drawn = any(stage.output == "page" for stage in stages)
+        return (*_IMPORTS, *sorted(own), *(_IMPORTS_TO_DRAW if is_drawn else ()))
 
     def _longest_first(self, waiting: dict[str, set[str]]) -> dict[str, set[str]]:
         """Sort experiments by what they and those behind them have to read, the most first.
 
-        So the last ones to run are short, and all processes end together. The bytes of the files
+        So the last ones to run are short, and all workers end together. The bytes of the files
         are all that is known of an experiment before it has run.
         """
         size = dict.fromkeys(waiting, 0)
@@ -357,67 +523,6 @@ class _State:
         return dict(
             sorted(waiting.items(), key=lambda item: size[item[0]] + behind[item[0]], reverse=True)
         )
-
-    def in_processes(self, jobs: int) -> None:
-        """Run every experiment in a process of its own, at most ``jobs`` at a time."""
-        waiting = self._longest_first(self.waiting())
-        running: list[pool.Worker] = []
-        stages = [self.plan.tasks[row.task].stage for row in self.plan.to_run]
-        preload = sorted({stage.function.partition(":")[0] for stage in stages})
-        preload += sorted({name for stage in stages for name in stage.imports})
-        if any(stage.output == "page" for stage in stages):
-            preload += pool.PRELOADED_TO_DRAW
-        try:
-            while (waiting or running) and not self.must_stop():
-                busy = {worker.job.experiment for worker in running}
-                ready = [n for n, needs in waiting.items() if not needs & (busy | waiting.keys())]
-                for experiment in ready[: jobs - len(running)]:
-                    del waiting[experiment]
-                    running.append(pool.Worker(self.job(experiment), preload))
-                for worker in pool.wait(running):
-                    running += self._take(worker, running, preload)
-        finally:
-            for worker in running:
-                worker.stop()
-
-    def _take(
-        self, worker: pool.Worker, running: list[pool.Worker], preload: list[str]
-    ) -> list[pool.Worker]:
-        """Take one event; return the worker that goes on when this one died."""
-        try:
-            event = worker.receive()
-        except Died as death:
-            running.remove(worker)
-            worker.stop()
-            return self._go_on(worker, str(death), preload)
-        if event is None:
-            running.remove(worker)
-            worker.stop()
-        elif event[0] == "started":
-            worker.current = event[1]
-            self.tell(*event)
-        else:
-            worker.current = None
-            self.tell(*event)
-        return []
-
-    def _go_on(self, worker: pool.Worker, how: str, preload: list[str]) -> list[pool.Worker]:
-        """Count the task that killed its process as failed and go on with the rest.
-
-        A process that dies outside a task would die again; its experiment ends here.
-        """
-        if worker.current is None or worker.current in worker.job.failures:
-            for row in self.plan.to_run:
-                if row.experiment == worker.job.experiment and row.task not in self.outcomes:
-                    self.tell("ended", Outcome(*row.task, FAILED, message=how, exit_code=1))
-            return []
-        failures = {
-            name: text
-            for name, text in worker.job.failures.items()
-            if name.experiment == worker.job.experiment
-        }
-        job = self.job(worker.job.experiment, failures | {worker.current: how})
-        return [pool.Worker(job, preload)]
 
     def skip_rest(self) -> None:
         """Account for what a stop after the first failure left undone."""

@@ -1,12 +1,15 @@
 """One experiment, task by task: read the inputs, call the function, check and store the result."""
 
 import importlib
+import platform
 import time
 import traceback
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import msgspec
 
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, StageError, StoreError
@@ -90,6 +93,9 @@ class Outcome:
 Emit = Callable[[str, Any], None]
 """Takes ``"started"`` with a TaskId or ``"ended"`` with an Outcome."""
 
+WORK = "labpipe.workflow.worker:work"
+"""What a crew is given to call with a job."""
+
 
 class _StartAgain(Exception):  # noqa: N818 (not an error: the plan is made anew)
     """An input changed, or a stored one was damaged, so that the plan no longer holds.
@@ -100,6 +106,31 @@ class _StartAgain(Exception):  # noqa: N818 (not an error: the plan is made anew
     def __init__(self, task: TaskId) -> None:
         self.task = task
         super().__init__(str(task))
+
+
+def work(job: Job, *, tell: Callable[[Any], None]) -> list[Outcome]:
+    """Compute what an experiment lacks; tell each event in plain values, return all outcomes.
+
+    Raises
+    ------
+    InputError
+        The session is not there, on a machine that does not share its folder.
+    """
+    if not job.session.root.is_dir():
+        message = (
+            f"{platform.node()} sees no folder {job.session.root}; "
+            "a session must lie under the same path on every machine"
+        )
+        raise InputError(message)
+    outcomes: list[Outcome] = []
+
+    def emit(name: str, value: Any) -> None:
+        if name == "ended":
+            outcomes.append(value)
+        tell([name, msgspec.to_builtins(value)])
+
+    run_job(job, emit)
+    return outcomes
 
 
 def run_job(job: Job, emit: Emit) -> None:

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from labpipe.workflow.processes import processors
+from labpipe.workflow.engines import processors
 from labpipe.workflow.provenance import program
 
 _CPU_FACTS = Path("/proc/cpuinfo")

@@ -23,10 +23,6 @@ PARTS: Mapping[str, tuple[str, str]] = {
     "indentation": ("indentation", "Simulated indentation by a wavy surface."),
     "collision": ("collision", "Ball against plate, in closed form and by steps."),
     "identification": ("identification", "Materials from synthetic observations of random truths."),
-    "random-sessions": (
-        "identified_sessions",
-        "Materials from sessions in raw files of random truths.",
-    ),
     "sessions": ("sessions", "Whole sessions, cold and with nothing changed."),
     "skipping": ("skipping", "Every shortcut against doing everything."),
     "scaling": ("scaling", "Run time and memory against size."),

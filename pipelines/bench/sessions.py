@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from labpipe import files, materials
-from labpipe.workflow.processes import processors
+from labpipe.workflow.engines import processors
 from pipelines import process as verbs
 from pipelines.bench.measure import Point, Suite, paired
 from pipelines.experiments.ball_drop.settings import BallDrop

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pipelines.commands.options import echo, echo_json, json_option, session_argument
+from pipelines.commands.options import echo, echo_json, jobs_option, json_option, session_argument
 
 if TYPE_CHECKING:
     from pipelines.identify import Identified
@@ -54,9 +54,11 @@ STEM = "identify_"
     show_default=True,
     help="Normal approximation alone, or independent draws of the posterior beside it.",
 )
+@jobs_option
 @json_option
 def identify(session: Path, experiments: tuple[str, ...], prior: str | None, spectrum: str,
-             impacts: int, no_profile: bool, sampler: str, as_json: bool) -> None:  # fmt: skip
+             impacts: int, no_profile: bool, sampler: str, jobs: int, as_json: bool,
+             ) -> None:  # fmt: skip
     r"""Find the materials behind the experiments in SESSION, with honest intervals.
 
     Drops, contact films, relaxations and harmonic indentations of one material are fitted
@@ -75,7 +77,7 @@ def identify(session: Path, experiments: tuple[str, ...], prior: str | None, spe
     from pipelines.identify import identify as found_in
 
     wish = Wish(experiments, prior, spectrum, impacts, not no_profile, sampler)
-    found = found_in(session, wish, say=_say)
+    found = found_in(session, wish, say=_say, jobs=jobs)
     opened = process.reopen_session(session)
     documents = []
     for one in found:

@@ -109,7 +109,7 @@ def jobs_option(function: F) -> F:
     """Add ``--jobs``: how many experiments are processed at the same time."""
 
     def usual() -> int:
-        from labpipe.workflow.processes import processors
+        from labpipe.workflow.engines import processors
 
         return min(processors(), _MOST_JOBS)
 
@@ -118,6 +118,13 @@ def jobs_option(function: F) -> F:
         show_default=f"one per processor, at most {_MOST_JOBS}",
         help="Experiments side by side; 0 runs everything in this process.",
     )(function)  # fmt: skip
+
+
+def cluster_option(function: F) -> F:
+    """Add ``--cluster``: a Dask scheduler in place of local processes."""
+    return click.option(
+        "--cluster", metavar="ADDRESS", help="A Dask scheduler, tcp://host:port, computes instead."
+    )(function)
 
 
 def echo(text: str) -> None:

@@ -1,8 +1,10 @@
 """Progress of a run on stderr, and only when it is a terminal."""
 
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
@@ -25,15 +27,19 @@ def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]"
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         overall = bar.add_task("planning", total=None)
 
-        cached = 0
+        cached: Counter[Path] = Counter()
+        done: Counter[Path] = Counter()
+        total: Counter[Path] = Counter()
 
         def show(event: "Event") -> None:
-            nonlocal cached
+            one = event.session
             # What was kept took no time; counted as work it would promise an end too soon.
-            cached += event.kind == "cached"
+            cached[one] += event.kind == "cached"
+            done[one], total[one] = event.done - cached[one], event.total - cached[one]
             text = escape(f"{event.task.experiment}: {event.task.stage}")
-            done, total = event.done - cached, event.total - cached
-            bar.update(overall, total=total, completed=done, description=text)
+            if len(total) > 1:
+                text = escape(f"{one.name}: ") + text
+            bar.update(overall, total=total.total(), completed=done.total(), description=text)
 
         yield show
 

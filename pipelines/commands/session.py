@@ -7,9 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from labpipe.errors import LabpipeError
-from pipelines.cli import printable
-from pipelines.commands.options import echo, echo_json, jobs_option, json_option, session_argument
+from labpipe.errors import LabpipeError, StorageError
+from pipelines.cli import as_document as error_document
+from pipelines.cli import printable, report_error
+from pipelines.commands.options import (
+    cluster_option,
+    echo,
+    echo_json,
+    jobs_option,
+    json_option,
+    session_argument,
+)
 from pipelines.session import PAGE
 
 if TYPE_CHECKING:
@@ -135,47 +143,76 @@ def plan(
 
 
 @click.command()
-@session_argument
+@click.argument("sessions", nargs=-1, required=True, metavar="SESSION...",
+                type=click.Path(exists=True, file_okay=False, path_type=Path))  # fmt: skip
 @_TO
 @_ONLY
 @_FULL
 @jobs_option
+@cluster_option
 @click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
 @json_option
 def process(
-    session: Path,
+    sessions: tuple[Path, ...],
     targets: tuple[str, ...],
     only: tuple[str, ...],
     full: bool,
     jobs: int,
+    cluster: str | None,
     fail_fast: bool,
     as_json: bool,
 ) -> None:
-    r"""Process a session folder: results and one report per experiment.
+    r"""Process session folders: results and one report per experiment.
 
-    What is already there and still true is kept. A failed experiment does not stop the others.
+    What is already there and still true is kept. A failed experiment does not stop the others, and
+    a session that cannot be opened does not stop the other sessions.
 
     \b
     Example:
       labpipe process my-session
+      labpipe process sessions/* --cluster tcp://head:8786
     """
     from pipelines import process as verbs
     from pipelines.commands.progress import watching
 
+    folders = list({folder.resolve(): folder for folder in sessions}.values())
     with watching(enabled=not as_json) as progress:
-        outcome = verbs.process(
-            session, _split(targets), _split(only),
-            jobs=jobs, full=full, fail_fast=fail_fast, progress=progress,
-        )  # fmt: skip
+        ended = dict(verbs.process_all(
+            folders, _split(targets), _split(only), jobs=jobs, cluster=cluster,
+            full=full, fail_fast=fail_fast, progress=progress,
+        ))  # fmt: skip
+    if len(folders) == 1 and isinstance(error := ended[folders[0]], LabpipeError):
+        raise error
+    code = _common_code({done.exit_code for done in ended.values()})
+    ended = {folder: ended[folder] for folder in folders if folder in ended}
     if as_json:
-        echo_json(as_document(outcome))
+        documents = [as_document(done, folder) for folder, done in ended.items()]
+        echo_json(documents[0] if len(folders) == 1 else {"sessions": documents, "exit_code": code})
     else:
-        summarise(outcome)
-    click.get_current_context().exit(outcome.exit_code)
+        for folder, done in ended.items():
+            if len(folders) > 1:
+                echo(f"{folder}:")
+            summarise(done)
+    click.get_current_context().exit(code)
 
 
-def as_document(outcome: "RunResult") -> dict[str, Any]:
-    """Return a run as one JSON document."""
+def _common_code(codes: set[int]) -> int:
+    """Return the exit code of several sessions.
+
+    Examples
+    --------
+    >>> _common_code({3}), _common_code({0, 3}), _common_code({0, 5})
+    (3, 1, 5)
+    """
+    if StorageError.exit_code in codes:
+        return StorageError.exit_code
+    return codes.pop() if len(codes) == 1 else 1
+
+
+def as_document(outcome: "RunResult | LabpipeError", folder: Path) -> dict[str, Any]:
+    """Return a run, or why there was none, as one JSON document."""
+    if isinstance(outcome, LabpipeError):
+        return {"session": str(folder), **error_document(outcome)}
     return {
         "session": str(outcome.session.root),
         "steps": [
@@ -193,8 +230,11 @@ def as_document(outcome: "RunResult") -> dict[str, Any]:
     }
 
 
-def summarise(outcome: "RunResult") -> None:
+def summarise(outcome: "RunResult | LabpipeError") -> None:
     """Say how a run ended and where its reports are."""
+    if isinstance(outcome, LabpipeError):
+        report_error(outcome, wants_json=False)
+        return
     count: dict[str, int] = {}
     for o in outcome.outcomes:
         count[o.state] = count.get(o.state, 0) + 1

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from pipelines.commands.options import echo, echo_json, json_option
+from pipelines.commands.options import cluster_option, echo, echo_json, json_option
 
 
 @click.command()
@@ -24,7 +24,7 @@ from pipelines.commands.options import echo, echo_json, json_option
               help="netCDF file; the page lies beside it.")  # fmt: skip
 @click.option("--jobs", "-j", type=click.IntRange(min=0), default=1, show_default=True,
               help="Local processes; 0 for one per processor.")  # fmt: skip
-@click.option("--cluster", help="Address of a Dask scheduler, tcp://host:port.")
+@cluster_option
 @json_option
 def sweep(
     simulator: str,
@@ -48,8 +48,9 @@ def sweep(
           --set "radius = 9.525 ± 0.005 mm" --draws 20 --out heights.nc
     """
     from labpipe import files
+    from labpipe.workflow.engines import choose, processors
     from pipelines.commands.progress import fraction
-    from pipelines.sweeps import Dask, Engine, Processes, Serial, axis, design
+    from pipelines.sweeps import axis, design
     from pipelines.sweeps import sweep as run
     from pipelines.sweeps.page import render
 
@@ -57,9 +58,7 @@ def sweep(
     constants = [_split(text) for text in fixed]
     _refuse_repeated([name for name, _ in constants])
     plan = design(simulator, axes, dict(constants), draws=draws, seed=seed)
-    engine: Engine = Serial() if jobs == 1 else Processes(jobs)
-    if cluster is not None:
-        engine = Dask(cluster)
+    engine = choose((jobs or processors()) if jobs != 1 else 0, cluster)
     progress: Any = nullcontext(None) if as_json else fraction("simulating")
     with progress as shown:
         swept = run(plan, out, engine, progress=shown)

@@ -14,7 +14,6 @@ import logging
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import partial
 from importlib.metadata import version
 from importlib.resources import files as package_files
 from pathlib import Path
@@ -41,9 +40,6 @@ IMPOSSIBLE = "cannot be regenerated"
 NOT_DRAWN = "not drawn by this version"
 DRAWN = "drawn"
 FAILED = "failed"
-
-Task = tuple[str, tuple[str, ...], dict[str, str]]
-"""Number of a figure, experiments that it shows, and what failed among them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,57 +245,55 @@ def _drawings(
     shelf: Shelf, ready: list[State], failures: Mapping[str, str], jobs: int
 ) -> Generator[tuple[Outcome, dict[str, Any]]]:
     """Draw one figure after the other, or some side by side; the order is that of the states."""
-    root = None if shelf.session is None else shelf.session.root
-    tasks = [(state.figure.id, state.experiments, dict(failures)) for state in ready]
-    if jobs < 2 or len(tasks) < 2:
-        # What was processed since the plan was made is in the new one.
-        yield from map(_Drawer(shelf.folder, root), tasks)
-        return
-    from labpipe.workflow.processes import Died, side_by_side
+    from labpipe.workflow.engines import Died, choose, side_by_side
 
-    begin = partial(_begin_worker, shelf.folder, root)
+    if not ready:
+        return
+    # What was processed since the plan was made is in a new one.
+    root = None if shelf.session is None else shelf.session.root.absolute()
+    now = Shelf.of(shelf.folder.absolute(), root)
+    tasks = {
+        number: (now, state.figure.id, state.experiments, dict(failures))
+        for number, state in enumerate(ready)
+    }
+    workers = min(jobs, len(tasks))
+    engine = choose(workers if workers > 1 else 0)
     found: dict[int, tuple[Outcome, dict[str, Any]]] = {}
     done = 0
-    for number, drawn in side_by_side(
-        _draw_there, dict(enumerate(tasks)), min(jobs, len(tasks)), begin=begin
-    ):
-        lost = Outcome(tasks[number][0], FAILED, f"{drawn}; too little memory?")
-        found[number] = (lost, {}) if isinstance(drawn, Died) else drawn
+    for number, answer in side_by_side(engine, f"{__name__}:drawn", tasks):
+        lost = Outcome(ready[number].figure.id, FAILED, f"{answer}; too little memory?")
+        found[number] = (lost, {}) if isinstance(answer, Died) else answer
         while done in found:
             yield found.pop(done)
             done += 1
 
 
-class _Drawer:
-    """Draws figures of one shelf; its session is opened and planned once."""
+def drawn(
+    shelf: Shelf, name: str, experiments: tuple[str, ...], failures: Mapping[str, str]
+) -> tuple[Outcome, dict[str, Any]]:
+    """Draw one figure and write it; return what became of it, and its key with its files.
 
-    def __init__(self, folder: Path, root: Path | None) -> None:
-        # It remarks on the missing time stamps that make the same figure the same bytes.
-        logging.getLogger("fontTools").setLevel(logging.ERROR)
-        self.shelf = Shelf.of(folder, root)
-
-    def __call__(self, task: Task) -> tuple[Outcome, dict[str, Any]]:
-        name, experiments, failures = task
-        (figure,) = chosen([name])
-        try:
-            written = _write(self.shelf, figure, _draw(self.shelf, figure, experiments))
-        except LabpipeError as error:
-            why = next((failures[n] for n in experiments if n in failures), str(error))
-            return Outcome(name, FAILED, why), {}
-        entry = {"key": self.shelf.key(figure, experiments), "files": written}
-        return Outcome(name, DRAWN, "", tuple(written)), entry
-
-
-_drawers: list[_Drawer] = []
-"""Of a worker process: the one that its figures share."""
-
-
-def _begin_worker(folder: Path, root: Path | None) -> None:
-    _drawers[:] = [_Drawer(folder, root)]
-
-
-def _draw_there(task: Task) -> tuple[Outcome, dict[str, Any]]:
-    return _drawers[0](task)
+    Parameters
+    ----------
+    shelf : Shelf
+        Of a plan made after processing.
+    name : str
+        Number of the figure.
+    experiments : tuple of str
+        Those that it shows.
+    failures : mapping
+        What failed in processing, by experiment.
+    """
+    # It remarks on the missing time stamps that make the same figure the same bytes.
+    logging.getLogger("fontTools").setLevel(logging.ERROR)
+    (figure,) = chosen([name])
+    try:
+        written = _write(shelf, figure, _draw(shelf, figure, experiments))
+    except LabpipeError as error:
+        why = next((failures[n] for n in experiments if n in failures), str(error))
+        return Outcome(name, FAILED, why), {}
+    entry = {"key": shelf.key(figure, experiments), "files": written}
+    return Outcome(name, DRAWN, "", tuple(written)), entry
 
 
 def _draw(shelf: Shelf, figure: Figure, names: tuple[str, ...]) -> "Drawing":

@@ -106,8 +106,8 @@ class _Group:
     told: list[MaterialEvidence] = field(default_factory=list)
 
 
-def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = None
-             ) -> list[Identified]:  # fmt: skip
+def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = None,
+             jobs: int = 1) -> list[Identified]:  # fmt: skip
     """Identify every material on which a session holds experiments.
 
     Parameters
@@ -117,6 +117,8 @@ def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = 
     wish : Wish, optional
     say : callable, optional
         Called with a line of text now and then.
+    jobs : int
+        Experiments processed side by side; 0 processes in this process.
 
     Returns
     -------
@@ -146,7 +148,7 @@ def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = 
     if wish.prior is not None:
         for group in groups.values():
             group.prior = prior_of(session, wish.prior, group.experiments)
-    results = _processed(folder, groups.values())
+    results = _processed(folder, groups.values(), jobs)
     remarks: list[str] = []
     found = []
     for material, group in groups.items():
@@ -201,7 +203,7 @@ def _chosen(session: Session, wanted: Sequence[str]) -> list[str]:
     return [n for n in able if not wanted or n in wanted]
 
 
-def _processed(folder: str | Path, groups: Iterable[_Group]) -> Results:
+def _processed(folder: str | Path, groups: Iterable[_Group], jobs: int) -> Results:
     """Process what is not yet, and open the results."""
     session = reopen_session(folder)
     targets = []
@@ -210,7 +212,8 @@ def _processed(folder: str | Path, groups: Iterable[_Group]) -> Results:
             targets += needed(session, experiment, _evidence(experiment))
         if group.prior is not None:
             targets += needed(session, group.prior, known_before(group.prior))
-    run = process(folder, targets, {target.split("/")[0] for target in targets})
+    experiments = {target.split("/")[0] for target in targets}
+    run = process(folder, targets, experiments, jobs=jobs)
     for outcome in run.failures:
         message = f"{outcome.task}: {outcome.message}"
         raise InputError(message)

@@ -25,6 +25,7 @@ from labpipe.report import (
     Table,
     quantity,
 )
+from labpipe.uncertainty import spread
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
 from pipelines.identify._corner import corner, main_quantities
@@ -333,7 +334,7 @@ def _spectrum(found: Identified) -> Block:
     spectrum, n = known.fit.problem.spectrum, known.fit.problem.n_material
     xi = known.fit.xi[:n]
     slopes = spectrum.slopes(xi)[1:]
-    u = np.sqrt(np.einsum("ij,jk,ik->i", slopes, known.covariance[:n, :n], slopes))
+    u = spread(slopes, known.covariance[:n, :n])
     weight = np.exp(spectrum.log_terms(xi)[1:]) / np.gradient(np.log10(spectrum.rho))
     wide = np.exp(np.minimum(_REACH * u, np.log(1e3)))
     low, high = (0.5 / np.pi / f for f in reversed(frequencies(known)))

@@ -16,7 +16,7 @@ import numpy as np
 
 from labpipe import files, materials
 from labpipe.errors import LabpipeError
-from labpipe.workflow.processes import Died, side_by_side
+from labpipe.workflow.engines import Died, choose, side_by_side
 from pipelines.rig import film_front, film_under
 from pipelines.rig.calibration_images import write_calibration_images
 from pipelines.rig.dma import SOLIDS, Protocol, write_dma
@@ -158,9 +158,9 @@ def write_campaign(
         Recordings written side by side; the files do not depend on it.
     """
     parts = _parts(folder, start, extent)
-    tasks = dict(enumerate(part.write for part in parts))
+    tasks = {number: (part,) for number, part in enumerate(parts)}
     found: dict[int, str] = {}
-    for number, section in side_by_side(_write, tasks, workers):
+    for number, section in side_by_side(choose(workers), f"{__name__}:written", tasks):
         if isinstance(section, Died):
             message = f"recording {', '.join(parts[number].names)}: {section}; too little memory?"
             raise LabpipeError(message)
@@ -188,8 +188,9 @@ def _write_session(folder: Path, sections: list[str], *, is_binned: bool) -> Non
     files.write_text(folder / "session.toml", head + plate + "".join(rest))
 
 
-def _write(task: Callable[[], str]) -> str:
-    return task()
+def written(part: Part) -> str:
+    """Write a part; return its section of session.toml."""
+    return part.write()
 
 
 def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:

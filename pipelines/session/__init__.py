@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pipelines.session._inspection import describe
     from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, open_session, reopen_session
     from pipelines.session._overview import COMPARISON_PAGE, PAGE, write_overview
-    from pipelines.session._processing import check_store, plan, process, report, watch
+    from pipelines.session._processing import check_store, plan, process, process_all, report, watch
     from pipelines.session._proposal import Scan, write_session_file
     from pipelines.session._results import derive, needed, opened, result, results
     from pipelines.session._sensitivity import Examined, examine
@@ -54,6 +54,7 @@ __all__ = [
     "opened",
     "plan",
     "process",
+    "process_all",
     "query",
     "reopen_session",
     "report",
@@ -95,6 +96,7 @@ _HOMES = {
     "opened": "_results:opened",
     "plan": "_processing:plan",
     "process": "_processing:process",
+    "process_all": "_processing:process_all",
     "query": "_catalogue:query",
     "reopen_session": "_opening:reopen_session",
     "report": "_processing:report",

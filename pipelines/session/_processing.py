@@ -1,10 +1,10 @@
 """Plan a session, process it, watch it, show its reports, check its store."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from labpipe.errors import InputError
+from labpipe.errors import InputError, LabpipeError
 from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import Plan
 from labpipe.workflow.plan import plan as make_plan
@@ -45,6 +45,7 @@ def process(
     only: Iterable[str] | None = None,
     *,
     jobs: int = 1,
+    cluster: str | None = None,
     full: bool = False,
     fail_fast: bool = False,
     progress: "Callable[[Event], None] | None" = None,
@@ -58,7 +59,10 @@ def process(
     targets, only : str or iterable of str, optional
         Stages and experiments that are wanted; all by default.
     jobs : int
-        Experiments computed side by side.
+        Experiments computed side by side; 0 computes in this process.
+    cluster : str, optional
+        Address of a Dask scheduler, ``tcp://host:port``, whose workers compute instead; the
+        session must lie under the same path for all of them.
     full : bool
         Without the shortcuts that skip what a scene does not need.
     fail_fast : bool
@@ -72,15 +76,66 @@ def process(
         Outcome of every task, the ledger, and the reports by experiment. The page of the whole
         session is ``FOLDER/labpipe/index.html``.
     """
-    from labpipe.workflow.runner import run
-
-    session = reopen_session(folder)
-    done = run(
-        session, STAGES, jobs=jobs, targets=targets, only=only,
-        fail_fast=fail_fast, full=full, schemas=SCHEMAS, progress=progress,
+    ((_, done),) = process_all(
+        [folder], targets, only, jobs=jobs, cluster=cluster,
+        full=full, fail_fast=fail_fast, progress=progress,
     )  # fmt: skip
-    write_overview(session, STAGES)
+    if isinstance(done, LabpipeError):
+        raise done
     return done
+
+
+def process_all(
+    folders: Iterable[str | Path],
+    targets: Iterable[str] | None = None,
+    only: Iterable[str] | None = None,
+    *,
+    jobs: int = 1,
+    cluster: str | None = None,
+    full: bool = False,
+    fail_fast: bool = False,
+    progress: "Callable[[Event], None] | None" = None,
+) -> "Generator[tuple[Path, RunResult | LabpipeError]]":
+    """Process many sessions, their experiments side by side.
+
+    Parameters
+    ----------
+    folders : iterable of path-like
+        Session folders; each is opened when there is room for its experiments.
+    targets, only, jobs, cluster, full, fail_fast, progress
+        See :func:`process`.
+
+    Yields
+    ------
+    tuple
+        A folder, and how its run ended or why it cannot be processed; the others go on.
+
+    Examples
+    --------
+    >>> for folder, done in process_all(["monday", "tuesday"], jobs=4):  # doctest: +SKIP
+    ...     print(folder, done)
+    """
+    from labpipe.workflow.runner import run_all
+
+    refused: list[tuple[Path, LabpipeError]] = []
+
+    def opened() -> Iterator[Session]:
+        for folder in map(Path, folders):
+            try:
+                yield reopen_session(folder)
+            except LabpipeError as error:
+                refused.append((folder, error))
+                if fail_fast:
+                    return
+
+    for session, done in run_all(
+        opened(), STAGES, jobs=jobs, cluster=cluster, targets=targets, only=only,
+        fail_fast=fail_fast, full=full, schemas=SCHEMAS, progress=progress,
+    ):  # fmt: skip
+        if not isinstance(done, LabpipeError):
+            write_overview(session, STAGES)
+        yield session.root, done
+    yield from refused
 
 
 def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:

@@ -1,15 +1,14 @@
 """Which input limits each of the main reported quantities, by budgets that are checked.
 
 The quantities are formulas of their inputs (:attr:`pipelines.experiments.Kind.budget`), propagated
-linearly, by Monte Carlo and by Sobol indices (:mod:`labpipe.propagation`).
+linearly, by Monte Carlo and by Sobol indices (:mod:`labpipe.uncertainty`).
 """
 
 from dataclasses import dataclass
 from pathlib import Path
 
 from labpipe.errors import InputError, UsageError
-from labpipe.propagation import Indices, MonteCarlo, agrees, linear, monte_carlo, sobol
-from labpipe.uncertainty import Budget
+from labpipe.uncertainty import Budget, Indices, MonteCarlo, agrees, linear, monte_carlo, sobol
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.budget_blocks import coverage_factor
 from pipelines.experiments.shared.budget_quantity import Quantity

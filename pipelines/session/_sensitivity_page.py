@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from math import isinf
 
-from labpipe.propagation import to_halve
 from labpipe.report import (
     Block,
     Column,
@@ -12,11 +11,12 @@ from labpipe.report import (
     Paragraph,
     Section,
     Table,
-    value_with_uncertainty,
+    shown_source,
 )
+from labpipe.uncertainty import to_halve
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared import budget_blocks as budget_drawing
-from pipelines.experiments.shared.budget_blocks import compared, half_width, shown
+from pipelines.experiments.shared.budget_blocks import half_width, overview
 from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
 from pipelines.session._overview import PAGE
 from pipelines.session._sensitivity import Examined
@@ -70,7 +70,7 @@ def advice(found: Examined) -> str:
 
 
 def _known_better(names: Sequence[str], factor: float) -> str:
-    text = " and ".join(shown(n) for n in names)
+    text = " and ".join(shown_source(n) for n in names)
     if isinf(factor) or factor > _BEST:
         return f"know {text} exactly"
     return f"know {text} {factor:.2g} times better"
@@ -130,7 +130,7 @@ def answers(found: Sequence[Examined]) -> tuple[Block, ...]:
         order = sorted(shares, key=lambda n: -shares[n])
         rows.append((
             name, len(group), _spread(group),
-            ", ".join(f"{shown(n)} {100.0 * shares[n]:.0f} %" for n in order[:3]
+            ", ".join(f"{shown_source(n)} {100.0 * shares[n]:.0f} %" for n in order[:3]
                       if shares[n] >= 0.01),
             _known_better(*to_halve(shares)),
         ))  # fmt: skip
@@ -159,23 +159,8 @@ def _spread(group: Sequence[Examined]) -> str:
 
 def summary(found: Sequence[Examined]) -> tuple[Block, ...]:
     """Return the quantities of one experiment as one table."""
-    rows = [
-        (
-            e.quantity.name, value_with_uncertainty(e.budget.value, e.budget.u, e.quantity.unit),
-            half_width(e.budget, e.quantity.unit), e.coverage_factor,
-            compared(e.budget, e.drawn), advice(e),
-        )
-        for e in found
-    ]  # fmt: skip
-    table = Table(
-        (
-            Column("quantity"), Column("value"), Column("expanded uncertainty, 95 %"),
-            Column("coverage factor", digits=3), Column("linear and Monte Carlo"),
-            Column("to halve the uncertainty"),
-        ),
-        rows, sortable=False,
-    )  # fmt: skip
-    return (table,)
+    propagated = [(e.quantity, e.budget, e.drawn) for e in found]
+    return (overview(propagated, "to halve the uncertainty", [advice(e) for e in found]),)
 
 
 def budget_blocks(found: Examined) -> tuple[Block, ...]:

@@ -1,16 +1,11 @@
 """Maps of the simulator over its parameters: grids and random draws, on any number of workers."""
 
-from pipelines.sweeps.engines import Dask, Engine, Processes, Serial
 from pipelines.sweeps.grid import Axis, Design, axis, design
 from pipelines.sweeps.run import Swept, sweep
 
 __all__ = [
     "Axis",
-    "Dask",
     "Design",
-    "Engine",
-    "Processes",
-    "Serial",
     "Swept",
     "axis",
     "design",

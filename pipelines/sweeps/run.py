@@ -2,7 +2,7 @@
 
 import hashlib
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
@@ -13,18 +13,25 @@ from numpy.typing import NDArray
 
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
+from labpipe.workflow.engines import Died, Engine, Serial, side_by_side
 from pipelines.simulator_inputs import material
-from pipelines.sweeps.engines import Block, Engine, Outcome, Serial
 from pipelines.sweeps.grid import DRAW, Design
+from pipelines.sweeps.parameters import Outputs, Value
 from pipelines.sweeps.simulators import SIMULATORS
 
 if TYPE_CHECKING:
     import xarray as xr
 
+Outcome = Outputs | str
+"""Numbers of a point, or the reason why there are none."""
+Block = Sequence[Mapping[str, Value]]
+
 BLOCK = 25
 """Points handed to a worker at a time: about a second of work, small against a restart."""
 MOST_BLOCKS = 4000
 """Larger sweeps have larger blocks: each is a file, flushed to the disk while workers wait."""
+COMPUTE = f"{__name__}:compute"
+_IMPORTS = ("numpy", "xarray", "labpipe.contact", "pipelines.sweeps.simulators")
 _FORMAT = 2
 
 
@@ -69,7 +76,7 @@ def sweep(
     out : path-like
         netCDF file to write.
     engine : Engine, optional
-        Default :class:`Serial`.
+        See :mod:`labpipe.workflow.engines`; default :class:`Serial`.
     progress : callable, optional
         Called with the fraction of the points that is done.
 
@@ -91,12 +98,15 @@ def sweep(
     parts = path.with_name(f"{path.stem}.parts")
     blocks, results = _Blocks.of(plan), _Results(plan)
     for key in blocks:
-        outcome = _kept(parts, key, len(blocks[key]))
+        outcome = _kept(parts, key, blocks.length(key))
         if outcome is not None:
             results.take(key, blocks, outcome)
     reused = results.n_known
     missing = blocks.without(results)
-    for key, outcome in (engine or Serial()).run(plan.simulator, missing):
+    found = side_by_side(engine or Serial(), COMPUTE, missing, imports=_IMPORTS)
+    for key, answer in found:
+        lost = isinstance(answer, Died)
+        outcome = [str(answer)] * blocks.length(key) if lost else answer
         files.write_bytes(parts / f"{key}.json", files.seal(outcome))
         results.take(key, blocks, outcome)
         if progress is not None:
@@ -109,9 +119,22 @@ def sweep(
     return Swept(path, dataset, plan.count - reused, reused, failed)
 
 
+def compute(simulator: str, block: Block) -> list[Outcome]:
+    """Simulate the points of a block; a point that fails is its message."""
+    run = SIMULATORS[simulator].run
+    found: list[Outcome] = []
+    for point in block:
+        try:
+            found.append(run(point))
+        # A point of a map may lie where there is no answer: that is told and the others go on.
+        except Exception as error:
+            found.append(f"{type(error).__name__}: {error}")
+    return found
+
+
 @dataclass(frozen=True, slots=True)
-class _Blocks(Mapping[str, Block]):
-    """Blocks by content key; their points are spelt out when asked for, a sweep may have many."""
+class _Blocks(Mapping[str, tuple[str, Block]]):
+    """What to compute, by content key; spelt out when asked for, a sweep may have many points."""
 
     plan: Design
     size: int
@@ -132,9 +155,13 @@ class _Blocks(Mapping[str, Block]):
         missing = {k: p for k, p in self.places.items() if not results.is_known[p[0]]}
         return _Blocks(self.plan, self.size, missing)
 
-    def __getitem__(self, key: str) -> Block:
+    def __getitem__(self, key: str) -> tuple[str, Block]:
         start = self.places[key][0]
-        return self.plan.points(start, start + self.size)
+        return self.plan.simulator, self.plan.points(start, start + self.size)
+
+    def length(self, key: str) -> int:
+        """Points of a block; the last one may be shorter."""
+        return min(self.size, self.plan.count - self.places[key][0])
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.places)

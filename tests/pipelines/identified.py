@@ -14,9 +14,9 @@ from pathlib import Path
 
 import msgspec
 
-from pipelines.bench.identified_sessions import points
-from pipelines.bench.identified_trial import Trial, session_trial
-from pipelines.bench.random_sessions import KINDS, drawn, write
+from tests.pipelines.identified_points import points
+from tests.pipelines.identified_trial import Trial, session_trial
+from tests.pipelines.random_sessions import KINDS, drawn, write
 
 
 def stored(file: Path) -> list[Trial]:
@@ -52,7 +52,7 @@ def go_on(file: Path, kinds: list[str], count: int, sessions: Path | None) -> No
 
 
 def rows(trials: list[Trial]) -> list[str]:
-    """Return the points of the benchmark as text."""
+    """Return what the trials say together as text."""
     return [
         f"{p.setting}: {p.error:.2f} | "
         + ", ".join(f"{k} {v:.3g}" for k, v in p.extra.items() if isinstance(v, int | float))

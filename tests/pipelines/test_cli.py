@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 import pytest
 
-from labpipe.workflow import processes
+from labpipe.workflow import engines
 from pipelines.cli import COMMANDS, cli, main
 from pipelines.session import write_sheet
 
@@ -317,6 +317,19 @@ def test_samples_are_listed_and_go_into_new_folders_only(
     assert (tmp_path / "mine/notes.txt").read_text() == "precious"
 
 
+def test_demo_goes_on_with_its_own_session_and_leaves_a_foreign_one(
+    capsys: pytest.CaptureFixture[str], session_copy: Path
+) -> None:
+    code, _, err = run(capsys, "demo", str(session_copy))
+    assert code == 2
+    assert "not empty" in err
+    settings = session_copy / "session.toml"
+    settings.write_text(settings.read_text().replace("Small (", "Demonstration ("))
+    code, out, err = run(capsys, "demo", str(session_copy), "--json")
+    assert code == 0, err
+    assert set(json.loads(out)["reports"]) == {"drop", "nbr"}
+
+
 def test_doctor_finds_a_damaged_result(
     capsys: pytest.CaptureFixture[str], session_copy: Path
 ) -> None:
@@ -403,5 +416,32 @@ def test_as_many_experiments_run_side_by_side_as_there_are_processors(
         return [event["jobs"] for event in events if event["event"] == "run started"][-1]
 
     for available, used in ((3, 3), (64, 8)):
-        monkeypatch.setattr(processes, "processors", lambda count=available: count)
+        monkeypatch.setattr(engines, "processors", lambda count=available: count)
         assert jobs() == used
+
+
+def test_several_sessions_are_one_document_and_a_broken_one_stops_no_other(
+    session_copy: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    folders = [str(broken), str(session_copy), f"{session_copy}/."]
+    code, out, _ = run(capsys, "process", *folders, "--json")
+    document = json.loads(out)
+    assert code == document["exit_code"] == 1
+    refused, whole = document["sessions"]
+    assert (refused["session"], refused["exit_code"]) == (str(broken), 3)
+    assert refused["error"]["type"] == "SourceError"
+    assert (whole["session"], whole["exit_code"]) == (str(session_copy), 0)
+    code, out, err = run(capsys, "process", *folders)
+    assert code == 1
+    assert out.startswith(f"{broken}:\n{session_copy}:\n")
+    assert "there is no such file" in err
+
+
+def test_a_single_session_keeps_its_exit_code_and_document(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = run(capsys, "process", str(tmp_path), "--json")
+    assert (code, json.loads(out)["exit_code"]) == (3, 3)
+    assert "session" not in json.loads(out)

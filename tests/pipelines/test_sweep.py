@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -14,12 +15,13 @@ from click.testing import CliRunner
 
 from labpipe import contact, files, materials
 from labpipe.errors import InputError, LabpipeError, UsageError
+from labpipe.workflow.engines import Dask, Processes, side_by_side
 from pipelines.commands.sweep import sweep as command
-from pipelines.sweeps import Dask, Processes, Serial, axis, design, engines, sweep
+from pipelines.sweeps import axis, design, sweep
 from pipelines.sweeps import run as run_module
-from pipelines.sweeps.engines import Block, Outcome
 from pipelines.sweeps.page import render
 from pipelines.sweeps.parameters import Parameter, Simulator, Value
+from pipelines.sweeps.run import Block, Outcome
 from pipelines.sweeps.simulators import SIMULATORS
 
 
@@ -56,15 +58,14 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Counting:
-    """An engine that counts its points, and may stop."""
+    """Stands in for ``side_by_side``, counts its points, and may stop."""
 
-    def __init__(self, stop_after: int | None = None) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, stop_after: int | None = None) -> None:
         self.points, self.stop_after = 0, stop_after
+        monkeypatch.setattr(run_module, "side_by_side", self)
 
-    def run(
-        self, simulator: str, blocks: Mapping[str, Block]
-    ) -> Iterator[tuple[str, list[Outcome]]]:
-        for number, (key, outcome) in enumerate(Serial().run(simulator, blocks)):
+    def __call__(self, *arguments: Any, **options: Any) -> Iterator[tuple[str, list[Outcome]]]:
+        for number, (key, outcome) in enumerate(side_by_side(*arguments, **options)):
             if number == self.stop_after:
                 raise KeyboardInterrupt
             self.points += len(outcome)
@@ -136,17 +137,20 @@ def test_work_of_an_oscillation_follows_the_loss(tmp_path: Path) -> None:
     assert (found.least_half_width > 0.0).all()
 
 
-def test_a_stopped_sweep_goes_on_and_gives_the_same_bytes(toy: None, tmp_path: Path) -> None:
+def test_a_stopped_sweep_goes_on_and_gives_the_same_bytes(
+    toy: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     plan = design("toy", [axis("toy", "x", "1:40:40"), axis("toy", "y", "1:3:3")])
-    whole = sweep(plan, tmp_path / "whole.nc", Counting())
+    whole = sweep(plan, tmp_path / "whole.nc")
+    Counting(monkeypatch, stop_after=2)
     with pytest.raises(KeyboardInterrupt):
-        sweep(plan, tmp_path / "part.nc", Counting(stop_after=2))
+        sweep(plan, tmp_path / "part.nc")
     assert not (tmp_path / "part.nc").exists()
     damaged = sorted((tmp_path / "part.parts").iterdir())[0]
     damaged.write_bytes(damaged.read_bytes()[:-9])
-    engine = Counting()
-    rest = sweep(plan, tmp_path / "part.nc", engine)
-    assert (rest.reused, rest.computed, engine.points) == (25, 95, 95)
+    counting = Counting(monkeypatch)
+    rest = sweep(plan, tmp_path / "part.nc")
+    assert (rest.reused, rest.computed, counting.points) == (25, 95, 95)
     assert (tmp_path / "part.nc").read_bytes() == (tmp_path / "whole.nc").read_bytes()
     np.testing.assert_array_equal(
         whole.dataset["product"].values, np.outer(np.arange(1, 41), [1.0, 2.0, 3.0])
@@ -183,7 +187,7 @@ def test_a_killed_worker_costs_nothing_and_a_deadly_block_only_itself(
 ) -> None:
     marker = tmp_path / "alive"
     marker.touch()
-    monkeypatch.setattr(engines, "compute", deadly)
+    monkeypatch.setattr(run_module, "COMPUTE", f"{__name__}:deadly")
     monkeypatch.setattr(run_module, "BLOCK", 2)
     plan = design("toy", [axis("toy", "x", "1:20:20")], {"marker": str(marker)})
     found = sweep(plan, tmp_path / "map.nc", Processes(2)).dataset
@@ -238,32 +242,27 @@ def test_a_block_that_stands_twice_in_a_grid_is_computed_once(
 ) -> None:
     monkeypatch.setattr(run_module, "BLOCK", 2)
     plan = design("toy", [axis("toy", "x", "1, 2, 1, 2, 3")])
-    engine = Counting()
-    found = sweep(plan, tmp_path / "map.nc", engine).dataset
-    assert engine.points == 3
+    counting = Counting(monkeypatch)
+    found = sweep(plan, tmp_path / "map.nc").dataset
+    assert counting.points == 3
     np.testing.assert_array_equal(found["sum"].values, [3.0, 4.0, 3.0, 4.0, 5.0])
 
 
-def test_results_that_come_twice_or_not_at_all_are_a_defect(toy: None, tmp_path: Path) -> None:
-    class Twice(Serial):
-        def run(
-            self, simulator: str, blocks: Mapping[str, Block]
-        ) -> Iterator[tuple[str, list[Outcome]]]:
-            for key, outcome in Serial().run(simulator, blocks):
-                yield key, outcome
-                yield key, outcome
-
-    class Lost(Serial):
-        def run(
-            self, simulator: str, blocks: Mapping[str, Block]
-        ) -> Iterator[tuple[str, list[Outcome]]]:
-            return iter(())
+def test_results_that_come_twice_or_not_at_all_are_a_defect(
+    toy: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def twice(*arguments: Any, **options: Any) -> Iterator[tuple[str, list[Outcome]]]:
+        for found in side_by_side(*arguments, **options):
+            yield found
+            yield found
 
     plan = design("toy", [axis("toy", "x", "1, 2")])
+    monkeypatch.setattr(run_module, "side_by_side", twice)
     with pytest.raises(LabpipeError, match="a second time"):
-        sweep(plan, tmp_path / "twice.nc", Twice())
+        sweep(plan, tmp_path / "twice.nc")
+    monkeypatch.setattr(run_module, "side_by_side", lambda *_, **__: iter(()))
     with pytest.raises(LabpipeError, match="2 points of the sweep have no outcome"):
-        sweep(plan, tmp_path / "lost.nc", Lost())
+        sweep(plan, tmp_path / "lost.nc")
 
 
 def test_points_of_any_stretch_are_those_of_the_whole() -> None:
@@ -328,7 +327,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(tmp_path: Path
     plan = design("drop", [axis("drop", "height", "1 mm : 3 mm : 200")], {"rtol": "0.001"})
     sweep(plan, tmp_path / "one.nc")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0"
     ) as cluster:
         engine = Dask(cluster.scheduler_address)
 

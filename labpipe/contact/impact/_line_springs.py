@@ -58,11 +58,6 @@ class LineSprings:
     _inner: list[float]
     _totals: list[float]
 
-    @property
-    def reference_gap(self) -> float:
-        """Approach at which the undeformed sphere touches first; the first node is the pole."""
-        return 0.0
-
     def force(self, approach: float, reach: Array, moments: Array) -> tuple[float, float]:
         """Force and its slope, both times the step compliance, at an approach.
 

@@ -141,24 +141,6 @@ def line_kernel(
     return LineKernel(float(period), influence, symbol, float(mean))
 
 
-def layer_factor(z: Array, nu: float) -> Array:
-    """Return S(z), z = qh: what a bonded layer has of the half-plane's compliance at q.
-
-    Parameters
-    ----------
-    z : array
-        Wave number times thickness, not negative.
-    nu : float
-        Poisson's ratio.
-
-    Examples
-    --------
-    >>> bool(abs(layer_factor(np.array([40.0]), 0.3)[0] - 1) < 1e-15)
-    True
-    """
-    return 1.0 + _layer_deviation(np.asarray(z, dtype=float), nu)
-
-
 def _layer_deviation(z: Array, nu: float) -> Array:
     """S(z) − 1, without cancellation at either end."""
     c = 5.0 - 12.0 * nu + 8.0 * nu**2

@@ -280,11 +280,6 @@ def dimensionless_length(length: ArrayLike, tip_radius: float) -> Array:
     return np.asarray(length, dtype=float) / tip_radius
 
 
-def dimensionless_force(force: ArrayLike, material: Prony, period: float, depth: float) -> Array:
-    """Return F̃ = F/(E_relaxed λ d) of a force [N] on a contact length d [m] (figure 2.5)."""
-    return np.asarray(force, dtype=float) / (material.E_relaxed * period * depth)
-
-
 def dimensionless_work(
     work: ArrayLike, material: Prony, tip_radius: float, period: float, depth: float
 ) -> Array:

@@ -32,7 +32,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import spence
 
 from labpipe.contact.line._profiles import cosine_amplitude
-from labpipe.contact.springs import SpringBed
 from labpipe.errors import InputError
 
 Array = NDArray[np.float64]
@@ -216,53 +215,11 @@ def pressure(
     return np.asarray(scale * np.arctanh(np.minimum(ratio, 1.0)))
 
 
-def punch_stiffness(half_width: ArrayLike, period: float) -> Array:
-    """Force per approach of periodic flat punches, per unit depth and E*: −(π/2)/ln sin(πb/λ).
-
-    Examples
-    --------
-    >>> float(np.round(punch_stiffness(0.25, 1.0), 5))
-    4.53236
-    """
-    sine = np.sin(np.pi * np.asarray(half_width, dtype=float) / period)
-    with np.errstate(divide="ignore"):
-        return np.asarray(-0.5 * np.pi / np.log(sine))
-
-
 def full_contact(tip_radius: float, period: float, profile: Profile = "parabola") -> float:
     """Approach [m] at which the contact of a half-plane closes over the period."""
     if profile == "cosine":
         return cosine_amplitude(tip_radius, period)
     return period**2 / (24.0 * tip_radius)
-
-
-def closed_form_bed(
-    tip_radius: float,
-    period: float,
-    reach: float,
-    springs: int,
-    profile: Profile = "parabola",
-) -> SpringBed:
-    """Springs of the viscoelastic problem from the closed forms: an oracle without strips.
-
-    Parameters
-    ----------
-    reach : float [m]
-        Largest contact half width.
-    springs : int
-        Springs within the reach.
-
-    Returns
-    -------
-    SpringBed
-        To be marched like the springs of strips, see :mod:`labpipe.contact.springs._march`.
-    """
-    spacing = reach / springs
-    position = spacing * np.arange(springs + 2, dtype=float)
-    gap = from_half_width(position, tip_radius, period, 1.0, profile).displacement
-    ends = punch_stiffness(position + 0.5 * spacing, period)
-    limit = f"the contact outgrows the reach of {reach} m"
-    return SpringBed(gap, np.diff(ends, prepend=0.0), position, True, 1, limit, reach)
 
 
 def _require_known(profile: str) -> None:

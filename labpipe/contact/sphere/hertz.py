@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import beta, gamma
+from scipy.special import beta
 
 from labpipe.errors import InputError
 
@@ -23,9 +23,6 @@ Array = NDArray[np.float64]
 
 CONTACT_TIME = float(0.8 * beta(0.4, 0.5))
 """Duration of an elastic impact in units of (largest approach)/(impact speed): 2.9432751843."""
-
-FIRST_LOSS = float(np.sqrt(np.pi) * gamma(0.6) / (5.0**0.4 * 2.0**0.2 * gamma(2.1)))
-"""Loss of restitution per damping ratio b of a dashpot sphere, to first order: 1.1534488581."""
 
 # Padé coefficients in v* = sqrt(b), reference [2].
 _PADE_ABOVE = (1.0, 0.501086)

@@ -178,26 +178,6 @@ def prefilter(image: NDArray[np.generic], order: int, out: Image32 | None = None
     return out
 
 
-def prefilter_oracle(image: NDArray[np.generic], order: int) -> NDArray[np.float64]:
-    """Compute the coefficients with ``scipy.ndimage`` in float64, without border.
-
-    Parameters
-    ----------
-    image : array (row, column)
-        Grey levels.
-    order : 3 or 5
-        Cubic or quintic.
-
-    Returns
-    -------
-    array (row, column)
-        The coefficients that :func:`prefilter` approximates in float32.
-    """
-    from scipy.ndimage import spline_filter
-
-    return np.asarray(spline_filter(image, order, output=np.float64, mode="mirror"))
-
-
 def node_gradients(coefficients: Image32, order: int) -> tuple[Image32, Image32]:
     """Differentiate the spline at the pixels themselves.
 

@@ -10,7 +10,6 @@ centre moves to ``(j + u + u_x j + u_y i, i + v + v_x j + v_y i)``. A rigid moti
 the matrix of a rotation.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +23,6 @@ from labpipe.imaging.dic._subset_kernel import (
     NO_TEXTURE,
     NOT_CONVERGED,
     SOLVED,
-    compose_with_inverse,
     solve_subsets,
 )
 
@@ -37,7 +35,6 @@ __all__ = [
     "Subsets",
     "cut_subsets",
     "solve",
-    "solve_oracle",
 ]
 
 Floats = NDArray[np.float64]
@@ -363,89 +360,3 @@ def solve(
             np.zeros(2 * LANES + 2 * int(subsets.half.max()) + 1, np.float32),
         )
     return Solution(found, quality[:, 2], quality[:, 0], quality[:, 1], counts[:, 0], counts[:, 1])
-
-
-def solve_oracle(
-    reference: NDArray[np.generic],
-    image: NDArray[np.generic],
-    centre: tuple[int, int],
-    half: int,
-    is_rigid: bool,
-    order: int,
-    motion: Floats,
-    *,
-    tolerance: float = 1e-6,
-    max_iterations: int = DEFAULT_ITERATIONS,
-) -> tuple[Floats, float]:
-    """Match one subset with ``scipy.ndimage`` in float64: the check on :func:`solve`.
-
-    Parameters
-    ----------
-    reference, image : arrays (row, column)
-        Grey levels.
-    centre : (x, y) [px]
-        Centre pixel of the subset.
-    half : int [px]
-        Half width.
-    is_rigid : bool
-        Translation and rotation, or affine.
-    order : 3 or 5
-        Spline order.
-    motion : array (6,) [px]
-        Start.
-    tolerance : float [px]
-        Step at which to stop.
-    max_iterations : int
-        Steps allowed.
-
-    Returns
-    -------
-    motion : array (6,)
-        As in :class:`Solution`.
-    zncc : float
-        Correlation at the solution.
-    """
-    from scipy.ndimage import map_coordinates
-
-    from labpipe.imaging.dic._spline import NODE_SLOPES, NODE_WEIGHTS, prefilter_oracle
-
-    i, j = np.mgrid[-half : half + 1, -half : half + 1].astype(float)
-    area = np.s_[centre[1] - half : centre[1] + half + 1, centre[0] - half : centre[0] + half + 1]
-    before, after = prefilter_oracle(reference, order), prefilter_oracle(image, order)
-
-    def slope(axis: int) -> Floats:
-        result = before
-        for along in (0, 1):
-            weights = NODE_SLOPES if along == axis else NODE_WEIGHTS
-            result = np.apply_along_axis(
-                lambda line, w=weights[order]: np.correlate(
-                    np.pad(line, len(w) // 2, mode="reflect"), w, "valid"
-                ),
-                along,
-                result,
-            )
-        return np.asarray(result[area])
-
-    gx, gy = slope(1), slope(0)
-    f = np.asarray(reference, float)[area]
-    f = f - f.mean()
-    images = np.stack([gx, gx * j, gx * i, gy, gy * j, gy * i])
-    basis = _RIGID_FROM_AFFINE if is_rigid else np.eye(6)
-    jacobian = np.concatenate(
-        [np.tensordot(basis, images, 1), f[None], np.ones_like(f)[None]]
-    ).reshape(len(basis) + 2, -1)
-    p = np.array(motion, float)
-    zncc = math.nan
-    for _ in range(max_iterations):
-        x = centre[0] + j + p[0] + p[1] * j + p[2] * i
-        y = centre[1] + i + p[3] + p[4] * j + p[5] * i
-        g = map_coordinates(after, [y, x], order=order, prefilter=False, mode="mirror")
-        g = g - g.mean()
-        zncc = float((f * g).sum() / math.sqrt((f**2).sum() * (g**2).sum()))
-        gain = (f**2).sum() / (f * g).sum()
-        found, *_ = np.linalg.lstsq(jacobian.T, (gain * g - f).ravel(), rcond=None)
-        step = basis.T @ found[:-2]
-        compose_with_inverse(p, step, is_rigid)
-        if np.hypot(step[0], step[3]) < tolerance:
-            break
-    return p, zncc

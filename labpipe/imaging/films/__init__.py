@@ -4,7 +4,6 @@ from labpipe.imaging.films._reading_plan import (
     FilmReader,
     Place,
     frames_in_windows,
-    last_moving_frame,
     plan_reading,
 )
 
@@ -12,6 +11,5 @@ __all__ = [
     "FilmReader",
     "Place",
     "frames_in_windows",
-    "last_moving_frame",
     "plan_reading",
 ]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.errors import InputError
-from labpipe.frames import FrameSource, as_frames
+from labpipe.frames import FrameSource
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -305,62 +305,3 @@ def _read_around(read: Flags, resting: Flags, wanted: Flags) -> None:
     resting[edges] = False
     if resting[-1]:
         read[-1], resting[-1] = True, False
-
-
-def last_moving_frame(
-    frames: FrameSource | NDArray[np.generic], rows: slice | None = None, step: int = 16
-) -> int:
-    """Last frame that differs from the end of a film: after it everything is at rest.
-
-    Parameters
-    ----------
-    frames : FrameSource or array (frame, row, column)
-        The film; a front view, say.
-    rows : slice, optional
-        Rows that are looked at; by default 16 about the middle.
-    step : int
-        Frames from one look to the next while going back from the end.
-
-    Returns
-    -------
-    int
-        Index of the frame, -1 when nothing moves in the whole film. Brightness that drifts
-        counts as motion, so that no motion is missed.
-
-    Raises
-    ------
-    InputError
-        An empty film, or a step below 1.
-
-    Examples
-    --------
-    >>> film = np.zeros((40, 32, 32), np.uint8)
-    >>> film[:25, 10:20, 10:20] = 200
-    >>> last_moving_frame(film)
-    24
-    """
-    film = as_frames(frames)
-    if len(film) == 0 or step < 1:
-        message = f"the film must hold frames and step be 1 or more, found {len(film)} and {step}"
-        raise InputError(message)
-    top, bottom = band_about(0.5 * film.shape[1], film.shape[1])
-    if rows is not None:
-        top, bottom, _ = rows.indices(film.shape[1])
-    valid = np.flatnonzero(film.valid)
-    if not len(valid):
-        return -1
-    reader = FilmReader(film)
-    end = reader.band(int(valid[-1]), top, bottom)
-    noise = band_noise([end])
-
-    def moves(place: int) -> bool:
-        return is_different(reader.band(int(valid[place]), top, bottom), end, noise)
-
-    places = [*range(len(valid) - 1, 0, -step), 0]
-    for later, place in zip([len(valid) - 1, *places], places, strict=False):
-        if moves(place):
-            still = next((k for k in range(place + 1, later) if not moves(k)), later)
-            # Motion may pause; the last frame that moves is wanted.
-            moving = [k for k in range(place, later) if k < still or moves(k)]
-            return int(valid[max(moving)])
-    return -1

@@ -141,32 +141,6 @@ def _count_votes(voters: _Voters, shape: tuple[int, int], margin: float) -> NDAr
     return np.asarray(blurred, np.float32)
 
 
-def plain_lines(
-    x: Floats,
-    y: Floats,
-    along_x: Floats,
-    along_y: Floats,
-    weight: Floats,
-    shape: tuple[int, int],
-    cell: float,
-    margin: float,
-    reach: int,
-) -> Floats:
-    """Add up the weights of the lines that go through each cell, counted once a cell width.
-
-    The numpy twin of :func:`.count_lines`, to the same bits.
-    """
-    rows, columns = shape
-    steps = (np.arange(-reach, reach + 1) * cell)[:, None]
-    column = np.floor((x + steps * along_x + margin) / cell).astype(np.int64)
-    row = np.floor((y + steps * along_y + margin) / cell).astype(np.int64)
-    is_inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-    weights = np.broadcast_to(weight, column.shape)[is_inside]
-    cells = row[is_inside] * columns + column[is_inside]
-    votes: Floats = np.bincount(cells, weights, minlength=rows * columns).astype(np.float64)
-    return votes.reshape(rows, columns)
-
-
 def _place(voters: _Voters, x: float, y: float) -> Spot | None:
     """Centre by least squares of the distances to the lines; radius and polarity of the rings."""
     for near in _NEAR:

@@ -19,6 +19,7 @@ from labpipe.imaging.fringes._interference import (
     ring_limits,
     table_distances,
 )
+from labpipe.uncertainty import beyond
 
 Floats = NDArray[np.float64]
 Image32 = NDArray[np.float32]
@@ -181,7 +182,7 @@ class RingFit:
     def misfit(self) -> float:
         """Residual beyond the noise as a share of the modulation [1]."""
         modulation = abs(float(self.parameters[Parameter.MODULATION]))
-        excess = math.sqrt(max(self.residual**2 - self.noise**2, 0.0))
+        excess = beyond(self.residual, self.noise)
         return excess / max(modulation, 1e-12)
 
 

@@ -22,7 +22,7 @@ def count_lines(
     margin: float,
     reach: int,
 ) -> Floats:
-    """Compiled twin of :func:`.plain_lines`, in the same order."""
+    """Add up the weights of the lines that go through each cell, counted once a cell width."""
     rows, columns = shape
     votes = np.zeros((rows, columns))
     for i in range(-reach, reach + 1):

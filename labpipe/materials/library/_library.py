@@ -16,6 +16,7 @@ import numpy as np
 
 from labpipe.errors import InputError, SourceError
 from labpipe.materials.prony import Prony
+from labpipe.materials.superposition import ShiftLaw, arrhenius, wlf
 from labpipe.units import quantity
 
 __all__ = ["NAMES", "Entry", "Material", "describe", "load", "load_file", "read_material"]
@@ -23,8 +24,6 @@ __all__ = ["NAMES", "Entry", "Material", "describe", "load", "load_file", "read_
 NAMES = ("nbr", "acrylic", "peek", "nylon", "ptfe")
 STATUSES = ("measured", "datasheet", "estimate")
 
-_GAS_CONSTANT = 8.31446261815324  # J/(mol K)
-_ZERO_CELSIUS = 273.15
 _LARGEST_FILE = 1 << 20  # bytes
 _TABLES = {"labpipe_material", "name", "summary", "poisson", "density", "E_relaxed", "relaxation",
            "shift"}  # fmt: skip
@@ -56,10 +55,8 @@ class Material:
         Poisson's ratio, density, relaxed modulus, spectrum, shift law.
     T_ref : float [degC]
         Reference temperature.
-    law : str
-        ``"arrhenius"`` or ``"wlf"``.
-    law_parameters : tuple of float
-        Activation energy [J/mol], or C1 [1] and C2 [K].
+    law : ShiftLaw
+        About the reference temperature.
     """
 
     name: str
@@ -67,8 +64,7 @@ class Material:
     prony: Prony
     entries: tuple[Entry, ...]
     T_ref: float
-    law: str
-    law_parameters: tuple[float, ...]
+    law: ShiftLaw
 
     def log10_aT(self, temperature: float) -> float:
         """Shift at a temperature [degC]: positive below the reference.
@@ -78,22 +74,7 @@ class Material:
         InputError
             The law does not reach that temperature.
         """
-        if self.law == "arrhenius":
-            (energy,) = self.law_parameters
-            kelvin = temperature + _ZERO_CELSIUS
-            if kelvin <= 0:
-                message = f"{temperature} degC lies below absolute zero"
-                raise InputError(message)
-            inverse = 1 / kelvin - 1 / (self.T_ref + _ZERO_CELSIUS)
-            return energy / (_GAS_CONSTANT * math.log(10)) * inverse
-        c1, c2 = self.law_parameters
-        if c2 + temperature - self.T_ref <= 0:
-            message = (
-                f"{self.name}: the WLF law ends {c2:g} K below {self.T_ref:g} degC; "
-                f"{temperature:g} degC lies beyond"
-            )
-            raise InputError(message)
-        return -c1 * (temperature - self.T_ref) / (c2 + temperature - self.T_ref)
+        return float(self.law.log10_aT(temperature))
 
     def at(self, temperature: float | None) -> Prony:
         """Return the solid at a temperature [degC]; None is the reference."""
@@ -228,7 +209,7 @@ class _Reader:
             self.fail(f"relaxation.{name}", "expected a list of finite numbers")
         return [float(x) for x in found]
 
-    def shift(self) -> tuple[float, str, tuple[float, ...]]:
+    def shift(self) -> ShiftLaw:
         table = self.table("shift")
         reference, _ = self.quantity("shift.T_ref", str(table.get("T_ref", "")), "degC")
         law = table.get("law")
@@ -245,7 +226,9 @@ class _Reader:
                 self.fail(f"shift.{name}", f'expected a number, found "{value}"')
         if min(numbers) <= 0:
             self.fail(f"shift.{names[0]}", "expected positive numbers")
-        return reference, str(law), tuple(numbers)
+        if law == "arrhenius":
+            return arrhenius(numbers[0], reference)
+        return wlf(numbers[0], numbers[1], reference)
 
     def material(self) -> Material:
         unknown = set(self.tree) - _TABLES
@@ -262,7 +245,7 @@ class _Reader:
             prony = Prony(relaxed.value, np.array(E), np.array(rho), nu=poisson.value)
         except InputError as error:
             self.fail("relaxation", str(error))
-        reference, law, parameters = self.shift()
+        law = self.shift()
         entries = [poisson, relaxed]
         if "density" in self.tree:
             entries.append(self.entry("density", "kg/m3"))
@@ -274,5 +257,5 @@ class _Reader:
             entries.append(Entry(name, math.nan, 0.0, "", source, status))
         return Material(
             str(self.tree.get("name", self.path.stem)), str(self.tree.get("summary", "")), prony,
-            tuple(entries), reference, law, parameters,
+            tuple(entries), law.T_ref, law,
         )  # fmt: skip

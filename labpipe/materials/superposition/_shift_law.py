@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from labpipe.errors import InputError
+from labpipe.uncertainty import spread
 
 Array = NDArray[np.float64]
 LawName = Literal["wlf", "arrhenius"]
@@ -26,7 +27,7 @@ LawName = Literal["wlf", "arrhenius"]
 #: 0 °C in kelvin.
 ZERO_CELSIUS = 273.15
 #: Gas constant times ln 10, J/(mol K).
-_GAS_LN10 = 8.314462618 * float(np.log(10.0))
+_GAS_LN10 = 8.31446261815324 * float(np.log(10.0))
 # Gauss-Newton on two parameters settles in a few steps; the bound guards against a bad table.
 _MAX_STEPS = 60
 
@@ -60,13 +61,18 @@ class ShiftLaw:
         Raises
         ------
         InputError
-            A temperature lies beyond the pole of the WLF law (at or below T_ref − C₂).
+            A temperature lies beyond the pole of the WLF law (at or below T_ref − C₂), or below
+            absolute zero.
         """
-        value = law_values(self.name, self.parameters, np.asarray(temperature, float), self.T_ref)
+        degrees = np.asarray(temperature, float)
+        if np.any(degrees <= -ZERO_CELSIUS):
+            message = f"{degrees.min()} °C lies below absolute zero"
+            raise InputError(message)
+        value = law_values(self.name, self.parameters, degrees, self.T_ref)
         if value is None:
             message = (
                 f"the {self.name} law about {self.T_ref:g} °C has no value at "
-                f"{np.asarray(temperature)} °C: its pole lies at {self.T_ref - self.C2:.1f} °C"
+                f"{degrees} °C: its pole lies at {self.T_ref - self.C2:.1f} °C"
             )
             raise InputError(message)
         return value
@@ -74,7 +80,7 @@ class ShiftLaw:
     def u_log10_aT(self, temperature: ArrayLike) -> Array:
         """Return the standard uncertainty of log10 a_T from the parameters' covariance."""
         slope = law_slopes(self.name, self.parameters, np.asarray(temperature, float), self.T_ref)
-        return np.sqrt(np.einsum("...p,pq,...q->...", slope, self.covariance, slope))
+        return spread(slope, self.covariance)
 
     @property
     def C1(self) -> float:
@@ -97,7 +103,7 @@ class ShiftLaw:
         """Standard uncertainty of C₁."""
         m, q = self.parameters if self.name == "wlf" else (np.nan, np.nan)
         slope = np.array([1.0 / q, -m / q**2])
-        return float(np.sqrt(slope @ self.covariance @ slope)) if self.name == "wlf" else np.nan
+        return float(spread(slope, self.covariance)) if self.name == "wlf" else np.nan
 
     @property
     def u_C2(self) -> float:

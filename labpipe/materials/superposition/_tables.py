@@ -10,6 +10,7 @@ from labpipe.materials.superposition._anchoring import Anchor
 from labpipe.materials.superposition._joint_fit import Fit, Points, evaluate, sensitivity
 from labpipe.materials.superposition._reweighting import Superposition
 from labpipe.materials.superposition._sweep_data import SweepData
+from labpipe.uncertainty import variance
 
 Array = NDArray[np.float64]
 
@@ -67,16 +68,16 @@ def overlap_of_neighbours(
     ln_omega = np.log10(data.points.omega) + log10_aT[data.points.isotherm]
     low = np.array([ln_omega[data.points.isotherm == k].min() for k in range(data.points.count)])
     high = np.array([ln_omega[data.points.isotherm == k].max() for k in range(data.points.count)])
-    variance = covariance[cold, cold] + covariance[warm, warm] - 2.0 * covariance[cold, warm]
-    spread = np.sqrt(np.maximum(variance, 0.0))
+    squared = covariance[cold, cold] + covariance[warm, warm] - 2.0 * covariance[cold, warm]
+    u_step = np.sqrt(np.maximum(squared, 0.0))
     shared = np.minimum(high[cold], high[warm]) - np.maximum(low[cold], low[warm])
     columns = {
         "colder": (data.temperature[cold], "degC", "colder temperature of the pair"),
         "warmer": (data.temperature[warm], "degC", "warmer temperature of the pair"),
         "step": (log10_aT[cold] - log10_aT[warm], "1", "step of log10 a_T in decades"),
-        "u_step": (spread, "1", "standard uncertainty of the step"),
+        "u_step": (u_step, "1", "standard uncertainty of the step"),
         "overlap": (shared, "1", "common decades of reduced frequency, negative for a gap"),
-        "determined": (spread <= limit, "1", "whether the data determine the step"),
+        "determined": (u_step <= limit, "1", "whether the data determine the step"),
     }
     return xr.Dataset(
         {
@@ -138,11 +139,11 @@ def bands(
     possible = _possible_spectra(points, fit)
     for name, design in zip(("storage", "loss"), designs, strict=True):
         value = design @ fit.solution.coefficient
-        variance = sum(share * _from_spectrum(one, design, value) for share, one in possible)
-        variance += _from_outer(points, found, anchor, design, frequency, design[:, active])
+        squared = sum(share * _from_spectrum(one, design, value) for share, one in possible)
+        squared += _from_outer(points, found, anchor, design, frequency, design[:, active])
         variables[name] = (value, f"{name} modulus at the reference temperature")
         variables[f"u_{name}"] = (
-            np.sqrt(np.maximum(variance, 0.0)),
+            np.sqrt(np.maximum(squared, 0.0)),
             f"standard uncertainty of the {name} modulus",
         )
     dataset = xr.Dataset(
@@ -179,9 +180,9 @@ def _possible_spectra(points: Points, fit: Fit) -> list[tuple[float, Fit]]:
 def _from_spectrum(fit: Fit, design: Array, value: Array) -> Array:
     """Variance of the curve ``value`` if this fit's smoothing were the right one."""
     used = design[:, fit.solution.coefficient > 0]
-    spread = np.linalg.pinv(fit.normal, hermitian=True)
+    covariance = np.linalg.pinv(fit.normal, hermitian=True)
     moved = design @ fit.solution.coefficient - value
-    return np.asarray(np.einsum("ij,jk,ik->i", used, spread, used) + moved**2)
+    return variance(used, covariance) + moved**2
 
 
 def _from_outer(
@@ -203,4 +204,4 @@ def _from_outer(
     slope = np.gradient(value, np.log10(frequency)) if frequency.size > 1 else np.zeros(1)
     reference = anchor.share @ model.directions(fit.state)[0]
     by_parameter += slope[:, None] * reference
-    return np.asarray(np.einsum("ip,pq,iq->i", by_parameter, found.covariance, by_parameter))
+    return variance(by_parameter, found.covariance)

@@ -15,6 +15,7 @@ from labpipe.report import (
     Paragraph,
     Section,
     Table,
+    budget_table,
     quantity,
     value_with_uncertainty,
 )
@@ -160,7 +161,7 @@ def _calibration(displacement: list[xr.Dataset]) -> Section:
                 ),
             ]
         ),
-        *pages.budget_table(
+        *budget_table(
             json.loads(attrs["budget"]),
             "Budget for the largest displacement of the first repeat",
             "m",

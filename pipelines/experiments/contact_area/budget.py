@@ -6,13 +6,12 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input
+from labpipe.uncertainty import Input, beyond
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.budget_quantity import (
     IMPACTS,
     MEASURED,
     Quantity,
-    beyond,
     of_model,
 )
 

@@ -20,9 +20,12 @@ from labpipe.report import (
     Section,
     Series,
     Table,
+    budget_table,
     quantity,
+    share_bars,
     value_with_uncertainty,
 )
+from labpipe.uncertainty import Source, table
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.settings import ContactArea
@@ -193,11 +196,10 @@ def _budget(radius: xr.Dataset, impacts: xr.Dataset | None) -> tuple[Block, ...]
 
 def _shares(one: xr.Dataset, where: str) -> Bars:
     """Draw what each source has in the variance of the radius in one frame."""
-    parts = [(text, float(one["systematic_part"].sel(source=n))) for n, text in _SOURCES.items()]
-    parts.append(("noise and misfit of the frame", float(one["u_radius"])))
-    whole = sum(part**2 for _, part in parts)
-    shares = [(text, part**2 / whole if whole else 0.0, "") for text, part in parts]
-    return Bars(f"Share in the variance, {where}", shares)
+    parts = {text: float(one["systematic_part"].sel(source=n)) for n, text in _SOURCES.items()}
+    parts["noise and misfit of the frame"] = float(one["u_radius"])
+    rows = table([Source(text, 0.0, u, "m", 1.0) for text, u in parts.items()])
+    return share_bars(rows, f"Share in the variance, {where}")
 
 
 def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None) -> Section:
@@ -207,7 +209,7 @@ def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None) -> Section:
     blocks: list[Block] = [
         pages.calibration_rows(radius.attrs["calibration"]),
         KeyValues([("length of one pixel", size, "in the plane of the disc")]),
-        *pages.budget_table(
+        *budget_table(
             json.loads(radius.attrs["scale_budget"]), "Budget of the image scale", "m/px"
         ),
         *_budget(radius, impacts),

@@ -7,9 +7,12 @@ from math import isfinite
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input
+from labpipe.uncertainty import Input, beyond
 from pipelines.experiments.dic_validation.settings import DicValidation
-from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, beyond
+from pipelines.experiments.shared.budget_quantity import (
+    MEASURED,
+    Quantity,
+)
 
 _FRONT = (
     ("inclination, filter lag", "there is no filter, and a tilt of the view is in the pixel size"),

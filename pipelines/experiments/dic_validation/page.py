@@ -20,6 +20,7 @@ from labpipe.report import (
     Section,
     Series,
     Table,
+    budget_table,
     quantity,
     value_with_uncertainty,
 )
@@ -167,7 +168,7 @@ def _calibration(motion: xr.Dataset) -> Section:
              f"{float(motion.attrs['u_systematic_relative']) * 100:.3f} %",
              "the same for every frame"),
         ]),
-        *pages.budget_table(json.loads(motion.attrs["budget"]), "Budget of the image scale",
+        *budget_table(json.loads(motion.attrs["budget"]), "Budget of the image scale",
                             "m/px"),
     ]  # fmt: skip
     return Section("Calibration and its uncertainty", tuple(blocks))

@@ -6,10 +6,10 @@ from math import cos, pi, sin
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input
+from labpipe.uncertainty import Input, beyond
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.budget_quantity import NOTHING_FALLS, TESTS, Quantity, beyond
+from pipelines.experiments.shared.budget_quantity import NOTHING_FALLS, TESTS, Quantity
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
 _ON_CYCLES = (

@@ -6,9 +6,9 @@ from math import cos, isfinite
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input
+from labpipe.uncertainty import Input, beyond
 from pipelines.experiments.plate_vibration.settings import FallingBody, PlateVibration
-from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, beyond, clock
+from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, clock
 
 _NO_CAMERA = ("pixel size", "there is no camera")
 _LAG = ("filter lag", "the moving average of the sensor delays all readings alike")

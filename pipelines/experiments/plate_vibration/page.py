@@ -18,6 +18,7 @@ from labpipe.report import (
     Section,
     Series,
     Table,
+    budget_table,
     quantity,
     value_with_uncertainty,
 )
@@ -159,8 +160,10 @@ def _calibration(first: xr.Dataset) -> Section:
         ("noise of a sample", quantity(float(attrs["noise"]), "m"),
          "from the quiet beginning"),
     ]  # fmt: skip
-    budget = pages.budget_table(
-        json.loads(attrs["budget"]), "Budget for the largest displacement of the first recording"
+    budget = budget_table(
+        json.loads(attrs["budget"]),
+        "Budget for the largest displacement of the first recording",
+        "m",
     )
     return Section(
         "Calibration and its uncertainty",

@@ -7,7 +7,7 @@ from math import isfinite
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input
+from labpipe.uncertainty import Input, beyond
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared.budget_quantity import (
     MEASURED,
@@ -15,7 +15,6 @@ from pipelines.experiments.shared.budget_quantity import (
     TESTS,
     Array,
     Quantity,
-    beyond,
 )
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.shared.ramps_and_holds import relative_gain

@@ -18,6 +18,7 @@ from labpipe.report import (
     Section,
     Series,
     Table,
+    budget_table,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
@@ -298,9 +299,7 @@ def _moduli(
         )  # fmt: skip
     blocks.append(_modulus_table(tests))
     budgets = json.loads(curves[0].attrs["budgets"])
-    blocks += pages.budget_table(
-        budgets[0], f"Budget of the reduced modulus at {_label(tests, 0)}, in Pa"
-    )
+    blocks += budget_table(budgets[0], f"Budget of the reduced modulus at {_label(tests, 0)}", "Pa")
     return Section("Modulus", tuple(blocks))
 
 

@@ -1,26 +1,29 @@
-"""How budgets are drawn, on the page of an experiment and on that of the sensitivities."""
+"""How the budget of a formula is told, on the page of an experiment and on the sensitivities'."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from math import ceil, isfinite, isinf, log10
 from typing import Any
 
-from labpipe.propagation import MonteCarlo, agrees, apart, linear, monte_carlo
 from labpipe.report import (
-    Bars,
     Block,
     Column,
     Details,
     Paragraph,
     Section,
     Table,
+    budget_table,
+    difference_unit,
     quantity,
+    shown_source,
     value_with_uncertainty,
 )
-from labpipe.uncertainty import Budget
+from labpipe.uncertainty import Budget, MonteCarlo, agrees, apart, linear, monte_carlo
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
 
 _MANY = 1000.0  # degrees of freedom: beyond, Student's law is the normal one
 _DRAWS = 2000  # on the page of an experiment: the ends of an interval to 5 % of u
+
+Propagated = tuple[Quantity, Budget, MonteCarlo]
 
 
 def section(experiment: str, quantities: Iterable[Quantity]) -> tuple[Section, ...]:
@@ -38,33 +41,42 @@ def section(experiment: str, quantities: Iterable[Quantity]) -> tuple[Section, .
     tuple of Section
         Empty when there is nothing to show.
     """
-    rows, folded = [], []
+    found: list[Propagated] = []
     for each in quantities:
         budget = linear(each.model, each.inputs)
-        if not (isfinite(budget.value) and isfinite(budget.u)):
-            continue
-        drawn = monte_carlo(each.model, each.inputs, draws=_DRAWS)
-        largest = budget.rows[0]
-        rows.append((
-            each.name, value_with_uncertainty(budget.value, budget.u, each.unit),
-            half_width(budget, each.unit), coverage_factor(budget),
-            _number(budget.degrees_of_freedom), compared(budget, drawn),
-            f"{shown(largest['source'])}, {100.0 * largest['share']:.0f} %",
-        ))  # fmt: skip
-        folded.append(Details(each.name, blocks=blocks(each, budget, drawn)))
-    if not rows:
+        if isfinite(budget.value) and isfinite(budget.u):
+            found.append((each, budget, monte_carlo(each.model, each.inputs, draws=_DRAWS)))
+    if not found:
         return ()
-    table = Table(
-        (
-            Column("quantity"), Column("value"), Column("expanded uncertainty, 95 %"),
-            Column("coverage factor", digits=3), Column("degrees of freedom"),
-            Column("linear and Monte Carlo"), Column("largest source"),
-        ),
-        rows, sortable=False,
-        caption="After the GUM; repeats count as type A with Student's quantile. Which input "
+    largest = [budget.rows[0] for _, budget, _ in found]
+    table = overview(
+        found, "largest source",
+        [f"{shown_source(r['source'])}, {100.0 * r['share']:.0f} %" for r in largest],
+        "After the GUM; repeats count as type A with Student's quantile. Which input "
         f"should be measured better: labpipe sensitivity SESSION {experiment}.",
     )  # fmt: skip
+    folded = (Details(each[0].name, blocks=blocks(*each)) for each in found)
     return (Section("Uncertainty budgets", (table, *folded)),)
+
+
+def overview(
+    found: Sequence[Propagated], last: str, texts: Sequence[str], caption: str = ""
+) -> Table:
+    """Return one line for each quantity, which ends with a text under a heading of its own."""
+    rows = [
+        (
+            each.name, value_with_uncertainty(budget.value, budget.u, each.unit),
+            half_width(budget, each.unit), coverage_factor(budget),
+            _number(budget.degrees_of_freedom), compared(budget, drawn), text,
+        )
+        for (each, budget, drawn), text in zip(found, texts, strict=True)
+    ]  # fmt: skip
+    columns = (
+        Column("quantity"), Column("value"), Column("expanded uncertainty, 95 %"),
+        Column("coverage factor", digits=3), Column("degrees of freedom"),
+        Column("linear and Monte Carlo"), Column(last),
+    )  # fmt: skip
+    return Table(columns, rows, caption=caption, sortable=False)
 
 
 def blocks(
@@ -105,51 +117,24 @@ def _table(
 ) -> tuple[Block, ...]:
     """Return the uncertain inputs as table and bars, the largest first."""
     rows = [row for row in budget.rows if row["u"] > 0.0]
-    if not rows:
-        return ()
     freedom = {n: _number(g.degrees_of_freedom) for n, g in found.inputs.items()}
     few = any(isfinite(g.degrees_of_freedom) for g in found.inputs.values())
     more = ({"degrees of freedom": freedom} if few else {}) | dict(columns)
-    made = [
-        (
-            shown(r["source"]), _written(r["value"], r["unit"], 5),
-            _written(r["u"], "K" if r["unit"] == "degC" else r["unit"], 2), r["sensitivity"],
-            r["contribution"],
-            *(values.get(r["source"]) for values in more.values()),
-        )
-        for r in rows
-    ]  # fmt: skip
-    heads = (
-        Column("source"), Column("value"), Column("standard uncertainty"),
-        Column("sensitivity, SI", digits=3),
-        Column("contribution", unit="K" if found.unit == "degC" else found.unit, digits=2),
-        *map(Column, more),
-    )  # fmt: skip
-    bars = Bars("Share in the variance", [(shown(r["source"]), r["share"], "") for r in rows])
-    return Table(heads, made, caption=found.name, sortable=False), bars
-
-
-def _written(value: float, unit: str, digits: int) -> str:
-    return quantity(value, unit, digits) if value else "0"
+    return budget_table(rows, found.name, found.unit, more)
 
 
 def _others(found: Quantity) -> tuple[Block, ...]:
     """Say of the inputs without a row why they have none."""
-    exact = [shown(n) for n, g in found.inputs.items() if g.u == 0.0 and n != MEASURED]
+    exact = [shown_source(n) for n, g in found.inputs.items() if g.u == 0.0 and n != MEASURED]
     texts = [f"{names} ({why})" for names, why in found.inert]
     said = [f"Stated without uncertainty, or none was found: {', '.join(exact)}."] if exact else []
     said += [f"Not acting: {'; '.join(texts)}."] if texts else []
     return (Paragraph(" ".join(said)),) if said else ()
 
 
-def shown(source: str) -> str:
-    """Return the name of an input as a reader sees it."""
-    return source.replace("_", " ")
-
-
 def half_width(budget: Budget, unit: str) -> str:
     """Write the expanded uncertainty, for 95 %; that of a temperature is a difference."""
-    return quantity(budget.expanded(), "K" if unit == "degC" else unit, 2)
+    return quantity(budget.expanded(), difference_unit(unit), 2)
 
 
 def compared(budget: Budget, drawn: MonteCarlo) -> str:

@@ -15,8 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.propagation import Model
-from labpipe.uncertainty import Input
+from labpipe.uncertainty import Input, Model, beyond
 
 Array = NDArray[np.float64]
 
@@ -73,11 +72,6 @@ def repeats(values: Array, own: Array) -> tuple[Input, Input]:
         return Input(0.0, stated), Input(0.0, 0.0)
     scatter = float(np.std(values, ddof=1) / sqrt(n))
     return Input(0.0, stated), Input(0.0, beyond(scatter, stated), degrees_of_freedom=n - 1)
-
-
-def beyond(total: float, *parts: float) -> float:
-    """Return what a standard uncertainty holds beyond some of its parts."""
-    return sqrt(max(total**2 - sum(part**2 for part in parts), 0.0))
 
 
 def clock(displacement: xr.Dataset) -> Input:

@@ -5,12 +5,10 @@ What is special to a kind of experiment stands in its own page module.
 
 import json
 from collections.abc import Sequence
-from typing import Any
 
 import xarray as xr
 
 from labpipe.report import (
-    Bars,
     Block,
     Column,
     Details,
@@ -87,39 +85,6 @@ def _warning(alike: Sequence[Warned]) -> Notice:
     times = f" ({total} times)" if total > len(alike) else ""
     listed = f"\n{len(names)} recordings: {', '.join(names)}" if len(names) > 1 else ""
     return Notice("warning", f"{first.stage}{where}: {first.text}{times}{listed}")
-
-
-def budget_table(rows: Sequence[dict[str, Any]], caption: str, unit: str = "") -> tuple[Block, ...]:
-    """Show an uncertainty budget as a table and as bars of its shares; `unit` is the result's.
-
-    What the rows hold beyond a budget's own columns, such as a kind or Sobol indices, follows them.
-    """
-    extra = [key for key in (rows[0] if rows else ()) if key not in _BUDGET]
-    table = Table(
-        columns=(
-            Column("source"),
-            Column("value", digits=5),
-            Column("standard uncertainty", digits=2),
-            Column("unit"),
-            Column("sensitivity", digits=3),
-            Column("contribution", unit=unit, digits=2),
-            *(Column(key, digits=2) for key in extra),
-        ),
-        rows=[
-            (
-                r["source"], r["value"], r["u"], r["unit"], r["sensitivity"], r["contribution"],
-                *(r[key] for key in extra),
-            )
-            for r in rows
-        ],
-        caption=caption,
-        sortable=False,
-    )  # fmt: skip
-    bars = Bars("Share in the variance", [(r["source"], r["share"], "") for r in rows])
-    return table, bars
-
-
-_BUDGET = ("source", "value", "u", "unit", "sensitivity", "contribution", "share")
 
 
 def calibration_rows(text: str) -> KeyValues:

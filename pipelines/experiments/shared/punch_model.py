@@ -100,7 +100,7 @@ def relative_sources(displacement: float, u_touch: float, geometry: Geometry) ->
         other = float(elastic_force(at, geometry, **{name: given.value + change})[0])
         slope = (other - force) / change / force
         label = {"radius": "tip radius", "period": "period", "depth": "length of a tip"}[name]
-        sources.append(Source(label, given.value, given.u, "m", slope, "systematic"))
+        sources.append(Source.of(label, given, slope))
     step = _RELATIVE_CHANGE * displacement
     other = float(elastic_force(at + step, geometry)[0])
     slope = (other - force) / step / force

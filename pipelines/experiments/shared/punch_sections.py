@@ -5,7 +5,15 @@ import math
 
 import xarray as xr
 
-from labpipe.report import Block, Column, Details, KeyValues, Table, value_with_uncertainty
+from labpipe.report import (
+    Block,
+    Column,
+    Details,
+    KeyValues,
+    Table,
+    budget_table,
+    value_with_uncertainty,
+)
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.punch_settings import Punch, Substrate
 
@@ -75,7 +83,7 @@ def cell(loads: xr.Dataset) -> list[Block]:
     if loads.attrs["calibration"].startswith("{"):
         blocks.append(pages.calibration_rows(loads.attrs["calibration"]))
     caption = "Budget for the largest force of the file"
-    return [*blocks, *pages.budget_table(json.loads(loads.attrs["budget"]), caption, "N")]
+    return [*blocks, *budget_table(json.loads(loads.attrs["budget"]), caption, "N")]
 
 
 def header_blocks(readings: xr.Dataset | None, loads: xr.Dataset | None, name: str) -> list[Block]:

@@ -8,8 +8,8 @@ from math import cos, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input
-from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, beyond, of_model
+from labpipe.uncertainty import Input, beyond
+from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, of_model
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _BOTH = (

@@ -16,6 +16,7 @@ from labpipe.report import (
     Section,
     Series,
     Table,
+    budget_table,
     value_with_uncertainty,
 )
 from labpipe.workflow.context import Context
@@ -110,7 +111,7 @@ def _measured(
         blocks.append(pages.calibration_rows(displacement.attrs["calibration"]))
     if approach is not None:
         caption = "Budget of a single reading of the approach, at the largest load"
-        blocks += pages.budget_table(json.loads(approach.attrs["budget"]), caption, "m")
+        blocks += budget_table(json.loads(approach.attrs["budget"]), caption, "m")
     header = pages.raw_header(readings)
     return Section(
         "What was measured, and its calibration",

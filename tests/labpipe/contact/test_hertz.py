@@ -10,9 +10,8 @@ from labpipe.errors import InputError
 DASHPOT = [(0.01, 0.9885474396), (0.05, 0.9443967792), (0.1, 0.8928588755)]
 
 
-def test_constants_are_those_of_the_literature() -> None:
+def test_contact_time_is_that_of_the_literature() -> None:
     assert pytest.approx(2.9432751843, abs=5e-11) == hertz.CONTACT_TIME
-    assert pytest.approx(1.1534488581, abs=5e-11) == hertz.FIRST_LOSS
 
 
 def test_scaled_impact_matches_the_table() -> None:
@@ -36,7 +35,7 @@ def test_acrylic_drop_has_the_sizes_of_the_experiment() -> None:
 def test_load_and_approach_invert_each_other() -> None:
     state = hertz.static_load([0.0, 1e-6, 3.0, 1e3], 9.525e-3, 3e9)
     back = hertz.static_approach(state.approach, 9.525e-3, 3e9)
-    assert back.force == pytest.approx(state.force, rel=1e-12)
+    assert back.force == pytest.approx(state.force, rel=1e-12, abs=0.0)
     assert state.peak_pressure == pytest.approx(1.5 * state.mean_pressure)
 
 

@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from labpipe.contact.line._kernels import clausen, layer_factor, line_kernel
+from labpipe.contact.line._kernels import _layer_deviation, clausen, line_kernel
 from labpipe.errors import InputError
+from tests.rounding import rounding
 
 PERIOD = 8e-3
 
@@ -27,7 +28,7 @@ def test_half_plane_influence_is_the_integral_of_the_logarithm() -> None:
 
 def test_clausen_has_its_special_values() -> None:
     assert clausen(np.array([0.0, np.pi / 2, np.pi])) == pytest.approx(
-        [0.0, 0.915965594177219, 0.0], abs=1e-15
+        [0.0, 0.915965594177219, 0.0], abs=rounding(50)
     )
 
 
@@ -49,7 +50,7 @@ def test_layer_factor_matches_its_definition(nu) -> None:
     z = np.array([0.3, 0.49, 0.51, 1.0, 3.0, 10.0])
     above = (3 - 4 * nu) * np.sinh(2 * z) - 2 * z
     below = (3 - 4 * nu) * np.cosh(2 * z) + 2 * z**2 + 5 - 12 * nu + 8 * nu**2
-    assert layer_factor(z, nu) == pytest.approx(above / below, rel=1e-12)
+    assert 1 + _layer_deviation(z, nu) == pytest.approx(above / below, rel=1e-12)
 
 
 @given(nu=st.floats(0.0, 0.4999))
@@ -57,7 +58,7 @@ def test_thin_layer_is_a_winkler_foundation(nu) -> None:
     z = np.array([1e-4])
     winkler = (2 - 4 * nu) * 2 * z / (8 - 16 * nu + 8 * nu**2)
     # Next order: the incompressible film, z³.
-    assert layer_factor(z, nu) == pytest.approx(winkler, rel=1e-4 + 1e-7 / (0.5 - nu))
+    assert 1 + _layer_deviation(z, nu) == pytest.approx(winkler, rel=1e-4 + 1e-7 / (0.5 - nu))
 
 
 def test_thick_layer_becomes_the_half_plane() -> None:

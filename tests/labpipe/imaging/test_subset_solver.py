@@ -15,8 +15,8 @@ from labpipe.imaging.dic._subset_solver import (
     Subsets,
     cut_subsets,
     solve,
-    solve_oracle,
 )
+from tests.labpipe.imaging.oracles import solve_oracle
 from tests.labpipe.imaging.speckle import Motion, grid, make_speckle, render
 
 SIZE = (120, 140)

@@ -9,6 +9,7 @@ from labpipe.contact import drop, indent
 from labpipe.errors import InputError, SourceError
 from labpipe.materials import load
 from labpipe.materials.library._library import NAMES, STATUSES, describe, load_file
+from tests.rounding import rounding
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -29,7 +30,7 @@ def test_heat_softens(name: str) -> None:
 
 def test_the_reference_temperature_shifts_nothing() -> None:
     material = describe("acrylic")
-    assert material.log10_aT(material.T_ref) == pytest.approx(0.0, abs=1e-15)
+    assert material.log10_aT(material.T_ref) == pytest.approx(0.0, abs=rounding(10))
     np.testing.assert_allclose(material.at(material.T_ref).rho, material.prony.rho)
 
 
@@ -125,7 +126,7 @@ def test_an_unknown_name_lists_the_known_ones() -> None:
 
 
 def test_a_law_is_not_stretched_beyond_its_reach() -> None:
-    with pytest.raises(InputError, match="WLF law ends"):
+    with pytest.raises(InputError, match="its pole lies at"):
         load("nbr", temperature=-90.0)
     with pytest.raises(InputError, match="absolute zero"):
         load("acrylic", temperature=-300.0)

@@ -17,9 +17,9 @@ from labpipe.report import (
     Section,
     Series,
     Table,
-    index_page,
     thumbnail,
 )
+from tests.labpipe.report.index_page import index_page
 
 FULL = [0.0, 0.49995]
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labpipe.errors import InputError
-from labpipe.signals import agreement, compare, coverage, determination, independent_count, nrmse
+from labpipe.signals import agreement, compare, determination, independent_count, nrmse
 
 
 def curve(values, units="m"):
@@ -92,17 +92,6 @@ def test_explained_variance():
     assert determination(a, a + 1) == 0.5
     with pytest.raises(InputError, match="does not vary"):
         determination(np.ones(5), a)
-
-
-def test_coverage_counts_and_bounds():
-    random = np.random.default_rng(0)
-    truth = np.zeros(1000)
-    share, low, high = coverage(random.standard_normal(1000), truth, np.ones(1000))
-    assert low < 0.95 < high
-    assert low < share < high
-    assert coverage([1.0, np.nan, 5.0], [0.0, 0.0, 0.0], [1.0, 1.0, 1.0])[0] == 0.5
-    with pytest.raises(InputError, match="must be positive"):
-        coverage([0.0, 1.0], [0.0, 1.0], 0.0)
 
 
 @pytest.mark.parametrize("function", [nrmse, determination, agreement])

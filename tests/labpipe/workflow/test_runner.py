@@ -18,9 +18,11 @@ import toy_laboratory as toy
 from labpipe import files
 from labpipe.errors import InputError, StorageError, UsageError
 from labpipe.schema import Schema
+from labpipe.workflow import provenance
 from labpipe.workflow.graph import Stage
-from labpipe.workflow.runner import Event, RunResult, events, open_result, run
+from labpipe.workflow.runner import Event, RunResult, events, open_result, run, run_all
 from labpipe.workflow.session import Session
+from tests.by_day import by_day
 
 HERE = Path(__file__).parent
 
@@ -288,7 +290,7 @@ def test_a_schema_that_is_not_given_is_refused_before_anything_runs(session: Ses
     assert not session.folder.exists()
 
 
-@pytest.mark.parametrize("how", ["die", "exit"])
+@pytest.mark.parametrize("how", by_day(["die", "exit"], 1))
 def test_a_process_that_dies_takes_only_its_task_with_it(tmp_path: Path, how: str) -> None:
     session = troubled(tmp_path, f"scale:{how}")
     result = run_here(session, 2)
@@ -304,6 +306,17 @@ def test_a_process_that_dies_takes_only_its_task_with_it(tmp_path: Path, how: st
     assert all(files_match(expected, o.message) for o in result.failures)
 
 
+def test_a_task_whose_worker_was_killed_is_tried_once_more_and_nothing_is_lost(
+    tmp_path: Path,
+) -> None:
+    calls, session = tmp_path / "calls", troubled(tmp_path / "s", "scale:die once")
+    process = drive(session.root, 2, TOY_DIED=str(tmp_path / "died"), TOY_CALLS=str(calls))
+    assert finish(process).count(": done") == 11
+    assert len(calls.read_text().split()) == 12
+    (death,) = (event for event in events(session) if event["event"] == "worker died")
+    assert death["task"][:2] == ["acrylic", "scale"]
+
+
 def files_match(pattern: str, text: str) -> bool:
     return any(part in text for part in pattern.split("|"))
 
@@ -316,6 +329,108 @@ def test_exit_codes_follow_the_failures(tmp_path: Path) -> None:
     other = toy.make_session(tmp_path / "other")
     (other.root / "laser" / "r1.txt").unlink()
     assert run_here(other).exit_code == 1
+
+
+# --- many sessions -----------------------------------------------------------------------------
+
+
+def sessions(folder: Path) -> list[Session]:
+    """Three sessions: a whole one, one with a failure, and one without the wanted experiment."""
+    only_source = toy.TOML.split("[experiments.nbr]")[0]
+    return [
+        toy.make_session(folder / "whole"),
+        troubled(folder / "troubled", "scale:number"),
+        toy.make_session(folder / "short", only_source),
+    ]
+
+
+@pytest.mark.parametrize("jobs", [0, 3])
+def test_sessions_side_by_side_each_end_in_their_own_way(tmp_path: Path, jobs: int) -> None:
+    told: list[Event] = []
+    found = sessions(tmp_path)
+    ended = {
+        session.root.name: done
+        for session, done in run_all(
+            found, toy.STAGES, schemas=toy.SCHEMAS, jobs=jobs, only=["nbr"], progress=told.append
+        )
+    }
+    assert isinstance(ended["short"], UsageError)
+    for name in ("whole", "troubled"):
+        done = ended[name]
+        assert isinstance(done, RunResult)
+        assert set(states(done).values()) == {"done"}
+        assert len(states(done)) == 5
+    assert {event.session.name for event in told} == {"whole", "troubled"}
+    again = [run_here(session, jobs) for session in found[:2]]
+    assert [done.exit_code for done in again] == [0, 1]
+
+
+def test_sessions_side_by_side_have_the_bytes_of_each_alone(
+    tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(provenance, "git_state", lambda folder: None)
+    provenance.program.cache_clear()
+    made = [toy.make_session(tmp_path / name) for name in "abc"]
+    asked: list[str] = []
+
+    def opened() -> Iterator[Session]:
+        for session in made:
+            asked.append(session.root.name)
+            yield session
+
+    ended = run_all(opened(), toy.STAGES, schemas=toy.SCHEMAS, jobs=2)
+    first, done = next(ended)
+    assert isinstance(done, RunResult)
+    assert first.root.name in asked
+    list(ended)
+    assert [toy.contents(session) for session in made] == [undisturbed] * 3
+    provenance.program.cache_clear()
+
+
+def test_a_failure_stops_all_sessions_where_that_is_asked_for(tmp_path: Path) -> None:
+    found = [troubled(tmp_path / "a", "read:number"), toy.make_session(tmp_path / "b")]
+    ended = list(run_all(found, toy.STAGES, schemas=toy.SCHEMAS, jobs=0, fail_fast=True))
+    assert [session.root.name for session, _ in ended] == ["a"]
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
+    tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two sessions; the first worker dies over one task, which another one does again."""
+    distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
+    for name, value in {"PYTHONPATH": str(HERE), "PATH": "", "TOY_DELAY": "0.05"}.items():
+        monkeypatch.setenv(name, value)  # of the workers: without a path there is no git
+    provenance.program.cache_clear()
+    killed: list[int] = []
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=2, host="127.0.0.1", dashboard_address=":0"
+    ) as cluster:
+
+        def kill_one(event: Event) -> None:
+            if event.kind == "done" and event.done == 2 and not killed:
+                killed.append(next(iter(cluster.workers.values())).pid)
+                os.kill(killed[0], signal.SIGKILL)
+
+        made = [toy.make_session(tmp_path / name) for name in "ab"]
+        options = {"schemas": toy.SCHEMAS, "cluster": cluster.scheduler_address}
+        ended = list(run_all(made, toy.STAGES, progress=kill_one, **options))  # type: ignore[arg-type]
+        again = list(run_all(made, toy.STAGES, **options))  # type: ignore[arg-type]
+    assert killed
+    assert len(ended) == len(again) == 2
+    for (_, one), (_, other) in zip(ended, again, strict=True):
+        assert isinstance(one, RunResult)
+        assert isinstance(other, RunResult)
+        assert set(states(one).values()) == {"done"}
+        assert set(states(other).values()) == {"cached"}
+    assert [toy.contents(session) for session in made] == [undisturbed] * 2
+    provenance.program.cache_clear()
+
+
+def test_a_cluster_that_does_not_answer_is_named(session: Session) -> None:
+    pytest.importorskip("distributed", reason="the extra cluster is not installed")
+    with pytest.raises(UsageError, match="no Dask scheduler answers at nonsense"):
+        run_here(session, cluster="nonsense://127.0.0.1:1")
 
 
 # --- disk --------------------------------------------------------------------------------------
@@ -400,11 +515,14 @@ def test_a_script_without_a_main_guard_runs_once(session: Session, tmp_path: Pat
 
 @pytest.mark.parametrize(
     ("jobs", "environment"),
-    [
-        (2, {"PYTHONHASHSEED": "7"}),
-        (3, {"TZ": "Asia/Tokyo", "LC_ALL": "tr_TR.UTF-8", "PYTHONHASHSEED": "8"}),
-        (1, {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2", "TOY_DELAY": "0.01"}),
-    ],
+    by_day(
+        [
+            (3, {"TZ": "Asia/Tokyo", "LC_ALL": "tr_TR.UTF-8", "PYTHONHASHSEED": "8"}),
+            (2, {"PYTHONHASHSEED": "7"}),
+            (1, {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2", "TOY_DELAY": "0.01"}),
+        ],
+        1,
+    ),
 )
 def test_results_do_not_depend_on_how_they_are_made(
     session: Session, undisturbed: dict[str, bytes], jobs: int, environment: dict[str, str]
@@ -464,16 +582,17 @@ def assert_free(session: Session, experiment: str) -> None:
     pytest.fail("an orphan keeps the lock")
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
+@pytest.mark.parametrize("how", by_day(["SIGKILL", "SIGTERM", "SIGHUP"], 1))
 def test_workers_end_with_the_process_that_started_them(
-    tmp_path: Path, undisturbed: dict[str, bytes], how: signal.Signals
+    tmp_path: Path, undisturbed: dict[str, bytes], how: str
 ) -> None:
     session = troubled(tmp_path / "s", "scale:sleep")
     process = drive(session.root)
     wait_for_start(session, process, "scale")
-    process.send_signal(how)
+    process.send_signal(signal.Signals[how])
     process.communicate(timeout=60)
-    assert process.returncode == -how
+    assert process.returncode == -signal.Signals[how]
     assert_free(session, "acrylic")
     repaired = toy.reload_session(session.root)
     finish(drive(repaired.root))
@@ -493,6 +612,7 @@ def test_an_interrupt_ends_the_workers_and_leaves_no_parts(tmp_path: Path) -> No
     assert not list(session.folder.rglob(".*.part"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, pytest.param(8, marks=pytest.mark.nightly)])
 def test_a_run_killed_at_any_moment_is_finished_by_the_next(
     tmp_path: Path, undisturbed: dict[str, bytes], count: int

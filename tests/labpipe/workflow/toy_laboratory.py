@@ -62,12 +62,14 @@ def _trouble(settings: Any, stage: str, path: Path | None = None) -> None:
         if how == "written" or not text.endswith("\n9.0"):
             path.write_text(text + "\n9.0")
         return
-    if how == "give a list":
+    if how == "die" or (how == "die once" and not Path(os.environ["TOY_DIED"]).exists()):
+        if how == "die once":
+            Path(os.environ["TOY_DIED"]).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    if how in ("give a list", "die once"):
         return
     if how == "exit":
         sys.exit(3)
-    if how == "die":
-        os.kill(os.getpid(), signal.SIGKILL)
     if how == "sleep":
         time.sleep(60)
     if how == "warn":

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from labpipe import files, materials
-from labpipe.propagation import linear
+from labpipe.uncertainty import linear
 from pipelines.figures import make
 from pipelines.process import process, result
 from pipelines.rig.drops import write_drops

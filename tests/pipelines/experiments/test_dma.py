@@ -7,14 +7,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from pipelines.schemas import SCHEMAS
 
 from instruments import anton_paar
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
 from labpipe.schema import check
 from labpipe.units import Quantity
-from pipelines.experiments.dma import _glass_transition, _material_files
+from pipelines.experiments.dma import _glass_transition, _material_files, model
 from pipelines.experiments.dma import measured as dma
 from pipelines.experiments.dma.settings import Dma, Fit
 from pipelines.experiments.shared.material_choice import resolve
@@ -22,7 +21,7 @@ from pipelines.experiments.shared.settings import MaterialChoice
 from pipelines.process import open_session, process
 from pipelines.rig.dma import SOLIDS, Protocol, write_dma
 from pipelines.rig.samples import SAMPLES, dma_section, session_head
-from pipelines.session._proposal import write_session_file
+from pipelines.session import SCHEMAS, write_session_file
 
 SMALL = Protocol(
     temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0),
@@ -53,7 +52,7 @@ def curve(ptfe):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         sweeps = dma.gathered([ptfe[0]], settings=settings)
-        return dma.master_curve(sweeps, settings=settings)
+        return model.master_curve(sweeps, settings=settings)
 
 
 def test_the_sweeps_hold_the_true_moduli_within_the_noise(ptfe):
@@ -92,7 +91,7 @@ def test_another_experiment_can_take_the_material(curve):
 def test_the_same_sweeps_give_the_same_bytes(ptfe):
     settings = settings_for("ptfe", fit=Fit(vertical="none", delay="off"))
     sweeps = dma.gathered([ptfe[0]], settings=settings)
-    first, second = (dma.master_curve(sweeps, settings=settings) for _ in range(2))
+    first, second = (model.master_curve(sweeps, settings=settings) for _ in range(2))
     assert first.identical(second)
 
 
@@ -232,7 +231,7 @@ def session(tmp_path: Path) -> Path:
 
 
 def test_a_session_is_processed_to_a_page_with_every_section(session):
-    result = process(session)
+    result = process(session, jobs=0)
     assert not result.failures
     page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
     for title in ("Master curve", "Shift factors", "Spectrum", "Do both moduli belong together?",
@@ -266,7 +265,7 @@ def test_a_reference_far_outside_is_refused_with_what_to_do(ptfe):
     settings = settings_for("ptfe", T_ref=Quantity(300.0, 0.0, "degC"))
     sweeps = dma.gathered([ptfe[0]], settings=settings)
     with pytest.raises(InputError, match="outside the measured"):
-        dma.master_curve(sweeps, settings=settings)
+        model.master_curve(sweeps, settings=settings)
 
 
 def test_a_scan_proposes_the_experiment_and_asks_for_the_mode(session):
@@ -320,7 +319,7 @@ def test_one_temperature_gives_a_page_that_claims_no_shift_law(session):
     write_dma(session, "ptfe", solid, Protocol(temperatures=(20.0,), ramp=(0.0, 5.0)), 1)
     path = session / "session.toml"
     path.write_text(path.read_text("utf-8").replace('T_ref = "20 degC"\n', ""), "utf-8")
-    assert not process(session).failures
+    assert not process(session, jobs=0).failures
     page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
     assert "one temperature cannot tell a shift" in page
     assert "One temperature only" in page
@@ -330,6 +329,9 @@ def test_an_export_without_temperature_gives_a_page_with_the_reason(session):
     made = make([([1.0, 2.0, 4.0], [20.0] * 3, [""] * 3)])
     text = anton_paar.encode(made).decode("utf-16").replace("Temperature", "Some Other")
     (session / "dma/ptfe.csv").write_bytes(text.encode("utf-16"))
-    assert {f.task.stage for f in process(session).failures} == {"sweeps", "temperature_sweep"}
+    assert {f.task.stage for f in process(session, jobs=0).failures} == {
+        "sweeps",
+        "temperature_sweep",
+    }
     page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
     assert "no column for: temperature" in page

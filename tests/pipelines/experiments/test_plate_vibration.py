@@ -10,7 +10,7 @@ import pytest
 
 from labpipe import files, materials
 from labpipe.errors import ConfigError
-from labpipe.propagation import linear
+from labpipe.uncertainty import linear
 from pipelines.figures import make
 from pipelines.process import open_session, process, result
 from pipelines.rig.drops import write_drops

@@ -11,7 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from labpipe.workflow.processes import Died, side_by_side
+from labpipe.errors import InputError
+from labpipe.workflow.engines import Died, Engine, Processes, Serial, choose, side_by_side
+
+DOUBLE = f"{__name__}:double"
 
 
 def double(number: int) -> int:
@@ -20,16 +23,15 @@ def double(number: int) -> int:
     return 2 * number
 
 
-def deadly(task: tuple[int, Path]) -> int:
+def deadly(number: int, marker: Path) -> int:
     """Kill the worker: once at 3, always at 5."""
-    number, marker = task
     if number == 5 or (number == 3 and marker.exists()):
         marker.unlink(missing_ok=True)
         os.kill(os.getpid(), signal.SIGKILL)
     return 2 * number
 
 
-def threads(_: int) -> str:
+def threads() -> str:
     return os.environ["OMP_NUM_THREADS"] + os.environ["OPENBLAS_NUM_THREADS"]
 
 
@@ -37,23 +39,22 @@ def unsendable(number: int) -> object:
     return (lambda: number) if number else number
 
 
-def naps(task: tuple[int, Path]) -> int:
+def naps(number: int, folder: Path) -> int:
     """Tell who computes, and take a moment."""
-    number, folder = task
     (folder / f"{os.getpid()}").touch()
     time.sleep(0.02)
     return number
 
 
-class Lazy(Mapping[int, int]):
+class Lazy(Mapping[int, tuple[int]]):
     """Tasks that say who was asked for."""
 
     def __init__(self) -> None:
         self.asked: list[int] = []
 
-    def __getitem__(self, key: int) -> int:
+    def __getitem__(self, key: int) -> tuple[int]:
         self.asked.append(key)
-        return key
+        return (key,)
 
     def __iter__(self) -> Iterator[int]:
         return iter(range(1000))
@@ -62,34 +63,38 @@ class Lazy(Mapping[int, int]):
         return 1000
 
 
-def test_every_task_has_one_answer() -> None:
-    found = list(side_by_side(double, {f"n{i}": i for i in range(20)}, 2))
+@pytest.mark.parametrize("engine", [Serial(), Processes(2)])
+def test_every_task_has_one_answer(engine: Engine) -> None:
+    found = list(side_by_side(engine, DOUBLE, {f"n{i}": (i,) for i in range(20)}))
     assert len(found) == 20
     assert dict(found) == {f"n{i}": 2 * i for i in range(20)}
 
 
 def test_nothing_to_do_starts_nothing() -> None:
-    assert list(side_by_side(double, {}, 2)) == []
+    assert list(side_by_side(Processes(2), DOUBLE, {})) == []
 
 
 def test_a_death_costs_nobody_else_his_result(tmp_path: Path) -> None:
     marker = tmp_path / "alive"
     marker.touch()
-    found = list(side_by_side(deadly, {i: (i, marker) for i in range(8)}, 2))
+    found = list(
+        side_by_side(Processes(2), f"{__name__}:deadly", {i: (i, marker) for i in range(8)})
+    )
     assert sorted(key for key, _ in found) == list(range(8))
     answers = dict(found)
     assert isinstance(answers.pop(5), Died)
     assert answers == {i: 2 * i for i in range(8) if i != 5}
 
 
-def test_what_a_task_raises_is_raised() -> None:
+@pytest.mark.parametrize("engine", [Serial(), Processes(2)])
+def test_what_a_task_raises_is_raised(engine: Engine) -> None:
     with pytest.raises(ValueError, match="negative"):
-        dict(side_by_side(double, {0: 1, 1: -1}, 2))
+        dict(side_by_side(engine, DOUBLE, {0: (1,), 1: (-1,)}))
 
 
 def test_an_answer_that_cannot_be_sent_is_an_error_and_no_death() -> None:
     with pytest.raises(TypeError, match="cannot be sent between processes"):
-        dict(side_by_side(unsendable, {0: 0, 1: 1}, 1))
+        dict(side_by_side(Processes(1), f"{__name__}:unsendable", {0: (0,), 1: (1,)}))
 
 
 def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
@@ -110,7 +115,7 @@ def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
     killer.start()
     try:
         tasks = {i: (i, tmp_path) for i in range(amount(40, 3000))}
-        found = list(side_by_side(naps, tasks, 3))
+        found = list(side_by_side(Processes(3), f"{__name__}:naps", tasks))
     finally:
         done.set()
         killer.join()
@@ -120,7 +125,7 @@ def test_workers_killed_at_any_moment_neither_stop_the_others_nor_lose_a_task(
 
 def test_tasks_are_asked_for_when_their_turn_comes() -> None:
     tasks = Lazy()
-    answers = side_by_side(double, tasks, 2)
+    answers = side_by_side(Processes(2), DOUBLE, tasks)
     for _ in range(3):
         next(answers)
     answers.close()
@@ -131,5 +136,10 @@ def test_a_worker_computes_with_one_thread_and_leaves_ours_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    assert dict(side_by_side(threads, {0: 0}, 1)) == {0: "11"}
+    assert dict(side_by_side(Processes(1), f"{__name__}:threads", {0: ()})) == {0: "11"}
     assert os.environ["OMP_NUM_THREADS"] == "7"
+
+
+def test_fewer_workers_than_none_are_refused() -> None:
+    with pytest.raises(InputError, match="jobs must be at least 0, found -1"):
+        choose(-1)

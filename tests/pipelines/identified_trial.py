@@ -14,12 +14,12 @@ from labpipe.errors import InputError, LabpipeError
 from labpipe.identification import Evidence, Parameter, Posterior, frequencies, moduli, split
 from labpipe.materials import Prony
 from labpipe.workflow.results import Results
-from pipelines.bench.random_sessions import DEPTH, Truth, recorded, write
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.identify import Identified, Wish, identify
 from pipelines.rig.indentations import Specimen
 from pipelines.session import derive, opened
+from tests.pipelines.random_sessions import DEPTH, Truth, recorded, write
 
 Array = NDArray[np.float64]
 
@@ -102,7 +102,7 @@ def session_trial(truth: Truth, folder: Path) -> Trial:
     Parameters
     ----------
     truth : Truth
-        From :func:`pipelines.bench.random_sessions.drawn`.
+        From :func:`tests.pipelines.random_sessions.drawn`.
     folder : Path
         Of the session.
     """

@@ -1,73 +1,14 @@
-"""Whole sessions of random materials: from raw files to the identified material, against truth."""
+"""What random sessions say together: errors over uncertainties, by quantity."""
 
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from scipy.stats import norm
 
-from pipelines.bench.identified_trial import Score, Trial, session_trial
-from pipelines.bench.measure import Point, Suite
-from pipelines.bench.random_sessions import drawn
-
-SESSIONS = {"drop": 40, "rubber": 30, "hold": 30}
-"""Sessions of each kind in a full run: a hundred."""
+from pipelines.bench.measure import Point
+from tests.pipelines.identified_trial import Score, Trial
 
 _SURE = float(norm.ppf(0.975))
-_CONTENTS = {
-    "drop": "two drops of a glassy ball from one height between 1.5 and 10 mm by the laser, one in "
-    "four on a ringing plate",
-    "rubber": "a relaxation of 120 s and three oscillations of one rubber",
-    "hold": "a relaxation of 600 s of a rubber",
-}
-
-
-def run(quick: bool) -> Suite:
-    """Record, process and identify random sessions, and count.
-
-    Parameters
-    ----------
-    quick : bool
-        None of them: a hundred sessions take half an hour.
-    """
-    trials = [] if quick else trials_of(SESSIONS)
-    notes = [
-        *(f"{kind}: {text}" for kind, text in _CONTENTS.items()),
-        "everything that session.toml and records state with an uncertainty is wrong by a normal "
-        "draw of it; moduli at 10, 50 and 90 % of the frequencies of which the data tell, in the "
-        "logarithm, where they are determined; coverage of 95 % intervals",
-        "bound: that of van Trees (Cramér–Rao with the prior's information) at the most probable "
-        "point; of an unknown it is the stated uncertainty itself, which is given in deviations "
-        "of the prior: 1 means that the data told nothing",
-        "the observed numbers against the true material and the true nuisances: over 1, the stated "
-        "uncertainties of the evidence are too small, or the model is wrong",
-    ]
-    if quick:
-        notes.insert(0, "left out of the quick run: a hundred sessions take half an hour")
-    return Suite(
-        "random-sessions",
-        "Materials identified from sessions in raw files, of random truths",
-        "RMS error over the stated uncertainty",
-        points(trials),
-        notes=notes,
-        has_diagram=False,
-    )
-
-
-def trials_of(sessions: dict[str, int]) -> list[Trial]:
-    """Make and identify as many sessions of each kind, one after the other.
-
-    Parameters
-    ----------
-    sessions : dict of str to int
-    """
-    made = []
-    for kind, count in sessions.items():
-        for number in range(count):
-            with tempfile.TemporaryDirectory() as folder:
-                made.append(session_trial(drawn(kind, number), Path(folder)))
-    return made
 
 
 def points(trials: Sequence[Trial]) -> list[Point]:

@@ -1,0 +1,70 @@
+"""A budget of uncertainty as pages show it: a table, and bars of the shares."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from labpipe.report._blocks import Bars, Block
+from labpipe.report._tables import Column, Table, quantity
+
+
+def budget_table(
+    rows: Sequence[Mapping[str, Any]],
+    caption: str,
+    unit: str,
+    columns: Mapping[str, Mapping[str, Any]] | None = None,
+) -> tuple[Block, ...]:
+    """Show the rows of a budget as a table, and their shares of the variance as bars.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        As :func:`labpipe.uncertainty.table` makes them.
+    caption : str
+        What the budget is of.
+    unit : str
+        SI unit of the result.
+    columns : mapping of str to mapping of str to cell, optional
+        Further columns by title and source.
+
+    Returns
+    -------
+    tuple of Block
+        Empty without a row.
+    """
+    if not rows:
+        return ()
+    kinds = {"kind": {r["source"]: r["kind"] for r in rows}} if any(r["kind"] for r in rows) else {}
+    more = kinds | dict(columns or {})
+    cells = [
+        (
+            shown_source(r["source"]), _written(r["value"], r["unit"], 5),
+            _written(r["u"], difference_unit(r["unit"]), 2), r["sensitivity"], r["contribution"],
+            *(values.get(r["source"]) for values in more.values()),
+        )
+        for r in rows
+    ]  # fmt: skip
+    heads = (
+        Column("source"), Column("value"), Column("standard uncertainty"),
+        Column("sensitivity, SI", digits=3),
+        Column("contribution", unit=difference_unit(unit), digits=2), *map(Column, more),
+    )  # fmt: skip
+    return Table(heads, cells, caption=caption, sortable=False), share_bars(rows)
+
+
+def share_bars(rows: Sequence[Mapping[str, Any]], title: str = "Share in the variance") -> Bars:
+    """Draw the share of every row of a budget in the variance."""
+    return Bars(title, [(shown_source(r["source"]), r["share"], "") for r in rows])
+
+
+def difference_unit(unit: str) -> str:
+    """Return the unit in which two values of a unit differ: kelvin for degrees Celsius."""
+    return "K" if unit == "degC" else unit
+
+
+def shown_source(source: str) -> str:
+    """Return a name as a reader sees it."""
+    return source.replace("_", " ")
+
+
+def _written(value: float, unit: str, digits: int) -> str:
+    return quantity(value, unit, digits) if value else "0"

@@ -1,0 +1,93 @@
+"""Monte Carlo, which checks the linear way.
+
+Where the ends of the two coverage intervals agree within the last digit that is stated, the linear
+budget stands.
+
+References
+----------
+JCGM 101:2008 (GUM Supplement 1), 6.4 (assignment of distributions) and 8 (validation).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import floor, isfinite, log10, sqrt
+
+from labpipe.uncertainty._linear import Budget, Input, Model
+
+_SEED = 9  # fixed: the same answer every time
+_DRAWS = 4000
+_DIGITS = 2  # with which an uncertainty is stated
+
+
+@dataclass(frozen=True, slots=True)
+class MonteCarlo:
+    """What draws of the inputs make of the result: its mean, spread, and central interval."""
+
+    value: float
+    u: float
+    low: float
+    high: float
+    draws: int = _DRAWS
+
+
+def monte_carlo(
+    model: Model, inputs: Mapping[str, Input], *, level: float = 0.95, draws: int = _DRAWS
+) -> MonteCarlo:
+    """Propagate distributions: normal, or Student's where degrees of freedom are finite.
+
+    Parameters
+    ----------
+    model, inputs
+        As for :func:`linear`.
+    level : float
+        Of the interval.
+    draws : int
+        How many; the same ones every time.
+    """
+    import numpy as np
+
+    generator = np.random.default_rng(_SEED)
+    columns = {}
+    for name, given in inputs.items():
+        freedom = given.degrees_of_freedom
+        shape = (
+            generator.standard_t(freedom, draws)
+            if isfinite(freedom)
+            else generator.standard_normal(draws)
+        )
+        columns[name] = (given.value + given.u * shape).tolist()
+    made = np.array([
+        model(**dict(zip(columns, row, strict=True)))
+        for row in zip(*columns.values(), strict=True)
+    ])  # fmt: skip
+    low, high = np.quantile(made, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
+    return MonteCarlo(float(made.mean()), float(made.std(ddof=1)), float(low), float(high), draws)
+
+
+def agrees(budget: Budget, drawn: MonteCarlo, *, level: float = 0.95) -> bool:
+    """Tell whether the linear interval stands: both ends within half the last stated digit.
+
+    The draws' own scatter is allowed for: an end of theirs is known to 4 % of u only, and to less
+    where repeats are few.
+    """
+    if budget.u == 0.0:
+        return drawn.u == 0.0
+    digit = 10.0 ** (floor(log10(budget.u)) - _DIGITS + 1)
+    scatter = _end_scatter(budget.degrees_of_freedom, level, drawn.draws)
+    tolerance = max(0.5 * digit, 3.0 * scatter * budget.u)
+    return apart(budget, drawn, level=level) <= tolerance
+
+
+def apart(budget: Budget, drawn: MonteCarlo, *, level: float = 0.95) -> float:
+    """Return by how much the ends of the linear and of the drawn interval differ at most."""
+    half = budget.expanded(level)
+    return max(abs(budget.value - half - drawn.low), abs(budget.value + half - drawn.high))
+
+
+def _end_scatter(freedom: float, level: float, draws: int) -> float:
+    """Return the standard deviation of the end of a drawn interval, in units of u."""
+    from scipy.stats import norm, t
+
+    law = t(freedom) if isfinite(freedom) else norm()
+    tail = 0.5 - 0.5 * level
+    return float(sqrt(tail * (1.0 - tail) / draws) / law.pdf(law.ppf(tail)))

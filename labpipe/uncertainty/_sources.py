@@ -1,0 +1,97 @@
+"""Budgets whose sensitivities are known: what each source contributes, and its share."""
+
+from collections.abc import Sequence
+from math import sqrt
+from typing import NamedTuple, TypedDict
+
+from labpipe.units import Quantity
+
+
+class Source(NamedTuple):
+    """One line of a budget.
+
+    Attributes
+    ----------
+    source : str
+        What it is.
+    value, u : float
+        The input and its standard uncertainty, in ``unit``.
+    unit : str
+        SI; ``u`` of a temperature in degC is in K.
+    sensitivity : float
+        Change of the result per change of the input.
+    kind : str
+        ``random`` (differs from sample to sample) or ``systematic`` (the same for all); empty
+        where it is not told.
+    """
+
+    source: str
+    value: float
+    u: float
+    unit: str
+    sensitivity: float
+    kind: str = ""
+
+    @classmethod
+    def of(cls, source: str, given: Quantity, sensitivity: float) -> "Source":
+        """Return the line of a quantity that was stated: a systematic source."""
+        return cls(source, given.value, given.u, given.si, sensitivity, "systematic")
+
+    @property
+    def contribution(self) -> float:
+        """Standard uncertainty of the result that comes from this source."""
+        return abs(self.sensitivity) * self.u
+
+
+class Row(TypedDict):
+    """A line with what it contributes and its share of the variance: plain JSON types."""
+
+    source: str
+    value: float
+    u: float
+    unit: str
+    sensitivity: float
+    kind: str
+    contribution: float
+    share: float
+
+
+def combined(sources: Sequence[Source]) -> float:
+    """Return the root of the sum of squares.
+
+    Examples
+    --------
+    >>> combined([Source("a", 0, 3.0, "m", 1, "random"), Source("b", 0, 2.0, "m", 2, "random")])
+    5.0
+    """
+    return float(sum(source.contribution**2 for source in sources) ** 0.5)
+
+
+def beyond(total: float, *parts: float) -> float:
+    """Return what a standard uncertainty holds beyond some of its parts, at least 0.
+
+    Examples
+    --------
+    >>> beyond(5.0, 3.0)
+    4.0
+    """
+    return sqrt(max(total**2 - sum(part**2 for part in parts), 0.0))
+
+
+def table(sources: Sequence[Source]) -> list[Row]:
+    """Make the rows of a budget, largest first, with the share of each in the variance."""
+    total = combined(sources) ** 2
+    rows: list[Row] = [
+        {
+            "source": each.source,
+            "value": each.value,
+            "u": each.u,
+            "unit": each.unit,
+            "sensitivity": each.sensitivity,
+            "kind": each.kind,
+            "contribution": each.contribution,
+            "share": each.contribution**2 / total if total else 0.0,
+        }
+        for each in sources
+    ]
+    return sorted(rows, key=lambda row: -row["contribution"])
