@@ -16,7 +16,7 @@ from instruments.keyence._markers import MARKERS, Layout, marker_status
 from labpipe.errors import InputError, SourceError
 from labpipe.units import quantity
 
-# The example of formats.md 2a, with one output in micrometres.
+# The assumed layout, with one output in micrometres.
 EXAMPLE = """\
 Model,LK-G5001
 Date,2024/05/14 10:22:31

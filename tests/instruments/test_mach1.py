@@ -246,7 +246,7 @@ def test_public_dynamic_file_has_its_five_frequencies():
     np.testing.assert_array_equal(readings.declared_frequency.values, [0.1, 0.2, 0.5, 1.0, 2.0])
     np.testing.assert_array_equal(readings.n_rows.values, [20270, 10180, 4130, 2100, 1110])
     assert readings.attrs["compression_sign"] == 1
-    # formats.md 1a: not tared, 20 051 gf of preload; commands are up to 1 % and 4 % off.
+    # Not tared, 20 051 gf of preload; commands are up to 1 % and 4 % off.
     assert readings.force_z.values[0] == pytest.approx(20051.351733 * GF, rel=1e-12)
     block = mach1.split_blocks(readings)[4]
     crossings = np.flatnonzero(np.diff(np.sign(block.position_z.values - 1.8781e-3)) > 0)

@@ -75,7 +75,7 @@ def test_jump_is_elastic_and_two_equal_samples_are_nothing() -> None:
 
 
 def test_coarse_steps_after_a_jump_stay_positive_and_forget_it() -> None:
-    """Uniform steps of 0.5 s on a material a thousand times stiffer at first (pitfall 1)."""
+    """Uniform steps of 0.5 s on a material a thousand times stiffer at first."""
     material = Prony.from_creep(
         1e6, np.full(13, (1e-6 - 1e-9) / 13), np.logspace(-10, 2, 13), nu=0.35
     )
