@@ -533,6 +533,7 @@ def test_results_do_not_depend_on_how_they_are_made(
     assert toy.contents(session) == undisturbed
 
 
+@pytest.mark.slow
 def test_a_session_gives_the_same_results_wherever_it_lies(
     tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -549,6 +550,7 @@ def test_a_session_gives_the_same_results_wherever_it_lies(
     assert out.count(": cached") == 11
 
 
+@pytest.mark.slow
 def test_two_processes_on_one_session_share_the_work(
     session: Session, undisturbed: dict[str, bytes], tmp_path: Path
 ) -> None:
