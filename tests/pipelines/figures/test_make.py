@@ -10,8 +10,8 @@ import pytest
 
 from labpipe.errors import UsageError
 from pipelines.cli import main
+from pipelines.experiments import KINDS
 from pipelines.figures import FIGURES, make
-from pipelines.stages import KINDS
 
 CHEAP = "1.2"
 
