@@ -80,6 +80,8 @@ def name_clashes() -> list[str]:
 
 
 def _problems(folder: Path, versions: dict[str, str]) -> list[str]:
+    from pipelines.experiments import LEFT_OUT
+
     found = [
         f"{name} is not installed; pip install {name}"
         for name, text in versions.items()
@@ -87,7 +89,7 @@ def _problems(folder: Path, versions: dict[str, str]) -> list[str]:
     ]
     found += _too_old(versions)
     found += [p for p in (foreign_package(), _write_test(folder)) if p]
-    found += name_clashes()
+    found += [*name_clashes(), *LEFT_OUT]
     free = shutil.disk_usage(folder).free
     if free < _ROOM_WANTED:
         found.append(f"{folder}: only {free / 1e9:.2f} GB are free; films need more: make room")

@@ -13,9 +13,10 @@ first look, so that a stage that runs imports no other kind.
 """
 
 import importlib
-import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
+
+from labpipe import plugins
 
 if TYPE_CHECKING:
     from pipelines.experiments._kind import (
@@ -51,8 +52,8 @@ def __getattr__(name: str) -> Any:
     if name in {"KINDS", "LEFT_OUT"}:
         found = importlib.import_module("pipelines.experiments._registry").gathered()
         globals().update(KINDS=found[0], LEFT_OUT=found[1])
-        for problem in found[1]:
-            warnings.warn(f"left out: {problem}", UserWarning, stacklevel=2)
+        if name == "KINDS":
+            plugins.tell(found[1])
         return globals()[name]
     if name in __all__:
         return getattr(importlib.import_module("pipelines.experiments._kind"), name)

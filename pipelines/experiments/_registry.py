@@ -1,17 +1,11 @@
-"""Which kinds of experiment there are: ours, then those of other distributions.
-
-Another distribution declares its kind in its ``pyproject.toml``::
-
-    [project.entry-points."labpipe.kinds"]
-    my_kind = "my_package.kind:KIND"
-"""
+"""Which kinds of experiment there are: ours, then those of other distributions."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from labpipe import plugins
 from labpipe.errors import InputError
 from labpipe.schema import Schema
-from labpipe.workflow import plugins
 from labpipe.workflow.graph import ordered
 from pipelines.experiments._kind import Kind
 from pipelines.experiments.ball_drop.kind import KIND as BALL_DROP
@@ -41,21 +35,18 @@ def gathered() -> tuple[Mapping[str, Kind], tuple[str, ...]]:
     """
     kinds = {kind.name: kind for kind in OURS}
     schemas = {schema.name: schema for kind in OURS for schema in kind.schemas}
-    others, problems = plugins.load(GROUP, Kind)
+    others, problems = plugins.load(GROUP, Kind, tuple(kinds))
     left_out = list(problems)
     for kind in others:
-        problem = _problem(kind, kinds, schemas)
-        if problem:
-            left_out.append(f'{GROUP}: the kind "{kind.name}" is left out: {problem}')
+        if problem := _problem(kind, schemas):
+            left_out.append(f'the kind "{kind.name}" is left out: {problem}')
             continue
         kinds[kind.name] = kind
         schemas |= {schema.name: schema for schema in kind.schemas}
     return MappingProxyType(kinds), tuple(left_out)
 
 
-def _problem(kind: Kind, kinds: Mapping[str, Kind], schemas: Mapping[str, Schema]) -> str:
-    if kind.name in kinds:
-        return "there is a kind of that name already"
+def _problem(kind: Kind, schemas: Mapping[str, Schema]) -> str:
     taken = [s.name for s in kind.schemas if schemas.get(s.name, s) != s]
     if taken:
         return f"another kind has other schemas of the names {', '.join(taken)}"

@@ -58,11 +58,11 @@ def write_session_file(
         message = f"{path} exists already; edit it, or use --force to replace it"
         raise UsageError(message)
     found = recognise(folder)
-    records, found = _with_missing_records(found)
-    text, names = propose(found)
+    begun = {n: (folder / n).read_text("utf-8") for n in _records(found)}
+    records, completed = _with_missing_records(found)
+    text, names = propose(completed)
     if not names:
         raise UsageError(_nothing_proposed(found))
-    begun = {n: (folder / n).read_text("utf-8") for n in _records(found)}
     texts = {FILE_NAME: text, **records, **{n: t for n, t in begun.items() if GAP in t}}
     if ask is not None:
         texts = {name: filled(content, ask, _owner(name)) for name, content in texts.items()}

@@ -40,6 +40,7 @@ BELOW = {
     "contact": {"materials"},
     "identification": {"materials", "contact"},
     "workflow": set(),
+    "judging": set(),
     "report": set(),
 }
 

@@ -486,7 +486,7 @@ def report_before_processing(folder: Path) -> object:
 
 @case
 def scan_of_nothing(folder: Path) -> object:
-    from pipelines.session._proposal import write_session_file
+    from pipelines.session import write_session_file
 
     return write_session_file(folder)
 

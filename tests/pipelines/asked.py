@@ -2,11 +2,9 @@
 
 from pathlib import Path
 
-from pipelines.experiments.budgets import ASKED, Quantity
-
-from pipelines import process
-from pipelines.figures.inputs import Inputs
-from pipelines.session._sensitivity import QUANTITIES
+from pipelines.experiments import KINDS
+from pipelines.experiments.shared.budget_quantity import ASKED, Quantity
+from pipelines.session import derive, opened
 
 ITEMS = {
     "clock": "sampling", "first_touch": "zero", "tare": "zero", "drift": "zero", "stage": "zero",
@@ -30,10 +28,9 @@ def check(quantity: Quantity) -> None:
 
 def quantities(folder: Path, name: str) -> dict[str, Quantity]:
     """Return the quantities of a processed experiment by their names, each of them checked."""
-    plan = process.plan(folder)
-    experiments = plan.session.experiments
-    inputs = Inputs(plan, {n: e.settings for n, e in experiments.items()})
-    found = {q.name: q for q in QUANTITIES[experiments[name].kind][1](inputs, experiments[name])}
+    results = opened(folder)
+    experiment = results.experiments[name]
+    found = {q.name: q for q in derive(results, experiment, KINDS[experiment.kind].budget)}
     for quantity in found.values():
         check(quantity)
     return found

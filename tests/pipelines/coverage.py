@@ -28,10 +28,13 @@ from pipelines.experiments.ball_drop import measured as ball_drop
 from pipelines.experiments.contact_area import measured as contact_area
 from pipelines.experiments.dic_validation import measured as dic_validation
 from pipelines.experiments.dma import measured as dma
+from pipelines.experiments.dma import model as dma_model
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.harmonic import measured as harmonic
 from pipelines.experiments.plate_vibration import measured as plate_vibration
+from pipelines.experiments.plate_vibration import model as plate_vibration_model
 from pipelines.experiments.relaxation import measured as relaxation
+from pipelines.experiments.relaxation import moduli as relaxation_moduli
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.static_loading import load_steps
 from pipelines.experiments.static_loading import measured as static_loading
@@ -154,7 +157,7 @@ def plates(folder: Path, seed: int, scores: Scores) -> None:
         note(scores, quantity.replace("_", " "), error, found[f"u_{quantity}"].values[0])
     note(scores, "time of the blow", float(ringing["blow_time"]) - known["blow_time"],
          float(ringing["u_blow_time"]))  # fmt: skip
-    made = plate_vibration.plate(found, settings=settings)
+    made = plate_vibration_model.plate(found, settings=settings)
     note(scores, "modal mass", float(made["mass"]) - floor.mass, float(made["u_mass"]))
 
 
@@ -197,7 +200,7 @@ def relaxations(folder: Path, seed: int, scores: Scores) -> None:
     read = relaxation.readings(folder / names[0], settings=settings)
     loads = relaxation.loads(read, record, settings=settings)
     ramps = relaxation.ramps(loads, settings=settings)
-    curves = relaxation.curves(loads, ramps, None, None, settings=settings)
+    curves = relaxation_moduli.curves(loads, ramps, None, None, settings=settings)
     known = truth(folder, Path(names[0]).stem)
     for name in ("plateau_force", "depth"):
         note(scores, name.replace("_", " "), float(ramps[name][0]) - known[name],
@@ -271,7 +274,7 @@ def rheometers(folder: Path, seed: int, scores: Scores) -> None:
         T_ref=Quantity(solid.T_ref, 0.0, "degC"),
     )  # fmt: skip
     read = dma.readings(folder / export, settings=settings)
-    found = dma.master_curve(dma.gathered([read], settings=settings), settings=settings)
+    found = dma_model.master_curve(dma.gathered([read], settings=settings), settings=settings)
     note(scores, "shift factors", found["log10_aT"].values - truth(folder, name)["log10_aT"],
          found["u_log10_aT"].values)  # fmt: skip
     frequency = found["reduced_frequency"].values

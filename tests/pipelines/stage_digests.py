@@ -11,7 +11,7 @@ import importlib.util
 import json
 from pathlib import Path
 
-from pipelines.stages import KINDS
+from pipelines.experiments import KINDS
 
 RECORD = Path(__file__).parent / "stage_digests.json"
 

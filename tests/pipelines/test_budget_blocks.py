@@ -1,9 +1,8 @@
 from math import nan
 
-from pipelines.experiments.budgets import Quantity
-
 from labpipe.uncertainty import Input
 from pipelines.experiments.shared.budget_blocks import section
+from pipelines.experiments.shared.budget_quantity import Quantity
 
 
 def total(mean: float, repeats: float) -> float:

@@ -10,7 +10,8 @@ from click.testing import CliRunner
 from labpipe.errors import SourceError, UsageError
 from pipelines.commands.catalogue import catalogue as command
 from pipelines.process import result
-from pipelines.session._catalogue import FILE, catalogue, query
+from pipelines.session import catalogue, query
+from pipelines.session._catalogue import FILE
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 
 from pipelines.cli import main
 from pipelines.process import open_session, result
-from pipelines.session._compare import compare
+from pipelines.session import compare
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:

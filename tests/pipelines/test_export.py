@@ -13,7 +13,7 @@ from scipy.io import loadmat
 from labpipe import files
 from labpipe.errors import InputError, SourceError, UsageError
 from pipelines.process import export, result
-from pipelines.session._export import FORMATS
+from pipelines.session import FORMATS
 from pipelines.session._export_formats import csv_tables, json_text, mat_bytes
 
 

@@ -10,8 +10,8 @@ from calibration import load_record
 from labpipe.errors import InputError
 from pipelines.commands.session import init
 from pipelines.process import open_session, process
-from pipelines.session._gaps import Gap, checked, filled, gaps, library_names
-from pipelines.session._proposal import write_session_file
+from pipelines.session import Gap, checked, write_session_file
+from pipelines.session._gaps import filled, gaps, library_names
 
 TEXT = """[experiments.drop.sphere]
 radius = "FILL mm"  # of the sphere

@@ -9,21 +9,23 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from pipelines.evidence import KINDS, material_name, references
 
 from labpipe import files, materials
 from labpipe.errors import UsageError
 from labpipe.identification import moduli, sample
 from labpipe.units import Quantity
+from labpipe.workflow.session import Experiment
 from pipelines.cli import main
+from pipelines.experiments import KINDS
 from pipelines.experiments.shared.settings import Plate
-from pipelines.figures.inputs import Inputs
-from pipelines.identify._identify import Wish, identify
-from pipelines.process import plan
+from pipelines.identify import Wish, identify, material_name
 from pipelines.rig.indentation_session import cell_record, relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.samples import session_head
+from pipelines.session import derive, needed, opened, plan
+
+DROP = KINDS["ball_drop"].evidence
 
 
 @pytest.fixture(scope="module")
@@ -101,8 +103,8 @@ def test_moduli_outside_the_data_are_never_called_determined(rubber: Path) -> No
 
 
 def test_drop_becomes_evidence_without_the_scatter_of_its_heights(processed_session: Path) -> None:
-    inputs = Inputs(plan(processed_session), {})
-    proof = KINDS["ball_drop"].gather(inputs, inputs.plan.session.experiments["drop"], 2)
+    results = opened(processed_session)
+    proof = derive(results, results.experiments["drop"], DROP, name="drop", impacts=2)
     evidence = proof.build(np.array([1e-3]))
     touch, duration = evidence.groups
     assert touch.name == "time of touch"
@@ -111,7 +113,7 @@ def test_drop_becomes_evidence_without_the_scatter_of_its_heights(processed_sess
     names = {p.name for p in proof.unknowns}
     assert {"drop height", "drop trigger", "pulse shape"} <= names
     # what all durations share is in that unknown, not in the noise of each
-    stated = inputs.result("drop", "repeats")["u_contact_duration"].values[: duration.u.size]
+    stated = results.result("drop", "repeats")["u_contact_duration"].values[: duration.u.size]
     assert np.allclose(duration.u**2 + evidence.model.shared**2, stated**2)
     # the true material predicts what was seen, within height and readings
     given = {p.name: p.mean for p in proof.unknowns}
@@ -141,14 +143,15 @@ def test_relaxations_at_two_depths_are_one_material(tmp_path: Path) -> None:
 
 
 def test_drop_on_a_plate_is_told_by_the_plate(processed_session: Path) -> None:
-    inputs = Inputs(plan(processed_session), {})
-    experiment = inputs.plan.session.experiments["drop"]
+    results = opened(processed_session)
+    experiment = results.experiments["drop"]
     stated = Plate(
         mass=Quantity(30.0, 0.04, "kg"), frequency=Quantity(180.0, 0.1, "Hz"),
         damping_ratio=Quantity(0.03, 1e-4, "1"),
     )  # fmt: skip
     settings = msgspec.structs.replace(experiment.settings, plate=stated)
-    proof = KINDS["ball_drop"].gather(inputs, replace(experiment, settings=settings), 2)
+    changed = replace(experiment, settings=settings)
+    proof = derive(results, changed, DROP, name="drop", impacts=2)
     model = proof.build(np.array([1e-3])).model
     assert model.plate.frequency == 180.0
     assert model.names["plate"] == "mass of the plate"
@@ -157,16 +160,20 @@ def test_drop_on_a_plate_is_told_by_the_plate(processed_session: Path) -> None:
 
 
 def test_plate_and_material_of_others_are_processed_too(processed_session: Path) -> None:
-    experiment = plan(processed_session).session.experiments["drop"]
-    assert references(experiment) == []
+    session = plan(processed_session).session
+    experiment = session.experiments["drop"]
+    own = needed(session, experiment, DROP)
+    assert own == ["drop/bounces", "drop/repeats"]
+    others = {kind: Experiment(kind, kind, None, {}) for kind in ("plate_vibration", "dma")}
+    session = replace(session, experiments={**session.experiments, **others})
     settings = msgspec.structs.replace(
-        experiment.settings, plate_from="experiment:floor",
+        experiment.settings, plate_from="experiment:plate_vibration",
         sphere=msgspec.structs.replace(
             experiment.settings.sphere, material=None, material_from="experiment:dma"
         ),
     )  # fmt: skip
-    found = references(replace(experiment, settings=settings))
-    assert found == ["floor/plate", "dma/master_curve"]
+    found = needed(session, replace(experiment, settings=settings), DROP)
+    assert found == [*own, "plate_vibration/plate", "dma/master_curve"]
 
 
 def test_unknown_experiment_is_named(processed_session: Path) -> None:

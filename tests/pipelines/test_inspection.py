@@ -11,8 +11,9 @@ from instruments import keyence
 from instruments.keyence._markers import Status
 from labpipe.errors import SourceError, UsageError
 from labpipe.frames import ArrayFrames
-from pipelines.session._contact_sheet import strip, write_sheet
-from pipelines.session._inspection import describe, film
+from pipelines.session import describe, write_sheet
+from pipelines.session._contact_sheet import strip
+from pipelines.session._inspection import film
 
 SAMPLES = Path(__file__).parents[2] / "../shared/samples"
 FILMS = Path(__file__).parents[2] / "sample_data/films"

@@ -9,8 +9,10 @@ import pytest
 import xarray as xr
 
 from pipelines.cli import main
+from pipelines.experiments import KINDS
 from pipelines.process import STAGES, open_session, process
-from pipelines.session._overview import KEY_NUMBERS, PAGE, PICTURES, _chart, write_overview
+from pipelines.session import PAGE, write_overview
+from pipelines.session._overview import _chart
 
 
 def page(folder: Path) -> str:
@@ -73,15 +75,15 @@ def test_a_page_older_than_its_results_is_not_called_failed(
 
 
 def test_every_kind_has_a_key_number_and_a_picture() -> None:
-    for kind in STAGES:
-        assert kind in PICTURES, kind
-        assert any(kind in number.sources for number in KEY_NUMBERS), kind
+    for kind in KINDS.values():
+        assert kind.picture is not None, kind.name
+        assert kind.key_numbers, kind.name
 
 
 @pytest.mark.parametrize(
     ("kind", "stage"),
-    [(k, s[0]) for k, s in PICTURES.items()]
-    + [(k, s[0]) for number in KEY_NUMBERS for k, s in number.sources.items()],
+    [(kind.name, kind.picture.stage) for kind in KINDS.values()]
+    + [(kind.name, number.stage) for kind in KINDS.values() for number in kind.key_numbers],
 )
 def test_key_numbers_and_pictures_name_stages_that_exist(kind: str, stage: str) -> None:
     assert stage in {s.name for s in STAGES[kind]}

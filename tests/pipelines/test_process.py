@@ -9,7 +9,7 @@ import pytest
 
 from labpipe.errors import ConfigError, InputError, SourceError
 from pipelines.process import check_store, export, open_session, plan, process, report, result
-from pipelines.session._compare import compare
+from pipelines.session import compare
 
 
 def truth(folder: Path, name: str) -> dict:

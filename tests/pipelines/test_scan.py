@@ -13,12 +13,13 @@ from instruments import phantom
 from instruments.phantom._writer import Recording
 from labpipe import files, materials
 from labpipe.errors import ConfigError, UsageError
+from pipelines.experiments.dma.proposal import mode_line
 from pipelines.process import open_session
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import laser_record
 from pipelines.rig.static_loading import StaticRig, write_static
-from pipelines.session._proposal import _mode, write_session_file
+from pipelines.session import write_session_file
 
 START = datetime(2024, 5, 14, 9, 30)
 
@@ -189,4 +190,4 @@ def test_the_record_of_a_camera_knows_the_day_of_its_film_and_is_named_in_questi
     ],
 )
 def test_the_mode_of_a_rheometer_is_proposed_from_the_name(name: str, line: str) -> None:
-    assert _mode(name) == line
+    assert mode_line(name) == line

@@ -8,8 +8,9 @@ from labpipe.errors import UsageError
 from labpipe.uncertainty import Input
 from pipelines import process
 from pipelines.cli import main
-from pipelines.session._sensitivity import Quantity, examine, examined
-from pipelines.session._sensitivity_page import advice, agreement, answer
+from pipelines.session import advice, examine
+from pipelines.session._sensitivity import Quantity, examined
+from pipelines.session._sensitivity_page import agreement, answer
 from tests.pipelines.asked import check
 
 

@@ -43,7 +43,7 @@ _STAGES = (
         summary="align at first contact: mean, band, outliers",
     ),
     Stage(
-        "model", "pipelines.experiments.ball_drop.measured:model", 5,
+        "model", "pipelines.experiments.ball_drop.model:model", 5,
         ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve",
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
@@ -52,7 +52,7 @@ _STAGES = (
         summary="simulate the drop",
     ),
     Stage(
-        "comparison", "pipelines.experiments.ball_drop.measured:comparison", 1,
+        "comparison", "pipelines.experiments.ball_drop.comparison:comparison", 1,
         ("repeats", "model"), (),
         summary="measurement against model",
     ),

@@ -19,7 +19,7 @@ _STAGES = (
         summary="find the largest radius of each impact, and that at rest",
     ),
     Stage(
-        "model", "pipelines.experiments.contact_area.measured:model", 3,
+        "model", "pipelines.experiments.contact_area.model:model", 3,
         ("radius", "impacts", "file:sphere.material_file",
          "other:sphere.material_from/master_curve", "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
@@ -28,7 +28,7 @@ _STAGES = (
         summary="simulate the drop",
     ),
     Stage(
-        "comparison", "pipelines.experiments.contact_area.measured:comparison", 3,
+        "comparison", "pipelines.experiments.contact_area.comparison:comparison", 3,
         ("radius", "impacts", "model"),
         summary="measurement against model",
     ),

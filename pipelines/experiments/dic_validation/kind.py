@@ -43,7 +43,7 @@ _STAGES = (
         summary="copy key frames for the page",
     ),
     Stage(
-        "comparison", "pipelines.experiments.dic_validation.measured:comparison", 1,
+        "comparison", "pipelines.experiments.dic_validation.comparison:comparison", 1,
         ("motion", "bounces", "other:laser_experiment/repeats"),
         summary="film against laser",
     ),

@@ -21,8 +21,6 @@ from labpipe.frames import FrameSource
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
 
-Array = NDArray[np.float64]
-
 _LARGEST_BODY = 201  # px; its noise is a thousandth of a pixel, and larger ones cost more
 _MOST_STATIC = 64  # frames in the reference: noise within 1 % of that of endless many
 _MOVING = 1.1  # ratio of difference images to noise at which something moves (about 0.05 px)
@@ -30,7 +28,6 @@ _MARGIN = 0.8  # of the frames found still that are used
 _EVERY = 8  # frames: the coarse pass, and what is read after rest
 _AT_REST = 0.05  # px from the last level, within which the holder is at rest
 _AFTER_REST = 40  # frames read one by one after the coarse pass sees rest
-_LARGEST_LAG = 2e-3  # s that the two records may still be apart after alignment
 _KEYS = 9
 
 
@@ -205,70 +202,3 @@ def keys(
     )  # fmt: skip
     found["subset"] = ("point", at["subset"].values, {"units": "px", "long_name": "subset"})
     return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))
-
-
-def comparison(
-    motion: xr.Dataset, bounces: xr.Dataset, laser: xr.Dataset | None, *, settings: DicValidation
-) -> xr.Dataset:
-    """Lay the film over the mean of the laser's repeats, both from first contact."""
-    del settings
-    if laser is None:
-        return xr.Dataset(attrs={"note": "no laser experiment is named"})
-    start = float(bounces["first_contact_time"])
-    level = float(bounces["contact_level"])
-    film = signals.from_event(
-        (motion["displacement"] - level).assign_attrs(motion["displacement"].attrs), start
-    )
-    reference = laser["displacement_mean"].dropna("time")
-    seen = signals.at_times(reference, film["time"].values)
-    both = np.isfinite(film.values) & np.isfinite(seen.values)
-    film, seen = film[both], seen[both].assign_coords(time=film["time"][both])
-    made = signals.compare(film, seen)
-    agreed = signals.agreement(film.values, seen.values)
-    shift = signals.lag(film, reference, _LARGEST_LAG)
-    scalars = {
-        "bias": (agreed.bias, "m", "mean of film minus laser"),
-        "u_bias": (agreed.u_bias, "m", "standard uncertainty: bias"),
-        "difference_sd": (agreed.sd, "m", "standard deviation of film minus laser"),
-        "limit_low": (agreed.low, "m", "lower 95 % limit of agreement"),
-        "limit_high": (agreed.high, "m", "upper 95 % limit of agreement"),
-        "u_limit_low": (agreed.u_limit, "m", "standard uncertainty: lower limit"),
-        "u_limit_high": (agreed.u_limit, "m", "standard uncertainty: upper limit"),
-        "concordance": (agreed.concordance, "1", "Lin's concordance coefficient"),
-        "lag": (shift.lag, "s", "time by which the laser lags after alignment at first contact"),
-        "u_lag": (shift.u_lag, "s", "standard uncertainty: lag"),
-        "gain": (shift.gain, "1", "laser's displacement per film's displacement"),
-        "u_gain": (shift.u_gain, "1", "standard uncertainty (random): gain"),
-        "expected_u_gain": (
-            float(np.hypot(motion.attrs["u_systematic_relative"],
-                           laser.attrs.get("u_systematic_relative", 0.0))), "1",
-            "standard uncertainty of the ratio of both scales, from both calibrations"),
-    }  # fmt: skip
-    for name, (value, units, text) in scalars.items():
-        made[name] = ((), value, {"units": units, "long_name": text})
-    made["film"] = film.drop_attrs().assign_attrs(
-        units="m", long_name="film, over the height of first contact"
-    )
-    made["laser"] = seen.drop_attrs().assign_attrs(
-        units="m", long_name="mean of the laser's repeats, over the height of first contact"
-    )
-    return made.merge(_impacts(bounces, laser))
-
-
-def _impacts(film: xr.Dataset, laser: xr.Dataset) -> xr.Dataset:
-    count = min(film.sizes["impact"], laser.sizes["impact"])
-    start = float(film["first_contact_time"])
-    table: dict[str, Any] = {}
-    for name in ("touch_time", "incoming_speed", "restitution"):
-        units = film[name].attrs["units"]
-        ours = film[name].values[:count] - (start if name == "touch_time" else 0.0)
-        theirs = laser[name].values[:count]
-        u = np.hypot(film[f"u_{name}"].values[:count], laser[f"u_{name}"].values[:count])
-        for key, values in (("film", ours), ("laser", theirs), ("difference", ours - theirs)):
-            table[f"{name}_{key}"] = (
-                "impact", values, {"units": units, "long_name": f"{name}, {key}"},
-            )  # fmt: skip
-        table[f"u_{name}_difference"] = (
-            "impact", u, {"units": units, "long_name": f"standard uncertainty: {name} difference"},
-        )  # fmt: skip
-    return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})

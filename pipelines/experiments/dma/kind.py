@@ -35,7 +35,7 @@ _STAGES = (
         summary="gather isothermal sweeps, in tension",
     ),
     Stage(
-        "master_curve", "pipelines.experiments.dma.measured:master_curve", 5,
+        "master_curve", "pipelines.experiments.dma.model:master_curve", 5,
         ("sweeps",), ("T_ref", "nu", "fit"), schema="master_curve",
         summary="fit all shifts and one spectrum",
     ),

@@ -1,11 +1,58 @@
 """What a harmonic indentation compares: force over time, and work per cycle."""
 
 from collections.abc import Iterator
+from typing import Any
 
+import numpy as np
 import xarray as xr
 
+from labpipe.signals import nrmse
+from pipelines.experiments.harmonic.measured import COLUMNS
 from pipelines.experiments.harmonic.settings import Harmonic
+from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.comparison_rows import Row, row
+
+
+def comparison(
+    loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic
+) -> xr.Dataset:
+    """Lay the simulated force, filtered as the cell filters, over the measured one."""
+    del settings
+    if "absent" in model.attrs:
+        return xr.Dataset(attrs={"absent": model.attrs["absent"]})
+    declared = mach1_readings.declared_filter(loads)
+    kind = mach1_readings.filter_kinds(loads)[0]
+    interval = float(loads["sampling_interval"][0])
+    error, bias = [], []
+    simulated = np.full(loads.sizes["sample"], np.nan)
+    for i in range(oscillations.sizes["oscillation"]):
+        at = oscillations.isel(oscillation=i)
+        where = mach1_readings.rows(loads, int(at["block"]))
+        passed = mach1_readings.filtered(model["force"].values[where], interval, declared, kind)
+        simulated[where] = passed
+        time = loads["time"].values[where]
+        used = (time >= float(at["begin"])) & (time <= float(at["end"]))
+        measured = loads["force"].values[where][used]
+        error.append(nrmse(measured, passed[used]))
+        bias.append(float(np.mean(measured - passed[used])))
+    table: dict[str, Any] = {
+        "simulated_force": (
+            "sample", simulated, {"units": "N", "long_name": "simulated force, filtered"},
+        ),
+        "nrmse": ("oscillation", error, {"units": "1", "long_name": "rms error over force range"}),
+        "bias": ("oscillation", bias, {"units": "N", "long_name": "mean of measured minus model"}),
+    }  # fmt: skip
+    for name in ("storage_stiffness", "loss_stiffness", "work_per_cycle"):
+        units, text = COLUMNS[name]
+        difference = oscillations[name].values - model[name].values
+        u = np.hypot(oscillations[f"u_{name}"].values, model[f"u_{name}"].values)
+        table[f"{name}_difference"] = (
+            "oscillation", difference, {"units": units, "long_name": f"{text}, measured − model"},
+        )  # fmt: skip
+        table[f"u_{name}_difference"] = (
+            "oscillation", u, {"units": units, "long_name": f"standard uncertainty: {text}"},
+        )  # fmt: skip
+    return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
 
 
 def rows(

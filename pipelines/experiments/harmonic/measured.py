@@ -1,7 +1,6 @@
-"""Harmonic indentation: oscillations of a periodic punch in rubber, and the model beside them."""
+"""Harmonic indentation: oscillations of a periodic punch in rubber."""
 
 import json
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -9,14 +8,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe import contact, signals
-from labpipe.contact.line import dissipation
+from labpipe import signals
 from labpipe.errors import InputError
-from labpipe.signals import CommonFit, common_fit, nrmse, quantisation_step
+from labpipe.signals import CommonFit, common_fit, quantisation_step
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
-from pipelines.experiments.shared.material_choice import resolve
-from pipelines.experiments.shared.punch_model import Geometry, simulated
 
 Array = NDArray[np.float64]
 
@@ -24,9 +20,7 @@ _SINUSOID = "Sinusoid"
 _LOOP_POINTS = 200  # over one cycle
 _FEWEST_CYCLES = 2
 _CLEAR = 2.0  # standard uncertainties by which a force must exceed zero to prove contact
-_LEAST_SHIFT = 1e-7  # m of first touch by which a sensitivity is found
-
-_COLUMNS = {
+COLUMNS = {
     "frequency": ("Hz", "frequency, fitted to the position"),
     "amplitude": ("m", "amplitude of the position"),
     "force_amplitude": ("N", "amplitude of the force"),
@@ -108,7 +102,7 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
         for block in _sinusoids(loads)
     ]
     table: dict[str, Any] = {}
-    for name, (units, text) in _COLUMNS.items():
+    for name, (units, text) in COLUMNS.items():
         table[name] = ("oscillation", [r[name] for r in rows], {"units": units, "long_name": text})
         table[f"u_{name}"] = (
             "oscillation", [r[f"u_{name}"] for r in rows],
@@ -269,230 +263,3 @@ def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) ->
             "cycle": ("cycle", phase, {"units": "1", "long_name": "fraction of a cycle"}),
         },
     )  # fmt: skip
-
-
-def model(
-    loads: xr.Dataset,
-    oscillations: xr.Dataset,
-    material_file: Path | None,
-    fitted: xr.Dataset | None,
-    *,
-    settings: Harmonic,
-) -> xr.Dataset:
-    """Simulate the whole history of the file with the measured displacement.
-
-    Without punch and substrate there is nothing to simulate; the result is then empty and says so.
-    """
-    punch, substrate = settings.punch, settings.substrate
-    if punch is None or substrate is None:
-        reason = "session.toml names no punch and no substrate, so nothing was simulated"
-        return xr.Dataset(attrs={"absent": reason})
-    touch, how = mach1_readings.contact_position(loads, settings.contact)
-    solid = resolve(substrate, material_file, fitted)
-    geometry = Geometry.of(punch, substrate, settings.model, float(solid.nu))
-    force, u_force, attrs = simulated(loads, touch, solid, geometry)
-    result = _model_rows(loads, oscillations, force, u_force)
-    result["contact_position"] = (
-        (), touch.value, {"units": "m", "long_name": "stage position of first touch"},
-    )  # fmt: skip
-    result["u_contact_position"] = (
-        (), touch.u, {"units": "m", "long_name": "standard uncertainty: position of first touch"},
-    )  # fmt: skip
-    result.attrs |= attrs | {"contact": how}
-    return result
-
-
-def _model_rows(
-    loads: xr.Dataset, oscillations: xr.Dataset, force: Array, u_force: Array
-) -> xr.Dataset:
-    """Fit the simulated force as the measured one was, and keep its curve beside the readings."""
-    rows, lost = [], []
-    for i in range(oscillations.sizes["oscillation"]):
-        at = oscillations.isel(oscillation=i)
-        where = mach1_readings.rows(loads, int(at["block"]))
-        time = loads["time"].values[where]
-        used = (time >= float(at["begin"])) & (time <= float(at["end"]))
-        x = loads["position_z"].values[where][used]
-        fit = common_fit(time[used], x, force[where][used], float(at["frequency"]))
-        shifted = common_fit(time[used], x, (force - u_force)[where][used], float(at["frequency"]))
-        rows.append((fit, shifted))
-        lost.append(float(np.mean(force[where][used] <= 0.0)))
-    table: dict[str, Any] = {
-        "force": ("sample", force, {"units": "N", "long_name": "simulated force"}),
-        "u_force": (
-            "sample", u_force,
-            {"units": "N", "long_name": "standard uncertainty from first touch and punch"},
-        ),
-        "contact_loss": (
-            "oscillation", np.array(lost),
-            {"units": "1", "long_name": "share of a cycle without contact, simulated"},
-        ),
-    }  # fmt: skip
-    for name in ("storage_stiffness", "loss_stiffness"):
-        values = np.array([getattr(fit, name) for fit, _ in rows])
-        moved = np.array([getattr(shifted, name) for _, shifted in rows])
-        units, text = _COLUMNS[name]
-        table[name] = ("oscillation", values, {"units": units, "long_name": f"{text}, simulated"})
-        table[f"u_{name}"] = (
-            "oscillation", np.abs(moved - values),
-            {"units": units, "long_name": f"standard uncertainty, touch and punch: {text}"},
-        )  # fmt: skip
-    amplitude = np.array([fit.position.amplitude for fit, _ in rows])
-    for prefix in ("", "u_"):
-        table[f"{prefix}work_per_cycle"] = (
-            "oscillation", np.pi * amplitude**2 * table[f"{prefix}loss_stiffness"][1],
-            {"units": "J", "long_name": f"{prefix and 'standard uncertainty: '}simulated work"},
-        )  # fmt: skip
-    return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
-
-
-def theory(
-    oscillations: xr.Dataset,
-    loops: xr.Dataset,
-    model: xr.Dataset,
-    material_file: Path | None,
-    fitted: xr.Dataset | None,
-    *,
-    settings: Harmonic,
-) -> xr.Dataset:
-    """Return work by eq. (2.31), the tapping front (2.34), and everything dimensionless.
-
-    Equations (2.36) to (2.40); the work of (2.40) is per contact length. The uncertainty of the
-    theory is that of first touch: its mean indentation.
-    """
-    punch, substrate = settings.punch, settings.substrate
-    if punch is None or substrate is None or "absent" in model.attrs:
-        return xr.Dataset(attrs={"absent": str(model.attrs.get("absent", "no punch is named"))})
-    solid = resolve(substrate, material_file, fitted)
-    radius, period = punch.radius.value, punch.period.value
-    depth = punch.depth.value * punch.tips
-    touch, u_touch = (float(model[f"{p}contact_position"]) for p in ("", "u_"))
-    frequency, amplitude = oscillations["frequency"].values, oscillations["amplitude"].values
-    mean = oscillations["mean_position"].values - touch
-    if mean.min() <= 0:
-        message = (
-            f"the mean of an oscillation lies {-mean.min() * 1e6:.3g} µm above first touch; the "
-            "position of first touch cannot be right"
-        )
-        raise InputError(message)
-    step = max(u_touch, _LEAST_SHIFT)
-
-    def at(indentation: Array) -> tuple[Array, Array]:
-        shape = (radius, period)
-        pairs = list(zip(frequency, amplitude, indentation, strict=True))
-        work = [float(contact.dissipated_work(solid, f, a, i, *shape, depth)) for f, a, i in pairs]
-        front = [float(contact.tapping_amplitude(solid, f, i, *shape)) for f, _, i in pairs]
-        return np.array(work), np.array(front)
-
-    work, front = at(mean)
-    moved_work, moved_front = at(mean + step)
-    tau = settings.characteristic_time
-    shortest = float(solid.creep_terms()[1].min()) if len(solid.rho) else np.nan
-    scale = (solid, radius, period, depth)
-    sources = {
-        "measured": (
-            oscillations["work_per_cycle"].values,
-            oscillations["u_work_per_cycle"].values,
-        ),
-        "model": (model["work_per_cycle"].values, model["u_work_per_cycle"].values),
-        "theory": (work, np.abs(moved_work - work) * u_touch / step),
-    }
-    table: dict[str, Any] = {
-        "dissipated_work": (sources["theory"][0], "J", "dissipated work per cycle, eq. (2.31)"),
-        "u_dissipated_work": (sources["theory"][1], "J", "standard uncertainty from first touch"),
-        "tapping_amplitude": (front, "m", "amplitude at which contact is lost, eq. (2.34)"),
-        "u_tapping_amplitude": (
-            np.abs(moved_front - front) * u_touch / step, "m", "standard uncertainty: tapping",
-        ),
-        "mean_indentation": (mean, "m", "mean indentation"),
-        "u_mean_indentation": (
-            np.full(mean.size, u_touch), "m", "standard uncertainty: mean indentation",
-        ),
-        "work_difference": (
-            oscillations["work_per_cycle"].values - work, "J", "work, measured minus eq. (2.31)",
-        ),
-        "u_work_difference": (
-            np.hypot(sources["measured"][1], sources["theory"][1]), "J",
-            "standard uncertainty: work difference",
-        ),
-        "dimensionless_mean": (mean / radius, "1", "mean indentation over R, eq. (2.36)"),
-        "dimensionless_amplitude": (amplitude / radius, "1", "amplitude over R, eq. (2.37)"),
-    }  # fmt: skip
-    time = shortest if tau is None else tau.value
-    table["dimensionless_frequency"] = (
-        dissipation.dimensionless_frequency(frequency, time), "1", "f tau_0, eq. (2.38)",
-    )  # fmt: skip
-    for name, (values, u) in sources.items():
-        for prefix, numbers in (("", values), ("u_", u)):
-            table[f"{prefix}dimensionless_work_{name}"] = (
-                dissipation.dimensionless_work(numbers, *scale), "1",
-                f"{prefix and 'standard uncertainty: '}work, dimensionless (2.40), {name}",
-            )  # fmt: skip
-    made = xr.Dataset(
-        {n: ("oscillation", v, {"units": u, "long_name": t}) for n, (v, u, t) in table.items()},
-        coords={"oscillation": oscillations["oscillation"]},
-    )
-    for name, value, units, text in (
-        ("characteristic_time", time, "s", "characteristic time tau_0"),
-        ("force_scale", solid.E_relaxed * period * depth, "N", "E_relaxed times period and depth"),
-        ("work_scale", solid.E_relaxed * period * depth * radius, "J", "scale of the work (2.40)"),
-    ):
-        made[name] = ((), float(value), {"units": units, "long_name": text})
-    _warn_of_loss(loops, made, amplitude, front)
-    return made
-
-
-def _warn_of_loss(loops: xr.Dataset, made: xr.Dataset, amplitude: Array, front: Array) -> None:
-    """Say where contact is lost, or should be: the theory does not hold there."""
-    frequency = made["dimensionless_frequency"].values / float(made["characteristic_time"])
-    for label, where in (
-        ("contact is lost in part of the cycle", loops["contact_loss"].values > 0),
-        ("the amplitude lies beyond the tapping front (2.34)", amplitude > front),
-    ):
-        if where.any():
-            shown = ", ".join(f"{f:.3g}" for f in frequency[where])
-            warnings.warn(
-                f"{label} at {shown} Hz: eq. (2.31) is an extrapolation there", stacklevel=3
-            )
-
-
-def comparison(
-    loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic
-) -> xr.Dataset:
-    """Lay the simulated force, filtered as the cell filters, over the measured one."""
-    del settings
-    if "absent" in model.attrs:
-        return xr.Dataset(attrs={"absent": model.attrs["absent"]})
-    declared = mach1_readings.declared_filter(loads)
-    kind = mach1_readings.filter_kinds(loads)[0]
-    interval = float(loads["sampling_interval"][0])
-    error, bias = [], []
-    simulated = np.full(loads.sizes["sample"], np.nan)
-    for i in range(oscillations.sizes["oscillation"]):
-        at = oscillations.isel(oscillation=i)
-        where = mach1_readings.rows(loads, int(at["block"]))
-        passed = mach1_readings.filtered(model["force"].values[where], interval, declared, kind)
-        simulated[where] = passed
-        time = loads["time"].values[where]
-        used = (time >= float(at["begin"])) & (time <= float(at["end"]))
-        measured = loads["force"].values[where][used]
-        error.append(nrmse(measured, passed[used]))
-        bias.append(float(np.mean(measured - passed[used])))
-    table: dict[str, Any] = {
-        "simulated_force": (
-            "sample", simulated, {"units": "N", "long_name": "simulated force, filtered"},
-        ),
-        "nrmse": ("oscillation", error, {"units": "1", "long_name": "rms error over force range"}),
-        "bias": ("oscillation", bias, {"units": "N", "long_name": "mean of measured minus model"}),
-    }  # fmt: skip
-    for name in ("storage_stiffness", "loss_stiffness", "work_per_cycle"):
-        units, text = _COLUMNS[name]
-        difference = oscillations[name].values - model[name].values
-        u = np.hypot(oscillations[f"u_{name}"].values, model[f"u_{name}"].values)
-        table[f"{name}_difference"] = (
-            "oscillation", difference, {"units": units, "long_name": f"{text}, measured − model"},
-        )  # fmt: skip
-        table[f"u_{name}_difference"] = (
-            "oscillation", u, {"units": units, "long_name": f"standard uncertainty: {text}"},
-        )  # fmt: skip
-    return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})

@@ -3,10 +3,62 @@
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
+from labpipe import signals
+from pipelines.experiments.plate_vibration.measured import described
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.comparison_rows import Row, row
+
+Array = NDArray[np.float64]
+
+
+def comparison(
+    displacement: list[xr.Dataset],
+    ringing: list[xr.Dataset],
+    table: xr.Dataset,
+    model: xr.Dataset,
+    *,
+    settings: PlateVibration,
+) -> xr.Dataset:
+    """Compare the mean of the repeats with the simulation, each counted from its blow."""
+    del settings
+    time = model["time"].values
+    curves, first = [], 0
+    for count in table["n"].values.astype(int):
+        shifted = [
+            np.interp(
+                time + float(r["blow_time"]), d["time"].values, d["displacement"].values,
+                left=np.nan, right=np.nan,
+            )
+            for d, r in zip(
+                displacement[first : first + count], ringing[first : first + count], strict=True
+            )
+        ]  # fmt: skip
+        curves.append(np.mean(shifted, axis=0))
+        first += count
+    measured = np.array(curves)
+    theirs = model["displacement"].values
+    errors = np.array([_error(a, b) for a, b in zip(measured, theirs, strict=True)])
+    bias = np.nanmean(measured - theirs, axis=1)
+    return xr.Dataset(
+        {
+            "measured": (
+                ("series", "time"), measured, described("m", "displacement, mean of the repeats"),
+            ),
+            "model": (("series", "time"), theirs, described("m", "simulated displacement")),
+            "nrmse": ("series", errors, described("1", "root-mean-square error over the range")),
+            "bias": ("series", bias, described("m", "mean of measured minus model")),
+        },
+        coords={"series": table["series"], "time": model["time"]},
+    )  # fmt: skip
+
+
+def _error(measured: Array, theirs: Array) -> float:
+    both = np.isfinite(measured) & np.isfinite(theirs)
+    return signals.nrmse(measured[both], theirs[both]) if both.any() else np.nan
 
 
 def rows(

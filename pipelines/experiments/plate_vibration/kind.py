@@ -43,19 +43,19 @@ _STAGES = (
         summary="frequency, damping and amplitude by material and height",
     ),
     Stage(
-        "plate", "pipelines.experiments.plate_vibration.measured:plate", 1, ("table",),
+        "plate", "pipelines.experiments.plate_vibration.model:plate", 1, ("table",),
         ("drops", "sphere", "model"), schema="plate",
         summary="find the modal mass from amplitude and momentum",
     ),
     Stage(
-        "model", "pipelines.experiments.plate_vibration.measured:model", 1, ("table", "plate"),
+        "model", "pipelines.experiments.plate_vibration.model:model", 1, ("table", "plate"),
         ("drops", "sphere", "model"),
         shortcuts=True,
         imports=("labpipe.contact.impact._bounce_compiled",),
         summary="simulate the drops on the plate",
     ),
     Stage(
-        "comparison", "pipelines.experiments.plate_vibration.measured:comparison", 1,
+        "comparison", "pipelines.experiments.plate_vibration.comparison:comparison", 1,
         ("displacement", "ringing", "table", "model"),
         summary="measurement against model",
     ),

@@ -2,10 +2,92 @@
 
 from collections.abc import Iterator
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
+from pipelines.experiments.relaxation.moduli import through
 from pipelines.experiments.relaxation.settings import Relaxation
+from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.comparison_rows import Row, row
+from pipelines.experiments.shared.ramps_and_holds import Hold
+
+Array = NDArray[np.float64]
+
+_PARTS = ("ramp", "early", "late", "all")
+
+
+def comparison(
+    loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, settings: Relaxation
+) -> xr.Dataset:
+    """Lay the simulated force, filtered as the cell filters, over the measured one.
+
+    Errors of ramp, early and late relaxation are all relative to the range of the whole test, so
+    that they can be compared with each other.
+    """
+    if "absent" in model.attrs:
+        return xr.Dataset(attrs={"absent": model.attrs["absent"]})
+    found = ramps_and_holds.find(loads)
+    declared = mach1_readings.declared_filter(loads)
+    interval = float(loads["sampling_interval"][found[0].block])
+    kind = mach1_readings.filter_kinds(loads)[0]
+    passed = through(loads, model["force"].values, interval, declared, kind)
+    measured = loads["force"].values
+    rows = []
+    for number, hold in enumerate(found):
+        level = ramps_and_holds.plateau(loads, hold, settings.hold.plateau.value)
+        late = loads["time"].values[hold.rows] >= level.begin
+        theirs = passed[hold.rows]
+        peak, plateau = float(theirs.max()), float(theirs[late].mean())
+        u_plateau = float(model["u_force"].values[hold.rows][late].mean())
+        at = ramps.isel(ramp=number)
+        rows.append(
+            _errors(loads, hold, measured, passed, settings.hold.early.value)
+            | {
+                "peak_force_model": peak,
+                "plateau_force_model": plateau,
+                "peak_force_difference": float(at["peak_force"]) - peak,
+                "plateau_force_difference": float(at["plateau_force"]) - plateau,
+                "u_plateau_force_difference": float(
+                    np.hypot(float(at["u_plateau_force"]), u_plateau)
+                ),
+            }
+        )
+    columns = {f"nrmse_{p}": ("1", f"rms error over range of force, {p}") for p in _PARTS}
+    columns |= {f"bias_{p}": ("N", f"mean of measured minus model, {p}") for p in _PARTS}
+    columns |= {
+        "peak_force_model": ("N", "largest force, model behind the filter"),
+        "plateau_force_model": ("N", "plateau force, model"),
+        "peak_force_difference": ("N", "largest force, measured minus model"),
+        "plateau_force_difference": ("N", "plateau force, measured minus model"),
+        "u_plateau_force_difference": ("N", "standard uncertainty: plateau force difference"),
+    }
+    made = xr.Dataset(ramps_and_holds.over_ramps(rows, columns), coords={"ramp": ramps["ramp"]})
+    made["simulated_force"] = (
+        "sample", passed, {"units": "N", "long_name": "simulated force, behind the cell's filter"},
+    )  # fmt: skip
+    return made
+
+
+def _errors(
+    loads: xr.Dataset, hold: Hold, measured: Array, simulated: Array, early: float
+) -> dict[str, float]:
+    """Return nRMSE and bias of the parts of one test."""
+    time = loads["time"].values[hold.rows]
+    ours, theirs = measured[hold.rows], simulated[hold.rows]
+    extent = float(np.ptp(ours))
+    parts = {
+        "ramp": (time >= hold.begin) & (time <= hold.end),
+        "early": (time > hold.end) & (time <= hold.end + early),
+        "late": time > hold.end + early,
+        "all": time >= hold.begin,
+    }
+    row = {}
+    for name, inside in parts.items():
+        gap = ours[inside] - theirs[inside]
+        row[f"nrmse_{name}"] = float(np.sqrt(np.mean(gap**2))) / extent if gap.size else np.nan
+        row[f"bias_{name}"] = float(gap.mean()) if gap.size else np.nan
+    return row
 
 
 def rows(tests: xr.Dataset, *, settings: Relaxation) -> Iterator[Row]:

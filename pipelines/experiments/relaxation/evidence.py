@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.identification import Evidence, JoinedModel, Parameter, force_evidence, lee_radok_basis
-from pipelines.experiments.relaxation.measured import elastic_area
+from pipelines.experiments.relaxation.moduli import elastic_area
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance

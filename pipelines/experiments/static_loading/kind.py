@@ -38,14 +38,14 @@ _STAGES = (
         summary="approach, contact radius and creep under each load",
     ),
     Stage(
-        "model", "pipelines.experiments.static_loading.measured:model", 2,
+        "model", "pipelines.experiments.static_loading.model:model", 2,
         ("displacement", "steps", "file:sphere.material_file",
          "other:sphere.material_from/master_curve"),
         ("sphere", "model"),
         summary="simulate the creeping contact; Hertz's steps",
     ),
     Stage(
-        "comparison", "pipelines.experiments.static_loading.measured:comparison", 1,
+        "comparison", "pipelines.experiments.static_loading.comparison:comparison", 1,
         ("approach", "steps", "model"), ("loads", "steps"),
         summary="measurement against model and Hertz",
     ),

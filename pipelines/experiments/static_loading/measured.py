@@ -19,22 +19,17 @@ from numpy.typing import NDArray
 
 import calibration
 from calibration import laser
-from labpipe import contact, uncertainty
-from labpipe.contact.sphere import hertz
+from labpipe import uncertainty
 from labpipe.errors import InputError
-from labpipe.materials import Prony
 from labpipe.uncertainty import Row, Source
 from labpipe.units import Quantity
 from pipelines.experiments.shared.laser_readings import read_laser
-from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.static_loading.load_steps import SIDE, settled, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 Array = NDArray[np.float64]
 
-_STEP_POINTS = 80  # of the simulation in one load step, evenly in the logarithm of time
 _SMOOTH = 60.0  # s, the moving average of the thesis's smoothed curve
-_FIRST = 0.5  # s under a load at which the simulation is first asked
 
 
 def readings(path: Path, *, settings: StaticLoading) -> xr.Dataset:
@@ -81,7 +76,7 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
     a = np.sqrt(radius.value * np.maximum(depth, 0.0))
     rows = [
         _levels(time, depth, u_depth, wander, step, noise, relative, settings)
-        for step in _each(steps)
+        for step in spans(steps)
     ]
     table: dict[str, Any] = {
         "approach": ("time", depth, {"units": "m", "long_name": "approach from first touch"}),
@@ -141,7 +136,8 @@ def _budget(
     ])  # fmt: skip
 
 
-def _each(steps: xr.Dataset) -> list[tuple[float, float]]:
+def spans(steps: xr.Dataset) -> list[tuple[float, float]]:
+    """Return begin and end [s] of every load."""
     return list(zip(steps["begin"].values.tolist(), steps["end"].values.tolist(), strict=True))
 
 
@@ -214,166 +210,9 @@ def _u_radius(a: Any, depth: Any, u_depth: Any, radius: Quantity) -> Any:
 def _smoothed(time: Array, a: Array, steps: xr.Dataset) -> Array:
     """Return a moving average that does not cross a step."""
     made = np.empty_like(a)
-    for begin, end in _each(steps):
+    for begin, end in spans(steps):
         inside = np.flatnonzero((time >= begin) & (time <= end))
         for n in inside:
             near = inside[np.abs(time[inside] - time[n]) <= 0.5 * _SMOOTH]
             made[n] = a[near].mean()
     return made
-
-
-def model(
-    displacement: xr.Dataset,
-    steps: xr.Dataset,
-    material_file: Path | None,
-    fitted: xr.Dataset | None,
-    *,
-    settings: StaticLoading,
-) -> xr.Dataset:
-    """Simulate the loading with the times found; Hertz's steps beside it."""
-    solid = resolve(settings.sphere, material_file, fitted)
-    radius = settings.sphere.radius
-    chosen = settings.model
-    time, _ = valid(displacement)
-    force = steps["force"].values
-    stretches, loads = [], []
-    for (begin, end), load in zip(_each(steps), force, strict=True):
-        inside = begin + np.concatenate([[0.0], np.geomspace(_FIRST, end - begin, _STEP_POINTS)])
-        stretches.append(inside)
-        loads.append(np.full(inside.size, load))
-    made = contact.load_sphere(
-        solid, radius.value, np.concatenate(stretches), np.concatenate(loads),
-        profile=chosen.profile, springs=chosen.springs,
-    )  # fmt: skip
-    relative_force = steps["u_force"].values / force
-    held = np.searchsorted(steps["begin"].values, time, side="right") - 1
-    # exponents of Hertz's contact: approach (F J)^(2/3) R^(-1/3), radius (F J)^(1/3) R^(1/3)
-    spread = relative_force[np.maximum(held, 0)]
-    size = radius.u / radius.value
-    softer = _softer(settings, material_file, fitted, solid, float(time[-1]))
-    of_material = uncertainty.combined(softer)
-    table: dict[str, Any] = {}
-    for name, power in (("approach", 2 / 3), ("contact_radius", 1 / 3)):
-        values = np.interp(time, made["time"].values, made[name].values)
-        attrs = {"units": "m", "long_name": f"{name.replace('_', ' ')}, viscoelastic model"}
-        table[name] = ("time", values, attrs)
-        relative = np.sqrt((power * spread) ** 2 + (size / 3) ** 2 + (power * of_material) ** 2)
-        table[f"u_{name}"] = (
-            "time", values * relative,
-            {"units": "m", "long_name": f"standard uncertainty from load, radius, solid: {name}"},
-        )  # fmt: skip
-    last = float(table["contact_radius"][1][-1])
-    sources = [
-        Source("load", float(force[-1]), float(steps["u_force"][-1]), "N", last / 3 / force[-1],
-               "systematic"),
-        Source.of("radius", radius, last / 3 / radius.value),
-    ]  # fmt: skip
-    sources += [s._replace(sensitivity=last / 3 * s.sensitivity) for s in softer]
-    factor = 1 / (1 - float(solid.nu) ** 2)
-    for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
-        state = hertz.static_load(force, radius.value, float(modulus) * factor)
-        table[f"hertz_radius_{name}"] = (
-            "load", np.asarray(state.contact_radius),
-            {"units": "m", "long_name": f"contact radius by Hertz, {name} modulus"},
-        )  # fmt: skip
-        table[f"hertz_approach_{name}"] = (
-            "load", np.asarray(state.approach),
-            {"units": "m", "long_name": f"approach by Hertz, {name} modulus"},
-        )  # fmt: skip
-    lag = steps["elapsed"].values
-    table["compliance"] = (
-        "elapsed", np.asarray(solid.creep(lag)) / factor,
-        {"units": "1/Pa", "long_name": "reduced creep compliance of the material"},
-    )  # fmt: skip
-    work = json.loads(made.attrs["work"])
-    return xr.Dataset(
-        table,
-        coords={
-            "time": ("time", time, {"units": "s", "long_name": "time from the first point"}),
-            "load": steps["load"],
-            "elapsed": steps["elapsed"],
-        },
-        attrs={"work": json.dumps(work), "budget": json.dumps(uncertainty.table(sources))},
-    )
-
-
-def _softer(
-    settings: StaticLoading, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony,
-    lasted: float,
-) -> list[Source]:  # fmt: skip
-    """Return what is uncertain of the solid, relative to its compliance."""
-    whole = float(solid.creep(lasted))
-    return [
-        Source.of(name, given, float(np.log(float(other.creep(lasted)) / whole)) / step)
-        for name, (given, step, other) in variations(settings.sphere, material_file, fitted).items()
-    ]
-
-
-def comparison(
-    approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, *, settings: StaticLoading
-) -> xr.Dataset:
-    """Compare the record with the viscoelastic model and with Hertz's steps."""
-    time = approach["time"].values
-    kept = approach["is_settled"].values.astype(bool)
-    held = np.maximum(np.searchsorted(steps["begin"].values, time, side="right") - 1, 0)
-    table: dict[str, Any] = {}
-    for name in ("approach", "contact_radius"):
-        ours = approach[name].values
-        extent = float(np.ptp(ours[kept]))
-        elastic = model[f"hertz_{'radius' if name == 'contact_radius' else name}_relaxed"].values
-        for other, theirs in (("model", model[name].values), ("hertz", elastic[held])):
-            gap = np.where(kept, ours - theirs, np.nan)
-            rms = float(np.sqrt(np.nanmean(gap**2))) / extent
-            words = f"{name.replace('_', ' ')}, measured minus {other}"
-            table[f"nrmse_{name}_{other}"] = (
-                (), rms, {"units": "1", "long_name": f"rms error over range: {words}"},
-            )  # fmt: skip
-            table[f"bias_{name}_{other}"] = (
-                (), float(np.nanmean(gap)), {"units": "m", "long_name": f"mean of {words}"},
-            )  # fmt: skip
-            if other == "model":
-                table[f"{name}_residual"] = ("time", gap, {"units": "m", "long_name": words})
-    table |= _per_load(approach, steps, model, settings)
-    return xr.Dataset(table, coords={"time": approach["time"], "load": steps["load"]})
-
-
-def _per_load(
-    approach: xr.Dataset, steps: xr.Dataset, model: xr.Dataset, settings: StaticLoading
-) -> dict[str, Any]:
-    """Compare levels and creep under each load, and the radii that session.toml gives."""
-    time = approach["time"].values
-    rows = []
-    for number, step in enumerate(_each(steps)):
-        first, last = windows(time, step, settings)
-        at = approach.isel(load=number)
-        depth, a = model["approach"].values, model["contact_radius"].values
-        u_a = float(model["u_contact_radius"].values[last].mean())
-        given = settings.loads[number].radius
-        level, u = float(at["level_contact_radius"]), float(at["u_level_contact_radius"])
-        hertzian = float(model["hertz_radius_relaxed"][number])
-        rows.append({
-            "creep_model": float(depth[last].mean() - depth[first].mean()),
-            "radius_model": float(a[last].mean()),
-            "radius_difference": level - float(a[last].mean()),
-            "u_radius_difference": float(np.hypot(u, u_a)),
-            "hertz_difference": level - hertzian,
-            "given_radius": np.nan if given is None else given.value,
-            "u_given_radius": np.nan if given is None else given.u,
-            "given_difference": np.nan if given is None else level - given.value,
-            "u_given_difference": np.nan if given is None else float(np.hypot(u, given.u)),
-        })  # fmt: skip
-    texts = {
-        "creep_model": "growth of the approach under the load, model",
-        "radius_model": "contact radius at the end of the load, model",
-        "radius_difference": "contact radius, measured minus model",
-        "u_radius_difference": "standard uncertainty: radius difference",
-        "hertz_difference": "contact radius, measured minus Hertz with the relaxed modulus",
-        "given_radius": "contact radius that session.toml gives",
-        "u_given_radius": "standard uncertainty: given contact radius",
-        "given_difference": "contact radius, from the approach minus given",
-        "u_given_difference": "standard uncertainty: given difference",
-    }
-    return {
-        name: ("load", np.array([r[name] for r in rows]), {"units": "m", "long_name": text})
-        for name, text in texts.items()
-    }

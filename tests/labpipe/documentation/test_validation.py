@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pipelines.stages import KINDS
+from pipelines.experiments import KINDS
 from tests.pipelines import coverage
 
 PAGE = Path(__file__).parents[3] / "labpipe/documentation/validation.md"

@@ -6,32 +6,33 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pipelines.evidence import KINDS
 
 from labpipe import materials
 from labpipe.materials import Prony
+from labpipe.workflow.results import Results
+from pipelines.experiments import KINDS
 from pipelines.experiments.harmonic import evidence
 from pipelines.experiments.harmonic.evidence import along_chords
 from pipelines.experiments.shared import mach1_readings
-from pipelines.figures.inputs import Inputs
-from pipelines.process import plan
+from pipelines.session import derive, opened
 
 
 @pytest.fixture(scope="module")
-def inputs(processed_session: Path) -> Inputs:
-    found = plan(processed_session)
-    return Inputs(found, {n: e.settings for n, e in found.session.experiments.items()})
+def results(processed_session: Path) -> Results:
+    return opened(processed_session)
 
 
-def simulated(inputs: Inputs, solid: Prony) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def simulated(results: Results, solid: Prony) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return stiffness of the simulated and of the true oscillations, and the true size."""
-    proof: Any = KINDS["harmonic"].gather(inputs, inputs.plan.session.experiments["nbr"], 6)
-    loads = inputs.result("nbr", "loads")
+    told: Any = derive(
+        results, results.experiments["nbr"], KINDS["harmonic"].evidence, name="nbr", impacts=6
+    )
+    loads = results.result("nbr", "loads")
     touch, _ = mach1_readings.contact_position(loads, None)
-    truth = json.loads((inputs.folder / "truth/nbr.json").read_text(encoding="utf-8"))
-    given = {p.name: p.mean for p in proof.unknowns}
+    truth = json.loads((results.folder / "truth/nbr.json").read_text(encoding="utf-8"))
+    given = {p.name: p.mean for p in told.unknowns}
     given["nbr first touch"] = truth["surface"] - touch.value
-    made = proof.build(np.asarray(solid.rho)).model.refined(solid, given)
+    made = told.build(np.asarray(solid.rho)).model.refined(solid, given)
     known = [
         np.array([o[f"{part}_stiffness"] for o in truth["oscillations"]])
         for part in ("storage", "loss")
@@ -39,12 +40,12 @@ def simulated(inputs: Inputs, solid: Prony) -> tuple[np.ndarray, np.ndarray, np.
     return made, np.concatenate(known), np.tile(np.hypot(*known), 2)
 
 
-def test_an_oscillation_is_simulated_as_the_rig_makes_it(inputs: Inputs) -> None:
+def test_an_oscillation_is_simulated_as_the_rig_makes_it(results: Results) -> None:
     """Fifty readings a cycle: their chords alone cost more than the stated uncertainty."""
     solid = materials.load("nbr")
-    made, known, size = simulated(inputs, solid)
+    made, known, size = simulated(results, solid)
     assert np.abs((made - known) / size).max() < 2e-4
-    frequency = inputs.result("nbr", "oscillations")["frequency"].values.tolist()
+    frequency = results.result("nbr", "oscillations")["frequency"].values.tolist()
     chords = np.array([along_chords(solid, f, 0.01) for f in frequency])
     storage, loss = np.split(made, 2)
     bare = (storage + 1j * loss) * chords
@@ -71,9 +72,9 @@ def test_chords_change_the_modulus_of_a_term_as_a_fine_integration_finds(samples
     assert along_chords(solid, frequency, interval) == pytest.approx(found / exact, rel=1e-5)
 
 
-def test_the_gain_and_the_delay_of_the_cell_are_no_noise(inputs: Inputs) -> None:
+def test_the_gain_and_the_delay_of_the_cell_are_no_noise(results: Results) -> None:
     """Both are unknowns of their own: stated ten times as uncertain they leave the noise alone."""
-    loads, waves = (inputs.result("nbr", stage) for stage in ("loads", "oscillations"))
+    loads, waves = (results.result("nbr", stage) for stage in ("loads", "oscillations"))
     own = []
     for more in (0.0, 1e-3, 1e-2):
         said = loads.assign(u_gain=loads["gain"] * more)

@@ -9,7 +9,9 @@ import pytest
 import xarray as xr
 
 from labpipe.units import Quantity
-from pipelines.experiments.ball_drop.measured import comparison, model, repeats
+from pipelines.experiments.ball_drop.comparison import comparison
+from pipelines.experiments.ball_drop.measured import repeats
+from pipelines.experiments.ball_drop.model import model
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.settings import Plate
 from pipelines.process import open_session, process, result

@@ -7,14 +7,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from pipelines.schemas import SCHEMAS
 
 from instruments import anton_paar
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
 from labpipe.schema import check
 from labpipe.units import Quantity
-from pipelines.experiments.dma import _glass_transition, _material_files
+from pipelines.experiments.dma import _glass_transition, _material_files, model
 from pipelines.experiments.dma import measured as dma
 from pipelines.experiments.dma.settings import Dma, Fit
 from pipelines.experiments.shared.material_choice import resolve
@@ -22,7 +21,7 @@ from pipelines.experiments.shared.settings import MaterialChoice
 from pipelines.process import open_session, process
 from pipelines.rig.dma import SOLIDS, Protocol, write_dma
 from pipelines.rig.samples import SAMPLES, dma_section, session_head
-from pipelines.session._proposal import write_session_file
+from pipelines.session import SCHEMAS, write_session_file
 
 SMALL = Protocol(
     temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0),
@@ -53,7 +52,7 @@ def curve(ptfe):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         sweeps = dma.gathered([ptfe[0]], settings=settings)
-        return dma.master_curve(sweeps, settings=settings)
+        return model.master_curve(sweeps, settings=settings)
 
 
 def test_the_sweeps_hold_the_true_moduli_within_the_noise(ptfe):
@@ -92,7 +91,7 @@ def test_another_experiment_can_take_the_material(curve):
 def test_the_same_sweeps_give_the_same_bytes(ptfe):
     settings = settings_for("ptfe", fit=Fit(vertical="none", delay="off"))
     sweeps = dma.gathered([ptfe[0]], settings=settings)
-    first, second = (dma.master_curve(sweeps, settings=settings) for _ in range(2))
+    first, second = (model.master_curve(sweeps, settings=settings) for _ in range(2))
     assert first.identical(second)
 
 
@@ -266,7 +265,7 @@ def test_a_reference_far_outside_is_refused_with_what_to_do(ptfe):
     settings = settings_for("ptfe", T_ref=Quantity(300.0, 0.0, "degC"))
     sweeps = dma.gathered([ptfe[0]], settings=settings)
     with pytest.raises(InputError, match="outside the measured"):
-        dma.master_curve(sweeps, settings=settings)
+        model.master_curve(sweeps, settings=settings)
 
 
 def test_a_scan_proposes_the_experiment_and_asks_for_the_mode(session):

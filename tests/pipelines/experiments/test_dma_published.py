@@ -10,10 +10,10 @@ import xarray as xr
 from instruments import tables
 from labpipe.errors import SourceError
 from labpipe.units import Quantity
-from pipelines.experiments.dma import _published_section, published
+from pipelines.experiments.dma import _published_section, model, published
 from pipelines.experiments.dma import measured as dma
 from pipelines.experiments.dma.settings import Dma, Fit, Published
-from pipelines.session._proposal import write_session_file
+from pipelines.session import write_session_file
 from tests.labpipe.materials.conftest import Truth, maxwell_sum, wlf_law
 
 TRUTH = Truth(60.0, maxwell_sum, wlf_law, temperature=(0.0, 20.0, 40.0, 60.0, 80.0))
@@ -35,7 +35,7 @@ def sweeps():
 def curve(sweeps):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return dma.master_curve(sweeps, settings=SETTINGS)
+        return model.master_curve(sweeps, settings=SETTINGS)
 
 
 def table(folder, shifts, temperature=TRUTH.temperature):

@@ -14,6 +14,7 @@ import xarray as xr
 from labpipe import contact, files, materials
 from labpipe.materials import Prony
 from labpipe.units import Quantity
+from pipelines.experiments.harmonic import comparison, model, theory
 from pipelines.experiments.harmonic import measured as harmonic
 from pipelines.process import open_session, process, result
 from pipelines.rig.indentation_session import cell_record, oscillation_section
@@ -111,7 +112,7 @@ def test_dimensionless_numbers_follow_their_definitions(session: Path) -> None:
 def test_without_a_characteristic_time_it_is_the_shortest_of_the_material(session: Path) -> None:
     chosen = msgspec.structs.replace(settings(session), characteristic_time=None)
     parts = (stage(session, name) for name in ("oscillations", "loops", "model"))
-    found = harmonic.theory(*parts, None, None, settings=chosen)
+    found = theory.theory(*parts, None, None, settings=chosen)
     shortest = materials.load("nbr").creep_terms()[1].min()
     assert float(found["characteristic_time"]) == pytest.approx(float(shortest))
 
@@ -129,8 +130,8 @@ def test_the_model_of_the_right_material_agrees(session: Path) -> None:
 
 def modelled(session: Path, chosen: Any) -> xr.Dataset:
     loads, table = stage(session, "loads"), stage(session, "oscillations")
-    made = harmonic.model(loads, table, None, None, settings=chosen)
-    return harmonic.comparison(loads, table, made, settings=chosen)
+    made = model.model(loads, table, None, None, settings=chosen)
+    return comparison.comparison(loads, table, made, settings=chosen)
 
 
 def test_a_material_a_tenth_too_stiff_shows(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -138,7 +139,7 @@ def test_a_material_a_tenth_too_stiff_shows(session: Path, monkeypatch: pytest.M
     stiff = Prony(
         float(rubber.E_relaxed) * 1.1, np.asarray(rubber.E) * 1.1, rubber.rho, nu=rubber.nu
     )
-    monkeypatch.setattr(harmonic, "resolve", lambda *_: stiff)
+    monkeypatch.setattr(model, "resolve", lambda *_: stiff)
     assert float(modelled(session, settings(session))["nrmse"].min()) > 0.2
 
 
@@ -153,7 +154,7 @@ def test_an_elastic_material_dissipates_nothing(
 ) -> None:
     rubber = materials.load("nbr")
     elastic = Prony(float(rubber.E_relaxed), [], [], nu=rubber.nu)
-    monkeypatch.setattr(harmonic, "resolve", lambda *_: elastic)
+    monkeypatch.setattr(model, "resolve", lambda *_: elastic)
     found = modelled(session, settings(session))
     table = stage(session, "oscillations")
     z = found["work_per_cycle_difference"] / found["u_work_per_cycle_difference"]

@@ -18,6 +18,7 @@ from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
 from labpipe.uncertainty import linear
 from labpipe.units import Quantity
+from pipelines.experiments.relaxation import comparison, model
 from pipelines.experiments.relaxation import measured as relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
@@ -133,8 +134,8 @@ def compared(session: Path, changed: Any = None) -> xr.Dataset:
     loads, ramps = (result(session, "nbr", stage, name) for stage in ("loads", "ramps"))
     if chosen.contact is not None:
         ramps["contact_position"] = ramps["contact_position"] * 0 + chosen.contact.value
-    made = relaxation.model(loads, ramps, None, None, settings=chosen)
-    return relaxation.comparison(loads, ramps, made, settings=chosen)
+    made = model.model(loads, ramps, None, None, settings=chosen)
+    return comparison.comparison(loads, ramps, made, settings=chosen)
 
 
 def stiffer(factor: float) -> Callable[..., Prony]:
@@ -145,7 +146,7 @@ def stiffer(factor: float) -> Callable[..., Prony]:
 
 
 def test_a_material_a_tenth_too_stiff_shows(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(relaxation, "resolve", stiffer(1.1))
+    monkeypatch.setattr(model, "resolve", stiffer(1.1))
     assert float(compared(session)["nrmse_all"][0]) > 0.05
 
 
@@ -154,7 +155,7 @@ def test_a_material_without_its_relaxation_shows_in_the_early_part(
 ) -> None:
     rubber = materials.load("nbr")
     monkeypatch.setattr(
-        relaxation, "resolve", lambda *_: Prony(float(rubber.E_relaxed), [], [], nu=rubber.nu)
+        model, "resolve", lambda *_: Prony(float(rubber.E_relaxed), [], [], nu=rubber.nu)
     )
     found = compared(session)
     assert float(found["nrmse_early"][0]) > 0.08

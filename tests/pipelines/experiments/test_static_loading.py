@@ -18,7 +18,7 @@ from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
 from labpipe.uncertainty import linear
 from labpipe.units import Quantity, quantity
-from pipelines.experiments.static_loading import load_steps
+from pipelines.experiments.static_loading import comparison, load_steps, model
 from pipelines.experiments.static_loading import measured as static_loading
 from pipelines.process import open_session, process, result
 from pipelines.rig.session_text import laser_record, session_head
@@ -118,8 +118,8 @@ def test_hertz_misses_the_creep_that_the_model_has(session: Path) -> None:
 
 def compared(session: Path, chosen: Any) -> xr.Dataset:
     steps, found = stage(session, "steps"), stage(session, "approach")
-    made = static_loading.model(stage(session, "displacement"), steps, None, None, settings=chosen)
-    return static_loading.comparison(found, steps, made, settings=chosen)
+    made = model.model(stage(session, "displacement"), steps, None, None, settings=chosen)
+    return comparison.comparison(found, steps, made, settings=chosen)
 
 
 def softer(factor: float) -> Callable[..., Prony]:
@@ -130,7 +130,7 @@ def softer(factor: float) -> Callable[..., Prony]:
 
 
 def test_a_modulus_a_quarter_too_low_shows(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(static_loading, "resolve", softer(0.75))
+    monkeypatch.setattr(model, "resolve", softer(0.75))
     assert float(compared(session, settings(session))["nrmse_contact_radius_model"]) > 0.06
 
 
@@ -144,8 +144,8 @@ def test_loads_fifteen_per_cent_too_large_show(session: Path) -> None:
     steps, found = stage(session, "steps"), stage(session, "approach")
     chosen = settings(session)
     wrong = steps.assign(force=steps["force"] * 1.15)
-    made = static_loading.model(stage(session, "displacement"), wrong, None, None, settings=chosen)
-    gap = static_loading.comparison(found, wrong, made, settings=chosen)
+    made = model.model(stage(session, "displacement"), wrong, None, None, settings=chosen)
+    gap = comparison.comparison(found, wrong, made, settings=chosen)
     assert float(gap["nrmse_contact_radius_model"]) > 0.03
 
 
@@ -160,8 +160,8 @@ def test_a_wrong_inclination_shows(session: Path, tmp_path: Path) -> None:
     )
     steps = load_steps.steps(moved, settings=chosen)
     found = static_loading.approach(moved, steps, settings=chosen)
-    made = static_loading.model(moved, steps, None, None, settings=chosen)
-    gap = static_loading.comparison(found, steps, made, settings=chosen)
+    made = model.model(moved, steps, None, None, settings=chosen)
+    gap = comparison.comparison(found, steps, made, settings=chosen)
     assert float(gap["nrmse_contact_radius_model"]) > 0.03
 
 

@@ -1,0 +1,50 @@
+"""Whether a record is believable, whether the model agrees, and what that could have noticed.
+
+A check holds two ways to the same quantity against each other, or a quantity against a law
+(:func:`compared`, :func:`bounded`, :func:`stated`, :func:`not_made`); :func:`judge` makes one
+verdict of all checks of a record and ranks the mistakes that would explain them
+(:class:`Cause`). :func:`agreement` compares measured with predicted values, with their whole
+covariance, and :func:`detectable` says how large an error of each input it would have shown.
+
+Nothing here knows a kind of experiment; the scheme of levels follows the flags that
+oceanographers use (QARTOD: pass, not evaluated, suspect, fail).
+"""
+
+from labpipe.judging._agreement import Agreement, agreement, block_means, model_verdict
+from labpipe.judging._causes import Cause, Explanation, explain
+from labpipe.judging._checks import (
+    FLAGS,
+    Check,
+    Finding,
+    Level,
+    bounded,
+    compared,
+    not_made,
+    stated,
+)
+from labpipe.judging._detectability import detectable
+from labpipe.judging._verdict import Judgement, Verdict, from_json, judge, to_json
+
+__all__ = [
+    "FLAGS",
+    "Agreement",
+    "Cause",
+    "Check",
+    "Explanation",
+    "Finding",
+    "Judgement",
+    "Level",
+    "Verdict",
+    "agreement",
+    "block_means",
+    "bounded",
+    "compared",
+    "detectable",
+    "explain",
+    "from_json",
+    "judge",
+    "model_verdict",
+    "not_made",
+    "stated",
+    "to_json",
+]

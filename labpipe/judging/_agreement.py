@@ -1,0 +1,136 @@
+"""Do measurement and model agree? Differences against their whole covariance.
+
+For differences d with covariance C, chi square = d' C^-1 d has as many degrees of freedom as C has
+independent directions (JCGM 102; generalised least squares). What two rows share - one calibration,
+one modulus - stands off the diagonal, so that it is neither counted twice nor lost.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from labpipe.errors import InputError
+
+ModelVerdict = Literal["agrees", "differs", "undecided", "none"]
+
+_SINGULAR = 1e-9
+"""Part of the largest variance (of correlations) below which a direction carries no information."""
+_AGREES, _DIFFERS, _ROW = 0.05, 0.001, 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How well predicted values agree with measured ones.
+
+    Attributes
+    ----------
+    chi2 : float
+        Sum of squares of independent differences in units of their uncertainty.
+    degrees_of_freedom : int
+    p : float
+        Probability of a larger one if the model is right and the uncertainties are.
+    largest : float
+        Largest difference of a row in units of its own uncertainty.
+    """
+
+    chi2: float
+    degrees_of_freedom: int
+    p: float
+    largest: float
+
+
+def agreement(differences: ArrayLike, covariance: ArrayLike) -> Agreement:
+    """Compare measured with predicted values.
+
+    Parameters
+    ----------
+    differences : array (row,)
+        Measured minus predicted, in any unit per row.
+    covariance : array (row, row)
+        Of the differences, with what the rows share off the diagonal.
+
+    Returns
+    -------
+    Agreement
+
+    Raises
+    ------
+    InputError
+        The covariance has another size, is not finite, or has a variance that is not positive.
+
+    Examples
+    --------
+    >>> found = agreement([0.3, -0.2], [[0.04, 0.0], [0.0, 0.01]])
+    >>> round(found.chi2, 2), found.degrees_of_freedom
+    (6.25, 2)
+    """
+    d = np.atleast_1d(np.asarray(differences, float))
+    C = np.atleast_2d(np.asarray(covariance, float))
+    variances = np.diagonal(C)
+    if C.shape != (len(d), len(d)) or not np.isfinite(C).all() or not np.isfinite(d).all():
+        message = f"{len(d)} differences want a finite covariance of that size, found {C.shape}"
+        raise InputError(message)
+    if not (variances > 0.0).all():
+        message = "a difference without uncertainty cannot be judged; state the uncertainty"
+        raise InputError(message)
+    scale = np.sqrt(variances)
+    z = d / scale
+    values, vectors = np.linalg.eigh(C / np.outer(scale, scale))
+    kept = values > _SINGULAR * values.max()
+    chi2 = float(np.sum((vectors[:, kept].T @ z) ** 2 / values[kept]))
+    count = int(kept.sum())
+    return Agreement(chi2, count, float(stats.chi2.sf(chi2, count)), float(np.abs(z).max()))
+
+
+def model_verdict(found: Agreement | None, could_notice: bool) -> ModelVerdict:
+    """Say in one word whether the model agrees.
+
+    Parameters
+    ----------
+    found : Agreement or None
+        None where there is no model.
+    could_notice : bool
+        Whether the comparison could have shown an error that matters (see :func:`detectable`).
+    """
+    if found is None:
+        return "none"
+    if found.p < _DIFFERS or found.largest > _ROW:
+        return "differs"
+    return "agrees" if found.p > _AGREES and could_notice else "undecided"
+
+
+def block_means(
+    residual: ArrayLike, u: ArrayLike, length: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Thin a curve to blocks that are longer than its noise remembers.
+
+    Parameters
+    ----------
+    residual, u : array (sample,)
+        Differences along the curve and their random standard uncertainty; NaN is left out.
+    length : int
+        Samples of a block.
+
+    Returns
+    -------
+    means, u_means : array (block,)
+        The uncertainty is the larger of what the samples state and what the scatter of residuals
+        inside the block says about its mean.
+    places : array (block,)
+        Index of the middle of each block.
+    """
+    r, s = np.asarray(residual, float), np.asarray(u, float)
+    known = np.flatnonzero(np.isfinite(r) & np.isfinite(s))
+    parts = [
+        part for part in np.array_split(known, max(len(known) // max(length, 1), 1)) if len(part)
+    ]
+    means = np.array([r[part].mean() for part in parts])
+    of_stated = np.array([np.sqrt(np.mean(s[part] ** 2) / len(part)) for part in parts])
+    of_scatter = np.array(
+        [r[part].std(ddof=1) / np.sqrt(len(part)) if len(part) > 1 else 0.0 for part in parts]
+    )
+    places = np.array([part[len(part) // 2] for part in parts], int)
+    return means, np.maximum(of_stated, of_scatter), places

@@ -1,0 +1,129 @@
+"""Which mistake explains what several checks show at once.
+
+Most mistakes of a laboratory are factors: a wrong unit, interval, gain or angle moves several
+redundant quantities by known powers of one factor. For every candidate that factor is fitted to
+the logarithms of all checks (weighted least squares, one free parameter), and candidates are
+ranked by what they leave unexplained.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import exp, hypot, isfinite, log
+
+from labpipe.judging._checks import Check
+
+_FLOOR = 2e-3
+"""Least relative uncertainty of a check when causes are compared: the laws are that good."""
+_USUAL = 9.0
+"""What a factor that people are known to get wrong (1000, 25.4, 2) gains over any other factor,
+in units of chi square."""
+_SLACK = 0.02
+"""How far from such a factor, relative, a fitted one may lie: other inputs may be off too."""
+_EXPLAINED = 0.1
+"""Part of chi square that a cause may leave and still be told as the cause."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """A mistake that multiplies an input by a factor.
+
+    Attributes
+    ----------
+    effects : mapping of str to float
+        Name of a check to the power of the factor by which it moves (seen over expected); what is
+        left out does not move.
+    say : callable
+        Takes the factor and returns the sentence, such as ``"the sampling cycle is probably
+        100 µs, not 50 µs"``.
+    usual : tuple of float
+        Factors that the mistake usually has; empty when any is as likely.
+    only_usual : bool
+        No other factor is this mistake.
+    file, line
+        Where it stands.
+    """
+
+    effects: Mapping[str, float]
+    say: Callable[[float], str]
+    usual: tuple[float, ...] = ()
+    only_usual: bool = False
+    file: str = field(default="", kw_only=True)
+    line: int | None = field(default=None, kw_only=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """A cause with the factor that fits best.
+
+    Attributes
+    ----------
+    cause : Cause
+    factor : float
+        By which the input is too large.
+    left : float
+        Chi square that it leaves, of `before` without it.
+    before : float
+    checks : tuple of str
+        Checks that it moves.
+    """
+
+    cause: Cause
+    factor: float
+    left: float
+    before: float
+    checks: tuple[str, ...]
+
+    @property
+    def sentence(self) -> str:
+        """What is probably wrong."""
+        return self.cause.say(self.factor)
+
+
+def explain(checks: Sequence[Check], causes: Sequence[Cause]) -> tuple[Explanation, ...]:
+    """Rank the causes that explain what the checks show, the likeliest first.
+
+    Parameters
+    ----------
+    checks : sequence of Check
+        Those with a logarithm count, also the ones that are right: a cause that would move them is
+        the less likely for it.
+    causes : sequence of Cause
+
+    Returns
+    -------
+    tuple of Explanation
+        Empty when no cause explains nine tenths of what is seen.
+    """
+    rows = [
+        (c.name, c.log_ratio, hypot(c.u_log_ratio, _FLOOR))
+        for c in checks
+        if isfinite(c.log_ratio) and isfinite(c.u_log_ratio)
+    ]
+    before = sum((r / u) ** 2 for _, r, u in rows)
+    if not any(c.level for c in checks) or before == 0.0:
+        return ()
+    found = []
+    for cause in causes:
+        moved = [(cause.effects.get(name, 0.0), r, u) for name, r, u in rows]
+        weight = sum((d / u) ** 2 for d, _, u in moved)
+        if weight == 0.0:
+            continue
+        best = sum(d * r / u**2 for d, r, u in moved) / weight
+        usual, is_usual = _nearest_usual(best, cause.usual)
+        if cause.only_usual and not is_usual:
+            continue
+        place = usual if is_usual else best
+        left = sum(((r - d * place) / hypot(u, d * _SLACK * is_usual)) ** 2 for d, r, u in moved)
+        names = tuple(name for name, _, _ in rows if cause.effects.get(name))
+        score = left - (_USUAL if is_usual else 0.0)
+        if left <= _EXPLAINED * before:
+            found.append((score, Explanation(cause, exp(place), left, before, names)))
+    return tuple(e for _, e in sorted(found, key=lambda pair: pair[0]))
+
+
+def _nearest_usual(best: float, usual: Sequence[float]) -> tuple[float, bool]:
+    """Return the logarithm of the usual factor next to a fitted one, and whether it is that."""
+    if not usual:
+        return best, False
+    nearest = min((log(k) for k in usual), key=lambda place: abs(place - best))
+    return nearest, abs(nearest - best) <= 2 * _SLACK

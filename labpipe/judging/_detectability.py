@@ -1,0 +1,55 @@
+"""What a comparison could have noticed: the smallest error of an input that it would have shown."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+from scipy.optimize import brentq
+
+_LIMIT = 0.95
+
+
+def detectable(sensitivities: ArrayLike, covariance: ArrayLike, power: float = 0.95) -> np.ndarray:
+    """Return the smallest error of each input that the comparison would have shown.
+
+    An error e of an input shifts the differences by s e and makes chi square noncentral with
+    lambda = e^2 s' C^-1 s; it is shown when chi square exceeds its 95 % limit. Other inputs are
+    held at their uncertainty, which stands in C.
+
+    Parameters
+    ----------
+    sensitivities : array (row, input)
+        Derivatives of the differences (measured minus predicted) to each input.
+    covariance : array (row, row)
+        Of the differences.
+    power : float
+        Probability with which the error would have been shown.
+
+    Returns
+    -------
+    array (input,)
+        In the unit of each input; infinite where the comparison does not see it.
+
+    Examples
+    --------
+    >>> detectable([[1.0], [0.0]], [[1.0, 0.0], [0.0, 1.0]]).round(2)
+    array([3.93])
+    """
+    S = np.asarray(sensitivities, float)
+    C = np.atleast_2d(np.asarray(covariance, float))
+    if S.ndim == 1:
+        S = S[:, None]
+    scale = np.sqrt(np.diagonal(C))
+    values, vectors = np.linalg.eigh(C / np.outer(scale, scale))
+    kept = values > 1e-9 * values.max()
+    whitened = (vectors[:, kept].T @ (S / scale[:, None])) / np.sqrt(values[kept])[:, None]
+    strength = np.linalg.norm(whitened, axis=0)
+    wanted = np.sqrt(_noncentrality(int(kept.sum()), power))
+    return np.divide(wanted, strength, out=np.full(len(strength), np.inf), where=strength > 0.0)
+
+
+def _noncentrality(degrees_of_freedom: int, power: float) -> float:
+    limit = stats.chi2.isf(1 - _LIMIT, degrees_of_freedom)
+    found = brentq(
+        lambda x: stats.ncx2.sf(limit, degrees_of_freedom, x) - power, 1e-6, 1e3 + 10 * limit
+    )
+    return float(found)

@@ -1,0 +1,120 @@
+"""The drop simulated, with the uncertainty of its inputs."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe import contact
+from labpipe.materials import Prony
+from labpipe.uncertainty import Source, table
+from labpipe.units import Quantity
+from pipelines.experiments.ball_drop.measured import padded
+from pipelines.experiments.ball_drop.settings import BallDrop
+from pipelines.experiments.shared.material_choice import resolve, variations
+from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_plate
+
+Array = NDArray[np.float64]
+
+_CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
+_COARSE = 1e-3  # tolerance of the simulations by which sensitivities are found
+_OF_PLATE = "plate "
+_LEAST_CHANGE = 1e-3  # relative change of an input by which a sensitivity is found
+_UNCERTAIN = ("restitution", "impact_time", "peak_force", "peak_contact_radius")
+
+
+def model(
+    repeats: xr.Dataset,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    plate: xr.Dataset | None,
+    *,
+    settings: BallDrop,
+    full: bool = False,
+) -> xr.Dataset:
+    """Simulate the drop as long as the record lasts, with the uncertainty of its inputs.
+
+    ``full`` takes the simulator's shortcuts away; the numbers stay the same within ``rtol``.
+    """
+    sphere, chosen = settings.sphere, settings.model
+    solid = resolve(sphere, material_file, fitted)
+    gravity = chosen.gravity.value
+    fall = np.sqrt(2 * settings.height.value / gravity)
+    duration = float(fall + repeats["time"].max())
+    times = np.arange(0.0, duration, _CURVE_STEP)
+    body = {"height": settings.height, "radius": sphere.radius, "mass": sphere.mass}
+    substrate = resolve_plate(settings.plate, plate)
+    floor = plate_inputs(settings.plate, plate)
+    inputs = body | {f"{_OF_PLATE}{name}": quantity for name, quantity in floor.items()}
+    solids = variations(sphere, material_file, fitted)
+
+    def simulate(other: Prony, rtol: float, times: Array | None, **change: float) -> xr.Dataset:
+        values = {name: quantity.value for name, quantity in inputs.items()} | change
+        moved = {name: values[f"{_OF_PLATE}{name}"] for name in floor}
+        return contact.drop(
+            other, values["radius"], values["mass"], values["height"], duration, chosen.solver,
+            chosen.profile, rtol, gravity=gravity, times=times,
+            plate=None if substrate is None else replace(substrate, **moved),
+            fold=not full, shortcuts=contact.Shortcuts.chosen(full=full),
+        )  # fmt: skip
+
+    made = simulate(solid, chosen.rtol, times)
+    # On a ringing plate a later touch meets it at another moment when the height changes, so the
+    # body's sensitivities are those on the plate; a few per cent of a sensitivity do no harm.
+    coarse = max(chosen.rtol, _COARSE)
+    reference, count = simulate(solid, coarse, None), made.sizes["impact"]
+    slopes = {}
+    for key, given in inputs.items():
+        if given.u > 0.0:
+            change = max(given.u, _LEAST_CHANGE * given.value)
+            off = simulate(solid, coarse, None, **{key: given.value + change})
+            slopes[key] = given, _slopes(off, reference, change, count)
+    for key, (given, change, other) in solids.items():
+        slopes[key] = given, _slopes(simulate(other, coarse, None), reference, change, count)
+    made = _with_uncertainty(made, slopes)
+    made.attrs["plate"] = json.dumps(None if substrate is None else asdict(substrate))
+    work = json.loads(made.attrs["work"])
+    work.pop("seconds", None)  # the clock has no place in a stored result
+    made.attrs["work"] = json.dumps(work)
+    return made
+
+
+def _slopes(
+    other: xr.Dataset, reference: xr.Dataset, change: float, count: int
+) -> dict[str, Array]:
+    """Return the change (impact,) of each uncertain result per change of one input."""
+    shared = min(other.sizes["impact"], reference.sizes["impact"], count)
+    found = {}
+    for name in _UNCERTAIN:
+        values = other[name].values[:shared], reference[name].values[:shared]
+        if name == "impact_time":  # what is compared counts from the first contact
+            values = values[0] - values[0][0], values[1] - values[1][0]
+        found[name] = padded((values[0] - values[1]) / change, count)
+    return found
+
+
+def _with_uncertainty(
+    made: xr.Dataset, slopes: Mapping[str, tuple[Quantity, dict[str, Array]]]
+) -> xr.Dataset:
+    """Add what the uncertainties of the inputs do to restitution, times, forces and radii."""
+    for name in _UNCERTAIN:
+        parts = [np.nan_to_num(by[name]) * given.u for given, by in slopes.values()]
+        made[f"u_{name}"] = (
+            "impact",
+            np.sqrt(np.sum(np.square(parts), axis=0)) if parts else np.zeros(made.sizes["impact"]),
+            {
+                "units": made[name].attrs["units"],
+                "long_name": f"standard uncertainty from {', '.join(slopes)}: {name}",
+            },
+        )
+    sources = [
+        Source.of(key, given, float(np.nan_to_num(by["restitution"][0])))
+        for key, (given, by) in slopes.items()
+        if made.sizes["impact"]
+    ]
+    made.attrs["budget"] = json.dumps(table(sources))
+    return made

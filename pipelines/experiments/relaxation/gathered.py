@@ -1,0 +1,87 @@
+"""All tests of an experiment as one table, and the mean of their moduli."""
+
+import json
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from pipelines.experiments.relaxation.settings import Relaxation
+
+_BIRGE_LIMIT = 2.0  # of chance alone, three depths exceed it once in fifty
+
+
+def tests(
+    ramps: list[xr.Dataset],
+    curves: list[xr.Dataset],
+    comparison: list[xr.Dataset],
+    *,
+    settings: Relaxation,
+) -> xr.Dataset:
+    """Gather every ramp of every file, and average the modulus over the depths."""
+    names = [
+        Path(file).stem + (f", ramp {i + 1}" if found.sizes["ramp"] > 1 else "")
+        for file, found in zip(settings.mach1, ramps, strict=True)
+        for i in range(found.sizes["ramp"])
+    ]
+    parts = [
+        xr.merge(
+            [found, curve.drop_dims(["lag", "elapsed"], errors="ignore"),
+             compared.drop_dims("sample", errors="ignore")],
+            combine_attrs="drop_conflicts",
+        )
+        for found, curve, compared in zip(ramps, curves, comparison, strict=True)
+    ]  # fmt: skip
+    wanted = sorted({str(n) for part in parts for n in part.data_vars if "ramp" in part[n].dims})
+    table: dict[str, Any] = {}
+    for name in wanted:
+        values = [
+            part[name].values if name in part else np.full(part.sizes["ramp"], np.nan)
+            for part in parts
+        ]
+        attrs = next(part[name].attrs for part in parts if name in part)
+        table[name] = ("test", np.concatenate(values), attrs)
+    made = xr.Dataset(table, coords={"test": np.arange(1, len(names) + 1)})
+    made.attrs = {"names": json.dumps(names)}
+    if "reduced_modulus" in made:
+        nus = [float(c["nu"]) for c in curves if "nu" in c]
+        made = made.merge(_averaged(made, nus[0]))
+    return made
+
+
+def _averaged(table: xr.Dataset, nu: float) -> xr.Dataset:
+    """Average the modulus over the tests, weighted by what they do not share.
+
+    The scatter is tested against the stated uncertainties; where it is larger, they grow by the
+    Birge ratio.
+    """
+    value = table["reduced_modulus"].values
+    own, whole = table["reduced_modulus_own_part"].values, table["u_reduced_modulus"].values
+    usable = np.isfinite(value) & (own > 0)
+    weight = 1 / own[usable] ** 2
+    mean = float(np.sum(weight * value[usable]) / weight.sum())
+    shared = float(np.mean(np.sqrt(np.maximum(whole[usable] ** 2 - own[usable] ** 2, 0.0))))
+    chi = float(np.sum(weight * (value[usable] - mean) ** 2))
+    freedom = int(usable.sum()) - 1
+    birge = max(1.0, np.sqrt(chi / freedom)) if freedom > 0 else 1.0
+    if birge > _BIRGE_LIMIT:
+        warnings.warn(
+            f"the moduli of the depths differ by {birge:.1f} times their uncertainties: the rubber "
+            "is not linear, or the punch is not what session.toml says",
+            stacklevel=2,
+        )
+    u = float(np.hypot(birge / np.sqrt(weight.sum()), shared))
+    tension = 1 - nu**2
+    rows = {
+        "mean_reduced_modulus": (mean, "Pa", "relaxed reduced modulus over all tests"),
+        "u_mean_reduced_modulus": (u, "Pa", "standard uncertainty: mean reduced modulus"),
+        "birge_ratio": (birge, "1", "scatter between tests over their uncertainties"),
+        "mean_relaxed_modulus": (mean * tension, "Pa", "relaxed modulus in tension"),
+        "u_mean_relaxed_modulus": (u * tension, "Pa", "standard uncertainty: relaxed modulus"),
+    }
+    return xr.Dataset({
+        name: ((), number, {"units": units, "long_name": text})
+        for name, (number, units, text) in rows.items()
+    })  # fmt: skip

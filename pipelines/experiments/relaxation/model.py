@@ -1,0 +1,65 @@
+"""The indentation simulated with the measured displacement."""
+
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from labpipe.units import Quantity
+from pipelines.experiments.relaxation.moduli import BINS_PER_DECADE
+from pipelines.experiments.relaxation.settings import Relaxation
+from pipelines.experiments.shared.material_choice import resolve
+from pipelines.experiments.shared.punch_model import (
+    Geometry,
+    simulated,
+)
+
+
+def model(
+    loads: xr.Dataset,
+    ramps: xr.Dataset,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: Relaxation,
+) -> xr.Dataset:
+    """Simulate the whole file with the measured displacement.
+
+    Without punch, substrate and first touch there is nothing to simulate; the result says so.
+    """
+    touch = float(ramps["contact_position"])
+    if settings.punch is None or settings.substrate is None:
+        reason = "session.toml names no punch and no substrate, so nothing was simulated"
+        return xr.Dataset(attrs={"absent": reason})
+    if not np.isfinite(touch):
+        return xr.Dataset(attrs={"absent": ramps.attrs["contact"]})
+    solid = resolve(settings.substrate, material_file, fitted)
+    geometry = Geometry.of(settings.punch, settings.substrate, settings.model, float(solid.nu))
+    at = Quantity(touch, float(ramps["u_contact_position"]), "m")
+    force, u_force, attrs = simulated(loads, at, solid, geometry)
+    text = "simulated force, before the cell's filter"
+    interval, longest = float(loads["sampling_interval"][0]), float(ramps["duration"].max())
+    elapsed = np.geomspace(interval, longest, int(np.log10(longest / interval) * BINS_PER_DECADE))
+    return xr.Dataset(
+        {
+            "force": ("sample", force, {"units": "N", "long_name": text}),
+            "u_force": (
+                "sample", u_force,
+                {"units": "N", "long_name": "standard uncertainty from first touch and punch"},
+            ),
+            "reduced_modulus": (
+                (), float(solid.E_relaxed) / (1 - float(solid.nu) ** 2),
+                {"units": "Pa", "long_name": "relaxed reduced modulus of the material"},
+            ),
+            "relaxation_modulus": (
+                "elapsed", np.asarray(solid.relaxation(elapsed)) / (1 - float(solid.nu) ** 2),
+                {"units": "Pa", "long_name": "reduced relaxation modulus of the material"},
+            ),
+        },
+        coords={
+            "elapsed": (
+                "elapsed", elapsed, {"units": "s", "long_name": "time since a step of strain"},
+            ),
+        },
+        attrs=attrs,
+    )  # fmt: skip

@@ -1,0 +1,297 @@
+"""The relaxation curve of a test, and moduli from its force.
+
+A test is one ramp with its hold. As long as the contact only grows, the force is that of the
+elastic contact run through the relaxation modulus (Lee and Radok),
+
+    F(t) = ∫ E*(t − s) dA(Δ(s)),     A: elastic force over reduced modulus,
+
+whatever the punch's shape; so the modulus follows from the force without a model of the material.
+
+References
+----------
+Thesis section 2.3.2 and eq. (2.17); E. H. Lee & J. R. M. Radok, J. Appl. Mech. 27 (1960) 438,
+https://doi.org/10.1115/1.3644020.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from labpipe.errors import InputError
+from labpipe.uncertainty import Row, Source, beyond, combined, table
+from pipelines.experiments.relaxation.settings import Relaxation
+from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+from pipelines.experiments.shared.material_choice import resolve
+from pipelines.experiments.shared.punch_model import (
+    Geometry,
+    elastic_force,
+    relative_sources,
+)
+from pipelines.experiments.shared.ramps_and_holds import Hold
+
+Array = NDArray[np.float64]
+
+BINS_PER_DECADE = 12  # of the relaxation curve
+_TERMS_PER_DECADE = 3  # of the modulus that is fitted
+_FASTEST = 0.2  # of a sampling interval: faster processes cannot be told apart
+_RESOLVED = 4.0  # sampling intervals: the fitted modulus at shorter times is a guess
+_FIT_READINGS = 400  # of a hold
+_SETTLED = 5.0  # s of a hold after which the filter's delay changes the force by less than 1e-4
+
+
+def curves(
+    loads: xr.Dataset,
+    ramps: xr.Dataset,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: Relaxation,
+) -> xr.Dataset:
+    """Return relaxation curves over the time since the ramp, and moduli where the depth is known.
+
+    Of the named material only Poisson's ratio is used.
+    """
+    found = ramps_and_holds.find(loads)
+    result = _relaxation_curves(loads, found)
+    touch = float(ramps["contact_position"])
+    if settings.punch is None or not np.isfinite(touch):
+        reason = "no punch is named" if settings.punch is None else ramps.attrs["contact"]
+        return result.assign_attrs(absent=f"no modulus was found: {reason}")
+    substrate = settings.substrate
+    nu = None if substrate is None else float(resolve(substrate, material_file, fitted).nu)
+    geometry = Geometry.of(settings.punch, substrate, settings.model, nu)
+    moduli = [_modulus(loads, ramps.isel(ramp=i), geometry) for i in range(len(found))]
+    columns = {
+        "reduced_modulus": ("Pa", "relaxed reduced modulus E/(1 - nu^2), from the plateau"),
+        "u_reduced_modulus": ("Pa", "standard uncertainty: relaxed reduced modulus"),
+        "reduced_modulus_own_part": (
+            "Pa",
+            "part of its uncertainty that other depths do not share",
+        ),
+        "reduced_modulus_cosine": ("Pa", "the same by eq. (2.17), for a cosine on a half-plane"),
+    }
+    result = result.merge(xr.Dataset(ramps_and_holds.over_ramps([m for m, _ in moduli], columns)))
+    result.attrs = {"budgets": json.dumps([b for _, b in moduli])}
+    result["nu"] = ((), np.nan if nu is None else nu, {"units": "1", "long_name": "Poisson ratio"})
+    if loads.attrs["is_tared"]:
+        fit = _fitted(loads, found, touch, geometry)
+        result = result.merge(fit, combine_attrs="drop_conflicts")
+    return result
+
+
+def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
+    """Bin the force of every hold over the logarithm of the time since the stage arrived.
+
+    A mean force belongs to the mean time of its readings, which is not the middle of the bin.
+    """
+    interval = float(loads["sampling_interval"][found[0].block])
+    longest = max(hold.last - hold.end for hold in found)
+    decades = np.log10(longest / interval)
+    edges = np.geomspace(0.5 * interval, 1.001 * longest, int(decades * BINS_PER_DECADE) + 2)
+    lag = np.sqrt(edges[1:] * edges[:-1])
+    step = float(loads.attrs.get("resolution", 0.0))
+    force, spread, middle, width = (np.full((len(found), lag.size), np.nan) for _ in range(4))
+    for i, hold in enumerate(found):
+        since = loads["time"].values[hold.rows] - hold.end
+        values = loads["force"].values[hold.rows]
+        t, mean, _, _ = ramps_and_holds.binned(since, values, edges)
+        place = np.searchsorted(edges, t, side="right") - 1
+        force[i, place], middle[i, place] = mean, t
+        width[i, place] = ramps_and_holds.binned(since, since, edges)[2]
+        spread[i, place] = ramps_and_holds.u_of_means(
+            since, values, edges, ramps_and_holds.noise(loads, hold), step
+        )
+    kept = np.isfinite(force).any(axis=0)
+    text = "force in the hold, as recorded behind the cell's filter"
+    table = {
+        "force": (force, "N", text),
+        "u_force": (spread, "N", f"standard uncertainty from noise: {text}"),
+        "mean_time": (middle, "s", "mean time of a bin's readings since the stage arrived"),
+        "time_spread": (width, "s", "standard deviation of the times of a bin's readings"),
+    }
+    return xr.Dataset(
+        {
+            name: (("ramp", "lag"), values[:, kept], {"units": units, "long_name": text})
+            for name, (values, units, text) in table.items()
+        },
+        coords={
+            "ramp": np.arange(1, len(found) + 1),
+            "lag": ("lag", lag[kept], {"units": "s", "long_name": "time since the stage arrived"}),
+        },
+    )
+
+
+def _modulus(
+    loads: xr.Dataset, at: xr.Dataset, geometry: Geometry
+) -> tuple[dict[str, float], list[Row]]:
+    """Invert the plateau: reduced modulus, its uncertainty, and the budget."""
+    depth, force = float(at["depth"]), float(at["plateau_force"])
+    if depth <= 0:
+        message = (
+            f"the hold lies {-depth * 1e6:.3g} µm above first touch; the position of first touch "
+            "cannot be right"
+        )
+        raise InputError(message)
+    value = force / float(elastic_force(np.array([depth]), geometry)[0])
+    cosine = Geometry(
+        geometry.radius, geometry.period, geometry.depth, geometry.tips, np.inf, geometry.nu,
+        type(geometry.model)(profile="cosine"),
+    )  # fmt: skip
+    gain = float(np.nan_to_num(float(loads["u_gain"])))
+    tare = float(loads["u_tare"])
+    noise = beyond(float(at["u_plateau_force"]), ramps_and_holds.systematic(loads, force))
+    of_force = value / force
+    sources = [
+        Source("noise of the plateau", force, noise, "N", of_force, "random"),
+        Source("tare", float(loads["tare"]), tare, "N", of_force, "systematic"),
+        Source("relaxation not finished", 0.0, float(at["unfinished"]), "N", of_force,
+               "systematic"),
+        Source("gain of the cell", float(loads["gain"]), gain, "1", value, "systematic"),
+    ]  # fmt: skip
+    # a deeper contact at the same force is a softer one
+    sources += [
+        s._replace(sensitivity=-value * s.sensitivity)
+        for s in relative_sources(depth, float(at["u_depth"]), geometry)
+    ]
+    shared = {"gain of the cell", "tip radius", "period", "length of a tip"}
+    own = [s for s in sources if s.source not in shared]
+    row = {
+        "reduced_modulus": value,
+        "u_reduced_modulus": combined(sources),
+        "reduced_modulus_own_part": combined(own),
+        "reduced_modulus_cosine": force / float(elastic_force(np.array([depth]), cosine)[0]),
+    }
+    return row, table(sources)
+
+
+def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geometry) -> xr.Dataset:
+    """Fit the relaxation modulus to the force, and return it with the force before the filter.
+
+    Every Maxwell term of weight one gives a force by Lee and Radok's integral; the weights follow
+    by non-negative least squares, after each of these forces has passed the cell's filter.
+    """
+    interval = float(loads["sampling_interval"][found[0].block])
+    declared = mach1_readings.declared_filter(loads)
+    time = mach1_readings.clock(loads)
+    area = elastic_area(loads["position_z"].values - touch, geometry)
+    longest = max(hold.last - hold.end for hold in found)
+    decades = np.log10(longest / (_FASTEST * interval))
+    rho = np.geomspace(_FASTEST * interval, longest, int(decades * _TERMS_PER_DECADE))
+    basis = np.column_stack([area] + [_maxwell(time, area, r) for r in rho])
+    rows = _fit_rows(loads, found, interval)
+    measured = loads["force"].values[rows]
+    answers = []
+    kinds = mach1_readings.filter_kinds(loads)
+    for kind in kinds:
+        passed = np.column_stack([
+            through(loads, column, interval, declared, kind)[rows] for column in basis.T
+        ])  # fmt: skip
+        scale = np.maximum(np.abs(passed).max(axis=0), 1e-300)
+        found_weights, _ = nnls(passed / scale, measured)
+        answers.append(found_weights / scale)
+    chosen = answers[0]
+    clean = [basis @ each for each in answers]
+    first = _RESOLVED * interval
+    lag = np.geomspace(first, longest, int(np.log10(longest / first) * BINS_PER_DECADE))
+    modulus = chosen[0] + np.exp(-lag[:, None] / rho) @ chosen[1:]
+    peaks = np.array([[c[hold.rows].max() for hold in found] for c in clean])
+    systematic = np.array([ramps_and_holds.systematic(loads, p) for p in peaks[0]])
+    rest = measured - through(loads, clean[0], interval, declared, kinds[0])[rows]
+    misfit = np.array([_misfit(loads, rest, rows, hold) for hold in found])
+    of_filter = np.abs(peaks[-1] - peaks[0]) / np.sqrt(3.0)
+    u_peak = np.sqrt(systematic**2 + misfit**2 + of_filter**2)
+    return xr.Dataset(
+        {
+            "relaxation_modulus": (
+                "elapsed", modulus,
+                {"units": "Pa", "long_name": "reduced relaxation modulus, fitted to the force"},
+            ),
+            "peak_force_unfiltered": (
+                "ramp", peaks[0], {"units": "N", "long_name": "largest force before the filter"},
+            ),
+            "u_peak_force_unfiltered": (
+                "ramp", u_peak,
+                {"units": "N", "long_name": "standard uncertainty: largest force before filter"},
+            ),
+            "peak_filter_part": (
+                "ramp", of_filter,
+                {"units": "N", "long_name": "part of it that the unknown kind of filter leaves"},
+            ),
+        },
+        coords={
+            "ramp": np.arange(1, len(found) + 1),
+            "elapsed": ("elapsed", lag, {"units": "s", "long_name": "time since a step of strain"}),
+        },
+        attrs={"work": json.dumps({"fit_rows": int(rows.size), "fit_terms": int(rho.size + 1)})},
+    )  # fmt: skip
+
+
+def elastic_area(depth: Array, geometry: Geometry) -> Array:
+    """Return elastic force over reduced modulus of a history that only grows, by interpolation."""
+    deepest = float(depth.max())
+    grid = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 200) * deepest])
+    area = elastic_force(grid, geometry)
+    # a contact that once was as wide keeps its width: the running maximum stands for the depth
+    reached = np.maximum.accumulate(np.maximum(depth, 0.0))
+    return np.asarray(np.interp(reached, grid, area))
+
+
+def _maxwell(time: Array, area: Array, rho: float) -> Array:
+    """Return ∫ exp(−(t − s)/ρ) dA(s) on the samples, A linear between them."""
+    step = np.diff(time) / rho
+    decay = np.exp(-step)
+    share = np.where(step > 0, -np.expm1(-step) / np.where(step > 0, step, 1.0), 1.0)
+    gained = share * np.diff(area)
+    made = np.zeros(time.size)
+    level = 0.0
+    for n, (d, g) in enumerate(zip(decay.tolist(), gained.tolist(), strict=True)):
+        level = level * d + g
+        made[n + 1] = level
+    return made
+
+
+def through(
+    loads: xr.Dataset,
+    force: Array,
+    interval: float,
+    declared: dict[str, float] | None,
+    kind: str = "butterworth",
+) -> Array:
+    """Pass the force of every block through the cell's filter, while the stage moves and after.
+
+    In a long hold the force is so slow that a filter leaves it as it is.
+    """
+    made = force.copy()
+    moving = np.flatnonzero(np.diff(loads["position_z"].values, prepend=np.nan) != 0)
+    for block in range(loads.sizes["block_index"]):
+        rows = mach1_readings.rows(loads, block)
+        inside = moving[(moving >= rows.start) & (moving < rows.stop)]
+        last = int(inside[-1]) if inside.size else rows.start
+        part = slice(rows.start, min(rows.stop, last + round(_SETTLED / interval)))
+        made[part] = mach1_readings.filtered(force[part], interval, declared, kind)
+    return made
+
+
+def _fit_rows(loads: xr.Dataset, found: list[Hold], interval: float) -> NDArray[np.int64]:
+    """Choose readings: all of a ramp, and then evenly over the logarithm of time."""
+    rows: list[int] = []
+    for hold in found:
+        size = hold.rows.stop - hold.rows.start
+        arrival = round((hold.end - float(loads["time"].values[hold.rows.start])) / interval)
+        left = max(size - arrival - 1, 1)
+        after = np.unique(np.geomspace(1, left, _FIT_READINGS).astype(int))
+        rows += range(hold.rows.start, hold.rows.start + arrival + 1)
+        rows += (hold.rows.start + arrival + after).tolist()
+    return np.array(sorted(set(rows)), dtype=np.int64)
+
+
+def _misfit(loads: xr.Dataset, rest: Array, rows: NDArray[np.int64], hold: Hold) -> float:
+    """Return the root mean square misfit [N] around the end of a ramp."""
+    time = loads["time"].values[rows]
+    inside = (rows >= hold.rows.start) & (rows < hold.rows.stop)
+    near = inside & (np.abs(time - hold.end) < max(hold.end - hold.begin, 0.1))
+    return float(np.sqrt(np.mean(rest[near] ** 2)))

@@ -1,0 +1,107 @@
+"""The creeping contact simulated, and Hertz's steps."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from labpipe import contact, uncertainty
+from labpipe.contact.sphere import hertz
+from labpipe.materials import Prony
+from labpipe.uncertainty import Source
+from pipelines.experiments.shared.material_choice import resolve, variations
+from pipelines.experiments.static_loading.load_steps import valid
+from pipelines.experiments.static_loading.measured import spans
+from pipelines.experiments.static_loading.settings import StaticLoading
+
+_STEP_POINTS = 80  # of the simulation in one load step, evenly in the logarithm of time
+_FIRST = 0.5  # s under a load at which the simulation is first asked
+
+
+def model(
+    displacement: xr.Dataset,
+    steps: xr.Dataset,
+    material_file: Path | None,
+    fitted: xr.Dataset | None,
+    *,
+    settings: StaticLoading,
+) -> xr.Dataset:
+    """Simulate the loading with the times found; Hertz's steps beside it."""
+    solid = resolve(settings.sphere, material_file, fitted)
+    radius = settings.sphere.radius
+    chosen = settings.model
+    time, _ = valid(displacement)
+    force = steps["force"].values
+    stretches, loads = [], []
+    for (begin, end), load in zip(spans(steps), force, strict=True):
+        inside = begin + np.concatenate([[0.0], np.geomspace(_FIRST, end - begin, _STEP_POINTS)])
+        stretches.append(inside)
+        loads.append(np.full(inside.size, load))
+    made = contact.load_sphere(
+        solid, radius.value, np.concatenate(stretches), np.concatenate(loads),
+        profile=chosen.profile, springs=chosen.springs,
+    )  # fmt: skip
+    relative_force = steps["u_force"].values / force
+    held = np.searchsorted(steps["begin"].values, time, side="right") - 1
+    # exponents of Hertz's contact: approach (F J)^(2/3) R^(-1/3), radius (F J)^(1/3) R^(1/3)
+    spread = relative_force[np.maximum(held, 0)]
+    size = radius.u / radius.value
+    softer = _softer(settings, material_file, fitted, solid, float(time[-1]))
+    of_material = uncertainty.combined(softer)
+    table: dict[str, Any] = {}
+    for name, power in (("approach", 2 / 3), ("contact_radius", 1 / 3)):
+        values = np.interp(time, made["time"].values, made[name].values)
+        attrs = {"units": "m", "long_name": f"{name.replace('_', ' ')}, viscoelastic model"}
+        table[name] = ("time", values, attrs)
+        relative = np.sqrt((power * spread) ** 2 + (size / 3) ** 2 + (power * of_material) ** 2)
+        table[f"u_{name}"] = (
+            "time", values * relative,
+            {"units": "m", "long_name": f"standard uncertainty from load, radius, solid: {name}"},
+        )  # fmt: skip
+    last = float(table["contact_radius"][1][-1])
+    sources = [
+        Source("load", float(force[-1]), float(steps["u_force"][-1]), "N", last / 3 / force[-1],
+               "systematic"),
+        Source.of("radius", radius, last / 3 / radius.value),
+    ]  # fmt: skip
+    sources += [s._replace(sensitivity=last / 3 * s.sensitivity) for s in softer]
+    factor = 1 / (1 - float(solid.nu) ** 2)
+    for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
+        state = hertz.static_load(force, radius.value, float(modulus) * factor)
+        table[f"hertz_radius_{name}"] = (
+            "load", np.asarray(state.contact_radius),
+            {"units": "m", "long_name": f"contact radius by Hertz, {name} modulus"},
+        )  # fmt: skip
+        table[f"hertz_approach_{name}"] = (
+            "load", np.asarray(state.approach),
+            {"units": "m", "long_name": f"approach by Hertz, {name} modulus"},
+        )  # fmt: skip
+    lag = steps["elapsed"].values
+    table["compliance"] = (
+        "elapsed", np.asarray(solid.creep(lag)) / factor,
+        {"units": "1/Pa", "long_name": "reduced creep compliance of the material"},
+    )  # fmt: skip
+    work = json.loads(made.attrs["work"])
+    return xr.Dataset(
+        table,
+        coords={
+            "time": ("time", time, {"units": "s", "long_name": "time from the first point"}),
+            "load": steps["load"],
+            "elapsed": steps["elapsed"],
+        },
+        attrs={"work": json.dumps(work), "budget": json.dumps(uncertainty.table(sources))},
+    )
+
+
+def _softer(
+    settings: StaticLoading, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony,
+    lasted: float,
+) -> list[Source]:  # fmt: skip
+    """Return what is uncertain of the solid, relative to its compliance."""
+    whole = float(solid.creep(lasted))
+    return [
+        Source.of(name, given, float(np.log(float(other.creep(lasted)) / whole)) / step)
+        for name, (given, step, other) in variations(settings.sphere, material_file, fitted).items()
+    ]

@@ -1,0 +1,201 @@
+from math import cos, exp, inf, log, radians
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from labpipe.errors import InputError
+from labpipe.judging import (
+    Cause,
+    agreement,
+    block_means,
+    bounded,
+    compared,
+    detectable,
+    explain,
+    from_json,
+    judge,
+    model_verdict,
+    not_made,
+    stated,
+    to_json,
+)
+
+G = 9.81
+
+
+def drop_checks(interval=1.0, scale=1.0, height=1.0, seed=None, u=0.003):
+    """Acceleration and fall of a drop whose inputs are too large by factors."""
+    random = np.random.default_rng(seed)
+    noise = random.normal(0.0, u, 2) if seed is not None else (0.0, 0.0)
+    g = G * scale / interval**2 * exp(noise[0])
+    fall = 1.5e-3 * scale * exp(noise[1])
+    stated_height = 1.5e-3 * height
+    return [
+        compared("acceleration", "g", "", g, u * g, G, 0.0),
+        compared("fall", "h", "", fall, u * fall, stated_height, u * stated_height),
+    ]
+
+
+CAUSES = (
+    Cause({"acceleration": -2.0}, lambda k: f"interval {k:.3g}", usual=(0.5, 2.0, 10.0, 0.1)),
+    Cause(
+        {"acceleration": 1.0, "fall": 1.0},
+        lambda k: f"scale {k:.3g}",
+        usual=(1e3, 1e-3, 25.4, 10.0, 0.1, 1 / cos(radians(12))),
+    ),
+    Cause({"fall": -1.0}, lambda k: f"height {k:.3g}", usual=(10.0, 0.1)),
+)
+
+
+@pytest.mark.parametrize(
+    ("factors", "expected"),
+    [
+        ({"interval": 0.5}, "interval 0.5"),
+        ({"interval": 1.02}, "interval 1.02"),
+        ({"scale": 1000.0}, "scale 1e+03"),
+        ({"scale": 25.4}, "scale 25.4"),
+        ({"height": 10.0}, "height 10"),
+        ({"height": 1.2}, "height 1.2"),
+    ],
+)
+def test_redundancy_names_the_factor(factors, expected):
+    judged = judge(drop_checks(**factors, seed=1), CAUSES)
+    assert judged.causes[0] == expected
+    assert judged.believable == "impossible"
+    assert all(f.cause == expected for f in judged.findings)
+
+
+def test_a_clean_record_is_believed_and_explained_by_nothing():
+    judged = judge(drop_checks(seed=2), CAUSES)
+    assert (judged.believable, judged.findings, judged.causes) == ("yes", (), ())
+    assert judged.n_made == 2
+
+
+def test_false_alarms_are_as_rare_as_the_levels_say():
+    alarms = sum(judge(drop_checks(seed=s), CAUSES).believable != "yes" for s in range(500))
+    assert alarms <= 2
+
+
+def test_an_error_that_no_factor_explains_has_no_cause():
+    checks = [*drop_checks(interval=0.5), compared("third", "", "", 5.0, 0.01, 1.0, 0.01)]
+    assert not explain(checks, CAUSES[:1])
+
+
+def test_a_known_systematic_effect_is_no_finding():
+    found = compared("g", "", "", 9.7, 0.001, G, 0.001, allowance=0.2)
+    assert found.level is None
+    assert abs(found.margin) > 10
+
+
+@pytest.mark.parametrize(
+    ("value", "level"), [(0.9, None), (1.0 + 4.5e-4, "doubtful"), (1.195, "impossible")]
+)
+def test_a_law_must_be_broken_by_more_than_the_noise(value, level):
+    assert bounded("e", "0 < e < 1", "", value, 1e-4, at_least=0.0, at_most=1.0).level == level
+
+
+def test_a_plausible_range_is_never_impossible():
+    assert bounded("E", "", "", 1e15, 1.0, at_most=1e10, is_law=False).level == "doubtful"
+
+
+def test_few_repeats_widen_what_is_believed():
+    few = compared("a", "", "", 6.0, 1.0, 0.0, 0.0, degrees_of_freedom=2)
+    many = compared("a", "", "", 6.0, 1.0, 0.0, 0.0)
+    assert few.level is None
+    assert many.level == "doubtful"
+    assert stats.norm.sf(few.margin) == pytest.approx(stats.t.sf(6.0, 2), rel=1e-6)
+
+
+def test_without_checks_nothing_is_known():
+    judged = judge([not_made("fall", "", "a stated height")])
+    assert judged.believable == "unknown"
+    assert judged.n_made == 0
+
+
+def test_a_finding_names_its_file_and_line():
+    cause = Cause({"fall": -1.0}, lambda k: "the height", file="session.toml", line=7)
+    found = judge(drop_checks(height=3.0), [cause]).findings[0]
+    assert (found.file, found.line, found.cause) == ("session.toml", 7, "the height")
+
+
+def test_judgements_survive_json():
+    judged = judge([*drop_checks(scale=10.0), stated("bytes", "", "twice", "note")], CAUSES)
+    again = from_json(to_json(judged))
+    assert again.findings == judged.findings
+    assert again.causes == judged.causes
+    assert to_json(again) == to_json(judged)
+
+
+def shared(n, own, common):
+    return own**2 * np.eye(n) + common**2
+
+
+def test_chi_square_is_what_it_says_under_the_model():
+    random = np.random.default_rng(3)
+    C = shared(6, 1.0, 3.0)
+    root = np.linalg.cholesky(C)
+    p = [agreement(root @ random.normal(size=6), C).p for _ in range(400)]
+    assert stats.kstest(p, "uniform").pvalue > 0.01
+
+
+def test_what_rows_share_is_counted_once():
+    C = shared(50, 0.1, 1.0)
+    together = agreement(np.full(50, 2.0), C)
+    assert together.p > 0.5
+    assert agreement(np.full(50, 2.0), np.diag(np.diagonal(C))).p < 1e-6
+
+
+def test_a_direction_without_information_does_not_count():
+    C = np.array([[1.0, 1.0], [1.0, 1.0]])
+    found = agreement([1.0, 1.0], C)
+    assert found.degrees_of_freedom == 1
+    assert found.chi2 == pytest.approx(1.0)
+
+
+def test_differences_without_uncertainty_are_refused():
+    with pytest.raises(InputError, match="without uncertainty"):
+        agreement([1.0], [[0.0]])
+
+
+def test_verdicts_of_models():
+    fine, off = agreement([0.1], [[1.0]]), agreement([5.0], [[1.0]])
+    between = agreement([2.5], [[1.0]])
+    assert model_verdict(None, could_notice=True) == "none"
+    assert model_verdict(fine, could_notice=True) == "agrees"
+    assert model_verdict(fine, could_notice=False) == "undecided"
+    assert model_verdict(between, could_notice=True) == "undecided"
+    assert model_verdict(off, could_notice=True) == "differs"
+
+
+def test_a_detectable_error_is_shown_as_often_as_said():
+    random = np.random.default_rng(4)
+    C, s = shared(5, 1.0, 0.5), np.array([1.0, 2.0, 0.0, -1.0, 0.5])
+    error = float(detectable(s, C)[0])
+    limit = stats.chi2.isf(0.05, 5)
+    root = np.linalg.cholesky(C)
+    shown = np.mean(
+        [agreement(root @ random.normal(size=5) + error * s, C).chi2 > limit for _ in range(1000)]
+    )
+    assert shown == pytest.approx(0.95, abs=0.02)
+
+
+def test_an_input_that_acts_on_nothing_is_never_noticed():
+    assert detectable([[0.0], [0.0]], np.eye(2))[0] == inf
+
+
+def test_blocks_of_a_curve_carry_its_slow_noise():
+    random = np.random.default_rng(5)
+    slow = np.repeat(random.normal(size=40), 25)
+    means, u, places = block_means(slow + 0.01 * random.normal(size=1000), np.full(1000, 0.01), 100)
+    assert len(means) == len(u) == len(places) == 10
+    assert u.min() > 0.03  # the scatter inside a block, not the stated 0.001
+
+
+def test_the_usual_factor_wins_over_a_free_one_that_fits_as_well():
+    free = Cause({"acceleration": -2.0}, lambda k: "free")
+    named = Cause({"acceleration": -2.0}, lambda k: "named", usual=(2.0,))
+    checks = drop_checks(interval=2.0, seed=6)
+    assert [e.sentence for e in explain(checks, [free, named])] == ["named", "free"]
+    assert explain(checks, [named])[0].factor == pytest.approx(2.0)
+    assert log(explain(checks, [free])[0].factor) == pytest.approx(log(2.0), abs=0.02)
