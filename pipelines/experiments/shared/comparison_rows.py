@@ -29,6 +29,8 @@ class Row:
         Of a curve only the difference is given: the bias, and its uncertainty where one is stated.
     nrmse : float or None
         Of a curve, relative to the range of the measurement.
+    kept : tuple of str
+        Results behind it that earlier code made and that were taken as they are.
     """
 
     experiment: str
@@ -46,6 +48,7 @@ class Row:
     difference: float | None = None
     u_difference: float | None = None
     nrmse: float | None = None
+    kept: tuple[str, ...] = ()
 
     @property
     def is_curve(self) -> bool:
