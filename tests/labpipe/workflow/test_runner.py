@@ -23,6 +23,7 @@ from labpipe.workflow.graph import Stage
 from labpipe.workflow.log import events
 from labpipe.workflow.runner import Event, RunResult, open_result, run, run_all
 from labpipe.workflow.session import Session
+from labpipe.workflow.worker import Job, work
 from tests.by_day import by_day
 
 HERE = Path(__file__).parent
@@ -427,6 +428,15 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
         assert set(states(other).values()) == {"cached"}
     assert [toy.contents(session) for session in made] == [undisturbed] * 2
     provenance.program.cache_clear()
+
+
+def test_a_session_that_a_machine_does_not_see_is_named(tmp_path: Path) -> None:
+    session = replace(toy.make_session(tmp_path), root=tmp_path / "elsewhere")
+    job = Job(
+        session, toy.STAGES, toy.SCHEMAS, "nbr", frozenset(), False, False, False, False, {}, {}
+    )  # fmt: skip
+    with pytest.raises(InputError, match=r"sees no folder .*elsewhere; a session must lie under"):
+        work(job, tell=print)
 
 
 def test_a_cluster_that_does_not_answer_is_named(session: Session) -> None:
