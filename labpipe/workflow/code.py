@@ -234,8 +234,9 @@ def _texts(nodes: Iterable[ast.AST]) -> set[str]:
 
 
 def _text(node: ast.AST | None) -> str | None:
-    is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
-    return node.value if is_text else None  # type: ignore[union-attr,return-value]
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    return None
 
 
 def _tables(body: Iterable[ast.stmt]) -> dict[str, str]:
