@@ -53,7 +53,7 @@ BALL_DROP = (
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.bounce_compiled",),
+        imports=("labpipe.contact.bouncing",),
         summary="simulate the drop",
     ),
     Stage(
@@ -304,7 +304,7 @@ CONTACT_AREA = (
          "other:sphere.material_from/master_curve", "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.bounce_compiled",),
+        imports=("labpipe.contact.bouncing",),
         summary="simulate the drop",
     ),
     Stage(
@@ -356,7 +356,7 @@ PLATE_VIBRATION = (
         "model", "pipelines.experiments.plate_vibration:model", 1, ("table", "plate"),
         ("drops", "sphere", "model"),
         shortcuts=True,
-        imports=("labpipe.contact.bounce_compiled",),
+        imports=("labpipe.contact.bouncing",),
         summary="simulate the drops on the plate",
     ),
     Stage(

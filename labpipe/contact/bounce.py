@@ -1,51 +1,40 @@
-"""One contact of a falling sphere, from touch to lift-off or to rest, in adaptive steps.
+"""A falling sphere from contact to contact: its state, and what its compiled steps hand back.
 
-Motion: average acceleration (Newmark), so that the change of kinetic and potential energy is the
-trapezoid of force times displacement to rounding, at any step length. The only unknown of a step is
-the approach; the force is a convex, increasing function of it, so that Newton's method cannot fail.
-Error control: ``dt^3 a''/12``, the step's own error in velocity, against the speed of this bounce.
-Step lengths come from a geometric ladder, so that the exponentials of the memory are computed once
-per rung. Lift-off is located exactly: it is where the springless motion meets the central spring.
-
-Only the springs that this contact can reach take part; the block grows when the contact does.
-
-Plain steps are compiled (:mod:`labpipe.contact.bounce_plain`); why, says ``ARCHITECTURE.md``. Creep
-at rest has steps of its own (:mod:`labpipe.contact.settling`).
+The steps themselves are in :mod:`labpipe.contact.bounce_compiled`. Here are the free flight, the
+instant of lift-off (where the springless motion meets the central spring), steps that end at a
+given time, creep at rest in steps that grow, and the springs in use: only those that this
+contact can reach take part; the block grows when the contact does.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from math import floor, inf, log2
+from typing import cast
 
 import numpy as np
 from scipy.optimize import brentq
 
-from labpipe.contact.bounce_plain import plain_steps
-from labpipe.contact.bounce_step import (
-    DISPLACEMENT,
-    DWELL,
-    FIRST,
-    GROWTH,
-    LONGEST,
-    NEW,
-    NEWTON_LIMIT,
-    NEWTON_TOLERANCE,
-    OLD,
-    PAST,
-    SAFETY,
-    SHRINK,
-    Pace,
-    Trial,
-)
+from labpipe.contact import bounce_compiled as kernel
+from labpipe.contact.bounce_compiled import PACE, Block, Pace, Rules
+from labpipe.contact.drop_setup import FIRST_STEP, LONGEST_STEP
 from labpipe.contact.memory import Array, Creep
-from labpipe.contact.motion import AnnularContactError, Body, Counts, Record, Snapshot, Springs
+from labpipe.contact.motion import (
+    COUNTS,
+    MOTION,
+    AnnularContactError,
+    Body,
+    Counts,
+    Motion,
+    Snapshot,
+    Springs,
+    Stillness,
+    Trail,
+    blank,
+    motion,
+)
 from labpipe.contact.plate import PlateState
-from labpipe.contact.rest import RestTest
-from labpipe.contact.rungs import Ladder, Rung, rung_of
+from labpipe.contact.rungs import StepTable, step_table
 from labpipe.errors import InputError
-
-if TYPE_CHECKING:
-    from labpipe.contact.bounce_compiled import Table
 
 # A plate's oscillation is followed with at least this many steps.
 _STEPS_PER_PLATE_PERIOD = 40
@@ -57,6 +46,9 @@ _UPDATES_PER_STEP = 20_000
 _FORGOTTEN = 1e-200
 # A contact block that is outgrown is enlarged to this multiple of the contact radius.
 _BLOCK_GROWTH = 1.3
+# Steps that are taken before limits and progress are looked at, and the lengths in their table:
+# down to 2^-32 of the longest step.
+_BATCH, _TABLE_LENGTHS = 4096, 129
 
 
 @dataclass(slots=True)
@@ -65,98 +57,119 @@ class Stepper:
 
     Parameters
     ----------
-    creep : Creep
+    creep_law : Creep
         Contact compliance.
     springs : Springs
         All springs; extended when the contact outgrows them.
     body : Body
         Mass, gravity, plate.
+    stillness : Stillness
+        When it has come to rest.
     tolerance : float
         Error in velocity of one step relative to ``speed_scale``.
+    time_scale, speed_scale : float [s], [m/s]
+        Of a contact.
     largest_radius : float [m]
         Beyond this contact radius the half-space theory is refused.
     max_steps : int
         Refuse to go on after so many steps.
-    wanted : list of float [s]
-        Instants, ascending, of which to keep a snapshot; steps end there.
-    is_compiled : bool
-        Take plain steps with :mod:`labpipe.contact.bounce_compiled`.
     only_near : bool
         Solve for the springs that a contact can reach only.
+    observe : callable, optional
+        Told the time now and then.
+    wanted : list of float [s]
+        Instants, ascending, of which to keep a snapshot; steps end there.
+    now : Motion
+        The state, but for the springs.
+    memory : array (element, spring) [m]
+        Displacements of all springs' elements between contacts.
     """
 
-    creep: Creep
+    creep_law: Creep
     springs: Springs
     body: Body
+    stillness: Stillness
     tolerance: float
     time_scale: float
     speed_scale: float
     largest_radius: float
-    expected_radius: float
     max_steps: int
-    is_compiled: bool = False
     only_near: bool = True
-    time: float = 0.0
-    position: float = 0.0
-    velocity: float = 0.0
-    acceleration: float = 0.0
-    approach: float = 0.0
-    force: float = 0.0
-    plate: PlateState = field(default_factory=PlateState)
-    spring_work: float = 0.0
-    plate_loss: float = 0.0
-    counts: Counts = field(default_factory=Counts)
     observe: Callable[[float], None] | None = None
-    trail: list[Record] = field(default_factory=list)
     wanted: list[float] = field(default_factory=list)
+    now: Motion = field(default_factory=motion)
+    counts: Counts = field(default_factory=lambda: cast("Counts", blank(COUNTS)))
     snapshots: list[Snapshot] = field(default_factory=list)
     memory: Array = field(init=False)
-    block: Array = field(init=False)
-    rows: Array = field(init=False)
-    weighted: Array = field(init=False)
-    moments: Array = field(init=False)
-    gap: Array = field(init=False)
-    weight: Array = field(init=False)
-    inverse: Array = field(init=False)
-    outer_stored: Array = field(init=False)
-    outer_time: float = 0.0
-    leniency: float = 1.0
-    ladder: Ladder = field(init=False)
-    table: "Table | None" = None
-    previous: tuple[float, float] = (0.0, 0.0)
+    block: Block = field(init=False)
+    rules: Rules = field(init=False)
+    _pace: Pace = field(init=False)
+    _table: StepTable = field(init=False)
+    _trail: list[Trail] = field(default_factory=list)
+    _batch: Trail = field(init=False)
+    _inverse: Array = field(init=False)
+    _outer_stored: Array = field(init=False)
+    _outer_time: float = 0.0
 
     def __post_init__(self) -> None:
-        self.memory = self.creep.rest(self.springs.position.size)
-        self.inverse = 0.5 * self.creep.inverse
-        self.ladder = Ladder(self.creep, self.time_scale)
+        self.memory = self.creep_law.rest(self.springs.position.size)
+        self._inverse = 0.5 * self.creep_law.inverse
+        top = floor(kernel.PER_OCTAVE * log2(LONGEST_STEP))
+        lowest = top + 1 - _TABLE_LENGTHS
+        octaves = np.arange(lowest, top + 1) / kernel.PER_OCTAVE
+        self._table = step_table(self.creep_law, self.time_scale * 2.0**octaves)
+        self._batch = np.recarray(_BATCH, MOTION)
+        self._pace = cast("Pace", blank(PACE, slowest=-inf, fastest=inf, largest=inf))
+        plate = self.body.plate
+        self.rules = Rules(
+            mass=self.body.mass,
+            gravity=self.body.gravity,
+            instantaneous=self.creep_law.instantaneous,
+            base=self.time_scale,
+            lowest=lowest,
+            allowed=self.tolerance * self.speed_scale,
+            rest_tolerance=self.stillness.tolerance,
+            rest_period=self.stillness.period,
+            rest_speed=self.stillness.speed,
+            plate_mass=plate.mass if plate else 0.0,
+            plate_stiffness=plate.stiffness if plate else 0.0,
+            plate_damping=plate.damping if plate else 0.0,
+        )
 
     # -- the free sphere -------------------------------------------------------------------------
 
+    @property
+    def plate_state(self) -> PlateState:
+        """How the plate moves."""
+        now = self.now
+        return PlateState(now.plate_displacement, now.plate_velocity, now.plate_acceleration)
+
     def free_stored(self) -> Array:
         """Energy (element,) in J that the unloaded springs hold now."""
-        return self.inverse * ((self.memory * self.memory) @ self.springs.weight)
+        return self._inverse * ((self.memory * self.memory) @ self.springs.weight)
 
     def look_at_dent(self, until: float) -> None:
         """Keep the snapshots that are wanted of the free surface, up to a time [s]."""
         while self.wanted and self.wanted[0] <= until:
             time = self.wanted.pop(0)
-            left = np.exp(-max(time - self.time, 0.0) * self.creep.rate)
+            left = np.exp(-max(time - self.now.time, 0.0) * self.creep_law.rate)
             self.snapshots.append(Snapshot(time, np.zeros(1), left @ self.memory, 0.0))
 
     def fly(self, dt: float) -> None:
         """Move on without contact: ballistic, the dent and the plate relax, exactly."""
-        self.look_at_dent(self.time + dt)
-        gravity = self.body.gravity
-        self.position += (self.velocity + 0.5 * gravity * dt) * dt
-        self.velocity += gravity * dt
-        self.memory *= np.exp(-dt * self.creep.rate)[:, None]
-        if self.body.plate is not None:
-            before = self.body.plate.energy(self.plate)
-            self.plate = self.body.plate.free(self.plate, dt)
-            self.plate_loss += before - self.body.plate.energy(self.plate)
-        self.time += dt
-        self.acceleration, self.force = gravity, 0.0
-        self.approach = self.position - self.plate.displacement
+        now, gravity, plate = self.now, self.body.gravity, self.body.plate
+        self.look_at_dent(now.time + dt)
+        now.position += (now.velocity + 0.5 * gravity * dt) * dt
+        now.velocity += gravity * dt
+        self.memory *= np.exp(-dt * self.creep_law.rate)[:, None]
+        if plate is not None:
+            before = self.plate_state
+            after = plate.free(before, dt)
+            now.plate_displacement, now.plate_velocity, now.plate_acceleration = after
+            now.plate_loss += plate.energy(before) - plate.energy(after)
+        now.time += dt
+        now.acceleration, now.force = gravity, 0.0
+        now.approach = now.position - now.plate_displacement
 
     # -- one contact -----------------------------------------------------------------------------
 
@@ -164,267 +177,184 @@ class Stepper:
         """Begin a contact, or go on with one; springs out to the expected radius take part."""
         # What has decayed this far would only slow the processor down (subnormal numbers).
         self.memory[np.abs(self.memory) < _FORGOTTEN] = 0.0
-        self.outer_time = self.time
-        self.leniency = 1.0
+        now, pace = self.now, self._pace
+        self._outer_time = now.time
         self._take_block(expected_radius)
-        self.previous = (self.acceleration, 0.0)
-        if is_new:
-            self.trail.append(self._record(self._stored(0.0), 0.0))
-
-    def take_trail(self) -> tuple[Record, ...]:
-        """Return the records since the last call."""
-        records = tuple(self.trail)
-        self.trail.clear()
-        return records
-
-    def run(self, until: float, is_resting: RestTest) -> str:
-        """Step until "lift-off", "rest" or the "end" of time."""
-        pace = Pace(
-            FIRST * self.time_scale,
-            LONGEST * self.time_scale,
-            self.time + is_resting.period,
-            _LENIENCY * max(1.0, is_resting.speed / self.speed_scale),
-        )
+        pace.acceleration_before, pace.dt_before = now.acceleration, 0.0
+        pace.dt, pace.longest = FIRST_STEP * self.time_scale, LONGEST_STEP * self.time_scale
         if self.body.plate is not None:
-            shortest_look = 1.0 / (_STEPS_PER_PLATE_PERIOD * self.body.plate.frequency)
-            pace.longest = min(pace.longest, shortest_look)
+            look = 1.0 / (_STEPS_PER_PLATE_PERIOD * self.body.plate.frequency)
+            pace.longest = min(pace.longest, look)
+        pace.leniency, pace.lenient_from = 1.0, now.time + self.stillness.period
+        pace.late_leniency = _LENIENCY * max(1.0, self.stillness.speed / self.speed_scale)
+        self.rules = self.rules._replace(allowed=self.tolerance * self.speed_scale)
+        if is_new:
+            pace.rest_start, pace.largest = now.time, inf
+            memory, weight = self.block.memory, self.block.weight
+            now.stored = float(self._inverse @ ((memory * memory) @ weight))
+            now.contact_radius = 0.0
+            self._keep()
+
+    def take_trail(self) -> Trail:
+        """Return the records (step,) since the last call."""
+        trail = np.concatenate(self._trail) if self._trail else np.empty(0, MOTION)
+        self._trail.clear()
+        return trail
+
+    def run(self, until: float) -> str:
+        """Step until "lift-off", "rest" or the "end" of time."""
         while True:
             stop = min([until, *self.wanted[:1]])
-            if self.is_compiled and plain_steps(self, pace, stop, is_resting):
+            outcome = self._many_steps(stop)
+            if outcome in (kernel.LAST, kernel.OFF_TABLE, kernel.LIFTED):
+                outcome, has_ended = self._single_step(outcome, stop)
+                if has_ended and stop == until and outcome == kernel.ACCEPTED:
+                    self._give_back()
+                    return "end"
+            if outcome == kernel.RELEASED:
+                self._give_back()
+                return "lift-off"
+            if outcome == kernel.RESTING:
                 return "rest"
-            outcome = self._step(pace, stop)
-            if outcome == "end" and stop < until:
-                outcome = ""
-            if outcome:
-                self.give_back()
-                return outcome
-            if is_resting(self):
-                return "rest"
-            if self.time > pace.lenient_from:
-                self.leniency = pace.leniency
+            if outcome == kernel.OUTGROWN:
+                self._grow()
+            elif outcome == kernel.ANNULAR:
+                self._refuse_a_ring()
 
-    def _step(self, pace: "Pace", until: float) -> str:
-        """Take one step; return how it ends the contact, or nothing."""
-        while True:
-            rung = self.ladder.below(min(pace.dt, pace.longest))
-            remaining = until - self.time
-            is_last = rung.weights.dt >= remaining
-            if is_last:
-                rung = rung_of(self.creep, remaining)
-            trial = self._attempt(rung)
-            lifted = trial.force <= 0.0
-            if lifted and self.rows[OLD, 0] > 0.0:
-                trial = self._at_lift_off(rung.weights.dt)
-            error = self._error(trial)
-            dt = trial.rung.weights.dt
-            if error <= 1.0:
-                break
-            self.counts.rejected_steps += 1
-            pace.dt = dt * max(SHRINK, SAFETY * error ** (-1 / 3))
-        self._accept(trial)
-        pace.dt = dt * (GROWTH if error <= 0.0 else min(GROWTH, SAFETY * error ** (-1 / 3)))
-        if lifted:
-            return "lift-off"
-        return "end" if is_last else ""
+    def creep(self, until: float, growth: float) -> None:
+        """Creep on under the weight alone, in steps that grow by a factor each."""
+        now, dt = self.now, LONGEST_STEP * self.time_scale
+        while now.time < until:
+            remaining = min([until, *self.wanted[:1]]) - now.time
+            length = self._tabulated(dt)
+            length = length if dt < remaining else remaining
+            table = step_table(self.creep_law, np.array([length]))
+            outcome = kernel.creep_step(now, self.rules, table, 0, self.block, self.counts)
+            if outcome == kernel.OUTGROWN:
+                self._grow()
+            elif outcome == kernel.REJECTED:
+                self.counts.rejected_steps += 1
+                dt = 0.5 * length
+            else:
+                if until - now.time < 1e-12 * until:
+                    now.time = until
+                self._keep()
+                self._look_at_limits()
+                self._look_at_springs()
+                dt *= growth
+        self._give_back()
 
-    # -- one step --------------------------------------------------------------------------------
+    def _many_steps(self, stop: float) -> int:
+        """Take compiled steps of the table's lengths; return why they ended."""
+        filled, outcome = kernel.steps(
+            self.now,
+            self._pace,
+            self.rules,
+            self._table,
+            stop,
+            self.block,
+            self.counts,
+            self._batch,
+        )
+        if filled:
+            self._keep(self._batch[:filled].copy())
+            self._look_at_limits()
+        return int(outcome)
 
-    def _predict(self, dt: float) -> tuple[float, float, float, float]:
-        """Position and plate displacement after ``dt`` without force, and their answers to it."""
-        quarter = 0.25 * dt * dt
-        gravity = self.body.gravity
-        position = self.position + dt * self.velocity + quarter * (self.acceleration + gravity)
-        answer = quarter / self.body.mass
-        if self.body.plate is None:
-            return position, answer, 0.0, 0.0
-        return position, answer, *self.body.plate.predict(self.plate, dt)
+    def _single_step(self, reason: int, stop: float) -> tuple[int, bool]:
+        """Take the one step that the table has no length for; tell whether it ends at ``stop``."""
+        pace, dt = self._pace, stop - self.now.time
+        is_last, releases = reason == kernel.LAST, reason == kernel.LIFTED
+        if reason == kernel.OFF_TABLE:
+            dt = self._tabulated(min(pace.dt, pace.longest))
+            is_last = dt >= stop - self.now.time
+            dt = min(dt, stop - self.now.time)
+        elif releases:
+            dt = self._time_to_lift_off(pace.attempted)
+        outcome = self._one_step(dt, releases=releases)
+        if outcome == kernel.LIFTED:
+            releases = True
+            outcome = self._one_step(self._time_to_lift_off(dt), releases=True)
+        if outcome != kernel.ACCEPTED:
+            return outcome, False
+        self._keep()
+        self._look_at_limits()
+        self._look_at_springs()
+        if releases or self.now.force <= 0.0:
+            return kernel.RELEASED, False
+        if is_last:
+            return outcome, True
+        return (kernel.RESTING if kernel.rests(self.now, pace, self.rules) else outcome), False
 
-    def past(self, rung: Rung) -> Array:
-        """Memory products of a step: the approach (spring,) that would leave each unloaded."""
-        rows = self.rows
-        np.matmul(rung.rows, self.block, out=rows[:2])
-        reach = rung.weights.old_total * rows[OLD]
-        reach += rows[PAST]
-        reach += self.gap
-        np.cumsum(self.weight * reach, out=self.moments[1:])
-        self.counts.kernel_products += 1
-        self.counts.spring_updates += self.block.size
-        return reach
-
-    def _attempt(self, rung: Rung) -> Trial:
-        dt, compliance = rung.weights.dt, rung.weights.compliance
-        free, answer, plate_free, plate_answer = self._predict(dt)
-        target, total = free - plate_free, answer + plate_answer
-        while True:
-            reach = self.past(rung)
-            approach, force = target, 0.0
-            if target > reach.item(0):
-                guess = target - total * self.force
-                approach, scaled = self._solve(guess, target, total / compliance, reach)
-                force = scaled / compliance
-                approach = target - total * force
-            if approach < reach.item(-2):
-                break
-            self.grow()
-        position, plate = free - answer * force, self.plate
-        if self.body.plate is not None:
-            moved = plate_free + plate_answer * force
-            plate = self.body.plate.follow(plate, dt, moved, force)
-        return Trial(rung, approach, force, position, plate, reach)
-
-    def _solve(
-        self, approach: float, target: float, softness: float, reach: Array
-    ) -> tuple[float, float]:
-        """Newton on ``approach - target + softness * scaled_force = 0``: convex and increasing."""
-        floor_value = reach.item(0)
-        for _ in range(NEWTON_LIMIT):
-            scaled, slope = self.springs.force(approach, reach, self.moments)
-            change = (approach - target + softness * scaled) / (1.0 + softness * slope)
-            approach -= change
-            self.counts.newton_iterations += 1
-            if abs(change) <= NEWTON_TOLERANCE * abs(approach - floor_value):
-                break
-        return approach, self.springs.force(approach, reach, self.moments)[0]
-
-    def _check_nested(self, approach: float, reach: Array, load: Array) -> None:
-        """Make sure that the springs in contact are the inner ones, as the force supposes."""
-        if np.count_nonzero(load) != reach.searchsorted(approach):
-            message = (
-                f"at {self.time:.6g} s the surface would touch in a ring around the axis, which "
-                "the springs of this solver cannot follow; use a smaller rtol"
+    def _one_step(self, dt: float, *, releases: bool) -> int:
+        table = step_table(self.creep_law, np.array([dt]))
+        return int(
+            kernel.one_step(
+                self.now, self._pace, self.rules, table, 0, self.block, self.counts, releases
             )
-            raise AnnularContactError(message)
+        )
 
-    def _error(self, trial: Trial) -> float:
-        """Error in velocity of a trial step over what is allowed."""
-        dt = trial.rung.weights.dt
-        before, dt_before = self.previous
-        acceleration = self.body.gravity - trial.force / self.body.mass
-        slope = (acceleration - self.acceleration) / dt
-        earlier = (self.acceleration - before) / dt_before if dt_before > 0.0 else 0.0
-        curvature = abs(slope - earlier) * 2.0 / (dt + dt_before)
-        allowed = self.leniency * self.tolerance * self.speed_scale
-        return dt**3 * curvature / (12.0 * allowed)
+    def _tabulated(self, dt: float) -> float:
+        """Return the longest length of the table's series that is not longer than ``dt`` [s]."""
+        place = floor(kernel.PER_OCTAVE * log2(dt / self.time_scale))
+        return float(self.time_scale * 2.0 ** (place / kernel.PER_OCTAVE))
 
-    def _at_lift_off(self, longest: float) -> Trial:
-        """Return the step that ends when the last spring, at the centre, lets go."""
-        central, load, gap = self.block[:, 0], self.rows.item(OLD, 0), self.gap.item(0)
+    def _time_to_lift_off(self, longest: float) -> float:
+        """Time in s until the last spring, at the centre, lets go."""
+        central, load = self.block.memory[:, 0], float(self.block.load[0])
+        gap = float(self.block.gap[0])
 
         def clearance(dt: float) -> float:
             if dt == 0.0:
-                return self.creep.instantaneous * load
-            weights = rung_of(self.creep, dt).weights
-            free, _, plate, _ = self._predict(dt)
-            past = float(weights.decay @ central) + weights.old_total * load
-            return free - plate - gap - past
+                return self.creep_law.instantaneous * load
+            table = step_table(self.creep_law, np.array([dt]))
+            free, _, plate, _ = kernel.free_motion(self.now, self.rules, dt)
+            past = float(table.decay[0] @ central) + float(table.old_total[0]) * load
+            return float(free - plate) - gap - past
 
-        dt = brentq(clearance, 0.0, longest, xtol=1e-15 * self.time_scale, rtol=1e-14)
-        rung = rung_of(self.creep, dt)
-        free, _, plate_free, _ = self._predict(dt)
-        plate = self.plate
-        if self.body.plate is not None:
-            plate = self.body.plate.follow(plate, dt, plate_free, 0.0)
-        reach = self.past(rung)
-        # Rounding must not leave a trace of contact.
-        approach = min(free - plate_free, reach.item(0))
-        return Trial(rung, approach, 0.0, free, plate, reach)
+        return float(brentq(clearance, 0.0, longest, xtol=1e-15 * self.time_scale, rtol=1e-14))
 
-    def _accept(self, trial: Trial) -> None:
-        dt = trial.rung.weights.dt
-        acceleration = self.body.gravity - trial.force / self.body.mass
-        self.previous = (self.acceleration, dt)
-        self.velocity += 0.5 * dt * (self.acceleration + acceleration)
-        self.acceleration = acceleration
-        if self.body.plate is not None:
-            self.plate_loss += self.body.plate.loss(self.plate, trial.plate, dt)
-        self.move_on(trial)
+    # -- records, limits -------------------------------------------------------------------------
 
-    def move_on(self, trial: Trial) -> None:
-        """Update memory, ledger and record; what the two ways to step have in common."""
-        rung, rows = trial.rung, self.rows
-        compliance = rung.weights.compliance
-        load = rows[NEW]
-        np.subtract(trial.approach, trial.reach, out=load)
-        np.maximum(load, 0.0, out=load)
-        load /= compliance
-        self._check_nested(trial.approach, trial.reach, load)
-        np.multiply(load, self.weight, out=self.weighted[1])
-        displacement = rows[DISPLACEMENT]
-        before = self.weighted @ displacement
-        np.multiply(load, compliance, out=displacement)
-        displacement += trial.reach
-        displacement -= self.gap
-        self.block *= rung.weights.decay[:, None]
-        self.block += rung.pair @ rows[OLD : NEW + 1]
-        # One product gives every sum over springs that the ledger needs.
-        sums = rows @ self.weighted.T
-        self.spring_work += self._work(rung, sums, before.tolist())
-        squared = sums.item(NEW, 1)
-        rows[OLD] = load
-        self.weighted[0] = self.weighted[1]
-        self.time += rung.weights.dt
-        self.position, self.approach = trial.position, trial.approach
-        self.force, self.plate = trial.force, trial.plate
-        radius = self.springs.contact_radius(trial.approach, trial.reach)
-        self.trail.append(self._record(self._stored(squared), radius))
-        self._look_at_springs(radius)
-        self._count_step()
+    def _keep(self, rows: Trail | None = None) -> None:
+        """Put records on the trail, with the energy of the springs outside the block."""
+        if rows is None:
+            rows = np.array([self.now], MOTION)
+        if self._outer_stored.any():
+            lag = (rows["time"] - self._outer_time)[:, None]
+            rows["stored"] += np.exp(-2.0 * lag * self.creep_law.rate) @ self._outer_stored
+        self._trail.append(rows)
 
-    def _look_at_springs(self, radius: float) -> None:
+    def _look_at_springs(self) -> None:
         """Keep a snapshot when this is the instant that is wanted."""
         # The last step before it ends there to rounding.
-        if not self.wanted or self.time < self.wanted[0] * (1.0 - 1e-15) - 1e-300:
+        if not self.wanted or self.now.time < self.wanted[0] * (1.0 - 1e-15) - 1e-300:
             return
+        load, displacement = self.block.load.copy(), self.block.displacement.copy()
         time = self.wanted.pop(0)
-        load, displacement = self.rows[OLD].copy(), self.rows[DISPLACEMENT].copy()
-        self.snapshots.append(Snapshot(time, load, displacement, radius))
+        self.snapshots.append(Snapshot(time, load, displacement, self.now.contact_radius))
 
-    def _work(self, rung: Rung, sums: Array, before: list[float]) -> float:
-        """Exact work ``int q dw`` on the springs in one step, for the loads inside it.
-
-        ``before`` holds the sums of the displacements at the start with the old and new loads.
-        """
-        change = (sums[:, 1] - sums[:, 0]).tolist()
-        integral = change[DWELL]
-        integral += rung.old_integral * change[OLD] + rung.new_integral * change[NEW]
-        work = sums.item(DISPLACEMENT, 1) - before[0]
-        work -= (1.0 - rung.jump) * integral / rung.weights.dt
-        if rung.jump > 0.0:
-            work -= rung.jump * (before[1] - before[0])
-            work -= rung.jump_compliance * (change[NEW] - change[OLD])
-        return work
-
-    def _count_step(self) -> None:
-        self.counts.solver_steps += 1
-        self.look_at_limits(self.time)
-
-    def look_at_limits(self, time: float) -> None:
+    def _look_at_limits(self) -> None:
         """Refuse to go on after too much work; tell the progress otherwise."""
         counts = self.counts
         most_updates = _UPDATES_PER_STEP * self.max_steps
         if counts.solver_steps > self.max_steps or counts.spring_updates > most_updates:
             message = (
-                f"{counts.solver_steps} steps of {self.gap.size} springs reached only {time:.6g} "
-                "s: the material damps too little for so long a duration, or hardly has an "
-                "instantaneous compliance; shorten the duration, raise max_steps or rtol"
+                f"{counts.solver_steps} steps of {self.block.gap.size} springs reached only "
+                f"{self.now.time:.6g} s: the material damps too little for so long a duration, or "
+                "hardly has an instantaneous compliance; shorten the duration, raise max_steps or "
+                "rtol"
             )
             raise InputError(message)
         if self.observe is not None:
-            self.observe(time)
+            self.observe(self.now.time)
 
-    def _record(self, stored: float, radius: float) -> Record:
-        return Record(
-            self.time,
-            self.position,
-            self.velocity,
-            self.approach,
-            self.force,
-            radius,
-            stored,
-            self.spring_work,
-            self.plate,
-            self.plate_loss,
+    def _refuse_a_ring(self) -> None:
+        message = (
+            f"at {self.now.time:.6g} s the surface would touch in a ring around the axis, which "
+            "the springs of this solver cannot follow; use a smaller rtol"
         )
+        raise AnnularContactError(message)
 
     # -- the block of springs in use -------------------------------------------------------------
 
@@ -432,50 +362,51 @@ class Stepper:
         """Copy the springs out to a radius from all springs, adding new ones when needed."""
         if radius > self.largest_radius:
             message = (
-                f"at {self.time:.6g} s the contact would be {radius:.4g} m in radius, more than "
-                f"{self.largest_radius:.4g} m: beyond this the sphere is no half-space; use a "
+                f"at {self.now.time:.6g} s the contact would be {radius:.4g} m in radius, more "
+                f"than {self.largest_radius:.4g} m: beyond this the sphere is no half-space; use a "
                 "stiffer material, a smaller mass or a lower drop"
             )
             raise InputError(message)
         if self.springs.position[-2] < radius:
             known = self.memory
             self.springs = self.springs.extended(radius)
-            self.memory = self.creep.rest(self.springs.position.size)
+            self.memory = self.creep_law.rest(self.springs.position.size)
             self.memory[:, : known.shape[1]] = known
-        n = self.springs.position.size
+        springs, n = self.springs, self.springs.position.size
         if self.only_near:
-            n = min(self.springs.covering(radius) + 1, n)
-        self.block = self.memory[:, :n].copy()
-        self.gap = self.springs.gap[:n]
-        self.weight = self.springs.weight[:n]
-        self.rows = np.zeros((5, n))
-        self.rows[DISPLACEMENT] = self.block.sum(axis=0)
-        self.weighted = np.zeros((2, n))
-        self.moments = np.zeros(n + 1)
+            n = min(springs.covering(radius) + 1, n)
+        memory = self.memory[:, :n].copy()
+        self.block = Block(
+            gap=springs.gap[:n],
+            weight=springs.weight[:n],
+            position=springs.position[:n],
+            last_weight=springs.last_weight[:n],
+            total=np.concatenate([[0.0], np.cumsum(springs.weight[:n])]),
+            edge_bias=springs.edge_bias,
+            memory=memory,
+            inverse=self._inverse,
+            load=np.zeros(n),
+            displacement=memory.sum(axis=0),
+            reach=np.zeros(n),
+            moments=np.zeros(n + 1),
+            new_load=np.zeros(n),
+            new_displacement=np.zeros(n),
+        )
         outer = self.memory[:, n:]
-        self.outer_stored = self.inverse * ((outer * outer) @ self.springs.weight[n:])
+        self._outer_stored = self._inverse * ((outer * outer) @ springs.weight[n:])
 
-    def give_back(self) -> None:
+    def _give_back(self) -> None:
         """Write the block back and let the springs outside it relax up to now."""
-        n = self.gap.size
-        self.memory[:, :n] = self.block
-        self.memory[:, n:] *= np.exp(-(self.time - self.outer_time) * self.creep.rate)[:, None]
-        self.outer_time = self.time
+        n = self.block.gap.size
+        lag = self.now.time - self._outer_time
+        self.memory[:, :n] = self.block.memory
+        self.memory[:, n:] *= np.exp(-lag * self.creep_law.rate)[:, None]
+        self._outer_time = self.now.time
 
-    def grow(self) -> None:
+    def _grow(self) -> None:
         """Take more springs; the state of those in use stays."""
-        known, weighted = self.rows, self.weighted
-        self.give_back()
-        n = self.gap.size
+        known = self.block
+        self._give_back()
+        n = known.gap.size
         self._take_block(_BLOCK_GROWTH * float(self.springs.position[n - 1]))
-        self.rows[:, :n] = known
-        self.weighted[:, :n] = weighted
-
-    def _stored(self, squared_load: float) -> float:
-        """Energy in J that all springs hold now; ``squared_load`` is summed with the weights."""
-        held = float(self.inverse @ ((self.block * self.block) @ self.weight))
-        held += 0.5 * self.creep.instantaneous * squared_load
-        lag = self.time - self.outer_time
-        if self.outer_stored.any():
-            held += float(self.outer_stored @ np.exp(-2.0 * lag * self.creep.rate))
-        return held
+        self.block.load[:n], self.block.displacement[:n] = known.load, known.displacement

@@ -1,95 +1,73 @@
-"""The plain steps of :mod:`labpipe.contact.bounce`, compiled: many of them without Python between.
+"""The steps of a contact between sphere and flat, compiled.
 
-A step here is, line by line, what ``Stepper`` does with numpy, and the two are tested against each
-other. Whatever is not a plain step is handed back to numpy before anything has changed: lift-off,
-the end of time, a contact that outgrows its springs, a step off the ladder.
+Motion: average acceleration (Newmark), so that the change of kinetic and potential energy is the
+trapezoid of force times displacement to rounding, at any step length. The only unknown of a step is
+the approach; the force is a convex, increasing function of it, so that Newton's method cannot fail.
+Error control: ``dt^3 a''/12``, the step's own error in velocity, against the speed of this bounce.
+
+What needs more than the arrays at hand is handed back: the instant of lift-off, a step that must
+end at a given time, a contact that outgrows its springs.
 """
 
-from math import floor, log2, sqrt
-from typing import NamedTuple
+from math import floor, isnan, log2, sqrt
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
 
+from labpipe.compilation import compiled
 from labpipe.contact.memory import Array
-from labpipe.contact.rungs import Ladder
+from labpipe.contact.motion import Counts, Motion, Trail
+from labpipe.contact.rungs import StepTable
 
-# Why the loop came back.
-HAND_OVER, BUFFER_FULL, RESTING = range(3)
-# Places in the vector of the state.
-TIME, POSITION, VELOCITY, ACCELERATION, APPROACH, FORCE, WORK = range(7)
-BEFORE, DT_BEFORE, DT, LENIENCY = range(7, 11)
-REST_START, SLOWEST, FASTEST, LARGEST = range(11, 15)
-PLATE, PLATE_VELOCITY, PLATE_ACCELERATION, PLATE_LOSS = range(15, 19)
-N_STATE = 19
-# Places in the vector of counts.
-STEPS, REJECTED, NEWTON, PRODUCTS = range(4)
-# Columns of the buffer of records: those of ``Record``, the plate's state as three.
-N_RECORD = 12
-
-
-class Table(NamedTuple):
-    """Weights of every step length on the ladder, by rung (rung,) or (rung, element)."""
-
-    lowest: int
-    decay: Array
-    dwell: Array
-    old: Array
-    new: Array
-    scalars: Array
+# How a step, or a run of them, ends.
+ACCEPTED, REJECTED, OUTGROWN, ANNULAR, LIFTED, RELEASED, LAST, OFF_TABLE, RESTING, FULL = range(10)
+# The step grows and shrinks by at most these factors; the safety factor is on the step length.
+_GROWTH, _SHRINK, _SAFETY = 2.0, 0.3, 0.9
+_NEWTON_LIMIT = 60
+# Newton converges quadratically: one more evaluation after this relative change is exact.
+_NEWTON_TOLERANCE = 1e-8
+# Lengths in a table of steps per factor of two.
+PER_OCTAVE = 4
+_FAST = {"reassoc", "contract", "nsz"}
 
 
-def tabulate(ladder: Ladder, lowest: int, top: int) -> Table:
-    """Put the rungs from ``lowest`` to ``top`` into arrays."""
-    rungs = [ladder.at(i) for i in range(lowest, top + 1)]
-    scalars = [
-        (
-            *(rung.weights.dt, rung.weights.compliance, rung.weights.old_total, rung.jump),
-            *(rung.old_integral, rung.new_integral, rung.jump_compliance),
-        )
-        for rung in rungs
-    ]
-    return Table(
-        lowest,
-        np.array([rung.rows[0] for rung in rungs]),
-        np.array([rung.rows[1] for rung in rungs]),
-        np.array([rung.pair[:, 0] for rung in rungs]),
-        np.array([rung.pair[:, 1] for rung in rungs]),
-        np.array(scalars),
-    )
+class Pace(Protocol):
+    """How long the next step may be, and what the rest test has seen of the current period.
+
+    ``attempted`` is the length of the last step tried; steps may err by ``leniency`` times more,
+    ``late_leniency`` after ``lenient_from``.
+    """
+
+    dt: float
+    longest: float
+    attempted: float
+    leniency: float
+    late_leniency: float
+    lenient_from: float
+    acceleration_before: float
+    dt_before: float
+    rest_start: float
+    slowest: float
+    fastest: float
+    largest: float
 
 
-class Line(NamedTuple):
-    """The springs of a contact as plain arrays (spring,)."""
-
-    gap: Array
-    weight: Array
-    position: Array
-    inner: Array
-    total: Array
-    is_cut: bool
-    edge_bias: float
+PACE = np.dtype([(name, np.float64) for name in Pace.__annotations__])
 
 
 class Rules(NamedTuple):
-    """Numbers that stay the same during a contact."""
+    """Numbers that stay the same during a contact.
+
+    ``base`` [s] is the step whose place in the table, counted from the ``lowest``, is 0;
+    ``allowed`` [m/s] the error of a step; the plate's numbers are 0 on a rigid flat.
+    """
 
     mass: float
     gravity: float
     instantaneous: float
-    until: float
     base: float
-    rungs: float
-    longest: float
+    lowest: int
     allowed: float
-    late_leniency: float
-    lenient_from: float
-    growth: float
-    shrink: float
-    safety: float
-    newton_limit: int
-    newton_tolerance: float
     rest_tolerance: float
     rest_period: float
     rest_speed: float
@@ -98,342 +76,393 @@ class Rules(NamedTuple):
     plate_damping: float
 
 
-class Step(NamedTuple):
-    """A step within the tolerance; its rung is -1 where there is none."""
+class Block(NamedTuple):
+    """The springs that take part in a contact: what they are, hold, and room to work in.
 
-    rung: int
-    approach: float
-    force: float
-    error: float
-    position: float
-    plate: float
+    All (spring,), but ``total`` and ``moments`` (spring + 1,), running sums of the weights and of
+    weight times reach, ``memory`` (element, spring) [m] and ``inverse`` (element,) [Pa], half of
+    ``1/C``. ``reach`` is the approach that would leave each spring unloaded.
+    """
+
+    gap: Array
+    weight: Array
+    position: Array
+    last_weight: Array
+    total: Array
+    edge_bias: float
+    memory: Array
+    inverse: Array
+    load: Array
+    displacement: Array
+    reach: Array
+    moments: Array
+    new_load: Array
+    new_displacement: Array
 
 
-@njit(cache=True)
-def _edge(line: Line, last: int, approach: float, reach: Array) -> float:
-    start = reach[last]
-    fraction = (approach - start) / (reach[last + 1] - start)
-    inner, outer = line.position[last] ** 2, line.position[last + 1] ** 2
+@compiled()
+def _edge(block: Block, last: int, approach: float) -> float:
+    """Where between two springs the load, linear in the square of the radius, is zero."""
+    start = block.reach[last]
+    fraction = (approach - start) / (block.reach[last + 1] - start)
+    inner, outer = block.position[last] ** 2, block.position[last + 1] ** 2
     return sqrt(inner + fraction * (outer - inner))
 
 
-@njit(cache=True)
-def _force(line: Line, approach: float, reach: Array, moments: Array) -> tuple[float, float]:
-    """Force and slope times the compliance; the approach lies below the last reach."""
-    count = int(np.searchsorted(reach, approach))
+@compiled()
+def force(block: Block, approach: float) -> tuple[float, float]:
+    """Force and its slope, both times the step compliance, at an approach [m].
+
+    Reads ``reach`` and ``moments`` of the block; the approach lies below the last reach.
+    """
+    count = int(np.searchsorted(block.reach, approach))
     if count == 0:
         return 0.0, 0.0
-    if not line.is_cut:
-        return approach * line.total[count] - moments[count], line.total[count]
+    if not isnan(block.edge_bias):
+        return approach * block.total[count] - block.moments[count], block.total[count]
     last = count - 1
-    excess = approach - reach[last]
-    x = line.position[last]
-    edge = x if count == reach.size else _edge(line, last, approach, reach)
+    excess = approach - block.reach[last]
+    x = block.position[last]
+    edge = x if count == block.reach.size else _edge(block, last, approach)
     partial = 0.0
     if edge + x > 0.0:
         partial = 2.0 * (edge - x) * (2.0 * edge + x) / (3.0 * (edge + x))
-    inside = approach * line.total[last] - moments[last]
-    return inside + excess * (line.inner[last] + partial), 2.0 * edge
+    inside = approach * block.total[last] - block.moments[last]
+    return inside + excess * (block.last_weight[last] + partial), 2.0 * edge
 
 
-@njit(cache=True)
-def _radius(line: Line, approach: float, reach: Array) -> float:
-    count = int(np.searchsorted(reach, approach))
+@compiled()
+def contact_radius(block: Block, approach: float) -> float:
+    """Radius in m where the load falls to zero.
+
+    An advancing edge meets springs that were free until now, so that the surface outside, continued
+    inwards, tells where it is; behind it the surface has a kink. A receding edge lies between its
+    neighbours. Rings know the place between two of them only, and its bias.
+    """
+    count = int(np.searchsorted(block.reach, approach))
     if count == 0:
         return 0.0
-    between = _edge(line, count - 1, approach, reach)
-    if not line.is_cut:
-        return max(between - line.edge_bias, 0.0)
-    if count + 1 >= reach.size:
+    between = _edge(block, count - 1, approach)
+    if not isnan(block.edge_bias):
+        return max(between - block.edge_bias, 0.0)
+    if count + 1 >= block.reach.size:
         return between
-    square, beyond = line.position[count] ** 2, line.position[count + 1] ** 2
-    slope = (reach[count + 1] - reach[count]) / (beyond - square)
-    return sqrt(max(square - (reach[count] - approach) / slope, between**2))
+    square, beyond = block.position[count] ** 2, block.position[count + 1] ** 2
+    slope = (block.reach[count + 1] - block.reach[count]) / (beyond - square)
+    return sqrt(max(square - (block.reach[count] - approach) / slope, between**2))
 
 
-@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
-def _look_ahead(
-    ladder: Table, rung: int, line: Line, block: Array, load: Array, reach: Array, moments: Array
-) -> None:
-    """Fill the approach that would leave each spring unloaded, and its running moment."""
-    n = load.size
-    old_total = ladder.scalars[rung, 2]
+@compiled(fastmath=_FAST)
+def look_ahead(table: StepTable, i: int, block: Block, counts: Counts) -> None:
+    """Fill the reach of each spring at the end of a step, and its running moment."""
+    reach, memory = block.reach, block.memory
+    n = reach.size
     for j in range(n):
-        reach[j] = line.gap[j] + old_total * load[j]
-    for k in range(block.shape[0]):
-        kept = ladder.decay[rung, k]
+        reach[j] = block.gap[j] + table.old_total[i] * block.load[j]
+    for k in range(memory.shape[0]):
+        kept = table.decay[i, k]
         for j in range(n):
-            reach[j] += kept * block[k, j]
+            reach[j] += kept * memory[k, j]
     for j in range(n):
-        moments[j + 1] = moments[j] + line.weight[j] * reach[j]
+        block.moments[j + 1] = block.moments[j] + block.weight[j] * reach[j]
+    counts.kernel_products += 1
+    counts.spring_updates += memory.size
 
 
-@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
-def _remember(
-    ladder: Table, rung: int, line: Line, block: Array, load: Array, new: Array, inverse: Array
-) -> tuple[float, float]:
+@compiled(fastmath=_FAST)
+def _remember(table: StepTable, i: int, block: Block) -> tuple[float, float]:
     """Update the memory; return its weighted dwell on the change of load, and its energy."""
     dwelt, held = 0.0, 0.0
-    n = load.size
-    for k in range(block.shape[0]):
-        kept, dwell = ladder.decay[rung, k], ladder.dwell[rung, k]
-        early, late = ladder.old[rung, k], ladder.new[rung, k]
+    memory, load, new, weight = block.memory, block.load, block.new_load, block.weight
+    for k in range(memory.shape[0]):
+        kept, dwell = table.decay[i, k], table.dwell[i, k]
+        early, late = table.old[i, k], table.new[i, k]
         moved, squared = 0.0, 0.0
-        for j in range(n):
-            w = block[k, j]
-            moved += line.weight[j] * (new[j] - load[j]) * w
+        for j in range(load.size):
+            w = memory[k, j]
+            moved += weight[j] * (new[j] - load[j]) * w
             w = kept * w + early * load[j] + late * new[j]
-            block[k, j] = w
-            squared += line.weight[j] * w * w
+            memory[k, j] = w
+            squared += weight[j] * w * w
         dwelt += dwell * moved
-        held += inverse[k] * squared
+        held += block.inverse[k] * squared
     return dwelt, held
 
 
-@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
-def _sums(line: Line, load: Array, new: Array, before: Array, after: Array) -> Array:
-    """Weighted sums over springs that the ledger needs."""
-    result = np.zeros(6)
+@compiled(fastmath=_FAST)
+def _move_on(
+    now: Motion, rules: Rules, table: StepTable, i: int, block: Block, approach: float
+) -> bool:
+    """Bring springs, memory and ledger to the end of a step; false unless the inner ones carry.
+
+    The work on the springs is ``int q dw``, exact for the loads as they are assumed in the step.
+    """
+    compliance, jump = table.compliance[i], table.jump[i]
+    load, new, before, after = (
+        block.load,
+        block.new_load,
+        block.displacement,
+        block.new_displacement,
+    )
+    loaded = 0
     for j in range(load.size):
-        weight = line.weight[j]
-        change = weight * (new[j] - load[j])
-        result[0] += weight * new[j] * after[j]
-        result[1] += weight * load[j] * before[j]
-        result[2] += change * before[j]
-        result[3] += change * load[j]
-        result[4] += change * new[j]
-        result[5] += weight * new[j] * new[j]
-    return result
-
-
-@njit(cache=True)
-def _is_resting(state: Array, rules: Rules) -> bool:
-    unbalanced = abs(state[FORCE] / (rules.mass * rules.gravity) - 1.0)
-    unbalanced = max(unbalanced, abs(state[PLATE_VELOCITY]) / rules.rest_speed)
-    state[SLOWEST] = min(state[SLOWEST], state[VELOCITY])
-    state[FASTEST] = max(state[FASTEST], state[VELOCITY])
-    state[LARGEST] = max(state[LARGEST], unbalanced)
-    if state[TIME] - state[REST_START] < rules.rest_period:
+        new[j] = max(approach - block.reach[j], 0.0) / compliance
+        loaded += new[j] > 0.0
+        after[j] = block.reach[j] - block.gap[j] + compliance * new[j]
+    if loaded != np.searchsorted(block.reach, approach):
         return False
-    swing = 0.5 * (state[FASTEST] - state[SLOWEST]) / rules.rest_speed
-    resting = max(state[LARGEST], swing) < rules.rest_tolerance
-    state[REST_START], state[LARGEST] = state[TIME], unbalanced
-    state[SLOWEST] = state[FASTEST] = state[VELOCITY]
-    return resting
+    work, jumped, on_old, on_new, squared = 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(load.size):
+        weight = block.weight[j]
+        change = weight * (new[j] - load[j])
+        work += weight * (new[j] * after[j] - load[j] * before[j])
+        jumped += change * before[j]
+        on_old += change * load[j]
+        on_new += change * new[j]
+        squared += weight * new[j] * new[j]
+    dwelt, held = _remember(table, i, block)
+    integral = dwelt + table.old_integral[i] * on_old + table.new_integral[i] * on_new
+    work -= (1.0 - jump) * integral / table.dt[i]
+    now.spring_work += work - jump * jumped - table.jump_compliance[i] * (on_new - on_old)
+    now.stored = held + 0.5 * rules.instantaneous * squared
+    now.contact_radius = contact_radius(block, approach)
+    now.approach = approach
+    now.time += table.dt[i]
+    load[:] = new
+    before[:] = after
+    return True
 
 
-@njit(cache=True)
-def _solve(
-    line: Line,
-    target: float,
-    answer: float,
-    compliance: float,
-    force: float,
-    reach: Array,
-    moments: Array,
-    rules: Rules,
-    counts: NDArray[np.int64],
-) -> tuple[float, float]:
-    """Newton for the approach; a convex, increasing equation. Returns approach and force."""
-    softness = answer / compliance
-    approach = target - answer * force
-    for _ in range(rules.newton_limit):
-        scaled, slope = _force(line, approach, reach, moments)
+@compiled()
+def _newton(block: Block, target: float, softness: float, approach: float, counts: Counts) -> float:
+    """Solve ``approach - target + softness * force = 0``: convex and increasing."""
+    for _ in range(_NEWTON_LIMIT):
+        scaled, slope = force(block, approach)
         change = (approach - target + softness * scaled) / (1.0 + softness * slope)
         approach -= change
-        counts[NEWTON] += 1
-        if abs(change) <= rules.newton_tolerance * abs(approach - reach[0]):
+        counts.newton_iterations += 1
+        if abs(change) <= _NEWTON_TOLERANCE * abs(approach - block.reach[0]):
             break
-    force = _force(line, approach, reach, moments)[0] / compliance
-    return target - answer * force, force
+    return approach
 
 
-@njit(cache=True)
-def _error(state: Array, rules: Rules, acceleration: float, dt: float) -> float:
-    """Error in velocity of a trial step over what is allowed."""
-    slope = (acceleration - state[ACCELERATION]) / dt
-    earlier = 0.0
-    if state[DT_BEFORE] > 0.0:
-        earlier = (state[ACCELERATION] - state[BEFORE]) / state[DT_BEFORE]
-    curvature = abs(slope - earlier) * 2.0 / (dt + state[DT_BEFORE])
-    return dt**3 * curvature / (12.0 * state[LENIENCY] * rules.allowed)
+@compiled()
+def free_motion(now: Motion, rules: Rules, dt: float) -> tuple[float, float, float, float]:
+    """Position of the sphere, and of the plate, after a step without force; answers to one.
 
-
-@njit(cache=True)
-def _free_plate(state: Array, rules: Rules, dt: float) -> tuple[float, float]:
-    """Where the plate would be after a step without force, and its answer to one (``Plate``)."""
+    Both by average acceleration; see :mod:`labpipe.contact.plate` for the plate's equation.
+    """
+    quarter = 0.25 * dt * dt
+    position = now.position + dt * now.velocity + quarter * (now.acceleration + rules.gravity)
+    answer = quarter / rules.mass
     if rules.plate_mass == 0.0:
-        return 0.0, 0.0
+        return position, answer, 0.0, 0.0
     inertia = 4.0 * rules.plate_mass / dt**2
     drag = 2.0 * rules.plate_damping / dt
     effective = inertia + drag + rules.plate_stiffness
     push = (
-        inertia * (state[PLATE] + dt * state[PLATE_VELOCITY])
-        + rules.plate_mass * state[PLATE_ACCELERATION]
-        + drag * state[PLATE]
-        + rules.plate_damping * state[PLATE_VELOCITY]
+        inertia * (now.plate_displacement + dt * now.plate_velocity)
+        + rules.plate_mass * now.plate_acceleration
+        + drag * now.plate_displacement
+        + rules.plate_damping * now.plate_velocity
     )
-    return push / effective, 1.0 / effective
+    return position, answer, push / effective, 1.0 / effective
 
 
-@njit(cache=True)
-def _move_plate(state: Array, rules: Rules, dt: float, displacement: float, force: float) -> None:
+@compiled()
+def _move_plate(now: Motion, rules: Rules, dt: float, displacement: float) -> None:
     """Bring the plate to the end of a step, and count what its dashpot took."""
     if rules.plate_mass == 0.0:
         return
-    moved = displacement - state[PLATE]
-    velocity = 2.0 * moved / dt - state[PLATE_VELOCITY]
+    moved = displacement - now.plate_displacement
+    velocity = 2.0 * moved / dt - now.plate_velocity
     pull = rules.plate_damping * velocity + rules.plate_stiffness * displacement
-    state[PLATE_LOSS] += rules.plate_damping * moved**2 / dt
-    state[PLATE], state[PLATE_VELOCITY] = displacement, velocity
-    state[PLATE_ACCELERATION] = (force - pull) / rules.plate_mass
+    now.plate_loss += rules.plate_damping * moved**2 / dt
+    now.plate_displacement, now.plate_velocity = displacement, velocity
+    now.plate_acceleration = (now.force - pull) / rules.plate_mass
 
 
-@njit(cache=True)
-def _trial(
-    state: Array,
-    counts: NDArray[np.int64],
+@compiled()
+def _error(now: Motion, pace: Pace, rules: Rules, acceleration: float, dt: float) -> float:
+    """Error in velocity of a trial step over what is allowed."""
+    slope = (acceleration - now.acceleration) / dt
+    earlier = 0.0
+    if pace.dt_before > 0.0:
+        earlier = (now.acceleration - pace.acceleration_before) / pace.dt_before
+    curvature = abs(slope - earlier) * 2.0 / (dt + pace.dt_before)
+    return dt**3 * curvature / (12.0 * pace.leniency * rules.allowed)
+
+
+@compiled()
+def one_step(
+    now: Motion,
+    pace: Pace,
     rules: Rules,
-    ladder: Table,
-    line: Line,
-    block: Array,
-    load: Array,
-    reach: Array,
-    moments: Array,
-) -> Step:
-    """Find a step within the tolerance, or hand over."""
-    nothing = Step(-1, 0.0, 0.0, 0.0, 0.0, 0.0)
-    while True:
-        length = min(state[DT], rules.longest)
-        rung = floor(rules.rungs * log2(length / rules.base)) - ladder.lowest
-        if rung < 0 or rung >= ladder.decay.shape[0]:
-            return nothing
-        dt = ladder.scalars[rung, 0]
-        if dt >= rules.until - state[TIME]:
-            return nothing
-        quarter = 0.25 * dt * dt
-        free = state[POSITION] + dt * state[VELOCITY]
-        free += quarter * (state[ACCELERATION] + rules.gravity)
-        answer = quarter / rules.mass
-        plate, plate_answer = _free_plate(state, rules, dt)
-        target, total = free - plate, answer + plate_answer
-        _look_ahead(ladder, rung, line, block, load, reach, moments)
-        counts[PRODUCTS] += 1
-        if target <= reach[0]:
-            return nothing
-        approach, force = _solve(
-            line,
-            target,
-            total,
-            ladder.scalars[rung, 1],
-            state[FORCE],
-            reach,
-            moments,
-            rules,
-            counts,
-        )
-        if force <= 0.0 or approach >= reach[load.size - 2]:
-            return nothing
-        error = _error(state, rules, rules.gravity - force / rules.mass, dt)
-        if error <= 1.0:
-            position = free - answer * force
-            return Step(rung, approach, force, error, position, plate + plate_answer * force)
-        counts[REJECTED] += 1
-        state[DT] = dt * max(rules.shrink, rules.safety * error ** (-1.0 / 3.0))
-
-
-@njit(cache=True)
-def _loads(
-    line: Line, approach: float, compliance: float, reach: Array, new: Array, after: Array
-) -> bool:
-    """Fill loads and displacements at the end of a step; false unless the inner ones carry."""
-    loaded = 0
-    for j in range(reach.size):
-        new[j] = max(approach - reach[j], 0.0) / compliance
-        loaded += new[j] > 0.0
-        after[j] = reach[j] - line.gap[j] + compliance * new[j]
-    return loaded == np.searchsorted(reach, approach)
-
-
-@njit(cache=True)
-def plain_steps(
-    state: Array,
-    counts: NDArray[np.int64],
-    rules: Rules,
-    ladder: Table,
-    line: Line,
-    block: Array,
-    load: Array,
-    displacement: Array,
-    inverse: Array,
-    records: Array,
-) -> tuple[int, int]:
-    """Step on as long as steps are plain.
+    table: StepTable,
+    i: int,
+    block: Block,
+    counts: Counts,
+    releases: bool,
+) -> int:
+    """Try one step.
 
     Parameters
     ----------
-    state, counts : array
-        Changed in place; see the places above.
-    rules, ladder, line
+    now, pace, block, counts
+        Changed in place, ``now`` and ``block`` only by a step that is accepted.
+    rules
         What does not change.
-    block : array (element, spring) [m]
-        Memory, changed in place.
-    load, displacement : array (spring,)
-        Of each spring at the last step, changed in place.
-    inverse : array (element,) [Pa]
-        Half of ``1/C``.
-    records : array (step, 12)
-        Filled with one row per step; its energy leaves out the springs beyond the block.
+    table, i
+        Its length, as a place in the table.
+    releases : bool
+        The step ends where the last spring, at the centre, lets go.
+
+    Returns
+    -------
+    int
+        ACCEPTED, REJECTED (the pace is shorter now), OUTGROWN, ANNULAR, or LIFTED: the contact ends
+        inside the step.
+    """
+    dt = table.dt[i]
+    pace.attempted = dt
+    free, answer, plate, plate_answer = free_motion(now, rules, dt)
+    target, total = free - plate, answer + plate_answer
+    look_ahead(table, i, block, counts)
+    approach, push = target, 0.0
+    if releases:
+        # Rounding must not leave a trace of contact.
+        approach = min(target, block.reach[0])
+    elif target > block.reach[0]:
+        softness = total / table.compliance[i]
+        approach = _newton(block, target, softness, target - total * now.force, counts)
+        push = force(block, approach)[0] / table.compliance[i]
+        approach = target - total * push
+    if approach >= block.reach[block.reach.size - 2]:
+        return OUTGROWN
+    if push <= 0.0 and block.load[0] > 0.0 and not releases:
+        return LIFTED
+    acceleration = rules.gravity - push / rules.mass
+    error = _error(now, pace, rules, acceleration, dt)
+    if error > 1.0:
+        counts.rejected_steps += 1
+        pace.dt = dt * max(_SHRINK, _SAFETY * error ** (-1.0 / 3.0))
+        return REJECTED
+    if not _move_on(now, rules, table, i, block, approach):
+        return ANNULAR
+    pace.acceleration_before, pace.dt_before = now.acceleration, dt
+    now.velocity += 0.5 * dt * (now.acceleration + acceleration)
+    now.acceleration, now.force, now.position = acceleration, push, free - answer * push
+    _move_plate(now, rules, dt, plate + plate_answer * push)
+    counts.solver_steps += 1
+    pace.dt = dt * (_GROWTH if error <= 0.0 else min(_GROWTH, _SAFETY * error ** (-1.0 / 3.0)))
+    return ACCEPTED
+
+
+@compiled()
+def rests(now: Motion, pace: Pace, rules: Rules) -> bool:
+    """Look whether the contact has come to rest (:class:`labpipe.contact.motion.Stillness`)."""
+    unbalanced = abs(now.force / (rules.mass * rules.gravity) - 1.0)
+    unbalanced = max(unbalanced, abs(now.plate_velocity) / rules.rest_speed)
+    pace.slowest = min(pace.slowest, now.velocity)
+    pace.fastest = max(pace.fastest, now.velocity)
+    pace.largest = max(pace.largest, unbalanced)
+    if now.time - pace.rest_start >= rules.rest_period:
+        swing = 0.5 * (pace.fastest - pace.slowest) / rules.rest_speed
+        resting = max(pace.largest, swing) < rules.rest_tolerance
+        pace.rest_start, pace.largest = now.time, unbalanced
+        pace.slowest = pace.fastest = now.velocity
+        if resting:
+            return True
+    if now.time > pace.lenient_from:
+        pace.leniency = pace.late_leniency
+    return False
+
+
+@compiled()
+def steps(
+    now: Motion,
+    pace: Pace,
+    rules: Rules,
+    table: StepTable,
+    until: float,
+    block: Block,
+    counts: Counts,
+    trail: Trail,
+) -> tuple[int, int]:
+    """Step on as long as steps come from the table.
+
+    Parameters
+    ----------
+    now, pace, block, counts
+        Changed in place.
+    rules, table
+        What does not change.
+    until : float [s]
+        No step reaches this time.
+    trail : array (step,)
+        Filled with a record per step; its energy leaves out the springs beyond the block.
 
     Returns
     -------
     (int, int)
-        Rows filled, and why it came back.
+        Records filled, and why it came back.
     """
-    n = load.size
-    reach, new, after, moments = np.empty(n), np.empty(n), np.empty(n), np.zeros(n + 1)
-    for row in range(records.shape[0]):
-        step = _trial(state, counts, rules, ladder, line, block, load, reach, moments)
-        rung, approach, force = step.rung, step.approach, step.force
-        if rung < 0 or not _loads(line, approach, ladder.scalars[rung, 1], reach, new, after):
-            return row, HAND_OVER
-        dt, _, _, jump, early, late, jumped = ladder.scalars[rung]
-        acceleration = rules.gravity - force / rules.mass
-        state[BEFORE], state[DT_BEFORE] = state[ACCELERATION], dt
-        state[VELOCITY] += 0.5 * dt * (state[ACCELERATION] + acceleration)
-        state[ACCELERATION], state[FORCE] = acceleration, force
-        _move_plate(state, rules, dt, step.plate, force)
-        sums = _sums(line, load, new, displacement, after)
-        dwelt, held = _remember(ladder, rung, line, block, load, new, inverse)
-        integral = dwelt + early * sums[3] + late * sums[4]
-        work = sums[0] - sums[1] - (1.0 - jump) * integral / dt
-        state[WORK] += work - jump * sums[2] - jumped * (sums[4] - sums[3])
-        load[:] = new
-        displacement[:] = after
-        state[TIME] += dt
-        state[POSITION] = step.position
-        state[APPROACH] = approach
-        counts[STEPS] += 1
-        records[row, :] = (
-            state[TIME],
-            step.position,
-            state[VELOCITY],
-            approach,
-            force,
-            _radius(line, approach, reach),
-            held + 0.5 * rules.instantaneous * sums[5],
-            state[WORK],
-            state[PLATE],
-            state[PLATE_VELOCITY],
-            state[PLATE_ACCELERATION],
-            state[PLATE_LOSS],
-        )
-        factor = rules.growth
-        if step.error > 0.0:
-            factor = min(factor, rules.safety * step.error ** (-1.0 / 3.0))
-        state[DT] = dt * factor
-        if _is_resting(state, rules):
-            return row + 1, RESTING
-        if state[TIME] > rules.lenient_from:
-            state[LENIENCY] = rules.late_leniency
-    return records.shape[0], BUFFER_FULL
+    row = 0
+    while row < trail.size:
+        length = min(pace.dt, pace.longest)
+        i = floor(PER_OCTAVE * log2(length / rules.base)) - rules.lowest
+        if i < 0 or i >= table.dt.size:
+            return row, OFF_TABLE
+        if table.dt[i] >= until - now.time:
+            return row, LAST
+        outcome = one_step(now, pace, rules, table, i, block, counts, False)
+        if outcome == REJECTED:
+            continue
+        if outcome != ACCEPTED:
+            return row, outcome
+        trail[row] = now
+        row += 1
+        if now.force <= 0.0:
+            return row, RELEASED
+        if rests(now, pace, rules):
+            return row, RESTING
+    return row, FULL
+
+
+@compiled()
+def creep_step(
+    now: Motion, rules: Rules, table: StepTable, i: int, block: Block, counts: Counts
+) -> int:
+    """Sink in under the weight alone for one step.
+
+    Returns ACCEPTED, OUTGROWN, or REJECTED: the surface would flow further in this step than the
+    contact may spread.
+    """
+    look_ahead(table, i, block, counts)
+    weight = rules.mass * rules.gravity
+    wanted = weight * table.compliance[i]
+    reach = block.reach
+    approach = reach[0]
+    loaded = int(np.count_nonzero(block.load))
+    for j in range(1, min(loaded + 1, reach.size)):
+        approach = max(approach, reach[j])
+    for _ in range(_NEWTON_LIMIT):
+        scaled, slope = force(block, approach)
+        if slope <= 0.0:
+            return REJECTED
+        change = (scaled - wanted) / slope
+        approach -= change
+        counts.newton_iterations += 1
+        if abs(change) <= _NEWTON_TOLERANCE * abs(approach - reach[0]):
+            break
+    if approach >= reach[reach.size - 2]:
+        return OUTGROWN
+    if not _move_on(now, rules, table, i, block, approach):
+        return REJECTED
+    sag = 0.0 if rules.plate_mass == 0.0 else weight / rules.plate_stiffness
+    now.velocity = (approach + sag - now.position) / table.dt[i]
+    now.position, now.force, now.acceleration = approach + sag, weight, 0.0
+    now.plate_displacement, now.plate_velocity, now.plate_acceleration = sag, 0.0, 0.0
+    counts.solver_steps += 1
+    counts.rest_steps += 1
+    return ACCEPTED

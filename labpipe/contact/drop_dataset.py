@@ -1,7 +1,7 @@
 """The result of a drop as a Dataset: time series, one row per bounce, ledger, work done."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import nan, sqrt
 
 import numpy as np
@@ -9,7 +9,7 @@ import xarray as xr
 
 from labpipe.contact.mdr import Profile
 from labpipe.contact.memory import Array, Condensed
-from labpipe.contact.motion import Body, Counts, Snapshot, Springs
+from labpipe.contact.motion import Body, Counts, Snapshot, Springs, counted
 from labpipe.contact.plate import Plate
 from labpipe.contact.thesis_scheme import ThesisRun
 from labpipe.contact.trajectory import (
@@ -140,7 +140,7 @@ def dataset(
     values = natural if wanted is None else columns(run.segments, run.body, wanted)
     series = _series(values, _ledger(values, setting), has_plate=setting.plate is not None)
     time = values.time + setting.fall_time if times is None else times
-    work = asdict(run.counts) | {
+    work = counted(run.counts) | {
         "springs": int(run.springs.position.size),
         "terms": run.condensed.creep.n_terms,
         "terms_folded": run.condensed.n_folded,
@@ -162,10 +162,8 @@ def dataset(
 
 def _maps(run: DropRun, setting: Setting) -> dict[str, xr.DataArray]:
     """Pressure and surface at the instants that were asked for."""
-    records = [
-        r for segment in run.segments if isinstance(segment, Contact) for r in segment.records
-    ]
-    largest = max((record.contact_radius for record in records), default=0.0)
+    contacts = [segment.records for segment in run.segments if isinstance(segment, Contact)]
+    largest = max((float(found["contact_radius"].max()) for found in contacts), default=0.0)
     reach = min(_MAP_REACH * largest, float(run.springs.position[-1]))
     radius = np.linspace(0.0, reach or float(run.springs.position[-1]), _MAP_POINTS)
     pressure = [run.springs.pressure(s.load, s.contact_radius, radius) for s in run.snapshots]

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.imaging.compilation import compiled
+from labpipe.compilation import compiled
 from labpipe.imaging.fringes import SAMPLES_PER_PIXEL
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ arrays of fifty points take as long as filtering the image. So it is compiled.
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.imaging.compilation import compiled
+from labpipe.compilation import compiled
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -10,8 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.compilation import compiled
 from labpipe.errors import InputError
-from labpipe.imaging.compilation import compiled
 
 Image32 = NDArray[np.float32]
 

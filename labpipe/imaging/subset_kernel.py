@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.imaging.compilation import compiled
+from labpipe.compilation import compiled
 from labpipe.imaging.spline import LANES, Image32
 
 Floats = NDArray[np.float64]

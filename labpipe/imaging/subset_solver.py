@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.imaging.compilation import compiled
+from labpipe.compilation import compiled
 from labpipe.imaging.spline import LANES, PADDING, Image32
 from labpipe.imaging.subset_kernel import (
     FAST,

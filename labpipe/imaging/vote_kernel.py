@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.imaging.compilation import compiled
+from labpipe.compilation import compiled
 
 Floats = NDArray[np.float64]
 
