@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.errors import CalibrationError
-from labpipe.signals.noise import estimate_noise, quantisation_step
+from labpipe.signals import estimate_noise, quantisation_step
 
 _BLOCK = 16  # independent samples whose median is compared with the beginning
 _FIRST = 2 * _BLOCK  # the least that can be called a window

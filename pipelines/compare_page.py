@@ -6,14 +6,15 @@ from labpipe.report import (
     Bars,
     Block,
     Column,
+    DisplayUnit,
     Document,
     KeyValues,
     Notice,
     Paragraph,
     Section,
     Table,
+    display_unit,
 )
-from labpipe.report.tables import DisplayUnit, display_unit
 from labpipe.workflow.session import Session
 from pipelines.compare import Comparison, Row
 from pipelines.overview import PAGE

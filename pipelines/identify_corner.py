@@ -125,8 +125,7 @@ def corner(found: Identified) -> bytes:
     """
     from matplotlib.figure import Figure
 
-    from labpipe.report import figure_style
-    from labpipe.report.style import figure_bytes
+    from labpipe.report import figure_bytes, figure_style
 
     shown = main_quantities(found)
     points = shown.drawn(found)[:_MOST_POINTS]

@@ -6,10 +6,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.identification import bands, moduli
-from labpipe.identification.posterior import Band as Prediction
-from labpipe.identification.posterior import frequencies
-from labpipe.identification.structure import BEFORE
+from labpipe.identification import BEFORE, bands, frequencies, moduli
+from labpipe.identification import Band as Prediction
 from labpipe.report import (
     Band,
     Bars,

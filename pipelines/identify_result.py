@@ -8,8 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from labpipe.identification import Moduli, bands, drawn_moduli, moduli
-from labpipe.identification.posterior import DETERMINED, frequencies
+from labpipe.identification import DETERMINED, Moduli, bands, drawn_moduli, frequencies, moduli
 from pipelines.identify import Identified
 
 Array = NDArray[np.float64]

@@ -53,7 +53,7 @@ BALL_DROP = (
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.bouncing",),
+        imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drop",
     ),
     Stage(
@@ -249,7 +249,7 @@ DIC_VALIDATION = (
         "track", "pipelines.experiments.dic_validation:track", 1, ("file:film",),
         ("tracking", "frame_rate"),
         shortcuts=True,
-        imports=("labpipe.imaging.dic_tracker",),
+        imports=("labpipe.imaging.dic._tracker",),
         summary="follow the holder through the film",
     ),
     Stage(
@@ -291,7 +291,7 @@ CONTACT_AREA = (
         "radius", "pipelines.experiments.contact_area:radius", 2, ("file:film", "file:camera"),
         ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate"),
         shortcuts=True,
-        imports=("labpipe.imaging.radius_film",),
+        imports=("labpipe.imaging.fringes._every_frame",),
         summary="fit the fringes around the contact",
     ),
     Stage(
@@ -304,7 +304,7 @@ CONTACT_AREA = (
          "other:sphere.material_from/master_curve", "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.bouncing",),
+        imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drop",
     ),
     Stage(
@@ -356,7 +356,7 @@ PLATE_VIBRATION = (
         "model", "pipelines.experiments.plate_vibration:model", 1, ("table", "plate"),
         ("drops", "sphere", "model"),
         shortcuts=True,
-        imports=("labpipe.contact.bouncing",),
+        imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drops on the plate",
     ),
     Stage(

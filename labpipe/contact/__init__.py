@@ -1,22 +1,32 @@
 """Viscoelastic contact: indentation and impact."""
 
-from labpipe.contact.adhesion import dmt, jkr, jkr_at_force, maugis, pull_off, tabor
-from labpipe.contact.adhesion_estimate import AdhesionEstimate, adhesion_in_impact
-from labpipe.contact.adhesive_mdr import adhesive_indentation, adhesive_pull_off
-from labpipe.contact.amplitude import amplitude_sweep
-from labpipe.contact.collision import collision
-from labpipe.contact.dissipation import (
+from labpipe.contact.beyond import (
+    AdhesionEstimate,
+    Heating,
+    adhesion_in_impact,
+    adhesive_indentation,
+    adhesive_pull_off,
+    amplitude_sweep,
+    dmt,
+    flash_temperature,
+    jkr,
+    jkr_at_force,
+    maugis,
+    pull_off,
+    self_heating,
+    tabor,
+)
+from labpipe.contact.impact import Plate, Shortcuts, drop
+from labpipe.contact.line import (
     dissipated_work,
     dissipation_map,
     dynamic_stiffness,
+    indent,
+    indent_load,
     tapping_amplitude,
 )
-from labpipe.contact.drop_setup import Shortcuts
-from labpipe.contact.heating import Heating, flash_temperature, self_heating
-from labpipe.contact.impact import drop
-from labpipe.contact.indentation import indent, indent_load
-from labpipe.contact.plate import Plate
-from labpipe.contact.static_loading import load_sphere, press_sphere
+from labpipe.contact.lumped import collision
+from labpipe.contact.sphere import load_sphere, press_sphere
 
 __all__ = [
     "AdhesionEstimate",

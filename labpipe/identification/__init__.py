@@ -6,42 +6,50 @@ unknown. :func:`fit` finds the most probable answer, :func:`posterior` what is k
 unknown is determined at all.
 """
 
-from labpipe.identification.drops import Bounces, DropModel, drop_evidence
-from labpipe.identification.evidence import Evidence, Group, LinearModel
-from labpipe.identification.fit import Fit, fit
-from labpipe.identification.linear import (
+from labpipe.identification._drops import Bounces, DropModel, drop_evidence
+from labpipe.identification._evidence import Evidence, Group, LinearModel
+from labpipe.identification._fit import Fit, fit
+from labpipe.identification._joined import JoinedModel
+from labpipe.identification._linear import (
     force_evidence,
     lee_radok_basis,
     modulus_evidence,
     stiffness_evidence,
 )
-from labpipe.identification.parameters import Parameter
-from labpipe.identification.posterior import (
+from labpipe.identification._parameters import Parameter
+from labpipe.identification._posterior import (
+    DETERMINED,
+    Band,
     Moduli,
     Posterior,
     Structure,
     bands,
+    frequencies,
     moduli,
     posterior,
 )
-from labpipe.identification.problem import Misfit, Problem
-from labpipe.identification.profiles import Profile, profile
-from labpipe.identification.sampling import Sample, drawn_moduli, sample
-from labpipe.identification.spectra import (
+from labpipe.identification._problem import Misfit, Problem, split
+from labpipe.identification._profiles import Profile, profile
+from labpipe.identification._sampling import Sample, drawn_moduli, sample
+from labpipe.identification._spectra import (
     FractionalSpectrum,
     RoughSpectrum,
     SmoothSpectrum,
     relaxation_times,
 )
-from labpipe.identification.structure import infer
+from labpipe.identification._structure import BEFORE, infer
 
 __all__ = [
+    "BEFORE",
+    "DETERMINED",
+    "Band",
     "Bounces",
     "DropModel",
     "Evidence",
     "Fit",
     "FractionalSpectrum",
     "Group",
+    "JoinedModel",
     "LinearModel",
     "Misfit",
     "Moduli",
@@ -58,6 +66,7 @@ __all__ = [
     "drop_evidence",
     "fit",
     "force_evidence",
+    "frequencies",
     "infer",
     "lee_radok_basis",
     "moduli",
@@ -66,5 +75,6 @@ __all__ = [
     "profile",
     "relaxation_times",
     "sample",
+    "split",
     "stiffness_evidence",
 ]

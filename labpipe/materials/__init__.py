@@ -1,30 +1,61 @@
 """Linear viscoelastic materials: Prony series, interconversion, master curves, library."""
 
-from labpipe.materials.amplitude import Kraus
-from labpipe.materials.kramers_kronig import KramersKronig, kramers_kronig
-from labpipe.materials.library import Material, describe, load, load_file, read_material
-from labpipe.materials.master_curve import master_curve
-from labpipe.materials.master_curve_result import MasterCurve
-from labpipe.materials.models import (
+from labpipe.materials._kraus import Kraus
+from labpipe.materials.library import (
+    Material,
+    Thermal,
+    describe,
+    load,
+    load_file,
+    read_material,
+    thermal,
+)
+from labpipe.materials.prony import (
+    Prony,
+    Relaxation,
+    Retardation,
+    creep_from_relaxation,
     generalised_maxwell,
     kelvin_voigt,
     maxwell,
+    relaxation_from_creep,
     standard_linear_solid,
 )
-from labpipe.materials.prony import Prony
-from labpipe.materials.reduction import fewest_terms
-from labpipe.materials.shift_law import ShiftLaw, arrhenius, shift_at, wlf
-from labpipe.materials.thermal_properties import Thermal, thermal
+from labpipe.materials.spectrum import (
+    TERMS_PER_DECADE,
+    KramersKronig,
+    compress,
+    fewest_terms,
+    kramers_kronig,
+    make_grid,
+    maxwell_shapes,
+    solve_by_cross_validation,
+)
+from labpipe.materials.superposition import (
+    MasterCurve,
+    ShiftLaw,
+    arrhenius,
+    master_curve,
+    overlapped_shifts,
+    read_sweeps,
+    shift_at,
+    wlf,
+)
 
 __all__ = [
+    "TERMS_PER_DECADE",
     "KramersKronig",
     "Kraus",
     "MasterCurve",
     "Material",
     "Prony",
+    "Relaxation",
+    "Retardation",
     "ShiftLaw",
     "Thermal",
     "arrhenius",
+    "compress",
+    "creep_from_relaxation",
     "describe",
     "fewest_terms",
     "generalised_maxwell",
@@ -32,10 +63,16 @@ __all__ = [
     "kramers_kronig",
     "load",
     "load_file",
+    "make_grid",
     "master_curve",
     "maxwell",
+    "maxwell_shapes",
+    "overlapped_shifts",
     "read_material",
+    "read_sweeps",
+    "relaxation_from_creep",
     "shift_at",
+    "solve_by_cross_validation",
     "standard_linear_solid",
     "thermal",
     "wlf",

@@ -5,7 +5,7 @@ holds everything it needs, asks for nothing over a network, and is complete with
 Numerical libraries are imported only when something is drawn.
 """
 
-from labpipe.report.blocks import (
+from labpipe.report._blocks import (
     Bars,
     Block,
     Details,
@@ -15,14 +15,17 @@ from labpipe.report.blocks import (
     Notice,
     Paragraph,
     Picture,
+    Section,
 )
-from labpipe.report.charts import Band, LineChart, ScatterChart, Series
-from labpipe.report.document import MAX_PAGE_BYTES, Document, Section, index_page
-from labpipe.report.embedded import Report
-from labpipe.report.index import IndexRow, IndexTable
-from labpipe.report.style import figure_style, line_arguments, save_figure
-from labpipe.report.tables import (
+from labpipe.report._charts import Band, LineChart, ScatterChart, Series
+from labpipe.report._document import MAX_PAGE_BYTES, Document, index_page
+from labpipe.report._embedded import Report
+from labpipe.report._index import IndexRow, IndexTable
+from labpipe.report._style import Role, figure_bytes, figure_style, line_arguments, save_figure
+from labpipe.report._tables import (
+    Cell,
     Column,
+    DisplayUnit,
     Table,
     display_unit,
     number,
@@ -36,8 +39,10 @@ __all__ = [
     "Band",
     "Bars",
     "Block",
+    "Cell",
     "Column",
     "Details",
+    "DisplayUnit",
     "Document",
     "Gallery",
     "IndexRow",
@@ -49,11 +54,13 @@ __all__ = [
     "Paragraph",
     "Picture",
     "Report",
+    "Role",
     "ScatterChart",
     "Section",
     "Series",
     "Table",
     "display_unit",
+    "figure_bytes",
     "figure_style",
     "index_page",
     "line_arguments",
@@ -76,6 +83,6 @@ def thumbnail(chart: LineChart | ScatterChart, width_px: int = 240) -> bytes:
     width_px : int
         Width of the picture; its height is half of it.
     """
-    from labpipe.report import pictures
+    from labpipe.report import _pictures
 
-    return pictures.thumbnail(chart, width_px)
+    return _pictures.thumbnail(chart, width_px)

@@ -1,10 +1,11 @@
 """Signals in time: derivative, events, oscillation, alignment, repeats, metrics."""
 
-from labpipe.signals.align import Lag, at_times, from_event, lag
-from labpipe.signals.cycles import Window, active_window, loops
-from labpipe.signals.derivative import velocity
-from labpipe.signals.events import PHASES, bounces, phases
-from labpipe.signals.metrics import (
+from labpipe.signals._align import Lag, at_times, from_event, lag
+from labpipe.signals._cycles import Window, active_window, loops
+from labpipe.signals._derivative import velocity
+from labpipe.signals._events import PHASES, bounces, phases
+from labpipe.signals._first_touch import FirstTouch, first_touch
+from labpipe.signals._metrics import (
     Agreement,
     agreement,
     compare,
@@ -13,21 +14,23 @@ from labpipe.signals.metrics import (
     independent_count,
     nrmse,
 )
-from labpipe.signals.oscillation import (
+from labpipe.signals._noise import estimate_noise, quantisation_step
+from labpipe.signals._oscillation import (
     CommonFit,
     Sinusoid,
     common_fit,
     fit_sinusoid,
 )
-from labpipe.signals.repeats import combine_repeats
-from labpipe.signals.ringing import Ringing, ringing
-from labpipe.signals.vibration import Damped, damped_oscillation
+from labpipe.signals._repeats import combine_repeats
+from labpipe.signals._ringing import Ringing, ringing
+from labpipe.signals._vibration import Damped, damped_oscillation
 
 __all__ = [
     "PHASES",
     "Agreement",
     "CommonFit",
     "Damped",
+    "FirstTouch",
     "Lag",
     "Ringing",
     "Sinusoid",
@@ -42,6 +45,8 @@ __all__ = [
     "coverage",
     "damped_oscillation",
     "determination",
+    "estimate_noise",
+    "first_touch",
     "fit_sinusoid",
     "from_event",
     "independent_count",
@@ -49,6 +54,7 @@ __all__ = [
     "loops",
     "nrmse",
     "phases",
+    "quantisation_step",
     "ringing",
     "velocity",
 ]

@@ -32,8 +32,8 @@ PRELOADED_TO_DRAW = (
     "matplotlib.figure",
     "matplotlib.backends.backend_svg",
     "matplotlib.backends.backend_agg",
-    "labpipe.report.document",
-    "labpipe.report.pictures",
+    "labpipe.report._document",
+    "labpipe.report._pictures",
 )
 """What workers need that write pages: loaded once, not once for every experiment."""
 

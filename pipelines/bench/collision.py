@@ -9,8 +9,8 @@ from functools import partial
 from math import sqrt
 
 from labpipe import contact
-from labpipe.contact import hertz
-from labpipe.contact.collision import contact_stiffness
+from labpipe.contact.lumped import contact_stiffness
+from labpipe.contact.sphere import hertz
 from pipelines.bench.measure import OURS, THESIS, Point, Suite, paired
 
 _RADIUS, _MASS, _MODULUS, _NU = 9.525e-3, 0.505, 3.2e9, 0.35

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from labpipe.imaging import contact_radius
-from labpipe.imaging.circle import fit_circle
+from labpipe.imaging.fringes import fit_circle
 from pipelines.bench.measure import Bound, Point, Suite, paired, peak_bytes
 
 Floats = NDArray[np.float64]

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from labpipe.report import figure_style
-from labpipe.report.style import figure_bytes
+from labpipe.report import figure_bytes, figure_style
 from pipelines.bench.measure import OURS, THESIS, Point, Suite
 
 #: Colours after Okabe and Ito, told apart without colour by the markers: ours, thesis, peers.

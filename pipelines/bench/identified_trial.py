@@ -11,9 +11,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from labpipe.errors import InputError, LabpipeError
-from labpipe.identification import Evidence, Parameter, Posterior, moduli
-from labpipe.identification.posterior import frequencies
-from labpipe.identification.problem import split
+from labpipe.identification import Evidence, Parameter, Posterior, frequencies, moduli, split
 from labpipe.materials import Prony
 from pipelines import process
 from pipelines.bench.random_sessions import DEPTH, Truth, recorded, write

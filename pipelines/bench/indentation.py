@@ -13,11 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe import contact
-from labpipe.contact import westergaard
-from labpipe.contact.mdr import line_springs
-from labpipe.contact.motion import Springs
-from labpipe.contact.rings import ring_springs
-from labpipe.contact.thesis_scheme_line import indent_thesis_scheme
+from labpipe.contact.impact import Springs, line_springs, ring_springs
+from labpipe.contact.line import indent_thesis_scheme, westergaard
 from labpipe.materials import Prony
 from pipelines.bench import contact_peers
 from pipelines.bench.drop import speed_up

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from labpipe.materials.interconversion import (
+from labpipe.materials import (
     Relaxation,
     Retardation,
     creep_from_relaxation,

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.materials.spectrum import (
+from labpipe.materials import (
     TERMS_PER_DECADE,
     compress,
     make_grid,

@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 
 from labpipe import contact
-from labpipe.contact import dissipation, hertz, westergaard
-from labpipe.contact.general import GeneralContact
-from labpipe.contact.kernels import line_kernel
+from labpipe.contact.line import GeneralContact, dissipation, line_kernel, westergaard
 from labpipe.contact.memory import Creep, advance, history, step_weights
-from labpipe.contact.ting import ting
+from labpipe.contact.sphere import hertz, ting
 from labpipe.materials import Prony
 from pipelines.bench.stability_outcome import Case, Outcome, worst
 from pipelines.bench.stability_wild import Floats, Random, below_zero, wild_material, wild_times

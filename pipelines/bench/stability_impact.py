@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from labpipe import contact
-from labpipe.contact import hertz
-from labpipe.contact.drop_checks import Solver
+from labpipe.contact.impact import Solver
+from labpipe.contact.sphere import hertz
 from labpipe.materials import Prony
 from pipelines.bench.stability_outcome import Case, Outcome, worst
 from pipelines.bench.stability_wild import Random, below_zero, wild_material

@@ -53,8 +53,7 @@ def _row(value: Any) -> str:
 def _draw(panels: Panels, file_format: str) -> bytes:
     from matplotlib.figure import Figure
 
-    from labpipe.report import figure_style, line_arguments
-    from labpipe.report.style import figure_bytes
+    from labpipe.report import figure_bytes, figure_style, line_arguments
 
     # Dashes tell a model from a measurement; here there is the model only, and it has spikes.
     look = line_arguments("model") | {"linestyle": "-", "linewidth": 1.0}
@@ -134,7 +133,7 @@ def heating_rows(
     import numpy as np
 
     from labpipe.contact import self_heating
-    from labpipe.contact.heating import MATTERS
+    from labpipe.contact.beyond import MATTERS
 
     estimate = self_heating(found, material, thermal, temperature)
     over = np.flatnonzero(np.abs(estimate.dataset["modulus_change"].values) >= MATTERS)

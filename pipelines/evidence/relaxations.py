@@ -7,8 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.identification import Evidence, Parameter, force_evidence, lee_radok_basis
-from labpipe.identification.joined import JoinedModel
+from labpipe.identification import Evidence, JoinedModel, Parameter, force_evidence, lee_radok_basis
 from labpipe.workflow.session import Experiment
 from pipelines.evidence.proof import Proof, nuisance
 from pipelines.evidence.punched import FILTER, SHIFT, Punched, punched

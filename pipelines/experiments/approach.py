@@ -15,8 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.signal import fftconvolve, sosfilt
 
-from labpipe.signals import independent_count
-from labpipe.signals.first_touch import FirstTouch, first_touch
+from labpipe.signals import FirstTouch, first_touch, independent_count
 from labpipe.units import Quantity
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 import calibration
 from calibration import camera as camera_scale
 from labpipe import contact, imaging
-from labpipe.contact import hertz
+from labpipe.contact.sphere import hertz
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source, combined, table

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from instruments import plain_table
 from labpipe import materials
 from labpipe.errors import SourceError
-from labpipe.materials.shift_start import overlapped_shifts
-from labpipe.materials.sweep_data import read_sweeps
+from labpipe.materials import overlapped_shifts, read_sweeps
 from pipelines.settings.dma import Dma
 
 Array = NDArray[np.float64]

@@ -10,10 +10,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe import contact, signals
-from labpipe.contact import dissipation
+from labpipe.contact.line import dissipation
 from labpipe.errors import InputError
-from labpipe.signals import CommonFit, common_fit, nrmse
-from labpipe.signals.noise import quantisation_step
+from labpipe.signals import CommonFit, common_fit, nrmse, quantisation_step
 from pipelines.experiments import holds, mach1_file
 from pipelines.experiments.indentation import Geometry, simulated
 from pipelines.experiments.material import resolve

@@ -12,14 +12,14 @@ from labpipe.report import (
     LineChart,
     Notice,
     Paragraph,
+    Role,
     ScatterChart,
     Section,
     Series,
     Table,
+    number,
     value_with_uncertainty,
 )
-from labpipe.report.style import Role
-from labpipe.report.tables import number
 from labpipe.workflow.context import Context
 from pipelines import budget_blocks, pages
 from pipelines.experiments import budgets, holds, mach1_file

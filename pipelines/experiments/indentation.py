@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe import contact
-from labpipe.contact import westergaard
+from labpipe.contact.line import westergaard
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source, combined

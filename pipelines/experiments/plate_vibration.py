@@ -1,7 +1,7 @@
 """Plate vibration: frequency, damping and amplitude of the plate under falling spheres.
 
 Each recording shows one drop: a first blow, free ringing until the sphere comes back, and more
-blows. Only the free ringing is fitted (:func:`labpipe.signals.ringing`). Frequency and damping
+blows. Only the free ringing is fitted (:func:`labpipe.signals._ringing`). Frequency and damping
 belong to the plate, the amplitude to the impact; the plate's modal mass follows from the momentum
 of a simulated impact. Upwards is positive, as for the sphere.
 """

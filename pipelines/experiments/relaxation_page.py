@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from labpipe.report import (
     Block,
+    Cell,
     Column,
     KeyValues,
     LineChart,
@@ -19,7 +20,6 @@ from labpipe.report import (
     Table,
     value_with_uncertainty,
 )
-from labpipe.report.tables import Cell
 from labpipe.workflow.context import Context
 from pipelines import budget_blocks, pages
 from pipelines.experiments import budgets, holds

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 import calibration
 from calibration import laser
 from labpipe import contact
-from labpipe.contact import hertz
+from labpipe.contact.sphere import hertz
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source

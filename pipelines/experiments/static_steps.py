@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar, nnls
 
 from labpipe.errors import InputError
-from labpipe.signals.noise import estimate_noise
+from labpipe.signals import estimate_noise
 from pipelines.settings.static_loading import StaticLoading
 
 Array = NDArray[np.float64]

@@ -7,8 +7,7 @@ import xarray as xr
 
 from calibration.camera import pixel_size
 from labpipe import contact
-from labpipe.report import line_arguments
-from labpipe.report.style import Role
+from labpipe.report import Role, line_arguments
 from labpipe.units import Quantity
 from pipelines.figures.chapter3 import HEIGHTS, MASS, SPHERE_RADIUS
 from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels

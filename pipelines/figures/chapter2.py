@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from labpipe import contact, materials
-from labpipe.contact import dissipation
+from labpipe.contact.line import dissipation
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
 from pipelines.figures.drawing import Array, Caption, Drawing, decades, letter, panels

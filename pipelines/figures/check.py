@@ -16,12 +16,13 @@ import numpy as np
 
 from calibration.camera import pixel_size
 from labpipe import contact, materials
-from labpipe.contact import hertz, westergaard
-from labpipe.contact.collision import contact_stiffness
-from labpipe.contact.dissipation import (
+from labpipe.contact.line import (
     dimensionless_frequency,
     dimensionless_length,
+    westergaard,
 )
+from labpipe.contact.lumped import contact_stiffness
+from labpipe.contact.sphere import hertz
 from labpipe.units import Quantity
 from pipelines.figures.chapter2 import CHARACTERISTIC_TIME, DEPTH, PERIOD, TIP_RADIUS
 from pipelines.figures.chapter3 import GRAVITY, HEIGHTS, MASS, SPHERE_RADIUS

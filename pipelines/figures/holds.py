@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 
 from labpipe import contact, materials
-from labpipe.contact import hertz, westergaard
+from labpipe.contact.line import westergaard
+from labpipe.contact.sphere import hertz
 from labpipe.report import line_arguments
 from pipelines.figures.chapter2 import DEPTH, PERIOD, TIP_RADIUS
 from pipelines.figures.chapter3 import GRAVITY, SPHERE_RADIUS

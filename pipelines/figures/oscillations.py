@@ -7,7 +7,7 @@ import xarray as xr
 from matplotlib import colormaps
 
 from labpipe import contact
-from labpipe.contact import dissipation
+from labpipe.contact.line import dissipation
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
 from labpipe.workflow.fields import REFERENCE

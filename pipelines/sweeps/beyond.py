@@ -19,7 +19,7 @@ from pipelines.sweeps.parameters import (
 def adhesion(point: Mapping[str, Value]) -> Outputs:
     """Pull-off of a sphere after Maugis, with the relaxed modulus."""
     from labpipe import contact
-    from labpipe.contact.adhesion import cohesive_stress, lost_energy, transition
+    from labpipe.contact.beyond import cohesive_stress, lost_energy, transition
 
     number, material = numbers(point), solid(point)
     modulus = material.factor("contact") * material.E_relaxed

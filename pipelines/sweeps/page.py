@@ -14,9 +14,9 @@ from labpipe.report import (
     Picture,
     Section,
     Table,
+    figure_bytes,
     figure_style,
 )
-from labpipe.report.style import figure_bytes
 from pipelines.sweeps.grid import DRAW, Design
 from pipelines.sweeps.parameters import Value
 from pipelines.sweeps.run import Swept

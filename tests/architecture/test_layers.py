@@ -1,6 +1,7 @@
 """The one-way rule: who may import whom, read from the source, not from what happens to load."""
 
 import ast
+import graphlib
 from functools import cache
 from pathlib import Path
 
@@ -28,15 +29,16 @@ GROUND = {
     "text",
     "numbers",
     "binary",
+    "compilation",
     "uncertainty",
     "propagation",
 }
 BELOW = {
     "signals": set(),
-    "materials": {"signals"},
-    "contact": {"signals", "materials"},
-    "imaging": {"signals", "materials", "contact"},
-    "identification": {"signals", "materials", "contact"},
+    "materials": set(),
+    "imaging": set(),
+    "contact": {"materials"},
+    "identification": {"materials", "contact"},
     "workflow": set(),
     "report": set(),
 }
@@ -95,6 +97,84 @@ def test_ground_imports_no_part_above_it() -> None:
         if name.startswith("labpipe.") and name.split(".")[1] not in GROUND | {"__version__"}
     ]
     assert wrong == []
+
+
+@cache
+def modules() -> dict[str, Path]:
+    """Every module of the four packages by its dotted name; a package by its own."""
+    found = {}
+    for package in PACKAGES:
+        for path in sources(package):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def folder_of(module: str) -> str:
+    """Name the package whose folder a module lies in; of a package, that is itself."""
+    is_package = modules()[module].name == "__init__.py"
+    return module if is_package else module.rpartition(".")[0]
+
+
+@cache
+def taken(module: str) -> frozenset[str]:
+    """Modules of ours that a module imports, wherever in it the import stands."""
+    found = set()
+    for node in nodes(modules()[module]):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                is_module = inner in modules() and alias.name not in exported(node.module)
+                found.add(inner if is_module else node.module)
+    return frozenset(found & set(modules()))
+
+
+@cache
+def exported(package: str) -> frozenset[str]:
+    """Names that the face of a package gives away."""
+    for node in ast.parse(modules()[package].read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return frozenset(ast.literal_eval(node.value))
+    return frozenset()
+
+
+ROOMS = tuple(f"labpipe.{part}" for part in BELOW if part != "workflow")
+"""Packages whose inside is theirs alone."""
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_outsiders_go_no_further_than_the_face_of_a_package(room: str) -> None:
+    wrong = [
+        f"{module} imports {name}"
+        for module in modules()
+        for name in taken(module)
+        if name.startswith(f"{room}.")
+        and modules()[name].name != "__init__.py"
+        and not f"{folder_of(module)}.".startswith(f"{folder_of(name)}.")
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_what_no_face_gives_away_is_marked_as_private(room: str) -> None:
+    wrong = [
+        name
+        for name, path in modules().items()
+        if name.startswith(f"{room}.")
+        and path.name != "__init__.py"
+        and not path.stem.startswith("_")
+        and path.stem not in exported(folder_of(name))
+    ]
+    assert wrong == []
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    waiting = {name: set(taken(name)) - {name, folder_of(name)} for name in modules()}
+    order = graphlib.TopologicalSorter(waiting)
+    order.prepare()  # raises CycleError, which names the circle
+    assert order.is_active()
 
 
 def test_root_holds_nothing_beyond_the_agreed_layout() -> None:

@@ -41,7 +41,7 @@ def test_every_kind_of_change_is_made_where_something_is_computed() -> None:
 
 
 def test_every_mutant_is_another_program() -> None:
-    for path in ("labpipe/signals/metrics.py", "labpipe/contact/hertz.py"):
+    for path in ("labpipe/signals/_metrics.py", "labpipe/contact/sphere/hertz.py"):
         source = (Path(__file__).parents[2] / path).read_text("utf-8")
         plain = ast.dump(ast.parse(source))
         for mutant in mutants(path, source)[::20]:
@@ -78,6 +78,6 @@ def test_the_sample_is_the_same_every_time_and_of_the_whole_core(
     monkeypatch.setattr("tests.faults.mutation.CORE", ("calibration",))
     assert sample(20) == sample(20)
     assert len({mutant.module for mutant, _ in sample(100)}) > 4
-    assert is_compiled(Path("labpipe/imaging/subset_kernel.py").read_text("utf-8"))
-    assert not is_compiled(Path("labpipe/contact/hertz.py").read_text("utf-8"))
+    assert is_compiled(Path("labpipe/imaging/dic/_subset_kernel.py").read_text("utf-8"))
+    assert not is_compiled(Path("labpipe/contact/sphere/hertz.py").read_text("utf-8"))
     assert all(Path(folder).is_dir() for folder in CORE)

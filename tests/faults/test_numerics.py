@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from labpipe import signals
 from labpipe.errors import LabpipeError
-from labpipe.signals.first_touch import first_touch
+from labpipe.signals._first_touch import first_touch
 
 Amount = Callable[[int, int], int]
 Array = NDArray[Any]

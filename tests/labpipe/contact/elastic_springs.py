@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from labpipe.contact.bounce_compiled import Block, contact_radius, force
+from labpipe.contact.impact._steps import Block, contact_radius, force
 
 
 def elastic_force(springs, approach):

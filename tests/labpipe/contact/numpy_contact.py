@@ -1,7 +1,7 @@
 """One contact of a sphere, step by step in numpy: the oracle of the compiled steps.
 
 The same rule of motion (average acceleration), memory (:mod:`labpipe.contact.memory`) and control
-of the step length as :mod:`labpipe.contact.bounce`, written without any of its code: one
+of the step length as :mod:`labpipe.contact.impact._stepper`, written without any of its code: one
 step length at a time, the approach by bisection. No limits, no growth of the contact.
 """
 
@@ -10,7 +10,7 @@ from math import floor, log2
 import numpy as np
 from scipy.optimize import brentq
 
-from labpipe.contact.memory import advance, history, step_weights, stored_energy
+from labpipe.contact.memory._creep import advance, history, step_weights, stored_energy
 
 PER_OCTAVE, FIRST, LONGEST = 4, 1e-4, 0.05
 

@@ -15,9 +15,9 @@ from labpipe.contact import (
     pull_off,
     tabor,
 )
-from labpipe.contact.adhesion import cohesive_stress, lost_energy, regime, transition
-from labpipe.contact.adhesive_mdr import slope_of
-from labpipe.contact.hertz import static_load
+from labpipe.contact.beyond._adhesion import cohesive_stress, lost_energy, regime, transition
+from labpipe.contact.beyond._adhesive_mdr import slope_of
+from labpipe.contact.sphere.hertz import static_load
 from labpipe.errors import InputError
 from labpipe.materials import Prony, load
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from labpipe.contact import Shortcuts, drop
-from labpipe.contact.bounce import Stepper
-from labpipe.contact.mdr import line_springs
+from labpipe.contact.impact._line_springs import line_springs
+from labpipe.contact.impact._motion import Body, Stillness
+from labpipe.contact.impact._plate import Plate
+from labpipe.contact.impact._rings import ring_springs
+from labpipe.contact.impact._stepper import Stepper
 from labpipe.contact.memory import Creep
-from labpipe.contact.motion import Body, Stillness
-from labpipe.contact.plate import Plate
-from labpipe.contact.rings import ring_springs
 from labpipe.errors import LabpipeError
 from labpipe.materials import Prony
 from tests.labpipe.contact.numpy_contact import NumpyContact

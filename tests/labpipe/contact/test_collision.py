@@ -5,9 +5,9 @@ import warnings
 import numpy as np
 import pytest
 
-from labpipe.contact.collision import collision, contact_stiffness
-from labpipe.contact.collision_motion import CollisionLaw, Motion
-from labpipe.contact.hertz import impact
+from labpipe.contact.lumped._collision import collision, contact_stiffness
+from labpipe.contact.lumped._motion import CollisionLaw, Motion
+from labpipe.contact.sphere.hertz import impact
 from labpipe.errors import InputError
 
 RADIUS, MASS = 9.525e-3, 0.505

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from labpipe.contact import dissipation, indent
+from labpipe.contact import indent
+from labpipe.contact.line import dissipation
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 

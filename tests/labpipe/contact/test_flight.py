@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labpipe.contact.flight import time_to_touch, time_to_touch_plate
-from labpipe.contact.plate import Plate, PlateState
+from labpipe.contact.impact._flight import time_to_touch, time_to_touch_plate
+from labpipe.contact.impact._plate import Plate, PlateState
 
 G = 9.81
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labpipe.contact import indent, indent_load
-from labpipe.contact.general import GeneralContact
-from labpipe.contact.kernels import line_kernel
+from labpipe.contact.line._conjugate_gradients import GeneralContact
+from labpipe.contact.line._kernels import line_kernel
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 

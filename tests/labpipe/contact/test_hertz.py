@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.contact import hertz
+from labpipe.contact.sphere import hertz
 from labpipe.errors import InputError
 
 # b, restitution where the force vanishes (integrated to 1e-10).

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from labpipe.contact import Plate, drop
-from labpipe.contact.bouncing import _fall_further
+from labpipe.contact.impact._simulate import _fall_further
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 

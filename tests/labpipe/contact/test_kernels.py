@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from labpipe.contact.kernels import clausen, layer_factor, line_kernel
+from labpipe.contact.line._kernels import clausen, layer_factor, line_kernel
 from labpipe.errors import InputError
 
 PERIOD = 8e-3

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labpipe.contact.mdr import line_springs
+from labpipe.contact.impact._line_springs import line_springs
 from labpipe.errors import InputError
 from tests.labpipe.contact.elastic_springs import elastic_force
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labpipe.contact.memory import (
+from labpipe.contact.memory._creep import (
     Creep,
     advance,
     condense,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.contact.plate import Plate, PlateState
+from labpipe.contact.impact._plate import Plate, PlateState
 from labpipe.errors import InputError
 
 PLATE = Plate(mass=2.0, frequency=100.0, damping_ratio=0.05)

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import ellipk
 
-from labpipe.contact.rings import disc_displacement, factors, influence, ring_springs
+from labpipe.contact.impact._rings import disc_displacement, factors, influence, ring_springs
 from labpipe.errors import InputError
 from tests.labpipe.contact.elastic_springs import elastic_force
 

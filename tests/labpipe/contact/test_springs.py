@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labpipe.contact.kernels import line_kernel
-from labpipe.contact.profiles import strip_heights
-from labpipe.contact.springs import NotNestedError, sphere_bed
-from labpipe.contact.strips import line_bed, line_pressure
+from labpipe.contact.line._kernels import line_kernel
+from labpipe.contact.line._profiles import strip_heights
+from labpipe.contact.line._strips import line_bed, line_pressure
+from labpipe.contact.springs._bed import NotNestedError, sphere_bed
 from labpipe.errors import InputError
 
 PERIOD, RADIUS, ELEMENTS = 8e-3, 2e-3, 256

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from labpipe.contact import indent, load_sphere, press_sphere
-from labpipe.contact.memory import Creep, advance, history, step_weights
-from labpipe.contact.springs import sphere_bed
-from labpipe.contact.stepping import March
+from labpipe.contact.memory._creep import Creep, advance, history, step_weights
+from labpipe.contact.springs._bed import sphere_bed
+from labpipe.contact.springs._march import March
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 
@@ -55,7 +55,7 @@ def test_a_missing_sample_is_named() -> None:
 
 def test_steps_of_one_interval_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     """A tolerance that cannot be met ends with a reason, not in an endless loop."""
-    monkeypatch.setattr("labpipe.contact.stepping._MAX_STEPS_PER_INTERVAL", 5)
+    monkeypatch.setattr("labpipe.contact.springs._march._MAX_STEPS_PER_INTERVAL", 5)
     material = Prony(1e3, [1e7], [1e-9], nu=0.3)
     march = March(sphere_bed(0.01, 1e-3, 20), Creep.of(material), "displacement", 1e-10)
     with pytest.raises(InputError, match="more than 5 steps"):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.contact.static_loading import load_sphere, press_sphere, sphere_gap
+from labpipe.contact.sphere._static_loading import load_sphere, press_sphere, sphere_gap
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 

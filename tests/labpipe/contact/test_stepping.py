@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labpipe.contact import indent, indent_load, load_sphere
-from labpipe.contact.memory import Creep
-from labpipe.contact.springs import sphere_bed
-from labpipe.contact.stepping import March
+from labpipe.contact.memory._creep import Creep
+from labpipe.contact.springs._bed import sphere_bed
+from labpipe.contact.springs._march import March
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 
@@ -174,7 +174,7 @@ def test_release_under_load_control_does_not_hang() -> None:
 
 
 def test_a_control_that_cannot_succeed_says_so(monkeypatch) -> None:
-    monkeypatch.setattr("labpipe.contact.stepping._MAX_STEPS_PER_INTERVAL", 5)
+    monkeypatch.setattr("labpipe.contact.springs._march._MAX_STEPS_PER_INTERVAL", 5)
     with pytest.raises(InputError, match="larger rtol"):
         indent(wild(5, 1e3), *GEOMETRY, [0.0, 1.0], [1e-4, 1e-4], elements=64)
 

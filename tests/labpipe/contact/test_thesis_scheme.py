@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from labpipe.contact import drop
-from labpipe.contact.memory import Creep
-from labpipe.contact.thesis_scheme import drop_thesis
+from labpipe.contact.impact._thesis_scheme import drop_thesis
+from labpipe.contact.memory._creep import Creep
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 

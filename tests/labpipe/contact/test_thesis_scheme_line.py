@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from labpipe.contact import indent
-from labpipe.contact.thesis_scheme_line import indent_thesis_scheme
+from labpipe.contact.line._thesis_scheme import indent_thesis_scheme
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from labpipe.contact.static_loading import press_sphere
-from labpipe.contact.ting import ting
+from labpipe.contact.sphere._static_loading import press_sphere
+from labpipe.contact.sphere._ting import ting
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from labpipe.contact.motion import MOTION, Body, motion
-from labpipe.contact.trajectory import Contact, Flight, columns, peak
+from labpipe.contact.impact._motion import MOTION, Body, motion
+from labpipe.contact.impact._trajectory import Contact, Flight, columns, peak
 
 BODY = Body(mass=2.0, gravity=10.0, plate=None)
 

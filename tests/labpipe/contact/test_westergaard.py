@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labpipe.contact import indent, westergaard
-from labpipe.contact.memory import Creep
-from labpipe.contact.stepping import March
+from labpipe.contact import indent
+from labpipe.contact.line import westergaard
+from labpipe.contact.memory._creep import Creep
+from labpipe.contact.springs._march import March
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 

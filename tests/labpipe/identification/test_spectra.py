@@ -3,7 +3,7 @@ import pytest
 
 from labpipe.errors import InputError
 from labpipe.identification import FractionalSpectrum, Parameter, SmoothSpectrum, relaxation_times
-from labpipe.identification.spectra import material
+from labpipe.identification._spectra import material
 
 
 def test_fractional_series_is_cole_and_coles_solid_inside_its_grid() -> None:

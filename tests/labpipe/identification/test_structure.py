@@ -19,8 +19,8 @@ from labpipe.identification import (
     moduli,
     relaxation_times,
 )
-from labpipe.identification.spectra import material, one_per_decade
-from labpipe.identification.structure import BEFORE, ROUGH, SMOOTH, SPACED
+from labpipe.identification._spectra import material, one_per_decade
+from labpipe.identification._structure import BEFORE, ROUGH, SMOOTH, SPACED
 from labpipe.materials import Prony
 from tests.labpipe.identification.holds import RUBBER, exact_force, history
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from labpipe.identification.fit import Objective, fit
+from labpipe.identification._fit import Objective, fit
 from tests.labpipe.identification.holds import hold_problem
 
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labpipe.errors import InputError
-from labpipe.imaging.circle import fit_circle
+from labpipe.imaging.fringes._circle import fit_circle
 
 
 @given(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labpipe.imaging.spline import prefilter
+from labpipe.imaging.dic._spline import prefilter
 from tests.labpipe.without_cache import printed_without_cache
 
 _PROGRAM = """
@@ -13,7 +13,7 @@ import json, warnings
 import numpy as np
 with warnings.catch_warnings(record=True) as caught:
     warnings.simplefilter("always")
-    from labpipe.imaging.spline import prefilter
+    from labpipe.imaging.dic._spline import prefilter
 image = np.random.default_rng(1).uniform(size=(12, 9)).astype(np.float32)
 print(json.dumps({"found": prefilter(image, 3).tolist(), "said": [str(w.message) for w in caught]}))
 """

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.imaging.contact_edge import _crossing
+from labpipe.imaging.fringes._edge import _crossing
 
 
 def test_a_level_is_crossed_between_samples() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.imaging.contact_spot import _spots_of_mask, reduce_frame
+from labpipe.imaging.fringes._spots import _spots_of_mask, reduce_frame
 
 
 def test_a_reduced_frame_holds_the_mean_of_every_square() -> None:

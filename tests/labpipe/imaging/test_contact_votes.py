@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from labpipe.imaging.contact_votes import find_centres, plain_lines
-from labpipe.imaging.vote_kernel import count_lines
+from labpipe.imaging.fringes._centre_votes import find_centres, plain_lines
+from labpipe.imaging.fringes._vote_kernel import count_lines
 from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose
 
 SCENE = Scene(rows=240, columns=320, slope_x=0.3, slope_y=-0.2, vignette=0.3, visibility=0.4)

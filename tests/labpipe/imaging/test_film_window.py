@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from labpipe.frames import ArrayFrames
-from labpipe.imaging.film_window import FilmWindow, smooth
-from labpipe.imaging.spline import PADDING
+from labpipe.imaging.dic._film_window import FilmWindow, smooth
+from labpipe.imaging.dic._spline import PADDING
 
 SIZE = (200, 300)
 

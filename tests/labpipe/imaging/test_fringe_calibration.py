@@ -5,15 +5,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from labpipe.imaging import fringe_calibration
-from labpipe.imaging.fringe_calibration import (
+from labpipe.imaging.fringes import _calibration
+from labpipe.imaging.fringes._calibration import (
     _BLURS,
     Calibration,
     _find_blur,
     _Trial,
     calibrate,
 )
-from labpipe.imaging.radius_fit import Parameter
+from labpipe.imaging.fringes._ring_fit import Parameter
 
 
 def test_the_excess_is_the_mean_square_of_the_misfits() -> None:
@@ -58,10 +58,10 @@ def test_an_oblique_view_is_believed_only_if_it_explains_much_more(
             return made
         return trial(3.0) if extra == () else None
 
-    monkeypatch.setattr(fringe_calibration, "_attempt", fitted)
-    monkeypatch.setattr(fringe_calibration, "_find_blur", lambda *_: None)
+    monkeypatch.setattr(_calibration, "_attempt", fitted)
+    monkeypatch.setattr(_calibration, "_find_blur", lambda *_: None)
     monkeypatch.setattr(Calibration, "applied", lambda self, view: view)
     fits = {i: SimpleNamespace(parameters=np.full(len(Parameter), 50.0 + i)) for i in range(8)}
-    monkeypatch.setattr(fringe_calibration, "_choose", lambda fits: tuple(fits)[:4])
+    monkeypatch.setattr(_calibration, "_choose", lambda fits: tuple(fits)[:4])
     found = calibrate(lambda i: i, fits, None, is_phase_free=False, shape="auto")  # type: ignore
     assert (found.ellipse != (0.0, 0.0)) == is_oblique

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from labpipe.errors import InputError
 from labpipe.imaging import hertz_gap
-from labpipe.imaging.fringe_kernel import fill_table
-from labpipe.imaging.fringes import (
+from labpipe.imaging.fringes._fit_kernel import fill_table
+from labpipe.imaging.fringes._interference import (
     SAMPLES_PER_PIXEL,
     Optics,
     distance_at_phase,

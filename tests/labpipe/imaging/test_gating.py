@@ -9,7 +9,7 @@ import xarray as xr
 
 from labpipe.frames import ArrayFrames
 from labpipe.imaging import contact_radius
-from labpipe.imaging.gating import FilmReader, _read_around, frames_in_windows
+from labpipe.imaging.films._reading_plan import FilmReader, _read_around, frames_in_windows
 from tests.labpipe.imaging.fringe_film import Scene, clean_image, expose
 
 SCENE = Scene(rows=96, columns=128, pixel_size=5e-6)
@@ -102,7 +102,7 @@ def test_windows_include_both_ends() -> None:
 def test_frames_beyond_what_is_kept_are_counted_as_read_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("labpipe.imaging.gating._MOST_KEPT", 3 * 16 * 16)
+    monkeypatch.setattr("labpipe.imaging.films._reading_plan._MOST_KEPT", 3 * 16 * 16)
     reader = FilmReader(ArrayFrames(np.zeros((8, 16, 16), np.uint8)))
     for index in (0, 1, 2, 0, 3, 4, 0, 1):
         reader.whole(index)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labpipe.imaging.motion_state import STRETCH, converged_nearby, extent, predicted, remember
+from labpipe.imaging.dic._motion_state import STRETCH, converged_nearby, extent, predicted, remember
 
 COUNT = 40
 Arrays = dict[str, NDArray[np.generic]]

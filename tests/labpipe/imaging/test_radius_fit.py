@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labpipe.imaging.fringes import make_optics, ring_limits
-from labpipe.imaging.radius_fit import (
+from labpipe.imaging.fringes._interference import make_optics, ring_limits
+from labpipe.imaging.fringes._ring_fit import (
     PARAMETERS,
     USUAL,
     FitSettings,

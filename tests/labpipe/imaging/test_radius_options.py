@@ -8,7 +8,7 @@ import pytest
 
 from labpipe.errors import InputError
 from labpipe.frames import ArrayFrames
-from labpipe.imaging.radius_options import FilmOptions, check_film, exposure_times
+from labpipe.imaging.fringes._arguments import FilmOptions, check_film, exposure_times
 
 OPTIONS = FilmOptions(pixel_size=1e-5, sphere_radius=1e-2, wavelength=532e-9)
 FILM = ArrayFrames(np.zeros((3, 16, 16), np.uint8), np.arange(3.0))

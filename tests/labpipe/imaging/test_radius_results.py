@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from labpipe.imaging import radius_film
-from labpipe.imaging.contact_search import GOOD_MISFIT
-from labpipe.imaging.radius_fit import Parameter
-from labpipe.imaging.radius_results import FRINGES, _edge_systematic, _static_radius
+from labpipe.imaging.fringes import _every_frame
+from labpipe.imaging.fringes._dataset import FRINGES, _edge_systematic, _static_radius
+from labpipe.imaging.fringes._ring_fit import Parameter
+from labpipe.imaging.fringes._search import GOOD_MISFIT
 
 
 def test_of_an_edge_only_the_scale_is_uncertain() -> None:
@@ -35,16 +35,16 @@ def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypa
     )  # fmt: skip
     misfit = {0: 0.5 * GOOD_MISFIT, 1: 2.0 * GOOD_MISFIT, 2: 0.5 * GOOD_MISFIT, 3: 0.5}
     monkeypatch.setattr(
-        radius_film,
+        _every_frame,
         "fit_contact",
         lambda frame, *_: SimpleNamespace(misfit=misfit[frame], of=frame),
     )
-    monkeypatch.setattr(radius_film, "is_contact", lambda frame, *_: frame != 2)
-    monkeypatch.setattr(radius_film, "_next_fit", lambda frame, *_: f"searched {frame}")
+    monkeypatch.setattr(_every_frame, "is_contact", lambda frame, *_: frame != 2)
+    monkeypatch.setattr(_every_frame, "_next_fit", lambda frame, *_: f"searched {frame}")
     reader = SimpleNamespace(whole=lambda index: index)
     result = SimpleNamespace(view=view, blanks={})
     fits = {i: SimpleNamespace(parameters=np.zeros(len(Parameter))) for i in (0, 1, 2)}
-    found = radius_film._refit(reader, result, np.ones(4, bool), fits)
+    found = _every_frame._refit(reader, result, np.ones(4, bool), fits)
     assert found[0].of == 0
     assert [found[i] for i in (1, 2, 3)] == ["searched 1", "searched 2", "searched 3"]
     assert result.blanks == {}

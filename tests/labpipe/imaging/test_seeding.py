@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.imaging.seeding import (
+from labpipe.imaging.dic._seeding import (
     Pyramid,
     _coarse_shifts,
     _match_tile,

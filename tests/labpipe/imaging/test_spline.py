@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 
 from labpipe.errors import InputError
-from labpipe.imaging.spline import (
+from labpipe.imaging.dic._spline import (
     LANES,
     PADDING,
     node_gradients,
@@ -70,7 +70,7 @@ def test_gradients_at_pixels_are_those_of_the_spline(order: int) -> None:
 @pytest.mark.parametrize("order", [3, 5])
 @pytest.mark.parametrize("blur", [0.0, 0.7])
 def test_noise_gain_is_the_variance_of_interpolated_noise(order: int, blur: float) -> None:
-    from labpipe.imaging.film_window import smooth
+    from labpipe.imaging.dic._film_window import smooth
 
     noise = np.random.default_rng(3).normal(0, 1, (600, 600))
     coefficients = prefilter_oracle(smooth(noise, blur), order)
@@ -86,7 +86,7 @@ def test_noise_gain_is_the_variance_of_interpolated_noise(order: int, blur: floa
 @pytest.mark.parametrize("order", [3, 5])
 @pytest.mark.parametrize("blur", [0.0, 0.7])
 def test_slope_noise_gain_is_the_variance_of_slopes_of_noise(order: int, blur: float) -> None:
-    from labpipe.imaging.film_window import smooth
+    from labpipe.imaging.dic._film_window import smooth
 
     noise = np.random.default_rng(4).normal(0, 1, (500, 500))
     gradient_x, gradient_y = node_gradients(prefilter(smooth(noise, blur), order), order)

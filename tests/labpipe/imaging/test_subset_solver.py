@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from labpipe.imaging.spline import node_gradients, prefilter
-from labpipe.imaging.subset_kernel import _gauss_newton_step, _sample_cubic, _sample_quintic
-from labpipe.imaging.subset_solver import (
+from labpipe.imaging.dic._spline import node_gradients, prefilter
+from labpipe.imaging.dic._subset_kernel import _gauss_newton_step, _sample_cubic, _sample_quintic
+from labpipe.imaging.dic._subset_solver import (
     LEFT_WINDOW,
     NO_TEXTURE,
     NOT_CONVERGED,

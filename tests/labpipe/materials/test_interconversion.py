@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labpipe.materials.interconversion import (
+from labpipe.materials.prony._interconversion import (
     Relaxation,
     Retardation,
     _first_guess,

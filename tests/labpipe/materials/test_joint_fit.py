@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from labpipe.materials import joint_fit
-from labpipe.materials.joint_fit import (
+from labpipe.materials.superposition import _joint_fit
+from labpipe.materials.superposition._first_shifts import overlapped_shifts, scanned_shifts
+from labpipe.materials.superposition._joint_fit import (
     evaluate,
     grid_for,
     minimise,
@@ -14,12 +15,11 @@ from labpipe.materials.joint_fit import (
     sensitivity,
     total_cost,
 )
-from labpipe.materials.law_choice import STRONG_EVIDENCE, _criterion
-from labpipe.materials.noise import Noise, Scatter, next_noise, scatter_of_sweeps
-from labpipe.materials.outer_model import OuterModel, expected_shifts
-from labpipe.materials.settling import _with_spread
-from labpipe.materials.shift_start import overlapped_shifts, scanned_shifts
-from labpipe.materials.sweep_data import read_sweeps
+from labpipe.materials.superposition._law_choice import STRONG_EVIDENCE, _criterion
+from labpipe.materials.superposition._noise import Noise, Scatter, next_noise, scatter_of_sweeps
+from labpipe.materials.superposition._reweighting import _with_spread
+from labpipe.materials.superposition._shift_parameters import OuterModel, expected_shifts
+from labpipe.materials.superposition._sweep_data import read_sweeps
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +154,7 @@ def test_at_its_minimum_a_fit_ends_after_one_look(points, maxwell_truth, monkeyp
         looks.append(1)
         return outer_problem(*arguments)
 
-    monkeypatch.setattr(joint_fit, "outer_problem", counted)
+    monkeypatch.setattr(_joint_fit, "outer_problem", counted)
     minimise(points, weight, fit, model, tolerance=0.1)
     assert len(looks) == 1
 

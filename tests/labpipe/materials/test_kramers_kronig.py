@@ -5,7 +5,7 @@ import pytest
 
 from labpipe.errors import InputError
 from labpipe.materials import kramers_kronig
-from labpipe.materials.kramers_kronig import MIDDLE_SHARE, _middle
+from labpipe.materials.spectrum._kramers_kronig import MIDDLE_SHARE, _middle
 
 FREQUENCY = np.logspace(-3, 5, 60)
 

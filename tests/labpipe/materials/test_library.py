@@ -8,7 +8,7 @@ import pytest
 from labpipe.contact import drop, indent
 from labpipe.errors import InputError, SourceError
 from labpipe.materials import load
-from labpipe.materials.library import NAMES, STATUSES, describe, load_file
+from labpipe.materials.library._library import NAMES, STATUSES, describe, load_file
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labpipe.materials.outer_model import CHANGE, CHANGE_SHARE
-from labpipe.materials.shift_start import _best_chain, _Scan, scanned_shifts
-from labpipe.materials.sweep_data import read_sweeps
+from labpipe.materials.superposition._first_shifts import _best_chain, _Scan, scanned_shifts
+from labpipe.materials.superposition._shift_parameters import CHANGE, CHANGE_SHARE
+from labpipe.materials.superposition._sweep_data import read_sweeps
 
 
 def largest_error(truth, seed):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.materials.spectrum import (
+from labpipe.materials.spectrum._spectrum import (
     compress,
     make_grid,
     maxwell_shapes,

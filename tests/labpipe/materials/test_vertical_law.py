@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.materials.vertical_law import (
+from labpipe.materials.superposition._vertical_law import (
     VERTICAL_SIZE,
     fit_vertical,
     vertical_slopes,

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from labpipe.errors import InputError
 from labpipe.report import Band, LineChart, ScatterChart, Series
-from labpipe.report.packing import pack, thin, wanted_bytes
-from labpipe.report.pictures import static_picture, thumbnail
+from labpipe.report._packing import pack, thin, wanted_bytes
+from labpipe.report._pictures import static_picture, thumbnail
 
 
 def positions(axis):

@@ -8,8 +8,8 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.transforms import Bbox
 
-from labpipe.report import LineChart, ScatterChart, Series, pictures
-from labpipe.report.packing import thin
+from labpipe.report import LineChart, ScatterChart, Series, _pictures
+from labpipe.report._packing import thin
 
 T = np.linspace(0.0, 1.0, 50)
 WINDOWS = (("a first window", 0.1, 0.2), ("another", 0.5, 0.6), ("a third", 0.8, 0.9))
@@ -25,9 +25,9 @@ def tick_labels(axis):
 def laid_out(chart):
     """The figure and the extents of its texts in px, by whose they are."""
     thinned = thin(chart, 10**6)
-    views = pictures._panels(thinned)
-    with pictures._chart_style(0.5):
-        figure = pictures._draw(thinned, views)
+    views = _pictures._panels(thinned)
+    with _pictures._chart_style(0.5):
+        figure = _pictures._draw(thinned, views)
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
     extents = {}
@@ -71,12 +71,12 @@ def test_noise_stays_small():
     t = np.arange(200_000) / 1000.0
     noise = np.random.default_rng(2).normal(size=(12, t.size))
     series = [Series(f"{n}", t, y) for n, y in enumerate(noise)]
-    made = pictures.static_picture(thin(LineChart("c", "x", "y", series, height_px=500), 10**6))
+    made = _pictures.static_picture(thin(LineChart("c", "x", "y", series, height_px=500), 10**6))
     assert len(made) < 300_000
 
 
 def test_a_name_is_text_and_no_formula():
-    made = pictures.static_picture(
+    made = _pictures.static_picture(
         thin(LineChart("c", "$x$", "y < 1 & 2", (Series("$a_1$ & b", T, T),)), 10**6)
     )
     texts = {e.text for e in ET.fromstring(made).iter() if e.tag.endswith("text")}  # noqa: S314 - our own picture

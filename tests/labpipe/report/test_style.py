@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from labpipe.errors import InputError
 from labpipe.report import figure_style, line_arguments, save_figure
-from labpipe.report.style import ROLES, figure_bytes, looks
+from labpipe.report._style import ROLES, figure_bytes, looks
 
 
 def luminance(colour):

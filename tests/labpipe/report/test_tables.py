@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from labpipe.errors import InputError
 from labpipe.report import Column, Table, display_unit, number, plus_minus, value_with_uncertainty
-from labpipe.report.tables import table_view
+from labpipe.report._tables import table_view
 
 
 @pytest.mark.parametrize(

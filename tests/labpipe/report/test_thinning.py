@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labpipe.report.thinning import kept_samples
+from labpipe.report._thinning import kept_samples
 
 
 def test_short_recordings_are_kept_whole():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from labpipe.signals.banded import quadratic_form, selected_inverse
+from labpipe.signals._banded import quadratic_form, selected_inverse
 
 
 def random_band(n, width, seed=0):

@@ -9,7 +9,7 @@ from labpipe.contact import drop
 from labpipe.errors import InputError
 from labpipe.materials import load
 from labpipe.signals import PHASES, bounces, phases
-from labpipe.signals.turns import Turn, common_fall
+from labpipe.signals._turns import Turn, common_fall
 
 ACRYLIC = {"loss": 0.5}
 LOSSY = {"loss": 3.0, "dent": 0.3}

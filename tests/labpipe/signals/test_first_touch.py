@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from labpipe.errors import InputError
-from labpipe.signals.first_touch import first_touch
+from labpipe.signals._first_touch import first_touch
 
 TOUCH, STIFFNESS, LEVEL, NOISE = 6.25e-5, 1e5, -0.3, 0.02
 POSITION = np.linspace(0.0, 1e-4, 2001)  # steps of force far below the noise

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from labpipe.signals.events import _combined
-from labpipe.signals.impact_fit import (
+from labpipe.signals._events import _combined
+from labpipe.signals._impact_fit import (
     OUTPUTS,
     _of_unread,
     _unread_contact,

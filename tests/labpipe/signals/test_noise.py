@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from labpipe.signals.noise import difference_sigma, estimate_noise, is_spike, quantisation_step
+from labpipe.signals._noise import difference_sigma, estimate_noise, is_spike, quantisation_step
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from labpipe.signals.residuals import parameter_covariance
+from labpipe.signals._residuals import parameter_covariance
 
 
 def test_white_residuals_give_the_textbook_covariance():

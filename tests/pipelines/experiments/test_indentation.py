@@ -8,7 +8,7 @@ import xarray as xr
 from scipy.signal import bessel, butter, freqs
 
 from labpipe import contact
-from labpipe.contact import westergaard
+from labpipe.contact.line import westergaard
 from labpipe.materials import Prony
 from labpipe.units import Quantity
 from pipelines.experiments import mach1_file

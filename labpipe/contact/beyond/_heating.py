@@ -1,0 +1,211 @@
+r"""How much a sphere warms itself by what its impacts dissipate: bounds in closed form.
+
+Dissipated energy Q is born where the strain is, in a region of about the contact's radius a [1]_:
+
+- *bulk*, without conduction: Q in a half sphere of radius a, Q/(ρc (2/3)πa³). Under Hertz's
+  pressure the strain energy's density is nowhere above this mean (0.255 E*a²/R²) for a Poisson's
+  ratio from 0.25 up: it bounds the rise of one impact wherever loss follows strain energy.
+- *train*: each half sphere cools by conduction, at its centre as erf(s) − (2s/√π) e^{−s²},
+  s = a/(2√(κt)), and the remains add up; without cooling they add up to the upper bound.
+- *surface*: what the same energy would do if all of it were born at the interface, as by friction,
+  and entered through the disc of contact, evenly while it lasts. At the centre a disc source of
+  flux q on an insulated half-space reaches (2q√(κt)/k) [1/√π − ierfc(a/(2√(κt)))].
+
+Validity: order of magnitude. Friction adds heat that is not in Q; air and the flat take some away.
+If even the bound without cooling changes the modulus by less than what matters, heating does not.
+
+References
+----------
+.. [1] H. S. Carslaw, J. C. Jaeger, Conduction of Heat in Solids, 2nd ed. (1959), section 2.2 (the
+   sphere at a uniform temperature) and 10.5 (the disc source).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import erf, erfc
+
+from labpipe.errors import InputError
+from labpipe.materials import Material, Thermal
+
+Array = NDArray[np.float64]
+
+MATTERS = 0.01
+"""Relative change of |E*| from which heating is said to matter: 0.4 % of an impact's force."""
+
+
+def flash_temperature(
+    flux: ArrayLike, radius: ArrayLike, time: ArrayLike, thermal: Thermal
+) -> Array:
+    """Rise [K] at the centre of a disc that heats an insulated half-space.
+
+    Parameters
+    ----------
+    flux : array [W/m2]
+    radius : array [m]
+        Of the disc.
+    time : array [s]
+        Since the heating began; positive.
+    thermal : Thermal
+
+    Returns
+    -------
+    array [K]
+        Tends to flux · radius / conductivity.
+
+    Examples
+    --------
+    >>> perspex = Thermal(1180.0, 1470.0, 0.19)
+    >>> float(flash_temperature(1e3, 1e-3, 1e9, perspex).round(4))
+    5.263
+    """
+    q, a, t = (np.asarray(v, dtype=float) for v in (flux, radius, time))
+    if not (np.all(q >= 0.0) and np.all(a > 0.0) and np.all(t > 0.0)):
+        message = "flux must be 0 or more, radius and time positive"
+        raise InputError(message)
+    length = 2.0 * np.sqrt(thermal.diffusivity * t)
+    x = a / length
+    # 1/√π − ierfc(x), without cancellation for small x.
+    share = x * erfc(x) - np.expm1(-(x**2)) / np.sqrt(np.pi)
+    return np.asarray(q * length / thermal.conductivity * share)
+
+
+def remaining_share(radius: ArrayLike, time: ArrayLike, thermal: Thermal) -> Array:
+    """Share of its rise that the centre of an evenly heated (half) sphere keeps after a time.
+
+    Parameters
+    ----------
+    radius : array [m]
+    time : array [s]
+        Not negative; 0 gives 1.
+    thermal : Thermal
+
+    Examples
+    --------
+    >>> float(remaining_share(1e-3, 10.0, Thermal(1180.0, 1470.0, 0.19)).round(4))
+    0.0717
+    """
+    with np.errstate(divide="ignore"):
+        s = np.asarray(radius) / (2.0 * np.sqrt(thermal.diffusivity * np.asarray(time, float)))
+    bounded = np.minimum(s, _COLD)
+    return np.asarray(erf(bounded) - 2.0 / np.sqrt(np.pi) * bounded * np.exp(-(bounded**2)))
+
+
+_COLD = 25.0  # exp(−s²) is 0 from here on
+
+
+@dataclass(frozen=True, slots=True)
+class Heating:
+    """Self-heating over the impacts of a drop; see :func:`self_heating`.
+
+    Attributes
+    ----------
+    dataset : Dataset
+        Over ``impact``: ``bulk_rise``, ``surface_rise``, ``train_rise``, ``train_rise_adiabatic``
+        [K], ``modulus_change``.
+    bulk, surface : float [K]
+        Largest rise of one impact: of the bulk, and if all heat were born at the interface.
+    train, train_adiabatic : float [K]
+        Largest rise of the train, with conduction and (upper bound) without.
+    modulus_change, modulus_change_bound : float
+        Relative change of |E*| at the contact's frequency, by the train's rise with conduction and
+        without.
+    verdict : str
+        ``"negligible"`` when the bound changes |E*| by less than a hundredth, ``"matters"`` when
+        the estimate changes it by more, ``"may matter"`` between them.
+    """
+
+    dataset: xr.Dataset
+    bulk: float
+    surface: float
+    train: float
+    train_adiabatic: float
+    modulus_change: float
+    modulus_change_bound: float
+    verdict: str
+
+
+def self_heating(
+    drop: xr.Dataset, material: Material, thermal: Thermal, temperature: float | None = None
+) -> Heating:
+    """Estimate the self-heating of a simulated drop, and what it does to the modulus.
+
+    Parameters
+    ----------
+    drop : Dataset
+        Of :func:`labpipe.contact.drop`, at its own times (without ``times``).
+    material : Material
+        Its law of temperature turns a rise into a change of modulus.
+    thermal : Thermal
+    temperature : float [degC], optional
+        Of the experiment; by default the material's reference.
+
+    Raises
+    ------
+    InputError
+        The drop has no impact, or no ledger (the thesis's scheme keeps none).
+
+    Examples
+    --------
+    >>> from labpipe.contact import drop
+    >>> from labpipe.materials import describe, thermal
+    >>> acrylic = describe("acrylic")
+    >>> one = drop(acrylic.prony, 9.525e-3, 0.505, 1.5e-3, 0.04)
+    >>> found = self_heating(one, acrylic, thermal("acrylic"))
+    >>> found.verdict, round(found.bulk, 1)
+    ('negligible', 0.6)
+    """
+    if "dissipated_energy" not in drop or not drop.sizes["impact"]:
+        message = "self-heating needs a drop with at least one completed impact and its ledger"
+        raise InputError(message)
+    radius = drop["peak_contact_radius"].values
+    contact = drop["contact_duration"].values
+    # From touch to next touch: what the dent still holds at lift-off becomes heat in flight.
+    ends = np.append(drop["impact_time"].values[1:], drop["time"].values[-1])
+    ledger = (drop["time"].values, drop["dissipated_energy"].values)
+    heat = np.interp(ends, *ledger) - np.interp(drop["impact_time"].values, *ledger)
+    bulk = heat / (thermal.density * thermal.heat_capacity * 2.0 / 3.0 * np.pi * radius**3)
+    flux = heat / (np.pi * radius**2 * contact)
+    surface = flash_temperature(flux, radius, contact, thermal)
+    end = drop["lift_off_time"].values
+    since = end[:, None] - end[None, :]
+    remains = np.where(since >= 0.0, remaining_share(radius, np.maximum(since, 0.0), thermal), 0.0)
+    train = remains @ bulk
+    adiabatic = np.cumsum(bulk)
+    omega = np.pi / contact[0]
+    changes = np.array([_modulus_change(material, temperature, r, omega) for r in train.tolist()])
+    change = float(changes[np.argmax(np.abs(changes))])
+    largest = _modulus_change(material, temperature, float(adiabatic[-1]), omega)
+    verdict = "may matter"
+    if abs(largest) < MATTERS:
+        verdict = "negligible"
+    elif abs(change) >= MATTERS:
+        verdict = "matters"
+    columns = {
+        "bulk_rise": (bulk, "rise of the contact's half sphere by one impact"),
+        "surface_rise": (surface, "rise if all heat were born at the interface"),
+        "train_rise": (train, "rise after all impacts so far, with conduction"),
+        "train_rise_adiabatic": (adiabatic, "the same without conduction"),
+    }
+    dataset = xr.Dataset(
+        {n: ("impact", v, {"units": "K", "long_name": text}) for n, (v, text) in columns.items()}
+    )
+    label = {"units": "1", "long_name": "relative change of |E*| by the rise after the impact"}
+    dataset["modulus_change"] = ("impact", changes, label)
+    return Heating(
+        dataset, float(bulk.max()), float(surface.max()), float(train.max()),
+        float(adiabatic.max()), change, largest, verdict,
+    )  # fmt: skip
+
+
+def _modulus_change(
+    material: Material, temperature: float | None, rise: float, omega: float
+) -> float:
+    """Relative change of |E*(ω)| when the temperature rises."""
+    start = material.T_ref if temperature is None else temperature
+    before, after = (
+        abs(complex(material.at(t).complex_modulus(omega))) for t in (start, start + rise)
+    )
+    return after / before - 1.0

@@ -1,0 +1,55 @@
+"""What a drop may be asked for: every value is checked before anything is computed."""
+
+from math import isfinite
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from labpipe.contact.impact._dataset import Setting
+from labpipe.contact.impact._line_springs import Profile
+from labpipe.contact.memory import Array
+from labpipe.errors import InputError
+
+Solver = Literal["mdr", "rings", "thesis"]
+
+# Where rtol may lie: below, rounding; above, the estimates of the error mean nothing.
+_RTOL_RANGE = (1e-8, 1e-2)
+
+
+def checked(setting: Setting) -> Setting:
+    """Refuse what is out of range, with the reason."""
+    for name, value, low in (
+        ("radius", setting.radius, "positive"),
+        ("mass", setting.mass, "positive"),
+        ("duration", setting.duration, "positive"),
+        ("gravity", setting.gravity, "positive"),
+        ("height", setting.height, "0 or positive"),
+    ):
+        if not (isfinite(value) and (value > 0.0 or (value == 0.0 and low != "positive"))):
+            message = f"{name} is {value}, expected a finite number, {low}"
+            raise InputError(message)
+    if setting.solver not in get_args(Solver):
+        message = f'solver is "{setting.solver}", expected one of {", ".join(get_args(Solver))}'
+        raise InputError(message)
+    if setting.profile not in get_args(Profile):
+        message = f'profile is "{setting.profile}", expected one of {", ".join(get_args(Profile))}'
+        raise InputError(message)
+    low_rtol, high_rtol = _RTOL_RANGE
+    if not low_rtol <= setting.rtol <= high_rtol:
+        message = f"rtol is {setting.rtol}, expected {low_rtol} to {high_rtol}"
+        raise InputError(message)
+    if setting.plate is not None and setting.solver == "thesis":
+        message = "the thesis's scheme has a rigid substrate; drop the plate or use another solver"
+        raise InputError(message)
+    return setting
+
+
+def checked_times(name: str, times: ArrayLike, duration: float) -> Array:
+    """Refuse instants that do not rise within the duration; return them as an array (time,)."""
+    wanted = np.atleast_1d(np.asarray(times, dtype=float))
+    is_inside = np.all((wanted >= 0.0) & (wanted <= duration))
+    if wanted.ndim != 1 or not wanted.size or not is_inside or np.any(np.diff(wanted) <= 0.0):
+        message = f"{name} must increase strictly and lie within 0 and {duration} s"
+        raise InputError(message)
+    return wanted

@@ -1,0 +1,96 @@
+"""Free flight between two contacts: one step, however long.
+
+The sphere is ballistic while its dent recovers, so it touches again on the residual dent, not where
+the undeformed surface would be.
+"""
+
+from math import ceil
+
+import numpy as np
+from scipy.optimize import brentq
+
+from labpipe.contact.impact._plate import Plate, PlateState
+from labpipe.contact.memory import Array
+from labpipe.errors import LabpipeError
+
+# A ringing plate is looked at this often per period when the next touch is sought.
+_LOOKS_PER_PERIOD = 32
+# Relative precision of a touch time.
+_PRECISION = 4e-16 * 4
+
+
+def time_to_touch(velocity: float, gravity: float, dent: Array, rate: Array) -> float:
+    """Time in s until the sphere meets its recovering dent again; 0 when it does not part from it.
+
+    Parameters
+    ----------
+    velocity : float [m/s]
+        At lift-off, downwards positive, so negative when the sphere rises.
+    gravity : float [m/s2]
+    dent : array (element,) [m]
+        Displacements of the central spring's elements at lift-off.
+    rate : array (element,) [1/s]
+        Their rates of recovery.
+
+    Notes
+    -----
+    The distance is a parabola minus a sum of decaying exponentials: its second derivative
+    increases, so that it has exactly one zero after lift-off. The dent only recovers, therefore the
+    zero lies before the sphere falls back to where it lifted off.
+    """
+    if velocity + float(rate @ dent) >= 0.0:
+        return 0.0
+    fall = -2.0 * velocity / gravity
+
+    def mean_approach_speed(time: float) -> float:
+        recovered = float(-np.expm1(-rate * time) @ dent)
+        return velocity + 0.5 * gravity * time + recovered / time
+
+    shortest = fall * 1e-3
+    while mean_approach_speed(shortest) >= 0.0:
+        shortest *= 1e-3
+        if shortest < fall * 1e-290:
+            return 0.0
+    if mean_approach_speed(fall) <= 0.0:
+        return fall
+    return float(brentq(mean_approach_speed, shortest, fall, xtol=1e-300, rtol=_PRECISION))
+
+
+def time_to_touch_plate(
+    velocity: float,
+    gravity: float,
+    dent: Array,
+    rate: Array,
+    plate: Plate,
+    state: PlateState,
+) -> float:
+    """As :func:`time_to_touch` from lift-off, above a plate that rings: the first touch.
+
+    The plate is looked at often enough that no touch is missed which lasts longer than a small
+    part of its period.
+    """
+
+    def overlap(time: float) -> float:
+        """Approach gained since lift-off, per time."""
+        fallen = velocity * time + 0.5 * gravity * time**2
+        recovered = float(-np.expm1(-rate * time) @ dent)
+        return fallen + recovered - (plate.free(state, time).displacement - state.displacement)
+
+    parting = velocity - state.velocity + float(rate @ dent)
+    if parting >= 0.0:
+        return 0.0
+    look = 1.0 / (_LOOKS_PER_PERIOD * plate.frequency)
+    amplitude = (2.0 * plate.energy(state) / plate.stiffness) ** 0.5
+    rise = 2.0 * amplitude
+    longest = (-velocity + (velocity**2 + 2.0 * gravity * rise) ** 0.5) / gravity * 1.001
+    count = ceil(longest / look) + 1
+    start = look * 1e-9
+    for i in range(1, count + 1):
+        end = i * look
+        if overlap(end) > 0.0:
+            while overlap(start) >= 0.0:
+                start *= 1e-2
+            return float(brentq(overlap, start, end, xtol=1e-300, rtol=_PRECISION))
+        start = end
+    message = "the sphere does not come back to the plate"
+    raise LabpipeError(message)

@@ -1,0 +1,163 @@
+"""What moves, how it is recorded and how the work is counted: the words the parts of a drop share.
+
+One record of named numbers (a numpy structured scalar) is the state of a drop at one instant; the
+compiled steps change it in place, and a row of such records is the trail of a contact.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, Self, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.contact.impact._plate import Plate
+from labpipe.contact.memory import Array
+from labpipe.errors import InputError
+
+
+class Motion(Protocol):
+    """Sphere, plate and springs at one instant, in SI; lengths downwards positive, touch at 0.
+
+    ``approach`` is the sphere's position above the plate's; ``stored`` the energy that the springs
+    hold, ``spring_work`` the work done on them, ``plate_loss`` what the plate's dashpot took.
+    """
+
+    time: float
+    position: float
+    velocity: float
+    acceleration: float
+    approach: float
+    force: float
+    contact_radius: float
+    stored: float
+    spring_work: float
+    plate_displacement: float
+    plate_velocity: float
+    plate_acceleration: float
+    plate_loss: float
+
+
+class Counts(Protocol):
+    """Work done; counts only, so that they do not depend on the machine."""
+
+    solver_steps: int
+    rejected_steps: int
+    newton_iterations: int
+    kernel_products: int
+    spring_updates: int
+    rest_steps: int
+    flights: int
+
+
+#: The fields of a Motion and of Counts as numpy sees them; an array of the first is a trail.
+MOTION = np.dtype([(name, np.float64) for name in Motion.__annotations__])
+COUNTS = np.dtype([(name, np.int64) for name in Counts.__annotations__])
+Trail = NDArray[np.void]
+
+
+def motion(**values: float) -> Motion:
+    """Return a record with the given fields, the others 0.
+
+    Examples
+    --------
+    >>> float(motion(time=2.0).time)
+    2.0
+    """
+    return cast("Motion", blank(MOTION, **values))
+
+
+def blank(dtype: np.dtype[np.void], **values: float) -> np.record:
+    """Return one record of zeros, with the fields that are given."""
+    row: np.recarray[tuple[int], np.dtype[np.record]] = np.recarray(1, dtype)
+    row.fill(0)
+    for name, value in values.items():
+        row[name] = value
+    return row[0]
+
+
+def counted(counts: Counts) -> dict[str, int]:
+    """Return the counts by name."""
+    return {name: int(getattr(counts, name)) for name in Counts.__annotations__}
+
+
+class Springs(Protocol):
+    """Nested springs: the common shape of the method of dimensionality reduction and of rings."""
+
+    @property
+    def position(self) -> Array:
+        """Distance from the axis (spring,) in m."""
+
+    @property
+    def gap(self) -> Array:
+        """Approach at which each unloaded spring touches (spring,) in m."""
+
+    @property
+    def weight(self) -> Array:
+        """Force per load of each spring (spring,)."""
+
+    @property
+    def last_weight(self) -> Array:
+        """Weight of each spring as the last in contact, without its outer cell (spring,)."""
+
+    @property
+    def edge_bias(self) -> float:
+        """Length in m to take off the interpolated edge; NaN where the edge cuts a cell."""
+
+    def covering(self, radius: float) -> int:
+        """Return how many springs reach out to a radius."""
+
+    def pressure(self, load: Array, edge: float, radius: Array) -> Array:
+        """Pressure in Pa at given radii in m, from loads and the contact radius."""
+
+    def surface(self, displacement: Array, radius: Array) -> Array:
+        """Displacement in m of the surface at given radii in m."""
+
+    def extended(self, radius: float) -> Self:
+        """Return the same springs and further ones out to a radius."""
+
+
+class AnnularContactError(InputError):
+    """The springs outside the contact would touch before those inside: steps or springs too coarse.
+
+    A sphere does not do that; a step that rings does, where the material relaxes by a factor of
+    thousands within it.
+    """
+
+
+class Body(NamedTuple):
+    """What falls, and onto what."""
+
+    mass: float
+    gravity: float
+    plate: Plate | None
+
+
+class Snapshot(NamedTuple):
+    """The springs at one instant; ``load`` in Pa m and ``displacement`` in m, (spring,)."""
+
+    time: float
+    load: Array
+    displacement: Array
+    contact_radius: float
+
+
+@dataclass(frozen=True, slots=True)
+class Stillness:
+    """When a contact has come to rest: speed and force swing no more than this for a whole period.
+
+    Speed alone will not do: it vanishes at every turn. Its swing is taken, not its size, because a
+    contact at rest still creeps.
+
+    Parameters
+    ----------
+    tolerance : float
+        Amplitude relative to the static sag.
+    period : float [s]
+        Of the sphere on its static sag.
+    speed : float [m/s]
+        Gravity times period over 2 pi: the speed that belongs to an amplitude of one sag.
+    """
+
+    tolerance: float
+    period: float
+    speed: float

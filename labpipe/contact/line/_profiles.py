@@ -1,0 +1,113 @@
+"""Shapes of a periodic indenter, as names or as arrays."""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from labpipe.errors import InputError
+
+Array = NDArray[np.float64]
+Profile = Literal["parabola", "circle", "cosine"]
+PROFILES: tuple[str, ...] = ("parabola", "circle", "cosine")
+
+# Collocation at the centre of a strip sees half of what its mean sees of the curvature, dx² f''/24.
+_COLLOCATION = 1.0 / 48.0
+# Two halves of a profile are mirror images if they agree to this part of its height.
+_SYMMETRY = 1e-12
+
+
+def cosine_amplitude(tip_radius: float, period: float) -> float:
+    """Amplitude h = λ²/(4π²R) of the cosine with curvature 1/R at its tips, thesis eq. (2.20)."""
+    return period**2 / (4.0 * np.pi**2 * tip_radius)
+
+
+def tip_height(profile: str, x: Array, tip_radius: float, period: float) -> Array:
+    """Height (n,) [m] of a tip over its lowest point at ``x`` (n,) [m], |x| up to half a period.
+
+    ``"parabola"`` is x²/(2R), ``"circle"`` is R − √(R² − x²) and infinite (no indenter) beyond R,
+    ``"cosine"`` is h (1 − cos(2πx/λ)) with h = λ²/(4π²R).
+
+    Raises
+    ------
+    InputError
+        The name is unknown, or the radius is not positive.
+
+    Examples
+    --------
+    >>> tip_height("parabola", np.array([0.0, 1e-3]), 2e-3, 8e-3)
+    array([0.     , 0.00025])
+    """
+    if not (np.isfinite(tip_radius) and tip_radius > 0.0):
+        message = f"the tip radius is {tip_radius} m, expected a positive length"
+        raise InputError(message)
+    if profile == "parabola":
+        return np.asarray(x**2 / (2.0 * tip_radius))
+    if profile == "cosine":
+        height = 2.0 * cosine_amplitude(tip_radius, period) * np.sin(np.pi * x / period) ** 2
+        return np.asarray(height)
+    if profile == "circle":
+        inside = np.abs(x) < tip_radius
+        root = np.sqrt(np.where(inside, tip_radius**2 - x**2, 0.0))
+        return np.where(inside, x**2 / (tip_radius + root), np.inf)
+    message = f'profile "{profile}" is unknown; use one of {", ".join(PROFILES)}, or an array'
+    raise InputError(message)
+
+
+def strip_heights(profile: str, tip_radius: float, period: float, elements: int) -> Array:
+    """Height (element,) [m] that collocation at the strips' centres should see; x = 0 at N/2.
+
+    The curvature inside a strip is accounted for, see :mod:`labpipe.contact.springs._bed`.
+    """
+    spacing = period / elements
+    x = spacing * np.arange(-(elements // 2), elements - elements // 2, dtype=float)
+    height = tip_height(profile, x, tip_radius, period)
+    if profile == "cosine":
+        wave = 2.0 * np.pi / period
+        return height + _COLLOCATION * spacing**2 * (
+            cosine_amplitude(tip_radius, period) * wave**2 * np.cos(wave * x)
+        )
+    if profile == "circle":
+        root = np.sqrt(np.maximum(tip_radius**2 - x**2, (0.25 * tip_radius) ** 2))
+        return height + _COLLOCATION * spacing**2 * tip_radius**2 / root**3
+    return height + _COLLOCATION * spacing**2 / tip_radius
+
+
+def sampled_heights(profile: ArrayLike) -> Array:
+    """Heights (element,) [m] of a profile given as an array over one period.
+
+    Raises
+    ------
+    InputError
+        It is not one-dimensional, holds NaN, or no strip is finite.
+    """
+    heights = np.asarray(profile, dtype=float)
+    if heights.ndim != 1:
+        message = f"a profile is one row of heights over a period, found the shape {heights.shape}"
+        raise InputError(message)
+    bad = np.flatnonzero(np.isnan(heights) | (heights == -np.inf))
+    if bad.size:
+        message = (
+            f"profile[{bad[0]}] is {heights[bad[0]]}; heights are metres, infinite where there is "
+            "no indenter"
+        )
+        raise InputError(message)
+    if not np.any(np.isfinite(heights)):
+        message = "every height of the profile is infinite: there is no indenter"
+        raise InputError(message)
+    return heights
+
+
+def is_symmetric(heights: Array) -> bool:
+    """Tell whether a profile is its own mirror image about its centre, index N/2.
+
+    Examples
+    --------
+    >>> is_symmetric(np.array([4.0, 1.0, 0.0, 1.0]))
+    True
+    """
+    mirrored = np.roll(heights[::-1], 1)
+    with np.errstate(invalid="ignore"):
+        difference = np.where(heights == mirrored, 0.0, np.abs(heights - mirrored))
+    finite = heights[np.isfinite(heights)]
+    return bool(np.all(difference <= _SYMMETRY * max(float(np.ptp(finite)), 1e-300)))

@@ -1,0 +1,157 @@
+r"""Springs of a periodic line contact: the influence of its strips, factored once.
+
+The half period is folded onto the strips at 0, Δx, 2Δx, ... and ordered from the centre outwards;
+see :mod:`labpipe.contact.springs._bed` for what the factor means.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
+
+from labpipe.contact.line._kernels import LineKernel
+from labpipe.contact.springs import EDGE_OFFSET, SpringBed
+from labpipe.errors import InputError
+
+Array = NDArray[np.float64]
+
+# The last strips before a half-plane closes carry the logarithmic singularity of full contact.
+_OPEN_STRIPS = 3
+# Springs beyond the reach: two locate the edge, the others are for comfort.
+_SPARE_SPRINGS = 16
+
+
+class FoldedLine(NamedTuple):
+    """The factored half period behind a line's spring bed, for pressures and surfaces."""
+
+    factor: Array
+    scale: Array
+    counts: Array
+
+
+def line_bed(
+    kernel: LineKernel,
+    profile: Array,
+    reach: float,
+    *,
+    is_smooth: bool,
+    has_end: bool,
+    limit: str,
+) -> tuple[SpringBed, FoldedLine]:
+    """Factor the half period of a symmetric profile from the centre outwards.
+
+    Parameters
+    ----------
+    kernel : LineKernel
+        Period, strips and influence.
+    profile : array (n,) [m]
+        Height of the indenter above its lowest point at x = 0, Δx, 2Δx, ...; at most
+        ``elements/2 + 1`` values, fewer when the profile ends before.
+    reach : float [m]
+        Largest approach that will be asked for; only strips that it can touch are factored. Give
+        infinity for all.
+    is_smooth : bool
+        The profile is smooth: apply the edge correction.
+    has_end : bool
+        The indenter ends with the profile (a punch), so that all of it may be in contact.
+    limit : str
+        Message when the contact reaches the last strip.
+
+    Returns
+    -------
+    SpringBed
+        One spring per strip of the half period that can be touched.
+    FoldedLine
+        The factor, for :func:`line_pressure`.
+
+    Raises
+    ------
+    InputError
+        The influence matrix is not positive definite: the layer is too thin for its strips.
+    """
+    half = kernel.elements // 2
+    # Constants are in the null space of a half-plane: the last strip has no spring.
+    available = half + 1 if kernel.mean_compliance > 0.0 else half
+    available = min(available, profile.size)
+    # Contact grows monotonically under a smooth tip on a half-plane; a layer may bulge and a
+    # sampled profile may have a second tip, so there every strip has to be looked at.
+    is_plain = is_smooth and kernel.mean_compliance == 0.0
+    near = int(1.3 * np.count_nonzero(profile[:available] <= reach)) + _SPARE_SPRINGS
+    n = min(available, near) if is_plain else available
+    while True:
+        bed, folded = _factor(kernel, profile[:n], is_smooth=is_smooth, limit=limit)
+        if n == available or bed.gap[-1] > reach:
+            break
+        n = min(available, 2 * n)
+    reached = np.flatnonzero(bed.gap <= reach)
+    keep = min(n, (int(reached[-1]) if reached.size else 0) + _SPARE_SPRINGS)
+    open_springs = 0 if n == half + 1 or has_end else _OPEN_STRIPS
+    if keep < available:
+        # The rest lies beyond the reach: running into it would be a mistake of this module.
+        open_springs = 1
+    bed = SpringBed(
+        bed.gap[:keep],
+        bed.stiffness[:keep],
+        bed.edge[:keep],
+        is_smooth,
+        open_springs,
+        limit,
+        full_width=min((keep - 0.5) * kernel.spacing, 0.5 * kernel.period),
+    )
+    return bed, FoldedLine(folded.factor[:keep, :keep], folded.scale[:keep], folded.counts[:keep])
+
+
+def _factor(
+    kernel: LineKernel, profile: Array, *, is_smooth: bool, limit: str
+) -> tuple[SpringBed, FoldedLine]:
+    matrix, counts = folded_matrix(kernel, profile.size)
+    try:
+        factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
+    except LinAlgError:
+        message = (
+            "the influence matrix is not positive definite in double precision: the layer is too "
+            "thin (or too nearly incompressible) for this period; give a thicker layer"
+        )
+        raise InputError(message) from None
+    both = np.stack([counts, counts * profile], axis=1)
+    solved: Array = solve_triangular(factor, both, lower=True, check_finite=False)
+    scale, reduced = solved.T
+    index = np.arange(profile.size)
+    bed = SpringBed(
+        gap=reduced / scale,
+        stiffness=kernel.spacing * scale**2,
+        edge=kernel.spacing * np.maximum(index - EDGE_OFFSET, 0.0),
+        is_smooth=is_smooth,
+        open_springs=0,
+        limit=limit,
+    )
+    return bed, FoldedLine(factor, scale, counts)
+
+
+def folded_matrix(kernel: LineKernel, n: int) -> tuple[Array, Array]:
+    """Influence matrix (n, n) of the folded half period, made symmetric, and the strip counts (n,).
+
+    Strip 0 (and the one at half a period) occurs once, every other one twice.
+    """
+    index = np.arange(n)
+    influence = kernel.influence
+    matrix = influence[np.abs(index[:, None] - index)]
+    matrix = matrix + influence[(index[:, None] + index) % kernel.elements]
+    counts = np.full(n, 2.0)
+    counts[0] = 1.0
+    if n == kernel.elements // 2 + 1:
+        counts[-1] = 1.0
+    return 0.5 * counts[:, None] * counts * matrix, counts
+
+
+def line_pressure(kernel: LineKernel, folded: FoldedLine, load: Array) -> Array:
+    """Pressure (..., element), centred on x = 0 at index N/2, from spring loads (..., spring)."""
+    scaled = np.atleast_2d(load * folded.scale)
+    half = solve_triangular(folded.factor, scaled.T, lower=True, trans="T", check_finite=False).T
+    n, size = half.shape[-1], kernel.elements
+    full = np.zeros((half.shape[0], size))
+    centre = size // 2
+    full[:, centre : centre + min(n, centre)] = half[:, :centre]
+    full[:, centre - n + 1 : centre + 1] = half[:, ::-1]
+    return full.reshape(*load.shape[:-1], size)

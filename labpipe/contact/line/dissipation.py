@@ -1,0 +1,302 @@
+r"""Dynamic stiffness, dissipated work and the tapping front of a harmonic indentation.
+
+Thesis eqs. (2.17)-(2.34): around the equilibrium contact of a cosine (half width a₀, s₀ =
+sin(πa₀/λ), amplitude h = λ²/(4π²R)) an oscillation α of the displacement changes the force as a
+flat punch of the width a₀ would,
+
+.. math::
+    \hat\kappa(\omega) = \frac{\pi E^*(\omega)}{2 \ln(1/s_0)}, \qquad
+    W = \pi\, \mathrm{Im}\,\hat\kappa(\omega)\, \alpha^2, \qquad
+    \alpha_c(\omega) = \frac{E_{relaxed}\,(\Delta_0 - h s_0^2)}{|E(\omega)|} .
+
+Corrections to the text. The critical amplitude α_c *falls* as the frequency rises, because |E|
+rises: from about Δ₀ at rest to about Δ₀/β, β = E_unrelaxed/E_relaxed (the sentence after 2.34 says
+the opposite). E* = E/(1 − ν²) enters the stiffness; it cancels in α_c.
+
+The theory keeps the contact width; it is the limit of small α. Beyond α_c the indenter taps and
+(2.31) is an extrapolation: ask for ``beyond="nan"`` to leave it out.
+"""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from labpipe.contact.line._profiles import cosine_amplitude
+from labpipe.contact.line.westergaard import from_displacement
+from labpipe.errors import InputError
+from labpipe.materials import Prony
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+class Equilibrium(NamedTuple):
+    """Fully relaxed state of a cosine indenter.
+
+    Attributes
+    ----------
+    half_width : float [m]
+        a₀.
+    square : float
+        s₀² = sin²(πa₀/λ).
+    force : float [N]
+        F₀ for the given depth, eq. (2.22).
+    """
+
+    half_width: float
+    square: float
+    force: float
+
+
+def equilibrium(
+    material: Prony, tip_radius: float, period: float, mean_indentation: float, depth: float = 1.0
+) -> Equilibrium:
+    """Relaxed contact at a mean indentation Δ₀, eqs. (2.17) and (2.22).
+
+    Parameters
+    ----------
+    material : Prony
+        Its long-time modulus counts.
+    tip_radius, period : float [m]
+        R and λ.
+    mean_indentation : float [m]
+        Δ₀, above 0 and below h = λ²/(4π²R).
+    depth : float [m]
+        Out-of-plane contact length, summed over the tips.
+
+    Raises
+    ------
+    InputError
+        A length is not positive, the contact would be full, or the material is a liquid.
+
+    Examples
+    --------
+    >>> rubber = Prony(7.6e6, [], [], nu=0.5)
+    >>> state = equilibrium(rubber, 2e-3, 8e-3, 1e-4, 18e-3)
+    >>> round(state.force, 1), round(state.half_width * 1e3, 3)
+    (12.4, 0.418)
+    """
+    if not (np.isfinite(mean_indentation) and mean_indentation > 0.0):
+        message = f"the mean indentation is {mean_indentation} m, expected a positive length"
+        raise InputError(message)
+    if material.is_liquid:
+        message = "the material flows (E_relaxed is 0): it has no equilibrium contact"
+        raise InputError(message)
+    modulus = material.factor("contact") * material.E_relaxed
+    state = from_displacement(mean_indentation, tip_radius, period, modulus, "cosine")
+    half_width = float(state.half_width)
+    square = float(np.sin(np.pi * half_width / period) ** 2)
+    return Equilibrium(half_width, square, float(state.force) * depth)
+
+
+def dynamic_stiffness(
+    material: Prony,
+    frequency: ArrayLike,
+    mean_indentation: float,
+    tip_radius: float,
+    period: float,
+    depth: float = 1.0,
+) -> ComplexArray:
+    """Complex contact stiffness κ̂(ω) [N/m], eqs. (2.24) and (2.25).
+
+    Parameters
+    ----------
+    frequency : array [Hz]
+        f = ω/2π, not negative.
+    mean_indentation, tip_radius, period, depth : float [m]
+        As for :func:`equilibrium`.
+
+    Returns
+    -------
+    array of complex [N/m]
+        The shape of ``frequency``.
+
+    Examples
+    --------
+    >>> rubber = Prony(7.6e6, [76e6], [1e-3], nu=0.5)
+    >>> stiffness = dynamic_stiffness(rubber, [0.0, 1.0, 1e9], 1e-4, 2e-3, 8e-3)
+    >>> float(np.round(stiffness[2].real / stiffness[0].real, 6))
+    11.0
+    """
+    state = equilibrium(material, tip_radius, period, mean_indentation)
+    omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)
+    modulus = material.complex_modulus(omega, "contact")
+    # 2 ln(1/s) = -ln(s²).
+    return np.asarray(depth * np.pi * modulus / -np.log(state.square))
+
+
+def dissipated_work(
+    material: Prony,
+    frequency: ArrayLike,
+    amplitude: ArrayLike,
+    mean_indentation: float,
+    tip_radius: float,
+    period: float,
+    depth: float = 1.0,
+    *,
+    beyond: Literal["formula", "nan"] = "formula",
+) -> Array:
+    """Work dissipated in one cycle, W = π Im κ̂(ω) α² [J], eq. (2.31).
+
+    Parameters
+    ----------
+    material : Prony
+    frequency : array [Hz]
+    amplitude : array [m]
+        α, not negative; broadcast against ``frequency``.
+    mean_indentation, tip_radius, period, depth : float [m]
+        As for :func:`equilibrium`.
+    beyond : {"formula", "nan"}
+        What to return beyond the tapping front, where the theory does not hold.
+
+    Returns
+    -------
+    array [J]
+        The broadcast shape of ``frequency`` and ``amplitude``.
+
+    Raises
+    ------
+    InputError
+        An amplitude is negative or NaN, or as for :func:`equilibrium`.
+
+    Examples
+    --------
+    >>> rubber = Prony(7.6e6, [76e6], [1e-3], nu=0.5)
+    >>> work = dissipated_work(rubber, 2.0, [1e-5, 2e-5], 1e-4, 2e-3, 8e-3, 18e-3)
+    >>> float(work[1] / work[0])
+    4.0
+    """
+    alpha = np.asarray(amplitude, dtype=float)
+    if not np.all(alpha >= 0.0):
+        message = f"amplitudes are numbers from 0 m up, found {alpha}"
+        raise InputError(message)
+    stiffness = dynamic_stiffness(material, frequency, mean_indentation, tip_radius, period, depth)
+    work = np.pi * stiffness.imag * alpha**2
+    if beyond == "nan":
+        front = tapping_amplitude(material, frequency, mean_indentation, tip_radius, period)
+        work = np.where(alpha <= front, work, np.nan)
+    return np.asarray(work)
+
+
+def tapping_amplitude(
+    material: Prony,
+    frequency: ArrayLike,
+    mean_indentation: float,
+    tip_radius: float,
+    period: float,
+) -> Array:
+    """Amplitude α(ω) [m] at which the indenter starts to leave the surface, eqs. (2.33), (2.34).
+
+    It falls as the frequency rises.
+
+    Parameters
+    ----------
+    material : Prony
+    frequency : array [Hz]
+    mean_indentation, tip_radius, period : float [m]
+        As for :func:`equilibrium`.
+
+    Examples
+    --------
+    >>> rubber = Prony(7.6e6, [76e6], [1e-3], nu=0.5)
+    >>> slow, fast = tapping_amplitude(rubber, [0.0, 1e9], 1e-4, 2e-3, 8e-3)
+    >>> float(np.round(slow / fast, 6))
+    11.0
+    """
+    state = equilibrium(material, tip_radius, period, mean_indentation)
+    reserve = mean_indentation - cosine_amplitude(tip_radius, period) * state.square
+    omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)
+    return np.asarray(material.E_relaxed * reserve / np.abs(material.complex_modulus(omega)))
+
+
+def dissipation_map(
+    material: Prony,
+    frequency: ArrayLike,
+    amplitude: ArrayLike,
+    mean_indentation: float,
+    tip_radius: float,
+    period: float,
+    depth: float = 1.0,
+) -> xr.Dataset:
+    """Dissipated work over frequency and amplitude with the tapping front (thesis figure 2.6).
+
+    Parameters
+    ----------
+    frequency : array (frequency,) [Hz]
+    amplitude : array (amplitude,) [m]
+
+    Returns
+    -------
+    Dataset
+        ``dissipated_work`` (frequency, amplitude) [J], NaN beyond the front;
+        ``dimensionless_work`` (frequency, amplitude), eq. (2.40); ``tapping_amplitude``
+        (frequency,) [m].
+
+    See Also
+    --------
+    dissipated_work : the other parameters.
+
+    Examples
+    --------
+    >>> rubber = Prony(7.6e6, [76e6], [1e-3], nu=0.5)
+    >>> dissipation_map(rubber, [1.0, 2.0], [1e-6, 2e-6, 3e-6], 1e-4, 2e-3, 8e-3).sizes
+    Frozen({'frequency': 2, 'amplitude': 3})
+    """
+    f = np.atleast_1d(np.asarray(frequency, dtype=float))
+    alpha = np.atleast_1d(np.asarray(amplitude, dtype=float))
+    geometry = (mean_indentation, tip_radius, period)
+    work = dissipated_work(material, f[:, None], alpha, *geometry, depth, beyond="nan")
+    scaled = dimensionless_work(work, material, tip_radius, period, depth)
+    front = tapping_amplitude(material, f, *geometry)
+    plane = ("frequency", "amplitude")
+    return xr.Dataset(
+        {
+            "dissipated_work": (plane, work, _labels("J", "Dissipated work per cycle")),
+            "dimensionless_work": (plane, scaled, _labels("1", "Dimensionless dissipated work")),
+            "tapping_amplitude": ("frequency", front, _labels("m", "Tapping front")),
+        },
+        {
+            "frequency": ("frequency", f, _labels("Hz", "Frequency")),
+            "amplitude": ("amplitude", alpha, _labels("m", "Amplitude")),
+        },
+    )
+
+
+def dimensionless_frequency(frequency: ArrayLike, characteristic_time: float) -> Array:
+    """Return f̃ = f τ₀, eq. (2.38).
+
+    Examples
+    --------
+    >>> float(dimensionless_frequency(0.5, 1.56e-10))
+    7.8e-11
+    """
+    return np.asarray(frequency, dtype=float) * characteristic_time
+
+
+def dimensionless_length(length: ArrayLike, tip_radius: float) -> Array:
+    """Return Δ̃ = Δ/R or α̃ = α/R, eqs. (2.36) and (2.37)."""
+    return np.asarray(length, dtype=float) / tip_radius
+
+
+def dimensionless_force(force: ArrayLike, material: Prony, period: float, depth: float) -> Array:
+    """Return F̃ = F/(E_relaxed λ d) of a force [N] on a contact length d [m] (figure 2.5)."""
+    return np.asarray(force, dtype=float) / (material.E_relaxed * period * depth)
+
+
+def dimensionless_work(
+    work: ArrayLike, material: Prony, tip_radius: float, period: float, depth: float
+) -> Array:
+    """Return W̃ = W/(E_relaxed λ R d) of a work [J] on a contact length d [m].
+
+    Notes
+    -----
+    Eq. (2.40) leaves out d: its W is per unit depth.
+    """
+    scale = material.E_relaxed * period * tip_radius * depth
+    return np.asarray(work, dtype=float) / scale
+
+
+def _labels(units: str, long_name: str) -> dict[str, str]:
+    return {"units": units, "long_name": long_name}

@@ -1,0 +1,298 @@
+r"""Elastic periodic line contact of a half-plane, in closed form: cosine and parabola.
+
+Everything is per unit depth and for a reduced modulus E* = E/(1 − ν²); with s = sin(πa/λ) and a
+the contact *half* width. The approach is relative to the mean surface.
+
+Cosine h (1 − cos(2πx/λ)) (Westergaard):
+
+.. math::
+    \delta = h s^2 (1 - \ln s^2), \quad P = \pi E^* h s^2, \quad
+    p = \frac{2\bar p \cos(\pi x/\lambda)}{s^2} \sqrt{s^2 - \sin^2(\pi x/\lambda)} .
+
+Parabola x²/(2R), from the flat punch's stiffness S(b) = −(π/2)/ln sin(πb/λ) by superposition:
+
+.. math::
+    \delta = \frac{\lambda^2}{4\pi^2 R} \Big[\frac{\pi^2}{6} - Li_2(1 - s^2)\Big], \quad
+    P = -\frac{E^* \lambda^2}{2\pi R} \ln\cos\frac{\pi a}{\lambda}, \quad
+    p = \frac{E^* \lambda}{2\pi R}\,
+        artanh\frac{\sqrt{s^2 - \sin^2(\pi x/\lambda)}}{\cos(\pi x/\lambda)} .
+
+References
+----------
+.. [1] H. M. Westergaard, Bearing pressures and cracks, J. Appl. Mech. 6 (1939) A49.
+.. [2] K. L. Johnson, Contact Mechanics, Cambridge 1985, section 13.2,
+   https://doi.org/10.1017/CBO9781139171731.
+"""
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import spence
+
+from labpipe.contact.line._profiles import cosine_amplitude
+from labpipe.contact.springs import SpringBed
+from labpipe.errors import InputError
+
+Array = NDArray[np.float64]
+Profile = Literal["cosine", "parabola"]
+
+# Bisection in ln(a/(λ/2 − a)) from one end of double precision to the other.
+_LOGIT_BOUND = 350.0
+_BISECTIONS = 80
+_BELOW_ONE = float(np.nextafter(1.0, 0.0))
+_SERIES_BELOW = 0.05
+_SERIES_TERMS = 12
+
+
+class LineContact(NamedTuple):
+    """An elastic state of contact; every member has the shape of the argument.
+
+    Attributes
+    ----------
+    half_width : array [m]
+    displacement : array [m]
+        Approach relative to the mean surface.
+    force : array [N/m]
+        Per tip and unit depth.
+    peak_pressure : array [Pa]
+    """
+
+    half_width: Array
+    displacement: Array
+    force: Array
+    peak_pressure: Array
+
+
+def from_half_width(
+    half_width: ArrayLike,
+    tip_radius: float,
+    period: float,
+    reduced_modulus: float = 1.0,
+    profile: Profile = "parabola",
+) -> LineContact:
+    """Force, approach and peak pressure that belong to a contact half width.
+
+    Parameters
+    ----------
+    half_width : array [m]
+        0 to below half a period (the cosine: up to half a period).
+    tip_radius, period : float [m]
+        R and λ.
+    reduced_modulus : float [Pa]
+        E* = E/(1 − ν²).
+    profile : {"parabola", "cosine"}
+        Shape of the tips; the cosine has the amplitude h = λ²/(4π²R).
+
+    Raises
+    ------
+    InputError
+        A half width is negative, not a number, or the contact is full.
+
+    Examples
+    --------
+    >>> state = from_half_width(0.25, 1.0, 1.0)
+    >>> round(float(state.force), 12), round(float(state.displacement), 12)
+    (0.055158900038, 0.02691834184)
+    """
+    _require_known(profile)
+    a = np.asarray(half_width, dtype=float)
+    if not np.all((a >= 0.0) & (a < 0.5 * period)):
+        message = f"half widths of a periodic contact lie from 0 to below half a period, found {a}"
+        raise InputError(message)
+    angle = np.pi * a / period
+    s2 = np.sin(angle) ** 2
+    if profile == "cosine":
+        h = cosine_amplitude(tip_radius, period)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            approach = np.where(s2 > 0.0, h * s2 * (1.0 - np.log(s2)), 0.0)
+        peak = 2.0 * np.pi * reduced_modulus * h / period * np.sin(angle)
+        return LineContact(a, approach, np.pi * reduced_modulus * h * s2, peak)
+    approach = period**2 / (4.0 * np.pi**2 * tip_radius) * _dilogarithm_rest(s2)
+    scale = reduced_modulus * period / (2.0 * np.pi * tip_radius)
+    force = -0.5 * scale * period * np.log1p(-np.minimum(s2, _BELOW_ONE))
+    peak = scale * np.arctanh(np.minimum(np.sin(angle), _BELOW_ONE))
+    return LineContact(a, approach, force, peak)
+
+
+def from_displacement(
+    displacement: ArrayLike,
+    tip_radius: float,
+    period: float,
+    reduced_modulus: float = 1.0,
+    profile: Profile = "parabola",
+) -> LineContact:
+    """Contact at an approach [m]; none below zero.
+
+    Raises
+    ------
+    InputError
+        The approach closes the period (λ²/(24R) for the parabola, h for the cosine) or is NaN.
+
+    Examples
+    --------
+    >>> state = from_displacement(0.02691834184017, 1.0, 1.0)
+    >>> round(float(state.half_width), 10)
+    0.25
+    """
+    approach = np.asarray(displacement, dtype=float)
+    full = full_contact(tip_radius, period, profile)
+    if not np.all(approach < full):
+        message = (
+            f"an approach of {approach.max():.6g} m closes the period: a half-plane takes less "
+            f"than {full:.6g} m"
+        )
+        raise InputError(message)
+
+    def excess(a: Array) -> Array:
+        return from_half_width(a, tip_radius, period, 1.0, profile).displacement - approach
+
+    half_width = np.where(approach > 0.0, _bisected(excess, approach.shape, period), 0.0)
+    return from_half_width(half_width, tip_radius, period, reduced_modulus, profile)
+
+
+def from_force(
+    force: ArrayLike,
+    tip_radius: float,
+    period: float,
+    reduced_modulus: float = 1.0,
+    profile: Profile = "parabola",
+) -> LineContact:
+    """Contact under a force per tip and unit depth [N/m].
+
+    Raises
+    ------
+    InputError
+        The force is negative or NaN, or closes the period under a cosine (π E* h).
+
+    Examples
+    --------
+    >>> state = from_force(0.055158900038163, 1.0, 1.0)
+    >>> round(float(state.half_width), 10)
+    0.25
+    """
+    load = np.asarray(force, dtype=float)
+    if not np.all(load >= 0.0):
+        message = f"a contact without adhesion carries forces from 0 up, found {load}"
+        raise InputError(message)
+    if profile == "cosine":
+        ratio = load / (np.pi * reduced_modulus * cosine_amplitude(tip_radius, period))
+        if not np.all(ratio < 1.0):
+            message = f"a force of {load.max():.6g} N/m closes the period of a cosine"
+            raise InputError(message)
+        half_width = period / np.pi * np.arcsin(np.sqrt(ratio))
+    else:
+        exponent = load * 2.0 * np.pi * tip_radius / (reduced_modulus * period**2)
+        # arccos(exp(-x)) without cancellation at small x.
+        half_width = period / np.pi * np.arctan(np.sqrt(np.expm1(2.0 * exponent)))
+    return from_half_width(half_width, tip_radius, period, reduced_modulus, profile)
+
+
+def pressure(
+    x: ArrayLike,
+    half_width: float,
+    tip_radius: float,
+    period: float,
+    reduced_modulus: float = 1.0,
+    profile: Profile = "parabola",
+) -> Array:
+    """Contact pressure [Pa] at positions ``x`` [m] from the tip's centre; 0 outside the contact.
+
+    Examples
+    --------
+    >>> float(np.round(pressure(0.0, 0.1, 1.0, 1.0), 12))
+    0.050843361108
+    """
+    angle = np.pi * np.asarray(x, dtype=float) / period
+    s2 = float(np.sin(np.pi * half_width / period) ** 2)
+    inside = np.maximum(s2 - np.sin(angle) ** 2, 0.0)
+    cosine = np.abs(np.cos(angle))
+    if profile == "cosine":
+        h = cosine_amplitude(tip_radius, period)
+        return np.asarray(2.0 * np.pi * reduced_modulus * h / period * cosine * np.sqrt(inside))
+    ratio = np.where(inside > 0.0, np.sqrt(inside) / np.maximum(cosine, 1e-300), 0.0)
+    scale = reduced_modulus * period / (2.0 * np.pi * tip_radius)
+    return np.asarray(scale * np.arctanh(np.minimum(ratio, 1.0)))
+
+
+def punch_stiffness(half_width: ArrayLike, period: float) -> Array:
+    """Force per approach of periodic flat punches, per unit depth and E*: −(π/2)/ln sin(πb/λ).
+
+    Examples
+    --------
+    >>> float(np.round(punch_stiffness(0.25, 1.0), 5))
+    4.53236
+    """
+    sine = np.sin(np.pi * np.asarray(half_width, dtype=float) / period)
+    with np.errstate(divide="ignore"):
+        return np.asarray(-0.5 * np.pi / np.log(sine))
+
+
+def full_contact(tip_radius: float, period: float, profile: Profile = "parabola") -> float:
+    """Approach [m] at which the contact of a half-plane closes over the period."""
+    if profile == "cosine":
+        return cosine_amplitude(tip_radius, period)
+    return period**2 / (24.0 * tip_radius)
+
+
+def closed_form_bed(
+    tip_radius: float,
+    period: float,
+    reach: float,
+    springs: int,
+    profile: Profile = "parabola",
+) -> SpringBed:
+    """Springs of the viscoelastic problem from the closed forms: an oracle without strips.
+
+    Parameters
+    ----------
+    reach : float [m]
+        Largest contact half width.
+    springs : int
+        Springs within the reach.
+
+    Returns
+    -------
+    SpringBed
+        To be marched like the springs of strips, see :mod:`labpipe.contact.springs._march`.
+    """
+    spacing = reach / springs
+    position = spacing * np.arange(springs + 2, dtype=float)
+    gap = from_half_width(position, tip_radius, period, 1.0, profile).displacement
+    ends = punch_stiffness(position + 0.5 * spacing, period)
+    limit = f"the contact outgrows the reach of {reach} m"
+    return SpringBed(gap, np.diff(ends, prepend=0.0), position, True, 1, limit, reach)
+
+
+def _require_known(profile: str) -> None:
+    if profile not in ("cosine", "parabola"):
+        message = f'no closed form for the profile "{profile}"; use "parabola" or "cosine"'
+        raise InputError(message)
+
+
+def _dilogarithm_rest(z: Array) -> Array:
+    """π²/6 − Li2(1 − z) = ln z ln(1 − z) + Li2(z), to full relative accuracy from z = 0 on."""
+    small = np.minimum(z, _SERIES_BELOW)
+    series = np.zeros_like(z)
+    for n in range(_SERIES_TERMS, 0, -1):
+        series = small * (series + 1.0 / n**2)
+    logarithm = np.log(np.maximum(small, np.finfo(float).tiny))
+    near = logarithm * np.log1p(-small) + series
+    # spence(z) is the dilogarithm of 1 − z.
+    return np.where(z < _SERIES_BELOW, near, np.pi**2 / 6.0 - spence(z))
+
+
+def _bisected(excess: Callable[[Array], Array], shape: tuple[int, ...], period: float) -> Array:
+    """Half width where an increasing function changes sign, to the last digits."""
+    low, high = np.full(shape, -_LOGIT_BOUND), np.full(shape, _LOGIT_BOUND)
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        below = excess(_width_at(middle, period)) < 0.0
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return _width_at(0.5 * (low + high), period)
+
+
+def _width_at(logit: Array, period: float) -> Array:
+    width = 0.5 * period / (1.0 + np.exp(-logit))
+    return np.asarray(np.minimum(width, np.nextafter(0.5 * period, 0.0)))

@@ -1,0 +1,29 @@
+"""The fading memory of linear viscoelastic springs, and the histories that load them."""
+
+from labpipe.contact.memory._creep import (
+    Array,
+    Condensed,
+    Creep,
+    CreepMaterial,
+    StepWeights,
+    advance,
+    condense,
+    history,
+    late_share,
+    step_weights,
+)
+from labpipe.contact.memory._histories import checked_history
+
+__all__ = [
+    "Array",
+    "Condensed",
+    "Creep",
+    "CreepMaterial",
+    "StepWeights",
+    "advance",
+    "checked_history",
+    "condense",
+    "history",
+    "late_share",
+    "step_weights",
+]

@@ -1,0 +1,7 @@
+"""A sphere on a half-space without inertia: Hertz's closed forms and static loading."""
+
+from labpipe.contact.sphere import hertz
+from labpipe.contact.sphere._static_loading import load_sphere, press_sphere
+from labpipe.contact.sphere._ting import ting
+
+__all__ = ["hertz", "load_sphere", "press_sphere", "ting"]

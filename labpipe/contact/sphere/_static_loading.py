@@ -1,0 +1,200 @@
+r"""A sphere on a viscoelastic half-space under a prescribed load or approach.
+
+The same springs as an impact (method of dimensionality reduction), without inertia: the static
+loading of thesis chapter 3 (a weight put down, further weights added), creep under a load, and
+prescribed approaches as in instrumented indentation.
+"""
+
+import json
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from labpipe.contact.memory import Creep, checked_history
+from labpipe.contact.sphere.hertz import static_approach, static_load
+from labpipe.contact.springs import Control, March, SpringBed, sphere_bed
+from labpipe.errors import InputError
+from labpipe.materials import Prony
+
+Array = NDArray[np.float64]
+Profile = Literal["parabola", "sphere"]
+
+DEFAULT_SPRINGS = 400
+"""Springs within the largest contact radius: force good to 1e-6, radius to 1e-5 where the pressure
+falls smoothly to zero at the edge. Where a relaxation far shorter than the loading leaves no
+instantaneous compliance to speak of, the pressure ends in a step, and the force to 5e-4."""
+
+DEFAULT_RTOL = 1e-5
+"""Error of the force (or approach) in one step, relative to it."""
+
+# The exact sphere has another gap; springs a little beyond the parabola's reach cover it.
+_SPARE_REACH = 1.02
+
+
+def load_sphere(
+    material: Prony,
+    radius: float,
+    time: ArrayLike,
+    load: ArrayLike,
+    *,
+    profile: Profile = "parabola",
+    springs: int = DEFAULT_SPRINGS,
+    rtol: float | None = DEFAULT_RTOL,
+) -> xr.Dataset:
+    """Approach and contact radius of a sphere under a history of load.
+
+    Parameters
+    ----------
+    material : Prony
+        Viscoelastic body; the other one is rigid.
+    radius : float [m]
+        Of the sphere.
+    time : array (time,) [s]
+        Never falling. A load step is two samples at one time; a first load above 0 is a step.
+    load : array (time,) [N]
+        At least 0, linear between the samples.
+    profile : {"parabola", "sphere"}
+        Shape of the gap; the exact sphere differs by 7e-4 in force at a/R = 0.08.
+    springs : int
+        Springs within the largest contact radius.
+    rtol : float or None
+        Error per step; None takes one step between two samples.
+
+    Returns
+    -------
+    Dataset
+        Over ``time``: ``approach`` [m], ``force`` [N], ``contact_radius`` [m]; attribute ``work``
+        (JSON counts).
+
+    Raises
+    ------
+    InputError
+        A load is negative, the history has a gap or runs backwards, the radius is not positive, the
+        material is a liquid (it sinks in), or the contact would not be small against the sphere.
+
+    See Also
+    --------
+    press_sphere : the same by prescribed approach.
+    labpipe.contact.drop : with inertia.
+
+    Examples
+    --------
+    >>> acrylic = Prony(2e9, [2e9], [0.5e-3], nu=0.35)
+    >>> found = load_sphere(acrylic, 9.525e-3, [0.0, 10.0], [4.954, 4.954])
+    >>> np.round(found.approach.values * 1e6, 3)
+    array([4.116, 6.534])
+    """
+    times, loads = checked_history(time, load, "load")
+    negative = np.flatnonzero(loads < 0.0)
+    if negative.size:
+        n = negative[0]
+        message = f"load[{n}] is {loads[n]} N; a contact without adhesion cannot pull"
+        raise InputError(message)
+    creep = Creep.of(material)
+    softest = float(creep.compliance(float(times[-1] - times[0])))
+    largest = max(float(loads.max()), np.finfo(float).tiny)
+    reach = float(static_load(largest, radius, 1.0 / softest).contact_radius)
+    bed = _bed(radius, reach, springs, profile)
+    return _run(bed, creep, times, loads, "force", rtol)
+
+
+def press_sphere(
+    material: Prony,
+    radius: float,
+    time: ArrayLike,
+    approach: ArrayLike,
+    *,
+    profile: Profile = "parabola",
+    springs: int = DEFAULT_SPRINGS,
+    rtol: float | None = DEFAULT_RTOL,
+) -> xr.Dataset:
+    """Force and contact radius of a sphere under a history of approach.
+
+    Parameters
+    ----------
+    approach : array (time,) [m]
+        Positive inwards from first touch of the undeformed surface, linear between the samples.
+
+    See Also
+    --------
+    load_sphere : the other parameters and the returned Dataset.
+
+    Examples
+    --------
+    >>> solid = Prony(0.1, [0.9], [1.0], nu=0.0)
+    >>> found = press_sphere(solid, 1.0, [0.0, 1.0], [0.0, 1e-2])
+    >>> round(float(found.force[1] / (4 / 3 * 1e-3)), 4)
+    0.7236
+    """
+    times, depth = checked_history(time, approach, "approach")
+    deepest = max(float(depth.max()), np.finfo(float).tiny)
+    reach = float(static_approach(deepest, radius, 1.0).contact_radius)
+    return _run(
+        _bed(radius, reach, springs, profile),
+        Creep.of(material),
+        times,
+        depth,
+        "displacement",
+        rtol,
+    )
+
+
+def sphere_gap(position: Array, radius: float) -> Array:
+    """Approach [m] of an elastic contact of the exact sphere with the contact radius [m].
+
+    (x/2) ln((R + x)/(R − x)) = x artanh(x/R).
+
+    Examples
+    --------
+    >>> float(np.round(sphere_gap(np.array(0.1), 1.0), 6))
+    0.010034
+    """
+    return np.asarray(position * np.arctanh(position / radius))
+
+
+def _bed(radius: float, reach: float, springs: int, profile: Profile) -> SpringBed:
+    if springs < 10:
+        message = f"{springs} springs cannot resolve a contact; give at least 10"
+        raise InputError(message)
+    if str(profile) not in ("parabola", "sphere"):
+        message = f'profile "{profile}" is unknown; use "parabola" or "sphere"'
+        raise InputError(message)
+    if profile == "parabola":
+        return sphere_bed(radius, _SPARE_REACH * reach, springs)
+    spare = _SPARE_REACH * reach * (1.0 + 2.0 / springs)
+    if spare >= radius:
+        message = (
+            f"the contact would be as wide as the sphere ({reach:.4g} m against a radius of "
+            f"{radius:.4g} m); reduce the load or the approach"
+        )
+        raise InputError(message)
+    return sphere_bed(radius, _SPARE_REACH * reach, springs, gap=lambda x: sphere_gap(x, radius))
+
+
+def _run(
+    bed: SpringBed, creep: Creep, time: Array, value: Array, control: Control, rtol: float | None
+) -> xr.Dataset:
+    march = March(bed, creep, control, rtol)
+    answers = [state.answer for state in march.run(time, value)]
+    columns = {
+        "approach": ("m", "Approach of the sphere", [a.displacement for a in answers]),
+        "force": ("N", "Normal force", [a.force for a in answers]),
+        "contact_radius": ("m", "Contact radius", [a.half_width for a in answers]),
+    }
+    counts = {
+        "solver_steps": march.ledger.steps,
+        "rejected_steps": march.ledger.rejected_steps,
+        "solves": march.ledger.solves,
+        "springs": bed.size,
+        "terms": creep.n_terms,
+    }
+    return xr.Dataset(
+        {
+            name: ("time", np.array(values), {"units": units, "long_name": text})
+            for name, (units, text, values) in columns.items()
+        },
+        {"time": ("time", time, {"units": "s", "long_name": "Time"})},
+        {"work": json.dumps(counts)},
+    )

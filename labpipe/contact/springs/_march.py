@@ -1,0 +1,342 @@
+"""March a hereditary contact through a history of displacement or load, with error control.
+
+The history is linear between its samples; two samples at one time are a jump. Inside an interval
+the springs' load is taken linear in every step, the memory update is then exact for any step length
+(:mod:`labpipe.contact.memory._creep`), and what is left is the curvature of the load in time. It is
+controlled by doing every step once whole and once in two halves (see ``March._pair``): the halves
+are kept, the difference must stay below ``rtol`` of the force. Steps shrink to the fastest
+relaxation after a jump and grow over the decades of a hold; a process much faster than the step
+answers as plain compliance.
+
+With ``rtol=None`` every interval is one step. After a jump the first four intervals then take the
+load as constant, because a linear load would overshoot (contact.md, pitfall 1).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.contact.memory import (
+    Creep,
+    StepWeights,
+    advance,
+    history,
+    step_weights,
+)
+from labpipe.contact.springs._bed import Answer, Contact, NotNestedError
+from labpipe.errors import InputError
+
+Array = NDArray[np.float64]
+Control = Literal["displacement", "force"]
+
+# Steps with constant load after a jump when the steps are not controlled.
+_HELD_STEPS = 4
+# Third-order local error: the factor on the step that would just meet the tolerance, with a margin.
+_ORDER = 1.0 / 3.0
+_MARGIN = 0.85
+_SHRINK, _GROW = 0.1, 4.0
+# Steps ten times shorter each that may look like a contact that is not nested.
+_UNNESTED_STEPS = 8
+# A last step shorter than this part of the one before is merged into it.
+_MERGE = 1.001
+_MAX_STEPS_PER_INTERVAL = 50_000
+_CACHED_WEIGHTS = 256
+
+
+@dataclass(slots=True)
+class Ledger:
+    """Counts of the work done."""
+
+    steps: int = 0
+    rejected_steps: int = 0
+    solves: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """Where the contact stands: loads, memory, and the energies since the start.
+
+    ``work`` is what the indenter did on the springs (trapezoids over the steps), and ``dissipated``
+    the heat of the Kelvin elements, exact for the load path taken; both per unit depth for a line,
+    NaN if not asked for.
+    """
+
+    answer: Answer
+    memory: Array
+    work: float
+    dissipated: float
+
+
+@dataclass(slots=True)
+class March:
+    """One contact, one material, one history.
+
+    Attributes
+    ----------
+    contact : Contact
+        Springs, or the general solver.
+    creep : Creep
+        Contact creep compliance.
+    control : {"displacement", "force"}
+        What the history prescribes.
+    rtol : float or None
+        Relative error of the force per step; None for one step per interval.
+    has_energy : bool
+        Keep account of work and heat.
+    """
+
+    contact: Contact
+    creep: Creep
+    control: Control
+    rtol: float | None
+    has_energy: bool = False
+    ledger: Ledger = field(default_factory=Ledger)
+    samples_done: int = 0
+    _weights: dict[tuple[float, bool], StepWeights] = field(default_factory=dict)
+    _scale: float = 0.0
+    _softest: float = np.nan
+    _highest: float = -np.inf
+    _deepest: float = 1e-300
+    _held: int = 0
+
+    def run(self, time: Array, value: Array) -> Iterator[State]:
+        """Yield the state at every sample of the history.
+
+        Parameters
+        ----------
+        time : array (time,) [s]
+            Never falling.
+        value : array (time,) [m or N]
+            Displacement, or force per tip (and unit depth).
+
+        Raises
+        ------
+        InputError
+            The step control does not get through an interval.
+        """
+        self._softest = float(self.creep.compliance(float(time[-1] - time[0])))
+        state = self._at_rest(float(value[0]))
+        state = self._jump(state, float(value[0]))
+        self.samples_done = 1
+        yield state
+        suggested = self._fastest()
+        for n in range(1, time.size):
+            length = float(time[n] - time[n - 1])
+            before, after = float(value[n - 1]), float(value[n])
+            self._raise_scale(after)
+            if length == 0.0:
+                if after != before:
+                    state = self._jump(state, after)
+                    suggested = self._fastest()
+            elif self.rtol is None or self.creep.rate.size == 0:
+                state = self._single(state, length, after)
+            else:
+                state, suggested = self._controlled(state, length, before, after, suggested)
+            self.samples_done = n + 1
+            yield state
+
+    def _at_rest(self, value: float) -> State:
+        size = self.contact.size
+        start = value if self.control == "displacement" else 0.0
+        answer = Answer(np.zeros(size), 0.0, min(start, 0.0), 0.0)
+        zero = 0.0 if self.has_energy else np.nan
+        return State(answer, self.creep.rest(size), zero, zero)
+
+    def _jump(self, state: State, value: float) -> State:
+        """Move in no time: every Kelvin element keeps its length."""
+        self._raise_scale(value)
+        weights = self._weights_of(0.0, hold=False)
+        answer = self._step(weights, state, value)
+        self.ledger.steps += 1
+        if np.any(answer.load != state.answer.load):
+            self._held = _HELD_STEPS
+        work = self._work(state, answer, state.memory) if self.has_energy else np.nan
+        return State(answer, state.memory, state.work + work, state.dissipated)
+
+    def _single(self, state: State, length: float, value: float) -> State:
+        hold = self._held > 0
+        self._held = max(self._held - 1, 0)
+        try:
+            return self._advance(state, length, value, hold=hold)
+        except NotNestedError:
+            if hold:
+                raise
+            # A linear load may ring where a constant one does not.
+            return self._advance(state, length, value, hold=True)
+
+    def _advance(self, state: State, length: float, value: float, *, hold: bool) -> State:
+        weights = self._weights_of(length, hold=hold)
+        answer = self._step(weights, state, value)
+        self.ledger.steps += 1
+        return self._accept(weights, state, answer, hold=hold)
+
+    def _controlled(
+        self, state: State, length: float, before: float, after: float, suggested: float
+    ) -> tuple[State, float]:
+        """Cross one interval in steps that meet the tolerance."""
+        elapsed, step, unnested = 0.0, min(suggested, length), 0
+        slope = (after - before) / length
+        for _ in range(_MAX_STEPS_PER_INTERVAL):
+            left = length - elapsed
+            is_last = left <= step * _MERGE
+            dt = left if is_last else step
+            middle_value = before + slope * (elapsed + 0.5 * dt)
+            end_value = after if is_last else before + slope * (elapsed + dt)
+            try:
+                middle, end, error = self._pair(state, dt, middle_value, end_value)
+                unnested = 0
+            except NotNestedError:
+                # A step that is too long rings and looks like it; a profile that is not nested
+                # stays so in any step.
+                error, unnested = np.inf, unnested + 1
+                if unnested > _UNNESTED_STEPS:
+                    raise
+            factor = _MARGIN * min(max(error, 1e-12), 1e12) ** -_ORDER
+            if error > 1.0:
+                self.ledger.rejected_steps += 1
+                step = dt * min(max(factor, _SHRINK), _MARGIN)
+                continue
+            self.ledger.steps += 2
+            half = self._weights_of(0.5 * dt, hold=False)
+            state = self._accept(half, state, middle, hold=False)
+            state = self._accept(half, state, end, hold=False)
+            # A step cut short by the end of the interval says nothing against the longer one.
+            step = max(dt * min(max(factor, _SHRINK), _GROW), step if is_last else 0.0)
+            if is_last:
+                return state, step
+            elapsed += dt
+        message = (
+            f"the step control took more than {_MAX_STEPS_PER_INTERVAL} steps between two samples "
+            f"{length} s apart; give a larger rtol or more samples"
+        )
+        raise InputError(message)
+
+    def _pair(
+        self, state: State, dt: float, middle_value: float, end_value: float
+    ) -> tuple[Answer, Answer, float]:
+        """Solve one step whole and in two halves; return the middle, the end and the error.
+
+        Halves of linear load alone never forget an error made while the force was much larger:
+        they ring. Blending the second half with the whole step, 2:1, is the analogue of TR-BDF2
+        for an exact memory: second order, and what rings is damped out in one step. It is the same
+        as a load that is linear in each half through the middle value returned here.
+        """
+        start = state.answer
+        one, half = self._weights_of(dt, hold=False), self._weights_of(0.5 * dt, hold=False)
+        past_whole = history(one, state.memory, start.load)
+        whole = self._solve(past_whole, one.compliance, end_value, start)
+        past_half = history(half, state.memory, start.load)
+        middle = self._solve(past_half, half.compliance, middle_value, start)
+        memory = advance(half, state.memory, start.load, middle.load)
+        past_end = (past_whole + 2.0 * history(half, memory, middle.load)) / 3.0
+        compliance = (one.compliance + 2.0 * half.compliance) / 3.0
+        end = self._solve(past_end, compliance, end_value, middle)
+        path = (start.load + 4.0 * middle.load + end.load) / 6.0
+        rigid = self.creep.instantaneous
+        crept = past_end + (compliance - rigid) * end.load
+        crept = crept - past_whole - (one.compliance - rigid) * whole.load
+        return middle._replace(load=path), end, self._error(whole, end, crept)
+
+    def _solve(self, past: Array, compliance: float, value: float, before: Answer) -> Answer:
+        self.ledger.solves += 1
+        solve = self.contact.press if self.control == "displacement" else self.contact.push
+        return solve(past, compliance, value, before.displacement)
+
+    def _step(self, weights: StepWeights, state: State, value: float) -> Answer:
+        past = history(weights, state.memory, state.answer.load)
+        return self._solve(past, weights.compliance, value, state.answer)
+
+    def _accept(self, weights: StepWeights, state: State, answer: Answer, *, hold: bool) -> State:
+        old = state.answer
+        memory = advance(weights, state.memory, old.load, answer.load)
+        if not self.has_energy:
+            return State(answer, memory, np.nan, np.nan)
+        work = self._work(state, answer, memory)
+        heat = self._heat(weights.dt, state, answer.load, hold=hold)
+        return State(answer, memory, state.work + work, state.dissipated + heat)
+
+    def _error(self, whole: Answer, halves: Answer, crept: Array) -> float:
+        """Difference of the two solutions in units of the tolerance.
+
+        Springs that leave the contact carry no load in either, but differ in how far they have
+        ``crept``: as a load under slow loading, that counts too.
+        """
+        difference = np.abs(whole.load - halves.load) + np.abs(crept) / self._softest
+        force = max(halves.force, self._scale, 1e-300)
+        error = float(self.contact.weights @ difference) / force
+        if self.control == "force":
+            # Against the deepest approach: without load the surface recovers towards none.
+            self._deepest = max(self._deepest, halves.displacement)
+            error = max(error, abs(whole.displacement - halves.displacement) / self._deepest)
+        return error / (self.rtol or 1.0)
+
+    def _raise_scale(self, value: float) -> None:
+        """Keep the force that the slowest loading would show at the largest value so far."""
+        if self.rtol is None or value <= self._highest:
+            return
+        self._highest = value
+        if self.control == "force":
+            self._scale = value
+        else:
+            rest = np.zeros(self.contact.size)
+            self._scale = self.contact.press(rest, self._softest, value, 0.0).force
+
+    def _fastest(self) -> float:
+        """Return a time below every relaxation time (bound on the trace of the rates)."""
+        rates = self.creep.rate
+        if rates.size == 0:
+            return np.inf
+        flow = float(np.sum(self.creep.C / self.creep.tau)) + self.creep.fluidity
+        return 1.0 / (float(rates.max()) + flow / self.creep.instantaneous)
+
+    def _weights_of(self, dt: float, *, hold: bool) -> StepWeights:
+        key = (dt, hold)
+        found = self._weights.get(key)
+        if found is None:
+            if len(self._weights) >= _CACHED_WEIGHTS:
+                self._weights.clear()
+            found = self._weights[key] = step_weights(self.creep, dt, hold=hold)
+        return found
+
+    def _work(self, state: State, answer: Answer, memory: Array) -> float:
+        """Work on the springs in one step: mean load times displacement of each."""
+        old = state.answer.load
+        moved = self.creep.instantaneous * (answer.load - old)
+        moved = moved + memory.sum(axis=0) - state.memory.sum(axis=0)
+        return 0.5 * float(self.contact.inner(old + answer.load, moved))
+
+    def _elastic(self, load: Array) -> float:
+        return 0.5 * self.creep.instantaneous * float(self.contact.inner(load, load))
+
+    def stored(self, state: State) -> float:
+        """Energy held elastically in all springs (per unit depth for a line)."""
+        kelvin = self.contact.inner(state.memory, state.memory) @ self.creep.inverse
+        return self._elastic(state.answer.load) + 0.5 * float(kelvin)
+
+    def _heat(self, dt: float, state: State, new_load: Array, *, hold: bool) -> float:
+        r"""Heat of one step, exactly: the integral of (q − w/C)² C/τ; never negative."""
+        C, inner = self.creep.C, self.contact.inner
+        old_load = new_load if hold else state.answer.load
+        lag = old_load - state.memory[: C.size] / C[:, None]
+        rise = new_load - old_load
+        first, cross, second = _heat_weights(dt / self.creep.tau)
+        heat = first * inner(lag, lag) + 2.0 * cross * inner(lag, rise) + second * inner(rise, rise)
+        flow = inner(old_load, new_load) + inner(rise, rise) / 3.0
+        return float(C @ np.maximum(heat, 0.0)) + self.creep.fluidity * dt * float(flow)
+
+
+def _heat_weights(x: Array) -> tuple[Array, Array, Array]:
+    """∫e^{-2s}, ∫e^{-s}(1-e^{-s})/x and ∫(1-e^{-s})²/x² over 0 < s < x = dt/τ."""
+    loss = -np.expm1(-x)
+    double = -0.5 * np.expm1(-2.0 * x)
+    small = np.minimum(x, 0.05)
+    series = small * (
+        1 / 3 - small * (1 / 4 - small * (7 / 60 - small * (1 / 24 - small * 31 / 2520)))
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        direct = (x - 2.0 * loss + double) / x**2
+        cross = 0.5 * loss**2 / x
+    return double, cross, np.where(x < 0.05, series, direct)

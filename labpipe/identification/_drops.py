@@ -1,0 +1,400 @@
+"""Bounces of a sphere as evidence: times of touch, contact durations, largest contact radii.
+
+The simulator is not linear in the material, so derivatives are differences: by the terms of the
+relaxation modulus themselves, since a bounce hardly depends on how a modulus is divided among
+terms, and by a set part of the modulus of a contact, since a term may be next to nothing. Over the
+relaxation time they are a smooth curve, of which far from a contact every second point is enough.
+The simulator's answer is smooth also with coarse steps, whose values a fuller run corrects. Two
+unknowns cost no run: on a rigid floor the motion depends on modulus, mass and radius by
+``E sqrt(R) / m`` alone (gap ``r^2/2R``; contact radii go with ``sqrt(R)`` besides), so their
+derivatives are those of a common factor of all moduli. A plate moves by the ratio of the masses.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import ceil, log10, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from labpipe import contact
+from labpipe.contact.impact import Profile
+from labpipe.errors import InputError
+from labpipe.identification._evidence import Evidence, Given, Group
+from labpipe.materials import Prony
+
+Array = NDArray[np.float64]
+
+_CHANGE = 0.002  # of all moduli, a height or a mass, for central differences
+_ONE_SIDED = 5e-4
+"""Of the modulus of a contact. A lossy term as large shifts the last touch by some ten of its
+deviations; ten times larger steps turned the phase of a ringing plate there by a radian."""
+_DENSE = (0.03, 30.0)  # durations of a contact between which the derivative bends most
+_FROZEN = 100.0  # a term this many times slower than the record does not relax in it
+_VISCOUS = 0.003  # in durations of a contact: quicker terms are dashpots, with derivatives as times
+_LATTICE = 4  # nodes per decade for times that are none of the material's
+_FAST = 3e-4  # rtol of the fast model: smooth to 1/100 of a deviation of a touch, off by some 1e-5
+_MORE_TIME = 1.3  # a run lasts longer than the record: a trial may bounce higher
+_TRIES = 3
+_RESOLVED = 0.1  # of a contact's duration is the shortest time of which it tells
+ROLES = ("height", "mass", "radius", "trigger", "pulse", "pixel", "plate")
+"""What of a drop may be unknown: fall [m], mass [kg] that moves, radius [m] of the sphere, delay
+[s] of the first contact's reading, shape of the pulse in its deviations, scale of the film (1 at
+best), modal mass [kg] of the plate."""
+
+
+@dataclass(frozen=True, eq=False)
+class DropModel:
+    """Predicts the bounces of one drop.
+
+    Attributes
+    ----------
+    radius, mass, height, gravity : float [m], [kg], [m], [m/s2]
+        Best values.
+    touches, durations, radii : array of int
+        Which impacts, from 0, are observed: times of touch since the first contact (from 1),
+        durations of contact, largest contact radii.
+    last : float [s]
+        Time of the last observation since first contact.
+    expected_duration : float [s]
+        Of a contact.
+    names : mapping of role to str
+        Unknowns of the problem by :data:`ROLES`; what is not named is taken at its best value.
+    profile : "parabola" or "sphere"
+    plate : contact.Plate, optional
+        On which the sphere falls; a rigid floor by default.
+    rtol : float
+        Of the simulator for the fuller model; the fast one takes coarser steps.
+    shared : array (duration,) [s], optional
+        What one deviation of the pulse's shape adds to every duration.
+    """
+
+    radius: float
+    mass: float
+    height: float
+    gravity: float
+    touches: NDArray[np.int64]
+    durations: NDArray[np.int64]
+    radii: NDArray[np.int64]
+    last: float
+    expected_duration: float
+    names: Mapping[str, str] = field(default_factory=dict)
+    profile: Profile = "parabola"
+    plate: contact.Plate | None = None
+    rtol: float = 1e-4
+    shared: Array | None = None
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Names of the unknowns."""
+        return tuple(self.names.values())
+
+    @property
+    def window(self) -> tuple[float, float]:
+        """A tenth of a contact to a contact [s]: what relaxes later is stiffness to an impact.
+
+        Beyond, a record of bounces follows the prior, however long it lasts.
+        """
+        return _RESOLVED * self.expected_duration, self.expected_duration
+
+    def predict(self, material: Prony, given: Given) -> Array:
+        """Return touches [s], durations [s] and radii [m], one behind the other.
+
+        An impact that does not happen any more counts as at the last one, with no contact.
+        """
+        height = self._value("height", self.height, given)
+        return self._finished(self._run(material, height, given), given)
+
+    def derivatives(self, material: Prony, given: Given) -> tuple[Array, dict[str, Array]]:
+        """Return differences; see :meth:`Model.derivatives`."""
+        height = self._value("height", self.height, given)
+        at = self._run(material, height, given)
+        by_term = self._by_term(
+            material, material.rho, self._own_nodes(material.rho), height, given, at
+        )
+        moved = ["height", "plate"] if self.plate is None else ["height", "plate", "mass"]
+        others = {
+            self.names[role]: self._central(material, self.names[role], given)
+            for role in moved
+            if role in self.names
+        }
+        others = self._of_body(self._by_factor(material, height, given), at, given) | others
+        factor = self._film(given)
+        finished = {name: factor * column for name, column in others.items()}
+        return factor[:, None] * by_term, finished | self._of_recording(at, given)
+
+    def _central(self, material: Prony, name: str, given: Given) -> Array:
+        """Return the derivative (n,) by an unknown that changes the motion."""
+        step = _CHANGE * given[name]
+        ends = []
+        for sign in (1, -1):
+            changed = {**given, name: given[name] + sign * step}
+            ends.append(self._run(material, self._value("height", self.height, changed), changed))
+        return np.asarray((ends[0] - ends[1]) / (2.0 * step))
+
+    def by_times(self, material: Prony, given: Given, rho: Array) -> Array:
+        """Return the derivatives by terms of any times; see :meth:`Model.by_times`."""
+        height = self._value("height", self.height, given)
+        at = self._run(material, height, given)
+        quick = _VISCOUS * self.expected_duration
+        count = ceil(log10(_FROZEN * self.last / quick) * _LATTICE)
+        nodes = quick * 10.0 ** (np.arange(count + 1) / _LATTICE)
+        chosen = nodes[_nodes(nodes / self.expected_duration)]
+        made = self._by_term(material, rho, chosen, height, given, at)
+        return np.asarray(self._film(given)[:, None] * made)
+
+    def _own_nodes(self, rho: Array) -> Array:
+        """Choose from the times of a material those whose derivatives are worth a run."""
+        quickest = _VISCOUS * self.expected_duration
+        first = max(int(np.searchsorted(rho, quickest, "right")) - 1, 0)
+        moving = rho[first:][rho[first:] <= _FROZEN * self.last]
+        return np.asarray(moving[_nodes(moving / self.expected_duration)])
+
+    def _by_term(
+        self, material: Prony, rho: Array, nodes: Array, height: float, given: Given, at: Array
+    ) -> Array:
+        """Return derivatives (n, 1 + term) by the long-time modulus and terms of times [1/Pa].
+
+        A term that relaxes long after the record is stiffness to it, one that relaxes at once is
+        viscosity: neither costs a run. Between the nodes the derivative is a smooth curve.
+        """
+        made = np.empty((self._size, rho.size + 1))
+        omega = np.pi / self.expected_duration
+        scale = abs(complex(material.complex_modulus(np.array([omega]))[0]))
+        made[:, 0] = self._difference(material, None, scale, height, given, at)
+        made[:, 1:] = made[:, :1]
+        if not nodes.size:
+            return made
+        columns = [
+            self._difference(material, time, scale, height, given, at) for time in nodes.tolist()
+        ]
+        inside = np.clip(rho, nodes[0], nodes[-1])
+        is_moving = rho <= _FROZEN * self.last
+        if len(columns) > 1:
+            curve = PchipInterpolator(np.log(nodes), np.stack(columns))
+            made[:, 1:][:, is_moving] = curve(np.log(inside[is_moving])).T
+        else:
+            made[:, 1:][:, is_moving] = columns[0][:, None]
+        made[:, 1:] *= np.where(rho < nodes[0], rho / nodes[0], 1.0)
+        return made
+
+    def _difference(
+        self, material: Prony, time: float | None, scale: float, height: float, given: Given,
+        at: Array,
+    ) -> Array:  # fmt: skip
+        """Return the derivative (n,) by a term of a time, by the long-time modulus for None."""
+        step = _ONE_SIDED * scale
+        relaxed = material.E_relaxed + (step if time is None else 0.0)
+        terms, rho = material.E, material.rho
+        if time is not None:
+            known = rho == time
+            terms = terms + step * known if known.any() else np.append(terms, step)
+            rho = rho if known.any() else np.append(rho, time)
+        changed = Prony(relaxed, terms, rho, nu=material.nu)
+        return np.asarray((self._run(changed, height, given) - at) / step)
+
+    def _by_factor(self, material: Prony, height: float, given: Given) -> Array:
+        """Return the derivative (n,) by a common factor of all moduli.
+
+        The sum of those by the terms would be a small difference of large ones.
+        """
+        if not {"mass", "radius"} & set(self.names):
+            return np.zeros(self._size)
+        ends = [self._run(material.scaled(1.0 + s * _CHANGE), height, given) for s in (1, -1)]
+        return np.asarray((ends[0] - ends[1]) / (2.0 * _CHANGE))
+
+    def refined(self, material: Prony, given: Given) -> Array | None:
+        """Return the numbers of an accurate run."""
+        height = self._value("height", self.height, given)
+        numbers = self._run(material, height, given, is_full=True)
+        return self._finished(numbers, given)
+
+    def _of_body(self, by_factor: Array, at: Array, given: Given) -> dict[str, Array]:
+        """Return derivatives by mass and radius, from those of a factor of all moduli."""
+        found = {}
+        if "mass" in self.names:
+            found[self.names["mass"]] = -by_factor / given[self.names["mass"]]
+        if "radius" in self.names:
+            by_radius = 0.5 * (by_factor + self._is_radius() * at)
+            found[self.names["radius"]] = by_radius / given[self.names["radius"]]
+        return found
+
+    def _of_recording(self, at: Array, given: Given) -> dict[str, Array]:
+        found = {}
+        if "trigger" in self.names:
+            found[self.names["trigger"]] = -self._is_touch()
+        if "pulse" in self.names:
+            found[self.names["pulse"]] = self._by_pulse()
+        if "pixel" in self.names:
+            found[self.names["pixel"]] = self._is_radius() * at
+        return found
+
+    def share(self, given: Given) -> tuple[float, dict[str, float]]:
+        """All of the correction applies."""
+        del given
+        return 1.0, {}
+
+    def _finished(self, numbers: Array, given: Given) -> Array:
+        trigger, pulse = (self._value(role, 0.0, given) for role in ("trigger", "pulse"))
+        read = pulse * self._by_pulse() - trigger * self._is_touch()
+        return np.asarray(self._film(given) * numbers + read)
+
+    def _film(self, given: Given) -> Array:
+        return np.asarray(self._value("pixel", 1.0, given) ** self._is_radius())
+
+    def _is_touch(self) -> Array:
+        return np.asarray(np.arange(self._size) < self.touches.size, dtype=float)
+
+    def _by_pulse(self) -> Array:
+        """Return what one deviation of the pulse's shape adds to the numbers (n,)."""
+        added, first = np.zeros(self._size), self.touches.size
+        if self.shared is not None:
+            added[first : first + self.durations.size] = self.shared
+        return added
+
+    def _is_radius(self) -> Array:
+        first = self.touches.size + self.durations.size
+        return np.asarray(np.arange(self._size) >= first, dtype=float)
+
+    @property
+    def _size(self) -> int:
+        return self.touches.size + self.durations.size + self.radii.size
+
+    def _value(self, role: str, best: float, given: Given) -> float:
+        return given[self.names[role]] if role in self.names else best
+
+    def _plate(self, given: Given) -> contact.Plate | None:
+        """Return the plate beside the best mass of the sphere: as heavy in proportion."""
+        if self.plate is None:
+            return None
+        ratio = self.mass / self._value("mass", self.mass, given)
+        return replace(self.plate, mass=self._value("plate", self.plate.mass, given) * ratio)
+
+    def _run(self, material: Prony, height: float, given: Given, *, is_full: bool = False) -> Array:
+        """Simulate with the best mass and radius and a material that makes up for them."""
+        mass = self._value("mass", self.mass, given)
+        radius = self._value("radius", self.radius, given)
+        stiffened = material.scaled(self.mass / mass * sqrt(radius / self.radius))
+        needed = 1 + max((int(w.max()) for w in (self.touches, self.durations, self.radii)
+                          if w.size), default=0)  # fmt: skip
+        duration = sqrt(2.0 * height / self.gravity)
+        duration += _MORE_TIME * self.last + 2.0 * self.expected_duration
+        for _ in range(_TRIES):
+            made = contact.drop(
+                stiffened, self.radius, self.mass, height, duration, "mdr", self.profile,
+                self.rtol if is_full else max(_FAST, self.rtol), gravity=self.gravity,
+                plate=self._plate(given), times=[0.0],
+            )  # fmt: skip
+            done = made.sizes["impact"] >= needed or np.isfinite(float(made["final_contact_time"]))
+            if done:
+                break
+            duration *= 1.5
+        touch = made["impact_time"].values
+        if not touch.size:
+            message = "the sphere does not bounce: nothing can be predicted"
+            raise InputError(message)
+        lasted, radii = made["contact_duration"].values, made["peak_contact_radius"].values
+        return np.concatenate([
+            touch[np.minimum(self.touches, touch.size - 1)] - touch[0],
+            np.where(self.durations < touch.size, _at(lasted, self.durations), 0.0),
+            np.where(self.radii < touch.size, _at(radii, self.radii), 0.0)
+            * sqrt(radius / self.radius),
+        ])  # fmt: skip
+
+
+def _at(values: Array, index: NDArray[np.int64]) -> Array:
+    return np.asarray(values[np.minimum(index, values.size - 1)])
+
+
+def _nodes(relative: Array) -> NDArray[np.int64]:
+    """Choose from ascending times, in durations of a contact, where a derivative is worth a run."""
+    is_dense = (relative >= _DENSE[0]) & (relative <= _DENSE[1])
+    is_end = np.isin(np.arange(relative.size), (0, relative.size - 1))
+    return np.flatnonzero(is_dense | is_end | (np.arange(relative.size) % 2 == 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Bounces:
+    """Observed bounces, of a laser record or a film; NaN where one was not seen.
+
+    Attributes
+    ----------
+    touch, u_touch : array (impact,) [s]
+        Times since first contact; the first is 0 and its uncertainty that of the trigger.
+    duration, u_duration : array (impact,) [s]
+        Of the contacts, without the part of the uncertainty that all share.
+    radius, u_radius : array (impact,) [m]
+        Largest contact radii, without the part of the uncertainty that all share.
+    shared_duration : array (impact,) [s], optional
+        The part of the durations that all share: the shape of the pulse that was fitted.
+    """
+
+    touch: Array
+    u_touch: Array
+    duration: Array
+    u_duration: Array
+    radius: Array
+    u_radius: Array
+    shared_duration: Array | None = None
+
+
+def drop_evidence(name: str, seen: Bounces, model: DropModel) -> Evidence:
+    """Pair observed bounces with the model that predicts them.
+
+    Parameters
+    ----------
+    name : str
+        Of the experiment.
+    seen : Bounces
+        What was observed.
+    model : DropModel
+        Everything but ``touches``, ``durations``, ``radii``, ``last``, ``expected_duration`` and
+        ``shared``, which follow from what was seen.
+
+    Returns
+    -------
+    Evidence
+
+    Raises
+    ------
+    InputError
+        Nothing was seen.
+    """
+    times = _seen(seen.touch, seen.u_touch)
+    times = times[times > 0]
+    lasted, radii = _seen(seen.duration, seen.u_duration), _seen(seen.radius, seen.u_radius)
+    groups = [
+        Group(label, values[at], u[at], np.asarray(at + 1, float), units, "impact", "1")
+        for label, at, values, u, units in (
+            ("time of touch", times, seen.touch, seen.u_touch, "s"),
+            ("contact duration", lasted, seen.duration, seen.u_duration, "s"),
+            ("largest contact radius", radii, seen.radius, seen.u_radius, "m"),
+        )
+        if at.size
+    ]
+    if not groups:
+        message = f"{name}: no bounce with a known uncertainty was observed"
+        raise InputError(message)
+    expected = _expected_duration(seen.duration[lasted], model)
+    fall = sqrt(2.0 * model.height / model.gravity)
+    last = float(seen.touch[times].max()) if times.size else fall * max(int(radii.max()), 1)
+    shared = None if seen.shared_duration is None else seen.shared_duration[lasted]
+    full = replace(
+        model, touches=times, durations=lasted, radii=radii, last=last,
+        expected_duration=expected, shared=shared,
+    )  # fmt: skip
+    return Evidence(name, tuple(groups), full)
+
+
+def _seen(values: Array, u: Array) -> NDArray[np.int64]:
+    return np.flatnonzero(np.isfinite(values) & np.isfinite(u) & (u > 0.0))
+
+
+def _expected_duration(observed: Array, model: DropModel) -> float:
+    """Return the usual contact [s]; where none was timed, that of a millimetre's Hertz contact."""
+    if observed.size:
+        return float(np.median(observed))
+    # half a period of a contact of radius R/10 in a body of 1 GPa
+    stiffness = 2.0 * 1e9 * 0.1 * model.radius
+    return float(np.pi * sqrt(model.mass / stiffness))

@@ -1,0 +1,425 @@
+"""The most probable material: least squares in standard coordinates, from several starts.
+
+Every step minimises a surrogate that is linear in the moduli (:mod:`.tangent`), damped as
+Levenberg's where it does not help. They end when the next one promises less than a set part of the
+cost: a measure that knows no scale, and that can be set above the small noise of differences of a
+simulator, as the tests of general routines cannot.
+
+Costly models enter as a correction of fast ones that is held during a fit and renewed after it
+until nothing changes any more: the answer is that of the costly model, at a few of its runs.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+from scipy.stats import chi2
+
+from labpipe.errors import InputError, LabpipeError
+from labpipe.identification._problem import Corrections, Misfit, Problem, split
+from labpipe.identification._tangent import Surrogate, Tangent
+
+Array = NDArray[np.float64]
+Misfits = dict[tuple[str, str], Misfit]
+
+_BOUND = 6.0  # standard deviations of the prior: farther out it is not believed
+_MODULI = tuple(np.logspace(5.0, 11.0, 7).tolist())  # Pa, levels that are tried as starts
+_BETWEEN = 10.0**0.4  # steps between them that are tried next, around the best
+_LOSSES = (0.05, 0.01, 0.25)
+_STARTS = 2  # of these, from which a fit is made
+_APART = 1.0  # standard coordinates between two starts that count as different
+_FAR = 1e4  # residual of a trial that the model refuses
+_ROUGH, _EXACT = 0.5, 0.01  # decrease of the cost, still promised, at which a fit ends
+_MOST_STEPS = 25
+_DAMPING, _WORSE, _BETTER, _LEAST_DAMPING, _MOST_DAMPING = 1e-3, 20.0, 0.05, 1e-9, 1e9
+_KEPT = 0.2  # of a promised gain that may be missed before the derivatives are renewed
+_MOST_LEARNED = 4  # steps that miss their promise, from each of which the tangent learns
+_LOOSE = 0.01  # relative deviation of every number while starts are tried
+_ROUNDS, _PATIENCE = 12, 6  # of corrections, and before discrepancies are looked for anyway
+_LOOKS = 4  # for discrepancies; they stay after the last one
+_ALIKE = 0.1  # relative change of a discrepancy that changes nothing
+_NEAR = 1.0  # standard deviations from round to round, from where on exact minima are worth it
+_SETTLED = 0.1  # standard deviations by which the answer may still move
+_SURE = 0.99  # a misfit shows where its chi square exceeds this quantile
+_HIGHEST_CORRELATION = 0.9
+_FEWEST_FOR_CORRELATION = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The most probable unknowns and how they were found.
+
+    Attributes
+    ----------
+    problem : Problem
+    xi : array (parameter,)
+        Standard coordinates.
+    corrections : tuple
+        Ratios of the fuller models to the fast ones, there.
+    misfits : dict
+        By names of experiment and group.
+    cost : float
+        Half the sum of squares, prior included.
+    costs_from_starts : tuple of float
+        What the separate starts led to, with every number uncertain by another per cent.
+    evaluations, differentiations : int
+        Times all models were run, and their derivatives.
+    is_settled : bool
+        Corrections and misfits do not change any more.
+    tangent : Tangent, optional
+        Derivatives of the models at ``xi``, where they were made.
+    """
+
+    problem: Problem
+    xi: Array
+    corrections: Corrections
+    misfits: Misfits
+    cost: float
+    costs_from_starts: tuple[float, ...]
+    evaluations: int
+    differentiations: int
+    is_settled: bool
+    tangent: Tangent | None = None
+
+    def differentiated(self) -> "Fit":
+        """Return the same with derivatives made at its end; a tangent that learned is a guess."""
+        return replace(self, tangent=Tangent.at(self.problem, self.xi))
+
+
+def fit(
+    problem: Problem,
+    *,
+    start: Array | None = None,
+    with_misfit: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> Fit:
+    """Find the most probable material and nuisances.
+
+    Parameters
+    ----------
+    problem : Problem
+        At least one experiment.
+    start : array (parameter,), optional
+        Standard coordinates to begin from; by default a scan over moduli and losses.
+    with_misfit : bool
+        Allow for a model discrepancy where the residuals show one.
+    progress : callable, optional
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    InputError
+        There is no evidence.
+    LabpipeError
+        No start can be simulated.
+    """
+    if not problem.evidence:
+        message = "nothing was observed: a material cannot be identified from no experiment"
+        raise InputError(message)
+    # Precise readings make a narrow, curved valley; widened ones lead near its lowest place.
+    loose = {(e.name, g.name): Misfit(_LOOSE) for e in problem.evidence for g in e.groups}
+    objective = Objective(problem, problem.no_corrections(), loose)
+    say = progress or _silent
+    xi, costs = _begun(objective, start, say)
+    misfits: Misfits = {}
+    is_settled, looks, decrease = False, 0, _ROUGH
+    for round_ in range(_ROUNDS):
+        say(f"fit with corrections, round {round_ + 1}")
+        objective.renew(problem.corrections(xi), misfits)
+        before, xi = xi, objective.minimised(xi, decrease, is_near=round_ > 0)
+        moved = float(np.max(np.abs(xi - before) / np.sqrt(np.diag(objective.covariance(xi)))))
+        is_settled = decrease == _EXACT and moved < _SETTLED
+        decrease = _EXACT if moved < _NEAR else _ROUGH
+        if not is_settled and round_ < _PATIENCE:
+            continue  # what corrections still explain is no discrepancy
+        found = objective.new_misfits(xi) if with_misfit and looks < _LOOKS else misfits
+        looks += 1
+        if is_settled and _is_alike(found, misfits):
+            break
+        misfits = found
+    return Fit(
+        problem, xi, objective.corrections, objective.misfits, objective.cost(xi), costs,
+        objective.evaluations, objective.differentiated, is_settled,
+    )  # fmt: skip
+
+
+def _begun(
+    objective: "Objective", start: Array | None, say: Callable[[str], None]
+) -> tuple[Array, tuple[float, ...]]:
+    """Return the lowest of the minima that the starts lead to, and the costs of all."""
+    starts = [start] if start is not None else _starts(objective)
+    ends = []
+    for number, begin in enumerate(starts):
+        say(f"fit from start {number + 1} of {len(starts)}")
+        ends.append(objective.minimised(begin, _ROUGH))
+    return min(ends, key=objective.cost), tuple(sorted(objective.cost(end) for end in ends))
+
+
+def _is_alike(new: Misfits, old: Misfits) -> bool:
+    return new.keys() == old.keys() and all(
+        abs(m.relative - old[key].relative) <= _ALIKE * m.relative for key, m in new.items()
+    )
+
+
+class Objective:
+    """Residuals of a problem, divided by their deviations, with the prior as further rows."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        corrections: Corrections,
+        misfits: Misfits,
+        tangent: Tangent | None = None,
+    ) -> None:
+        self.problem = problem
+        self.corrections = corrections
+        self.misfits = misfits
+        self.evaluations = self.differentiated = 0
+        self.tangent = tangent
+
+    @classmethod
+    def of(cls, found: "Fit") -> "Objective":
+        """Return the objective of a fit."""
+        return cls(found.problem, found.corrections, found.misfits, found.tangent)
+
+    def renew(self, corrections: Corrections, misfits: Misfits) -> None:
+        """Take other corrections and misfits."""
+        self.corrections, self.misfits = corrections, misfits
+
+    def residuals(self, xi: Array) -> Array:
+        """Return the rows (n + parameter,)."""
+        self.evaluations += 1
+        try:
+            predicted = self.problem.predictions(xi, self.corrections)
+        except LabpipeError:
+            return np.concatenate([np.full(self._size, _FAR), xi])
+        rows = [
+            (e.values - p) / self.deviations(i)
+            for i, (e, p) in enumerate(zip(self.problem.evidence, predicted, strict=True))
+        ]
+        return np.concatenate([*rows, xi])
+
+    def deviations(self, number: int) -> Array:
+        """Return the deviations (n,) of one experiment; those of a misfit go with the values."""
+        evidence = self.problem.evidence[number]
+        parts = [
+            self.misfits.get((evidence.name, g.name), Misfit()).deviation(g, g.values)
+            for g in evidence.groups
+        ]
+        return np.concatenate(parts)
+
+    def data_jacobian(self, xi: Array) -> Array:
+        """Return the derivative (n, parameter) of the predictions over their deviations.
+
+        The last tangent's, which fits after :meth:`minimised` led here; a new one's at first.
+        """
+        return self._surrogate(xi, np.zeros(self._size)).jacobian(xi)
+
+    def _differentiate(self, xi: Array) -> Tangent:
+        self.differentiated += 1
+        self.tangent = Tangent.at(self.problem, xi)
+        return self.tangent
+
+    def _surrogate(self, xi: Array, rest: Array) -> Surrogate:
+        tangent = self.tangent or self._differentiate(xi)
+        deviations = np.concatenate([
+            self.deviations(i) for i in range(len(self.problem.evidence))
+        ])[:, None]  # fmt: skip
+        by_terms, by_values = tangent.corrected(xi, self.corrections)
+        return Surrogate(self.problem, xi, rest, by_terms / deviations, by_values / deviations)
+
+    def surrogate(self, xi: Array) -> Surrogate:
+        """Return the surrogate around a point, by the models' derivatives there."""
+        return self._surrogate(xi, self._height(xi)[1])
+
+    def cost(self, xi: Array) -> float:
+        """Return half the sum of squares."""
+        rows = self.residuals(xi)
+        return 0.5 * float(rows @ rows)
+
+    def minimised(self, start: Array, decrease: float, *, is_near: bool = False) -> Array:
+        """Return the minimum from a start, up to a decrease of the cost that is not worth a step.
+
+        Every step goes to the minimum of a surrogate. Where the models do not keep what it promises
+        its tangent learns from the step, and is made anew after a few such steps or one uphill.
+
+        Parameters
+        ----------
+        start : array (parameter,)
+            Standard coordinates.
+        decrease : float
+            Of the cost; half a unit is a change of one standard deviation.
+        is_near : bool
+            The last tangent may be tried at the start.
+        """
+        xi = np.clip(start, -_BOUND, _BOUND)
+        height, rest = self._height(xi)
+        is_kept = is_near and self.tangent is not None
+        if not is_kept:
+            self._differentiate(xi)
+        is_fresh, damping, learned = not is_kept, _DAMPING, 0
+        for _ in range(_MOST_STEPS):
+            surrogate = self._surrogate(xi, rest)
+            trial, promised = surrogate.lowest(damping, None, _BOUND)
+            if height - promised < decrease:
+                if is_fresh or is_kept:
+                    break
+                self._differentiate(xi)
+                is_fresh, is_kept = True, False
+                continue
+            new, found = self._height(trial)
+            if new >= height:
+                if is_fresh:
+                    damping *= _WORSE
+                    if damping > _MOST_DAMPING:
+                        break  # promised by differences, not kept by the simulator
+                    continue
+                self._differentiate(xi)
+                is_fresh, is_kept = True, False
+                continue
+            is_kept = new - promised < max(decrease, _KEPT * (height - promised))
+            learned = 0 if is_kept else learned + 1
+            if not is_kept:
+                self._learn(surrogate, trial, found)
+            xi, rest, height, is_fresh = trial, found, new, False
+            damping = max(damping * _BETTER, _LEAST_DAMPING)
+            if learned > _MOST_LEARNED:
+                self._differentiate(xi)
+                is_fresh, learned = True, 0
+        return xi
+
+    def _learn(self, surrogate: Surrogate, to: Array, found: Array) -> None:
+        """Mend the tangent by what a step really did."""
+        if self.tangent is None or not np.any(to != surrogate.at):
+            return
+        promised, _ = surrogate.rows(to)
+        deviations = np.concatenate([
+            self.deviations(i) for i in range(len(self.problem.evidence))
+        ])  # fmt: skip
+        given = self.problem.given(surrogate.at)
+        weight = np.concatenate([
+            e.weight(ratio, given)[0]
+            for e, ratio in zip(self.problem.evidence, self.corrections, strict=True)
+        ])  # fmt: skip
+        missed = (promised - found) * deviations / weight
+        self.tangent = self.tangent.learned(surrogate, to, missed)
+
+    def _height(self, xi: Array) -> tuple[float, Array]:
+        """Return the cost and the residuals (n,) of the data."""
+        rows = self.residuals(xi)
+        return 0.5 * float(rows @ rows), rows[: self._size]
+
+    @property
+    def _size(self) -> int:
+        return sum(e.values.size for e in self.problem.evidence)
+
+    def covariance(self, xi: Array) -> Array:
+        """Return the covariance (parameter, parameter) of Laplace's approximation."""
+        return laplace(self.data_jacobian(xi))[0]
+
+    def new_misfits(self, xi: Array) -> Misfits:
+        """Estimate the discrepancy of every group that the stated uncertainties do not explain."""
+        rows, covariance = self.data_jacobian(xi), self.covariance(xi)
+        predicted = self.problem.predictions(xi, self.corrections)
+        used = np.einsum("ij,jk,ik->i", rows, covariance, rows)
+        found: Misfits = {}
+        first = 0
+        for each, numbers in zip(self.problem.evidence, predicted, strict=True):
+            for group, part in zip(each.groups, split(each, numbers), strict=True):
+                leverage = float(used[first : first + part.size].sum())
+                first += part.size
+                freedom = max(part.size - leverage, 1.0)
+                known = self.misfits.get((each.name, group.name), Misfit())
+                new = _misfit(group.values - part, group.u, np.abs(group.values), freedom)
+                if new is not None:
+                    found[each.name, group.name] = new
+                elif known.relative > 0.0:
+                    found[each.name, group.name] = Misfit(0.5 * known.relative, 0.0)
+        return found
+
+
+def laplace(rows: Array) -> tuple[Array, float]:
+    """Return the inverse of ``rows.T @ rows + 1`` and the logarithm of its own determinant.
+
+    By singular values: combinations may be known a million times better than others, and the
+    product of the rows would lose those others.
+    """
+    _, values, vectors = np.linalg.svd(rows, full_matrices=True)
+    more = np.ones(rows.shape[1])
+    more[: values.size] += values**2
+    return np.asarray((vectors.T / more) @ vectors), float(np.log(more).sum())
+
+
+def _misfit(rest: Array, u: Array, size: Array, freedom: float) -> Misfit | None:
+    """Return the discrepancy that makes chi square what it should be; None where it is.
+
+    Residuals that go in waves tell of one before they are large.
+
+    The discrepancy of Mandel and Paule: chi square over the widened deviations equals the degrees
+    of freedom.
+    """
+    power = float(np.sum((rest / u) ** 2))
+    is_wavy = power > freedom and neighbours(rest / u) > 0.0
+    if not size.any() or not (is_wavy or power > float(chi2.ppf(_SURE, freedom))):
+        return None
+
+    def excess(relative: float) -> float:
+        return float(np.sum(rest**2 / (u**2 + (relative * size) ** 2))) - freedom
+
+    highest = 1.0
+    is_beyond = excess(highest) > 0.0
+    relative = highest if is_beyond else float(brentq(excess, 0.0, highest, xtol=1e-9))
+    return Misfit(relative, neighbours(rest / np.hypot(u, relative * size)))
+
+
+def neighbours(normalised: Array) -> float:
+    """Return the correlation of neighbouring residuals, 0 to 0.9; 0 where there are few."""
+    if normalised.size < _FEWEST_FOR_CORRELATION:
+        return 0.0
+    power = float(normalised @ normalised)
+    value = float(normalised[1:] @ normalised[:-1]) / power if power > 0.0 else 0.0
+    chance = 2.0 / np.sqrt(normalised.size)
+    return float(np.clip(value, 0.0, _HIGHEST_CORRELATION)) if value > chance else 0.0
+
+
+def _starts(objective: Objective) -> list[Array]:
+    """Scan moduli and losses, and return the best that lie apart."""
+    tried = [_tried(objective, modulus, _LOSSES[0]) for modulus in _MODULI]
+    best = _MODULI[int(np.argmin([cost for cost, _ in tried]))]
+    tried += [
+        _tried(objective, modulus, loss)
+        for modulus in (best / _BETWEEN, best, best * _BETWEEN)
+        for loss in _LOSSES
+        if (modulus, loss) != (best, _LOSSES[0])
+    ]
+    tried.sort(key=lambda pair: pair[0])
+    if tried[0][0] >= 0.5 * _FAR**2:
+        message = (
+            "no material between 0.1 MPa and 100 GPa can be simulated with these experiments; "
+            "check mass, radius, heights and depths"
+        )
+        raise LabpipeError(message)
+    kept: list[Array] = []
+    for _, xi in tried:
+        if all(np.linalg.norm(xi - other) > _APART for other in kept):
+            kept.append(xi)
+        if len(kept) == _STARTS:
+            break
+    return kept
+
+
+def _tried(objective: Objective, modulus: float, loss: float) -> tuple[float, Array]:
+    problem = objective.problem
+    xi = np.zeros(len(problem.parameters))
+    xi[: problem.n_material] = problem.spectrum.start(modulus, loss)
+    return objective.cost(xi), xi
+
+
+def _silent(text: str) -> None:
+    del text

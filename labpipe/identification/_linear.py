@@ -1,0 +1,212 @@
+"""Indentation and rheometer as evidence: forces, stiffness and moduli, linear in the terms.
+
+While a contact only grows, its force is that of the elastic contact run through the relaxation
+modulus (Lee and Radok), ``F(t) = int E*(t - s) dA(delta(s))`` with the elastic force over reduced
+modulus ``A``. Under a small oscillation about a mean depth it is ``K* = E*(omega) A'(delta)``.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+from labpipe.identification._evidence import Evidence, Fuller, Group, LinearModel
+
+Array = NDArray[np.float64]
+
+
+def lee_radok_basis(time: Array, area: Array, rho: Array, nu: float) -> Array:
+    """Return the force of a growing contact per Pa of each term of the relaxation modulus.
+
+    Parameters
+    ----------
+    time : array (sample,) [s]
+        Not falling.
+    area : array (sample,) [m2]
+        Elastic force over reduced modulus, not falling; linear between samples, 0 before.
+    rho : array (term,) [s]
+        Relaxation times.
+    nu : float
+        Poisson's ratio: reduced moduli are E/(1 - nu^2).
+
+    Returns
+    -------
+    array (sample, 1 + term) [N/Pa]
+        The first column is that of E_relaxed.
+
+    Raises
+    ------
+    InputError
+        Time or contact go back.
+
+    Examples
+    --------
+    A step of the contact, held for one relaxation time:
+
+    >>> made = lee_radok_basis(np.array([0.0, 1.0]), np.array([2.0, 2.0]), np.array([1.0]), 0.0)
+    >>> [float(round(x, 4)) for x in made[1]]
+    [2.0, 0.7358]
+    """
+    step, growth = np.diff(time), np.diff(area)
+    if np.any(step < 0.0) or np.any(growth < 0.0):
+        message = "time or contact go back: Lee and Radok's integral needs a contact that grows"
+        raise InputError(message)
+    x = step[:, None] / rho
+    decay = np.exp(-x)
+    share = np.where(x > 0.0, -np.expm1(-x) / np.where(x > 0.0, x, 1.0), 1.0)
+    gained = share * growth[:, None]
+    made = np.empty((time.size, rho.size + 1))
+    made[:, 0] = area
+    level = np.full(rho.size, area[0])
+    made[0, 1:] = level
+    for n in range(step.size):
+        level = level * decay[n] + gained[n]
+        made[n + 1, 1:] = level
+    return made / (1.0 - nu**2)
+
+
+def force_evidence(
+    name: str,
+    lag: Array,
+    force: Array,
+    u_force: Array,
+    basis: Array,
+    *,
+    shifts: Mapping[str, Array] | None = None,
+    factors: tuple[str, ...] = (),
+    offsets: tuple[str, ...] = (),
+) -> Evidence:
+    """Take the force of a relaxation as evidence.
+
+    Parameters
+    ----------
+    name : str
+        Of the experiment.
+    lag, force, u_force : array (n,) [s], [N], [N]
+        Time since the ramp's end, force, and the uncertainty from noise.
+    basis : array (n, 1 + term) [N/Pa]
+        Rows of :func:`lee_radok_basis` there.
+    shifts : mapping of str to array (n, 1 + term)
+        Derivative of the basis by unknowns, such as the zero of depth.
+    factors, offsets : tuple of str
+        Unknowns that multiply every force, or are added to it (gain, punch; tare).
+    """
+    model = LinearModel(
+        basis, (float(lag.min()), float(lag.max())), dict(shifts or {}),
+        {f: np.ones(force.size) for f in factors}, {o: np.ones(force.size) for o in offsets},
+    )  # fmt: skip
+    return Evidence(name, (Group("force", force, u_force, lag, "N", "time since the ramp", "s"),),
+                    model)  # fmt: skip
+
+
+def modulus_basis(omega: Array, rho: Array) -> tuple[Array, Array]:
+    """Return storage and loss modulus (n, 1 + term) per Pa of each term."""
+    x = omega[:, None] * rho
+    loss = x / (1.0 + x * x)
+    one = np.ones((omega.size, 1))
+    return np.hstack([one, x * loss]), np.hstack([0.0 * one, loss])
+
+
+def stiffness_evidence(
+    name: str,
+    frequency: Array,
+    storage: tuple[Array, Array],
+    loss: tuple[Array, Array],
+    slope: Array,
+    rho: Array,
+    nu: float,
+    *,
+    slope_by: Mapping[str, Array] | None = None,
+    factors: tuple[str, ...] = (),
+    offsets: Mapping[str, Array] | None = None,
+    fuller: Fuller | None = None,
+) -> Evidence:
+    """Take the dynamic stiffness of an oscillating punch as evidence.
+
+    Parameters
+    ----------
+    name : str
+        Of the experiment.
+    frequency : array (n,) [Hz]
+    storage, loss : tuple of array (n,) [N/m]
+        Stiffness with its uncertainty.
+    slope : array (n,) [m]
+        Derivative of elastic force over reduced modulus by depth, at the mean depth.
+    rho, nu : array (term,) [s], float
+        Of the spectrum.
+    slope_by : mapping of str to array (n,)
+        Derivative of ``slope`` by unknowns, such as the zero of depth.
+    factors : tuple of str
+        Unknowns that multiply every stiffness.
+    offsets : mapping of str to array (2 n,)
+        Derivative of storage, then loss stiffness by unknowns that only add, such as a phase.
+    fuller : Fuller, optional
+        A simulation of the finite amplitude; numbers are storage, then loss.
+    """
+    omega = 2.0 * np.pi * frequency
+    parts = modulus_basis(omega, rho)
+    reduced = np.vstack(parts) / (1.0 - nu**2)
+    twice = np.concatenate([slope, slope])
+    shifts = {n: np.concatenate([d, d])[:, None] * reduced for n, d in (slope_by or {}).items()}
+    model = LinearModel(
+        twice[:, None] * reduced, _window(omega), shifts,
+        {f: np.ones(twice.size) for f in factors}, dict(offsets or {}), fuller,
+    )  # fmt: skip
+    groups = _storage_and_loss("stiffness", "N/m", frequency, storage, loss)
+    return Evidence(name, groups, model)
+
+
+def modulus_evidence(
+    name: str,
+    frequency: Array,
+    storage: tuple[Array, Array],
+    loss: tuple[Array, Array],
+    rho: Array,
+    *,
+    factors: tuple[str, ...] = (),
+    is_prior: bool = True,
+) -> Evidence:
+    """Take moduli in tension, of a rheometer, as evidence known beforehand.
+
+    Parameters
+    ----------
+    name : str
+        Of the experiment.
+    frequency : array (n,) [Hz]
+        At the temperature of the other experiments.
+    storage, loss : tuple of array (n,) [Pa]
+        Moduli with their uncertainty.
+    rho : array (term,) [s]
+        Of the spectrum.
+    factors : tuple of str
+        Unknowns that multiply every modulus, such as the specimen's dimensions.
+    is_prior : bool
+        Whether it shows as prior.
+    """
+    omega = 2.0 * np.pi * frequency
+    basis = np.vstack(modulus_basis(omega, rho))
+    model = LinearModel(
+        basis, _window(omega), {},
+        {f: np.ones(len(basis)) for f in factors},
+    )  # fmt: skip
+    groups = _storage_and_loss("modulus", "Pa", frequency, storage, loss)
+    return Evidence(name, groups, model, is_prior)
+
+
+def _storage_and_loss(
+    noun: str,
+    unit: str,
+    frequency: Array,
+    storage: tuple[Array, Array],
+    loss: tuple[Array, Array],
+) -> tuple[Group, ...]:
+    return tuple(
+        Group(f"{label} {noun}", values, u, frequency, unit, "frequency", "Hz")
+        for label, (values, u) in (("storage", storage), ("loss", loss))
+    )
+
+
+def _window(omega: Array) -> tuple[float, float]:
+    """Return the times that frequencies tell of [s]."""
+    return 1.0 / float(omega.max()), 1.0 / float(omega.min())

@@ -1,0 +1,281 @@
+"""What the data have told: intervals, combinations, moduli over frequency, predictive bands.
+
+Laplace's approximation in standard coordinates. Everything that depends on several unknowns is
+carried linearly in its logarithm, consistent with the linear data: along a combination that the
+data leave free, single unknowns may wander by factors while a sum of them stays what it is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from labpipe.identification._evidence import Group
+from labpipe.identification._fit import Fit, Objective, laplace
+from labpipe.identification._linear import modulus_basis
+from labpipe.identification._problem import Misfit, split
+from labpipe.identification._spectra import Spectrum
+
+Array = NDArray[np.float64]
+
+_DRAWS = 1000  # of the prior
+_SEED = 20  # fixed: the same answer every time
+DETERMINED = 0.5
+"""A quantity is determined where the data at least halve the prior's standard deviation."""
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """One candidate for the structure of a spectrum, as the data leave it.
+
+    Attributes
+    ----------
+    name : str
+    spectrum : Spectrum
+    xi : array (parameter,)
+        Its most probable standard coordinates, nuisances last.
+    covariance : array (parameter, parameter)
+    weight : float
+        Probability after the data.
+    """
+
+    name: str
+    spectrum: Spectrum
+    xi: Array
+    covariance: Array
+    weight: float
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Laplace's approximation around a fit.
+
+    Attributes
+    ----------
+    fit : Fit
+    covariance : array (parameter, parameter)
+        Of the standard coordinates; the prior's is the unit matrix.
+    sensitivity : array (n, parameter)
+        Derivative of the predictions over their deviations.
+    singular_values : array (combination,)
+        Of ``sensitivity``, descending: how many times better the data know a combination than
+        the prior does.
+    combinations : array (combination, parameter)
+        Unit vectors of standard coordinates.
+    structures : tuple of Structure
+        Candidates for the structure of the spectrum, where they were weighed.
+    """
+
+    fit: Fit
+    covariance: Array
+    sensitivity: Array
+    singular_values: Array
+    combinations: Array
+    structures: tuple[Structure, ...] = ()
+
+    @property
+    def n_determined(self) -> int:
+        """How many combinations the data know better than the prior."""
+        return int(np.sum(self.singular_values > 1.0))
+
+    @property
+    def sd(self) -> Array:
+        """Standard deviations (parameter,) of the standard coordinates; 1 is the prior's."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def interval(self, number: int, level: float = 0.95) -> tuple[float, float, float]:
+        """Return value, low and high end of one unknown, in its unit."""
+        parameter = self.fit.problem.parameters[number]
+        reach = float(norm.ppf(0.5 + 0.5 * level)) * float(self.sd[number])
+        at = float(self.fit.xi[number])
+        return parameter.value(at), parameter.value(at - reach), parameter.value(at + reach)
+
+    def carried(self, by_xi: Array) -> Array:
+        """Return the covariance of quantities from their derivatives (quantity, parameter)."""
+        return np.asarray(by_xi @ self.covariance @ by_xi.T)
+
+
+def posterior(found: Fit) -> Posterior:
+    """Approximate what is known after a fit.
+
+    Parameters
+    ----------
+    found : Fit
+
+    Returns
+    -------
+    Posterior
+    """
+    rows = Objective.of(found).data_jacobian(found.xi)
+    _, values, vectors = np.linalg.svd(rows, full_matrices=False)
+    return Posterior(found, laplace(rows)[0], rows, values, vectors)
+
+
+@dataclass(frozen=True, eq=False)
+class Moduli:
+    """Storage modulus and loss factor over frequency, before and after.
+
+    Attributes
+    ----------
+    frequency : array (n,) [Hz]
+    storage, loss_factor : array (n,) [Pa], [1]
+        Most probable.
+    u_ln_storage, u_ln_loss_factor : array (n,)
+        Standard deviations of their natural logarithms.
+    open_ln_storage, open_ln_loss_factor : array (n,)
+        What the structure of the spectrum adds to the fit's own, in quadrature.
+    prior_ln_storage, prior_ln_loss_factor : array (n,)
+        Those of the prior.
+    derivatives : array (2 n, parameter)
+        Of the logarithms (storage, then loss factor) of the fit by standard coordinates.
+    data : tuple of float [Hz]
+        Lowest and highest frequency of which the observations tell.
+    """
+
+    frequency: Array
+    storage: Array
+    loss_factor: Array
+    u_ln_storage: Array
+    u_ln_loss_factor: Array
+    open_ln_storage: Array
+    open_ln_loss_factor: Array
+    prior_ln_storage: Array
+    prior_ln_loss_factor: Array
+    derivatives: Array
+    data: tuple[float, float]
+
+    @property
+    def is_determined(self) -> NDArray[np.bool_]:
+        """Where the data at least halve both standard deviations, inside their own range.
+
+        Beyond it everything is extrapolation: a spectrum that the prior holds for likely.
+        """
+        storage = self.u_ln_storage < DETERMINED * self.prior_ln_storage
+        loss = self.u_ln_loss_factor < DETERMINED * self.prior_ln_loss_factor
+        is_inside = (self.frequency >= self.data[0]) & (self.frequency <= self.data[1])
+        return np.asarray(storage & loss & is_inside)
+
+
+def moduli(known: Posterior, frequency: Array) -> Moduli:
+    """Return storage modulus and loss factor with their uncertainties.
+
+    Where structures were weighed, mean and standard deviation of the logarithms over all of them.
+
+    Parameters
+    ----------
+    known : Posterior
+    frequency : array (n,) [Hz]
+
+    Returns
+    -------
+    Moduli
+    """
+    problem, xi = known.fit.problem, known.fit.xi
+    omega = 2.0 * np.pi * frequency
+    logarithms, by_xi = ln_moduli(problem.spectrum, xi, omega)
+    u = own = np.sqrt(np.diag(known.carried(by_xi)))
+    if known.structures:
+        weights = np.array([one.weight for one in known.structures])
+        told = [_told(one, omega) for one in known.structures]
+        values, each = (np.array(part) for part in zip(*told, strict=True))
+        logarithms = weights @ values
+        u = np.sqrt(weights @ (each**2 + (values - logarithms) ** 2))
+    prior = _prior_spread(spectrum_draws(known), modulus_basis(omega, problem.spectrum.rho))
+    half, added = frequency.size, np.sqrt(np.maximum(u**2 - own**2, 0.0))
+    return Moduli(
+        frequency, np.exp(logarithms[:half]), np.exp(logarithms[half:]), u[:half], u[half:],
+        added[:half], added[half:], prior[0], prior[1], by_xi, frequencies(known),
+    )  # fmt: skip
+
+
+def ln_moduli(spectrum: Spectrum, xi: Array, omega: Array) -> tuple[Array, Array]:
+    """Return logarithms (2 n,) of storage modulus and loss factor, and derivatives by ``xi``."""
+    n = len(spectrum.parameters)
+    terms = np.exp(spectrum.log_terms(xi[:n]))
+    slopes = terms[:, None] * spectrum.slopes(xi[:n])
+    bases = modulus_basis(omega, spectrum.rho)
+    storage, loss = (basis @ terms for basis in bases)
+    by_storage, by_loss = (basis @ slopes / (basis @ terms)[:, None] for basis in bases)
+    by_xi = np.zeros((2 * omega.size, xi.size))
+    by_xi[:, :n] = np.vstack([by_storage, by_loss - by_storage])
+    return np.log(np.concatenate([storage, loss / storage])), by_xi
+
+
+def _told(one: Structure, omega: Array) -> tuple[Array, Array]:
+    """Return logarithms (2 n,) of storage modulus and loss factor with standard deviations."""
+    values, by_xi = ln_moduli(one.spectrum, one.xi, omega)
+    return values, np.sqrt(np.einsum("ij,jk,ik->i", by_xi, one.covariance, by_xi))
+
+
+def frequencies(known: Posterior) -> tuple[float, float]:
+    """Return the lowest and highest frequency in Hz of which the observations tell."""
+    windows = [each.model.window for each in known.fit.problem.evidence]
+    longest, shortest = max(w[1] for w in windows), min(w[0] for w in windows)
+    return 0.5 / np.pi / longest, 0.5 / np.pi / shortest
+
+
+def spectrum_draws(known: Posterior) -> Array:
+    """Return terms (draw, 1 + term) [Pa] drawn from the prior, the same ones every time."""
+    spectrum = known.fit.problem.spectrum
+    draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, len(spectrum.parameters)))
+    return np.exp([spectrum.log_terms(xi) for xi in draws])
+
+
+def _prior_spread(draws: Array, bases: Sequence[Array]) -> tuple[Array, Array]:
+    """Return half the width (n,) of the central 68 % of the logarithms."""
+    storage, loss = (draws @ basis.T for basis in bases)
+    ends = norm.cdf([-1.0, 1.0])
+    spreads = []
+    for values in (storage, loss / storage):
+        low, high = np.quantile(np.log(values), ends, axis=0)
+        spreads.append(0.5 * (high - low))
+    return spreads[0], spreads[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """One group of observations against what the identified material predicts.
+
+    Attributes
+    ----------
+    evidence : str
+        Name of the experiment.
+    group : Group
+    predicted, u_predicted : array (n,)
+        And what the unknowns leave uncertain of it.
+    residual : array (n,)
+        Observed minus predicted, over the deviation that the fit allowed.
+    misfit : Misfit
+    """
+
+    evidence: str
+    group: Group
+    predicted: Array
+    u_predicted: Array
+    residual: Array
+    misfit: Misfit
+
+    @property
+    def chi_square(self) -> float:
+        """Of the residuals over the stated uncertainties alone."""
+        return float(np.sum(((self.group.values - self.predicted) / self.group.u) ** 2))
+
+
+def bands(known: Posterior) -> tuple[Band, ...]:
+    """Return what the identified material predicts for every group, with its band."""
+    found = known.fit
+    problem = found.problem
+    predicted = problem.predictions(found.xi, found.corrections)
+    u = np.sqrt(np.einsum("ij,jk,ik->i", known.sensitivity, known.covariance, known.sensitivity))
+    made, first = [], 0
+    for each, numbers in zip(problem.evidence, predicted, strict=True):
+        for group, part in zip(each.groups, split(each, numbers), strict=True):
+            misfit = found.misfits.get((each.name, group.name), Misfit())
+            deviation = misfit.deviation(group, group.values)
+            own = u[first : first + part.size] * deviation
+            first += part.size
+            rest = (group.values - part) / deviation
+            made.append(Band(each.name, group, part, own, rest, misfit))
+    return tuple(made)

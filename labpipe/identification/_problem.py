@@ -1,0 +1,134 @@
+"""Everything that is asked at once: one material, its experiments, and what they leave unknown."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+from labpipe.identification._evidence import Evidence, Group
+from labpipe.identification._parameters import Parameter
+from labpipe.identification._spectra import Spectrum, material
+from labpipe.materials import Prony
+
+Array = NDArray[np.float64]
+Corrections = tuple[Array | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Misfit:
+    """What a group's residuals show beyond its stated uncertainties.
+
+    Attributes
+    ----------
+    relative : float
+        Model discrepancy: a further standard deviation, relative to the prediction.
+    correlation : float
+        Of neighbouring residuals, 0 to 1; it widens every deviation of the group.
+    """
+
+    relative: float = 0.0
+    correlation: float = 0.0
+
+    def deviation(self, group: Group, predicted: Array) -> Array:
+        """Return the standard deviation (n,) by which residuals are divided."""
+        widened = np.hypot(group.u, self.relative * np.abs(predicted))
+        return np.asarray(widened * np.sqrt((1.0 + self.correlation) / (1.0 - self.correlation)))
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A material to be identified.
+
+    Attributes
+    ----------
+    spectrum : Spectrum
+        What the material may be.
+    evidence : tuple of Evidence
+        Experiments on this material.
+    nuisances : tuple of Parameter
+        What the experiments leave unknown.
+
+    Raises
+    ------
+    InputError
+        An experiment depends on an unknown that is not given, or an unknown stands there twice.
+    """
+
+    spectrum: Spectrum
+    evidence: tuple[Evidence, ...]
+    nuisances: tuple[Parameter, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = [p.name for p in self.parameters]
+        twice = sorted({n for n in names if names.count(n) > 1})
+        if twice:
+            message = f"the unknowns {', '.join(twice)} are given twice"
+            raise InputError(message)
+        needed = {n for e in self.evidence for n in e.model.unknowns}
+        if missing := sorted(needed - set(names)):
+            message = f"no prior is given for: {', '.join(missing)}"
+            raise InputError(message)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All unknowns: those of the material first."""
+        return (*self.spectrum.parameters, *self.nuisances)
+
+    @property
+    def n_material(self) -> int:
+        """How many unknowns the material has."""
+        return len(self.spectrum.parameters)
+
+    def given(self, xi: Array) -> dict[str, float]:
+        """Return the nuisances' values at standard coordinates (parameter,)."""
+        own = xi[self.n_material :].tolist()
+        return {p.name: p.value(x) for p, x in zip(self.nuisances, own, strict=True)}
+
+    def material(self, xi: Array) -> Prony:
+        """Return the material at standard coordinates (parameter,)."""
+        return material(self.spectrum, self.spectrum.log_terms(xi[: self.n_material]))
+
+    def only(self, *, prior: bool) -> "Problem":
+        """Return the same problem with the evidence known beforehand alone, or without it."""
+        kept = tuple(e for e in self.evidence if e.is_prior == prior)
+        return replace(self, evidence=kept)
+
+    def no_corrections(self) -> Corrections:
+        """Return that every fast model is taken as it is."""
+        return tuple(None for _ in self.evidence)
+
+    def corrections(self, xi: Array) -> Corrections:
+        """Return ratios (n,) of the fuller models to the fast ones; None where there is none."""
+        solid, given = self.material(xi), self.given(xi)
+        return tuple(_ratio(e, solid, given) for e in self.evidence)
+
+    def predictions(self, xi: Array, corrections: Corrections) -> list[Array]:
+        """Return the numbers (n,) of every experiment."""
+        solid, given = self.material(xi), self.given(xi)
+        found = []
+        for each, ratio in zip(self.evidence, corrections, strict=True):
+            numbers = each.model.predict(solid, given)
+            found.append(numbers * each.weight(ratio, given)[0])
+        return found
+
+
+def split(evidence: Evidence, numbers: Array) -> list[Array]:
+    """Cut the numbers of an experiment into those of its groups (along the first axis)."""
+    ends = np.cumsum([g.values.size for g in evidence.groups])
+    return list(np.split(numbers, ends[:-1]))
+
+
+def count(evidence: Sequence[Evidence]) -> int:
+    """Return how many numbers were observed."""
+    return sum(e.values.size for e in evidence)
+
+
+def _ratio(evidence: Evidence, solid: Prony, given: dict[str, float]) -> Array | None:
+    fuller = evidence.model.refined(solid, given)
+    if fuller is None:
+        return None
+    fast = evidence.model.predict(solid, given)
+    is_known = (fast != 0.0) & (fuller != 0.0)
+    return np.divide(fuller, fast, out=np.ones(fast.size), where=is_known)

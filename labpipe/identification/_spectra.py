@@ -1,0 +1,418 @@
+r"""Low-dimensional relaxation spectra: what a material may be, in a few unknowns.
+
+All families hand out a Prony series on a fixed grid of relaxation times, as the natural logarithms
+of ``(E_relaxed, E_1, …, E_n)``, and their derivative by the standard coordinates.
+
+Smooth spectrum. The logarithm of the weight per decade walks over the decades: from one decade to
+the next a spectrum changes by a factor of ten within two standard deviations. Its slope turns
+within two decades (an Ornstein–Uhlenbeck process), as that of Cole and Cole's dispersions does: the
+slope of an order of one half turns over 4 ln-units of time. Slopes that were new at every term
+would allow for kinks that no polymer has, and the loss factor at a given frequency would be as
+uncertain as they are. Level and long-time modulus are known within a factor of a hundred of a
+polymer's. Nothing else is assumed; where data are silent the answer is the prior.
+
+Rough spectrum. The same, and every term may besides be a few times larger or smaller than its
+neighbours: structure finer than a decade (:mod:`.structure` asks whether the data show any).
+
+Fractional solid (Cole and Cole's; a springpot where its time lies outside the data):
+
+.. math:: E^*(\omega) = E_{relaxed} + \Delta E \frac{(i\omega\tau)^\alpha}{1 + (i\omega\tau)^\alpha}
+
+with the exact spectrum
+
+.. math::
+    H(\rho) = \frac{\Delta E}{2\pi} \frac{\sin \pi\alpha}{\cosh(\alpha \ln(\rho/\tau)) +
+    \cos \pi\alpha}
+
+References
+----------
+K. S. Cole & R. H. Cole, J. Chem. Phys. 9 (1941) 341, doi:10.1063/1.1750906;
+N. W. Tschoegl, The Phenomenological Theory of Linear Viscoelastic Behavior (1989), ch. 6,
+doi:10.1007/978-3-642-73602-5.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil, log, log10
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+from labpipe.identification._parameters import Parameter
+from labpipe.materials import Prony
+
+Array = NDArray[np.float64]
+
+_POLYMER = log(1e8)
+_WIDE = log(100.0)
+"""A polymer's modulus lies between a rubber's and a glass's: 1e8 Pa within a factor of 100."""
+
+_PER_DECADE = 0.5 * log(10.0)
+"""Standard deviation of the change of a spectrum from one decade to the next: in logarithmic
+coordinates the flanks of spectra are seldom steeper than one to one, which makes two of them."""
+
+_TURN = 2.0
+"""Decades within which the slope of a spectrum forgets itself."""
+
+_FINE, _COARSE = 2, 1  # terms per decade where data are, and where only the prior speaks
+_MARGIN = 10.0  # the fine grid goes a decade beyond the data
+_QUICKER = 2
+"""Decades below the fine grid, one term each: a spectrum that rises towards a glass transition
+reaches into the data from there (its loss modulus falls only as the frequency)."""
+_LUMP = 2.0  # standard deviation of ln of a term of a rough spectrum: a factor of 50 both ways
+_LEAST = 1e-9  # Pa: a term that has fallen to nothing
+_HORIZON = 1e4  # s; "relaxed" is what is left after hours
+_FRACTIONAL_PER_DECADE = 2
+
+
+class Spectrum(Protocol):
+    """What a family of spectra offers."""
+
+    @property
+    def rho(self) -> Array:
+        """Relaxation times (term,) in s, ascending."""
+        ...
+
+    @property
+    def nu(self) -> float:
+        """Poisson's ratio."""
+        ...
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The unknowns, in the order of their coordinates."""
+        ...
+
+    def log_terms(self, xi: Array) -> Array:
+        """Return ln of (E_relaxed, E_1, ..., E_n) in Pa at standard coordinates (parameter,)."""
+        ...
+
+    def slopes(self, xi: Array) -> Array:
+        """Return the derivative (1 + term, parameter) of the logarithms."""
+        ...
+
+    def start(self, modulus: float, loss: float) -> Array:
+        """Return coordinates (parameter,) of about this modulus [Pa] and loss factor."""
+        ...
+
+
+def material(spectrum: Spectrum, log_terms: Array) -> Prony:
+    """Return the Prony series of logarithmic terms (1 + term,)."""
+    terms = np.exp(log_terms)
+    return Prony(float(terms[0]), terms[1:], spectrum.rho, nu=spectrum.nu)
+
+
+def relaxation_times(
+    shortest: float, longest: float, horizon: float = _HORIZON, per_decade: int = _FINE
+) -> Array:
+    """Choose relaxation times for data that reach from one time to another.
+
+    Parameters
+    ----------
+    shortest, longest : float [s]
+        Shortest and longest time that the data can tell of.
+    horizon : float [s]
+        What relaxes later counts as relaxed.
+    per_decade : int
+        Through the data and a decade beyond them.
+
+    Returns
+    -------
+    array (term,) [s]
+        Beside those one per decade: two decades more towards short times, and on to the horizon.
+
+    Raises
+    ------
+    InputError
+        The times are not positive or not in order.
+    """
+    if not 0.0 < shortest <= longest < np.inf:
+        message = f"data from {shortest} s to {longest} s: expected 0 < shortest <= longest"
+        raise InputError(message)
+    low, high = log10(shortest / _MARGIN), log10(longest * _MARGIN)
+    fine = low + np.arange(ceil((high - low) * per_decade) + 1) / per_decade
+    last = max(log10(horizon), fine[-1])
+    quick = fine[0] - np.arange(_QUICKER, 0, -1) / _COARSE
+    slow = fine[-1] + np.arange(1, ceil((last - fine[-1]) * _COARSE) + 1) / _COARSE
+    return np.asarray(10.0 ** np.concatenate([quick, fine, slow]))
+
+
+def one_per_decade(
+    shortest: float, longest: float, phase: float, horizon: float = _HORIZON
+) -> Array:
+    """Choose one relaxation time per decade, over the times of :func:`relaxation_times`.
+
+    Parameters
+    ----------
+    shortest, longest, horizon : float [s]
+        As there.
+    phase : float
+        Decades by which all are moved, 0 to 1.
+    """
+    low = log10(shortest / _MARGIN) - _QUICKER + phase
+    high = max(log10(longest * _MARGIN), log10(horizon))
+    return np.asarray(10.0 ** (low + np.arange(ceil(high - low) + 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothSpectrum:
+    """Weights on a grid, of which the logarithm per decade is a random walk.
+
+    Attributes
+    ----------
+    rho : array (term,) [s]
+        Relaxation times, ascending; at least two.
+    nu : float
+        Poisson's ratio.
+
+    Examples
+    --------
+    >>> spectrum = SmoothSpectrum(relaxation_times(1e-2, 1e2), nu=0.5)
+    >>> len(spectrum.parameters) == len(spectrum.rho) + 1
+    True
+    """
+
+    rho: Array
+    nu: float
+
+    def __post_init__(self) -> None:
+        if self.rho.size < 2 or not np.all(np.diff(self.rho) > 0.0) or not self.rho[0] > 0.0:
+            message = "a spectrum needs at least two relaxation times, positive and ascending"
+            raise InputError(message)
+
+    @cached_property
+    def _widths(self) -> Array:
+        """Decades that belong to each term."""
+        return np.asarray(np.gradient(np.log10(self.rho)))
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Long-time modulus, level of the spectrum in its middle, and its changes."""
+        middle = self.rho.size // 2
+        level = Parameter(
+            "level", _POLYMER - log(10.0), _WIDE, "Pa",
+            f"weight per decade at {self.rho[middle]:.2g} s", is_log=True,
+        )  # fmt: skip
+        changes = [
+            Parameter(
+                f"change {i + 1}", 0.0, sd, "1",
+                f"ln change of the spectrum, {self.rho[i]:.2g} to {self.rho[i + 1]:.2g} s, that "
+                "the changes before do not foretell",
+            )
+            for i, sd in enumerate(np.diag(self._root).tolist())
+        ]  # fmt: skip
+        return (_relaxed_modulus(), level, *changes)
+
+    def log_terms(self, xi: Array) -> Array:
+        """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
+        terms = self._walk @ self._prior[0] + self._by_xi @ xi
+        terms[1:] += np.log(self._widths)
+        return np.asarray(terms)
+
+    @cached_property
+    def _prior(self) -> tuple[Array, Array]:
+        return _means_and_deviations(self.parameters)
+
+    def slopes(self, xi: Array) -> Array:
+        """Return the derivative (1 + term, parameter); the map is linear."""
+        del xi
+        return self._by_xi
+
+    @cached_property
+    def _by_xi(self) -> Array:
+        """From standard coordinates to the logarithms (1 + term, parameter)."""
+        mixed = np.diag(self._prior[1])
+        mixed[2:, 2:] = self._root
+        return np.asarray(self._walk @ mixed)
+
+    @cached_property
+    def _root(self) -> Array:
+        """Root (change, change) of the covariance of the changes: integrals of a slope."""
+        decades = np.log10(self.rho)
+        lasting = np.diff(decades) / _TURN
+        middle = 0.5 * (decades[1:] + decades[:-1]) / _TURN
+        apart = np.exp(-np.abs(middle[:, None] - middle))
+        covariance = 4.0 * np.outer(np.sinh(lasting / 2.0), np.sinh(lasting / 2.0)) * apart
+        np.fill_diagonal(covariance, _variance(lasting))
+        scale = _PER_DECADE / np.sqrt(_variance(np.array(1.0 / _TURN)))
+        return np.asarray(scale * np.linalg.cholesky(covariance))
+
+    @cached_property
+    def _walk(self) -> Array:
+        """From E_relaxed, level and changes to the logarithms: sums away from the middle."""
+        n, middle = self.rho.size, self.rho.size // 2
+        walk = np.zeros((n + 1, n + 1))
+        walk[0, 0] = 1.0
+        walk[1:, 1] = 1.0
+        for i in range(n - 1):
+            if i >= middle:
+                walk[i + 2 :, i + 2] = 1.0
+            else:
+                walk[1 : i + 2, i + 2] = -1.0
+        return walk
+
+    def start(self, modulus: float, loss: float) -> Array:
+        """Return a flat spectrum: the weight of a decade is 1.5 times loss factor and modulus.
+
+        A constant weight H per ln(rho) has a loss modulus of pi H/2.
+        """
+        parameters = self.parameters
+        xi = np.zeros(len(parameters))
+        xi[0] = parameters[0].coordinate(modulus)
+        xi[1] = parameters[1].coordinate(2.0 / np.pi * log(10.0) * loss * modulus)
+        return xi
+
+    def like(self, solid: Prony) -> Array:
+        """Return coordinates of a spectrum that goes as that of another series does."""
+        weight = np.log(np.maximum(solid.E, _LEAST)) - np.log(np.gradient(np.log10(solid.rho)))
+        own = np.interp(np.log(self.rho), np.log(solid.rho), weight) + np.log(self._widths)
+        terms = np.concatenate([[log(solid.E_relaxed)], own])
+        here = self.log_terms(np.zeros(len(self.parameters)))
+        return np.asarray(np.linalg.solve(self._by_xi, terms - here))
+
+
+@dataclass(frozen=True, eq=False)
+class RoughSpectrum:
+    """A smooth spectrum of which every term may differ from its neighbours.
+
+    Attributes
+    ----------
+    smooth : SmoothSpectrum
+        About which the terms scatter.
+    """
+
+    smooth: SmoothSpectrum
+
+    @property
+    def rho(self) -> Array:
+        """Relaxation times (term,) in s."""
+        return self.smooth.rho
+
+    @property
+    def nu(self) -> float:
+        """Poisson's ratio."""
+        return self.smooth.nu
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the smooth spectrum, then one per term."""
+        lumps = (
+            Parameter(f"lump {i + 1}", 0.0, _LUMP, "1", f"ln of the term at {rho:.2g} s over the "
+                      "smooth spectrum")
+            for i, rho in enumerate(self.rho.tolist())
+        )  # fmt: skip
+        return (*self.smooth.parameters, *lumps)
+
+    def log_terms(self, xi: Array) -> Array:
+        """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
+        n = len(self.smooth.parameters)
+        terms = self.smooth.log_terms(xi[:n])
+        terms[1:] += _LUMP * xi[n:]
+        return terms
+
+    def slopes(self, xi: Array) -> Array:
+        """Return the derivative (1 + term, parameter); the map is linear."""
+        lumps = np.vstack([np.zeros(self.rho.size), _LUMP * np.eye(self.rho.size)])
+        return np.hstack([self.smooth.slopes(xi), lumps])
+
+    def start(self, modulus: float, loss: float) -> Array:
+        """Return a flat spectrum without lumps."""
+        return np.append(self.smooth.start(modulus, loss), np.zeros(self.rho.size))
+
+    def like(self, solid: Prony) -> Array:
+        """Return coordinates of a spectrum without lumps that goes as another series does."""
+        return np.append(self.smooth.like(solid), np.zeros(self.rho.size))
+
+
+def _variance(lasting: Array) -> Array:
+    """Return the variance of a slope's integral over a time, both in units of its memory."""
+    return np.asarray(2.0 * (lasting + np.expm1(-lasting)))
+
+
+@dataclass(frozen=True, eq=False)
+class FractionalSpectrum:
+    """Cole and Cole's fractional solid in four unknowns.
+
+    Attributes
+    ----------
+    rho : array (term,) [s]
+        Relaxation times of the Prony series that stands for it.
+    nu : float
+        Poisson's ratio.
+    centre : float [s]
+        Prior of the characteristic time, within a factor of a thousand.
+    """
+
+    rho: Array
+    nu: float
+    centre: float
+
+    @classmethod
+    def over(cls, shortest: float, longest: float, nu: float) -> "FractionalSpectrum":
+        """Choose the grid for data between two times [s]; it goes two decades beyond them."""
+        low, high = log10(shortest) - 2.0, max(log10(longest) + 2.0, log10(_HORIZON))
+        count = ceil((high - low) * _FRACTIONAL_PER_DECADE) + 1
+        return cls(np.logspace(low, high, count), nu, float(np.sqrt(shortest * longest)))
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Long-time modulus, strength of the dispersion, its time, its order."""
+        return (
+            _relaxed_modulus(),
+            Parameter("strength", _POLYMER, _WIDE, "Pa", "strength of the dispersion", is_log=True),
+            Parameter("time", log(self.centre), log(1e3), "s", "time of the dispersion",
+                      is_log=True),
+            Parameter("order", log(0.25), log(2.0), "1", "fractional order", is_log=True),
+        )  # fmt: skip
+
+    def log_terms(self, xi: Array) -> Array:
+        """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
+        means, sds = _means_and_deviations(self.parameters)
+        relaxed, strength, time, order = means + sds * xi
+        return self._terms(relaxed, strength, time, order)
+
+    def _terms(self, relaxed: float, strength: float, time: float, order: float) -> Array:
+        alpha = min(np.exp(order), _STEEPEST)
+        x = alpha * (np.log(self.rho) - time)
+        shape = np.log(np.sin(np.pi * alpha) / (2.0 * np.pi))
+        # ln(cosh x + cos) without overflow
+        size = np.abs(x)
+        denominator = size + np.log(
+            0.5 * (1.0 + np.exp(-2.0 * size)) + np.cos(np.pi * alpha) * np.exp(-size)
+        )
+        step = float(np.log(self.rho[1] / self.rho[0]))
+        width = np.full(self.rho.size, step)
+        width[[0, -1]] = 0.5 * step + 1.0 / alpha  # what lies beyond the grid falls as a power
+        return np.concatenate([[relaxed], strength + shape - denominator + np.log(width)])
+
+    def slopes(self, xi: Array) -> Array:
+        """Return the derivative (1 + term, parameter), by central differences."""
+        made = np.empty((self.rho.size + 1, xi.size))
+        for k in range(xi.size):
+            change = np.zeros(xi.size)
+            change[k] = _CHANGE
+            made[:, k] = (self.log_terms(xi + change) - self.log_terms(xi - change)) / 2.0 / _CHANGE
+        return made
+
+    def start(self, modulus: float, loss: float) -> Array:
+        """Return a broad dispersion, with this loss factor at its middle."""
+        parameters = self.parameters
+        alpha = 0.25
+        # at its middle the loss modulus is ΔE/2 tan(pi alpha/4)
+        strength = 2.0 * loss * modulus / np.tan(0.25 * np.pi * alpha)
+        values = (modulus, strength, self.centre, alpha)
+        return np.array([p.coordinate(v) for p, v in zip(parameters, values, strict=True)])
+
+
+_STEEPEST = 0.85  # a steeper dispersion is narrower than the grid
+_CHANGE = 1e-5
+
+
+def _means_and_deviations(parameters: tuple[Parameter, ...]) -> tuple[Array, Array]:
+    return np.array([p.mean for p in parameters]), np.array([p.sd for p in parameters])
+
+
+def _relaxed_modulus() -> Parameter:
+    return Parameter("E_relaxed", _POLYMER, _WIDE, "Pa", "long-time modulus", is_log=True)

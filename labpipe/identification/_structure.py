@@ -1,0 +1,259 @@
+r"""How fine the structure of a spectrum is, and what a material may be all told.
+
+Published series mostly have one term per decade, polymers have smooth spectra, and short series
+that were fitted have whatever terms a fit gave them. Storage and loss modulus of a series with one
+term per decade wave about those of a smooth spectrum by 4 % of the loss modulus (Poisson's
+formula), so that an answer depends on which of them is true. Here each is a candidate: the smooth
+spectrum, one term per decade at any of 24 places, and a spectrum of which every term stands for
+itself. Their probability after the data is that of Laplace's approximation to the evidence,
+
+.. math:: \ln Z = -\tfrac12 |R(\hat\xi)|^2 - \tfrac12 \ln\det(J^\top J + 1),
+
+and what is told of a modulus is told by all of them, each with its probability.
+
+A candidate takes no run of a simulator: what the numbers do with a term of any time is known from
+the derivatives at one point (:mod:`.tangent`).
+
+References
+----------
+J. A. Hoeting, D. Madigan, A. E. Raftery, C. T. Volinsky, Statist. Sci. 14 (1999) 382,
+doi:10.1214/ss/1009212519.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import log
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.identification._evidence import Evidence
+from labpipe.identification._fit import Fit, Objective, fit, laplace
+from labpipe.identification._posterior import Posterior, Structure, posterior
+from labpipe.identification._problem import Problem
+from labpipe.identification._spectra import (
+    RoughSpectrum,
+    SmoothSpectrum,
+    one_per_decade,
+    relaxation_times,
+)
+from labpipe.identification._tangent import Surrogate
+from labpipe.materials import Prony
+
+Array = NDArray[np.float64]
+Rebuilt = Callable[[Array], tuple[Evidence, ...]]
+
+SMOOTH, SPACED, ROUGH = "smooth", "one term per decade", "rough"
+BEFORE = {SMOOTH: 0.5, SPACED: 0.25, ROUGH: 0.25}
+"""Probabilities before the data."""
+_PLACES = 24
+"""Of a series with one term per decade: a tenth of a decade would show in forces of 0.2 %."""
+_CUT, _FINER, _ALONE = 8, 3, 0.5
+"""Where one place has more than half of their probability its surroundings are cut into eighths, at
+most three times: between two places precise readings would fit none."""
+_ROUGH_PER_DECADE = 8
+_LEAST_DAMPING, _BOUND = 1e-9, 6.0
+_NEGLIGIBLE = 1e-4  # probability of a candidate that is not kept
+
+
+def infer(
+    problem: Problem, rebuilt: Rebuilt, *, progress: Callable[[str], None] | None = None
+) -> Posterior:
+    """Identify a material, whatever the structure of its spectrum.
+
+    The fit is that of the most probable structure, which is asked for without any discrepancy:
+    what a smooth spectrum cannot explain may be no fault of the model.
+
+    Parameters
+    ----------
+    problem : Problem
+        With a smooth spectrum.
+    rebuilt : callable
+        Takes relaxation times (term,) and returns the evidence for them.
+    progress : callable, optional
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    Posterior
+        With its structures.
+
+    Raises
+    ------
+    InputError
+        There is no evidence.
+    LabpipeError
+        No start can be simulated.
+    """
+    if not isinstance(problem.spectrum, SmoothSpectrum):
+        return posterior(fit(problem, progress=progress))
+    found = fit(problem, progress=progress).differentiated()
+    begin = problem.material(found.xi)
+    made = structures(replace(found, misfits={}), rebuilt, begin)
+    best = made[0]
+    if best.name != SMOOTH:
+        own = Problem(best.spectrum, rebuilt(best.spectrum.rho), problem.nuisances)
+        found = fit(own, start=best.xi, progress=progress).differentiated()
+    if best.name != SMOOTH or found.misfits:
+        # a gain stretches what is predicted: how, is known only where the prediction is right
+        made = structures(found, rebuilt, begin)
+    return replace(posterior(found), structures=made)
+
+
+def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, ...]:
+    """Weigh the candidates for the structure of a spectrum.
+
+    Parameters
+    ----------
+    found : Fit
+        About which the models are linear in the terms; its misfits count for all candidates.
+    rebuilt : callable
+        Takes relaxation times (term,) and returns the evidence for them.
+    begin : Prony
+        A smooth series, from which the candidates begin.
+
+    Returns
+    -------
+    tuple of Structure
+        The most probable one first; those that do not matter are left out.
+    """
+    windows = [each.model.window for each in found.problem.evidence]
+    data = min(w[0] for w in windows), max(w[1] for w in windows)
+    nu = found.problem.spectrum.nu
+
+    def on(rho: Array) -> SmoothSpectrum:
+        return SmoothSpectrum(rho, nu)
+
+    def spaced(places: NDArray[np.floating[Any]], before: float) -> list[_Candidate]:
+        return [
+            _Candidate(SPACED, on(one_per_decade(*data, p)), before, p) for p in places.tolist()
+        ]
+
+    fine = relaxation_times(*data, per_decade=_ROUGH_PER_DECADE)
+    step, before = 1.0 / _PLACES, BEFORE[SPACED] / _PLACES
+    made = _weighed(found, rebuilt, begin, [
+        _Candidate(SMOOTH, on(relaxation_times(*data)), BEFORE[SMOOTH]),
+        _Candidate(ROUGH, RoughSpectrum(on(fine)), BEFORE[ROUGH]),
+        *spaced(step * np.arange(_PLACES, dtype=float), before),
+    ])  # fmt: skip
+    for _ in range(_FINER):
+        best = max((m for m in made if m.asked.name == SPACED), key=lambda one: one.logarithm)
+        if _share(made, best) < _ALONE:
+            break
+        # precise readings know the place of the terms better than to a step
+        step, before = step / _CUT, before / _CUT
+        made = [one for one in made if one.asked.name != SPACED] + _weighed(
+            found, rebuilt, begin,
+            spaced(best.asked.place + step * np.arange(-_CUT, _CUT + 1.0), before),
+        )  # fmt: skip
+    return _probable(made)
+
+
+class _Candidate(NamedTuple):
+    """Name, spectrum, probability before the data, place of the terms in decades."""
+
+    name: str
+    spectrum: SmoothSpectrum | RoughSpectrum
+    before: float
+    place: float = 0.0
+
+
+class _Weighed(NamedTuple):
+    """A candidate, the logarithm of its evidence, and what it says."""
+
+    asked: _Candidate
+    logarithm: float
+    found: Structure
+
+
+def _weighed(
+    found: Fit, rebuilt: Rebuilt, begin: Prony, candidates: list[_Candidate]
+) -> list[_Weighed]:
+    tangent = _Anywhere.at(found, rebuilt, [each.spectrum.rho for each in candidates])
+    made = []
+    for each in candidates:
+        surrogate = tangent.surrogate(each.spectrum, each.spectrum.like(begin))
+        xi, cost = surrogate.lowest(_LEAST_DAMPING, None, _BOUND)
+        covariance, size = laplace(surrogate.jacobian(xi))
+        logarithm = log(each.before) - cost - 0.5 * size
+        structure = Structure(each.name, each.spectrum, xi, covariance, 0.0)
+        made.append(_Weighed(each, logarithm, structure))
+    return made
+
+
+def _share(made: list[_Weighed], best: _Weighed) -> float:
+    """Return the probability of the best among those of its name."""
+    alike = [one.logarithm - best.logarithm for one in made if one.asked.name == best.asked.name]
+    return 1.0 / float(np.exp(alike).sum())
+
+
+def _probable(made: list[_Weighed]) -> tuple[Structure, ...]:
+    """Return those that matter with their probabilities, the most probable one first."""
+    logarithms = np.array([one.logarithm for one in made])
+    weights = np.exp(logarithms - logarithms.max())
+    weights /= weights.sum()
+    weights[weights < _NEGLIGIBLE] = 0.0
+    weights /= weights.sum()
+    kept = [
+        replace(one.found, weight=float(w)) for one, w in zip(made, weights, strict=True) if w > 0.0
+    ]
+    return tuple(sorted(kept, key=lambda one: -one.weight))
+
+
+@dataclass(frozen=True, eq=False)
+class _Anywhere:
+    """Derivatives at a fit by terms of the times of all candidates.
+
+    Attributes
+    ----------
+    found : Fit
+    rho : array (term,) [s]
+        Ascending.
+    rest : array (n,)
+        Residuals at the fit.
+    by_terms : array (n, 1 + term)
+        Over the deviations.
+    by_values : array (n, nuisance)
+        Over the deviations.
+    at_fit : array (n,)
+        What the terms of the fit make, by ``by_terms``.
+    """
+
+    found: Fit
+    rho: Array
+    rest: Array
+    by_terms: Array
+    by_values: Array
+    at_fit: Array
+
+    @classmethod
+    def at(cls, found: Fit, rebuilt: Rebuilt, times: list[Array]) -> "_Anywhere":
+        problem, xi = found.problem, found.xi
+        objective = Objective.of(found)
+        base = objective.surrogate(xi)
+        rho = np.unique(np.concatenate([*times, problem.spectrum.rho]))
+        solid, given = problem.material(xi), problem.given(xi)
+        rows = []
+        for number, (each, ratio) in enumerate(zip(rebuilt(rho), found.corrections, strict=True)):
+            weight, _ = each.weight(ratio, given)
+            scale = weight / objective.deviations(number)
+            rows.append(scale[:, None] * each.model.by_times(solid, given, rho))
+        by_terms = np.vstack(rows)
+        terms = base.terms(xi)
+        own = by_terms[:, _columns(rho, problem.spectrum.rho)] @ terms
+        return cls(found, rho, base.rest, by_terms, base.by_values, own)
+
+    def surrogate(self, spectrum: SmoothSpectrum | RoughSpectrum, material: Array) -> Surrogate:
+        """Return the surrogate of a candidate about some coordinates of its material."""
+        problem, xi = self.found.problem, self.found.xi
+        own = replace(problem, spectrum=spectrum)
+        by_terms = self.by_terms[:, _columns(self.rho, spectrum.rho)]
+        at = np.concatenate([np.clip(material, -_BOUND, _BOUND), xi[problem.n_material :]])
+        made = by_terms @ np.exp(spectrum.log_terms(at[: own.n_material]))
+        return Surrogate(own, at, self.rest - (made - self.at_fit), by_terms, self.by_values)
+
+
+def _columns(rho: Array, own: Array) -> NDArray[np.int64]:
+    """Return the columns of E_relaxed and of some of the times."""
+    return np.concatenate([[0], 1 + np.searchsorted(rho, own)])

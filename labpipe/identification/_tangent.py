@@ -1,0 +1,229 @@
+"""Predictions near a point, linear in the moduli themselves and in the nuisances.
+
+Forces, stiffness and moduli are linear in the terms of the relaxation modulus, and a bounce hardly
+minds how a modulus is divided among terms. Logarithms, in which the prior lives, bend this: so
+the bending is kept, and only what a model does with the terms is taken as straight. Such a
+tangent holds far along the valleys that the data leave open, where a linear step in the
+logarithms would end after a factor of two.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from labpipe.identification._problem import Corrections, Problem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Tangent:
+    """Derivatives of all models of a problem at one point.
+
+    Attributes
+    ----------
+    problem : Problem
+    by_terms : tuple of array (n, 1 + term)
+        Of every experiment's fast model, per Pa.
+    by_values : tuple of array (n, nuisance)
+        By the nuisances in their units.
+    numbers : tuple of array (n,)
+        What the fast models predict there.
+    """
+
+    problem: Problem
+    by_terms: tuple[Array, ...]
+    by_values: tuple[Array, ...]
+    numbers: tuple[Array, ...]
+
+    @classmethod
+    def at(cls, problem: Problem, xi: Array) -> "Tangent":
+        """Differentiate every model at standard coordinates (parameter,)."""
+        solid, given = problem.material(xi), problem.given(xi)
+        place = {p.name: i for i, p in enumerate(problem.nuisances)}
+        by_terms, by_values, numbers = [], [], []
+        for each in problem.evidence:
+            by_term, others = each.model.derivatives(solid, given)
+            columns = np.zeros((each.values.size, len(place)))
+            for name, column in others.items():
+                columns[:, place[name]] = column
+            by_terms.append(by_term)
+            by_values.append(columns)
+            numbers.append(each.model.predict(solid, given))
+        return cls(problem, tuple(by_terms), tuple(by_values), tuple(numbers))
+
+    def corrected(self, xi: Array, corrections: Corrections) -> tuple[Array, Array]:
+        """Return the derivatives of the corrected predictions by terms, and by nuisances.
+
+        Parameters
+        ----------
+        xi : array (parameter,)
+            Where the corrections apply.
+        corrections : tuple of array or None
+            Ratios of the fuller models to the fast ones.
+        """
+        given = self.problem.given(xi)
+        place = {p.name: i for i, p in enumerate(self.problem.nuisances)}
+        by_terms, by_values = [], []
+        parts = zip(self.problem.evidence, corrections, self.by_terms, self.by_values,
+                    self.numbers, strict=True)  # fmt: skip
+        for each, ratio, terms, values, numbers in parts:
+            weight, by_share = each.weight(ratio, given)
+            columns = weight[:, None] * values
+            for name, column in by_share.items():
+                columns[:, place[name]] += numbers * column
+            by_terms.append(weight[:, None] * terms)
+            by_values.append(columns)
+        return np.vstack(by_terms), np.vstack(by_values)
+
+    def learned(self, surrogate: "Surrogate", to: Array, missed: Array) -> "Tangent":
+        """Return the tangent that would have foretold a step (Broyden's rank-one change).
+
+        Differences of a simulator are a little wrong along the valleys that the data leave open;
+        what a step told costs no further run.
+
+        Parameters
+        ----------
+        surrogate : Surrogate
+            That made the step, from where it stands.
+        to : array (parameter,)
+            Where the step ended.
+        missed : array (n,)
+            Predictions of the fast models there, minus the promised ones.
+        """
+        n = self.problem.n_material
+        begin, end = surrogate.terms(surrogate.at), surrogate.terms(to)
+        own = [p.slope(x) for p, x in zip(self.problem.nuisances, to[n:].tolist(), strict=True)]
+        scale = np.concatenate([begin, own])
+        way = np.concatenate([end - begin, surrogate.values(to) - surrogate.values(surrogate.at)])
+        row = way / scale / float(np.sum((way / scale) ** 2)) / scale
+        ends = np.cumsum([e.values.size for e in self.problem.evidence])[:-1]
+        parts = np.split(missed, ends)
+        by_terms = tuple(
+            d + np.outer(m, row[: end.size]) for d, m in zip(self.by_terms, parts, strict=True)
+        )
+        by_values = tuple(
+            d + np.outer(m, row[end.size :]) for d, m in zip(self.by_values, parts, strict=True)
+        )
+        return Tangent(self.problem, by_terms, by_values, self.numbers)
+
+
+@dataclass(frozen=True, eq=False)
+class Surrogate:
+    """Residuals near a point, by a tangent: cheap enough to be minimised at every step.
+
+    Attributes
+    ----------
+    problem : Problem
+    at : array (parameter,)
+        The point.
+    rest : array (n,)
+        Residuals of the data there.
+    by_terms, by_values : array (n, 1 + term), array (n, nuisance)
+        Derivatives of the predictions over their deviations.
+    """
+
+    problem: Problem
+    at: Array
+    rest: Array
+    by_terms: Array
+    by_values: Array
+
+    def rows(self, xi: Array) -> tuple[Array, Array]:
+        """Return residuals (n,) of the data at a point, and their derivative (n, parameter)."""
+        terms, start = self.terms(xi), self.terms(self.at)
+        values, first = self.values(xi), self.values(self.at)
+        moved = self.by_terms @ (terms - start) + self.by_values @ (values - first)
+        return self.rest - moved, -self.jacobian(xi)
+
+    def jacobian(self, xi: Array) -> Array:
+        """Return the derivative (n, parameter) of the predictions over their deviations."""
+        n = self.problem.n_material
+        slopes = self.terms(xi)[:, None] * self.problem.spectrum.slopes(xi[:n])
+        own = [p.slope(x) for p, x in zip(self.problem.nuisances, xi[n:].tolist(), strict=True)]
+        return np.hstack([self.by_terms @ slopes, self.by_values * np.array(own)])
+
+    def lowest(
+        self,
+        damping: float,
+        held: int | None,
+        bound: float,
+        begin: Array | None = None,
+        belief: float = 1.0,
+    ) -> tuple[Array, float]:
+        """Return where the surrogate's cost is least, and that cost.
+
+        Parameters
+        ----------
+        damping : float
+            Weight of half the squared way from the point.
+        held : int, optional
+            Unknown that stays where it is, and whose prior does not count.
+        bound : float
+            Within which standard coordinates stay.
+        begin : array (parameter,), optional
+            Where to begin, the point itself by default.
+        belief : float
+            Weight of the prior of the material.
+        """
+        xi, own = self.at if begin is None else begin, np.ones(self.at.size)
+        own[: self.problem.n_material] = belief
+        if held is not None:
+            own[held] = 0.0
+        rest, rows = self.rows(xi)
+        height, brake = self._height(xi, rest, own, damping), _BRAKE
+        for _ in range(_MOST_STEPS):
+            pull = own * xi + damping * (xi - self.at)
+            gradient = rows.T @ rest + pull
+            # what leans against its bound stays there, or the others could not move past it
+            stays = (np.abs(xi) >= bound) & (np.sign(xi) == -np.sign(gradient))
+            if held is not None:
+                stays[held] = True
+            free = np.flatnonzero(~stays)
+            while brake < _MOST_BRAKE:
+                step = np.zeros(xi.size)
+                stiff = np.sqrt((own + damping + brake)[free])
+                step[free] = -_least(rows[:, free], rest, stiff, pull[free])
+                trial = np.clip(xi + step, -bound, bound)
+                found, slopes = self.rows(trial)
+                new = self._height(trial, found, own, damping)
+                if new < height:
+                    break
+                brake *= _WORSE
+            else:
+                break
+            gained = height - new
+            xi, rest, rows, height, brake = trial, found, slopes, new, max(brake * _BETTER, 1e-12)
+            if gained < _ENOUGH and brake < _FREE:
+                break
+        return xi, self._height(xi, rest, own, 0.0)
+
+    def _height(self, xi: Array, rest: Array, own: Array, damping: float) -> float:
+        way = xi - self.at
+        return 0.5 * float(rest @ rest + own * xi @ xi + damping * way @ way)
+
+    def terms(self, xi: Array) -> Array:
+        """Return (E_relaxed, E) in Pa (1 + term,) at a point."""
+        return np.exp(self.problem.spectrum.log_terms(xi[: self.problem.n_material]))
+
+    def values(self, xi: Array) -> Array:
+        """Return the nuisances (nuisance,) in their units at a point."""
+        return np.array(list(self.problem.given(xi).values()))
+
+
+def _least(rows: Array, rest: Array, stiff: Array, pull: Array) -> Array:
+    """Return the s that minimises |rest - rows s|² + |stiff s|² - 2 pull s.
+
+    By the rows themselves: their product would lose what is known a million times less.
+    """
+    q, r = np.linalg.qr(np.vstack([rows, np.diag(stiff)]))
+    made = solve_triangular(r, q.T @ np.concatenate([rest, pull / stiff]))
+    return np.asarray(made)
+
+
+_MOST_STEPS = 60
+_BRAKE, _WORSE, _BETTER, _MOST_BRAKE = 1e-3, 10.0, 0.1, 1e9
+_FREE = 1e-2  # of the brake: above it a small gain means a short step
+_ENOUGH = 1e-4  # of the cost: less is not worth another step

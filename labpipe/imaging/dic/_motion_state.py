@@ -1,0 +1,166 @@
+"""What is remembered of the tracked points from frame to frame, and where they will be next.
+
+The rule is one line of numpy each; but it runs three times for every frame, and a dozen calls on
+arrays of fifty points take as long as filtering the image. So it is compiled.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.compilation import compiled
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+#: The constant-velocity prediction is not stretched over more than this times the last step.
+STRETCH = 3.0
+
+
+@compiled()
+def predicted(
+    motion: Floats, velocity: Floats, seen: Indices, step: Floats, is_tracked: Flags, index: int
+) -> Floats:
+    """Continue motions with constant velocity to a frame.
+
+    Parameters
+    ----------
+    motion : array (point, 6)
+        When each point was seen last, see :class:`.Solution`.
+    velocity : array (point, 2) [px per frame]
+    seen : integer array (point,)
+        Frame of ``motion``; -1 for never.
+    step : array (point,)
+        Frames between the last two sightings.
+    is_tracked : bool array (point,)
+        Lost points stay where they were.
+    index : int
+        The frame.
+
+    Returns
+    -------
+    array (point, 6)
+    """
+    result = motion.copy()
+    for n in range(len(seen)):
+        gap = index - seen[n]
+        if seen[n] >= 0 and is_tracked[n] and gap <= STRETCH * step[n]:
+            result[n, 0] += velocity[n, 0] * gap
+            result[n, 3] += velocity[n, 1] * gap
+    return result
+
+
+@compiled()
+def extent(places: Floats, half: Indices, motion: Floats, chosen: Flags) -> Floats:
+    """Bound the moved subsets of chosen points.
+
+    Parameters
+    ----------
+    places : array (point, 2) [px]
+        Centres in the reference.
+    half : integer array (point,) [px]
+        Half widths.
+    motion : array (point, 6)
+        Where they go.
+    chosen : bool array (point,)
+        Which count.
+
+    Returns
+    -------
+    array (4,) [px]
+        Left, right, top, bottom; infinite the wrong way round when none is chosen.
+    """
+    result = np.array([np.inf, -np.inf, np.inf, -np.inf])
+    for n in range(len(half)):
+        if not chosen[n]:
+            continue
+        x, y = places[n, 0] + motion[n, 0], places[n, 1] + motion[n, 3]
+        # a turned square is wider than a straight one
+        reach_x = half[n] * (1.0 + abs(motion[n, 1]) + abs(motion[n, 2]))
+        reach_y = half[n] * (1.0 + abs(motion[n, 4]) + abs(motion[n, 5]))
+        result[0] = min(result[0], x - reach_x)
+        result[1] = max(result[1], x + reach_x)
+        result[2] = min(result[2], y - reach_y)
+        result[3] = max(result[3], y + reach_y)
+    return result
+
+
+@compiled()
+def converged_nearby(
+    motion: Floats,
+    expected: Floats,
+    has_converged: Flags,
+    zncc: Floats,
+    least_zncc: Floats,
+    farthest: float,
+) -> Flags:
+    """Tell points that need no confirmation: close to where they were expected, and alike.
+
+    Parameters
+    ----------
+    motion, expected : arrays (point, 6)
+        Found and predicted.
+    has_converged : bool array (point,)
+        As the solver says.
+    zncc, least_zncc : arrays (point,) [1]
+        Correlation found and needed.
+    farthest : float [px]
+        From the prediction.
+
+    Returns
+    -------
+    bool array (point,)
+    """
+    result = np.zeros(len(zncc), np.bool_)
+    for n in range(len(zncc)):
+        dx, dy = motion[n, 0] - expected[n, 0], motion[n, 3] - expected[n, 3]
+        is_near = dx * dx + dy * dy <= farthest * farthest
+        result[n] = has_converged[n] and is_near and zncc[n] > least_zncc[n]
+    return result
+
+
+@compiled()
+def remember(
+    found: Floats,
+    zncc: Floats,
+    is_trusted: Flags,
+    index: int,
+    motion: Floats,
+    velocity: Floats,
+    seen: Indices,
+    step: Floats,
+    last_zncc: Floats,
+    is_tracked: Flags,
+    misses: Indices,
+) -> None:
+    """Update the state with what was found in a frame; the arrays after ``index`` are changed.
+
+    Parameters
+    ----------
+    found : array (point, 6)
+        Motions in this frame.
+    zncc : array (point,) [1]
+        Their correlation.
+    is_trusted : bool array (point,)
+        Points that count as found.
+    index : int
+        The frame.
+    motion, velocity, seen, step, is_tracked : arrays
+        See :func:`predicted`.
+    last_zncc : array (point,) [1]
+        Correlation when each point was seen last.
+    misses : integer array (point,)
+        Frames in a row in which it was not found.
+    """
+    for n in range(len(seen)):
+        gap = index - seen[n]
+        has_velocity = is_trusted[n] and is_tracked[n] and seen[n] >= 0 and gap > 0
+        velocity[n, 0] = (found[n, 0] - motion[n, 0]) / gap if has_velocity else 0.0
+        velocity[n, 1] = (found[n, 3] - motion[n, 3]) / gap if has_velocity else 0.0
+        step[n] = gap if has_velocity else 1.0
+        is_tracked[n] = is_trusted[n]
+        misses[n] = 0 if is_trusted[n] else misses[n] + 1
+        if is_trusted[n]:
+            motion[n] = found[n]
+            seen[n] = index
+            last_zncc[n] = zncc[n]

@@ -1,0 +1,229 @@
+"""Find the points of a frame again that prediction did not lead to, and confirm those that jumped.
+
+From the cheap to the dear: agreement among the points, the motions of trusted neighbours, template
+matches in the whole frame.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.imaging.dic._film_window import Loaded
+from labpipe.imaging.dic._reference import Status
+from labpipe.imaging.dic._seeding import Pyramid, find_subset, fit_motion, make_pyramid, shift_of
+from labpipe.imaging.dic._subset_solver import LEFT_WINDOW
+from labpipe.imaging.dic._tracker import SURPRISE, Attempt, FrameResult, Tracker
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+#: Distance from a neighbour's or a template's proposal (px) within which it is confirmed.
+_CONFIRMED = 2.5
+#: When so few of so many points converge near their prediction, they did by chance.
+_CHANCE, _MANY = 0.2, 10
+#: Neighbours that are asked, and the distance (px) from their median that calls for a second look.
+_NEIGHBOURS, _OUTVOTED = 6, 1.0
+#: Agreement of surprised points with each other (px), and how many are needed.
+_MUTUAL, _MUTUAL_COUNT = 0.5, 5
+#: Template matches per frame: when points have just been lost, and when they stay lost.
+_SEEDS_FIRST, _SEEDS_LATER = 12, 4
+#: Frames after which a lost point is looked for only every so often.
+_PATIENCE, _SELDOM = 64, 8
+#: Rounds of propagation from neighbour to neighbour.
+_ROUNDS = 16
+
+
+def follow(tracker: Tracker, index: int, loaded: Loaded) -> FrameResult:
+    """Find all points in one frame, those that prediction did not lead to as well."""
+    expected = tracker.predict(index)
+    attempt = tracker.first_attempt(loaded, expected)
+    if not attempt.trusted.all():
+        Recovery(tracker, index, loaded, attempt, expected).run()
+    tracker.remember(index, attempt)
+    status = np.where(attempt.trusted, Status.OK, Status.LOST).astype(np.int8)
+    status[~attempt.trusted & attempt.reached] = Status.OUTSIDE
+    return FrameResult(
+        attempt.motion,
+        attempt.gain,
+        attempt.residual,
+        attempt.zncc,
+        attempt.iterations,
+        status,
+    )
+
+
+class Recovery:
+    """Confirm or find the points of one frame that the prediction did not lead to."""
+
+    def __init__(
+        self, tracker: Tracker, index: int, loaded: Loaded, attempt: Attempt, expected: Floats
+    ) -> None:
+        self._tracker = tracker
+        self._index = index
+        self._loaded = loaded
+        self._attempt = attempt
+        self._expected = expected
+        self._pyramid: Pyramid | None = None
+        self._tried = np.zeros(len(expected), bool)
+
+    def run(self) -> None:
+        """Go from the cheap to the dear: agreement, neighbours, template matches."""
+        attempt = self._attempt
+        tracked = self._tracker.is_tracked
+        if attempt.trusted.sum() < _CHANCE * tracked.sum() and tracked.sum() >= _MANY:
+            attempt.trusted[:] = False
+        self._trust_agreement()
+        self._propagate()
+        for _ in range(2):
+            if attempt.trusted.all() or not self._seed():
+                break
+            self._propagate()
+        self._outvote()
+        self._propagate()
+        # A changed correlation without a jump (light, focus) needs no confirmation.
+        moved = np.hypot(*(attempt.motion - self._expected)[:, [0, 3]].T)
+        calm = self._tracker.accepts(attempt.code, attempt.zncc) & (moved <= SURPRISE)
+        attempt.trusted |= calm & self._tracker.is_tracked
+
+    def _trust_agreement(self) -> None:
+        """Trust surprised points that all tell of the same rigid motion."""
+        attempt, tracker = self._attempt, self._tracker
+        solved = np.flatnonzero(tracker.accepts(attempt.code, attempt.zncc) & ~attempt.trusted)
+        if len(solved) < _MUTUAL_COUNT:
+            return
+        middle = tracker.places[solved].mean(axis=0)
+        own = attempt.motion[solved]
+        proposed = shift_of(own, middle - tracker.places[solved])
+        centre = np.median(proposed, axis=0)
+        gradient = np.median(own, axis=0)
+        gradient[[0, 3]] = centre
+        expected = shift_of(np.broadcast_to(gradient, own.shape), tracker.places[solved] - middle)
+        agree = np.hypot(*(expected - own[:, [0, 3]]).T) < _MUTUAL
+        if agree.sum() >= max(_MUTUAL_COUNT, 0.6 * (~attempt.trusted).sum()):
+            attempt.trusted[solved[agree]] = True
+
+    def _propagate(self) -> None:
+        """Start untrusted points from the motions of their nearest trusted neighbours, in turn."""
+        attempt, tracker = self._attempt, self._tracker
+        rank = 0
+        for _ in range(_ROUNDS):
+            waiting = np.flatnonzero(~attempt.trusted)
+            trusted = np.flatnonzero(attempt.trusted)
+            if not len(waiting) or rank >= min(len(trusted), _NEIGHBOURS):
+                return
+            near = _nearest(tracker.places[waiting], tracker.places[trusted], rank + 1)
+            start = self._carry(trusted[near[:, rank]], waiting)
+            # A neighbour that is wrong itself must not stand in the way: ask the next one.
+            rank = 0 if self._try(waiting, start) else rank + 1
+
+    def _carry(self, sources: Indices, targets: Indices) -> Floats:
+        """Motions of source points continued to the places of target points."""
+        places = self._tracker.places
+        start = self._attempt.motion[sources].copy()
+        start[:, [0, 3]] = shift_of(start, places[targets] - places[sources])
+        return start
+
+    def _outvote(self) -> None:
+        """Correct trusted points that contradict the median of their neighbours."""
+        attempt, tracker = self._attempt, self._tracker
+        trusted = np.flatnonzero(attempt.trusted)
+        if len(trusted) <= _NEIGHBOURS:
+            return
+        near = _nearest(tracker.places[trusted], tracker.places[trusted], _NEIGHBOURS + 1)
+        votes = np.stack(
+            [self._carry(trusted[near[:, k]], trusted) for k in range(1, _NEIGHBOURS + 1)]
+        )
+        start = np.median(votes, axis=0)
+        apart = np.hypot(*(start - attempt.motion[trusted])[:, [0, 3]].T)
+        odd = apart > _OUTVOTED
+        if odd.any():
+            self._try(trusted[odd], start[odd])
+
+    def _seed(self) -> bool:
+        """Match templates for some untrusted points; True when one was found."""
+        attempt, tracker = self._attempt, self._tracker
+        waiting = np.flatnonzero(~attempt.trusted & ~attempt.reached & ~self._tried)
+        misses = tracker.misses[waiting]
+        waiting = waiting[(misses < _PATIENCE) | (misses % _SELDOM == 0)]
+        if not len(waiting):
+            return False
+        is_new = (tracker.misses[waiting] == 0).any()
+        budget = _SEEDS_FIRST if is_new else _SEEDS_LATER
+        chosen = waiting[np.unique(np.linspace(0, len(waiting) - 1, budget).astype(int))]
+        self._tried[chosen] = True
+        found = self._match(chosen)
+        if not found:
+            return False
+        where = np.array(list(found), np.int64)
+        start = np.stack([found[n] for n in where])
+        if len(where) >= 3:
+            middle = tracker.places[where].mean(axis=0)
+            common, fits = fit_motion(tracker.places[where] - middle, start[:, [0, 3]])
+            # Turn the starts as the seeds turn together; keep apart those that do not belong.
+            if fits.sum() >= 3:
+                start[:, [1, 2, 4, 5]] = common[[1, 2, 4, 5]]
+                where, start = where[fits], start[fits]
+        return self._try(where, start)
+
+    def _match(self, chosen: Indices) -> dict[int, Floats]:
+        """Motions of those chosen points that a template match finds."""
+        tracker = self._tracker
+        subsets = tracker.reference.subsets
+        pyramid = self._whole_frame()
+        result = {}
+        for n in chosen:
+            centre = (int(subsets.x[n]), int(subsets.y[n]))
+            seed = find_subset(tracker.reference.pyramid, pyramid, centre, int(subsets.half[n]))
+            tracker.work.reseeds += 1
+            if seed is not None:
+                result[int(n)] = seed.motion
+        return result
+
+    def _whole_frame(self) -> Pyramid:
+        """Read the whole frame once, for seeds and for points outside the loaded rectangle."""
+        if self._pyramid is None:
+            grey, self._loaded = self._tracker.film.read_whole(self._index)
+            self._pyramid = make_pyramid(grey)
+        return self._pyramid
+
+    def _try(self, chosen: Indices, start: Floats) -> bool:
+        """Solve from proposed motions; trust those that stay near. True when any did."""
+        tracker, attempt = self._tracker, self._attempt
+        found = tracker.solve(self._loaded, chosen, start)
+        beyond = (found.code == LEFT_WINDOW) & (found.iterations == 0)
+        if beyond.any() and self._pyramid is None and self._has_frame_around(chosen, start):
+            self._whole_frame()
+            found = tracker.solve(self._loaded, chosen, start)
+        attempt.iterations[chosen] += found.iterations
+        attempt.reached[chosen] = (found.code == LEFT_WINDOW) & (
+            self._loaded.box == tracker.film.whole
+        )
+        if self._loaded.box != tracker.film.whole:
+            attempt.reached[chosen] = ~self._is_in_frame(chosen, start)
+        near = np.hypot(*(found.motion - start)[:, [0, 3]].T) <= _CONFIRMED
+        good = tracker.accepts(found.code, found.zncc) & near
+        # What converged before keeps its place only when it fits the image clearly better.
+        held = tracker.accepts(attempt.code[chosen], attempt.zncc[chosen])
+        good &= ~held | (found.zncc > attempt.zncc[chosen] - 0.02)
+        attempt.take(chosen, found, good)
+        attempt.trusted[chosen[good]] = True
+        return bool(good.any())
+
+    def _is_in_frame(self, chosen: Indices, start: Floats) -> Flags:
+        """Whether the moved subsets lie wholly inside the frame."""
+        _, right, _, bottom = self._tracker.film.whole
+        half = self._tracker.reference.subsets.half[chosen]
+        x, y = (self._tracker.places[chosen] + start[:, [0, 3]]).T
+        return (x >= half) & (x < right - half) & (y >= half) & (y < bottom - half)
+
+    def _has_frame_around(self, chosen: Indices, start: Floats) -> bool:
+        """Whether any proposal lies inside the frame, though not in the loaded rectangle."""
+        return bool(self._is_in_frame(chosen, start).any())
+
+
+def _nearest(places: Floats, others: Floats, count: int) -> Indices:
+    """For every place the numbers of its nearest others, shape (place, count)."""
+    from scipy.spatial import cKDTree
+
+    found = cKDTree(others).query(places, k=range(1, count + 1))[1]
+    return np.asarray(found, np.int64)

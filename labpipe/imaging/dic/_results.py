@@ -1,0 +1,201 @@
+"""From the tracker's motions to the Dataset of displacements."""
+
+import json
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.imaging.dic._motion_uncertainty import motion_variance
+from labpipe.imaging.dic._reference import Reference, Status
+from labpipe.imaging.dic._seeding import shift_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+#: Range of the displacement over the static frames (px), median of the points, from which they
+#: are not static.
+_STATIC_RANGE = 0.3
+#: Results whose uncertainty is computed at once; bounds the work arrays to some 50 MB.
+_BLOCK = 50_000
+
+
+@dataclass(frozen=True)
+class Table:
+    """What the tracker found over (frame, usable point); motions over (frame, point, 6)."""
+
+    motion: Floats
+    gain: Floats
+    residual: Floats
+    zncc: Floats
+    iterations: NDArray[np.int32]
+    status: NDArray[np.int8]
+
+
+@dataclass(frozen=True)
+class Displacements:
+    """Results over (frame, usable point); value and deviation hold (dx, dy, rotation) last."""
+
+    value: Floats
+    deviation: Floats
+    zncc: Floats
+    iterations: NDArray[np.int32]
+    status: NDArray[np.int8]
+
+
+def empty_table(frames: int, points: int) -> Table:
+    """Return a table in which every frame counts as damaged until it is filled in."""
+    shape = (frames, points)
+    return Table(
+        np.full((*shape, 6), np.nan),
+        np.full(shape, np.nan),
+        np.full(shape, np.nan),
+        np.full(shape, np.nan),
+        np.zeros(shape, np.int32),
+        np.full(shape, Status.FRAME_DAMAGED, np.int8),
+    )
+
+
+def displacements(
+    table: Table, reference: Reference, is_static: NDArray[np.bool_]
+) -> Displacements:
+    """Displacements at the points relative to the mean of the static frames.
+
+    Parameters
+    ----------
+    table : Table
+        What the tracker found.
+    reference : Reference
+        What it looked for.
+    is_static : bool array (frame,)
+        Frames in which nothing moves.
+    """
+    shape = table.status.shape
+    status = table.status.copy()
+    value = np.full((*shape, 3), np.nan)
+    deviation = np.full((*shape, 3), np.nan)
+    rows, columns = np.nonzero(status == Status.OK)
+    for first in range(0, len(rows), _BLOCK):
+        row, column = rows[first : first + _BLOCK], columns[first : first + _BLOCK]
+        motion = table.motion[row, column]
+        value[row, column, :2] = shift_of(motion, reference.offset[column])
+        value[row, column, 2] = np.arctan2(
+            motion[:, 4] - motion[:, 2], 2.0 + motion[:, 1] + motion[:, 5]
+        )
+        variance, has_texture = motion_variance(
+            reference.noise,
+            reference.subsets,
+            column,
+            motion,
+            table.gain[row, column],
+            table.residual[row, column],
+            is_static[row],
+        )
+        deviation[row, column] = np.sqrt(variance)
+        status[row, column] = np.where(has_texture, Status.OK, Status.TEXTURELESS)
+    _warn_of_motion(value[is_static], status[is_static])
+    is_origin = is_static[:, None] & (status == Status.OK)
+    seen = is_origin.sum(axis=0)
+    total = np.where(is_origin[..., None], value, 0.0).sum(axis=0)
+    # A point that no static frame shows has no origin to count its displacement from.
+    status[:, seen == 0] = np.where(
+        status[:, seen == 0] == Status.OK, Status.LOST, status[:, seen == 0]
+    )
+    value -= total / np.maximum(seen, 1)[:, None]
+    is_bad = status != Status.OK
+    value[is_bad] = np.nan
+    deviation[is_bad] = np.nan
+    return Displacements(value, deviation, table.zncc, table.iterations, status)
+
+
+def _warn_of_motion(static: Floats, status: NDArray[np.int8]) -> None:
+    """Warn when the frames behind the reference move."""
+    whole = (status == Status.OK).all(axis=0)
+    if len(static) < 2 or not whole.any():
+        return
+    spread = float(np.median(np.ptp(static[:, whole, :2], axis=0).max(axis=1)))
+    if spread > _STATIC_RANGE:
+        warnings.warn(
+            f"the {len(static)} static frames move by {spread:.2f} px, so that their mean is a "
+            "blurred reference: take fewer static frames",
+            UserWarning,
+            stacklevel=4,
+        )
+
+
+def make_dataset(
+    time: Floats,
+    places: Floats,
+    half: NDArray[np.int64],
+    indices: NDArray[np.int64],
+    wanted: NDArray[np.int64],
+    found: Displacements,
+    reference: Reference,
+    work: dict[str, int],
+) -> "xr.Dataset":
+    """Assemble the Dataset over (frame, point).
+
+    Parameters
+    ----------
+    time : array of all frames [s]
+    places : array (point, 2) [px]
+    half : integer array (point,) [px]
+    indices : integer array
+        Frames that were tracked.
+    wanted : integer array
+        Those of them that are asked for.
+    found : Displacements
+        Over (tracked frame, usable point).
+    reference : Reference
+        Tells which points were usable and what is wrong with the others.
+    work : dict
+        Counts for the attribute ``work``.
+    """
+    import xarray as xr
+
+    rows = np.searchsorted(indices, wanted)
+    shape = (len(wanted), len(places))
+
+    def spread(values: NDArray[np.generic], missing: float) -> NDArray[np.generic]:
+        result = np.full(shape, missing, values.dtype)
+        result[:, reference.usable] = values[rows]
+        return result
+
+    status = np.tile(reference.status, (shape[0], 1))
+    status[:, reference.usable] = found.status[rows]
+    texts = {
+        "dx": ("px", "displacement to the right"),
+        "dy": ("px", "displacement downwards"),
+        "rotation": ("rad", "rotation from x towards y"),
+    }
+    variables: dict[str, tuple[tuple[str, str], NDArray[np.generic], dict[str, object]]] = {}
+    dims = ("frame", "point")
+    for k, (name, (units, text)) in enumerate(texts.items()):
+        attrs: dict[str, object] = {"units": units, "long_name": text}
+        variables[name] = (dims, spread(found.value[..., k], np.nan), attrs)
+        u_attrs = {"units": units, "long_name": f"standard uncertainty of the {text}"}
+        variables[f"u_{name}"] = (dims, spread(found.deviation[..., k], np.nan), dict(u_attrs))
+    plain = {
+        "zncc": (spread(found.zncc, np.nan), "zero-normalised cross-correlation"),
+        "iterations": (spread(found.iterations, 0), "evaluations of the subset"),
+        "valid": (status == Status.OK, "whether there is a displacement"),
+        "status": (status, "why there is a displacement or none"),
+    }
+    for name, (values, text) in plain.items():
+        variables[name] = (dims, values, {"units": "1", "long_name": text})
+    variables["status"][2]["flag_values"] = [int(code) for code in Status]
+    variables["status"][2]["flag_meanings"] = " ".join(code.name.lower() for code in Status)
+    pixel = {"units": "px"}
+    coordinates = {
+        "frame": ("frame", wanted, {"units": "1", "long_name": "frame of the film"}),
+        "time": ("frame", time[wanted], {"units": "s", "long_name": "time"}),
+        "point": ("point", np.arange(len(places)), {"units": "1", "long_name": "point"}),
+        "x": ("point", places[:, 0], pixel | {"long_name": "column of the point"}),
+        "y": ("point", places[:, 1], pixel | {"long_name": "row of the point"}),
+        "subset": ("point", 2 * half + 1, pixel | {"long_name": "width of the subset"}),
+    }
+    return xr.Dataset(variables, coordinates, {"work": json.dumps(work)})

@@ -1,0 +1,267 @@
+"""Find where a subset went without knowing anything: template matching on reduced images.
+
+Good to about a pixel, which is all that the subset solver needs as a start. Used for the first
+frame, after gaps, and when correlation is lost; never for a result.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.imaging.dic._spline import Image32
+
+Floats = NDArray[np.float64]
+
+#: Least half width of a template in the full image (px): smaller ones are found everywhere.
+_TEMPLATE = 32
+#: Least correlation of the reduced template; noise is averaged away there, so a true match is high.
+_COARSE_SCORE = 0.6
+#: Correlation of the subset itself from which no further template is tried.
+_FULL_SCORE = 0.5
+#: Places of the reduced image that are tried in the full one.
+_CANDIDATES = 3
+#: Half width of the tiles that find the rotation of a large subset (px).
+_TILE = 20
+#: A subset of at most this half width is matched as a whole (px).
+_WHOLE = 25
+#: Reach of the search in the full image beyond the reduced pixel (px): rotation moves the tiles.
+_REFINE = 6
+#: Two seeds belong to one rigid motion when they agree within this (px).
+_AGREEMENT = 2.5
+
+
+@dataclass(frozen=True)
+class Seed:
+    """Where a subset was found.
+
+    Attributes
+    ----------
+    motion : array (6,)
+        ``(u, u_x, u_y, v, v_x, v_y)`` as in :mod:`._subset_solver`.
+    score : float [1]
+        Correlation of the full-size template.
+    """
+
+    motion: Floats
+    score: float
+
+
+@dataclass(frozen=True)
+class Pyramid:
+    """An image and its reduced copy; ``factor`` full pixels make one reduced pixel."""
+
+    image: Image32
+    small: Image32
+    factor: int
+
+
+def make_pyramid(image: Image32) -> Pyramid:
+    """Blur and reduce an image, by 4 where it is large enough.
+
+    Parameters
+    ----------
+    image : float32 array (row, column)
+        Grey levels.
+    """
+    import cv2
+
+    # Sums of squares of single precision hold no faint pattern on a bright ground, and the matching
+    # takes small numbers for none: the pattern itself, about zero and of the size one, is matched.
+    spread = float(image.std(dtype=np.float64)) or 1.0
+    image = np.asarray((image - image.mean(dtype=np.float64)) / spread, np.float32)
+    factor = 4 if min(image.shape) >= 192 else 2 if min(image.shape) >= 96 else 1
+    if factor == 1:
+        return Pyramid(image, image, 1)
+    rows, columns = (size // factor for size in image.shape)
+    blurred = cv2.GaussianBlur(image, (0, 0), factor / 2)
+    whole = blurred[: rows * factor, : columns * factor]
+    small = cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA)
+    return Pyramid(image, np.asarray(small, np.float32), factor)
+
+
+def find_subset(
+    reference: Pyramid, frame: Pyramid, centre: tuple[int, int], half: int
+) -> Seed | None:
+    """Look for a subset of the reference anywhere in a frame.
+
+    Parameters
+    ----------
+    reference, frame : Pyramid
+        Of the same size.
+    centre : (x, y) [px]
+        Centre of the subset in the reference.
+    half : int [px]
+        Half width of the subset.
+
+    Returns
+    -------
+    Seed or None
+        None when nothing in the frame resembles the subset.
+    """
+    best: Seed | None = None
+    # A wide template is unmistakable, but may hold background; the subset alone does not.
+    for reach in sorted({max(half, _TEMPLATE), half}, reverse=True):
+        for shift in _coarse_shifts(reference, frame, centre, reach):
+            seed = _refine(reference, frame, centre, half, shift)
+            if seed is not None and (best is None or seed.score > best.score):
+                best = seed
+        if best is not None and best.score > _FULL_SCORE:
+            return best
+    return best
+
+
+def _coarse_shifts(
+    reference: Pyramid, frame: Pyramid, centre: tuple[int, int], reach: int
+) -> list[tuple[int, int]]:
+    """Displacements (full px) of the best few places in the reduced frame."""
+    import cv2
+
+    factor = reference.factor
+    rows, columns = reference.small.shape
+    left = max(0, (centre[0] - reach) // factor)
+    top = max(0, (centre[1] - reach) // factor)
+    right = min(columns, (centre[0] + reach) // factor + 1)
+    bottom = min(rows, (centre[1] + reach) // factor + 1)
+    template = reference.small[top:bottom, left:right]
+    if min(template.shape) < 4 or float(template.std()) == 0.0:
+        return []
+    scores = np.nan_to_num(
+        cv2.matchTemplate(frame.small, template, cv2.TM_CCOEFF_NORMED), nan=-1.0, posinf=-1.0
+    )
+    found = []
+    for _ in range(_CANDIDATES):
+        row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
+        if scores[row, column] < _COARSE_SCORE:
+            break
+        found.append((int(column - left) * factor, int(row - top) * factor))
+        scores[max(0, row - 2) : row + 3, max(0, column - 2) : column + 3] = -1.0
+    return found
+
+
+def _refine(
+    reference: Pyramid,
+    frame: Pyramid,
+    centre: tuple[int, int],
+    half: int,
+    shift: tuple[int, int],
+) -> Seed | None:
+    """Search the full image around a displacement, in tiles when the subset is large."""
+    if half <= _WHOLE:
+        found = _match_tile(reference, frame, centre, half, shift)
+        if found is None:
+            return None
+        u, v, score = found
+        return Seed(np.array([u, 0.0, 0.0, v, 0.0, 0.0]), score)
+    inset = half - _TILE
+    places, shifts, scores = [], [], []
+    for j in (-inset, 0, inset):
+        for i in (-inset, 0, inset):
+            found = _match_tile(reference, frame, (centre[0] + j, centre[1] + i), _TILE, shift)
+            if found is not None:
+                places.append((float(j), float(i)))
+                shifts.append(found[:2])
+                scores.append(found[2])
+    if len(places) < 3:
+        return None
+    motion, fits = fit_motion(np.array(places), np.array(shifts))
+    if fits.sum() < 3:
+        return None
+    return Seed(motion, float(np.mean(np.array(scores)[fits])))
+
+
+def _match_tile(
+    reference: Pyramid,
+    frame: Pyramid,
+    centre: tuple[int, int],
+    half: int,
+    shift: tuple[int, int],
+) -> tuple[float, float, float] | None:
+    """Displacement (u, v) in whole px and correlation of a tile of the full image."""
+    import cv2
+
+    x, y = centre
+    rows, columns = reference.image.shape
+    if x - half < 0 or y - half < 0 or x + half >= columns or y + half >= rows:
+        return None
+    template = reference.image[y - half : y + half + 1, x - half : x + half + 1]
+    reach = half + _REFINE + reference.factor
+    left, top = max(0, x + shift[0] - reach), max(0, y + shift[1] - reach)
+    right, bottom = min(columns, x + shift[0] + reach + 1), min(rows, y + shift[1] + reach + 1)
+    area = frame.image[top:bottom, left:right]
+    if min(area.shape) < 2 * half + 1 or float(template.std()) == 0.0:
+        return None
+    scores = cv2.matchTemplate(area, template, cv2.TM_CCOEFF_NORMED)
+    scores = np.nan_to_num(scores, nan=-1.0, posinf=-1.0)
+    row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
+    return (
+        float(left + column + half - x),
+        float(top + row + half - y),
+        float(scores[row, column]),
+    )
+
+
+def fit_motion(places: Floats, shifts: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+    """Fit one rigid motion to displacements of which some may be wrong.
+
+    Parameters
+    ----------
+    places : array (point, 2) [px]
+        Positions (x, y) from any origin.
+    shifts : array (point, 2) [px]
+        Displacements there.
+
+    Returns
+    -------
+    motion : array (6,)
+        Motion at the origin of ``places``.
+    fits : bool array (point,)
+        Which displacements agree with it.
+
+    Notes
+    -----
+    Every pair of points proposes a motion; the one with the most followers wins and is fitted
+    again to all of them. No random choice, so the same input gives the same output.
+    """
+    count = len(places)
+    best = np.zeros(count, bool)
+    for a in range(count):
+        for b in range(a + 1, count):
+            motion = _rigid_through(places[[a, b]], shifts[[a, b]])
+            fits = _misfit(motion, places, shifts) < _AGREEMENT
+            if fits.sum() > best.sum():
+                best = fits
+    if best.sum() < 2:
+        return np.zeros(6), np.zeros(count, bool)
+    motion = _rigid_through(places[best], shifts[best])
+    return motion, _misfit(motion, places, shifts) < _AGREEMENT
+
+
+def _rigid_through(places: Floats, shifts: Floats) -> Floats:
+    """Least-squares translation and rotation."""
+    middle, mean = places.mean(axis=0), shifts.mean(axis=0)
+    x, y = (places - middle).T
+    moved_x, moved_y = (places - middle + shifts - mean).T
+    angle = np.arctan2((x * moved_y - y * moved_x).sum(), (x * moved_x + y * moved_y).sum())
+    cosine, sine = np.cos(angle) - 1.0, np.sin(angle)
+    u = mean[0] - cosine * middle[0] + sine * middle[1]
+    v = mean[1] - sine * middle[0] - cosine * middle[1]
+    return np.array([u, cosine, -sine, v, sine, cosine])
+
+
+def _misfit(motion: Floats, places: Floats, shifts: Floats) -> Floats:
+    """Distance (px) between displacements and those of a motion."""
+    expected = shift_of(motion[None, :], places)
+    return np.asarray(np.hypot(*(expected - shifts).T))
+
+
+def shift_of(motion: Floats, offsets: Floats) -> Floats:
+    """Displacement (point, 2) in px that motions (point, 6) give at offsets from their centre."""
+    x, y = offsets[:, 0], offsets[:, 1]
+    return np.stack(
+        [
+            motion[:, 0] + motion[:, 1] * x + motion[:, 2] * y,
+            motion[:, 3] + motion[:, 4] * x + motion[:, 5] * y,
+        ],
+        axis=1,
+    )

@@ -1,0 +1,444 @@
+"""The compiled loops of the subset solver: interpolation along rows, sums, Gauss–Newton steps.
+
+All of them are in one file because compiled code is cached by file: a change to one of them must
+recompile those that contain it. Importing this module imports numba.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.compilation import compiled
+from labpipe.imaging.dic._spline import LANES, Image32
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Result codes of the solver.
+SOLVED, LEFT_WINDOW, NOT_CONVERGED, NO_TEXTURE = 0, 1, 2, 3
+#: A step that ends farther than this from the start (px) has left the basin of convergence.
+CAPTURE = 12.0
+
+# A first step has no history: a step of e px leaves an error below e²/2 (measured: 0.2 e²).
+_FIRST_SHRINK = 0.5
+# Longest stretch of a step: noise then holds three quarters of the squared slopes.
+_MOST_RELAXATION = 4.0
+# Sums over a subset may be reordered and fused; NaN must still compare as NaN.
+FAST = {"reassoc", "contract", "nsz", "arcp"}
+
+
+@compiled(nogil=True, fastmath=FAST)
+def _sample_row(
+    coefficients: Image32,
+    order: int,
+    x: float,
+    y: float,
+    step_x: float,
+    step_y: float,
+    width: int,
+    result: Image32,
+) -> None:
+    """Interpolate a row of pixels whose positions advance by (1 + step_x, step_y).
+
+    The row is cut where the whole part of the position, less the pixel's number, changes: within
+    such a run all taps lie side by side in memory and the loop becomes vector instructions.
+    """
+    done = 0
+    dx = np.float32(step_x)
+    dy = np.float32(step_y)
+    while done < width:
+        px = x + (1.0 + step_x) * done
+        py = y + step_y * done
+        column = math.floor(px)
+        row = math.floor(py)
+        left_x = px - column
+        left_y = py - row
+        run = float(width - done)
+        if step_x > 0.0:
+            run = min(run, math.ceil((1.0 - left_x) / step_x))
+        elif step_x < 0.0:
+            run = min(run, math.floor(left_x / -step_x) + 1.0)
+        if step_y > 0.0:
+            run = min(run, math.ceil((1.0 - left_y) / step_y))
+        elif step_y < 0.0:
+            run = min(run, math.floor(left_y / -step_y) + 1.0)
+        count = max(int(run), 1)
+        lanes = np.uint64((count + LANES - 1) // LANES * LANES)
+        fx = np.float32(left_x)
+        fy = np.float32(left_y)
+        out = result[done:]
+        if order == 3:
+            _sample_cubic(coefficients, row - 1, column - 1, fx, fy, dx, dy, lanes, out)
+        else:
+            _sample_quintic(coefficients, row - 2, column - 2, fx, fy, dx, dy, lanes, out)
+        done += count
+
+
+@compiled(nogil=True, fastmath=FAST)
+def _cubic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+    """Cubic B-spline at t + 1, t, 1 - t, 2 - t."""
+    one = np.float32(1.0)
+    sixth = np.float32(1.0 / 6.0)
+    s = one - t
+    w0 = s * s * s * sixth
+    w3 = t * t * t * sixth
+    w1 = np.float32(2.0 / 3.0) + t * t * (np.float32(0.5) * t - one)
+    return w0, w1, one - w0 - w1 - w3, w3
+
+
+@compiled(nogil=True, fastmath=FAST)
+def _sample_cubic(
+    coefficients: Image32,
+    row: int,
+    column: int,
+    fx: np.float32,
+    fy: np.float32,
+    dx: np.float32,
+    dy: np.float32,
+    lanes: np.uint64,
+    out: Image32,
+) -> None:
+    """Evaluate the cubic spline for a run of pixels."""
+    c0 = coefficients[row, column:]
+    c1 = coefficients[row + 1, column:]
+    c2 = coefficients[row + 2, column:]
+    c3 = coefficients[row + 3, column:]
+    i1, i2, i3 = np.uint64(1), np.uint64(2), np.uint64(3)
+    for k in range(lanes):
+        step = np.float32(np.int32(k))
+        a0, a1, a2, a3 = _cubic_weights(fx + dx * step)
+        b0, b1, b2, b3 = _cubic_weights(fy + dy * step)
+        r0 = a0 * c0[k] + a1 * c0[k + i1] + a2 * c0[k + i2] + a3 * c0[k + i3]
+        r1 = a0 * c1[k] + a1 * c1[k + i1] + a2 * c1[k + i2] + a3 * c1[k + i3]
+        r2 = a0 * c2[k] + a1 * c2[k + i1] + a2 * c2[k + i2] + a3 * c2[k + i3]
+        r3 = a0 * c3[k] + a1 * c3[k + i1] + a2 * c3[k + i2] + a3 * c3[k + i3]
+        out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3
+
+
+@compiled(nogil=True, fastmath=FAST)
+def _quintic_weights(
+    t: np.float32,
+) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
+    """Quintic B-spline at t + 2, t + 1, t, 1 - t, 2 - t, 3 - t."""
+    one = np.float32(1.0)
+    s = one - t
+    t2 = t * t
+    s2 = s * s
+    w0 = s2 * s2 * s * np.float32(1.0 / 120.0)
+    w5 = t2 * t2 * t * np.float32(1.0 / 120.0)
+    middle = np.float32(66.0 / 120.0)
+    half = np.float32(0.5)
+    quarter = np.float32(0.25)
+    twelfth = np.float32(1.0 / 12.0)
+    w2 = middle + t2 * (t2 * (quarter - twelfth * t) - half)
+    w3 = middle + s2 * (s2 * (quarter - twelfth * s) - half)
+    # The second weight follows from the first moment, the fifth from the sum being 1:
+    # the weights at -2..3 sum to 1 and their mean position is t.
+    rest = one - w0 - w2 - w3 - w5
+    moment = t + w0 * np.float32(2.0) - w3 - np.float32(3.0) * w5
+    w4 = (moment + rest) * np.float32(1.0 / 3.0)
+    return w0, rest - w4, w2, w3, w4, w5
+
+
+@compiled(nogil=True, fastmath=FAST)
+def _sample_quintic(
+    coefficients: Image32,
+    row: int,
+    column: int,
+    fx: np.float32,
+    fy: np.float32,
+    dx: np.float32,
+    dy: np.float32,
+    lanes: np.uint64,
+    out: Image32,
+) -> None:
+    """Evaluate the quintic spline for a run of pixels."""
+    c0 = coefficients[row, column:]
+    c1 = coefficients[row + 1, column:]
+    c2 = coefficients[row + 2, column:]
+    c3 = coefficients[row + 3, column:]
+    c4 = coefficients[row + 4, column:]
+    c5 = coefficients[row + 5, column:]
+    i1, i2, i3 = np.uint64(1), np.uint64(2), np.uint64(3)
+    i4, i5 = np.uint64(4), np.uint64(5)
+    for k in range(lanes):
+        step = np.float32(np.int32(k))
+        a0, a1, a2, a3, a4, a5 = _quintic_weights(fx + dx * step)
+        b0, b1, b2, b3, b4, b5 = _quintic_weights(fy + dy * step)
+        r0 = a0 * c0[k] + a1 * c0[k + i1] + a2 * c0[k + i2]
+        r0 += a3 * c0[k + i3] + a4 * c0[k + i4] + a5 * c0[k + i5]
+        r1 = a0 * c1[k] + a1 * c1[k + i1] + a2 * c1[k + i2]
+        r1 += a3 * c1[k + i3] + a4 * c1[k + i4] + a5 * c1[k + i5]
+        r2 = a0 * c2[k] + a1 * c2[k + i1] + a2 * c2[k + i2]
+        r2 += a3 * c2[k + i3] + a4 * c2[k + i4] + a5 * c2[k + i5]
+        r3 = a0 * c3[k] + a1 * c3[k + i1] + a2 * c3[k + i2]
+        r3 += a3 * c3[k + i3] + a4 * c3[k + i4] + a5 * c3[k + i5]
+        r4 = a0 * c4[k] + a1 * c4[k + i1] + a2 * c4[k + i2]
+        r4 += a3 * c4[k + i3] + a4 * c4[k + i4] + a5 * c4[k + i5]
+        r5 = a0 * c5[k] + a1 * c5[k + i1] + a2 * c5[k + i2]
+        r5 += a3 * c5[k + i3] + a4 * c5[k + i4] + a5 * c5[k + i5]
+        out[k] = b0 * r0 + b1 * r1 + b2 * r2 + b3 * r3 + b4 * r4 + b5 * r5
+
+
+@compiled(nogil=True, fastmath=FAST)
+def _accumulate(
+    values: Image32,
+    level: np.float32,
+    grey: Image32,
+    gradient_x: Image32,
+    gradient_y: Image32,
+    half: float,
+    width: int,
+    offset: float,
+    sums: Floats,
+) -> None:
+    """Add a row to the sums of g, g², f g and of the steepest-descent images times g."""
+    s0 = s1 = s2 = x0 = x1 = y0 = y1 = np.float32(0)
+    centre = np.float32(half)
+    for k in range(np.uint64(width)):
+        g = values[k] - level
+        j = np.float32(np.int32(k)) - centre
+        ax = gradient_x[k] * g
+        ay = gradient_y[k] * g
+        s0 += g
+        s1 += g * g
+        s2 += grey[k] * g
+        x0 += ax
+        x1 += ax * j
+        y0 += ay
+        y1 += ay * j
+    sums[0] += s0
+    sums[1] += s1
+    sums[2] += s2
+    sums[3] += x0
+    sums[4] += x1
+    sums[5] += offset * x0
+    sums[6] += y0
+    sums[7] += y1
+    sums[8] += offset * y0
+
+
+@compiled(nogil=True)
+def compose_with_inverse(p: Floats, step: Floats, is_rigid: bool) -> None:
+    """Replace the motion ``p`` by ``p`` after the inverse of ``step``."""
+    if is_rigid:
+        # The inverse of (R, t) is (Rᵀ, -Rᵀ t); a rotation stays one exactly.
+        a, b = math.cos(step[4]), math.sin(step[4])
+        c, d = -b, a
+        determinant = 1.0
+        a11, a12, a21, a22 = a, c, b, d
+    else:
+        a11, a12, a21, a22 = 1.0 + step[1], step[2], step[4], 1.0 + step[5]
+        determinant = a11 * a22 - a12 * a21
+    i11, i12 = a22 / determinant, -a12 / determinant
+    i21, i22 = -a21 / determinant, a11 / determinant
+    tx = -(i11 * step[0] + i12 * step[3])
+    ty = -(i21 * step[0] + i22 * step[3])
+    m11, m12, m21, m22 = 1.0 + p[1], p[2], p[4], 1.0 + p[5]
+    p[0] += m11 * tx + m12 * ty
+    p[3] += m21 * tx + m22 * ty
+    p[1] = m11 * i11 + m12 * i21 - 1.0
+    p[2] = m11 * i12 + m12 * i22
+    p[4] = m21 * i11 + m22 * i21
+    p[5] = m21 * i12 + m22 * i22 - 1.0
+
+
+@compiled(nogil=True)
+def _is_inside(
+    x: float, y: float, half: float, p: Floats, window: tuple[float, float, float, float]
+) -> bool:
+    """Whether the four corners of the moved subset lie in the window."""
+    for sj in (-1.0, 1.0):
+        for si in (-1.0, 1.0):
+            j = sj * half
+            i = si * half
+            cx = x + j + p[0] + p[1] * j + p[2] * i
+            cy = y + i + p[3] + p[4] * j + p[5] * i
+            # Written so that NaN is outside.
+            if not (window[0] <= cx <= window[1] and window[2] <= cy <= window[3]):
+                return False
+    return True
+
+
+@compiled(nogil=True)
+def _sum_subset(
+    coefficients: Image32,
+    order: int,
+    corner: tuple[float, float],
+    layout: Integers,
+    packed: Image32,
+    level: float,
+    p: Floats,
+    values: Image32,
+    sums: Floats,
+) -> None:
+    """Interpolate a whole subset of the frame and sum what the normal equations need."""
+    half, place, pitch = layout[2], layout[3], layout[4]
+    width = 2 * half + 1
+    for k in range(9):
+        sums[k] = 0.0
+    for row in range(width):
+        i = float(row - half)
+        x = layout[0] - corner[0] - half + p[0] - p[1] * half + p[2] * i
+        y = layout[1] - corner[1] + i + p[3] - p[4] * half + p[5] * i
+        _sample_row(coefficients, order, x, y, p[1], p[4], width, values)
+        _accumulate(
+            values,
+            np.float32(level),
+            packed[0, place : place + pitch],
+            packed[1, place : place + pitch],
+            packed[2, place : place + pitch],
+            float(half),
+            width,
+            i,
+            sums,
+        )
+        place += pitch
+
+
+@compiled(nogil=True)
+def _gauss_newton_step(
+    sums: Floats,
+    pixels: float,
+    energy: float,
+    moments: Floats,
+    normal: Floats,
+    inverse: Floats,
+    step: Floats,
+    quality: Floats,
+) -> bool:
+    """Step, gain, residual and correlation from the sums; False when nothing is alike."""
+    average = sums[0] / pixels
+    contrast = sums[1] - average * sums[0]
+    # Written so that NaN fails.
+    if not (sums[2] > 0.0 and contrast > 0.0):
+        return False
+    gain = energy / sums[2]
+    for a in range(6):
+        step[a] = 0.0
+        for b in range(6):
+            slope = gain * (sums[3 + b] - average * moments[0, b]) - moments[1, b]
+            step[a] += inverse[a, b] * slope
+    # The last step is not evaluated again: by how much it lowers the residual is known.
+    fall = 0.0
+    for a in range(6):
+        for b in range(6):
+            fall += step[a] * normal[a, b] * step[b]
+    residual = max(gain * gain * contrast - energy - fall, 0.0)
+    quality[0] = gain
+    quality[1] = residual
+    quality[2] = math.sqrt(energy / (energy + residual))
+    return True
+
+
+@compiled(nogil=True)
+def _iterate(
+    coefficients: Image32,
+    order: int,
+    corner: tuple[float, float],
+    window: tuple[float, float, float, float],
+    layout: Integers,
+    is_rigid: bool,
+    packed: Image32,
+    level: Floats,
+    moments: Floats,
+    normal: Floats,
+    inverse: Floats,
+    tolerance: float,
+    max_iterations: int,
+    p: Floats,
+    quality: Floats,
+    work: tuple[Floats, Floats, Floats, Image32],
+) -> tuple[int, int]:
+    """Iterate one subset; evaluations and result code."""
+    sums, step, before, values = work
+    half = layout[2]
+    pixels = float((2 * half + 1) ** 2)
+    start_x, start_y = p[0], p[3]
+    last2 = 0.0
+    relaxation = 1.0
+    for a in range(6):
+        before[a] = 0.0
+    if inverse[0, 0] <= 0.0:
+        return 0, NO_TEXTURE
+    for iteration in range(max_iterations):
+        if not _is_inside(layout[0], layout[1], half, p, window):
+            return iteration, LEFT_WINDOW
+        _sum_subset(coefficients, order, corner, layout, packed, level[0], p, values, sums)
+        if not _gauss_newton_step(sums, pixels, level[1], moments, normal, inverse, step, quality):
+            return iteration + 1, NOT_CONVERGED
+        size2 = 0.0
+        along = 0.0
+        for a in range(6):
+            weight = half * half / 3.0 if a % 3 else 1.0
+            size2 += weight * step[a] * step[a]
+            along += weight * step[a] * before[a]
+            before[a] = step[a]
+        shrink = math.sqrt(size2) * _FIRST_SHRINK
+        if last2 > 0.0:
+            # Noise in the slopes makes the steps too short by a constant factor, which shows in
+            # two steps along the same line.
+            relaxation /= 1.0 - min(along / last2, 0.75)
+            relaxation = min(max(relaxation, 1.0), _MOST_RELAXATION)
+            shrink = math.sqrt(size2 / last2)
+        last2 = size2
+        for a in range(6):
+            step[a] *= relaxation
+        compose_with_inverse(p, step, is_rigid)
+        # Written so that NaN is beyond.
+        if not math.hypot(p[0] - start_x, p[3] - start_y) < CAPTURE:
+            return iteration + 1, NOT_CONVERGED
+        # Steps shrink by about a constant factor, so the next one can be foreseen.
+        if math.sqrt(size2) * min(shrink, 1.0) < tolerance:
+            return iteration + 1, SOLVED
+    return max_iterations, NOT_CONVERGED
+
+
+@compiled(nogil=True)
+def solve_subsets(
+    coefficients: Image32,
+    order: int,
+    corner: tuple[float, float],
+    window: tuple[float, float, float, float],
+    chosen: Integers,
+    layout: Integers,
+    is_rigid: NDArray[np.bool_],
+    packed: Image32,
+    level: Floats,
+    moments: Floats,
+    normal: Floats,
+    inverse: Floats,
+    tolerance: float,
+    max_iterations: int,
+    motion: Floats,
+    quality: Floats,
+    counts: Integers,
+    scratch: Floats,
+    values: Image32,
+) -> None:
+    """Iterate every chosen subset to convergence; ``motion`` holds the start and the result."""
+    # Work arrays come from outside and results are set one by one: that spares half the compiling.
+    work = (scratch[0, :9], scratch[1, :6], scratch[2, :6], values)
+    for q in range(len(chosen)):
+        n = chosen[q]
+        evaluations, code = _iterate(
+            coefficients,
+            order,
+            corner,
+            window,
+            layout[n],
+            is_rigid[n],
+            packed,
+            level[n],
+            moments[n],
+            normal[n],
+            inverse[n],
+            tolerance,
+            max_iterations,
+            motion[q],
+            quality[q],
+            work,
+        )
+        counts[q, 0] = evaluations
+        counts[q, 1] = code

@@ -1,0 +1,234 @@
+"""Follow subsets from frame to frame: predict where they will be, solve, remember.
+
+A point is trusted when it converged close to where its own motion led it, or when neighbours or
+a template match confirm it: a high correlation alone is no proof, since about one subset in
+seventy that starts too far away converges to a wrong place with a correlation above 0.9.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
+from labpipe.imaging.dic._motion_state import converged_nearby, extent, predicted, remember
+from labpipe.imaging.dic._reference import Reference
+from labpipe.imaging.dic._subset_solver import SOLVED, Solution, solve
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+#: Distance from the prediction (px) up to which a converged point needs no confirmation:
+#: the velocity of a bouncing holder changes by at most 1 px per frame.
+SURPRISE = 1.5
+#: Drop of the correlation relative to the last frame that calls for a check.
+_DROP = 0.85
+
+
+@dataclass(frozen=True)
+class Options:
+    """Settings of the solver, see :func:`labpipe.imaging.track`."""
+
+    order: int
+    tolerance: float
+    max_iterations: int
+    min_zncc: float
+
+
+@dataclass
+class Work:
+    """Counts of what was done."""
+
+    subsets_solved: int = 0
+    iterations: int = 0
+    reseeds: int = 0
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """Answers for the usable points of one frame, as in ``Solution``, and their status."""
+
+    motion: Floats
+    gain: Floats
+    residual: Floats
+    zncc: Floats
+    iterations: Indices
+    status: NDArray[np.int8]
+
+
+@dataclass
+class Attempt:
+    """Best answers so far for one frame."""
+
+    motion: Floats
+    zncc: Floats
+    gain: Floats
+    residual: Floats
+    iterations: Indices
+    code: Indices
+    trusted: Flags
+    reached: Flags = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.reached = np.zeros(len(self.zncc), bool)
+
+    @classmethod
+    def nothing(cls, expected: Floats) -> "Attempt":
+        """Return answers that hold nothing but where the points were expected."""
+        count = len(expected)
+        zncc, gain, residual = np.full((3, count), np.nan)
+        nowhere = np.full(count, -1)
+        return cls(
+            expected.copy(), zncc, gain, residual, np.zeros(count, np.int64), nowhere,
+            np.zeros(count, bool),
+        )  # fmt: skip
+
+    @classmethod
+    def of(cls, found: Solution) -> "Attempt":
+        """Return the answers of all points, none of them trusted yet."""
+        return cls(
+            found.motion, found.zncc.copy(), found.gain.copy(), found.residual.copy(),
+            found.iterations, found.code, np.zeros(len(found.code), bool),
+        )  # fmt: skip
+
+    def take(self, chosen: Indices, found: Solution, better: Flags) -> None:
+        """Replace the answers of chosen points where the new ones are better."""
+        where = chosen[better]
+        self.motion[where] = found.motion[better]
+        self.zncc[where] = found.zncc[better]
+        self.gain[where] = found.gain[better]
+        self.residual[where] = found.residual[better]
+        self.code[where] = found.code[better]
+
+
+class Tracker:
+    """State of all usable points while a film is gone through.
+
+    Parameters
+    ----------
+    reference : Reference
+        What to look for.
+    film : FilmWindow
+        Where to look.
+    options : Options
+        Solver settings.
+    """
+
+    def __init__(self, reference: Reference, film: FilmWindow, options: Options) -> None:
+        count = len(reference.subsets)
+        self.reference = reference
+        self.film = film
+        self._options = options
+        self.places = np.stack([reference.subsets.x, reference.subsets.y], axis=1).astype(float)
+        self._half = np.ascontiguousarray(reference.subsets.half)
+        self._motion = np.zeros((count, 6))
+        self._velocity = np.zeros((count, 2))
+        self._step = np.ones(count)
+        self._seen = np.full(count, -1, np.int64)
+        self._zncc = np.ones(count)
+        self.is_tracked = np.ones(count, bool)
+        self.misses = np.zeros(count, np.int64)
+        self._predictions: dict[int, Floats] = {}
+        self.work = Work()
+
+    def start_from(self, shifts: Floats) -> None:
+        """Expect displacements (point, 2) in px in the next frame, whatever was before."""
+        self._motion[:, [0, 3]] = shifts
+        self._velocity[:] = 0.0
+        self.is_tracked[:] = True
+        self._predictions.clear()
+
+    def predict(self, index: int) -> Floats:
+        """Motion (point, 6) expected in a frame, from constant velocity."""
+        motion = self._predictions.get(index)
+        if motion is None:
+            motion = predicted(
+                self._motion, self._velocity, self._seen, self._step, self.is_tracked, index
+            )
+            self._predictions[index] = motion
+        return motion
+
+    def box(self, index: int) -> Box:
+        """Rectangle of a frame that the tracked subsets will need."""
+        wanted = self.is_tracked if self.is_tracked.any() else np.ones(len(self._seen), bool)
+        return self.film.box_around(self._extent(index, wanted))
+
+    def covers(self, loaded: Loaded, index: int) -> bool:
+        """Whether a rectangle loaded ahead of time holds all that will be needed."""
+        if not self.is_tracked.any():
+            return True
+        first, last, upper, lower = self._extent(index, self.is_tracked).tolist()
+        _, columns, _, rows = self.film.whole
+        left, right, top, bottom = loaded.window
+        return bool(
+            max(first - SURPRISE, 0.0) >= left
+            and min(last + SURPRISE, columns - 1.0) <= right
+            and max(upper - SURPRISE, 0.0) >= top
+            and min(lower + SURPRISE, rows - 1.0) <= bottom
+        )
+
+    def _extent(self, index: int, chosen: Flags) -> Floats:
+        """(left, right, top, bottom) of the subsets of chosen points as predicted."""
+        return np.asarray(extent(self.places, self._half, self.predict(index), chosen))
+
+    def solve(self, loaded: Loaded, chosen: Indices, start: Floats) -> Solution:
+        """Run the solver and count its work."""
+        assert loaded.coefficients is not None  # noqa: S101 - frames with NaN are skipped before
+        found = solve(
+            self.reference.subsets,
+            loaded.coefficients,
+            self._options.order,
+            chosen,
+            start,
+            origin=(loaded.box[0], loaded.box[2]),
+            window=loaded.window,
+            tolerance=self._options.tolerance,
+            max_iterations=self._options.max_iterations,
+        )
+        self.work.subsets_solved += len(chosen)
+        self.work.iterations += int(found.iterations.sum())
+        return found
+
+    def first_attempt(self, loaded: Loaded, expected: Floats) -> Attempt:
+        """Solve the tracked points from their predictions."""
+        if self.is_tracked.all():
+            every = np.arange(len(expected))
+            found = self.solve(loaded, every, expected)
+            attempt = Attempt.of(found)
+        else:
+            chosen = np.flatnonzero(self.is_tracked)
+            found = self.solve(loaded, chosen, expected[chosen])
+            attempt = Attempt.nothing(expected)
+            attempt.iterations[chosen] = found.iterations
+            attempt.take(chosen, found, np.ones(len(chosen), bool))
+        attempt.trusted = converged_nearby(
+            attempt.motion,
+            expected,
+            self.accepts(attempt.code, attempt.zncc),
+            attempt.zncc,
+            _DROP * self._zncc,
+            SURPRISE,
+        )
+        return attempt
+
+    def accepts(self, code: Indices, zncc: Floats) -> Flags:
+        """Whether points converged with enough correlation."""
+        return (code == SOLVED) & (zncc >= self._options.min_zncc)
+
+    def remember(self, index: int, attempt: Attempt) -> None:
+        """Update the state with the trusted points of a frame."""
+        remember(
+            attempt.motion,
+            attempt.zncc,
+            attempt.trusted,
+            index,
+            self._motion,
+            self._velocity,
+            self._seen,
+            self._step,
+            self._zncc,
+            self.is_tracked,
+            self.misses,
+        )
+        self._predictions.clear()

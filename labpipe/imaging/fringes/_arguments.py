@@ -1,0 +1,79 @@
+"""Arguments of :func:`._contact_radius`, checked."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+from labpipe.frames import FrameSource
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FilmOptions:
+    """Arguments of :func:`._contact_radius`, under the same names."""
+
+    pixel_size: float
+    sphere_radius: float
+    wavelength: float | None
+    exposure: float | NDArray[np.float64] | None = None
+    phase: float | None = None
+    shape: str = "auto"
+    fringes: float = 3.0
+    full: bool = False
+    windows: tuple[tuple[float, float], ...] | None = None
+
+
+def check_film(film: FrameSource, options: FilmOptions) -> None:
+    """Refuse arguments outside their range.
+
+    Raises
+    ------
+    InputError
+        With what was found and what was expected.
+    """
+    lengths = {
+        "pixel_size": (options.pixel_size, 1e-9, 1e-3),
+        "sphere_radius": (options.sphere_radius, 1e-6, 10.0),
+    }
+    if options.wavelength is not None:
+        lengths["wavelength"] = (options.wavelength, 100e-9, 20e-6)
+    for name, (value, low, high) in lengths.items():
+        if not low <= value <= high:
+            message = f"{name} must lie between {low:g} and {high:g} m, found {value} m"
+            raise InputError(message)
+    if options.shape not in {"auto", "circle", "ellipse"}:
+        message = f'shape must be "auto", "circle" or "ellipse", found {options.shape!r}'
+        raise InputError(message)
+    if not 0.5 <= options.fringes <= 20.0:
+        message = f"fringes must be between 0.5 and 20, found {options.fringes}"
+        raise InputError(message)
+    if options.phase is not None and not math.isfinite(options.phase):
+        message = f"phase must be a finite angle in rad, found {options.phase}"
+        raise InputError(message)
+    if len(film.shape) != 3 or min(film.shape[1:]) < 16:
+        message = f"frames must be grey images of 16 x 16 px or more, found {film.shape}"
+        raise InputError(message)
+    if len(film) == 0:
+        message = "the film holds no frames"
+        raise InputError(message)
+    if options.exposure is not None:
+        exposure = np.asarray(options.exposure, float)
+        is_shaped = exposure.shape in {(), (len(film),)}
+        if not is_shaped or not (np.isfinite(exposure) & (exposure >= 0.0)).all():
+            message = (
+                f"exposure must be one time in s or one per frame ({len(film)}), not negative; "
+                f"found {options.exposure}"
+            )
+            raise InputError(message)
+
+
+def exposure_times(film: FrameSource, options: FilmOptions) -> Floats | None:
+    """Exposure time of every frame in s, from the caller or the film; None when unknown."""
+    exposure = film.exposure if options.exposure is None else options.exposure
+    if exposure is None:
+        return None
+    return np.broadcast_to(np.asarray(exposure, float), (len(film),))

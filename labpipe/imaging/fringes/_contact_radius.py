@@ -1,0 +1,158 @@
+"""Radius of the contact between a sphere and a flat, from a film of its interference fringes."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.frames import FrameSource, as_frames
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Fringes used, half a wavelength of gap each. The first three hold nearly all that is known
+#: about the radius; more of them multiply the effect of an error in R or the wavelength.
+DEFAULT_FRINGES = 3.0
+
+
+def contact_radius(
+    frames: FrameSource | NDArray[np.generic],
+    pixel_size: float,
+    sphere_radius: float,
+    wavelength: float | None,
+    exposure: float | NDArray[np.float64] | None = None,
+    *,
+    phase: float | None = None,
+    shape: Literal["auto", "circle", "ellipse"] = "auto",
+    fringes: float = DEFAULT_FRINGES,
+    full: bool = False,
+    windows: Sequence[tuple[float, float]] | None = None,
+    u_pixel_size: float = 0.0,
+    u_sphere_radius: float = 0.0,
+    u_wavelength: float = 0.0,
+    u_phase: float = 0.0,
+) -> "xr.Dataset":
+    """Measure the radius of a contact in every frame of a film.
+
+    Parameters
+    ----------
+    frames : FrameSource or array (frame, row, column)
+        Grey images of the contact seen through the flat, linear in light.
+    pixel_size : float [m]
+        Width of a pixel in the plane of the contact.
+    sphere_radius : float [m]
+        Effective radius of curvature.
+    wavelength : float or None [m]
+        Wavelength of the light; None for white or unknown light: then only the edge of the spot
+        is measured, for a nominal wavelength of 550 nm.
+    exposure : float or array (frame,), optional [s]
+        Exposure time; by default what the film says. It tells how far the radius moves while the
+        shutter is open, from where the fit of a blurred frame starts.
+    phase : float, optional [rad]
+        Phase in the contact, π where it is dark, 0 where it is bright. By default found from the
+        film.
+    shape : "auto", "circle" or "ellipse"
+        Whether circles are ellipses (oblique view, unequal scales): when the largest contacts of
+        the film say so, never, or free in every frame.
+    fringes : float
+        Number of fringes used.
+    full : bool
+        Read and fit every frame: no shortcuts.
+    windows : sequence of (start, end), optional [s]
+        Times in which a contact may be (from a laser record, say). Frames outside are not read
+        and count as out of contact.
+    u_pixel_size, u_sphere_radius, u_wavelength : float, optional [m]
+        Standard uncertainties, for the systematic budget.
+    u_phase : float, optional [rad]
+        Standard uncertainty of the phase, for the budget.
+
+    Returns
+    -------
+    Dataset over ``frame``
+        ``radius`` : radius in the middle of the exposure; for ellipses that of the circle of
+        equal area [m]; NaN where there is none;
+        ``u_radius`` : its standard uncertainty from noise, and from what the fit leaves beyond
+        noise where that is not by chance (with "edge": that of the estimate) [m];
+        ``radius_systematic`` : standard uncertainty that all frames share, and
+        ``systematic_part`` (frame, source) its parts, from the uncertainties given [m];
+        ``centre_x``, ``centre_y`` [px] with ``u_``;
+        ``in_contact`` : whether there is a contact;
+        ``valid`` : False for damaged frames;
+        ``method`` : 0 none, 1 fringe fit, 2 edge, 3 between equal frames (a frame at rest that
+        was not read whole; the radius is interpolated), 4 wider than the frame (in contact, without
+        a radius), 5 fringe fit of a gap that is not Hertz's (on a body that still recovers);
+        ``travel`` : change of the radius during the exposure as the blur shows it, without
+        sign [m];
+        ``misfit`` : residual beyond noise as a share of the modulation [1];
+        ``gap_factor`` : factor of the gap beside the contact against Hertz's, 1 unless fitted [1];
+        ``residual_ratio`` : residual divided by noise [1]; ``visibility`` [1];
+        ``semi_axis_major``, ``semi_axis_minor`` [m], ``axis_angle`` (major axis, from x towards
+        y) [rad];
+        ``static_radius``, ``u_static_radius`` : mean over the rest at the end of the film, NaN
+        when it does not end at rest in contact [m].
+        Attributes: ``phase`` (used) and ``u_phase`` (rad), ``phase_scale_ratio`` (found / given
+        of 1/(λ R)), ``wavelength_used``, ``note``, ``work`` (counts).
+
+    Raises
+    ------
+    InputError
+        A value out of its range, or frames that are not grey images.
+
+    Warns
+    -----
+    UserWarning
+        The fringes contradict R, wavelength or pixel size; the light's wavelength is not known;
+        fringes are finer than pixels; damaged frames.
+
+    Notes
+    -----
+    The gap of a Hertz contact opens like (r - a)^(3/2), so that the image shows no edge at r = a.
+    The radius follows from a fit of the interference pattern of the first fringes to all pixels
+    of a ring, with centre, light and its slopes, visibility and the blur by the motion of the
+    radius as further unknowns. Phase, blur of the lens, and oblique view are found once per film.
+    Beside every contact that does not stick the gap opens with the power 3/2, with Hertz's factor
+    unless the body still recovers from a dent: where Hertz's gap does not explain a frame, the
+    factor is fitted too. A dark centre alone is no contact: a sphere that touches without load, or
+    hovers, shows one as well and is told by its fringes.
+
+    Examples
+    --------
+    >>> from labpipe.imaging.fringes._interference import hertz_gap
+    >>> y, x = np.mgrid[:128, :160]
+    >>> gap = hertz_gap(4e-6 * np.hypot(x - 80.2, y - 63.7), 150e-6, 9.525e-3)
+    >>> image = 120.0 * (1.0 - 0.8 * np.cos(4.0 * np.pi * gap / 633e-9))
+    >>> found = contact_radius(np.stack([image]).astype(np.uint8), 4e-6, 9.525e-3, 633e-9)
+    >>> bool(abs(found.radius[0] - 150e-6) < 0.1e-6), int(found.method[0])
+    (True, 1)
+
+    References
+    ----------
+    K. L. Johnson, Contact Mechanics (1985), section 4.2, https://doi.org/10.1017/CBO9781139171731;
+    A. Ovcharenko et al., Tribol. Lett. 23 (2006) 55-63,
+    https://doi.org/10.1007/s11249-006-9113-9
+    """
+    from labpipe.imaging.fringes._arguments import FilmOptions, check_film
+    from labpipe.imaging.fringes._dataset import make_dataset
+    from labpipe.imaging.fringes._every_frame import measure_film
+
+    film = as_frames(frames)
+    options = FilmOptions(
+        pixel_size,
+        sphere_radius,
+        wavelength,
+        exposure,
+        phase,
+        shape,
+        fringes,
+        full,
+        None if windows is None else tuple((float(a), float(b)) for a, b in windows),
+    )
+    check_film(film, options)
+    uncertainties = {
+        "pixel_size": u_pixel_size,
+        "sphere_radius": u_sphere_radius,
+        "wavelength": u_wavelength,
+        "phase": u_phase,
+    }
+    return make_dataset(film, options, measure_film(film, options), uncertainties)

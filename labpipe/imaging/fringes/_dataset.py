@@ -1,0 +1,281 @@
+"""From what was found in a film to the Dataset of contact radii."""
+
+import json
+import math
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.frames import FrameSource
+from labpipe.imaging.fringes._arguments import FilmOptions
+from labpipe.imaging.fringes._blank_frames import FilmResult
+from labpipe.imaging.fringes._edge import corrected_radius
+from labpipe.imaging.fringes._every_frame import NOMINAL_WAVELENGTH
+from labpipe.imaging.fringes._open_gap import has_free_gap
+from labpipe.imaging.fringes._radial_scan import has_resolved_fringes
+from labpipe.imaging.fringes._ring_fit import Parameter, RingFit
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Floats = NDArray[np.float64]
+
+NONE, FRINGES, EDGE, RESTING, FILLED, OPEN_GAP = 0, 1, 2, 3, 4, 5
+_METHODS = {
+    NONE: "none",
+    FRINGES: "fringe_fit",
+    EDGE: "edge",
+    RESTING: "between_equal_frames",
+    FILLED: "wider_than_frame",
+    OPEN_GAP: "fringe_fit_open_gap",
+}
+#: Sources of the systematic budget, in the order of the coordinate.
+SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase")
+#: Deviation of the fringes' scale from R, wavelength and pixel size that is worth a warning.
+_NOTABLE_SCALE = 0.003
+#: Rest: change of the radius, relative to its end, and fewest frames.
+_REST_CHANGE, _LEAST_REST = 0.01, 5
+
+_TEXTS = {
+    "radius": ("m", "contact radius"),
+    "u_radius": ("m", "standard uncertainty of the contact radius from noise and misfit"),
+    "radius_systematic": ("m", "standard uncertainty of the contact radius shared by all frames"),
+    "centre_x": ("px", "column of the centre of the contact"),
+    "u_centre_x": ("px", "standard uncertainty of the column of the centre"),
+    "centre_y": ("px", "row of the centre of the contact"),
+    "u_centre_y": ("px", "standard uncertainty of the row of the centre"),
+    "travel": ("m", "change of the contact radius during the exposure, without sign"),
+    "misfit": ("1", "residual beyond noise as a share of the modulation"),
+    "residual_ratio": ("1", "residual divided by noise"),
+    "visibility": ("1", "visibility of the fringes"),
+    "gap_factor": ("1", "factor by which the gap beside the contact exceeds Hertz's"),
+    "semi_axis_major": ("m", "major semi-axis of the contact"),
+    "semi_axis_minor": ("m", "minor semi-axis of the contact"),
+    "axis_angle": ("rad", "direction of the major axis, from x towards y"),
+}
+
+
+def make_dataset(
+    film: FrameSource, options: FilmOptions, result: FilmResult, uncertainties: dict[str, float]
+) -> "xr.Dataset":
+    """Assemble the Dataset over frame.
+
+    Parameters
+    ----------
+    film : FrameSource
+        The film.
+    options : FilmOptions
+        How it was measured.
+    result : FilmResult
+        What was found.
+    uncertainties : dict
+        Standard uncertainties of pixel size, sphere radius, wavelength and phase.
+    """
+    import xarray as xr
+
+    count = len(film)
+    values = {name: np.full(count, np.nan) for name in _TEXTS}
+    parts = np.full((count, len(SOURCES)), np.nan)
+    method = np.zeros(count, np.int8)
+    for index, fit in result.fits.items():
+        method[index] = OPEN_GAP if has_free_gap(fit) else FRINGES
+        _put_fit(values, index, fit, result, options.pixel_size)
+        parts[index] = _systematic(fit, result, options, uncertainties)
+    for index, edge in result.edges.items():
+        method[index] = EDGE
+        radius, deviation = corrected_radius(edge, result.view.optics)
+        values["radius"][index] = radius * options.pixel_size
+        values["u_radius"][index] = deviation * options.pixel_size
+        values["centre_x"][index], values["centre_y"][index] = edge.x, edge.y
+        noise = edge.scatter * math.sqrt(2.0 / edge.points)
+        values["u_centre_x"][index] = values["u_centre_y"][index] = noise
+        parts[index] = _edge_systematic(radius, result, options, uncertainties)
+    values["radius_systematic"] = np.sqrt((parts**2).sum(axis=1))
+    method[result.resting] = RESTING
+    method[list(result.filled)] = FILLED
+    _interpolate(values, parts, method, film.time)
+    _warn(options, result)
+    static, u_static = _static_radius(values["radius"], values["u_radius"], method)
+    data: dict[str, tuple[object, ...]] = {
+        name: ("frame", values[name], {"units": units, "long_name": text})
+        for name, (units, text) in _TEXTS.items()
+    }
+    flags = {"units": "1", "long_name": "how the radius was found"}
+    data["method"] = ("frame", method, {
+        **flags, "flag_values": list(_METHODS), "flag_meanings": " ".join(_METHODS.values()),
+    })  # fmt: skip
+    data["in_contact"] = (
+        "frame", method != NONE, {"units": "1", "long_name": "whether there is a contact"},
+    )  # fmt: skip
+    valid = np.ones(count, bool)
+    valid[list(result.damaged)] = False
+    data["valid"] = ("frame", valid, {"units": "1", "long_name": "whether the frame was usable"})
+    data["systematic_part"] = (("frame", "source"), parts, {
+        "units": "m", "long_name": "part of the systematic uncertainty of the contact radius",
+    })  # fmt: skip
+    rest = "mean contact radius at rest at the end of the film"
+    data["static_radius"] = ((), static, {"units": "m", "long_name": rest})
+    data["u_static_radius"] = (
+        (), u_static, {"units": "m", "long_name": f"standard uncertainty of the {rest}"},
+    )  # fmt: skip
+    coordinates = {
+        "frame": ("frame", np.arange(count), {"units": "1", "long_name": "frame of the film"}),
+        "time": ("frame", film.time, {"units": "s", "long_name": "time"}),
+        "source": ("source", list(SOURCES), {"long_name": "source of systematic uncertainty"}),
+    }
+    return xr.Dataset(data, coordinates, _attributes(options, result, uncertainties))
+
+
+def _put_fit(
+    values: dict[str, Floats], index: int, fit: RingFit, result: FilmResult, pixel: float
+) -> None:
+    """Enter one fit."""
+    p = fit.parameters
+    stretch, shear = float(p[Parameter.STRETCH]), float(p[Parameter.SHEAR])
+    unequal = math.hypot(stretch, shear)
+    radius = float(p[Parameter.RADIUS]) * pixel
+    values["radius"][index] = radius / math.sqrt(1.0 - unequal**2)
+    deviation = math.hypot(fit.deviation(Parameter.RADIUS), fit.model_deviation)
+    values["u_radius"][index] = deviation * pixel
+    values["semi_axis_major"][index] = radius / (1.0 - unequal)
+    values["semi_axis_minor"][index] = radius / (1.0 + unequal)
+    # Lengths along this direction are shortened least.
+    angle = 0.5 * math.atan2(shear, stretch) + 0.5 * math.pi if unequal else 0.0
+    values["axis_angle"][index] = (angle + 0.5 * math.pi) % math.pi - 0.5 * math.pi
+    for name, parameter in (("centre_x", Parameter.X), ("centre_y", Parameter.Y)):
+        values[name][index] = p[parameter]
+        values[f"u_{name}"][index] = fit.deviation(parameter)
+    values["travel"][index] = math.sqrt(max(float(p[Parameter.SMEAR]), 0.0)) * pixel
+    values["misfit"][index] = fit.misfit
+    values["residual_ratio"][index] = fit.residual / max(fit.noise, 1e-12)
+    values["gap_factor"][index] = math.exp(float(p[Parameter.SCALE]))
+    light = float(p[Parameter.GAIN]) - result.view.black
+    values["visibility"][index] = abs(float(p[Parameter.MODULATION])) / light
+
+
+def _systematic(
+    fit: RingFit, result: FilmResult, options: FilmOptions, uncertainties: dict[str, float]
+) -> Floats:
+    """Parts of the systematic uncertainty (m), in the order of :data:`SOURCES`.
+
+    R, wavelength and pixel size change the scale of the phase; pixel size also the length itself.
+    """
+    pixel = options.pixel_size
+    by_scale = fit.sensitivity[Parameter.SCALE] * pixel
+    by_phase = fit.sensitivity[Parameter.PHASE] * pixel
+    radius = float(fit.parameters[Parameter.RADIUS]) * pixel
+    relative = uncertainties["pixel_size"] / pixel
+    return np.abs([
+        by_scale * uncertainties["sphere_radius"] / options.sphere_radius,
+        by_scale * uncertainties["wavelength"] / (options.wavelength or NOMINAL_WAVELENGTH),
+        (radius - 2.0 * by_scale) * relative,
+        by_phase * math.hypot(uncertainties["phase"], result.calibration.u_phase_shift),
+    ])  # fmt: skip
+
+
+def _edge_systematic(
+    radius: float, result: FilmResult, options: FilmOptions, uncertainties: dict[str, float]
+) -> Floats:
+    """Parts for an edge: only the pixel size counts beside the uncertainty of the estimate."""
+    return np.array([0.0, 0.0, radius * uncertainties["pixel_size"], 0.0])
+
+
+def _interpolate(
+    values: dict[str, Floats], parts: Floats, method: NDArray[np.int8], time: Floats
+) -> None:
+    """Fill the frames at rest that were not read from those before and after."""
+    known = np.flatnonzero(np.isin(method, (FRINGES, EDGE, OPEN_GAP)))
+    resting = np.flatnonzero(method == RESTING)
+    if not len(known):
+        method[resting] = NONE
+        return
+    for line in (*values.values(), *parts.T):
+        line[resting] = np.interp(time[resting], time[known], line[known])
+
+
+def _static_radius(
+    radius: Floats, deviation: Floats, method: NDArray[np.int8]
+) -> tuple[float, float]:
+    """Mean radius over the last frames that hardly change, and its standard uncertainty."""
+    used = np.flatnonzero(np.isfinite(radius))
+    if not len(used) or used[-1] < len(radius) - 1:
+        return math.nan, math.nan
+    end = float(np.median(radius[used[-_LEAST_REST:]]))
+    is_still = np.abs(radius - end) < _REST_CHANGE * end  # NaN: not in contact, not still
+    moving = np.flatnonzero(~is_still)
+    rest = np.arange(moving[-1] + 1 if len(moving) else 0, len(radius))
+    if len(rest) < _LEAST_REST:
+        return math.nan, math.nan
+    weights = 1.0 / np.maximum(deviation[rest], 1e-15) ** 2
+    measured = method[rest] != RESTING
+    mean = float((weights * radius[rest]).sum() / weights.sum())
+    scatter = float(np.std(radius[rest][measured])) if measured.sum() > 1 else 0.0
+    count = max(int(measured.sum()), 1)
+    return mean, max(scatter, float(np.median(deviation[rest]))) / math.sqrt(count)
+
+
+def _warn(options: FilmOptions, result: FilmResult) -> None:
+    """Tell what a reader of the results must know."""
+    texts = []
+    if result.damaged:
+        texts.append(f"{len(result.damaged)} damaged frames were left out")
+    if options.wavelength is None:
+        texts.append(
+            "the wavelength is not known: the contact radius is measured by the edge of the spot, "
+            "to some micrometres; give the wavelength of a monochromatic light to use the fringes"
+        )
+    elif not result.has_fringes or _has_fine_fringes(result):
+        texts.append(
+            "fringes next to the contact are finer than two pixels: the contact radius is then "
+            "measured by the edge of the spot; a higher magnification would resolve them"
+        )
+    scale = math.expm1(result.calibration.log_scale)
+    if abs(scale) > _NOTABLE_SCALE:
+        texts.append(
+            f"the fringes are {'narrower' if scale > 0 else 'wider'} than R, wavelength and pixel "
+            f"size say, as if R times wavelength were {-scale / (1 + scale):+.2%} off; the scale "
+            "of the fringes was used: check sphere_radius, wavelength and pixel_size"
+        )
+    doubted = result.calibration.doubted_phase
+    if math.isfinite(doubted):
+        texts.append(
+            f"the fringes show a phase of {doubted:.3f} rad in the contact, not the given "
+            f"{options.phase:.3f} rad, which was kept; leave phase out to use what the film shows"
+        )
+    for text in texts:
+        warnings.warn(text, UserWarning, stacklevel=4)
+
+
+def _has_fine_fringes(result: FilmResult) -> bool:
+    """Tell whether edges were measured where fringes are too fine for the pixels."""
+    optics = result.view.optics
+    return any(
+        not has_resolved_fringes(edge.half_radius, optics, result.view.settings.least_spacing)
+        for edge in result.edges.values()
+    )
+
+
+def _attributes(
+    options: FilmOptions, result: FilmResult, uncertainties: dict[str, float]
+) -> dict[str, object]:
+    """Attributes of the Dataset."""
+    sign = [float(fit.parameters[Parameter.MODULATION]) for fit in result.fits.values()]
+    phase = result.view.optics.phase
+    if sign and float(np.median(sign)) < 0.0:
+        phase -= math.pi
+    note = "fringes fitted"
+    if options.wavelength is None:
+        note = "wavelength not given: edge of the spot only, for a nominal wavelength"
+    elif not result.has_fringes:
+        note = "fringes not resolved: edge of the spot only"
+    return {
+        "phase": phase if result.has_fringes else math.nan,
+        "u_phase": result.calibration.u_phase_shift,
+        "phase_scale_ratio": math.exp(result.calibration.log_scale),
+        "wavelength_used": options.wavelength or NOMINAL_WAVELENGTH,
+        "note": note,
+        "uncertainties": json.dumps(uncertainties),
+        "work": json.dumps(result.work),
+    }

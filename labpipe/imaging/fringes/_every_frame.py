@@ -1,0 +1,428 @@
+"""Measure the contact in every frame of a film: which frames, from where, and what to believe."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.frames import FrameSource
+from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_reading
+from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
+from labpipe.imaging.fringes._blank_frames import (
+    FilmResult,
+    choose_edges,
+    find_filled,
+    look_without_fringes,
+)
+from labpipe.imaging.fringes._calibration import calibrate
+from labpipe.imaging.fringes._edge import corrected_radius
+from labpipe.imaging.fringes._interference import make_optics
+from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
+from labpipe.imaging.fringes._radial_scan import edge_width
+from labpipe.imaging.fringes._ring_fit import USUAL, FitSettings, Parameter, RingFit, fit_contact
+from labpipe.imaging.fringes._search import (
+    GOOD_MISFIT,
+    View,
+    fit_at,
+    fit_from,
+    is_contact,
+    search_contact,
+)
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+#: Wavelength assumed for the edge of the spot when it is not known: the middle of white light.
+NOMINAL_WAVELENGTH = 550e-9
+#: Finest fringes used (px). The model averages over pixels, so that fringes count down to where
+#: they alias.
+LEAST_SPACING = 2.0
+#: Shorter films are read whole; of longer ones, frames this far apart are looked at first.
+_SHORT_FILM, _FIRST_STEPS = 96, (64, 16, 4)
+#: Distance (px) below which two contacts count as in one place.
+_SAME_PLACE = 8.0
+#: Change of the radius over a stretch of rest, as a share of it, above which it is no rest.
+_REST_CHANGE = 0.01
+#: Frames looked at for a contact of unusual phase.
+_PHASE_FRAMES = 24
+#: Jump of the radius (px) up to which a fit is started from the frame before.
+_SMALL_JUMP = 2.0
+#: A contact beside another differs from what is expected by this share of the other's radius at
+#: most, and its centre lies within this share of its own radius from the other's.
+_MOST_CHANGE, _SAME_CENTRE = 0.5, 0.3
+_CIRCLE = (Parameter.RADIUS, Parameter.X, Parameter.Y)
+#: Frames before and after from which motion is estimated.
+_NEIGHBOURS = 3
+#: Travel in the exposure, in widths of the first bright ring, tried when nothing tells it.
+_UNKNOWN_TRAVELS = (1.5, 4.0)
+
+
+def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
+    """Find the contact in every frame.
+
+    Parameters
+    ----------
+    film : FrameSource
+        The film.
+    options : FilmOptions
+        Checked arguments.
+    """
+    reader = FilmReader(film)
+    wanted = np.asarray(film.valid, bool).copy()
+    if options.windows is not None:
+        wanted &= frames_in_windows(film.time, options.windows)
+    view = _make_view(reader, options, wanted)
+    result = FilmResult(view, np.zeros(len(film), bool))
+    result.is_phase_given = options.phase is not None
+    result.has_fringes = options.wavelength is not None and view.templates is not None
+    if result.has_fringes:
+        read = _follow_film(reader, result, options, wanted)
+        _repair(reader, result, film.time, exposure_times(film, options), read)
+        _open_gaps(reader, result, film.time, read)
+    else:
+        for index in map(int, np.flatnonzero(wanted)):
+            result.blanks[index] = look_without_fringes(reader.whole(index), view)
+    broken = np.flatnonzero(~np.asarray(film.valid, bool))
+    result.damaged = reader.damaged | set(map(int, broken))
+    for index in reader.damaged:
+        result.blanks.pop(index, None)
+        result.fits.pop(index, None)
+    choose_edges(result)
+    find_filled(result)
+    result.work = reader.work() | {
+        "fits": len(result.fits),
+        "evaluations": sum(fit.evaluations for fit in result.fits.values()),
+    }
+    return result
+
+
+def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
+    """Optics and settings as they are before the film has told more."""
+    film = reader.film
+    wavelength = NOMINAL_WAVELENGTH if options.wavelength is None else options.wavelength
+    phase = math.pi if options.phase is None else options.phase
+    optics = make_optics(options.pixel_size, options.sphere_radius, wavelength, phase)
+    free: tuple[Parameter, ...] = USUAL
+    if options.shape == "ellipse":
+        free = (*USUAL, Parameter.STRETCH, Parameter.SHEAR)
+    oblique = ((Parameter.STRETCH, Parameter.SHEAR),) if options.shape == "auto" else ()
+    alternatives = (*oblique, (Parameter.SCALE,))
+    settings = FitSettings(options.fringes, LEAST_SPACING, free)
+    black, white = film.levels
+    if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
+        # Nothing tells from where numbers that are no counts are saturated.
+        white = math.inf
+    return View(
+        optics,
+        settings,
+        (film.shape[1], film.shape[2]),
+        black,
+        white,
+        alternatives=alternatives,
+    )
+
+
+def _follow_film(
+    reader: FilmReader, result: FilmResult, options: FilmOptions, wanted: Flags
+) -> Flags:
+    """Fit the frames that need it; learn about the optics on the way. Return the frames read."""
+    read = wanted
+    fits: dict[int, RingFit] = {}
+    if not options.full and wanted.sum() > _SHORT_FILM:
+        read, fits = _gate(reader, result, wanted)
+    fits = _follow(reader, result, read, fits)
+    if not fits and options.phase is None:
+        fits = _other_phase(reader, result, read)
+    result.calibration = calibrate(
+        reader.whole, fits, result.view, is_phase_free=options.phase is None, shape=options.shape
+    )
+    if not result.calibration.is_usual or result.view.optics.phase != _make_phase(options):
+        result.view = result.calibration.applied(result.view)
+        fits = _refit(reader, result, read, fits)
+    result.fits = fits
+    opened = _doubtful_rest(result)
+    if opened.any():
+        result.resting &= ~opened
+        result.fits |= _follow(reader, result, opened, {})
+    return read | opened
+
+
+def _doubtful_rest(result: FilmResult) -> Flags:
+    """Frames taken for rest that do not lie between two contacts of nearly the same radius."""
+    doubtful = np.zeros(len(result.resting), bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], result.resting.astype(np.int8), [0]])))
+    for first, end in edges.reshape(-1, 2):
+        before, after = result.fits.get(int(first) - 1), result.fits.get(int(end))
+        is_rest = False
+        if before is not None and after is not None:
+            one, other = (float(fit.parameters[Parameter.RADIUS]) for fit in (before, after))
+            is_rest = abs(one - other) < _REST_CHANGE * one
+        doubtful[first:end] = not is_rest
+    return doubtful
+
+
+def _make_phase(options: FilmOptions) -> float:
+    return math.pi if options.phase is None else options.phase
+
+
+def _gate(
+    reader: FilmReader, result: FilmResult, wanted: Flags
+) -> tuple[Flags, dict[int, RingFit]]:
+    """Look at frames far apart, then at thin bands of all others; return what to read whole."""
+    known: dict[int, RingFit | None] = {}
+    frames = np.flatnonzero(wanted)
+    for step in _FIRST_STEPS:
+        for index in map(int, frames[::step]):
+            if index not in known:
+                known[index] = search_contact(reader.whole(index), result.view)
+        if any(fit is not None for fit in known.values()):
+            break
+    fits = {index: fit for index, fit in known.items() if fit is not None}
+    contact = {index: fit is not None for index, fit in known.items()}
+    places = [_place_of(fit, result.view) for fit in fits.values()]
+    plan = plan_reading(reader, wanted, contact, _distinct(places))
+    result.resting = plan.is_resting
+    return plan.read, fits
+
+
+def _place_of(fit: RingFit, view: View) -> Place:
+    """Where and how bright a contact is."""
+    p = fit.parameters
+    light, modulation = float(p[Parameter.GAIN]), float(p[Parameter.MODULATION])
+    inside = light + modulation * math.cos(view.optics.phase)
+    return Place(float(p[Parameter.X]), float(p[Parameter.Y]), inside, 0.5 * (inside + light))
+
+
+def _distinct(places: list[Place]) -> list[Place]:
+    """Leave out places that lie close to one before: a few bands see all contacts."""
+    chosen: list[Place] = []
+    for place in places:
+        near = (abs(place.x - old.x) + abs(place.y - old.y) < _SAME_PLACE for old in chosen)
+        if not any(near):
+            chosen.append(place)
+    return chosen
+
+
+def _follow(
+    reader: FilmReader, result: FilmResult, read: Flags, known: dict[int, RingFit]
+) -> dict[int, RingFit]:
+    """Fit frame after frame, each from what the frames before it showed."""
+    view = result.view
+    fits: dict[int, RingFit] = {}
+    last: RingFit | None = None
+    before: RingFit | None = None
+    for index in map(int, np.flatnonzero(read)):
+        fit = known.get(index)
+        if fit is None:
+            frame = reader.whole(index)
+            fit = _next_fit(frame, view, last, before)
+        if fit is None:
+            result.blanks[index] = look_without_fringes(frame, view)
+            before = None
+        else:
+            fits[index] = fit
+            last, before = fit, fits.get(index - 1)
+    return fits
+
+
+def _next_fit(
+    frame: NDArray[np.generic], view: View, last: RingFit | None, before: RingFit | None
+) -> RingFit | None:
+    """Fit a frame from the last contact if it is like it, from its centre, or from nothing."""
+    if last is None:
+        return search_contact(frame, view)
+    if before is not None:
+        fit = _warm_fit(frame, view, last)
+        if fit is not None:
+            return fit
+    centre = (float(last.parameters[Parameter.X]), float(last.parameters[Parameter.Y]))
+    if last.free == view.settings.free:
+        # The usual fit serves this film: what it cannot fit is something else.
+        view = replace(view, alternatives=())
+    return search_contact(frame, view, centre)
+
+
+def _warm_fit(frame: NDArray[np.generic], view: View, last: RingFit) -> RingFit | None:
+    """Fit from the parameters of the frame before; None when the contact has changed more."""
+    settings = replace(view.settings, free=last.free, max_iterations=8)
+    fit = fit_contact(frame, last.parameters, view.optics, settings, view.white)
+    if fit is None or not fit.is_converged:
+        return None
+    jump = abs(float(fit.parameters[Parameter.RADIUS] - last.parameters[Parameter.RADIUS]))
+    is_like = jump < _SMALL_JUMP and fit.misfit <= max(GOOD_MISFIT, 1.2 * last.misfit)
+    return fit if is_like and is_contact(frame, view, fit) else None
+
+
+def _other_phase(reader: FilmReader, result: FilmResult, read: Flags) -> dict[int, RingFit]:
+    """Look for contacts that are neither dark nor bright, in some of the frames."""
+    optics = replace(result.view.optics, phase=result.view.optics.phase - 0.5 * math.pi)
+    view = replace(result.view, optics=optics)
+    places = np.flatnonzero(read)
+    some = places[:: max(1, len(places) // _PHASE_FRAMES)]
+    fits = {}
+    for index in map(int, some):
+        fit = search_contact(reader.whole(index), view)
+        if fit is not None:
+            fits[index] = fit
+    if fits:
+        result.view = view
+    return fits
+
+
+def _refit(
+    reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, RingFit]
+) -> dict[int, RingFit]:
+    """Fit all frames again with the optics that the film has told."""
+    view = result.view
+    result.blanks.clear()
+    found: dict[int, RingFit] = {}
+    last: RingFit | None = None
+    for index in map(int, np.flatnonzero(read)):
+        frame = reader.whole(index)
+        fit: RingFit | None = None
+        if index in fits:
+            start = fits[index].parameters.copy()
+            start[Parameter.PHASE], start[Parameter.SCALE] = view.optics.phase, 0.0
+            if Parameter.STRETCH not in view.settings.free:
+                start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
+            fit = fit_contact(frame, start, view.optics, view.settings, view.white)
+            if fit is not None and (fit.misfit > GOOD_MISFIT or not is_contact(frame, view, fit)):
+                fit = None
+        fit = fit or _next_fit(frame, view, last, None)
+        if fit is None:
+            result.blanks[index] = look_without_fringes(frame, view)
+        else:
+            found[index] = last = fit
+    return found
+
+
+def _repair(
+    reader: FilmReader,
+    result: FilmResult,
+    time: Floats,
+    exposure: Floats | None,
+    read: Flags,
+) -> None:
+    """Fit blurred frames again, starting from where their neighbours say the contact was.
+
+    Twice, because a repaired frame helps its neighbours.
+    """
+    for _ in range(2):
+        for index in map(int, np.flatnonzero(read)):
+            old = result.fits.get(index)
+            if old is not None and old.misfit <= GOOD_MISFIT and old.is_converged:
+                continue
+            near = _neighbours(result.fits, index)
+            if not near:
+                continue
+            fit = _fit_blurred(reader, result.view, index, near, time, exposure)
+            if fit is not None and (old is None or fit.residual < old.residual):
+                result.fits[index] = fit
+
+
+def _open_gaps(reader: FilmReader, result: FilmResult, time: Floats, read: Flags) -> None:
+    """Fit the frames again in which the gap is not Hertz's, with the factor of the gap free."""
+    for index in map(int, np.flatnonzero(read)):
+        old = result.fits.get(index)
+        if index in reader.damaged or (old is not None and not is_doubtful(old)):
+            continue
+        near = _neighbours(result.fits, index)
+        edges = result.blanks[index].edges if index in result.blanks else ()
+        if old is None and not near:
+            continue
+        starts = [old.parameters.copy()] if old is not None else []
+        if near:
+            beside = min(near, key=lambda other: abs(other - index))
+            start = near[beside].parameters.copy()
+            start[Parameter.RADIUS] = max(expected_radius(near, index, time)[0], 1.0)
+            starts.append(start)
+            for edge in edges:
+                place = start.copy()
+                place[Parameter.RADIUS] = corrected_radius(edge, result.view.optics)[0]
+                starts.append(place)
+        fit = fit_open_gap(reader.whole(index), result.view, starts, old)
+        if fit is not None and (old is not None or _continues(fit, near, index, time)):
+            result.fits[index] = fit
+
+
+def _continues(fit: RingFit, near: dict[int, RingFit], index: int, time: Floats) -> bool:
+    """Tell whether a fit lies where the contacts of frames close by are, as large as expected."""
+    beside = near[min(near, key=lambda other: abs(other - index))]
+    radius, x, y = (float(fit.parameters[p]) for p in _CIRCLE)
+    usual, usual_x, usual_y = (float(beside.parameters[p]) for p in _CIRCLE)
+    change = abs(radius - expected_radius(near, index, time)[0])
+    away = math.hypot(x - usual_x, y - usual_y)
+    return change < _MOST_CHANGE * usual and away < _SAME_CENTRE * radius
+
+
+def _neighbours(fits: dict[int, RingFit], index: int) -> dict[int, RingFit]:
+    """Believable fits of frames close by, when one of them is next to the frame."""
+    near = {
+        other: fits[other]
+        for other in range(index - _NEIGHBOURS, index + _NEIGHBOURS + 1)
+        if other != index and other in fits and fits[other].misfit <= GOOD_MISFIT
+    }
+    return near if {index - 1, index + 1} & near.keys() else {}
+
+
+def _fit_blurred(
+    reader: FilmReader,
+    view: View,
+    index: int,
+    near: dict[int, RingFit],
+    time: Floats,
+    exposure: Floats | None,
+) -> RingFit | None:
+    """Best fit of a frame from the radius and the travel that its neighbours tell."""
+    beside = min(near, key=lambda other: abs(other - index))
+    start = near[beside].parameters.copy()
+    start[Parameter.SCALE] = 0.0
+    radius, rate = expected_radius(near, index, time)
+    if not radius > 0.0:
+        return None
+    edge = edge_width(radius, view.optics)
+    travels = [edge * share for share in _UNKNOWN_TRAVELS]
+    if exposure is not None and math.isfinite(rate):
+        travels.insert(0, abs(rate) * float(exposure[index]))
+    frame = reader.whole(index)
+    best = fit_at(frame, view, float(start[Parameter.X]), float(start[Parameter.Y]))
+    for travel in travels:
+        if best is not None and best.misfit <= GOOD_MISFIT:
+            break
+        start[Parameter.RADIUS], start[Parameter.SMEAR] = radius, travel**2
+        fit = fit_from(frame, view, start)
+        if fit is None:
+            continue
+        settings = replace(view.settings, free=fit.free)
+        fit = fit_contact(frame, fit.parameters, view.optics, settings, view.white)
+        is_right = (
+            fit is not None
+            and fit.is_converged
+            and abs(float(fit.parameters[Parameter.RADIUS]) - radius) < 0.5 * radius
+            and is_contact(frame, view, fit)
+        )
+        if fit is not None and is_right and (best is None or fit.residual < best.residual):
+            best = fit
+    return best
+
+
+def expected_radius(near: dict[int, RingFit], index: int, time: Floats) -> tuple[float, float]:
+    """Radius (px) in a frame and its rate of change (px/s) from the frames around it.
+
+    The square of the radius goes with the approach of the bodies and is smooth in time; a
+    parabola is laid through it.
+    """
+    frames = sorted(near, key=lambda other: (abs(other - index), other))[:4]
+    t = np.array([time[other] - time[index] for other in frames])
+    squares = np.array([float(near[other].parameters[Parameter.RADIUS]) ** 2 for other in frames])
+    if len(frames) == 1 or np.ptp(t) == 0.0:
+        return math.sqrt(squares[0]), math.nan
+    span = float(np.abs(t).max())
+    degree = min(2, len(frames) - 1)
+    bend = np.polynomial.Polynomial.fit(t / span, squares, degree, domain=(-1.0, 1.0))
+    square = max(float(bend(0.0)), 0.0)
+    radius = math.sqrt(square)
+    if radius == 0.0:
+        return 0.0, math.nan
+    return radius, float(bend.deriv()(0.0)) / span / (2.0 * radius)

@@ -1,0 +1,306 @@
+"""Compare the radial profile of a frame with Hertz contacts of all radii."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.imaging.fringes._interference import (
+    Optics,
+    distance_at_phase,
+    exposure_nodes,
+    phase_slope,
+    ring_limits,
+)
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+#: Rings per half fringe next to the contact: enough to follow it, few enough to be quick.
+_RINGS_PER_EDGE = 6.0
+#: Samples of the model in a ring.
+_SAMPLES = 2
+#: Rings are not narrower than this (px).
+_LEAST_WIDTH = 0.5
+#: Fringes count as resolved when the phase changes by this within those that are used (rad).
+_LEAST_PHASE = 0.9 * math.pi
+#: Radii of the templates are this many rings apart: a third of the first bright ring.
+_RINGS_PER_RADIUS = 2
+#: Rows read for a profile: every so many that about this many pixels are summed.
+_PROFILE_PIXELS = 150_000
+#: Travels of the radius in the exposure that are tried, in widths of the first bright ring.
+_TRAVELS = (0.0, 1.5, 4.0)
+#: Share of the rings of a template that must lie in the frame.
+_LEAST_SEEN = 0.75
+#: A sphere without load must leave this many times the squares that a contact leaves.
+_CONTACT_BETTER = 2.0
+#: The contact of the other brightness is a match too from this share of the better score.
+_NEARLY = 0.8
+#: Variance below which a window counts as even.
+_TINY = 1e-6
+
+
+@dataclass(frozen=True)
+class Templates:
+    """Interference terms of contacts of many radii, each over a window of rings.
+
+    Attributes
+    ----------
+    width : float [px]
+        Width of a ring.
+    bins : int
+        Rings of a profile.
+    radii : array (template,) [px]
+    first, length : integer arrays (template,)
+        First ring of the window, and number of rings in it.
+    travels : array (travel,) [px]
+        Change of the radius in the exposure.
+    values : float32 array (travel, template, ring)
+        Zero beyond the length.
+    """
+
+    width: float
+    bins: int
+    radii: Floats
+    first: Integers
+    length: Integers
+    travels: Floats
+    values: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Match:
+    """A contact that a profile resembles.
+
+    Attributes
+    ----------
+    radius, travel : float [px]
+    score : float [1]
+        Share of the profile's variance, a linear trend taken off, that the fringes explain.
+    gain, modulation : float [grey levels]
+        Mean light, and the amplitude of the interference (negative: a bright contact).
+    """
+
+    radius: float
+    travel: float
+    score: float
+    gain: float
+    modulation: float
+
+
+def has_resolved_fringes(radius: float, optics: Optics, least_spacing: float) -> bool:
+    """Tell whether the pixels resolve the first fringe around a contact."""
+    steepest = 2.0 * math.pi / least_spacing
+    outer = distance_at_phase(_LEAST_PHASE, radius, optics)
+    return phase_slope(outer, radius, optics) <= steepest
+
+
+def edge_width(radius: float, optics: Optics) -> float:
+    """Distance (px) from the edge of a contact to the first ring of opposite brightness."""
+    return distance_at_phase(math.pi, radius, optics) - radius
+
+
+@lru_cache(maxsize=2)
+def make_templates(
+    shape: tuple[int, int], optics: Optics, fringes: float, least_spacing: float
+) -> Templates | None:
+    """Tabulate the contacts that may be seen in a frame, or None when no fringes are resolved.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of a frame.
+    optics : Optics
+        The interference.
+    fringes, least_spacing : float
+        As in :class:`.FitSettings`.
+    """
+    from labpipe.imaging.fringes._fit_kernel import fill_templates
+
+    reach = math.hypot(*shape)
+    edge = edge_width(0.5 * reach, optics)
+    width = max(_LEAST_WIDTH, 0.5 * math.floor(2.0 * edge / _RINGS_PER_EDGE))
+    radii = np.array([
+        a
+        for a in width * np.arange(math.ceil(2.0 / width), reach / width, _RINGS_PER_RADIUS)
+        if has_resolved_fringes(a, optics, least_spacing)
+    ])  # fmt: skip
+    if not len(radii):
+        return None
+    limits = np.array([ring_limits(a, optics, fringes, least_spacing) for a in radii])
+    inner, outer = limits.T
+    first = np.floor(inner / width).astype(np.int64)
+    length = np.floor(outer / width).astype(np.int64) - first
+    travels = edge * np.array(_TRAVELS)
+    spacing = 2.0 * math.pi / phase_slope(float(outer[-1]), float(radii[-1]), optics)
+    values = np.stack([
+        fill_templates(
+            radii, first, length, width, travel, *exposure_nodes(travel, spacing),
+            optics.phase_scale, optics.phase, _SAMPLES,
+        )
+        for travel in travels
+    ])  # fmt: skip
+    return Templates(width, int((first + length).max()), radii, first, length, travels, values)
+
+
+def radial_profile(
+    frame: NDArray[np.generic], x: float, y: float, width: float, bins: int
+) -> tuple[Floats, Floats]:
+    """Mean grey level and number of pixels in rings around a point.
+
+    Parameters
+    ----------
+    frame : array (row, column)
+        Grey levels.
+    x, y : float [px]
+        The point; it may lie outside the frame.
+    width : float [px]
+        Width of a ring.
+    bins : int
+        Number of rings.
+    """
+    from labpipe.imaging.fringes._fit_kernel import radial_sums
+
+    step = max(1, math.floor(math.sqrt(frame.size / _PROFILE_PIXELS)))
+    rows = np.ascontiguousarray(frame[::step], np.float32)
+    sums, counts = radial_sums(rows, x, y, float(step), width, bins)
+    return sums / np.maximum(counts, 1.0), counts
+
+
+def best_matches(profile: Floats, counts: Floats, templates: Templates) -> list[Match]:
+    """Dark and bright contact that explain most of a profile, the better one first.
+
+    Parameters
+    ----------
+    profile, counts : arrays (ring,)
+        From :func:`radial_profile`.
+    templates : Templates
+        Contacts to compare with.
+    """
+    ring = templates.first[:, None] + np.arange(templates.values.shape[2])
+    is_used = np.arange(ring.shape[1]) < templates.length[:, None]
+    weight = np.where(is_used, counts[np.minimum(ring, len(profile) - 1)], 0.0)
+    rows = np.flatnonzero((weight > 0.0).sum(axis=1) >= _LEAST_SEEN * templates.length)
+    if not len(rows):
+        return []
+    weight = weight[rows]
+    grey = profile[np.minimum(ring[rows], len(profile) - 1)]
+    values = templates.values[:, rows]
+    step = np.arange(ring.shape[1], dtype=float)
+    total = weight.sum(axis=1)
+    step_off = step - ((weight @ step) / total)[:, None]
+    grey_mean = (weight * grey).sum(axis=1) / total
+    step_square = np.maximum((weight * step_off**2).sum(axis=1), _TINY * total)
+    grey_off = grey - grey_mean[:, None]
+    slope = (weight * step_off * grey_off).sum(axis=1) / step_square
+    grey_off -= slope[:, None] * step_off
+    grey_square = np.maximum((weight * grey_off**2).sum(axis=1), _TINY * total)
+    term_mean = np.einsum("tij,ij->ti", values, weight) / total
+    by_grey = np.einsum("tij,ij->ti", values, weight * grey_off)
+    by_step = np.einsum("tij,ij->ti", values, weight * step_off)
+    term_square = np.einsum("tij,ij->ti", values**2, weight)
+    term_square -= total * term_mean**2 + by_step**2 / step_square
+    term_square = np.maximum(term_square, _TINY * total)
+    score = by_grey**2 / (term_square * grey_square)
+    modulation = by_grey / term_square
+    matches = []
+    for polarity in (1.0, -1.0):
+        signed = np.where(polarity * by_grey > 0.0, score, 0.0)
+        travel, row = np.unravel_index(int(signed.argmax()), score.shape)
+        amplitude = float(modulation[travel, row])
+        matches.append(
+            Match(
+                float(templates.radii[rows[row]]),
+                float(templates.travels[travel]),
+                float(signed[travel, row]),
+                float(grey_mean[row] - amplitude * term_mean[travel, row]),
+                amplitude,
+            )
+        )
+    matches.sort(key=lambda match: -match.score)
+    return [match for match in matches if match.score >= _NEARLY * matches[0].score]
+
+
+def template_of(match: Match, templates: Templates) -> tuple[Floats, int]:
+    """Interference term of a match, and the ring it starts with."""
+    row = int(np.argmin(np.abs(templates.radii - match.radius)))
+    travel = int(np.argmin(np.abs(templates.travels - match.travel)))
+    values = templates.values[travel, row, : templates.length[row]]
+    return values.astype(np.float64), int(templates.first[row])
+
+
+class Window:
+    """Part of a profile, its mean and trend taken off, to be explained by one term or two.
+
+    Parameters
+    ----------
+    profile, counts : arrays (ring,)
+        From :func:`radial_profile`.
+    first, length : int
+        The rings.
+    """
+
+    def __init__(self, profile: Floats, counts: Floats, first: int, length: int) -> None:
+        ring = slice(first, first + length)
+        self._root = np.sqrt(counts[ring])
+        step = np.arange(len(self._root), dtype=float)
+        base, _ = np.linalg.qr(np.stack([self._root, self._root * step], axis=1))
+        self._base = base
+        self._grey = self._off(profile[ring] * self._root)
+        self.squares = float(self._grey @ self._grey)
+        self.is_seen = bool((counts[ring] > 0.0).all()) and len(step) > 4
+
+    def _off(self, values: Floats) -> Floats:
+        return values - values @ self._base @ self._base.T
+
+    def left_by(self, terms: Floats) -> Floats:
+        """Sum of squares that each of several terms (term, ring) leaves."""
+        columns = self._off(np.atleast_2d(terms)[:, : len(self._root)] * self._root)
+        norm = np.maximum((columns**2).sum(axis=1), _TINY)
+        return self.squares - (columns @ self._grey) ** 2 / norm
+
+    def left_by_both(self, one: Floats, other: Floats) -> float:
+        """Sum of squares that two terms (ring,) leave together."""
+        columns = self._off(np.stack([one, other])[:, : len(self._root)] * self._root)
+        base, _ = np.linalg.qr(columns.T)
+        return self.squares - float(((self._grey @ base) ** 2).sum())
+
+
+def is_edge(window: Window, term: Floats, factor: float) -> bool:
+    """Tell whether a plain edge, sharp or soft, explains a profile as well as fringes do.
+
+    Parameters
+    ----------
+    window : Window
+        The profile.
+    term : array (ring,)
+        Interference term over the window.
+    factor : float
+        Multiple of the squares left by the fringes that the edge may leave.
+    """
+    step = np.arange(len(term), dtype=float)
+    softness = 2.0 ** np.arange(-1.0, math.log2(max(len(step), 4)))
+    places = step[2:-2:2]
+    edges = np.tanh((step - places[:, None, None]) / softness[:, None]).reshape(-1, len(step))
+    return bool(window.left_by(edges).min() < factor * window.left_by(term)[0])
+
+
+def is_sphere(window: Window, term: Floats, distance: Floats, optics: Optics) -> bool:
+    """Tell whether a sphere that touches or hovers explains a profile nearly as well as a contact.
+
+    Parameters
+    ----------
+    window : Window
+        The profile.
+    term : array (ring,)
+        Interference term of the contact over the window.
+    distance : array (ring,) [px]
+        Distances of the rings from the centre.
+    optics : Optics
+        The interference.
+    """
+    phase = 0.5 * optics.phase_scale * (distance**2 + 1.0 / 6.0)
+    sphere = window.left_by_both(np.cos(phase), np.sin(phase))
+    return sphere < _CONTACT_BETTER * float(window.left_by(term)[0])

@@ -1,0 +1,324 @@
+"""Find the contact in one frame, or decide that there is none."""
+
+import math
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.imaging.fringes._centre_votes import find_centres
+from labpipe.imaging.fringes._interference import (
+    SAMPLES_PER_PIXEL,
+    Optics,
+    radial_table,
+    ring_limits,
+)
+from labpipe.imaging.fringes._radial_scan import (
+    Match,
+    Templates,
+    Window,
+    best_matches,
+    edge_width,
+    is_edge,
+    is_sphere,
+    make_templates,
+    radial_profile,
+    template_of,
+)
+from labpipe.imaging.fringes._ring_fit import (
+    PARAMETERS,
+    FitSettings,
+    Parameter,
+    RingFit,
+    fit_contact,
+)
+from labpipe.imaging.fringes._spots import find_spots, reduce_frame
+
+Floats = NDArray[np.float64]
+
+#: Share of the profile's variance that fringes must explain before a frame is fitted.
+_LEAST_SCORE = 0.5
+#: Circles looked at in one frame, and how many of them are fitted, the likeliest first.
+_MOST_SPOTS, _MOST_FITS = 4, 3
+#: Pixels and evaluations of the fits that find out what a frame shows.
+_QUICK_PIXELS, _QUICK_ITERATIONS = 12_000, 12
+#: Least ratio of the structure in a reduced frame to its noise.
+_LEAST_STRUCTURE = 8.0
+#: Residual beyond the noise, as a share of the modulation, from which a fit is not believed:
+#: measured 0.03 for R 2 % wrong, 0.04 for light of low coherence; 0.1 and more for fits of
+#: something else.
+MOST_MISFIT = 0.1
+#: Misfit from which another explanation is looked for.
+GOOD_MISFIT = 0.04
+#: Greatest travel in the exposure as a share of the radius: at 2 there is no contact at first.
+MOST_TRAVEL = 1.5
+#: Travel in the exposure, in widths of the first bright ring, from which fringes may be mistaken
+#: for a soft edge.
+_LONG_TRAVEL = 0.5
+#: A plain edge is believed at once when it leaves less than this share of the squares that the
+#: nearest template leaves, and against a fit when it leaves less than this multiple.
+_EDGE_SURE, _FRINGES_SURE = 0.4, 2.0
+#: Least visibility, and least modulation in units of its uncertainty.
+_LEAST_VISIBILITY, _LEAST_SIGNIFICANCE = 0.1, 10.0
+#: Light is never negative, so that fringes have a visibility of one at most; clipped light and
+#: cameras that are not linear were seen to fit with a fifth more.
+_MOST_VISIBILITY = 1.5
+#: Contacts smaller than this many Newton spots are compared with a sphere that does not press.
+_SMALL_CONTACT = 4.0
+#: A contact is at least this share of a Newton spot; smaller ones are not told from touching.
+_LEAST_RADIUS = 0.8
+#: Least number of rings in which a fit is compared with edges and spheres.
+_LEAST_RINGS = 24
+#: Noise is taken from blocks of this side (px), of about so many pixels, at this percentile.
+_BLOCK, _NOISE_PIXELS, _QUIET = 12, 80_000, 3.0
+#: Greatest uncertainty of a radius as a share of it.
+_MOST_UNCERTAINTY = 0.1
+#: Share of the ring's pixels that must lie in the frame.
+_LEAST_PIXELS = 200
+
+
+@dataclass(frozen=True)
+class View:
+    """What all frames of a film have in common.
+
+    Attributes
+    ----------
+    optics : Optics
+        The interference.
+    settings : FitSettings
+        How frames are fitted.
+    shape : (int, int)
+        Rows and columns.
+    black, white : float
+        Grey level of darkness, and from which pixels are saturated.
+    ellipse : (float, float)
+        Stretch and shear of circles.
+    alternatives : tuple of tuples of Parameter
+        What else may be freed where the usual fit fails.
+    """
+
+    optics: Optics
+    settings: FitSettings
+    shape: tuple[int, int]
+    black: float
+    white: float
+    ellipse: tuple[float, float] = (0.0, 0.0)
+    alternatives: tuple[tuple[Parameter, ...], ...] = ()
+
+    @property
+    def newton_spot(self) -> float:
+        """Radius (px) at half brightness of the central spot of a sphere that just touches."""
+        return math.sqrt(math.pi / self.optics.phase_scale)
+
+    @property
+    def templates(self) -> Templates | None:
+        """Contacts to compare profiles with."""
+        settings = self.settings
+        return make_templates(self.shape, self.optics, settings.fringes, settings.least_spacing)
+
+
+def search_contact(
+    frame: NDArray[np.generic], view: View, centre: tuple[float, float] | None = None
+) -> RingFit | None:
+    """Find and fit the contact in a frame without knowing where it is.
+
+    Parameters
+    ----------
+    frame : array (row, column)
+        Grey levels.
+    view : View
+        Optics and settings.
+    centre : (float, float), optional [px]
+        Where the contact was in other frames; tried first.
+
+    Returns
+    -------
+    RingFit or None
+        None when nothing in the frame is a contact that shows fringes.
+    """
+    if not has_structure(frame):
+        return None
+    if centre is not None:
+        found = fit_at(frame, view, *centre)
+        if found is not None:
+            return found
+    sights = [
+        sight
+        for spot in find_spots(frame)[:_MOST_SPOTS]
+        for sight in look_at(frame, view, spot.x, spot.y)
+    ]
+    sights.sort(key=lambda sight: -sight[0].score)
+    for match, x, y in sights[:_MOST_FITS]:
+        found = fit_match(frame, view, match, x, y)
+        if found is not None:
+            return found
+    # Perhaps there is a spot that no threshold separates from uneven light.
+    fits = (fit_at(frame, view, spot.x, spot.y) for spot in find_centres(frame))
+    return next((found for found in fits if found is not None), None)
+
+
+def has_structure(frame: NDArray[np.generic]) -> bool:
+    """Tell whether there is more in a frame than noise."""
+    small, factor = reduce_frame(frame)
+    noise = _quiet_noise(frame)
+    smooth = cv2.GaussianBlur(small, (3, 3), 0.8)
+    low, high = np.percentile(smooth, (0.1, 99.9))
+    return float(high - low) > _LEAST_STRUCTURE * max(noise, 0.3) / (2.0 * factor)
+
+
+def _quiet_noise(frame: NDArray[np.generic]) -> float:
+    """Noise of a pixel (grey levels) where the frame is quietest, so that fringes do not count."""
+    side = min(_BLOCK, *frame.shape)
+    rows, columns = (size // side * side for size in frame.shape)
+    bands = frame[:rows, :columns].reshape(-1, side, columns)
+    bands = bands[:: max(1, bands.size // _NOISE_PIXELS)]
+    steps = np.abs(np.diff(bands.astype(np.float32), axis=1))
+    blocks = (
+        steps.reshape(len(bands), side - 1, -1, side).swapaxes(1, 2).reshape(-1, side**2 - side)
+    )
+    return float(np.percentile(np.median(blocks, axis=1), _QUIET)) / 0.954
+
+
+def look_at(
+    frame: NDArray[np.generic], view: View, x: float, y: float
+) -> list[tuple[Match, float, float]]:
+    """Contacts that the rings around a point resemble, with that point."""
+    templates = view.templates
+    if templates is None:
+        return []
+    profile, counts = radial_profile(frame, x, y, templates.width, templates.bins)
+    matches = []
+    for match in best_matches(profile, counts, templates):
+        if match.score < _LEAST_SCORE or match.radius < _LEAST_RADIUS * view.newton_spot:
+            continue
+        term, first = template_of(match, templates)
+        window = Window(profile, counts, first, len(term))
+        distance = (np.arange(len(term), dtype=np.float64) + first + 0.5) * templates.width
+        if window.is_seen and is_edge(window, term, _EDGE_SURE):
+            continue
+        is_small = match.radius < _SMALL_CONTACT * view.newton_spot
+        if is_small and is_sphere(window, term, distance, view.optics):
+            continue
+        matches.append((match, x, y))
+    return matches
+
+
+def fit_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> RingFit | None:
+    """Fit the contact around a known centre (to about a pixel), of whatever radius."""
+    for match, *_ in look_at(frame, view, x, y):
+        found = fit_match(frame, view, match, x, y)
+        if found is not None:
+            return found
+    return None
+
+
+def fit_match(
+    frame: NDArray[np.generic], view: View, match: Match, x: float, y: float
+) -> RingFit | None:
+    """Fit from a match, with some of the pixels until it proves to be a contact."""
+    found = fit_from(frame, view, start_of(match, view, x, y))
+    if found is None or not is_contact(frame, view, found):
+        return None
+    settings = replace(view.settings, free=found.free)
+    final = fit_contact(frame, found.parameters, view.optics, settings, view.white)
+    return final if final is not None and is_clear(view, final) else None
+
+
+def start_of(match: Match, view: View, x: float, y: float) -> Floats:
+    """Parameters to start a fit from."""
+    start = np.zeros(PARAMETERS)
+    start[Parameter.RADIUS] = match.radius
+    start[[Parameter.X, Parameter.Y]] = x, y
+    start[[Parameter.GAIN, Parameter.MODULATION]] = match.gain, match.modulation
+    start[Parameter.PHASE] = view.optics.phase
+    start[[Parameter.STRETCH, Parameter.SHEAR]] = view.ellipse
+    start[Parameter.SMEAR] = match.travel**2
+    return start
+
+
+def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit | None:
+    """Fit part of the pixels in two steps, from the first fringe outwards.
+
+    The first fringe needs less of a start than the finer ones farther out.
+    """
+    quick = replace(view.settings, max_pixels=_QUICK_PIXELS, max_iterations=_QUICK_ITERATIONS)
+    near = replace(quick, fringes=1.0)
+    first = fit_contact(frame, start, view.optics, near, view.white)
+    if first is None or first.pixels < _LEAST_PIXELS:
+        return None
+    found = fit_contact(frame, first.parameters, view.optics, quick, view.white)
+    if found is None or found.misfit < GOOD_MISFIT:
+        return found
+    # Perhaps the view is oblique, or R or the wavelength is not what it is said to be.
+    for extra in view.alternatives:
+        free = (*view.settings.free, *extra)
+        other = start.copy()
+        other[Parameter.SMEAR] = 0.0
+        first = fit_contact(frame, other, view.optics, replace(near, free=free), view.white)
+        if first is None:
+            continue
+        trial = fit_contact(
+            frame, first.parameters, view.optics, replace(quick, free=free), view.white
+        )
+        if trial is not None and trial.misfit < min(GOOD_MISFIT, found.misfit):
+            return trial
+    return found
+
+
+def is_clear(view: View, found: RingFit) -> bool:
+    """Tell whether a fit shows rings beyond doubt, around a circle that can be a contact."""
+    radius = float(found.parameters[Parameter.RADIUS])
+    modulation = abs(float(found.parameters[Parameter.MODULATION]))
+    light = float(found.parameters[Parameter.GAIN]) - view.black
+    return (
+        found.pixels >= _LEAST_PIXELS
+        and found.misfit <= MOST_MISFIT
+        and light > 0.0
+        and _LEAST_VISIBILITY * light <= modulation <= _MOST_VISIBILITY * light
+        and modulation >= _LEAST_SIGNIFICANCE * found.deviation(Parameter.MODULATION)
+        and radius > _LEAST_RADIUS * view.newton_spot
+        and found.deviation(Parameter.RADIUS) < _MOST_UNCERTAINTY * radius
+    )
+
+
+def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
+    """Decide whether a fit shows a contact, and not a sphere close by or something else."""
+    if not is_clear(view, found):
+        return False
+    radius = float(found.parameters[Parameter.RADIUS])
+    travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
+    if travel > MOST_TRAVEL * radius:
+        return False
+    may_be_edge = travel > _LONG_TRAVEL * edge_width(radius, view.optics)
+    is_small = radius < _SMALL_CONTACT * view.newton_spot
+    if not may_be_edge and not is_small:
+        return True
+    window, term, distance = _profile_of(frame, view, found)
+    if not window.is_seen:
+        return not may_be_edge
+    if may_be_edge and is_edge(window, term, _FRINGES_SURE):
+        return False
+    return not (is_small and is_sphere(window, term, distance, view.optics))
+
+
+def _profile_of(
+    frame: NDArray[np.generic], view: View, found: RingFit
+) -> tuple[Window, Floats, Floats]:
+    """Profile about the centre of a fit, the term that was fitted, and its distances."""
+    x, y, radius = (
+        float(found.parameters[p]) for p in (Parameter.X, Parameter.Y, Parameter.RADIUS)
+    )
+    travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
+    settings = view.settings
+    scale = math.exp(float(found.parameters[Parameter.SCALE]))
+    optics = replace(view.optics, phase_scale=view.optics.phase_scale * scale)
+    inner, outer = ring_limits(radius, view.optics, settings.fringes, settings.least_spacing)
+    width = min(1.0, (outer - inner) / _LEAST_RINGS)
+    first, last = math.ceil(inner / width), math.floor(outer / width)
+    profile, counts = radial_profile(frame, x, y, width, last)
+    table = radial_table(inner, outer, radius, travel, optics)
+    distance = (np.arange(last - first, dtype=np.float64) + first + 0.5) * width
+    index = (distance - table.start) * SAMPLES_PER_PIXEL
+    term = np.interp(index, np.arange(table.values.shape[1]), table.values[0])
+    return Window(profile, counts, first, last - first), term, distance

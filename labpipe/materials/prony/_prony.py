@@ -1,0 +1,396 @@
+"""The linear viscoelastic solid as a Prony series: one object that every other part takes.
+
+Names. Contact mechanics writes E₀ for the long-time modulus, finite-element codes for the
+instantaneous one. Neither is used here: ``E_relaxed`` is the long-time (zero-frequency, rubbery)
+modulus, ``E_unrelaxed`` the instantaneous (glassy) one. Relaxation times are ``rho``,
+retardation times ``tau``.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from labpipe.errors import InputError
+from labpipe.materials.prony._admissibility import (
+    checked_terms,
+    frequencies,
+    frozen,
+    instantaneous_compliance,
+    not_negative,
+    times,
+)
+from labpipe.materials.prony._interconversion import (
+    Relaxation,
+    Retardation,
+    creep_from_relaxation,
+    relaxation_from_creep,
+)
+
+Array = NDArray[np.float64]
+Mode = Literal["tension", "shear", "contact"]
+
+
+@dataclass(frozen=True, eq=False)
+class Prony:
+    r"""A linear viscoelastic material in tension, with a constant Poisson's ratio.
+
+    .. math::
+        E(t) = E_{relaxed} + \sum_j E_j e^{-t/\rho_j}, \qquad
+        J(t) = 1/E_{relaxed} - \sum_k C_k e^{-t/\tau_k}.
+
+    Terms are kept in ascending time; zero weights are dropped, equal times added up.
+
+    Parameters
+    ----------
+    E_relaxed : float [Pa]
+        Long-time modulus, not negative; 0 is a viscoelastic liquid.
+    E : array (term,) [Pa]
+        Weights, none negative. Empty lists give an elastic solid.
+    rho : array (term,) [s]
+        Relaxation times, positive.
+    nu : float
+        Poisson's ratio, −1 < ν ≤ 0.5.
+    viscosity : float [Pa s]
+        Dashpot in parallel; needed only by materials without instantaneous compliance.
+
+    Raises
+    ------
+    InputError
+        The terms are not thermodynamically admissible: E(t) would not be positive, decreasing
+        and convex, or work could be gained from a closed cycle.
+
+    Examples
+    --------
+    >>> solid = Prony(2e9, [2e9], [0.5], nu=0.35)
+    >>> solid.E_unrelaxed
+    4000000000.0
+    >>> C, tau = solid.creep_terms()
+    >>> float(tau[0])
+    1.0
+
+    Notes
+    -----
+    Thesis equations (1.41), (1.42), (2.5); admissibility (1.8), (1.9), (1.20), (1.24). Both
+    families are exact images of each other, see :mod:`._interconversion`.
+    Instances are immutable, compare by value, and travel between processes.
+    """
+
+    E_relaxed: float
+    E: Array
+    rho: Array
+    nu: float = 0.5
+    viscosity: float = 0.0
+    _given_creep: Retardation | None = field(default=None, repr=False)
+
+    def __init__(
+        self,
+        E_relaxed: float,
+        E: ArrayLike,
+        rho: ArrayLike,
+        nu: float = 0.5,
+        viscosity: float = 0.0,
+        *,
+        _given_creep: Retardation | None = None,
+    ) -> None:
+        not_negative("E_relaxed", E_relaxed, "Pa")
+        not_negative("viscosity", viscosity, "Pa s")
+        weight, time = checked_terms("E", "rho", E, rho, E_relaxed)
+        if not -1.0 < nu <= 0.5:
+            message = f"nu = {nu}: Poisson's ratio of an isotropic solid lies in (−1, 0.5]"
+            raise InputError(message)
+        if E_relaxed == 0 and weight.size == 0:
+            message = "E_relaxed = 0 and no terms: the material has no stiffness; give a modulus"
+            raise InputError(message)
+        for name, value in (
+            ("E_relaxed", float(E_relaxed)),
+            ("E", frozen(weight)),
+            ("rho", frozen(time)),
+            ("nu", float(nu)),
+            ("viscosity", float(viscosity)),
+            ("_given_creep", _given_creep),
+        ):
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def from_creep(
+        cls,
+        E_relaxed: float,
+        C: ArrayLike,
+        tau: ArrayLike,
+        nu: float = 0.5,
+    ) -> "Prony":
+        """Build from creep terms; they are kept as given, the relaxation terms are exact.
+
+        Parameters
+        ----------
+        E_relaxed : float [Pa]
+            Long-time modulus, positive.
+        C : array (term,) [1/Pa]
+            Weights of J(t) = 1/E_relaxed − Σ C exp(−t/τ), none negative, ΣC ≤ 1/E_relaxed.
+        tau : array (term,) [s]
+            Retardation times, positive.
+        nu : float
+            Poisson's ratio.
+
+        Raises
+        ------
+        InputError
+            The terms are not admissible.
+
+        Examples
+        --------
+        >>> solid = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
+        >>> solid.E_unrelaxed, solid.rho
+        (4000000000.0, array([0.0005]))
+        """
+        if not (np.isfinite(E_relaxed) and E_relaxed > 0):
+            message = f"E_relaxed = {E_relaxed} Pa: creep terms need a positive long-time modulus"
+            raise InputError(message)
+        weight, time = checked_terms("C", "tau", C, tau, 1.0 / E_relaxed)
+        unrelaxed = instantaneous_compliance(float(E_relaxed), weight)
+        creep = Retardation(unrelaxed, frozen(weight), frozen(time))
+        family = relaxation_from_creep(creep)
+        return cls(E_relaxed, family.weight, family.time, nu, family.viscosity, _given_creep=creep)
+
+    @classmethod
+    def from_shear(cls, G_relaxed: float, G: ArrayLike, rho: ArrayLike, nu: float) -> "Prony":
+        """Build from the relaxation terms of the shear modulus: E = 2(1 + ν) G."""
+        return cls(G_relaxed, G, rho, nu).scaled(2.0 * (1.0 + nu))
+
+    @classmethod
+    def from_contact(cls, E_relaxed: float, E: ArrayLike, rho: ArrayLike, nu: float) -> "Prony":
+        """Build from the relaxation terms of the contact modulus E/(1 − ν²)."""
+        return cls(E_relaxed, E, rho, nu).scaled(1.0 - nu**2)
+
+    @cached_property
+    def _creep(self) -> Retardation:
+        if self._given_creep is not None:
+            return self._given_creep
+        family = creep_from_relaxation(Relaxation(self.E_relaxed, self.E, self.rho, self.viscosity))
+        return Retardation(
+            family.unrelaxed, frozen(family.weight), frozen(family.time), family.fluidity
+        )
+
+    @property
+    def E_unrelaxed(self) -> float:
+        """Instantaneous modulus in Pa; infinite when the instantaneous compliance is zero."""
+        if self._given_creep is not None:
+            unrelaxed = self._given_creep.unrelaxed
+            return 1.0 / unrelaxed if unrelaxed > 0 else float("inf")
+        return float("inf") if self.viscosity > 0 else self.E_relaxed + float(np.sum(self.E))
+
+    @property
+    def is_liquid(self) -> bool:
+        """True when the material flows: E_relaxed is zero."""
+        return self.E_relaxed == 0
+
+    @property
+    def fluidity(self) -> float:
+        """Inverse of the zero-rate (elongational) viscosity in 1/(Pa s); 0 for a solid."""
+        return self._creep.fluidity
+
+    def creep_terms(self) -> tuple[Array, Array]:
+        """Return the weights C (1/Pa) and retardation times τ (s), ascending.
+
+        A solid creeps as J(t) = 1/E_relaxed − Σ C exp(−t/τ). A liquid (E_relaxed = 0) creeps as
+        J(t) = 1/E_unrelaxed + Σ C (1 − exp(−t/τ)) + fluidity · t.
+        """
+        return self._creep.weight, self._creep.time
+
+    def factor(self, mode: Mode) -> float:
+        """Return what the tensile modulus is multiplied by: shear 1/2(1+ν), contact 1/(1−ν²)."""
+        factors = {
+            "tension": 1.0,
+            "shear": 0.5 / (1.0 + self.nu),
+            "contact": 1.0 / (1.0 - self.nu**2),
+        }
+        if mode not in factors:
+            message = f'mode "{mode}" is unknown; use one of {", ".join(factors)}'
+            raise InputError(message)
+        return factors[mode]
+
+    def relaxation(self, t: ArrayLike, mode: Mode = "tension") -> Array:
+        """Return the relaxation modulus E(t) in Pa at the times t ≥ 0 (s), same shape.
+
+        A dashpot in parallel adds an impulse at t = 0 only: infinite there, nothing later.
+        """
+        time = times(t)
+        terms = _sum_over_terms(self.E, self.rho, time, lambda x: np.exp(-x))
+        value = self.E_relaxed + terms
+        if self.viscosity > 0:
+            value = np.where(time == 0, np.inf, value)
+        return self.factor(mode) * value
+
+    def creep(self, t: ArrayLike, mode: Mode = "tension") -> Array:
+        """Return the creep compliance J(t) in 1/Pa at the times t ≥ 0 (s), same shape."""
+        time = times(t)
+        family = self._creep
+        terms = _sum_over_terms(family.weight, family.time, time, lambda x: -np.expm1(-x))
+        # A solid does not flow in an endless time either: no zero times infinity.
+        flow = family.fluidity * time if family.fluidity > 0 else 0.0
+        return (family.unrelaxed + terms + flow) / self.factor(mode)
+
+    def complex_modulus(self, omega: ArrayLike, mode: Mode = "tension") -> NDArray[np.complex128]:
+        """Return E*(ω) = E′ + iE″ in Pa at the angular frequencies ω ≥ 0 (rad/s), same shape.
+
+        Notes
+        -----
+        Thesis equation (1.42). Instruments report f in Hz: ω = 2πf.
+        """
+        frequency = frequencies(omega)
+        storage = _sum_over_terms(self.E, 1.0 / self.rho, frequency, _storage_shape)
+        loss = _sum_over_terms(self.E, 1.0 / self.rho, frequency, _loss_shape)
+        factor = self.factor(mode)
+        dashpot = self.viscosity * frequency if self.viscosity > 0 else 0.0
+        return _complex(factor * (self.E_relaxed + storage), factor * (loss + dashpot))
+
+    def complex_compliance(
+        self, omega: ArrayLike, mode: Mode = "tension"
+    ) -> NDArray[np.complex128]:
+        """Return J*(ω) = J′ − iJ″ in 1/Pa, from the retardation terms; E*(ω) J*(ω) = 1."""
+        frequency = frequencies(omega)
+        family = self._creep
+        rate = 1.0 / family.time
+        soft = _sum_over_terms(family.weight, rate, frequency, _compliance_shape)
+        loss = _sum_over_terms(family.weight, rate, frequency, _loss_shape)
+        with np.errstate(divide="ignore"):
+            flow = family.fluidity / frequency if family.fluidity > 0 else 0.0
+        factor = self.factor(mode)
+        return _complex((family.unrelaxed + soft) / factor, -(loss + flow) / factor)
+
+    def loss_factor(self, omega: ArrayLike) -> Array:
+        """Return tan δ = E″/E′ at the angular frequencies ω (rad/s)."""
+        value = self.complex_modulus(omega)
+        return np.asarray(value.imag / value.real)
+
+    def shifted(self, a_T: float, b_T: float = 1.0) -> "Prony":
+        """Return the material at another temperature: E(ω, T) = b_T E(a_T ω, T_ref).
+
+        Parameters
+        ----------
+        a_T : float
+            Horizontal shift factor, positive; larger than 1 below the reference temperature.
+            All times are multiplied by it.
+        b_T : float
+            Vertical shift factor, positive.
+
+        Notes
+        -----
+        The thesis writes both ω/a (section 1.2, a rising with temperature) and a_T ω (2.35,
+        3.15). The second is used everywhere here.
+        """
+        if not (np.isfinite(a_T) and a_T > 0):
+            message = f"a_T = {a_T}: a shift factor is positive and finite"
+            raise InputError(message)
+        creep = self._given_creep
+        if creep is not None:
+            creep = Retardation(
+                creep.unrelaxed, creep.weight, frozen(creep.time * a_T), creep.fluidity / a_T
+            )
+        moved = Prony(
+            self.E_relaxed,
+            self.E,
+            self.rho * a_T,
+            self.nu,
+            self.viscosity * a_T,
+            _given_creep=creep,
+        )
+        return moved if b_T == 1.0 else moved.scaled(b_T)
+
+    def scaled(self, factor: float) -> "Prony":
+        """Return the material with every modulus multiplied by ``factor`` > 0."""
+        if not (np.isfinite(factor) and factor > 0):
+            message = f"factor = {factor}: a modulus can be scaled by a positive number only"
+            raise InputError(message)
+        creep = self._given_creep
+        if creep is not None:
+            creep = Retardation(
+                creep.unrelaxed / factor,
+                frozen(creep.weight / factor),
+                creep.time,
+                creep.fluidity / factor,
+            )
+        return Prony(
+            self.E_relaxed * factor,
+            self.E * factor,
+            self.rho,
+            self.nu,
+            self.viscosity * factor,
+            _given_creep=creep,
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Compare by value, term by term."""
+        return isinstance(other, Prony) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        """Hash the values, so that equal materials share one cache entry."""
+        return hash(self._key())
+
+    def _key(self) -> tuple[object, ...]:
+        creep = self._given_creep
+        terms = () if creep is None else (creep.weight.tobytes(), creep.time.tobytes())
+        scalars = (self.E_relaxed, self.nu, self.viscosity)
+        return (*scalars, self.E.tobytes(), self.rho.tobytes(), *terms)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Rebuild from the terms of both families, so that a copy is bit-identical."""
+        terms = (self.E_relaxed, self.E, self.rho, self.nu, self.viscosity)
+        return _rebuilt, (*terms, self._given_creep)
+
+
+def _rebuilt(
+    E_relaxed: float,
+    E: Array,
+    rho: Array,
+    nu: float,
+    viscosity: float,
+    creep: Retardation | None,
+) -> Prony:
+    if creep is not None:
+        creep = Retardation(
+            creep.unrelaxed, frozen(creep.weight), frozen(creep.time), creep.fluidity
+        )
+    return Prony(E_relaxed, E, rho, nu, viscosity, _given_creep=creep)
+
+
+def _sum_over_terms(
+    weight: Array, scale: Array, argument: Array, shape: Callable[[Array], Array]
+) -> Array:
+    """Return Σ weight · shape(argument/scale), one array of the argument's shape."""
+    if weight.size == 0:
+        return np.zeros(argument.shape)
+    # A ratio beyond the range of the numbers has reached the limit of every shape.
+    with np.errstate(over="ignore"):
+        return np.asarray(shape(argument[..., None] / scale) @ weight)
+
+
+def _complex(real: Array, imaginary: Array) -> NDArray[np.complex128]:
+    """Join two real parts; complex arithmetic would turn an infinite part into NaN."""
+    value = np.empty(np.shape(real), dtype=complex)
+    value.real, value.imag = real, imaginary
+    return value[()]
+
+
+def _loss_shape(x: Array) -> Array:
+    """x/(1 + x²), without overflow."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(1.0 / (x + 1.0 / x))
+
+
+def _storage_shape(x: Array) -> Array:
+    """x²/(1 + x²), without overflow, one at infinity."""
+    with np.errstate(divide="ignore"):
+        smaller = np.minimum(x, 1.0 / x)
+    share = 1.0 / (1.0 + smaller * smaller)
+    return np.where(x > 1.0, share, x * x * share)
+
+
+def _compliance_shape(x: Array) -> Array:
+    """1/(1 + x²), without overflow."""
+    with np.errstate(over="ignore"):
+        return np.asarray(1.0 / (1.0 + x * x))

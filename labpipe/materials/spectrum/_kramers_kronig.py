@@ -1,0 +1,261 @@
+r"""Do storage and loss modulus belong together? The Kramers-Kronig verdict.
+
+Causality ties E′(ω) and E″(ω): one non-negative spectrum must describe both. The test fits the
+spectrum to one modulus alone, predicts the other, and compares the misfit of a common fit with
+what either modulus reaches by itself. A material that slips, a clamp that yields, a phase that
+is delayed, or sweeps that time-temperature superposition should not have joined show up here.
+
+The textbook slope rule E″ ≈ (π/2) dE′/d ln ω is returned as a curve to look at; on noisy data it
+errs by 30 to 100 % and is no test.
+
+References
+----------
+Booij & Thoone, Rheol. Acta 21 (1982) 15, doi:10.1007/BF01520701.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+
+from labpipe.errors import InputError
+from labpipe.materials.spectrum._spectrum import (
+    Grid,
+    compress,
+    make_grid,
+    maxwell_shapes,
+    solve_by_cross_validation,
+)
+
+Array = NDArray[np.float64]
+Verdict = Literal["pass", "warn", "fail"]
+
+#: Misfit of the common fit over the misfit of either modulus alone: limits of pass and warn.
+PASS_RATIO, WARN_RATIO = 1.5, 3.0
+#: Share of the logarithmic frequency window, about its middle, where predictions are compared;
+#: near the ends one modulus cannot know what lies beyond.
+MIDDLE_SHARE = 0.7
+# No instrument is better than this (relative); smaller misfits are not told apart.
+_LEAST_MISFIT = 1e-3
+# Below this number of points per modulus a spectrum can follow anything.
+_LEAST_POINTS = 8
+# Window of the local slope, decades to either side.
+_SLOPE_WINDOW = 0.4
+_LN10 = float(np.log(10.0))
+
+
+@dataclass(frozen=True, slots=True)
+class KramersKronig:
+    """Verdict of the cross-prediction.
+
+    Attributes
+    ----------
+    verdict : {"pass", "warn", "fail"}
+    ratio : float
+        Larger of the two ratios of misfits (common fit over own fit).
+    reason : str
+        One sentence for the report.
+    error_of_loss, error_of_storage : float
+        Root mean square relative error of the modulus predicted from the other one, in the
+        middle of the window.
+    misfit : dict
+        Relative misfits: ``storage_alone``, ``loss_alone``, ``storage_common``, ``loss_common``.
+    curves : Dataset
+        Over ``frequency`` [Hz]: ``storage``, ``loss``, ``storage_from_loss``,
+        ``loss_from_storage``, ``loss_from_slope`` [Pa].
+    """
+
+    verdict: Verdict
+    ratio: float
+    reason: str
+    error_of_loss: float
+    error_of_storage: float
+    misfit: dict[str, float]
+    curves: xr.Dataset
+
+
+def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) -> KramersKronig:
+    """Judge whether two moduli over frequency can be those of one linear material.
+
+    Parameters
+    ----------
+    frequency : array (point,) [Hz]
+        In any order; of a master curve the reduced frequencies.
+    storage, loss : array (point,) [Pa]
+        Positive.
+
+    Raises
+    ------
+    InputError
+        Lengths differ, or a value is not positive and finite.
+
+    Examples
+    --------
+    >>> f = np.logspace(-2, 2, 40)
+    >>> x = 2 * np.pi * f
+    >>> kramers_kronig(f, 1 + x**2 / (1 + x**2), x / (1 + x**2)).verdict
+    'pass'
+    """
+    f, first, second = _checked(frequency, storage, loss)
+    ln_omega = np.log(2.0 * np.pi * f)
+    grid = make_grid(ln_omega, first, second)
+    alone_storage = _fit(ln_omega, grid, storage=first)
+    alone_loss = _fit(ln_omega, grid, loss=second, near=alone_storage.strength)
+    noise = (alone_storage.misfit[0], alone_loss.misfit[1])
+    # The same smoothing in units of the noise: a start to walk from.
+    near = np.sqrt(alone_storage.strength * alone_loss.strength) / (
+        max(noise[0], _LEAST_MISFIT) * max(noise[1], _LEAST_MISFIT)
+    )
+    common = _fit(ln_omega, grid, storage=first, loss=second, noise=noise, near=float(near))
+    # The loss says nothing of the relaxed modulus: the constant that fits the storage best.
+    relative = 1.0 / first**2
+    constant = float(np.sum((first - alone_loss.storage) * relative) / np.sum(relative))
+    storage_from_loss = alone_loss.storage + constant
+    ratio = max(
+        common.misfit[0] / max(noise[0], _LEAST_MISFIT),
+        common.misfit[1] / max(noise[1], _LEAST_MISFIT),
+    )
+    middle = _middle(ln_omega)
+    errors = (
+        _rms((alone_storage.loss / second - 1.0)[middle]),
+        _rms((storage_from_loss / first - 1.0)[middle]),
+    )
+    verdict, reason = _verdict(ratio, errors, f.size)
+    return KramersKronig(
+        verdict=verdict,
+        ratio=ratio,
+        reason=reason,
+        error_of_loss=errors[0],
+        error_of_storage=errors[1],
+        misfit={
+            "storage_alone": noise[0],
+            "loss_alone": noise[1],
+            "storage_common": common.misfit[0],
+            "loss_common": common.misfit[1],
+        },
+        curves=_curves(
+            f,
+            {
+                "storage": (first, "storage modulus"),
+                "loss": (second, "loss modulus"),
+                "storage_from_loss": (storage_from_loss, "storage modulus predicted from the loss"),
+                "loss_from_storage": (
+                    alone_storage.loss,
+                    "loss modulus predicted from the storage",
+                ),
+                "loss_from_slope": (_slope_rule(ln_omega, first), "loss modulus by the slope rule"),
+            },
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    storage: Array
+    loss: Array
+    misfit: tuple[float, float]
+    strength: float
+
+
+def _fit(
+    ln_omega: Array,
+    grid: Grid,
+    *,
+    storage: Array | None = None,
+    loss: Array | None = None,
+    noise: tuple[float, float] = (1.0, 1.0),
+    near: float | None = None,
+) -> _Fitted:
+    """Fit one spectrum to one modulus or to both, rows relative to the measured values."""
+    storage_shape, loss_shape = maxwell_shapes(ln_omega, grid.ln_time)
+    constant = np.ones(ln_omega.size)
+    upper = np.column_stack([storage_shape, constant]) * grid.scale
+    lower = np.column_stack([loss_shape, 0.0 * constant]) * grid.scale
+    levels = [max(level, _LEAST_MISFIT) for level in noise]
+    blocks = [
+        (design / (values * level)[:, None], np.full(values.size, 1.0 / level))
+        for design, values, level in ((upper, storage, levels[0]), (lower, loss, levels[1]))
+        if values is not None
+    ]
+    used = np.ones(grid.scale.size, dtype=bool)
+    used[-1] = storage is not None
+    rows = np.vstack([block[0] for block in blocks])[:, used]
+    target = np.concatenate([block[1] for block in blocks])
+    solution = solve_by_cross_validation(
+        *compress(rows, target), grid.penalty[:, used], target.size, near
+    )
+    coefficient = np.zeros(used.size)
+    coefficient[used] = solution.coefficient
+    fitted = (upper @ coefficient, lower @ coefficient)
+    share = 1.0 - min(solution.freedom / target.size, 0.9)
+    misfit = [
+        _rms(model / values - 1.0) / np.sqrt(share) if values is not None else np.nan
+        for model, values in zip(fitted, (storage, loss), strict=True)
+    ]
+    errors = (float(misfit[0]), float(misfit[1]))
+    return _Fitted(fitted[0], fitted[1], errors, solution.strength)
+
+
+def _checked(
+    frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike
+) -> tuple[Array, Array, Array]:
+    arrays = [np.asarray(a, dtype=float) for a in (frequency, storage, loss)]
+    if any(a.ndim != 1 or a.shape != arrays[0].shape for a in arrays):
+        message = (
+            f"frequency, storage and loss have shapes {[a.shape for a in arrays]}; expected three "
+            "lists of one length"
+        )
+        raise InputError(message)
+    for name, values in zip(("frequency", "storage", "loss"), arrays, strict=True):
+        bad = ~(np.isfinite(values) & (values > 0))
+        if bad.any() or values.size == 0:
+            found = values[bad][0] if bad.any() else "nothing"
+            message = f"{name}: found {found}, expected positive, finite values"
+            raise InputError(message)
+    order = np.argsort(arrays[0], kind="stable")
+    return arrays[0][order], arrays[1][order], arrays[2][order]
+
+
+def _verdict(ratio: float, errors: tuple[float, float], points: int) -> tuple[Verdict, str]:
+    text = (
+        f"the common fit misses by {ratio:.2f} times what either modulus reaches alone; "
+        f"predicted from each other they agree within {100 * errors[0]:.1f} % (loss) and "
+        f"{100 * errors[1]:.1f} % (storage)"
+    )
+    if points < _LEAST_POINTS:
+        return "warn", f"only {points} points: too few to tell; {text}"
+    if ratio <= PASS_RATIO:
+        return "pass", text
+    return ("warn" if ratio <= WARN_RATIO else "fail"), text
+
+
+def _middle(ln_omega: Array) -> NDArray[np.bool_]:
+    low, high = ln_omega.min(), ln_omega.max()
+    margin = 0.5 * (1.0 - MIDDLE_SHARE) * (high - low)
+    return (ln_omega >= low + margin) & (ln_omega <= high - margin)
+
+
+def _slope_rule(ln_omega: Array, storage: Array) -> Array:
+    """(π/2) dE′/d ln ω from straight lines through the neighbourhood of every point."""
+    slope = np.empty(ln_omega.size)
+    for i, x in enumerate(ln_omega):
+        near = np.abs(ln_omega - x) <= _SLOPE_WINDOW * _LN10
+        distance = ln_omega[near] - ln_omega[near].mean()
+        spread = float(distance @ distance)
+        slope[i] = distance @ storage[near] / spread if spread > 0 else np.nan
+    return 0.5 * np.pi * slope
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
+
+
+def _curves(frequency: Array, curves: dict[str, tuple[Array, str]]) -> xr.Dataset:
+    variables = {
+        name: ("frequency", values, {"units": "Pa", "long_name": text})
+        for name, (values, text) in curves.items()
+    }
+    attrs = {"units": "Hz", "long_name": "frequency"}
+    return xr.Dataset(variables, coords={"frequency": ("frequency", frequency, attrs)})

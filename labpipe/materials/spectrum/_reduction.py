@@ -1,0 +1,87 @@
+"""The same material with the fewest terms that serve, for codes that pay for every term."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from labpipe.errors import InputError
+from labpipe.materials.prony import Prony
+from labpipe.materials.spectrum._spectrum import maxwell_shapes
+
+Array = NDArray[np.float64]
+
+_POINTS_PER_DECADE = 10
+_NNLS_STEPS_PER_COLUMN = 50
+
+
+def fewest_terms(
+    material: Prony, lowest: float, highest: float, tolerance: float = 0.01
+) -> tuple[Prony, float]:
+    """Return a series with the fewest equally spaced terms that keeps both moduli.
+
+    Times are spaced evenly in their logarithm over the window and their weights solve a
+    non-negative least-squares problem of relative errors; the number of terms rises until the
+    error of either modulus is below the tolerance, or the given series is reached.
+
+    Parameters
+    ----------
+    material : Prony
+    lowest, highest : float [Hz]
+        The window of frequencies that matters; what lies outside is not kept.
+    tolerance : float
+        Largest root-mean-square relative error of storage or loss modulus over the window.
+
+    Returns
+    -------
+    (Prony, float)
+        The series, and its larger root-mean-square relative error; the given material and zero
+        when no shorter series serves.
+
+    Raises
+    ------
+    InputError
+        The window or the tolerance is not positive.
+
+    Examples
+    --------
+    >>> times = np.logspace(-4, 2, 60)
+    >>> few, error = fewest_terms(Prony(1e7, np.full(60, 1e6), times), 0.01, 100.0)
+    >>> few.E.size < 12, error < 0.01
+    (True, True)
+    """
+    if not (0 < lowest < highest < np.inf and tolerance > 0):
+        message = (
+            f"window {lowest:g} to {highest:g} Hz, tolerance {tolerance:g}: expected a positive "
+            "window, lowest first, and a positive tolerance"
+        )
+        raise InputError(message)
+    count = max(int(np.log10(highest / lowest) * _POINTS_PER_DECADE), 2)
+    omega = 2.0 * np.pi * np.geomspace(lowest, highest, count)
+    exact = material.complex_modulus(omega)
+    if not np.all(exact.imag > 0):
+        return material, 0.0
+    for terms in range(1, material.E.size):
+        middle = np.array([1.0 / np.sqrt(omega[0] * omega[-1])])
+        rho = np.geomspace(1.0 / omega[-1], 1.0 / omega[0], terms) if terms > 1 else middle
+        relaxed, weight, error = _fitted(omega, exact, rho)
+        if error <= tolerance:
+            kept = weight > 0
+            return Prony(relaxed, weight[kept], rho[kept], material.nu), error
+    return material, 0.0
+
+
+def _fitted(omega: Array, exact: NDArray[np.complex128], rho: Array) -> tuple[float, Array, float]:
+    """Return relaxed modulus, weights, and the larger rms relative error."""
+    storage, loss = maxwell_shapes(np.log(omega), np.log(rho))
+    ones = np.ones((omega.size, 1))
+    upper = np.hstack([ones, storage]) / exact.real[:, None]
+    lower = np.hstack([0.0 * ones, loss]) / exact.imag[:, None]
+    rows = np.vstack([upper, lower])
+    scale = 1.0 / np.linalg.norm(rows, axis=0)
+    steps = _NNLS_STEPS_PER_COLUMN * rows.shape[1]
+    found, _ = nnls(rows * scale, np.ones(rows.shape[0]), maxiter=steps)
+    weight = found * scale
+    residual = rows @ weight - 1.0
+    half = omega.size
+    error = max(float(np.sqrt(np.mean(r**2))) for r in (residual[:half], residual[half:]))
+    return float(weight[0]), weight[1:], error

@@ -1,0 +1,18 @@
+"""Time-temperature superposition: shifts of all isotherms and one spectrum, fitted together."""
+
+from labpipe.materials.superposition._first_shifts import overlapped_shifts
+from labpipe.materials.superposition._master_curve import master_curve
+from labpipe.materials.superposition._result import MasterCurve
+from labpipe.materials.superposition._shift_law import ShiftLaw, arrhenius, shift_at, wlf
+from labpipe.materials.superposition._sweep_data import read_sweeps
+
+__all__ = [
+    "MasterCurve",
+    "ShiftLaw",
+    "arrhenius",
+    "master_curve",
+    "overlapped_shifts",
+    "read_sweeps",
+    "shift_at",
+    "wlf",
+]

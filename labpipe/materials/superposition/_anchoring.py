@@ -1,0 +1,147 @@
+"""Move free shifts from the isotherm that held them to the reference temperature itself.
+
+Free shifts are fitted relative to one isotherm. The reference temperature usually lies between
+two: there log10 a is the WLF law through all shifts plus the interpolated deviation from it,
+which follows a smooth law exactly and a kink closely.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+from labpipe.materials.spectrum import TERMS_PER_DECADE
+from labpipe.materials.superposition._joint_fit import Points
+from labpipe.materials.superposition._reweighting import Superposition
+from labpipe.materials.superposition._shift_law import fit_law
+
+Array = NDArray[np.float64]
+
+# Weight of every shift in the law that carries the interpolation (decades, equal for all).
+_EQUAL = 0.05
+# A gap of g decades between two sweeps is bridged by the smoothness of the spectrum. On known
+# materials the step was then wrong by about this times g² decades (0.03 at 0.65, 0.11 at 1.5).
+_GAP_ERROR = 0.05
+# A material of few single times needs a finer grid, and its times still fall between those of the
+# grid: on known materials every shift was then wrong by this share of the spacing.
+_GRID_SHARE = 0.07
+
+
+@dataclass(frozen=True, slots=True)
+class Anchor:
+    """Where the reference lies.
+
+    Attributes
+    ----------
+    offset : float
+        log10 a of the reference temperature in the frame of the fit.
+    share : array (isotherm,)
+        Weights of the isotherms in that offset; their sum is one.
+    shift_by_parameter : array (isotherm, parameter)
+        Change of the final log10 a_T with every outer parameter.
+    covariance : array (isotherm, isotherm)
+        Of the final log10 a_T.
+    """
+
+    offset: float
+    share: Array
+    shift_by_parameter: Array
+    covariance: Array
+
+
+def anchor_at(points: Points, found: Superposition) -> Anchor:
+    """Find log10 a at T_ref (laws are zero there by themselves), and the covariance about it."""
+    model, state = found.model, found.fit.state
+    count = model.temperature.size
+    moves = model.directions(state)[0]
+    if model.horizontal in ("wlf", "arrhenius"):
+        share = np.zeros(count)
+        offset = interpolation = 0.0
+    else:
+        share = _shares(model.temperature, model.T_ref)
+        trend = _trend(model.temperature, state.log10_aT, model.T_ref)
+        deviation = state.log10_aT - trend[:-1]
+        offset = trend[-1] + float(share @ deviation)
+        interpolation = _interpolation_error(model.temperature, deviation, model.T_ref)
+        moves = moves - share @ moves
+    covariance = moves @ found.covariance @ moves.T if model.size else np.zeros((count, count))
+    if found.probe is not None:
+        groups = found.probe.groups - (found.probe.groups @ share)[:, None]
+        covariance = covariance + (groups.T * found.probe.variance) @ groups
+    if model.horizontal == "free":
+        groups, gaps = _gaps(points, model.temperature, state.log10_aT)
+        groups = groups - (groups @ share)[:, None]
+        covariance = covariance + (groups.T * (_GAP_ERROR * gaps**2) ** 2) @ groups
+        error = _GRID_SHARE / found.fit.grid.terms_per_decade if _is_fine(found) else 0.0
+        apart = np.eye(model.temperature.size) - share
+        covariance = covariance + error**2 * (apart @ apart.T)
+    if found.alternatives:
+        changes = np.array([other for _, other in found.alternatives]) - state.log10_aT
+        changes = changes - (changes @ share)[:, None]
+        covariance = covariance + changes.T @ changes / len(found.alternatives)
+    # An error of the interpolation moves all shifts together.
+    covariance = covariance + interpolation**2
+    return Anchor(offset, share, moves, covariance)
+
+
+def _gaps(points: Points, temperature: Array, log10_aT: Array) -> tuple[Array, Array]:
+    """Return for every pair without overlap the colder side (one, others zero) and the gap."""
+    order = np.argsort(temperature, kind="stable")
+    place = np.log10(points.omega) + log10_aT[points.isotherm]
+    low = np.array([place[points.isotherm == k].min() for k in order])
+    high = np.array([place[points.isotherm == k].max() for k in order])
+    gaps = np.maximum(low[:-1], low[1:]) - np.minimum(high[:-1], high[1:])
+    groups = np.zeros((gaps.size, order.size))
+    for k in range(gaps.size):
+        groups[k, order[: k + 1]] = 1.0
+    return groups[gaps > 0], gaps[gaps > 0]
+
+
+def _is_fine(found: Superposition) -> bool:
+    return found.fit.grid.terms_per_decade > TERMS_PER_DECADE
+
+
+def _shares(temperature: Array, T_ref: float) -> Array:
+    """Linear interpolation between the two neighbours; the nearest one beyond the ends."""
+    order = np.argsort(temperature, kind="stable")
+    unit = np.eye(temperature.size)
+    ordered = temperature[order]
+    at = np.clip(T_ref, ordered[0], ordered[-1])
+    shares = np.array([np.interp(at, ordered, unit[k][order]) for k in range(temperature.size)])
+    return shares / shares.sum()
+
+
+def _interpolation_error(temperature: Array, deviation: Array, T_ref: float) -> float:
+    """Return the standard uncertainty of the interpolated deviation from the trend.
+
+    Straight lines through the two isotherms on either side, continued to T_ref, differ from the
+    interpolation by what a bend in between could hide.
+    """
+    unique, first = np.unique(temperature, return_index=True)
+    values = deviation[first]
+    right = int(np.searchsorted(unique, T_ref))
+    if right in (0, unique.size) or unique[right] == T_ref:
+        return 0.0
+    inside = float(np.interp(T_ref, unique, values))
+    errors = [
+        inside - float(values[b] + (T_ref - unique[b]) * _slope(unique, values, a, b))
+        for a, b in ((right - 2, right - 1), (right + 1, right))
+        if 0 <= a < unique.size
+    ]
+    return float(np.mean(np.abs(errors))) / 2.0 if errors else 0.0
+
+
+def _slope(x: Array, y: Array, a: int, b: int) -> float:
+    return float((y[b] - y[a]) / (x[b] - x[a]))
+
+
+def _trend(temperature: Array, log10_aT: Array, T_ref: float) -> Array:
+    """WLF through the shifts, at the temperatures and (last) at T_ref; zero when there is none."""
+    if temperature.size < 4:
+        return np.zeros(temperature.size + 1)
+    law = fit_law("wlf", temperature, log10_aT, _EQUAL**2 * np.eye(temperature.size), T_ref)
+    try:
+        return law.log10_aT(np.append(temperature, T_ref))
+    except InputError:
+        return np.zeros(temperature.size + 1)

@@ -1,0 +1,278 @@
+"""The whole fit of a master curve: starts, noise levels, smoothing, and which laws the data need.
+
+The joint fit of :mod:`._joint_fit` is run from several starts; around it turn the
+things that only the residuals can tell (:mod:`._reweighting`), the choice of laws
+(:mod:`._law_choice`), and a walk along the steps that stay loose
+(:mod:`._step_search`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.materials.spectrum import MARGIN_DECADES, MOST_TERMS_PER_DECADE, TERMS_PER_DECADE
+from labpipe.materials.superposition._first_shifts import overlapped_shifts, scanned_shifts
+from labpipe.materials.superposition._joint_fit import (
+    Fit,
+    Points,
+    evaluate,
+    grid_for,
+    minimise,
+    outer_problem,
+    predictive_cost,
+)
+from labpipe.materials.superposition._law_choice import (
+    FIRST_MARGIN,
+    FIRST_STRENGTH,
+    STRONG_EVIDENCE,
+    entropic_ln_bT,
+    extended_by_a_law,
+)
+from labpipe.materials.superposition._model_doubt import (
+    VIOLATED,
+    alternatives,
+    other_minimum,
+    run_length,
+    started_anew,
+    violation,
+)
+from labpipe.materials.superposition._noise import Noise, first_noise, scatter_of_sweeps
+from labpipe.materials.superposition._reweighting import (
+    FIRST_LEVELS,
+    Candidate,
+    Options,
+    Superposition,
+    huber,
+    settled,
+    weights_of,
+)
+from labpipe.materials.superposition._shift_law import fit_law
+from labpipe.materials.superposition._shift_parameters import OuterModel, expected_shifts
+from labpipe.materials.superposition._step_search import Probe, probe_steps
+from labpipe.materials.superposition._vertical_law import Vertical
+
+Array = NDArray[np.float64]
+
+# Vertical law, delay and levels are added one at a time, and may each be revised once.
+_MAX_EXTENSIONS = 5
+# A walk may find better minima, from which all is settled and walked again.
+_MAX_MOVES = 3
+# A law through the best start is a third start; it needs more isotherms than it has constants.
+_LAW_NEEDS = 3
+_LAW_ROUGHNESS = 0.1
+# Mean squared residual, in units of the noise, of a start that cannot be called a fit.
+_FAR_FROM_NOISE = 4.0
+
+
+def superpose(
+    points: Points,
+    model: OuterModel,
+    *,
+    starts: Sequence[tuple[str, Array]] | None = None,
+    verticals: Sequence[Vertical] = ("none",),
+    delay: bool | None = False,
+    levels: bool | None = False,
+    robust: bool = True,
+    noise_ratio: float | None = None,
+) -> Superposition:
+    """Fit shifts, spectrum and the laws that the data need.
+
+    Parameters
+    ----------
+    points : Points
+    model : OuterModel
+        Horizontal law; its vertical law and delay are chosen here.
+    starts : sequence of (str, array (isotherm,)), optional
+        Named first estimates of log10 a_T; default the pairwise scan and the overlap.
+    verticals : sequence of str
+        Candidate vertical laws; one is taken as it is, of several the criterion chooses.
+    delay : bool or None
+        Whether the instrument's phase has a delay; None lets the criterion decide.
+    levels : bool or None
+        Whether every isotherm has a small level of its own; None lets the criterion decide.
+    robust : bool
+        Weaken outliers.
+    noise_ratio : float, optional
+        Relative noise of the loss over that of the storage modulus; default estimated.
+    """
+    scatter = scatter_of_sweeps(points)
+    noise = first_noise(scatter, noise_ratio)
+    options = Options(tuple(verticals), delay, levels, robust, noise_ratio, scatter)
+    base = replace(
+        model,
+        vertical=verticals[0],
+        has_delay=delay is True,
+        level_spread=FIRST_LEVELS if levels is True else 0.0,
+    )
+    best = _best_start(points, base, noise, starts)
+    current = _probed(points, _settled_finely(points, best, noise, options), options)
+    for _ in range(_MAX_EXTENSIONS):
+        extended = extended_by_a_law(points, current, options, starts)
+        if extended is None:
+            break
+        current = _settled_finely(points, extended, current.noise, options)
+        current = _probed(points, current, options)
+    return _doubted(points, current, options, starts)
+
+
+def _doubted(
+    points: Points,
+    current: Superposition,
+    options: Options,
+    starts: Sequence[tuple[str, Array]] | None,
+) -> Superposition:
+    """Where superposition does not hold to the scatter, look for other minima and other models."""
+    free = current.model.horizontal == "free"
+    anew: list[Fit] = []
+    for _ in range(_MAX_MOVES + 1):
+        ratio = violation(current, options)
+        if not free or ratio <= VIOLATED:
+            return replace(current, violation=ratio)
+        if starts is not None:
+            break
+        anew = started_anew(points, current, options)
+        other = other_minimum(points, current, options, anew)
+        if other is None:
+            break
+        current = _probed(points, settled(points, other, current.noise, options), options)
+    length = run_length(points, current)
+    doubted = replace(
+        current,
+        covariance=length * current.covariance,
+        alternatives=alternatives(points, current, options, anew),
+        violation=ratio,
+    )
+    return replace(doubted, probe=_walked(points, doubted, options, length, may_move=False))
+
+
+def _settled_finely(
+    points: Points, candidate: Candidate, noise: Noise, options: Options
+) -> Superposition:
+    """Settle a fit, on a finer grid of times as long as that predicts much better.
+
+    A single relaxation time between two of the grid leaves a misfit that delays and levels would
+    be called for; so this comes before them.
+    """
+    current = settled(points, candidate, noise, options)
+    while 2 * current.fit.grid.terms_per_decade <= MOST_TERMS_PER_DECADE:
+        fit, model = current.fit, current.model
+        weight = weights_of(points, current.noise, fit.predicted) * huber(current, options)
+        density, strength = fit.grid.terms_per_decade, fit.solution.strength
+        present, finer = (
+            evaluate(
+                points,
+                weight,
+                grid_for(points, fit.state, count, MARGIN_DECADES),
+                fit.state,
+                None,
+                strength,
+            )
+            for count in (density, 2 * density)
+        )
+        gain = predictive_cost(present, model) - predictive_cost(finer, model)
+        if gain < STRONG_EVIDENCE:
+            break
+        candidate = Candidate(model, finer, current.starts)
+        current = settled(points, candidate, current.noise, options)
+    return current
+
+
+def _best_start(
+    points: Points,
+    model: OuterModel,
+    noise: Noise,
+    starts: Sequence[tuple[str, Array]] | None,
+) -> Candidate:
+    """Run the joint fit from every start and keep the best."""
+    ln_bT = entropic_ln_bT(model) if model.vertical == "rho_T" else np.zeros(model.temperature.size)
+    if starts is None:
+        starts = (
+            ("overlap", overlapped_shifts(points, model.temperature, ln_bT)),
+            ("scan", scanned_shifts(points, model.temperature, ln_bT)),
+        )
+    weight = weights_of(points, noise)
+    runs = [_run(points, weight, model, name, shifts) for name, shifts in starts]
+    if (
+        len(runs) > 1
+        and model.horizontal == "free"
+        and np.unique(model.temperature).size > _LAW_NEEDS
+    ):
+        best = min(runs, key=lambda run: run.cost)
+        runs.append(_run(points, weight, model, "law", _smoothed(points, best)))
+    runs.sort(key=lambda run: run.cost)
+    best_shifts = runs[0].fit.state.log10_aT
+    report = tuple(
+        (run.name, run.cost, float(np.max(np.abs(run.fit.state.log10_aT - best_shifts))))
+        for run in runs
+    )
+    return Candidate(runs[0].model, runs[0].fit, report)
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    name: str
+    cost: float
+    fit: Fit
+    model: OuterModel
+
+
+def _run(points: Points, weight: Array, model: OuterModel, name: str, shifts: Array) -> _Run:
+    """Run the joint fit from one start, the spectrum stiff unless the data forbid it."""
+    expectation = expected_shifts(model.temperature, shifts)
+    started = replace(model, given=shifts - shifts[model.reference], expectation=expectation)
+    state = started.start()
+    grid = grid_for(points, state, TERMS_PER_DECADE, FIRST_MARGIN)
+    first = evaluate(points, weight, grid, state, FIRST_STRENGTH)
+    fit = minimise(points, weight, first, started)
+    if fit.solution.misfit > _FAR_FROM_NOISE * weight.size:
+        # Few single times are no smooth spectrum: smoothing would have moved the shifts instead.
+        # What stays far from the noise even so has another cause, which laws may tell later.
+        loose = minimise(points, weight, evaluate(points, weight, grid, state, None), started)
+        fit = loose if loose.solution.misfit <= _FAR_FROM_NOISE * weight.size else fit
+    return _Run(name, predictive_cost(fit, started), fit, started)
+
+
+def _smoothed(points: Points, run: _Run) -> Array:
+    """Put shifts on the WLF law through those that the data determine."""
+    model, state = run.model, run.fit.state
+    normal, _ = outer_problem(points, run.fit, model)
+    covariance = np.linalg.pinv(normal, hermitian=True)
+    keep = np.arange(model.temperature.size) != model.reference
+    full = np.zeros((keep.size, keep.size))
+    free = slice(0, model.horizontal_size)
+    full[np.ix_(keep, keep)] = covariance[free, free]
+    # A law is never exact: its own roughness keeps the best shifts from ruling alone.
+    full += _LAW_ROUGHNESS**2 * np.eye(keep.size)
+    T_ref = float(model.temperature[model.reference])
+    law = fit_law("wlf", model.temperature, state.log10_aT, full, T_ref)
+    return law.log10_aT(model.temperature)
+
+
+def _probed(points: Points, current: Superposition, options: Options) -> Superposition:
+    """Walk the loose steps; settle anew from better ones, and keep what the last walk says.
+
+    While the sweeps are missed by far more than they scatter, a law is missing, not a better step.
+    """
+    if current.model.horizontal != "free" or violation(current, options) > VIOLATED:
+        return current
+    for may_move in (True,) * _MAX_MOVES + (False,):
+        probe = _walked(points, current, options, 1.0, may_move)
+        current = replace(current, probe=probe)
+        if probe.better is None:
+            break
+        candidate = Candidate(current.model, probe.better, current.starts)
+        current = settled(points, candidate, current.noise, options)
+    return current
+
+
+def _walked(
+    points: Points, current: Superposition, options: Options, length: float, may_move: bool
+) -> Probe:
+    """Walk the loose steps, every residual counting for one over the length of its run."""
+    moves = current.model.directions(current.fit.state)[0]
+    known = moves @ current.covariance @ moves.T
+    weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
+    weight = weight / np.sqrt(length)
+    return probe_steps(points, weight, current.fit, current.model, known, may_move)

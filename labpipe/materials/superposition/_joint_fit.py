@@ -1,0 +1,281 @@
+r"""Shifts of all isotherms and one spectrum, fitted together to both moduli.
+
+Model of isotherm k at the angular frequency ω (rad/s):
+
+.. math::
+    E_k(\omega) = b_k\, e^{i\omega d}\,\Bigl[E_{relaxed} +
+        \sum_j g_j \frac{i\omega a_k\tau_j}{1 + i\omega a_k\tau_j}\Bigr]
+
+with the horizontal shift a, the vertical shift b and the delay d of the instrument's phase. The
+spectrum enters linearly and is eliminated (variable projection): for every set of shifts the
+best non-negative spectrum is one small least-squares problem, and the outer Levenberg-Marquardt
+iteration sees only shifts, vertical parameters and the delay. Its matrix is the data's
+sensitivity to those, less what a change of the spectrum could imitate (Kaufman's form); the
+inverse of that matrix is their covariance.
+
+References
+----------
+Golub & Pereyra, Inverse Problems 19 (2003) R1, doi:10.1088/0266-5611/19/2/201.
+Kaufman, BIT 15 (1975) 49, doi:10.1007/BF01932995.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.materials.spectrum import (
+    Grid,
+    Solution,
+    compress,
+    make_grid,
+    maxwell_shapes,
+    solve,
+    solve_by_cross_validation,
+    solve_nearby,
+    solve_normal,
+)
+from labpipe.materials.superposition._shift_parameters import OuterModel, State
+
+Array = NDArray[np.float64]
+
+_LN10 = float(np.log(10.0))
+# Levenberg-Marquardt: first damping relative to the diagonal, its factors, and the stop. The
+# active set of the spectrum may flicker near the end, so the cost is watched, not the gradient.
+_FIRST_DAMPING = 1e-3
+_DAMPING_DOWN, _DAMPING_UP = 0.2, 8.0
+_LEAST_DAMPING, _MAX_DAMPING = 1e-9, 1e8
+_COST_TOLERANCE = 1e-5
+_MAX_ITERATIONS = 40
+# No shift moves further than this in one step (decades): the model is linear only so far.
+_MAX_STEP_DECADES = 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class Points:
+    """All measured points of all isotherms, one after the other.
+
+    Attributes
+    ----------
+    omega : array (point,) [rad/s]
+    isotherm : array (point,)
+        Index of the isotherm that each point belongs to.
+    storage, loss : array (point,) [Pa]
+    count : int
+        Number of isotherms.
+    """
+
+    omega: Array
+    isotherm: NDArray[np.intp]
+    storage: Array
+    loss: Array
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """One evaluated state: spectrum, residuals, and the outer least-squares problem there.
+
+    Attributes
+    ----------
+    residual : array (2 point,)
+        Weighted residuals, storage first.
+    predicted : array (2 point,) [Pa]
+    rows : array (2 point, column)
+        Weighted design matrix of the active columns.
+    normal : array (column, column)
+        Penalised normal matrix of the active columns.
+    by_shift, by_vertical, by_delay : array (2 point,)
+        Weighted change of every prediction with its own ln a, ln b, and with the delay.
+    """
+
+    state: State
+    grid: Grid
+    solution: Solution
+    residual: Array
+    predicted: Array
+    rows: Array
+    normal: Array
+    by_shift: Array
+    by_vertical: Array
+    by_delay: Array
+
+    @property
+    def cost(self) -> float:
+        """What is minimised: squared residuals plus the penalty on the spectrum."""
+        return self.solution.misfit + self.solution.roughness
+
+
+def reduced(points: Points, state: State) -> Array:
+    """Return ln(a ω) of every point."""
+    return np.log(points.omega) + _LN10 * state.log10_aT[points.isotherm]
+
+
+def grid_for(points: Points, state: State, terms_per_decade: float, margin: float) -> Grid:
+    """Lay the terms for the present shifts."""
+    vertical = np.exp(-state.ln_bT[points.isotherm])
+    return make_grid(
+        reduced(points, state),
+        points.storage * vertical,
+        points.loss * vertical,
+        terms_per_decade=terms_per_decade,
+        margin=margin,
+    )
+
+
+def evaluate(
+    points: Points,
+    weight: Array,
+    grid: Grid,
+    state: State,
+    strength: float | None,
+    near: float | None = None,
+    guess: Solution | None = None,
+) -> Fit:
+    """Find the best spectrum for one state.
+
+    ``strength`` None chooses the smoothing by cross-validation, walking from ``near`` if given.
+    A ``guess`` is the solution at a nearby state, with the strength to keep.
+    """
+    storage, loss = maxwell_shapes(reduced(points, state), grid.ln_time)
+    scale, relaxed_scale = grid.scale[:-1], grid.scale[-1]
+    vertical = np.exp(state.ln_bT[points.isotherm])
+    phase = points.omega * state.delay
+    turn, lean = (np.cos(phase) * vertical)[:, None], (np.sin(phase) * vertical)[:, None]
+    plain = np.column_stack([storage * scale, np.full(storage.shape[0], relaxed_scale)])
+    lossy = np.column_stack([loss * scale, np.zeros(storage.shape[0])])
+    design = np.vstack([turn * plain - lean * lossy, lean * plain + turn * lossy])
+    measured = np.concatenate([points.storage, points.loss])
+    rows = design * weight[:, None]
+    target = measured * weight
+    solution = solve_nearby(rows, target, grid.penalty, guess) if guess is not None else None
+    if solution is None:
+        system = compress(rows, target)
+        if strength is None:
+            solution = solve_by_cross_validation(*system, grid.penalty, measured.size, near)
+        else:
+            solution = solve(*system, grid.penalty, strength)
+    coefficient = solution.coefficient
+    active = coefficient > 0
+    predicted = design @ coefficient
+    # d/d ln ω of the two shapes: 2 L² and L (1 − 2 S).
+    weights = coefficient[:-1] * scale
+    storage_slope = 2.0 * loss**2 @ weights
+    loss_slope = (loss * (1.0 - 2.0 * storage)) @ weights
+    half = points.omega.size
+    by_shift = np.concatenate(
+        [
+            turn[:, 0] * storage_slope - lean[:, 0] * loss_slope,
+            lean[:, 0] * storage_slope + turn[:, 0] * loss_slope,
+        ]
+    )
+    by_delay = np.concatenate([-points.omega * predicted[half:], points.omega * predicted[:half]])
+    used = rows[:, active]
+    normal = used.T @ used
+    normal += solution.strength * grid.penalty[:, active].T @ grid.penalty[:, active]
+    return Fit(
+        state=state,
+        grid=grid,
+        solution=solution,
+        residual=(measured - predicted) * weight,
+        predicted=predicted,
+        rows=used,
+        normal=normal,
+        by_shift=by_shift * weight,
+        by_vertical=predicted * weight,
+        by_delay=by_delay * weight,
+    )
+
+
+def sensitivity(points: Points, fit: Fit, model: OuterModel) -> Array:
+    """Return the weighted change of every prediction per outer parameter, spectrum held."""
+    shift, vertical, delay = model.directions(fit.state)
+    index = np.concatenate([points.isotherm, points.isotherm])
+    return np.asarray(
+        fit.by_shift[:, None] * (_LN10 * shift[index])
+        + fit.by_vertical[:, None] * vertical[index]
+        + fit.by_delay[:, None] * delay
+    )
+
+
+def projected_normal(fit: Fit, change: Array) -> tuple[Array, Array]:
+    """Return the outer normal matrix once the spectrum has followed, and the gradient."""
+    coupling = fit.rows.T @ change
+    followed = solve_normal(fit.normal, coupling)
+    return change.T @ change - coupling.T @ followed, change.T @ fit.residual
+
+
+def outer_problem(points: Points, fit: Fit, model: OuterModel) -> tuple[Array, Array]:
+    """Return normal matrix and gradient of the outer parameters, expectation included."""
+    normal, gradient = projected_normal(fit, sensitivity(points, fit, model))
+    more_normal, more_gradient = model.pull(fit.state)
+    return normal + more_normal, gradient + more_gradient
+
+
+def minimise(
+    points: Points,
+    weight: Array,
+    fit: Fit,
+    model: OuterModel,
+    tolerance: float = _COST_TOLERANCE,
+    iterations: int = _MAX_ITERATIONS,
+) -> Fit:
+    """Move the outer parameters to the least cost, on the grid and smoothing of a first fit."""
+    damping = _FIRST_DAMPING
+    for _ in range(iterations if model.size else 0):
+        problem = outer_problem(points, fit, model)
+        trial, damping = _damped_step(points, weight, fit, model, problem, damping)
+        if trial is None:
+            break
+        gain, fit = total_cost(fit, model) - total_cost(trial, model), trial
+        if gain <= tolerance * fit.cost:
+            break
+    return fit
+
+
+def total_cost(fit: Fit, model: OuterModel) -> float:
+    """Return what the outer iteration minimises: misfit, roughness, expectation."""
+    return fit.cost + model.pull_cost(fit.state)
+
+
+def predictive_cost(fit: Fit, model: OuterModel) -> float:
+    """Return what compares two minima: misfit, its price in effective terms, expectation.
+
+    The misfit to be expected of new data (Mallows' C_p), the same judge that cross-validation
+    asks for the smoothing: a spectrum that falls apart into one piece per sweep fits better by
+    the terms it gains, and predicts worse.
+
+    References
+    ----------
+    Mallows, Technometrics 15 (1973) 661, doi:10.1080/00401706.1973.10489103.
+    """
+    return fit.solution.misfit + 2.0 * fit.solution.freedom + model.pull_cost(fit.state)
+
+
+def _damped_step(
+    points: Points,
+    weight: Array,
+    fit: Fit,
+    model: OuterModel,
+    problem: tuple[Array, Array],
+    damping: float,
+) -> tuple[Fit | None, float]:
+    """Raise the damping until a step lowers the cost; None when no step does."""
+    normal, gradient = problem
+    diagonal = np.diag(normal).copy()
+    diagonal[diagonal <= 0] = 1.0
+    least = total_cost(fit, model)
+    while damping < _MAX_DAMPING:
+        step = solve_normal(normal + damping * np.diag(diagonal), gradient)
+        state = model.state(fit.state.parameters + step)
+        if state is not None and _is_near(fit.state, state):
+            strength = fit.solution.strength
+            trial = evaluate(points, weight, fit.grid, state, strength, guess=fit.solution)
+            if total_cost(trial, model) < least:
+                return trial, max(damping * _DAMPING_DOWN, _LEAST_DAMPING)
+        damping *= _DAMPING_UP
+    return None, damping
+
+
+def _is_near(old: State, new: State) -> bool:
+    return float(np.max(np.abs(new.log10_aT - old.log10_aT))) <= _MAX_STEP_DECADES

@@ -1,0 +1,183 @@
+"""Which laws the data need beyond horizontal shifts: vertical factor, delay, levels of sweeps."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.materials.spectrum import MARGIN_DECADES
+from labpipe.materials.superposition._first_shifts import overlapped_shifts, scanned_shifts
+from labpipe.materials.superposition._joint_fit import (
+    Fit,
+    Points,
+    evaluate,
+    grid_for,
+    minimise,
+    outer_problem,
+    total_cost,
+)
+from labpipe.materials.superposition._reweighting import (
+    FIRST_LEVELS,
+    Candidate,
+    Options,
+    Superposition,
+    huber,
+    weights_of,
+)
+from labpipe.materials.superposition._shift_parameters import OuterModel, State, expected_shifts
+from labpipe.materials.superposition._vertical_law import vertical_values
+
+Array = NDArray[np.float64]
+
+# Before the first fit the shifts may still move: the grid of times reaches further out.
+FIRST_MARGIN = 1.5
+# Smoothing for comparing starts, in units of the noise; cross-validation follows.
+FIRST_STRENGTH = 100.0
+#: Evidence (difference of Schwarz's criterion) that counts as strong, Kass & Raftery, J. Am. Stat.
+# Assoc. 90 (1995) 773: a smoothed spectrum leaves small systematic residuals of its own.
+STRONG_EVIDENCE = 6.0
+# Candidates are compared before they have settled to the last digit: tolerance and iterations.
+_SCREENING = (1e-3, 8)
+
+
+def extended_by_a_law(
+    points: Points,
+    current: Superposition,
+    options: Options,
+    starts: Sequence[tuple[str, Array]] | None,
+) -> Candidate | None:
+    """Return the single change of laws that the criterion favours most, None if there is none."""
+    moves = _moves(current.model, options)
+    if not moves or not _may_gain(points, current, moves):
+        return None
+    weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
+    best: Candidate | None = None
+    # The present model is fitted anew as well: only costs of equal weights can be compared.
+    present = screened(points, weight, current, current.model, current.fit.state)
+    least = _criterion(points, present, current.model)
+    for model in [move for move in moves if move.has_delay > current.model.has_delay]:
+        fit = screened(points, weight, current, model, current.fit.state)
+        if _criterion(points, fit, model) < least:
+            # A delay bends the loss of every sweep; the other laws are judged without it.
+            return Candidate(model, fit, current.starts)
+    # Without a vertical law the shifts may have gone far to make up for it: start anew as well.
+    is_plain = current.model.vertical == "none" and not current.model.level_spread
+    clean = entropic_ln_bT(current.model)
+    first_states = restarts(points, current, clean) if is_plain and starts is None else []
+    for model in [move for move in moves if move.has_delay <= current.model.has_delay]:
+        is_removal = model.has_delay < current.model.has_delay
+        for first in [current.fit.state, *([] if is_removal else first_states)]:
+            fit = screened(points, weight, current, model, first)
+            score = _criterion(points, fit, model)
+            if score < least:
+                best, least = Candidate(model, fit, current.starts), score
+    return best
+
+
+def _moves(model: OuterModel, options: Options) -> list[OuterModel]:
+    """List the models one change away from the present one."""
+    moves = [replace(model, vertical=v) for v in options.verticals if v != model.vertical]
+    if options.delay is None:
+        moves.append(replace(model, has_delay=not model.has_delay))
+    if options.levels is None:
+        moves.append(replace(model, level_spread=0.0 if model.level_spread else FIRST_LEVELS))
+    return moves
+
+
+def _may_gain(points: Points, current: Superposition, moves: list[OuterModel]) -> bool:
+    """Ask the gradient first whether any further parameter could be worth its price.
+
+    One look at the residuals instead of a fit per candidate; data that need nothing pay nothing.
+    """
+    price = float(np.log(2 * points.omega.size))
+    for model in moves:
+        extra = model.law_size - current.model.law_size
+        if extra <= 0 and not model.level_spread > current.model.level_spread:
+            # Nothing to ask: a law that was needed before another came may be idle now.
+            if current.model.has_delay or current.model.level_spread:
+                return True
+            continue
+        probe = replace(current.fit, state=model.start(current.fit.state))
+        normal, gradient = outer_problem(points, probe, model)
+        gain = float(gradient @ np.linalg.pinv(normal, hermitian=True) @ gradient)
+        if gain > price * max(extra, 1) + STRONG_EVIDENCE:
+            return True
+    return False
+
+
+def restarts(points: Points, current: Superposition, ln_bT: Array) -> list[State]:
+    """Start anew under a vertical law, the phase's present delay taken out of the data."""
+    model, delay = current.model, current.fit.state.delay
+    turned = (points.storage + 1j * points.loss) * np.exp(-1j * points.omega * delay)
+    if not (turned.imag > 0).all():
+        turned = points.storage + 1j * points.loss
+    clean = replace(points, storage=turned.real, loss=turned.imag)
+    found = (
+        overlapped_shifts(clean, model.temperature, ln_bT),
+        scanned_shifts(clean, model.temperature, ln_bT),
+    )
+    return [State(np.empty(0), shifts - shifts[model.reference], ln_bT, delay) for shifts in found]
+
+
+def entropic_ln_bT(model: OuterModel) -> Array:
+    """Return ln b of the law b ∝ T."""
+    found = vertical_values("rho_T", np.empty(0), model.temperature, model.T_ref)
+    return np.zeros(model.temperature.size) if found is None else found
+
+
+def screened(
+    points: Points, weight: Array, current: Superposition, model: OuterModel, first: State
+) -> Fit:
+    """Fit another model from a state, well enough to compare it."""
+    strength, density = current.fit.solution.strength, current.fit.grid.terms_per_decade
+    state = model.start(first)
+    grid = grid_for(points, state, density, FIRST_MARGIN)
+    stiff = evaluate(points, weight, grid, state, max(strength, FIRST_STRENGTH))
+    stiff = minimise(points, weight, stiff, model, *_SCREENING)
+    grid = grid_for(points, stiff.state, density, MARGIN_DECADES)
+    fit = evaluate(points, weight, grid, stiff.state, strength)
+    return minimise(points, weight, fit, model, *_SCREENING)
+
+
+def _criterion(points: Points, fit: Fit, model: OuterModel) -> float:
+    """Schwarz's criterion; every law beyond horizontal shifts has to have strong evidence.
+
+    The law b ∝ T has no number, but choosing it is half a parameter.
+    Levels are random, not chosen: their price is the evidence lost by having to determine them
+    (how much narrower the data make them than their spread), and one parameter, the spread.
+    """
+    price = float(np.log(2 * points.omega.size))
+    count = model.law_size + (0.5 if model.vertical == "rho_T" else 0.0)
+    laws = (model.vertical != "none") + model.has_delay + (model.level_spread > 0)
+    score = total_cost(fit, model) + count * price + laws * STRONG_EVIDENCE
+    if model.level_spread > 0:
+        normal, _ = outer_problem(points, fit, model)
+        at = model.level_slice
+        covariance = np.linalg.pinv(normal, hermitian=True)[at, at]
+        score += price - float(np.linalg.slogdet(covariance / model.level_spread**2)[1])
+    return score
+
+
+def free_shifts_gain(points: Points, found: Superposition) -> float:
+    """Return the F statistic of replacing the shift law by free shifts.
+
+    About one when the law holds; large when it does not.
+    """
+    law = found.model
+    shifts = found.fit.state.log10_aT
+    free = replace(
+        law,
+        horizontal="free",
+        given=shifts - shifts[law.reference],
+        expectation=expected_shifts(law.temperature, shifts),
+    )
+    weight = weights_of(points, found.noise, found.fit.predicted)
+    tied = evaluate(points, weight, found.fit.grid, found.fit.state, found.fit.solution.strength)
+    state = replace(free.start(), ln_bT=found.fit.state.ln_bT, delay=found.fit.state.delay)
+    state = free.start(replace(state, log10_aT=shifts))
+    first = evaluate(points, weight, found.fit.grid, state, found.fit.solution.strength)
+    loose = minimise(points, weight, first, free)
+    extra = free.size - law.size
+    rest = max(2 * points.omega.size - loose.solution.freedom - free.size, 1.0)
+    return float(((tied.cost - loose.cost) / extra) / (loose.solution.misfit / rest))

@@ -1,0 +1,106 @@
+"""Everything that limits a master curve, said in one sentence each."""
+
+import numpy as np
+import xarray as xr
+
+from labpipe.materials.spectrum import KramersKronig
+from labpipe.materials.superposition._law_choice import free_shifts_gain
+from labpipe.materials.superposition._reweighting import Superposition
+from labpipe.materials.superposition._shift_law import LawName, ShiftLaw
+from labpipe.materials.superposition._sweep_data import SweepData
+
+#: A step between neighbours known worse than this (decades) is called barely determined.
+BARELY_DETERMINED = 0.15
+# Another start that ends this far away (decades) at nearly the same cost (in units of twice the
+# log-likelihood) is a second solution.
+_OTHER_SOLUTION, _NEARLY_SAME_COST = 0.15, 6.0
+# A law holds when free shifts lower the misfit by less than this per parameter (F statistic).
+_LAW_HOLDS = 4.0
+
+
+def limits_of(
+    data: SweepData,
+    found: Superposition,
+    law: LawName | None,
+    chosen: ShiftLaw,
+    overlap: xr.Dataset,
+    kk: KramersKronig,
+) -> list[str]:
+    """Say everything that limits the result, one sentence each."""
+    notes: list[str] = []
+    if data.points.count == 1:
+        notes.append("one temperature only: there is nothing to shift, the spectrum is its own")
+    if found.model.horizontal == "free":
+        notes += _identifiability(overlap)
+        notes += _other_solutions(found)
+        notes += _violation(found)
+    notes += _gaps(overlap)
+    if law is not None and data.points.count > len(chosen.parameters) + 1:
+        gain = free_shifts_gain(data.points, found)
+        if gain > _LAW_HOLDS:
+            notes.append(
+                f"the {law} law does not hold over these temperatures: free shifts fit better "
+                f"(F = {gain:.1f}); use law=None and look for a transition"
+            )
+    if kk.verdict != "pass":
+        notes.append(f"Kramers-Kronig {kk.verdict}: {kk.reason}")
+    return notes
+
+
+def _violation(found: Superposition) -> list[str]:
+    if not found.alternatives:
+        return []
+    state, model = found.fit.state, found.model
+    shifts = np.array([other for _, other in found.alternatives])
+    change = np.abs(shifts - shifts[:, [model.reference]] - state.log10_aT)
+    worst = np.unravel_index(int(np.argmax(change)), change.shape)
+    return [
+        "time-temperature superposition does not hold to the scatter of the sweeps (the fit "
+        f"misses by {found.violation:.1f} times as much): with other weights of the moduli, "
+        "another vertical law or another start the shifts change by up to "
+        f"{change[worst]:.1f} decades ({float(model.temperature[worst[1]]):.0f} °C); their "
+        "uncertainties hold these changes"
+    ]
+
+
+def _gaps(overlap: xr.Dataset) -> list[str]:
+    apart = overlap.isel(pair=np.flatnonzero(overlap["overlap"].values <= 0))
+    if not apart.sizes["pair"]:
+        return []
+    pairs = ", ".join(
+        f"{float(a):.4g} and {float(b):.4g} °C (by {-float(shared):.2f} decades)"
+        for a, b, shared in zip(apart["colder"], apart["warmer"], apart["overlap"], strict=True)
+    )
+    return [
+        f"no overlap between {pairs}; the step there rests on the link between storage and loss "
+        "and on a smooth spectrum across the gap"
+    ]
+
+
+def _identifiability(overlap: xr.Dataset) -> list[str]:
+    loose = overlap.isel(pair=np.flatnonzero(~overlap["determined"].values))
+    if not loose.sizes["pair"]:
+        return []
+    pairs = ", ".join(
+        f"{float(a):.4g}/{float(b):.4g} °C (±{float(u):.2f})"
+        for a, b, u in zip(loose["colder"], loose["warmer"], loose["u_step"], strict=True)
+    )
+    return [
+        f"the data barely determine the step of log10 a_T between {pairs}; there the shifts rest "
+        "on the expected continuation. Smaller temperature steps, a wider frequency range or a "
+        "shift law would help"
+    ]
+
+
+def _other_solutions(found: Superposition) -> list[str]:
+    best = found.starts[0][1]
+    others = [
+        (name, distance)
+        for name, cost, distance in found.starts[1:]
+        if distance > _OTHER_SOLUTION and cost - best < _NEARLY_SAME_COST
+    ]
+    return [
+        f'the start "{name}" ends {distance:.2f} decades away at nearly the same misfit: the '
+        "shifts have a second solution"
+        for name, distance in others
+    ]

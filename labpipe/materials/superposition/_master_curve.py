@@ -1,0 +1,215 @@
+r"""Master curves by time-temperature superposition, with uncertainties and an honest report.
+
+Convention: E(ω, T) = b_T E(a_T ω, T_ref). The horizontal factor a_T exceeds one below the
+reference temperature; the vertical factor b_T is one there.
+
+One joint fit finds all shifts and one non-negative spectrum from both moduli. Chained pairwise
+shifts accumulate errors and know no covariance; the joint fit does neither. What the data cannot
+determine is said: the standard deviation of every shift, the overlap of every pair, the agreement
+of the starts, the Kramers-Kronig verdict, and which terms lie outside the covered window.
+"""
+
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from threadpoolctl import threadpool_limits
+
+from labpipe.errors import InputError
+from labpipe.materials.superposition._fit import superpose
+from labpipe.materials.superposition._result import MasterCurve, assembled
+from labpipe.materials.superposition._shift_law import LawName
+from labpipe.materials.superposition._shift_parameters import Horizontal, OuterModel
+from labpipe.materials.superposition._sweep_data import SweepData, read_sweeps
+from labpipe.materials.superposition._vertical_law import VERTICAL_SIZE, Vertical
+
+Array = NDArray[np.float64]
+
+_ALL_VERTICALS: tuple[Vertical, ...] = tuple(VERTICAL_SIZE)
+# Levels about a vertical law are looked for from this many isotherms on.
+_LEVELS_NEED = 5
+# Measured means differ from set temperatures by this much (K) at most.
+_SAME_TEMPERATURE = 1.0
+
+
+def master_curve(
+    sweeps: xr.Dataset,
+    T_ref: float | None = None,
+    law: LawName | None = None,
+    *,
+    vertical: Literal["auto", "none", "rho_T", "linear", "quadratic"] = "auto",
+    delay: bool | Literal["auto"] = "auto",
+    levels: bool | Literal["auto"] = "auto",
+    robust: bool = True,
+    noise_ratio: float | None = None,
+    shifts: ArrayLike | None = None,
+    refine: bool = True,
+    nu: float = 0.5,
+) -> MasterCurve:
+    """Shift isothermal sweeps onto one curve and fit its spectrum, all at once.
+
+    Parameters
+    ----------
+    sweeps : Dataset
+        ``storage`` and ``loss`` [Pa] over ``temperature`` [degC] and ``frequency`` [Hz]; NaN
+        where a sweep has no point. Any order; repeated temperatures keep a shift each.
+    T_ref : float, optional [degC]
+        Reference temperature within the measured range (a law may reach beyond); default the
+        middle isotherm. It need not be one of the temperatures.
+    law : {None, "wlf", "arrhenius"}
+        None leaves every shift free; a law replaces them by its one or two constants.
+    vertical : str
+        Law of b_T: "none", "rho_T" (b ∝ absolute temperature), "linear" or "quadratic"
+        (in T − T_ref); "auto" takes what Schwarz's criterion asks for.
+    delay : bool or "auto"
+        Whether the instrument's phase lags by a constant time.
+    levels : bool or "auto"
+        Whether every sweep has a small level of its own about the vertical law, as after
+        clamping or tempering the sample anew; kept apart in ``level``, not part of b_T.
+    robust : bool
+        Weaken residuals beyond three standard deviations.
+    noise_ratio : float, optional
+        Relative noise of the loss over that of the storage modulus; default estimated from the
+        residuals. 10 makes the storage modulus dominate, for glasses whose loss is not trusted.
+    shifts : array (temperature,), optional
+        Hand-set log10 a_T, in the order of the sweeps, relative to any temperature.
+    refine : bool
+        Use hand-set shifts as the start of the fit (True) or as they are (False).
+    nu : float
+        Poisson's ratio of the material, handed on to ``prony``.
+
+    Returns
+    -------
+    MasterCurve
+
+    Raises
+    ------
+    InputError
+        The sweeps are not usable (the message says where), T_ref lies outside the range of free
+        shifts, or an option is unknown.
+
+    Warns
+    -----
+    UserWarning
+        For everything that limits the result; the same lines are in ``warnings``.
+
+    Notes
+    -----
+    Residuals are relative to the noise of either modulus. Free shifts carry a weak expectation
+    of how polymers shift (:func:`.expected_shifts`), which matters
+    only where the data say nothing. Uncertainties come from the projected normal matrix and
+    take the model (superposition, one spectrum) for granted.
+
+    References
+    ----------
+    Golub & Pereyra, Inverse Problems 19 (2003) R1, doi:10.1088/0266-5611/19/2/201.
+    """
+    data = read_sweeps(sweeps)
+    _check_options(law, vertical, delay, levels, noise_ratio)
+    given = None if shifts is None else _given_shifts(shifts, sweeps, data)
+    reference = _reference(data.temperature, T_ref)
+    where = float(data.temperature[reference]) if T_ref is None else float(T_ref)
+    horizontal: Horizontal = law or "free"
+    if given is not None and not refine:
+        horizontal = "fixed"
+    _check_reference(data.temperature, where, horizontal)
+    if data.points.count == 1:
+        horizontal = "fixed"
+    model = OuterModel(
+        temperature=data.temperature,
+        T_ref=where,
+        reference=reference,
+        given=np.zeros(data.points.count) if given is None else given - given[reference],
+        delay_unit=1.0 / float(np.max(data.points.omega)),
+        horizontal=horizontal,
+    )
+    is_started = given is not None or horizontal == "fixed"
+    starts = (("given", model.given),) if is_started else None
+    # Thousands of small systems: more threads of linear algebra would only wait for each other.
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = superpose(
+            data.points,
+            model,
+            starts=starts,
+            verticals=_verticals(vertical, data.points.count),
+            delay=None if delay == "auto" else delay,
+            levels=_levels(levels, data.points.count),
+            robust=robust,
+            noise_ratio=noise_ratio,
+        )
+        return assembled(sweeps, data, found, law, nu)
+
+
+def _verticals(vertical: str, count: int) -> tuple[Vertical, ...]:
+    """One isotherm has no vertical shift; two cannot carry two parameters."""
+    if count == 1:
+        return ("none",)
+    if vertical == "auto":
+        return _ALL_VERTICALS if count > 3 else ("none",)
+    return (vertical,)  # type: ignore[return-value]
+
+
+def _levels(levels: bool | Literal["auto"], count: int) -> bool | None:
+    """Levels need enough isotherms to tell their spread from a law."""
+    if count < _LEVELS_NEED:
+        return False
+    return None if levels == "auto" else levels
+
+
+def _check_options(
+    law: str | None, vertical: str, delay: object, levels: object, noise_ratio: float | None
+) -> None:
+    for name, value, allowed in (
+        ("law", law, (None, "wlf", "arrhenius")),
+        ("vertical", vertical, ("auto", *_ALL_VERTICALS)),
+        ("delay", delay, (True, False, "auto")),
+        ("levels", levels, (True, False, "auto")),
+    ):
+        if value not in allowed:
+            message = (
+                f"{name} = {value!r} is unknown; expected one of {', '.join(map(repr, allowed))}"
+            )
+            raise InputError(message)
+    if noise_ratio is not None and not (np.isfinite(noise_ratio) and noise_ratio > 0):
+        message = f"noise_ratio = {noise_ratio}: expected a positive number (loss over storage)"
+        raise InputError(message)
+
+
+def _given_shifts(shifts: ArrayLike, sweeps: xr.Dataset, data: SweepData) -> Array:
+    values = np.asarray(shifts, dtype=float)
+    count = sweeps.sizes["temperature"]
+    if values.shape != (count,) or not np.isfinite(values[data.kept]).all():
+        message = (
+            f"shifts has shape {values.shape}; expected one finite log10 a_T for each of the "
+            f"{count} temperatures, in their order"
+        )
+        raise InputError(message)
+    return values[data.kept]
+
+
+def _reference(temperature: Array, T_ref: float | None) -> int:
+    """Return the isotherm nearest to T_ref, or the middle one."""
+    if T_ref is None:
+        return int(np.argsort(temperature, kind="stable")[temperature.size // 2])
+    return int(np.argmin(np.abs(temperature - T_ref)))
+
+
+def _check_reference(temperature: Array, T_ref: float, horizontal: Horizontal) -> None:
+    low, high = float(temperature.min()), float(temperature.max())
+    if not np.isfinite(T_ref):
+        message = f"T_ref = {T_ref}: expected a temperature in °C"
+        raise InputError(message)
+    if temperature.size == 1 and abs(T_ref - low) > _SAME_TEMPERATURE:
+        message = (
+            f"one temperature ({low:g} °C) cannot be shifted to T_ref = {T_ref:g} °C; set "
+            f"T_ref={low:g} or measure more temperatures"
+        )
+        raise InputError(message)
+    inside = low - _SAME_TEMPERATURE <= T_ref <= high + _SAME_TEMPERATURE
+    if not inside and horizontal in ("free", "fixed"):
+        message = (
+            f"T_ref = {T_ref:g} °C lies outside the measured {low:g} to {high:g} °C; free shifts "
+            'cannot reach it: choose T_ref inside, or law="wlf"'
+        )
+        raise InputError(message)

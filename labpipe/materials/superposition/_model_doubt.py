@@ -1,0 +1,133 @@
+"""What other starts and other models say, where superposition does not hold to the scatter.
+
+The covariance of a fit takes its model for granted. When the joint fit misses the sweeps by more
+than they scatter about their own smooth curves, the material is not quite what time-temperature
+superposition says, and the shifts depend on how the misfit is shared out: on the weight of either
+modulus, on the vertical law, on the minimum that was found. So the fit is repeated with those
+changed; the changes of the shifts are an uncertainty of their own.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.materials.superposition._joint_fit import Fit, Points, predictive_cost
+from labpipe.materials.superposition._law_choice import restarts, screened
+from labpipe.materials.superposition._reweighting import (
+    FIRST_LEVELS,
+    Candidate,
+    Options,
+    Superposition,
+    huber,
+    weights_of,
+)
+from labpipe.materials.superposition._shift_parameters import OuterModel
+
+Array = NDArray[np.float64]
+
+#: Noise of the fit over scatter of the sweeps, from which superposition counts as violated. The
+#: scatter of the fewest sweeps that are judged is known to a fifth.
+VIOLATED = 1.5
+# Either modulus counts this much more than the other in one of the repetitions.
+_EMPHASIS = 3.0
+# In units of twice the log-likelihood: another minimum counts when its cost is higher by less than
+# this (three standard deviations) times the length of a run of residuals, and replaces the present
+# one when its cost is lower by this much.
+_SIMILAR, _BETTER = 9.0, 1.0
+# Neighbours are not taken to be more alike than this: a sweep still holds two statements.
+_MOST_CORRELATION = 0.8
+
+
+def violation(current: Superposition, options: Options) -> float:
+    """Return the noise of the fit over the scatter of the sweeps, of the worse modulus."""
+    if options.scatter is None:
+        return 1.0
+    noise, scatter = current.noise, options.scatter
+    return max(noise.storage / scatter.storage, noise.loss / scatter.loss)
+
+
+def run_length(points: Points, current: Superposition) -> float:
+    """Return how many neighbouring residuals of a sweep say the same thing: one if independent.
+
+    A misfit of the model bends whole sweeps; every one of them then counts for less than its
+    number of points. From the correlation of next neighbours, (1 + r)/(1 − r).
+    """
+    products, squares = 0.0, 0.0
+    half = points.omega.size
+    for part in (current.standardised[:half], current.standardised[half:]):
+        limited = np.clip(part, -3.0, 3.0)
+        for k in range(points.count):
+            mask = np.flatnonzero(points.isotherm == k)
+            row = limited[mask[np.argsort(points.omega[mask], kind="stable")]]
+            products += float(row[1:] @ row[:-1])
+            squares += float(row[1:] @ row[1:] + row[:-1] @ row[:-1]) / 2.0
+    r = float(np.clip(products / squares if squares > 0 else 0.0, 0.0, _MOST_CORRELATION))
+    return (1.0 + r) / (1.0 - r)
+
+
+def started_anew(points: Points, current: Superposition, options: Options) -> list[Fit]:
+    """Fit anew under the laws that were chosen, with their vertical factors and without any.
+
+    The first starts knew nothing of delay and vertical law.
+    """
+    weight = _weight(points, current, options)
+    ln_bT = current.fit.state.ln_bT
+    starts = restarts(points, current, ln_bT)
+    if ln_bT.any():
+        starts += restarts(points, current, np.zeros(ln_bT.size))
+    return [screened(points, weight, current, current.model, first) for first in starts]
+
+
+def other_minimum(
+    points: Points, current: Superposition, options: Options, anew: list[Fit]
+) -> Candidate | None:
+    """Return the best of some further fits if it is better than the present one."""
+    model = current.model
+    weight = _weight(points, current, options)
+    present = screened(points, weight, current, model, current.fit.state)
+    best = min(anew, key=lambda fit: predictive_cost(fit, model))
+    if predictive_cost(best, model) >= predictive_cost(present, model) - _BETTER:
+        return None
+    return Candidate(model, best, current.starts)
+
+
+def alternatives(
+    points: Points, current: Superposition, options: Options, anew: list[Fit]
+) -> tuple[tuple[str, Array], ...]:
+    """Return log10 a_T (isotherm,) of every repetition, with what was changed in it."""
+    weight = _weight(points, current, options)
+    model, state = current.model, current.fit.state
+    half = points.omega.size
+    root = float(np.sqrt(_EMPHASIS))
+    tilt = np.concatenate([np.full(half, root), np.full(half, 1.0 / root)])
+    found = [
+        (name, screened(points, changed, current, model, state).state.log10_aT)
+        for name, changed in (("storage", weight * tilt), ("loss", weight / tilt))
+    ]
+    for other in _other_laws(model, options):
+        fit = screened(points, weight, current, other, state)
+        found.append((f"vertical {other.vertical}", fit.state.log10_aT))
+    limit = predictive_cost(current.fit, model) + _SIMILAR * run_length(points, current)
+    found += [("start", fit.state.log10_aT) for fit in anew if predictive_cost(fit, model) < limit]
+    return tuple(found)
+
+
+def _weight(points: Points, current: Superposition, options: Options) -> Array:
+    weight = weights_of(points, current.noise, current.fit.predicted)
+    return np.asarray(weight * huber(current, options))
+
+
+def _other_laws(model: OuterModel, options: Options) -> list[OuterModel]:
+    """List vertical laws and levels that were left open and are not those of the model."""
+    found = []
+    if len(options.verticals) > 1:
+        found += [
+            replace(model, vertical=name)
+            for name in ("none", "linear")
+            if name in options.verticals and name != model.vertical
+        ]
+    if options.levels is None:
+        spread = 0.0 if model.level_spread else FIRST_LEVELS
+        found.append(replace(model, level_spread=spread))
+    return found

@@ -1,0 +1,124 @@
+"""How noisy either modulus is, and how much of the misfit is the model's.
+
+Left to the residuals alone, the ratio of the two noise levels can run away: when superposition
+does not hold exactly, one modulus is fitted ever better while all misfit is called noise of the
+other. So the scatter of every sweep about its own smooth curve, which needs no superposition,
+gives the noise; what the residuals hold beyond it is a misfit of the model, and that counts the
+same (relative) in both moduli. Where both levels of the residuals lie within what the scatter, of
+few readings, tells of itself, there is no misfit to share out, and the residuals know better.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.materials.superposition._joint_fit import Points
+
+Array = NDArray[np.float64]
+
+# Relative noise is never taken below this: cleaner data are limited by the grid of times.
+_LEAST_NOISE = 1e-6
+_ASSUMED_NOISE = 0.02
+# A sweep needs this many points before a cubic leaves anything to judge, and all sweeps together
+# this many free residuals before their scatter is trusted (18 % on a level).
+_LEAST_POINTS, _LEAST_FREEDOM = 6, 16
+_DEGREE = 3
+# Median of the absolute value of a standard normal number.
+_MEDIAN_OF_NORMAL = 0.6745
+# Share of the readings that a variance from such a median is worth (its efficiency), and standard
+# deviations to the end of its 95 % interval.
+_MEDIAN_EFFICIENCY = 0.37
+_INTERVAL = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Relative standard deviation of storage and loss about the model."""
+
+    storage: float
+    loss: float
+
+    def scaled(self, storage: float, loss: float) -> "Noise":
+        """Return the levels times two factors, not below what the grid can resolve."""
+        return Noise(max(self.storage * storage, _LEAST_NOISE), max(self.loss * loss, _LEAST_NOISE))
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter(Noise):
+    """Noise of the sweeps about their own curves, and of how many free residuals it is known."""
+
+    freedom: int
+
+    def holds(self, found: Noise) -> bool:
+        """Whether two levels may be this scatter, as far as it is known."""
+        ratio = 1.0 + _INTERVAL * float(np.sqrt(2.0 / (_MEDIAN_EFFICIENCY * self.freedom)))
+        shares = (found.storage / self.storage) ** 2, (found.loss / self.loss) ** 2
+        return all(1.0 / ratio < share < ratio for share in shares)
+
+
+def scatter_of_sweeps(points: Points) -> Scatter | None:
+    """Return the scatter of either modulus about a cubic per sweep; None if there is too little.
+
+    The median of the absolute residuals is used, so that single outliers do not count.
+    """
+    residuals: list[list[Array]] = [[], []]
+    freedom = 0
+    for k in range(points.count):
+        mask = points.isotherm == k
+        if np.count_nonzero(mask) < _LEAST_POINTS:
+            continue
+        x = np.log(points.omega[mask])
+        base = np.linalg.qr(np.vander(x - x.mean(), _DEGREE + 1))[0]
+        share = np.sqrt(np.maximum(1.0 - np.sum(base**2, axis=1), 1e-3))
+        freedom += x.size - _DEGREE - 1
+        for found, values in zip(residuals, (points.storage, points.loss), strict=True):
+            y = np.log(values[mask])
+            found.append((y - base @ (base.T @ y)) / share)
+    if freedom < _LEAST_FREEDOM:
+        return None
+    levels = [float(np.median(np.abs(np.concatenate(r)))) / _MEDIAN_OF_NORMAL for r in residuals]
+    return Scatter(max(levels[0], _LEAST_NOISE), max(levels[1], _LEAST_NOISE), freedom)
+
+
+def first_noise(scatter: Noise | None, ratio: float | None) -> Noise:
+    """Return the levels before there are residuals."""
+    noise = scatter or Noise(_ASSUMED_NOISE, _ASSUMED_NOISE)
+    if ratio is None:
+        return noise
+    level = float(np.sqrt(0.5 * (noise.storage**2 + (noise.loss / ratio) ** 2)))
+    return Noise(level, ratio * level)
+
+
+def next_noise(
+    noise: Noise, factors: tuple[float, float], scatter: Scatter | None, ratio: float | None
+) -> Noise:
+    """Return the levels that the residuals ask for.
+
+    Parameters
+    ----------
+    noise : Noise
+        Levels of the last fit.
+    factors : (float, float)
+        Root mean square of its residuals in those units, free residuals counted.
+    scatter : Scatter or None
+        Scatter of the sweeps; without it the residuals decide alone.
+    ratio : float or None
+        Loss over storage where the user fixed it.
+    """
+    if ratio is not None:
+        common = float(np.hypot(*factors) / np.sqrt(2.0))
+        return noise.scaled(common, common)
+    found = noise.scaled(*factors)
+    if scatter is None or scatter.holds(found):
+        return found
+    v_storage, v_loss = found.storage**2, found.loss**2
+    s_storage, s_loss = scatter.storage**2, scatter.loss**2
+    excess = 0.5 * (v_storage / s_storage + v_loss / s_loss)
+    if excess <= 1.0:
+        return scatter.scaled(float(np.sqrt(excess)), float(np.sqrt(excess)))
+    # v'/(s' + m) + v''/(s'' + m) = 2 for the misfit m of the model: the positive root.
+    half = 0.5 * (s_storage + s_loss - 0.5 * (v_storage + v_loss))
+    rest = s_storage * s_loss - 0.5 * (v_storage * s_loss + v_loss * s_storage)
+    misfit = float(-half + np.sqrt(max(half**2 - rest, 0.0)))
+    return Noise(float(np.sqrt(s_storage + misfit)), float(np.sqrt(s_loss + misfit)))

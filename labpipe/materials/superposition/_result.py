@@ -1,0 +1,275 @@
+"""What a master curve is, and how it is put together from a settled fit."""
+
+import json
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe.materials.prony import Prony
+from labpipe.materials.spectrum import KramersKronig, kramers_kronig
+from labpipe.materials.superposition._anchoring import anchor_at
+from labpipe.materials.superposition._limits import BARELY_DETERMINED, limits_of
+from labpipe.materials.superposition._reweighting import Superposition
+from labpipe.materials.superposition._shift_law import LawName, ShiftLaw, fit_law, shift_at
+from labpipe.materials.superposition._shift_parameters import OuterModel
+from labpipe.materials.superposition._sweep_data import SweepData
+from labpipe.materials.superposition._tables import (
+    bands,
+    overlap_of_neighbours,
+    predictions,
+    terms_of,
+)
+
+Array = NDArray[np.float64]
+
+_CURVE_NAMES = ("storage", "loss", "loss_factor")
+_REDUCED_NAMES = ("reduced_frequency", "storage_reduced", "loss_reduced")
+
+
+@dataclass(frozen=True, slots=True)
+class MasterCurve:
+    """A master curve and everything the report says about it.
+
+    Attributes
+    ----------
+    T_ref : float [degC]
+    log10_aT, u_log10_aT : DataArray (temperature,)
+        Shift factors and their standard uncertainties, in the order of the sweeps.
+    covariance : DataArray (temperature, temperature_2)
+        Of ``log10_aT``.
+    b_T, u_b_T : DataArray (temperature,)
+        Vertical factors.
+    level : DataArray (temperature,)
+        Level of every sweep about the vertical law, one where none was needed.
+    vertical : {"none", "rho_T", "linear", "quadratic"}
+        The vertical law that was used.
+    delay, u_delay : float [s]
+        Delay of the instrument's phase; zero when none was needed.
+    law : ShiftLaw
+        The law that was asked for, or the better of WLF and Arrhenius through the free shifts.
+    laws : dict of str to ShiftLaw
+        Both laws through the shifts; their ``chi_square`` over ``freedom`` says which holds.
+    prony : Prony
+        The material at T_ref.
+    terms : Dataset over ``term``
+        ``E``, ``rho``, ``C``, ``tau`` and ``extrapolated`` (outside the covered window).
+    kramers_kronig : KramersKronig
+    data : Dataset over (``temperature``, ``frequency``)
+        ``reduced_frequency``, ``storage_reduced``, ``loss_reduced`` (delay and b_T removed),
+        ``storage_fitted``, ``loss_fitted`` (in the frame of the measurement), residuals.
+    curve : Dataset over ``reduced_frequency``
+        ``storage``, ``loss``, their uncertainties, and ``loss_factor`` at T_ref.
+    overlap : Dataset over ``pair``
+        Neighbouring temperatures, their step, its uncertainty, the overlap in decades, and
+        whether the step is ``determined``.
+    noise : dict
+        Relative noise of ``storage`` and ``loss`` as found from the residuals.
+    starts : tuple of (str, float, float)
+        Name of every start, final cost, largest distance of its shifts from the best ones.
+    warnings : tuple of str
+    work : dict
+        Counts for the ledger: isotherms, points, terms.
+    """
+
+    T_ref: float
+    log10_aT: xr.DataArray
+    u_log10_aT: xr.DataArray
+    covariance: xr.DataArray
+    b_T: xr.DataArray
+    u_b_T: xr.DataArray
+    level: xr.DataArray
+    vertical: str
+    delay: float
+    u_delay: float
+    law: ShiftLaw
+    laws: dict[str, ShiftLaw]
+    prony: Prony
+    terms: xr.Dataset
+    kramers_kronig: KramersKronig
+    data: xr.Dataset
+    curve: xr.Dataset
+    overlap: xr.Dataset
+    noise: dict[str, float]
+    starts: tuple[tuple[str, float, float], ...]
+    warnings: tuple[str, ...]
+    work: dict[str, int]
+
+    def at(self, temperature: float) -> Prony:
+        """Return the material at another temperature (°C) by the shifts and their law.
+
+        Raises
+        ------
+        InputError
+            The law has no value there.
+        """
+        measured = self.log10_aT["temperature"].values, self.log10_aT.values
+        log10_aT = shift_at(self.law, *measured, temperature)
+        inside = self.b_T.dropna("temperature").sortby("temperature")
+        b_T = np.interp(temperature, inside["temperature"].values, inside.values)
+        return self.prony.shifted(10.0**log10_aT, float(b_T))
+
+    def to_dataset(self) -> xr.Dataset:
+        """Return shifts, data, curve, terms and overlap as one Dataset for a netCDF file."""
+        shifts = xr.Dataset(
+            {
+                "log10_aT": self.log10_aT,
+                "u_log10_aT": self.u_log10_aT,
+                "covariance": self.covariance,
+                "b_T": self.b_T,
+                "u_b_T": self.u_b_T,
+                "level": self.level,
+            }
+        )
+        curve = self.curve.rename({name: f"master_{name}" for name in _CURVE_NAMES})
+        curve = curve.rename({f"u_{name}": f"u_master_{name}" for name in _CURVE_NAMES[:2]})
+        data = self.data.rename({"reduced_frequency": "point_reduced_frequency"})
+        merged = xr.merge([shifts, data, curve, self.terms, self.overlap])
+        merged.attrs = {
+            "T_ref": self.T_ref,
+            "E_relaxed": self.prony.E_relaxed,
+            "nu": self.prony.nu,
+            "vertical_law": self.vertical,
+            "delay": self.delay,
+            "u_delay": self.u_delay,
+            "shift_law": self.law.name,
+            "shift_law_parameters": json.dumps(list(self.law.parameters)),
+            "kramers_kronig": self.kramers_kronig.verdict,
+            "work": json.dumps(self.work),
+        }
+        return merged
+
+
+def assembled(
+    sweeps: xr.Dataset, data: SweepData, found: Superposition, law: LawName | None, nu: float
+) -> MasterCurve:
+    """Move the reference to T_ref and put the result into Datasets."""
+    model, state = found.model, found.fit.state
+    anchor = anchor_at(data.points, found)
+    log10_aT = state.log10_aT - anchor.offset
+    covariance = anchor.covariance
+    scale = found.fit.grid.scale
+    weights = found.fit.solution.coefficient * scale
+    times = np.exp(found.fit.grid.ln_time) * 10.0**anchor.offset
+    prony = Prony(weights[-1], weights[:-1], times, nu)
+    laws = _laws(model, log10_aT, covariance)
+    chosen = _chosen_law(found, law, laws)
+    reduced = predictions(sweeps, data, found, log10_aT)
+    kk = kramers_kronig(*(reduced[name].values[data.row, data.column] for name in _REDUCED_NAMES))
+    overlap = overlap_of_neighbours(data, log10_aT, covariance, BARELY_DETERMINED)
+    window = (
+        float(np.nanmin(reduced["reduced_frequency"])),
+        float(np.nanmax(reduced["reduced_frequency"])),
+    )
+    notes = limits_of(data, found, law, chosen, overlap, kk)
+    for note in notes:
+        warnings.warn(note, UserWarning, stacklevel=4)
+    temperature = sweeps["temperature"]
+    levels = model.levels(state.parameters)
+    law_b_T = np.exp(state.ln_bT - levels)
+    tail = found.covariance[model.size - 1, model.size - 1] if model.has_delay else 0.0
+    return MasterCurve(
+        T_ref=model.T_ref,
+        log10_aT=_over(temperature, data, log10_aT, "1", "log10 of the horizontal shift factor"),
+        u_log10_aT=_over(
+            temperature,
+            data,
+            np.sqrt(np.maximum(np.diag(covariance), 0.0)),
+            "1",
+            "standard uncertainty of log10_aT",
+        ),
+        covariance=_matrix_over(temperature, data, covariance),
+        b_T=_over(temperature, data, law_b_T, "1", "vertical shift factor"),
+        u_b_T=_over(
+            temperature,
+            data,
+            law_b_T * _u_ln_bT(found),
+            "1",
+            "standard uncertainty of b_T",
+        ),
+        level=_over(
+            temperature, data, np.exp(levels), "1", "level of the sweep about the vertical law"
+        ),
+        vertical=model.vertical,
+        delay=state.delay,
+        u_delay=float(np.sqrt(max(tail, 0.0))) * model.delay_unit,
+        law=chosen,
+        laws=laws,
+        prony=prony,
+        terms=terms_of(prony, window),
+        kramers_kronig=kk,
+        data=reduced,
+        curve=bands(data.points, found, anchor, window),
+        overlap=overlap,
+        noise={"storage": float(found.noise.storage), "loss": float(found.noise.loss)},
+        starts=found.starts,
+        warnings=(*data.warnings, *notes),
+        work={
+            "isotherms": data.points.count,
+            "points": int(data.points.omega.size),
+            "terms": int(prony.E.size),
+        },
+    )
+
+
+def _u_ln_bT(found: Superposition) -> Array:
+    """Return the standard uncertainty of ln b_T of every isotherm."""
+    if not found.model.size:
+        return np.zeros(found.model.temperature.size)
+    rows = found.model.directions(found.fit.state)[1]
+    rows[:, found.model.level_slice] = 0.0
+    variance = np.einsum("kp,pq,kq->k", rows, found.covariance, rows)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def _laws(model: OuterModel, log10_aT: Array, covariance: Array) -> dict[str, ShiftLaw]:
+    """Fit both laws through the shifts; the weights come from their covariance."""
+    distinct = np.unique(model.temperature).size
+    names: tuple[LawName, ...] = ("wlf", "arrhenius") if distinct > 2 else ("arrhenius",)
+    if distinct < 2:
+        names = ()
+    usable = covariance if np.any(covariance) else np.eye(log10_aT.size)
+    return {name: fit_law(name, model.temperature, log10_aT, usable, model.T_ref) for name in names}
+
+
+def _chosen_law(found: Superposition, law: LawName | None, laws: dict[str, ShiftLaw]) -> ShiftLaw:
+    """Return the law of the fit itself, or the better one through free shifts."""
+    model = found.model
+    if model.horizontal in ("wlf", "arrhenius"):
+        size = model.horizontal_size
+        return ShiftLaw(
+            model.horizontal,
+            model.T_ref,
+            tuple(float(p) for p in found.fit.state.parameters[:size]),
+            found.covariance[:size, :size],
+        )
+    if not laws:
+        return ShiftLaw("arrhenius", model.T_ref, (0.0,), np.full((1, 1), np.nan))
+    # One more constant has to pay for itself (Schwarz).
+    price = float(np.log(model.temperature.size))
+    return min(laws.values(), key=lambda one: one.chi_square + price * len(one.parameters))
+
+
+def _over(
+    temperature: xr.DataArray, data: SweepData, values: Array, units: str, name: str
+) -> xr.DataArray:
+    """Put values of the used isotherms over all temperatures, NaN elsewhere."""
+    full = np.full(temperature.size, np.nan)
+    full[data.kept] = values
+    coordinate = {"temperature": temperature}
+    attrs = {"units": units, "long_name": name}
+    return xr.DataArray(full, dims="temperature", coords=coordinate, attrs=attrs)
+
+
+def _matrix_over(temperature: xr.DataArray, data: SweepData, values: Array) -> xr.DataArray:
+    full = np.full((temperature.size,) * 2, np.nan)
+    full[np.ix_(data.kept, data.kept)] = values
+    other = ("temperature_2", temperature.values, {"units": "degC", "long_name": "temperature"})
+    return xr.DataArray(
+        full,
+        dims=("temperature", "temperature_2"),
+        coords={"temperature": temperature, "temperature_2": other},
+        attrs={"units": "1", "long_name": "covariance of log10_aT"},
+    )

@@ -1,0 +1,176 @@
+"""Settle one joint fit: noise levels, outliers and smoothing that only residuals can tell."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.materials.spectrum import MARGIN_DECADES
+from labpipe.materials.superposition._joint_fit import (
+    Fit,
+    Points,
+    evaluate,
+    grid_for,
+    minimise,
+    outer_problem,
+    sensitivity,
+)
+from labpipe.materials.superposition._noise import Noise, Scatter, next_noise
+from labpipe.materials.superposition._shift_parameters import OuterModel, expected_shifts
+from labpipe.materials.superposition._step_search import Probe
+from labpipe.materials.superposition._vertical_law import Vertical
+
+Array = NDArray[np.float64]
+
+# Passes of noise, outliers and smoothing around the joint fit, and when they have settled.
+_MAX_PASSES = 6
+_NOISE_SETTLED = 0.02
+# Residuals beyond this many standard deviations count with their root only (Huber); normal
+# noise exceeds it once in 370 points, so clean data lose nothing.
+_HUBER = 3.0
+# First and extreme standard deviations of the levels (relative): clamping a sample anew moves its
+# modulus by some percent.
+FIRST_LEVELS, _LEAST_LEVELS, _MOST_LEVELS = 0.02, 0.002, 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Superposition:
+    """A settled joint fit with the covariance of its outer parameters.
+
+    Attributes
+    ----------
+    model : OuterModel
+    fit : Fit
+    noise : Noise
+    covariance : array (parameter, parameter)
+        Of the outer parameters, the spectrum having followed.
+    standardised : array (2 point,)
+        Residuals in units of the noise, storage first, outliers not weakened.
+    starts : tuple of (str, float, float)
+        Name of every start, its final cost in units of the noise, and how far its shifts end
+        from the best ones (largest difference, decades).
+    probe : Probe, optional
+        What a walk along the barely determined steps found.
+    alternatives : tuple of (str, array (isotherm,))
+        log10 a_T with the model changed, where superposition does not hold to the scatter.
+    violation : float
+        Noise of the fit over scatter of the sweeps, of the worse modulus.
+    """
+
+    model: OuterModel
+    fit: Fit
+    noise: Noise
+    covariance: Array
+    standardised: Array
+    starts: tuple[tuple[str, float, float], ...]
+    probe: Probe | None = None
+    alternatives: tuple[tuple[str, Array], ...] = ()
+    violation: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What may be chosen by the residuals, and what the user has fixed; see ``superpose``."""
+
+    verticals: tuple[Vertical, ...]
+    delay: bool | None
+    levels: bool | None
+    robust: bool
+    noise_ratio: float | None
+    scatter: Scatter | None
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A model with a first fit, and how all starts ended."""
+
+    model: OuterModel
+    fit: Fit
+    starts: tuple[tuple[str, float, float], ...]
+
+
+def settled(points: Points, candidate: Candidate, noise: Noise, options: Options) -> Superposition:
+    """Repeat fit, noise and smoothing until the noise levels stand still."""
+    fit, model = candidate.fit, candidate.model
+    expected = fit.predicted
+    near: float | None = None
+    measured = np.concatenate([points.storage, points.loss])
+    standardised = (measured - expected) * weights_of(points, noise, expected)
+    for _ in range(_MAX_PASSES):
+        plain = weights_of(points, noise, expected)
+        weight = plain * _root_of_influence(standardised, options)
+        model = replace(model, expectation=expected_shifts(model.temperature, fit.state.log10_aT))
+        grid = grid_for(points, fit.state, fit.grid.terms_per_decade, MARGIN_DECADES)
+        fit = evaluate(points, weight, grid, fit.state, None, near)
+        fit = minimise(points, weight, fit, model)
+        near, expected = fit.solution.strength, fit.predicted
+        residual = (measured - expected) * plain
+        if options.robust:
+            residual = np.clip(residual, -_HUBER, _HUBER)
+        covariance, factors = _covariance_and_noise(points, fit, model, residual)
+        model = _with_spread(model, fit, covariance)
+        last, noise = noise, next_noise(noise, factors, options.scatter, options.noise_ratio)
+        standardised = (measured - expected) * weights_of(points, noise, expected)
+        change = np.abs(np.log([noise.storage / last.storage, noise.loss / last.loss]))
+        if np.max(change) < _NOISE_SETTLED:
+            break
+    return Superposition(model, fit, noise, covariance, standardised, candidate.starts)
+
+
+def _with_spread(model: OuterModel, fit: Fit, covariance: Array) -> OuterModel:
+    """Estimate the spread of the levels from the levels, as noise from residuals."""
+    if model.level_spread <= 0:
+        return model
+    levels = model.levels(fit.state.parameters)
+    variance = np.diag(covariance)[model.level_slice]
+    determined = max(float(np.sum(1.0 - variance / model.level_spread**2)), 1.0)
+    spread = float(np.sqrt(np.sum(levels**2) / determined))
+    return replace(model, level_spread=float(np.clip(spread, _LEAST_LEVELS, _MOST_LEVELS)))
+
+
+def weights_of(points: Points, noise: Noise, expected: Array | None = None) -> Array:
+    """One over the standard deviation of every modulus; relative to the model once there is one.
+
+    Weights from the measured values themselves would favour low readings.
+    """
+    size = np.concatenate([points.storage, points.loss]) if expected is None else expected
+    half = points.omega.size
+    sigma = np.concatenate([np.full(half, noise.storage), np.full(half, noise.loss)])
+    return np.asarray(1.0 / (sigma * np.maximum(np.abs(size), np.finfo(float).tiny)))
+
+
+def huber(current: Superposition, options: Options) -> Array:
+    """Square root of the weight of every residual of a settled fit."""
+    return _root_of_influence(current.standardised, options)
+
+
+def _root_of_influence(standardised: Array, options: Options) -> Array:
+    """One within the limit, beyond it such that the squared residual counts linearly."""
+    if not options.robust:
+        return np.ones(standardised.size)
+    return np.asarray(np.sqrt(_HUBER / np.maximum(np.abs(standardised), _HUBER)))
+
+
+def _covariance_and_noise(
+    points: Points, fit: Fit, model: OuterModel, residual: Array
+) -> tuple[Array, tuple[float, float]]:
+    """Return the covariance of the outer parameters and the factors on both noise levels.
+
+    Each modulus has as many free residuals as it has points, less its share of the fitted
+    freedom (its leverage); so a noise ratio comes out right even when one modulus dominates.
+    """
+    inverse = np.asarray(np.linalg.pinv(fit.normal, hermitian=True))
+    leverage = np.einsum("ij,jk,ik->i", fit.rows, inverse, fit.rows)
+    covariance = np.empty((0, 0))
+    if model.size:
+        change = sensitivity(points, fit, model)
+        normal, _ = outer_problem(points, fit, model)
+        covariance = np.asarray(np.linalg.pinv(normal, hermitian=True))
+        followed = change - fit.rows @ (inverse @ (fit.rows.T @ change))
+        leverage += np.einsum("ij,jk,ik->i", followed, covariance, followed)
+    half = points.omega.size
+    factors = []
+    for part in (slice(0, half), slice(half, None)):
+        freedom = max(half - float(np.sum(leverage[part])), 1.0)
+        factors.append(float(np.sqrt(np.sum(residual[part] ** 2) / freedom)))
+    return covariance, (factors[0], factors[1])

@@ -1,0 +1,212 @@
+"""What a set of isothermal frequency sweeps must be before it can be shifted.
+
+Everything that would spoil a master curve is refused or said here, with the temperature and the
+frequency where it was found.
+"""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from labpipe.errors import InputError
+from labpipe.materials.superposition._joint_fit import Points
+from labpipe.materials.superposition._shift_law import ZERO_CELSIUS
+
+Array = NDArray[np.float64]
+
+_UNITS = {"storage": "Pa", "loss": "Pa", "frequency": "Hz", "temperature": "degC"}
+# A loss modulus at or below zero is noise about a small value; more than this share of them is
+# a sign convention or a material without loss.
+_MAX_SHARE_OF_LOST_POINTS = 0.25
+# Fewer points than this over the whole set say nothing about a spectrum.
+_LEAST_POINTS = 4
+# A storage modulus that falls with frequency by more than this many times its scatter
+# (and by this share at least) is not that of a linear viscoelastic material.
+_FALL_SCATTERS, _LEAST_FALL = 5.0, 0.02
+# Isotherms closer than this (K) are the same temperature measured twice.
+_REPEAT = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class SweepData:
+    """Valid points of all sweeps and where they sit in the Dataset.
+
+    Attributes
+    ----------
+    points : Points
+        Of the isotherms that hold any, numbered in the order of ``kept``.
+    temperature : array (isotherm,) [degC]
+        Of the isotherms in use.
+    kept : array (isotherm,)
+        Index of every isotherm in use along the Dataset's ``temperature``.
+    row, column : array (point,)
+        Index of every point along ``temperature`` and ``frequency``.
+    warnings : tuple of str
+        What the report has to say.
+    """
+
+    points: Points
+    temperature: Array
+    kept: NDArray[np.intp]
+    row: NDArray[np.intp]
+    column: NDArray[np.intp]
+    warnings: tuple[str, ...]
+
+
+def read_sweeps(sweeps: xr.Dataset) -> SweepData:
+    """Check a Dataset of sweeps and flatten it into points.
+
+    Parameters
+    ----------
+    sweeps : Dataset
+        Variables ``storage`` and ``loss`` [Pa] over ``temperature`` [degC] and ``frequency``
+        [Hz]; NaN where a sweep has no point. Any order, repeated temperatures allowed.
+
+    Raises
+    ------
+    InputError
+        Variables or coordinates are missing or in another unit; a modulus is infinite or the
+        storage modulus not positive; hardly any loss modulus is positive; too few points.
+    """
+    storage, loss, temperature, frequency = _arrays(sweeps)
+    notes: list[str] = []
+    present = np.isfinite(storage) & np.isfinite(loss)
+    half = np.isfinite(storage) ^ np.isfinite(loss)
+    if half.any():
+        where = _where(half, temperature, frequency)
+        notes.append(
+            f"{half.sum()} points have only one of the two moduli and are left out, {where}"
+        )
+    _refuse_bad_storage(storage, temperature, frequency)
+    lost = present & ~(loss > 0)
+    if lost.sum() > _MAX_SHARE_OF_LOST_POINTS * present.sum():
+        message = (
+            f"loss modulus zero or negative at {lost.sum()} of {present.sum()} points, "
+            f"{_where(lost, temperature, frequency)}; expected positive values: check the sign "
+            "convention of the phase, or treat the material as elastic"
+        )
+        raise InputError(message)
+    if lost.any():
+        where = _where(lost, temperature, frequency)
+        notes.append(
+            f"loss modulus zero or negative at {lost.sum()} points, {where}; left out (noise about "
+            "a small loss)"
+        )
+    present &= ~lost
+    if present.sum() < _LEAST_POINTS:
+        message = (
+            f"only {present.sum()} points with both moduli; "
+            f"a spectrum needs {_LEAST_POINTS} at least"
+        )
+        raise InputError(message)
+    kept = np.flatnonzero(present.any(axis=1))
+    notes += [
+        f"no valid point at {temperature[k]:g} °C; its shift is NaN"
+        for k in np.flatnonzero(~present.any(axis=1))
+    ]
+    notes += _repeated(temperature[kept])
+    row, column = np.nonzero(present)
+    points = Points(
+        omega=2.0 * np.pi * frequency[column],
+        isotherm=np.searchsorted(kept, row),
+        storage=storage[row, column],
+        loss=loss[row, column],
+        count=kept.size,
+    )
+    notes += _falling(points, temperature[kept])
+    for note in notes:
+        warnings.warn(note, UserWarning, stacklevel=3)
+    return SweepData(points, temperature[kept], kept, row, column, tuple(notes))
+
+
+def _arrays(sweeps: xr.Dataset) -> tuple[Array, Array, Array, Array]:
+    """Return moduli as (temperature, frequency) arrays with both coordinates, units checked."""
+    missing = [name for name in _UNITS if name not in sweeps.variables]
+    if missing:
+        message = (
+            f"sweeps lack {', '.join(missing)}; expected variables storage and loss (Pa) over the "
+            "coordinates temperature (°C) and frequency (Hz)"
+        )
+        raise InputError(message)
+    for name, unit in _UNITS.items():
+        found = sweeps[name].attrs.get("units", unit)
+        if found != unit:
+            message = f'"{name}" is in "{found}", expected "{unit}"; convert it first'
+            raise InputError(message)
+    for name in ("storage", "loss"):
+        if set(sweeps[name].dims) != {"temperature", "frequency"}:
+            message = (
+                f'"{name}" has dimensions {tuple(sweeps[name].dims)}, expected '
+                "(temperature, frequency)"
+            )
+            raise InputError(message)
+    order = ("temperature", "frequency")
+    storage, loss = (
+        np.asarray(sweeps[name].transpose(*order).values, dtype=float)
+        for name in ("storage", "loss")
+    )
+    temperature, frequency = (np.asarray(sweeps[name].values, dtype=float) for name in order)
+    if not (np.isfinite(temperature) & (temperature > -ZERO_CELSIUS)).all():
+        message = f"temperature {temperature} °C: expected finite values above {-ZERO_CELSIUS} °C"
+        raise InputError(message)
+    if not (np.isfinite(frequency) & (frequency > 0)).all():
+        message = f"frequency {frequency} Hz: expected positive, finite values"
+        raise InputError(message)
+    return storage, loss, temperature, frequency
+
+
+def _refuse_bad_storage(storage: Array, temperature: Array, frequency: Array) -> None:
+    bad = np.isinf(storage) | (storage <= 0)
+    if bad.any():
+        message = (
+            f"storage modulus zero, negative or infinite at {bad.sum()} points, "
+            f"{_where(bad, temperature, frequency)}; expected positive values: mark failed "
+            "readings as NaN"
+        )
+        raise InputError(message)
+
+
+def _where(mask: NDArray[np.bool_], temperature: Array, frequency: Array) -> str:
+    row, column = (int(i[0]) for i in np.nonzero(mask))
+    return f"first at {temperature[row]:g} °C, {frequency[column]:.4g} Hz"
+
+
+def _repeated(temperature: Array) -> list[str]:
+    ordered = np.sort(temperature)
+    close = np.flatnonzero(np.diff(ordered) < _REPEAT)
+    return [
+        f"temperature {ordered[k]:g} °C was measured more than once; every sweep keeps a shift of "
+        "its own, their difference shows the repeatability"
+        for k in close
+    ]
+
+
+def _falling(points: Points, temperature: Array) -> list[str]:
+    """Name the isotherms whose storage modulus falls with frequency beyond the scatter."""
+    curves = []
+    for k in range(points.count):
+        mask = points.isotherm == k
+        curves.append(np.log(points.storage[mask][np.argsort(points.omega[mask])]))
+    scatters = [float(np.sqrt(np.mean(np.diff(y, 2) ** 2) / 6.0)) for y in curves if y.size > 2]
+    scatter = float(np.median(scatters)) if scatters else 0.0
+    notes = []
+    for y, T in zip(curves, temperature, strict=True):
+        fall, spread = _largest_fall(y, scatter)
+        if fall > max(_FALL_SCATTERS * spread, _LEAST_FALL):
+            notes.append(
+                f"storage modulus falls with frequency by {100 * (1 - np.exp(-fall)):.1f} % at "
+                f"{T:g} °C; no linear viscoelastic material does that (resonance, slip, or a "
+                "sample that still changed)"
+            )
+    return notes
+
+
+def _largest_fall(y: Array, scatter: float) -> tuple[float, float]:
+    """Return the largest drop between means of neighbouring points, and its scatter."""
+    window = max(y.size // 4, 1)
+    means = np.convolve(y, np.full(window, 1.0 / window), mode="valid")
+    fall = float(np.max(np.maximum.accumulate(means) - means))
+    return fall, scatter * float(np.sqrt(2.0 / window))

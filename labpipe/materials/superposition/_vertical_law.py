@@ -1,0 +1,54 @@
+"""How the vertical factor b_T depends on temperature: proportional to it, linear, or quadratic.
+
+A law has at most two numbers. One number per isotherm could imitate half of the horizontal
+shifts. The polynomials are those of b_T itself, so that b_T ∝ T is a special case of both:
+
+- ``rho_T``: b = T/T_ref in kelvin, the entropic elasticity of a rubber at constant density;
+- ``linear``: b = 1 + β ΔT;  ``quadratic``: b = 1 + β ΔT + γ ΔT².
+"""
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.materials.superposition._shift_law import ZERO_CELSIUS
+
+Array = NDArray[np.float64]
+Vertical = Literal["none", "rho_T", "linear", "quadratic"]
+
+#: Every law and its number of parameters, simplest first.
+VERTICAL_SIZE: dict[Vertical, int] = {"none": 0, "rho_T": 0, "linear": 1, "quadratic": 2}
+# ΔT is taken per 100 K, so that the parameters are of order one.
+_UNIT = 100.0
+# A factor this small means that the law has run away.
+_LEAST = 0.02
+
+
+def vertical_values(
+    name: Vertical, parameters: Array, temperature: Array, T_ref: float
+) -> Array | None:
+    """Return ln b at temperatures in °C, or None where the law would turn negative."""
+    if name == "rho_T":
+        return np.asarray(np.log((temperature + ZERO_CELSIUS) / (T_ref + ZERO_CELSIUS)))
+    factor = 1.0 + _powers(name, temperature, T_ref) @ parameters
+    return None if np.any(factor < _LEAST) else np.asarray(np.log(factor))
+
+
+def vertical_slopes(name: Vertical, parameters: Array, temperature: Array, T_ref: float) -> Array:
+    """Return the derivatives of ln b, (temperature, parameter)."""
+    powers = _powers(name, temperature, T_ref)
+    return np.asarray(powers / (1.0 + powers @ parameters)[:, None])
+
+
+def fit_vertical(name: Vertical, ln_bT: Array, temperature: Array, T_ref: float) -> Array:
+    """Return the parameters that come nearest to given ln b."""
+    powers = _powers(name, temperature, T_ref)
+    if not powers.size:
+        return np.empty(0)
+    return np.asarray(np.linalg.lstsq(powers, np.expm1(ln_bT), rcond=None)[0])
+
+
+def _powers(name: Vertical, temperature: Array, T_ref: float) -> Array:
+    step = (temperature - T_ref) / _UNIT
+    return np.stack([step, step**2], axis=1)[:, : VERTICAL_SIZE[name]]

@@ -1,0 +1,242 @@
+"""What a page is made of besides tables and charts: texts, notices, pictures, galleries, bars."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias, get_args
+
+from labpipe.errors import InputError
+from labpipe.report._media import Level, check_inside, mime_type
+
+if TYPE_CHECKING:
+    from labpipe.report._charts import LineChart, ScatterChart
+    from labpipe.report._index import IndexTable
+    from labpipe.report._tables import Table
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """Running text; an empty line starts a new paragraph.
+
+    Attributes
+    ----------
+    text : str
+        Plain text. It is shown as it stands; it cannot hold markup.
+    copyable : bool
+        Offer a button that copies the text (methods paragraphs).
+    """
+
+    text: str
+    copyable: bool = False
+
+
+@dataclass(frozen=True)
+class Link:
+    """A way to another page of the same folder.
+
+    Attributes
+    ----------
+    text : str
+        What is there.
+    href : str
+        Path relative to this page, with ``/``.
+    remark : str
+        A short text behind it.
+
+    Raises
+    ------
+    InputError
+        `href` leaves the folder of the page.
+    """
+
+    text: str
+    href: str
+    remark: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse addresses outside the folder of the page."""
+        check_inside(f'link "{self.text}"', self.href)
+
+
+@dataclass(frozen=True)
+class KeyValues:
+    """A list of names with values and a unit or remark.
+
+    Attributes
+    ----------
+    rows : sequence of (name, value, unit or remark)
+        Texts; see :func:`labpipe.report.value_with_uncertainty` for numbers.
+    caption : str
+        What the list describes.
+    """
+
+    rows: Sequence[tuple[str, str, str]]
+    caption: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse rows that are not three texts."""
+        wrong = [row for row in self.rows if len(row) != 3]
+        if wrong:
+            message = f"KeyValues: a row is (name, value, unit or remark), found {wrong[0]!r}"
+            raise InputError(message)
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One message that must not be overlooked.
+
+    Attributes
+    ----------
+    level : {"ok", "info", "warning", "error"}
+        How grave it is; it is written out as a word too, not only as a colour.
+    text : str
+        The message; line ends are kept.
+    """
+
+    level: Level
+    text: str
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown level."""
+        if self.level not in get_args(Level):
+            message = f'unknown level "{self.level}"; expected one of {", ".join(get_args(Level))}'
+            raise InputError(message)
+
+
+@dataclass(frozen=True)
+class Details:
+    """Something folded away until it is asked for (raw headers, provenance); printed unfolded.
+
+    Attributes
+    ----------
+    summary : str
+        The line that is always visible.
+    blocks : sequence of blocks
+        What unfolds.
+    text : str
+        Preformatted text that unfolds after the blocks, in a typewriter face.
+    is_open : bool
+        Start unfolded.
+    """
+
+    summary: str
+    blocks: Sequence["Block"] = ()
+    text: str = ""
+    is_open: bool = False
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture with its caption.
+
+    Attributes
+    ----------
+    data : bytes
+        A whole PNG, JPEG or SVG file.
+    alt : str
+        What the picture shows, for those who cannot see it.
+    caption : str
+        Text below it.
+    width_px : int, optional
+        Width at which it is shown; its own width unless told, never wider than the page.
+    at : float, optional
+        Where a frame of a gallery lies along x of the charts of the gallery's group.
+    """
+
+    data: bytes
+    alt: str
+    caption: str = ""
+    width_px: int | None = None
+    at: float | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse bytes that are no picture."""
+        mime_type(self.data)
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Frames of one film under a slider; a contact sheet in print and without scripts.
+
+    Attributes
+    ----------
+    title : str
+        What the frames show.
+    frames : sequence of Picture
+        At least one; the caption of each names its time or frame number.
+    start : int
+        Which frame is shown first.
+    caption : str
+        Text below the frames.
+    group : str
+        The charts of this group mark where the shown frame lies (:attr:`Picture.at`).
+    """
+
+    title: str
+    frames: Sequence[Picture]
+    start: int = 0
+    caption: str = ""
+    group: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse an empty gallery and a start outside it."""
+        if not 0 <= self.start < len(self.frames):
+            message = (
+                f'gallery "{self.title}": start frame {self.start} of {len(self.frames)} frames; '
+                "expected at least one frame and a start among them"
+            )
+            raise InputError(message)
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Shares as horizontal bars (an uncertainty budget).
+
+    Attributes
+    ----------
+    title : str
+        What is shared out.
+    rows : sequence of (name, share, text)
+        Share between 0 and 1; the text stands at the bar's end (empty: the share in per cent).
+    caption : str
+        Text below.
+    """
+
+    title: str
+    rows: Sequence[tuple[str, float, str]]
+    caption: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse shares outside 0 to 1."""
+        for name, share, _ in self.rows:
+            if not 0.0 <= share <= 1.0 + 1e-9:
+                message = (
+                    f'bars "{self.title}": the share of "{name}" is {share}; expected a number '
+                    "from 0 to 1"
+                )
+                raise InputError(message)
+
+
+Block: TypeAlias = (
+    "Paragraph | Link | KeyValues | Notice | Details | Picture | Gallery | Bars | Table"
+    " | IndexTable | LineChart | ScatterChart"
+)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading with blocks below it.
+
+    Attributes
+    ----------
+    title : str
+        Heading; it stands in the page's contents too.
+    blocks : sequence of blocks
+        Paragraph, Link, KeyValues, Notice, Details, Picture, Gallery, Bars, Table, LineChart or
+        ScatterChart.
+    anchor : str, optional
+        Name for links (``#name``); made from the title unless given.
+    """
+
+    title: str
+    blocks: Sequence[Block] = ()
+    anchor: str | None = None

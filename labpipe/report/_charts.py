@@ -1,0 +1,273 @@
+"""Charts: curves, bands and points against one axis, and curves in a plane.
+
+A chart keeps the arrays it was given. Only when the page is written are they thinned out to the
+bytes that the page has left (:mod:`._thinning`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+from labpipe.errors import InputError
+from labpipe.report._style import ROLES, Role
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import ArrayLike, NDArray
+
+    Numbers = NDArray[np.float64]
+
+Style = Literal["line", "points", "step"]
+Scale = Literal["linear", "log"]
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One curve or one cloud of points.
+
+    Attributes
+    ----------
+    name : str
+        Stands in the legend.
+    x, y : array_like (n,)
+        Numbers in the units that the axis labels name. NaN in `y` is a gap. A
+        :class:`LineChart` needs `x` ascending.
+    style : {"line", "points", "step"}
+        A step holds its value until the next point.
+    role : {"measured", "model", "residual", "reference", "repeat"} or None
+        What the curve is; decides colour, dashes and marker.
+    u : array_like (n,), optional
+        Standard uncertainty of `y`, drawn as error bars.
+    on_hover : bool
+        Show the curve only while its chart is pointed at, the nearest of them lit and named (each
+        repeat behind a band). Still pictures leave it out.
+
+    Raises
+    ------
+    InputError
+        Lengths differ, an array is not one-dimensional, `x` is not finite, `y` is infinite, or
+        style or role are unknown.
+    """
+
+    name: str
+    x: "ArrayLike"
+    y: "ArrayLike"
+    style: Style = "line"
+    role: Role | None = None
+    u: "ArrayLike | None" = None
+    on_hover: bool = False
+
+    def __post_init__(self) -> None:
+        """Turn the inputs into arrays of float and refuse what cannot be drawn."""
+        _check_choice(self.name, "style", self.style, get_args(Style))
+        _check_role(self.name, self.role)
+        x, y = _coordinates(self.name, self.x), _heights(self.name, "y", self.y)
+        u = None if self.u is None else _heights(self.name, "u", self.u)
+        _check_lengths(self.name, {"x": x, "y": y} | ({} if u is None else {"u": u}))
+        for field, array in (("x", x), ("y", y), ("u", u)):
+            object.__setattr__(self, field, array)
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """The area between two curves (mean ± standard deviation, a confidence band).
+
+    Attributes
+    ----------
+    name : str
+        Stands in the legend; say what the band covers ("mean ± 1 sd, n = 5").
+    x, low, high : array_like (n,)
+        Numbers in the units that the axis labels name; NaN is a gap.
+    role : str or None
+        Give the role of the curve that the band belongs to.
+    """
+
+    name: str
+    x: "ArrayLike"
+    low: "ArrayLike"
+    high: "ArrayLike"
+    role: Role | None = None
+
+    def __post_init__(self) -> None:
+        """Turn the inputs into arrays of float and refuse what cannot be drawn."""
+        _check_role(self.name, self.role)
+        x = _coordinates(self.name, self.x)
+        low, high = _heights(self.name, "low", self.low), _heights(self.name, "high", self.high)
+        _check_lengths(self.name, {"x": x, "low": low, "high": high})
+        for field, array in (("x", x), ("low", low), ("high", high)):
+            object.__setattr__(self, field, array)
+
+
+@dataclass(frozen=True, eq=False)
+class LineChart:
+    """Curves, bands and points over one ascending axis.
+
+    Attributes
+    ----------
+    title : str
+        Heading of the chart.
+    x_label, y_label : str
+        With their units, as "time / s" or "displacement / mm".
+    series : sequence of Series or Band
+        Drawn in this order; bands always lie behind the curves.
+    group : str
+        Charts of one group share the cursor and the window along x. They should share x units.
+    x_scale, y_scale : {"linear", "log"}
+        Values that a logarithmic axis cannot show are left out, and their number is stated.
+    views : sequence of (name, x from, x to)
+        Windows offered as buttons. Inside them, the narrowest first, all samples are kept.
+    vlines : sequence of (name, x)
+        Marked positions (impacts, events).
+    caption : str
+        Text below the chart.
+    height_px : int
+        Height of the plot.
+
+    Raises
+    ------
+    InputError
+        There is nothing to draw, `x` descends somewhere, or a scale or view is wrong.
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    series: Sequence[Series | Band]
+    group: str = ""
+    x_scale: Scale = "linear"
+    y_scale: Scale = "linear"
+    views: Sequence[tuple[str, float, float]] = ()
+    vlines: Sequence[tuple[str, float]] = ()
+    caption: str = ""
+    height_px: int = 320
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be drawn."""
+        _check_chart(self)
+        import numpy as np
+
+        for series in self.series:
+            if np.any(np.diff(np.asarray(series.x)) < 0):
+                message = (
+                    f'chart "{self.title}": x of "{series.name}" descends; a LineChart needs '
+                    "ascending x. Sort it, or use ScatterChart for loops"
+                )
+                raise InputError(message)
+        for name, start, stop in self.views:
+            if not start < stop:
+                message = (
+                    f'chart "{self.title}": the view "{name}" runs from {start} to {stop}; '
+                    "expected two finite ends in ascending order"
+                )
+                raise InputError(message)
+
+
+@dataclass(frozen=True, eq=False)
+class ScatterChart:
+    """Curves and points in a plane: loops, one quantity against another.
+
+    Lines join the points in the order given, so hysteresis loops are drawn as loops.
+
+    Attributes
+    ----------
+    title, x_label, y_label, caption : str
+        As for :class:`LineChart`.
+    series : sequence of Series
+        Drawn in this order.
+    x_scale, y_scale : {"linear", "log"}
+        Kind of axes.
+    has_equal_axes : bool
+        One unit is equally long on both axes (trajectories, a fitted circle).
+    height_px : int
+        Height of the plot.
+    """
+
+    title: str
+    x_label: str
+    y_label: str
+    series: Sequence[Series]
+    x_scale: Scale = "linear"
+    y_scale: Scale = "linear"
+    caption: str = ""
+    has_equal_axes: bool = False
+    height_px: int = 420
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be drawn."""
+        _check_chart(self)
+        for series in self.series:
+            if isinstance(series, Band) or series.on_hover:
+                what = "a band" if isinstance(series, Band) else "a curve on hover"
+                message = f'chart "{self.title}": {what} needs a LineChart, found "{series.name}"'
+                raise InputError(message)
+
+
+def _check_chart(chart: LineChart | ScatterChart) -> None:
+    for axis, scale in (("x", chart.x_scale), ("y", chart.y_scale)):
+        _check_choice(chart.title, f"{axis} scale", scale, get_args(Scale))
+    steady = [s for s in chart.series if isinstance(s, Band) or not s.on_hover]
+    if not any(len(series.x) for series in steady):  # type: ignore[arg-type]
+        message = (
+            f'chart "{chart.title}" has nothing to draw: {len(chart.series)} series, all empty; '
+            "leave the chart out or say in a Notice why there are no data"
+        )
+        raise InputError(message)
+    if not chart.height_px > 0:
+        message = f'chart "{chart.title}": height_px must be positive, found {chart.height_px}'
+        raise InputError(message)
+
+
+def _check_choice(owner: str, what: str, found: str, choices: Sequence[str]) -> None:
+    if found not in choices:
+        message = f'"{owner}": unknown {what} "{found}"; expected one of {", ".join(choices)}'
+        raise InputError(message)
+
+
+def _check_role(owner: str, role: str | None) -> None:
+    if role is not None:
+        _check_choice(owner, "role", role, ROLES)
+
+
+def _array(owner: str, field: str, values: "ArrayLike") -> "Numbers":
+    import numpy as np
+
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1:
+        message = f'series "{owner}": {field} has {array.ndim} dimensions; expected one'
+        raise InputError(message)
+    return array
+
+
+def _coordinates(owner: str, values: "ArrayLike") -> "Numbers":
+    import numpy as np
+
+    array = _array(owner, "x", values)
+    if not np.isfinite(array).all():
+        count = int(np.count_nonzero(~np.isfinite(array)))
+        message = (
+            f'series "{owner}": {count} of {array.size} x values are NaN or infinite; drop those '
+            "points, or set y to NaN for a gap"
+        )
+        raise InputError(message)
+    return array
+
+
+def _heights(owner: str, field: str, values: "ArrayLike") -> "Numbers":
+    import numpy as np
+
+    array = _array(owner, field, values)
+    if np.isinf(array).any():
+        count = int(np.count_nonzero(np.isinf(array)))
+        message = (
+            f'series "{owner}": {count} of {array.size} {field} values are infinite; use NaN for '
+            "a gap"
+        )
+        raise InputError(message)
+    return array
+
+
+def _check_lengths(owner: str, arrays: "dict[str, Numbers]") -> None:
+    if len({array.size for array in arrays.values()}) > 1:
+        found = ", ".join(f"{field} {array.size}" for field, array in arrays.items())
+        message = f'series "{owner}": arrays of different lengths ({found}); expected equal ones'
+        raise InputError(message)

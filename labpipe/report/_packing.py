@@ -1,0 +1,311 @@
+"""A chart as data for the page: thinned arrays in base64, and a description of how to draw them."""
+
+import base64
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from labpipe.report._charts import Band, LineChart, ScatterChart, Series
+from labpipe.report._style import LineLook, looks
+from labpipe.report._thinning import kept_samples
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Numbers = NDArray[np.float64]
+    Indices = NDArray[np.intp]
+
+# A float32 resolves 6e-8 of its size. Where the curve is a small ripple on a large offset, the
+# offset is taken out first, so that the ripple keeps its digits.
+_OFFSET_RATIO = 100.0
+# Steps of a uniform axis may differ by this fraction of a step: rounding of the time stamps.
+_UNIFORM_TOLERANCE = 1e-6
+_BASE64_GROWTH = 4 / 3
+_BYTES_PER_SAMPLE = 4
+# The window is a little wider than the points, so that no marker sits on the frame.
+_MARGIN = 0.02
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """The part of one series that is drawn: after thinning, with what an axis cannot show as gaps.
+
+    Attributes
+    ----------
+    source : Series or Band
+        Where it comes from.
+    x : ndarray (m,)
+        Positions.
+    index : ndarray (m,) of int, or None
+        Which samples these are; None when all are kept.
+    curves : tuple of ndarray (m,)
+        ``(y,)``, ``(y, u)`` or ``(low, high)``.
+    look : LineLook
+        Colour, dashes, marker.
+    is_marked : bool
+        Draw markers along the line: other lines of the chart differ from it in colour only.
+    """
+
+    source: Series | Band
+    x: "Numbers"
+    index: "Indices | None"
+    curves: "tuple[Numbers, ...]"
+    look: LineLook
+    is_marked: bool
+
+
+@dataclass(frozen=True)
+class ThinnedChart:
+    """A chart ready to be packed or drawn.
+
+    Attributes
+    ----------
+    chart : LineChart or ScatterChart
+        Where it comes from.
+    series : tuple of Drawn
+        Bands first.
+    x_range : (float, float)
+        The whole window along x.
+    notes : tuple of str
+        What was thinned out or cannot be shown; belongs into the caption.
+    """
+
+    chart: LineChart | ScatterChart
+    series: tuple[Drawn, ...]
+    x_range: tuple[float, float]
+    notes: tuple[str, ...]
+
+
+def wanted_bytes(chart: LineChart | ScatterChart) -> int:
+    """Return the bytes that a chart takes in the page when no sample is left out."""
+    words = sum(_n(s) * len(_curves(s)) for s in chart.series)
+    axes = [np.asarray(series.x, dtype=np.float64) for series in chart.series]
+    # Positions take two words where they are not uniform; every common axis is stored once.
+    words += sum(2 * axes[members[0]].size for members in _shared_axes(axes))
+    return int(words * _BYTES_PER_SAMPLE * _BASE64_GROWTH) + 1
+
+
+def thin(chart: LineChart | ScatterChart, max_bytes: int) -> ThinnedChart:
+    """Choose the samples of a chart that fit into the given bytes.
+
+    Series that share their `x` keep the same samples, so that `x` is stored once.
+
+    Parameters
+    ----------
+    chart : LineChart or ScatterChart
+        The chart.
+    max_bytes : int
+        Bytes in the page, base64 included.
+    """
+    ordered = sorted(chart.series, key=lambda s: isinstance(s, Series))
+    found = _looks_by_identity(chart.series)
+    samples = [_showable(chart, series) for series in ordered]
+    groups = _shared_axes([x for x, _ in samples])
+    fraction = min(1.0, max_bytes / wanted_bytes(chart))
+    windows = [(a, b) for _, a, b in chart.views] if isinstance(chart, LineChart) else []
+    drawn: dict[int, Drawn] = {}
+    n_all = n_kept = 0
+    for members in groups:
+        x = samples[members[0]][0]
+        curves = [curve for m in members for curve in samples[m][1]]
+        # A loop has extremes in both directions; they are sought along its course.
+        along = x if isinstance(chart, LineChart) else np.arange(x.size, dtype=np.float64)
+        sought = curves if isinstance(chart, LineChart) else [*curves, x]
+        kept = kept_samples(along, sought, max(int(x.size * fraction), 64), windows)
+        is_whole = kept.size == x.size
+        n_all += x.size
+        n_kept += kept.size
+        for m in members:
+            series = ordered[m]
+            drawn[m] = Drawn(
+                series,
+                x[kept],
+                None if is_whole else kept,
+                tuple(curve[kept] for curve in samples[m][1]),
+                found[id(series)],
+                _is_marked(chart, series),
+            )
+    notes = _notes(chart, n_all, n_kept)
+    kept_series = tuple(drawn[m] for m in range(len(ordered)))
+    return ThinnedChart(chart, kept_series, _x_range(chart, kept_series), notes)
+
+
+def pack(thinned: ThinnedChart) -> dict[str, Any]:
+    """Describe a thinned chart with types that JSON has (arrays as base64 of little-endian)."""
+    chart = thinned.chart
+    axes = _shared_axes([d.x for d in thinned.series])
+    axis_of = {m: place for place, members in enumerate(axes) for m in members}
+    is_plane = isinstance(chart, ScatterChart)
+    return {
+        "kind": "plane" if is_plane else "line",
+        "title": chart.title,
+        "xLabel": chart.x_label,
+        "yLabel": chart.y_label,
+        "xScale": chart.x_scale,
+        "yScale": chart.y_scale,
+        "height": chart.height_px,
+        "range": list(thinned.x_range),
+        "group": "" if isinstance(chart, ScatterChart) else chart.group,
+        "views": [] if isinstance(chart, ScatterChart) else [[a, b] for _, a, b in chart.views],
+        "lines": [] if isinstance(chart, ScatterChart) else [[n, x] for n, x in chart.vlines],
+        "equal": isinstance(chart, ScatterChart) and chart.has_equal_axes,
+        "axes": [_packed_axis(thinned.series[members[0]]) for members in axes],
+        "series": [_packed_series(d, axis_of[m]) for m, d in enumerate(thinned.series)],
+    }
+
+
+def _looks_by_identity(series: Sequence[Series | Band]) -> dict[int, LineLook]:
+    """Look up bands and curves separately: the first band looks like the first curve."""
+    found: dict[int, LineLook] = {}
+    for kind in (Series, Band):
+        chosen = [s for s in series if isinstance(s, kind)]
+        found |= zip(map(id, chosen), looks([s.role for s in chosen]), strict=True)
+    if len(series) == 1:
+        # Dashes tell curves apart; a curve alone needs none, and its peaks want a whole line.
+        found = {key: replace(look, dash=()) for key, look in found.items()}
+    return found
+
+
+def _is_marked(chart: LineChart | ScatterChart, series: Series | Band) -> bool:
+    """Tell whether a line needs markers to be told from its neighbours in a grey print."""
+    lines = [s for s in chart.series if isinstance(s, Series) and s.style != "points"]
+    # Points carry markers already, and markers along lines would hide them.
+    if isinstance(chart, ScatterChart) or len(lines) < sum(
+        isinstance(s, Series) for s in chart.series
+    ):
+        return False
+    alike = [s for s in lines if s.role == series.role]
+    return series in lines and series.role not in {None, "repeat"} and len(alike) > 1
+
+
+def _n(series: Series | Band) -> int:
+    return int(np.asarray(series.x).size)
+
+
+def _curves(series: Series | Band) -> "tuple[Numbers, ...]":
+    arrays = (series.low, series.high) if isinstance(series, Band) else (series.y, series.u)
+    return tuple(np.asarray(a, dtype=np.float64) for a in arrays if a is not None)
+
+
+def _showable(
+    chart: LineChart | ScatterChart, series: Series | Band
+) -> "tuple[Numbers, tuple[Numbers, ...]]":
+    """Return x and curves with everything that a logarithmic axis cannot show as gaps."""
+    x, curves = np.asarray(series.x, dtype=np.float64), _curves(series)
+    if chart.x_scale == "log":
+        curves = tuple(curve[x > 0] for curve in curves)
+        x = x[x > 0]
+    if chart.y_scale == "log":
+        is_hidden = curves[0] <= 0
+        curves = tuple(np.where(is_hidden, np.nan, curve) for curve in curves)
+    return x, curves
+
+
+def _shared_axes(axes: "Sequence[Numbers]") -> list[list[int]]:
+    """Group the places of equal arrays."""
+    groups: dict[tuple[int, bytes], list[int]] = {}
+    for place, x in enumerate(axes):
+        groups.setdefault((x.size, x.tobytes()), []).append(place)
+    return list(groups.values())
+
+
+def _notes(chart: LineChart | ScatterChart, n_all: int, n_kept: int) -> tuple[str, ...]:
+    notes = []
+    if n_kept < n_all:
+        where = "Outside the named windows the" if getattr(chart, "views", ()) else "The"
+        notes.append(
+            f"{where} curves are drawn through the smallest and largest samples of short stretches "
+            f"({n_kept} of {n_all} samples are in this page)."
+        )
+    n_hidden = 0
+    for series in chart.series:
+        x, first = np.asarray(series.x), _curves(series)[0]
+        hidden_x = (x <= 0) & (chart.x_scale == "log")
+        n_hidden += int(np.count_nonzero(hidden_x | ((first <= 0) & (chart.y_scale == "log"))))
+    if n_hidden:
+        notes.append(
+            f"{n_hidden} {'point is' if n_hidden == 1 else 'points are'} not shown: zero or "
+            "negative on a logarithmic axis."
+        )
+    return tuple(notes)
+
+
+def _x_range(chart: LineChart | ScatterChart, series: tuple[Drawn, ...]) -> tuple[float, float]:
+    filled = [d.x for d in series if d.x.size]
+    if not filled:
+        return (1.0, 10.0)
+    low, high = min(float(x.min()) for x in filled), max(float(x.max()) for x in filled)
+    has_points = any(isinstance(d.source, Series) and d.source.style == "points" for d in series)
+    return padded_range(
+        low, high, chart.x_scale, _MARGIN if has_points or isinstance(chart, ScatterChart) else 0.0
+    )
+
+
+def padded_range(low: float, high: float, scale: str, margin: float) -> tuple[float, float]:
+    """Widen a range by a fraction of itself on both sides; a range of one point gets a width."""
+    if scale == "log":
+        ends = padded_range(math.log10(low), math.log10(high), "linear", margin)
+        return (10.0 ** ends[0], 10.0 ** ends[1])
+    if low == high:
+        half = abs(low) * 0.05 or 1.0
+        return (low - half, high + half)
+    width = (high - low) * margin
+    return (low - width, high + width)
+
+
+def _packed_axis(drawn: Drawn) -> dict[str, Any]:
+    """Store positions as start and step where they are uniform, as 64-bit numbers elsewhere."""
+    whole = np.asarray(drawn.source.x, dtype=np.float64)
+    index = np.arange(whole.size) if drawn.index is None else drawn.index
+    # On a logarithmic axis samples may have been dropped; then indices do not fit the source.
+    if whole.size >= 3 and index.size == drawn.x.size and (whole[index] == drawn.x).all():
+        step = (whole[-1] - whole[0]) / (whole.size - 1)
+        expected = whole[0] + step * np.arange(whole.size)
+        if step > 0 and float(np.abs(whole - expected).max()) <= _UNIFORM_TOLERANCE * step:
+            uniform = {"start": float(whole[0]), "step": float(step)}
+            if drawn.index is None:
+                return uniform | {"count": int(whole.size)}
+            return uniform | {"index": _base64(index.astype("<i4"))}
+    return {"values": _base64(drawn.x.astype("<f8"))}
+
+
+def _packed_series(drawn: Drawn, axis: int) -> dict[str, Any]:
+    source, look = drawn.source, drawn.look
+    is_band = isinstance(source, Band)
+    names = ("low", "high") if is_band else ("y", "u")
+    return {
+        "name": source.name,
+        "axis": axis,
+        "style": "band" if isinstance(source, Band) else source.style,
+        "role": source.role or "",
+        "light": look.light,
+        "dark": look.dark,
+        "dash": list(look.dash),
+        "marker": look.marker,
+        "isMarked": drawn.is_marked,
+        "filled": look.filled,
+        "onHover": isinstance(source, Series) and source.on_hover,
+        "width": look.width,
+    } | {name: _packed_curve(c) for name, c in zip(names, drawn.curves, strict=False)}
+
+
+def _packed_curve(curve: "Numbers") -> dict[str, Any]:
+    finite = curve[np.isfinite(curve)]
+    offset = 0.0
+    if finite.size:
+        low, high = float(finite.min()), float(finite.max())
+        middle = low + (high - low) / 2
+        if abs(middle) > _OFFSET_RATIO * (high - low) / 2:
+            offset = middle
+    largest = float(np.abs(finite - offset).max()) if finite.size else 0.0
+    # float32 ends at 3e38 and loses digits below 1e-38; outside, the full width is kept.
+    if largest and not 1e-30 < largest < 1e38:
+        return {"offset": offset, "wide": _base64((curve - offset).astype("<f8"))}
+    return {"offset": offset, "data": _base64((curve - offset).astype("<f4"))}
+
+
+def _base64(array: "NDArray[Any]") -> str:
+    return base64.b64encode(array.tobytes()).decode("ascii")

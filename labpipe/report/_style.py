@@ -1,0 +1,335 @@
+"""The one look of every figure and chart: who is drawn how, and at which size.
+
+A line's *role* says what it is (measured, model, ...) and decides its colour, its dashes and
+its marker, so that curves stay apart for colour-blind readers and in a greyscale print. The
+interactive charts of a page and the figures of a paper take their colours from the same table.
+
+The hues follow Okabe and Ito, *Color universal design* (2008), darkened on white and lightened
+on black until thin lines keep a contrast of at least 3 to 1.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+from labpipe.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Role = Literal["measured", "model", "residual", "reference", "repeat"]
+ROLES: tuple[str, ...] = get_args(Role)
+
+MILLIMETRES_PER_INCH = 25.4
+COLUMN_WIDTHS_MM = {1: 85.0, 2: 175.0}
+
+
+@dataclass(frozen=True, slots=True)
+class LineLook:
+    """How one curve is drawn.
+
+    Attributes
+    ----------
+    light, dark : str
+        Colour on a white and on a black page, ``#rrggbb``.
+    dash : tuple of float
+        Lengths of strokes and gaps in points; empty is a solid line.
+    marker : str
+        ``circle``, ``square``, ``triangle`` or ``diamond``.
+    filled : bool
+        Whether the marker is filled or hollow.
+    width : float
+        Line width in points.
+    """
+
+    light: str
+    dark: str
+    dash: tuple[float, ...]
+    marker: str
+    filled: bool
+    width: float
+
+
+_BY_ROLE: dict[str, LineLook] = {
+    "measured": LineLook("#0066a6", "#5cb8f0", (), "circle", True, 1.3),
+    "model": LineLook("#cc4e00", "#f5a45d", (6.0, 4.0), "square", False, 1.3),
+    "residual": LineLook("#8a3a6b", "#e29cc4", (), "diamond", True, 1.0),
+    "reference": LineLook("#404040", "#c4c4c4", (2.0, 2.0), "triangle", False, 1.1),
+    "repeat": LineLook("#7f97a8", "#7d93a3", (), "circle", True, 0.7),
+}
+_CYCLE: tuple[LineLook, ...] = (
+    LineLook("#0066a6", "#5cb8f0", (), "circle", True, 1.3),
+    LineLook("#cc4e00", "#f5a45d", (7.0, 3.0), "square", False, 1.3),
+    LineLook("#00795a", "#4fd0a8", (7.0, 2.0, 1.5, 2.0), "triangle", True, 1.3),
+    LineLook("#8a3a6b", "#e29cc4", (3.5, 2.0), "diamond", False, 1.3),
+    LineLook("#8f6400", "#e3c14a", (11.0, 3.0), "circle", False, 1.3),
+    LineLook("#2b2b2b", "#dddddd", (1.5, 2.0), "square", True, 1.3),
+)
+
+MATPLOTLIB_MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}
+
+
+def looks(roles: Sequence[str | None]) -> tuple[LineLook, ...]:
+    """Give every curve of one chart its look.
+
+    A role that occurs once keeps its own colour. When it occurs several times (four heights,
+    measured and modelled), the colour tells the curves of one role apart and the dashes still
+    tell the roles: the second measured curve and the second model curve share a colour.
+    Curves without a role take colour, dashes and marker from a cycle of six.
+
+    Parameters
+    ----------
+    roles : sequence of str or None
+        One entry per curve, in drawing order.
+
+    Raises
+    ------
+    InputError
+        A role is unknown.
+
+    Examples
+    --------
+    >>> measured, model = looks(["measured", "model"])
+    >>> measured.dash, model.dash
+    ((), (6.0, 4.0))
+    """
+    seen: dict[str | None, int] = {}
+    found = []
+    for role in roles:
+        if role is not None and role not in _BY_ROLE:
+            message = f'unknown role "{role}"; known roles: {", ".join(ROLES)}, or None'
+            raise InputError(message)
+        count = seen.get(role, 0)
+        seen[role] = count + 1
+        found.append(_look(role, count, several=list(roles).count(role) > 1))
+    return tuple(found)
+
+
+def _look(role: str | None, count: int, *, several: bool) -> LineLook:
+    varied = _CYCLE[count % len(_CYCLE)]
+    if role is None:
+        return varied
+    look = _BY_ROLE[role]
+    # Repeats are a crowd that is read as one; they never take the cycle's colours.
+    if not several or role == "repeat":
+        return look
+    return replace(look, light=varied.light, dark=varied.dark, marker=varied.marker)
+
+
+def _settings() -> Any:
+    """Return matplotlib's settings for journal figures (8 pt text, thin frames)."""
+    return {
+        "font.family": "sans-serif",
+        "font.sans-serif": ["DejaVu Sans", "Arial", "Helvetica", "sans-serif"],
+        "font.size": 8.0,
+        "axes.labelsize": 8.0,
+        "axes.titlesize": 8.0,
+        "axes.titlelocation": "left",
+        "axes.linewidth": 0.6,
+        "axes.grid": True,
+        "axes.axisbelow": True,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.formatter.use_mathtext": True,
+        "axes.unicode_minus": True,
+        "grid.color": "#e2e2e2",
+        "grid.linewidth": 0.5,
+        "xtick.labelsize": 7.0,
+        "ytick.labelsize": 7.0,
+        "xtick.direction": "out",
+        "ytick.direction": "out",
+        "xtick.major.width": 0.6,
+        "ytick.major.width": 0.6,
+        "xtick.major.size": 3.0,
+        "ytick.major.size": 3.0,
+        "xtick.minor.size": 1.8,
+        "ytick.minor.size": 1.8,
+        "lines.linewidth": 1.1,
+        "lines.markersize": 3.2,
+        "legend.fontsize": 7.0,
+        "legend.frameon": False,
+        "legend.handlelength": 2.6,
+        "figure.constrained_layout.use": True,
+        "figure.dpi": 150.0,
+        "savefig.dpi": 300.0,
+        "svg.fonttype": "none",
+        # Element ids come from this text instead of a random number, so that the same data
+        # give the same bytes.
+        "svg.hashsalt": "labpipe",
+        "pdf.fonttype": 42,
+        "path.simplify": True,
+    }
+
+
+@contextmanager
+def figure_style(columns: Literal[1, 2] = 1, aspect: float = 0.68) -> Iterator[None]:
+    """Set matplotlib up for a journal figure while the ``with`` block runs.
+
+    Parameters
+    ----------
+    columns : 1 or 2
+        One column is 85 mm wide, two columns 175 mm.
+    aspect : float
+        Height of the figure as a fraction of its width.
+
+    Raises
+    ------
+    InputError
+        `columns` is neither 1 nor 2, or `aspect` is not positive.
+
+    Examples
+    --------
+    >>> from matplotlib.figure import Figure
+    >>> with figure_style(columns=1):
+    ...     figure = Figure()
+    >>> round(float(figure.get_figwidth()) * 25.4)
+    85
+    """
+    if columns not in COLUMN_WIDTHS_MM or not aspect > 0:
+        message = (
+            f"figure_style: columns={columns}, aspect={aspect}; expected 1 or 2 columns and a "
+            "positive aspect"
+        )
+        raise InputError(message)
+    from cycler import cycler
+    from matplotlib import rc_context
+
+    width = COLUMN_WIDTHS_MM[columns] / MILLIMETRES_PER_INCH
+    curves = cycler(color=[look.light for look in _CYCLE]) + cycler(
+        linestyle=[matplotlib_dash(look) for look in _CYCLE]
+    )
+    settings = _settings() | {"figure.figsize": (width, width * aspect), "axes.prop_cycle": curves}
+    with rc_context(settings):
+        yield
+
+
+def matplotlib_dash(look: LineLook) -> Any:
+    """Return the dashes in matplotlib's form (``"-"`` or an offset with lengths)."""
+    # matplotlib scales dashes with the line width; the table states them in points.
+    return "-" if not look.dash else (0.0, tuple(length / look.width for length in look.dash))
+
+
+def line_arguments(
+    role: Role | None = None, *, style: str = "line", count: int = 0
+) -> dict[str, Any]:
+    """Return keyword arguments for ``Axes.plot`` that draw a curve of this role.
+
+    Parameters
+    ----------
+    role : str or None
+        What the curve is.
+    style : {"line", "points", "both"}
+        Draw the line, the markers or both.
+    count : int
+        How many curves of the same role were drawn before; 0 keeps the role's own colour.
+
+    Examples
+    --------
+    >>> line_arguments("measured", style="points")["linestyle"]
+    'none'
+    """
+    if role is not None and role not in _BY_ROLE:
+        message = f'unknown role "{role}"; known roles: {", ".join(ROLES)}, or None'
+        raise InputError(message)
+    look = _look(role, count, several=count > 0)
+    arguments: dict[str, Any] = {
+        "color": look.light,
+        "linewidth": look.width,
+        "linestyle": "none" if style == "points" else matplotlib_dash(look),
+    }
+    if style != "line":
+        arguments["marker"] = MATPLOTLIB_MARKERS[look.marker]
+        arguments["markerfacecolor"] = look.light if look.filled else "white"
+        arguments["markeredgecolor"] = look.light
+        arguments["markeredgewidth"] = 0.8
+    return arguments
+
+
+# Without these, every file would carry the moment of its making.
+_METADATA: dict[str, dict[str, None]] = {
+    "pdf": {"CreationDate": None},
+    "svg": {"Date": None},
+    "png": {"Software": None},
+}
+
+
+def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -> bytes:
+    """Draw a figure into memory; the same figure gives the same bytes.
+
+    Parameters
+    ----------
+    figure : matplotlib Figure
+        What to draw.
+    file_format : {"pdf", "svg", "png"}
+        The file format.
+    dpi : float, optional
+        Dots per inch of a raster; 300 unless told.
+
+    Raises
+    ------
+    InputError
+        The format is none of the three.
+    """
+    if file_format not in _METADATA:
+        message = f'unknown figure format "{file_format}"; expected one of {", ".join(_METADATA)}'
+        raise InputError(message)
+    from matplotlib import rc_context
+
+    from labpipe.report._tick_text import write_plain_numbers
+
+    write_plain_numbers(figure)
+    keys = ("svg.hashsalt", "svg.fonttype", "pdf.fonttype", "savefig.dpi", "path.simplify")
+    settings: Any = {key: _settings()[key] for key in keys}
+    target = BytesIO()
+    with rc_context(settings):
+        figure.savefig(
+            target,
+            format=file_format,
+            metadata=_METADATA[file_format],
+            dpi="figure" if dpi is None and file_format != "png" else (dpi or 300.0),
+        )
+    return target.getvalue()
+
+
+def save_figure(
+    figure: "Figure",
+    path_stem: str | Path,
+    formats: Sequence[str] = ("pdf", "svg", "png"),
+) -> tuple[Path, ...]:
+    """Write a figure in several formats, each file whole or not at all.
+
+    Parameters
+    ----------
+    figure : matplotlib Figure
+        What to draw.
+    path_stem : path
+        Path without its ending; ``.pdf``, ``.svg``, ``.png`` are appended.
+    formats : sequence of str
+        Which of the three formats to write.
+
+    Returns
+    -------
+    tuple of Path
+        The files written, in the order of `formats`.
+
+    Raises
+    ------
+    InputError
+        A format is none of the three; nothing is written then.
+    """
+    from labpipe.files import write_bytes
+
+    engine = figure.get_layout_engine()
+    drawn = []
+    for name in formats:
+        drawn.append((f"{path_stem}.{name}", figure_bytes(figure, name)))
+        # Laying out takes as long as drawing; the first format has found the places for all.
+        figure.set_layout_engine("none")
+    if engine is not None:
+        figure.set_layout_engine(engine)
+    for path, data in drawn:
+        write_bytes(Path(path), data)
+    return tuple(Path(path) for path, _ in drawn)

@@ -1,0 +1,265 @@
+"""Cycles of a driven test: where the motion is, which cycles are steady, what each dissipates."""
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from labpipe.errors import InputError
+from labpipe.signals._metrics import independent_count
+from labpipe.signals._noise import difference_sigma, quantisation_step
+from labpipe.signals._oscillation import fit_sinusoid
+from labpipe.signals._readings import checked_times, is_constant, refuse_infinite
+
+Array = NDArray[np.float64]
+
+_MOVED_SIGMA, _MOVED_SHARE = 6.0, 5e-3  # off its rest level by noise, and by part of the range
+_FIRST = 10  # readings that are taken to be at rest, if any are
+_STEADY = 0.01  # relative difference from the median of the later half
+_STEADY_SPREADS = 5.0  # or this many robust spreads, whichever is wider
+_ROUNDING = 0.05  # of a cycle that a part may lack of a whole number
+_POINTS_PER_CYCLE = 512  # of the path whose area is taken; its error is below 1e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Where a driven motion is.
+
+    ``start`` and ``end`` (s) bound the motion, ``level_before`` and ``level_after`` are the
+    signal's means at rest (NaN when the record does not show it); ``frequency`` (Hz) is a fit to
+    the middle of the motion. ``steady_start`` and ``steady_end`` leave out the transient cycles.
+    """
+
+    start: float
+    end: float
+    level_before: float
+    level_after: float
+    frequency: float
+    steady_start: float
+    steady_end: float
+
+    def slice(self, time: ArrayLike) -> slice:
+        """Return the samples of the steady cycles."""
+        edges = np.searchsorted(np.asarray(time, float), [self.steady_start, self.steady_end])
+        return slice(int(edges[0]), int(edges[1]))
+
+
+def active_window(
+    time: ArrayLike,
+    position: ArrayLike,
+    frequency_guess: float | None = None,
+    *,
+    skip_cycles: int = 1,
+) -> Window:
+    """Find the motion between the rests before and after it, and its steady part.
+
+    Parameters
+    ----------
+    time : array (n,) [s]
+    position : array (n,) [m]
+    frequency_guess : float, optional [Hz]
+        Default the strongest line.
+    skip_cycles : int
+        Cycles left out at either end: the stage eases in and out of the motion.
+
+    Returns
+    -------
+    Window
+
+    Raises
+    ------
+    InputError
+        There is no motion, or no cycle is left.
+
+    Notes
+    -----
+    The rule: the motion begins with the first, and ends with the last reading that is further from
+    the level at that end of the record than six standard deviations and 0.5 % of the range.
+    """
+    t, x = np.asarray(time, float), np.asarray(position, float)
+    if t.ndim != 1 or t.shape != x.shape:
+        message = f"time and position must be one-dimensional and alike: {t.shape} and {x.shape}"
+        raise InputError(message)
+    t = checked_times(t)
+    refuse_infinite(x, "position")
+    finite = np.isfinite(x)
+    t, x = t[finite], x[finite]
+    if len(x) < 16 or is_constant(x):
+        message = f"no motion in {len(x)} readings"
+        raise InputError(message)
+    extent = float(np.ptp(x))
+    start, before = _edge(t, x, extent)
+    end, after = _edge(-t[::-1], x[::-1], extent)
+    end = -end
+    moving = (t >= start) & (t <= end)
+    middle = (t >= start + 0.2 * (end - start)) & (t <= end - 0.2 * (end - start))
+    fit = fit_sinusoid(t[middle], x[middle], frequency_guess, harmonics=1)
+    period = 1.0 / fit.frequency
+    n_cycles = int((end - start) / period + 0.5) - 2 * skip_cycles
+    if n_cycles < 1:
+        message = (
+            f"{(end - start) / period:.2f} cycles of motion leave none after {skip_cycles} are "
+            "left out at either end"
+        )
+        raise InputError(message)
+    first = start + skip_cycles * period
+    last = min(first + n_cycles * period, float(t[moving][-1]))
+    return Window(start, end, before, after, fit.frequency, first, last)
+
+
+def _edge(t: Array, x: Array, extent: float) -> tuple[float, float]:
+    """Time of the last reading at the first level, and that level (NaN when it moves at once)."""
+    n_first = _FIRST
+    level = float(np.median(x[:n_first]))
+    noise = max(difference_sigma(x[:n_first]), quantisation_step(x))
+    limit = max(_MOVED_SIGMA * noise, _MOVED_SHARE * extent)
+    off = np.flatnonzero(np.abs(x - level) > limit)
+    if not len(off) or off[0] < n_first:
+        return float(t[0]), float("nan")
+    return float(t[off[0] - 1]), float(np.mean(x[: off[0]]))
+
+
+def loops(
+    time: ArrayLike,
+    position: ArrayLike,
+    force: ArrayLike,
+    frequency: float,
+    *,
+    start: float | None = None,
+    end: float | None = None,
+) -> xr.Dataset:
+    """Cut a driven test into cycles and measure the loop of each.
+
+    Parameters
+    ----------
+    time, position, force : array (n,) [s, m, N]
+        Indentation and compression positive, without NaN between ``start`` and ``end``.
+    frequency : float [Hz]
+        Fitted frequency; every cycle is exactly one period long.
+    start, end : float, optional [s]
+        Part to be cut; default the whole record. A part of a cycle at the end is left out.
+
+    Returns
+    -------
+    Dataset
+        Over ``cycle`` (numbered from 1): ``cycle_start`` [s], ``work`` [J], dissipated by the
+        solid, ``position_amplitude`` [m], ``force_amplitude`` [N], ``storage_stiffness``,
+        ``loss_stiffness`` [N/m], ``mean_force`` [N], ``is_transient``.
+        Scalars over the steady cycles: ``mean_work`` [J] with ``u_mean_work`` (spread over cycles,
+        over the root of the number of independent ones) and ``sd_work``; ``n_cycles`` [1].
+
+    Raises
+    ------
+    InputError
+        Less than one cycle, fewer than eight readings per cycle, or a NaN inside.
+
+    Notes
+    -----
+    ``work`` is the area inside the path (x, F) of one period, closed by taking out the linear
+    drift of both; between readings the path is a cubic spline, so sparse sampling does not cut the
+    loop's corners (a polygon of 50 readings per cycle is 0.3 % too small).
+    Rule for transients: a cycle is transient while, counted from the first, its force or position
+    amplitude differs from the median of the later half by more than 1 % and five robust spreads.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 10.0, 0.02)
+    >>> angle = 2 * np.pi * time
+    >>> found = loops(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1), 1.0)
+    >>> round(float(found.mean_work / (np.pi * 2e-4 * np.sin(0.1))), 3)
+    1.0
+    """
+    t, x, load = (np.asarray(a, float) for a in (time, position, force))
+    if not (t.shape == x.shape == load.shape and t.size):
+        message = f"time, position and force must be alike: {t.shape}, {x.shape} and {load.shape}"
+        raise InputError(message)
+    t = checked_times(t)
+    refuse_infinite(x, "position")
+    refuse_infinite(load, "force")
+    begin = float(t[0]) if start is None else start
+    stop = float(t[-1]) if end is None else end
+    inside = (t >= begin - 1.0 / frequency) & (t <= stop + 1.0 / frequency)
+    t, x, load = t[inside], x[inside], load[inside]
+    # A window of whole cycles at a slightly other frequency still holds that many.
+    count = int((stop - begin) * frequency + _ROUNDING)
+    while len(t) and count and begin + count / frequency > t[-1] + 1e-9 / frequency:
+        count -= 1
+    interval = float(np.median(np.diff(t))) if len(t) > 1 else np.inf
+    if count < 1 or interval * frequency > 1.0 / 8.0:
+        message = (
+            f"loops need a whole cycle of eight readings; found {(stop - begin) * frequency:.3g} "
+            f"cycles of {1.0 / (interval * frequency):.3g} readings"
+        )
+        raise InputError(message)
+    if not (np.isfinite(x).all() and np.isfinite(load).all()):
+        message = "position or force has unread samples inside the cycles; choose start and end"
+        raise InputError(message)
+    path = CubicSpline(t, np.column_stack([x, load]))
+    phase = np.arange(_POINTS_PER_CYCLE) / _POINTS_PER_CYCLE
+    rows = [_one_loop(path, begin + k / frequency, 1.0 / frequency, phase) for k in range(count)]
+    table = np.array(rows)
+    return _table(table, begin + np.arange(count) / frequency)
+
+
+def _one_loop(path: CubicSpline, begin: float, period: float, phase: Array) -> Array:
+    """Work, amplitudes, stiffnesses and mean force of one period."""
+    first, last = path(np.array([begin, begin + period]))
+    points = path(begin + period * phase) - phase[:, None] * (last - first)
+    centred = points - points.mean(axis=0)
+    x, load = centred.T
+    work = float(0.5 * np.sum(np.roll(x, -1) * load - x * np.roll(load, -1)))
+    wave = 2.0 * np.exp(-2j * np.pi * phase) / len(phase)
+    moved, pushed = complex(x @ wave), complex(load @ wave)
+    stiffness = pushed / moved if moved else complex(np.nan)
+    mean_force = float(points[:, 1].mean() + 0.5 * (last[1] - first[1]))
+    return np.array([work, abs(moved), abs(pushed), stiffness.real, stiffness.imag, mean_force])
+
+
+def _is_transient(amplitudes: Array) -> NDArray[np.bool_]:
+    """Leading cycles that differ from the later half."""
+    later = amplitudes[len(amplitudes) // 2 :]
+    centre = np.median(later, axis=0)
+    spread = 1.4826 * np.median(np.abs(later - centre), axis=0)
+    limit = np.maximum(_STEADY * centre, _STEADY_SPREADS * spread)
+    differs = (np.abs(amplitudes - centre) > limit).any(axis=1)
+    return np.asarray(np.logical_and.accumulate(differs))
+
+
+def _table(table: Array, starts: Array) -> xr.Dataset:
+    transient = _is_transient(table[:, 1:3])
+    steady = table[~transient, 0]
+    n = len(steady)
+    sd = float(np.std(steady, ddof=1)) if n > 1 else float("nan")
+    columns = (
+        ("work", "J", "work dissipated in the cycle"),
+        ("position_amplitude", "m", "amplitude of the position"),
+        ("force_amplitude", "N", "amplitude of the force"),
+        ("storage_stiffness", "N/m", "storage stiffness"),
+        ("loss_stiffness", "N/m", "loss stiffness"),
+        ("mean_force", "N", "mean force of the cycle"),
+    )
+    result = xr.Dataset(coords={"cycle": np.arange(1, len(table) + 1)})
+    result["cycle"].attrs = {"units": "1", "long_name": "number of the cycle"}
+    result["cycle_start"] = ("cycle", starts, {"units": "s", "long_name": "start of the cycle"})
+    for i, (name, unit, label) in enumerate(columns):
+        result[name] = ("cycle", table[:, i], {"units": unit, "long_name": label})
+    result["is_transient"] = (
+        "cycle",
+        transient,
+        {"units": "1", "long_name": "left out as transient"},
+    )
+    u = sd / float(np.sqrt(independent_count(steady))) if n > 1 else float("nan")
+    for name, value, unit, label in (
+        ("mean_work", float(np.mean(steady)), "J", "mean dissipated work of the steady cycles"),
+        ("u_mean_work", u, "J", "standard uncertainty of the mean dissipated work"),
+        ("sd_work", sd, "J", "standard deviation of the work over the steady cycles"),
+        ("n_cycles", float(n), "1", "steady cycles"),
+    ):
+        result[name] = ((), value, {"units": unit, "long_name": label})
+    result.attrs["work"] = json.dumps(
+        {"cycles": len(table), "points": len(table) * _POINTS_PER_CYCLE}
+    )
+    return result

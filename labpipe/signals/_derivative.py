@@ -1,0 +1,300 @@
+"""Velocity from displacement, with an uncertainty, without being told the noise.
+
+Three estimators: ``"spline"`` (default, see :mod:`._smoothing`), ``"thesis"``
+(central differences and a moving average, thesis eq. 3.11-3.14) and ``"difference"`` (3.11-3.13
+alone).
+"""
+
+import json
+import warnings
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from labpipe.errors import InputError
+from labpipe.signals._noise import Noise, estimate_noise, is_spike
+from labpipe.signals._readings import checked_times, refuse_infinite
+from labpipe.signals._smoothing import Smooth, evaluate, smooth
+
+Array = NDArray[np.float64]
+Method = Literal["spline", "thesis", "difference"]
+
+THESIS_WINDOW = 5
+"""Span of the thesis's ``smooth(v, N)``: N is not printed, so the default of that function."""
+
+_FEWEST_FOR_SPLINE = 12  # below, the noise cannot be told from the motion
+_COMPUTED = 1e-6  # residuals below this part of the range: a computed curve, not a measured one
+_LINE_SHARE = 0.5  # of the residual power in one spectral line
+_WHITE_RESIDUAL = 1.1  # residuals this much larger or smaller than the noise: fit once more
+
+
+def velocity(
+    displacement: xr.DataArray,
+    method: Method = "spline",
+    *,
+    breaks: ArrayLike | None = None,
+    releases: ArrayLike | None = None,
+    noise: float | None = None,
+    window: int = THESIS_WINDOW,
+) -> xr.DataArray:
+    """Differentiate a displacement record.
+
+    Parameters
+    ----------
+    displacement : DataArray (time,) [m]
+        Coordinate ``time`` in s, strictly increasing, evenly spaced or not. NaN marks samples
+        that the instrument could not read; they are left out. Never modified.
+    method : {"spline", "thesis", "difference"}
+        ``"spline"``: adaptive quintic smoothing spline. It finds impacts by itself.
+        ``"thesis"``: central differences inside, one-sided at the ends (3.11-3.13), then a moving
+        average of ``window`` samples that shortens symmetrically towards the ends (3.14).
+        ``"difference"``: without the moving average.
+    breaks : array (k,), optional [s]
+        Spline only: times of touch and lift-off, where knots may break: the third derivative may
+        jump. A few per cent better than letting the spline find the contacts.
+    releases : array (k,), optional [s]
+        Spline only: times at which the acceleration itself may jump (a release, a hard stop).
+    noise : float, optional [m]
+        Standard deviation of the samples' white noise. Default: estimated from the record.
+    window : int
+        Thesis only: number of samples; an even number is reduced by one, as ``smooth`` does.
+
+    Returns
+    -------
+    DataArray (time,) [m/s]
+        Named ``velocity``, with the non-index coordinate ``u_velocity`` (time,) [m/s], the
+        standard uncertainty. Attributes: ``method``; ``noise`` (m), ``noise_block`` (samples over
+        which the noise is correlated), ``quantisation`` (m); ``bandwidth`` (Hz: smallest and
+        largest over the record; a moving average of N samples has 1 / (2 N dt)); ``n_spikes``
+        (samples given no weight); ``work`` (JSON counts).
+        NaN where the displacement is NaN.
+
+    Raises
+    ------
+    InputError
+        Not one-dimensional over ``time``, another unit than m, times that do not increase,
+        fewer than two readings, infinite values, a negative noise, breaks that are not finite, or
+        a window below 1 or longer than the record.
+
+    Warns
+    -----
+    UserWarning
+        Fewer than 12 readings: differences are used instead of the spline. Spikes left out.
+
+    Notes
+    -----
+    For the spline ``u_velocity`` is the posterior standard deviation and includes the expected
+    smoothing error. It cannot include motion that stays below the noise over its whole life, such
+    as the last, sub-noise cycles of a decaying vibration, nor what the spline itself smooths of a
+    computed curve: up to 3e-4 of the largest velocity where there is no noise. For the two
+    difference schemes it is the propagated noise alone: their blunting of an impact is not in it.
+
+    Measured on bouncing records of 0.5 s, 1 µm noise, 0.1 µm steps, noise not told, rms over the
+    record: spline 0.29-0.47 mm/s at 50 kHz and 0.43-0.61 at 20 kHz; differences 35 and 14;
+    thesis scheme 10 and 4. Cost is linear: 25 000 samples take about 0.1 s.
+
+    Examples
+    --------
+    >>> time = np.linspace(0.0, 1.0, 201)
+    >>> fall = xr.DataArray(-4.9 * time**2, {"time": time}, attrs={"units": "m"})
+    >>> round(float(velocity(fall).sel(time=0.5)), 6)
+    -4.9
+    """
+    time, values = checked_record(displacement)
+    if noise is not None and not (np.isfinite(noise) and noise >= 0.0):
+        message = f"noise must be a standard deviation in m, >= 0; found {noise}"
+        raise InputError(message)
+    is_read = np.isfinite(values)
+    t, y = time[is_read], values[is_read]
+    known = estimate_noise(y - y[0], t)
+    if noise is None and len(t) < _FEWEST_FOR_SPLINE:
+        known = Noise(float("nan"), known.step, 1)
+    if noise is not None:
+        known = Noise(max(noise, known.step / np.sqrt(12.0)), known.step, 1)
+    used: str = method
+    if method == "spline" and len(t) < _FEWEST_FOR_SPLINE:
+        text = (
+            f"velocity: {len(t)} readings are too few for a spline (at least "
+            f"{_FEWEST_FOR_SPLINE}); central differences are used and, unless the noise is given, "
+            "the uncertainty is not known"
+        )
+        warnings.warn(text, UserWarning, stacklevel=2)
+        used = "difference"
+    attributes: dict[str, object] = {}
+    if used == "spline":
+        cuts = (_times(breaks, "breaks"), _times(releases, "releases"))
+        v, u, attributes = _spline(t, y, known, noise is None, cuts)
+    elif used in ("thesis", "difference"):
+        span = _odd(window, len(t)) if used == "thesis" else 1
+        v, u = _differences(t, y, known.sigma, span)
+        half_rate = 0.5 / float(np.median(np.diff(t)))
+        attributes = _attributes(known, [half_rate / max(span, 2)] * 2, 0, {"samples": len(t)})
+        attributes["window"] = span
+    else:
+        message = f'method must be "spline", "thesis" or "difference"; found "{method}"'
+        raise InputError(message)
+    return _labelled(displacement, is_read, v, u, {"method": used, **attributes})
+
+
+def checked_record(displacement: xr.DataArray) -> tuple[Array, Array]:
+    """Time and values of a displacement record as float64 copies, or say what is wrong with it."""
+    if displacement.dims != ("time",) or "time" not in displacement.coords:
+        message = (
+            f"displacement must have the one dimension time with its coordinate; "
+            f"found dimensions {displacement.dims}"
+        )
+        raise InputError(message)
+    unit = displacement.attrs.get("units", "m")
+    if unit != "m":
+        message = f'displacement must be in "m"; found "{unit}": convert it first'
+        raise InputError(message)
+    time = checked_times(displacement["time"].values)
+    values = np.array(displacement.values, dtype=float)
+    refuse_infinite(values, "displacement")
+    if np.isfinite(values).sum() < 2:
+        message = f"a velocity needs two readings; found {int(np.isfinite(values).sum())}"
+        raise InputError(message)
+    return time, values
+
+
+def _odd(window: int, n: int) -> int:
+    if not 1 <= window <= n:
+        message = f"window must be from 1 to the {n} readings; found {window}"
+        raise InputError(message)
+    return window - 1 + window % 2
+
+
+def _times(times: ArrayLike | None, name: str) -> list[float]:
+    found = np.asarray([] if times is None else times, float).ravel()
+    if not np.isfinite(found).all():
+        message = f"{name} must be finite times in s; found {found[~np.isfinite(found)][0]}"
+        raise InputError(message)
+    return [float(time) for time in found]
+
+
+def _spline(
+    t: Array,
+    y: Array,
+    known: Noise,
+    may_refine: bool,
+    cuts: tuple[list[float], list[float]],
+) -> tuple[Array, Array, dict[str, object]]:
+    """Velocity, uncertainty and attributes of the smoothing spline."""
+    counts = {"samples": len(t)}
+    if known.sigma <= 0.0:
+        # All readings are exactly equal (after their mean): nothing moves, nothing to fit.
+        return np.zeros(len(t)), np.zeros(len(t)), _attributes(known, [0.0, 0.0], 0, counts)
+    spike = is_spike(t, y, known.sigma)
+    n_spikes = int(spike.sum())
+    if n_spikes:
+        text = (
+            f"velocity: {n_spikes} single readings stand out by more than 8 sigma and are left out"
+        )
+        warnings.warn(text, UserWarning, stacklevel=3)
+    fit = smooth(t[~spike], y[~spike], known.sigma, *cuts)
+    n_updates = fit.n_updates
+    if may_refine and known.block == 1:
+        found = _residual_sigma(fit, t[~spike], y[~spike], known)
+        if not 1 / _WHITE_RESIDUAL < found / known.sigma < _WHITE_RESIDUAL:
+            known = known._replace(sigma=found)
+            fit = smooth(t[~spike], y[~spike], known.sigma, *cuts)
+            n_updates += fit.n_updates
+    _warn_of_fast_motion(y[~spike] - evaluate(fit, t[~spike], 0)[0], float(np.ptp(y)), known)
+    v, u = evaluate(fit, t, 1)
+    share = (evaluate(fit, t, 0)[1] / fit.sigma) ** 2
+    half_rate = 0.5 / fit.time_scale
+    band = [half_rate * float(share.min()), half_rate * min(float(share.max()), 1.0)]
+    counts |= {"coefficients": len(fit.coefficients), "band_solves": n_updates}
+    return v, u, _attributes(known, band, n_spikes, counts)
+
+
+def _warn_of_fast_motion(residual: Array, extent: float, known: Noise) -> None:
+    """Say when one frequency dominates what was taken for noise."""
+    power = np.abs(np.fft.rfft(residual * np.hanning(len(residual)))) ** 2
+    peak = int(np.argmax(power))
+    line = float(np.sum(power[max(peak - 2, 0) : peak + 3]))
+    # Of n / 2 bins of white noise the five around the highest hold some 2 log(n) / n of the power.
+    is_computed = float(np.std(residual)) < _COMPUTED * extent
+    if is_computed or len(residual) < 64 or known.block > 1:
+        return
+    if line > _LINE_SHARE * float(np.sum(power)):
+        text = (
+            f"velocity: {100 * line / float(np.sum(power)):.0f} % of what was taken for noise is "
+            f"one frequency, {peak / len(residual):.3f} of the sampling rate: motion too fast for "
+            "this sampling is missing from the velocity and its uncertainty"
+        )
+        warnings.warn(text, UserWarning, stacklevel=4)
+
+
+def _residual_sigma(fit: Smooth, t: Array, y: Array, known: Noise) -> float:
+    """Noise left by the fit; rounding at least."""
+    residual = y - evaluate(fit, t, 0)[0]
+    freedom = max(len(t) - fit.degrees_of_freedom, 1.0)
+    # The median leaves out the few samples around a jump that no spline follows.
+    found = 1.4826 * float(np.median(np.abs(residual))) * float(np.sqrt(len(t) / freedom))
+    return max(found, known.step / np.sqrt(12.0), 0.2 * known.sigma)
+
+
+def _differences(t: Array, y: Array, sigma: float, window: int) -> tuple[Array, Array]:
+    """Thesis (3.11)-(3.14): the scheme is linear, so its noise follows exactly."""
+    n = len(t)
+    rows = np.arange(n)
+    left, right = np.maximum(rows - 1, 0), np.minimum(rows + 1, n - 1)
+    weight = 1.0 / (t[right] - t[left])
+    scheme = sparse.csr_array(
+        (
+            np.concatenate([weight, -weight]),
+            (np.concatenate([rows, rows]), np.concatenate([right, left])),
+        ),
+        shape=(n, n),
+    )
+    half = np.minimum(np.minimum(rows, n - 1 - rows), window // 2)
+    size = 2 * half + 1
+    columns = np.repeat(rows - half, size) + (
+        np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
+    )
+    average = sparse.csr_array(
+        (np.repeat(1.0 / size, size), (np.repeat(rows, size), columns)), shape=(n, n)
+    )
+    combined = (average @ scheme).tocsr()
+    u = sigma * np.sqrt(np.asarray(combined.multiply(combined).sum(axis=1)).ravel())
+    return np.asarray(combined @ (y - y.mean())), u
+
+
+def _attributes(
+    known: Noise, band: list[float], n_spikes: int, counts: dict[str, int]
+) -> dict[str, object]:
+    return {
+        "noise": known.sigma,
+        "noise_block": known.block,
+        "quantisation": known.step,
+        "bandwidth": band,
+        "n_spikes": n_spikes,
+        "work": json.dumps(counts),
+    }
+
+
+def _labelled(
+    displacement: xr.DataArray,
+    is_read: NDArray[np.bool_],
+    v: Array,
+    u: Array,
+    attributes: dict[str, object],
+) -> xr.DataArray:
+    """Put values back among the unread samples and name everything."""
+    full_v, full_u = np.full(len(is_read), np.nan), np.full(len(is_read), np.nan)
+    full_v[is_read], full_u[is_read] = v, u
+    u_attributes = {"units": "m/s", "long_name": "standard uncertainty of velocity"}
+    return xr.DataArray(
+        full_v,
+        dims="time",
+        coords={
+            "time": displacement["time"].copy(),
+            "u_velocity": ("time", full_u, u_attributes),
+        },
+        name="velocity",
+        attrs={"units": "m/s", "long_name": "velocity", **attributes},
+    )

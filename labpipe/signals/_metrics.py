@@ -1,0 +1,269 @@
+"""How well two curves agree: normalised error, bias, largest difference, limits of agreement.
+
+The thesis compares by eye; these are the figures that it lacks.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import binomtest, norm
+from scipy.stats import t as student
+
+from labpipe.errors import InputError
+from labpipe.signals._readings import is_constant, refuse_infinite
+
+Array = NDArray[np.float64]
+
+
+def nrmse(measured: ArrayLike, model: ArrayLike) -> float:
+    """Root-mean-square difference over the range of the measurement.
+
+    Parameters
+    ----------
+    measured, model : array (n,)
+        Of one quantity at the same places; pairs with a NaN are left out.
+
+    Returns
+    -------
+    float
+        ``sqrt(mean((measured - model)**2)) / (max(measured) - min(measured))``, dimensionless.
+
+    Raises
+    ------
+    InputError
+        Shapes differ, fewer than two pairs are finite, or the measurement does not vary.
+
+    Examples
+    --------
+    >>> nrmse([0.0, 1.0, 2.0], [0.1, 1.1, 2.1])
+    0.05
+    """
+    a, b = _pairs(measured, model)
+    extent = float(np.ptp(a))
+    if is_constant(a):
+        message = "the measurement does not vary, so an error relative to its range has no meaning"
+        raise InputError(message)
+    return round(float(np.sqrt(np.mean((a - b) ** 2)) / extent), 15)
+
+
+def _pairs(measured: ArrayLike, model: ArrayLike) -> tuple[Array, Array]:
+    a, b = np.asarray(measured, float), np.asarray(model, float)
+    if a.shape != b.shape:
+        message = f"the two curves differ in shape: {a.shape} and {b.shape}"
+        raise InputError(message)
+    refuse_infinite(a, "the first curve")
+    refuse_infinite(b, "the second curve")
+    finite = np.isfinite(a) & np.isfinite(b)
+    if np.count_nonzero(finite) < 2:
+        message = "at least two finite pairs are needed to compare two curves"
+        raise InputError(message)
+    return a[finite], b[finite]
+
+
+def compare(measured: xr.DataArray, model: xr.DataArray) -> xr.Dataset:
+    """Compare a measured curve with a model at the same times.
+
+    Parameters
+    ----------
+    measured, model : DataArray (time,)
+        Of one quantity in one unit.
+
+    Returns
+    -------
+    Dataset
+        ``residual`` (time,), measured minus model, in the unit of the measurement; scalars
+        ``nrmse`` [1] (see :func:`nrmse`), ``bias``, ``rms_error`` and ``max_error`` (the
+        difference of largest magnitude, with its sign) in that unit, ``n_compared`` [1].
+
+    Raises
+    ------
+    InputError
+        Units or times differ, or nothing can be compared.
+    """
+    units = measured.attrs.get("units", "1")
+    if model.attrs.get("units", units) != units:
+        message = f'the measurement is in "{units}", the model in "{model.attrs["units"]}"'
+        raise InputError(message)
+    if not np.array_equal(measured["time"], model["time"]):
+        message = "the two curves are given at different times; interpolate one of them first"
+        raise InputError(message)
+    refuse_infinite(np.asarray(measured["time"], float), "time")
+    a, b = _pairs(measured.values, model.values)
+    difference = a - b
+    label = measured.attrs.get("long_name", str(measured.name))
+
+    def scalar(value: float, unit: str, text: str) -> tuple[tuple[()], float, dict[str, str]]:
+        return (), value, {"units": unit, "long_name": text}
+
+    residual = np.asarray(measured.values - model.values, float)
+    largest = float(difference[np.argmax(np.abs(difference))])
+    return xr.Dataset(
+        {
+            "residual": (
+                "time", residual, {"units": units, "long_name": f"measured minus model: {label}"},
+            ),
+            "nrmse": scalar(nrmse(a, b), "1", "root-mean-square error over range of measurement"),
+            "bias": scalar(float(difference.mean()), units, "mean of measured minus model"),
+            "rms_error": scalar(
+                float(np.sqrt(np.mean(difference**2))), units, "root-mean-square error"
+            ),
+            "max_error": scalar(largest, units, "difference of largest magnitude"),
+            "n_compared": scalar(float(a.size), "1", "points compared"),
+        },
+        coords={"time": measured["time"]},
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """Agreement of two methods of measurement (Bland and Altman).
+
+    ``bias`` is the mean of first minus second, ``sd`` the standard deviation of the differences,
+    ``low`` and ``high`` the 95 % limits of agreement; each ``u_`` is a standard uncertainty.
+    ``concordance`` is Lin's coefficient.
+    """
+
+    bias: float
+    u_bias: float
+    sd: float
+    low: float
+    high: float
+    u_limit: float
+    concordance: float
+    n_effective: float
+
+    def interval(self, which: str, level: float = 0.95) -> tuple[float, float]:
+        """Confidence interval of ``"bias"``, ``"low"`` or ``"high"``."""
+        u = {"bias": self.u_bias, "low": self.u_limit, "high": self.u_limit}[which]
+        half = float(student.ppf(0.5 + 0.5 * level, max(self.n_effective - 1, 1))) * u
+        centre = float(getattr(self, which))
+        return centre - half, centre + half
+
+
+def agreement(first: ArrayLike, second: ArrayLike, n_effective: float | None = None) -> Agreement:
+    """Return bias and limits of agreement of two methods on the same quantity.
+
+    Parameters
+    ----------
+    first, second : array (n,)
+        Paired values; pairs with a NaN are left out.
+    n_effective : float, optional
+        Number of independent pairs; by default from the autocorrelation of the differences, as
+        neighbouring samples of two records err alike.
+
+    Raises
+    ------
+    InputError
+        Shapes differ or fewer than three pairs are finite.
+
+    References
+    ----------
+    Bland & Altman, Lancet 327 (1986) 307, doi:10.1016/S0140-6736(86)90837-8;
+    Lin, Biometrics 45 (1989) 255, doi:10.2307/2532051.
+    """
+    a, b = _pairs(first, second)
+    if a.size < 3:
+        message = f"limits of agreement need at least three pairs, found {a.size}"
+        raise InputError(message)
+    d = a - b
+    n = independent_count(d) if n_effective is None else float(n_effective)
+    sd = float(d.std(ddof=1))
+    # 1.96 for many pairs; wider where few are independent
+    factor = float(student.ppf(0.975, max(n - 1, 1)) * np.sqrt(1 + 1 / n))
+    spread = a.var() + b.var() + (a.mean() - b.mean()) ** 2
+    concordance = 1.0 if spread == 0 else float(2 * np.cov(a, b, ddof=0)[0, 1] / spread)
+    bias = float(d.mean())
+    return Agreement(
+        bias, sd / np.sqrt(n), sd, bias - factor * sd, bias + factor * sd,
+        sd * np.sqrt(3 / n), concordance, n,
+    )  # fmt: skip
+
+
+def determination(measured: ArrayLike, model: ArrayLike) -> float:
+    """Return R², the share of the measurement's variance that the model explains.
+
+    One minus residual over total sum of squares, about the measurement's mean; negative for a
+    model that is worse than that mean. Pairs with a NaN are left out.
+
+    Examples
+    --------
+    >>> determination([0.0, 1.0, 2.0], [0.0, 1.0, 2.0])
+    1.0
+    """
+    a, b = _pairs(measured, model)
+    if is_constant(a):
+        # The sum of squares about a rounded mean need not be zero.
+        message = "the measurement does not vary, so there is no variance to explain"
+        raise InputError(message)
+    total = float(np.sum((a - a.mean()) ** 2))
+    return 1.0 - float(np.sum((a - b) ** 2)) / total
+
+
+def coverage(
+    measured: ArrayLike, model: ArrayLike, u: ArrayLike, level: float = 0.95
+) -> tuple[float, float, float]:
+    """Count how often intervals of the stated uncertainty hold the other value.
+
+    Parameters
+    ----------
+    measured, model : array (n,)
+    u : array (n,) or float
+        Standard uncertainty of the difference, > 0.
+    level : float
+        Nominal probability of the interval.
+
+    Returns
+    -------
+    share, low, high : float
+        The share inside, and the 95 % Clopper-Pearson interval of that share for independent
+        pairs; to be compared with ``level``.
+
+    Raises
+    ------
+    InputError
+        Shapes differ, or an uncertainty is not positive.
+
+    Examples
+    --------
+    >>> coverage([0.0, 1.0, 2.0, 9.0], [0.1, 1.0, 2.1, 3.0], 0.1)[0]
+    0.75
+    """
+    a, b = np.asarray(measured, float), np.asarray(model, float)
+    spread = np.broadcast_to(np.asarray(u, float), a.shape)
+    known = np.isfinite(spread)
+    a, b = _pairs(np.where(known, a, np.nan), b)
+    spread = spread[np.isfinite(np.asarray(measured, float) - np.asarray(model, float)) & known]
+    if np.any(spread <= 0):
+        message = "an uncertainty must be positive to span an interval"
+        raise InputError(message)
+    inside = int(np.count_nonzero(np.abs(a - b) <= norm.ppf(0.5 + 0.5 * level) * spread))
+    exact = binomtest(inside, a.size).proportion_ci(0.95)
+    return inside / a.size, float(exact.low), float(exact.high)
+
+
+def independent_count(values: ArrayLike) -> float:
+    """Effective number of independent samples of a stationary series.
+
+    The autocorrelation is summed up to its first negative value, as usual for noise with memory.
+
+    Examples
+    --------
+    >>> bool(independent_count([1.0, -1.0] * 50) == 100)
+    True
+    """
+    x = np.asarray(values, float)
+    if not np.isfinite(x).all():
+        message = "independent samples are counted among finite values; leave out the others"
+        raise InputError(message)
+    x = x - x.mean()
+    power = float(x @ x)
+    if x.size < 4 or power == 0:
+        return float(x.size)
+    size = 1 << (2 * x.size - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(x, size)) ** 2
+    correlation = np.fft.irfft(spectrum, size)[: x.size] / power
+    negative = np.flatnonzero(correlation[1:] <= 0)
+    last = int(negative[0]) + 1 if negative.size else x.size
+    return float(max(1.0, x.size / (1 + 2 * correlation[1:last].sum())))

@@ -1,0 +1,419 @@
+"""Sinusoids: frequency, amplitude, phase, stiffness and lag, with uncertainties.
+
+The frequency is always fitted, never taken from a header: instruments are off by up to a per cent,
+and a lock-in at the wrong frequency turns by tens of degrees over twenty cycles.
+
+Rounding is not noise: a sinusoid that runs over the same steps again in every cycle is rounded
+alike in every cycle. Part of that error looks exactly like the sinusoid, is taken up by the fit and
+leaves nothing in the residuals. Where the step of the readings is known, its contribution is
+therefore found by rounding the fitted curve itself.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize_scalar
+
+from labpipe.errors import InputError
+from labpipe.signals._readings import checked_times, is_constant, refuse_infinite
+from labpipe.signals._residuals import parameter_covariance
+
+Array = NDArray[np.float64]
+
+_GRID = 4  # trial frequencies per 1/T in the coarse search
+_REACH = 1.2  # in 1/T: the misfit has one minimum within a line's width
+_FEWEST_PER_PARAMETER = 2
+# Places of the curve between two steps over which rounding is averaged: u is good to 9 %.
+_OFFSETS = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Sinusoid:
+    """``offset + drift s + ... + sum amplitude_k sin(2 pi k frequency s + phase_k)``.
+
+    ``s`` is the time from ``reference_time`` (the middle of the record). Amplitudes and phases are
+    those of the fundamental; ``harmonic_amplitudes`` and ``harmonic_phases`` start with it.
+    ``u_`` are standard uncertainties that account for correlated residuals. Phases in rad,
+    frequency in Hz, the rest in units of the signal (drift per s).
+    """
+
+    frequency: float
+    u_frequency: float
+    amplitude: float
+    u_amplitude: float
+    phase: float
+    u_phase: float
+    offset: float
+    u_offset: float
+    drift: float
+    u_drift: float
+    reference_time: float
+    harmonic_amplitudes: tuple[float, ...]
+    harmonic_phases: tuple[float, ...]
+    trend: tuple[float, ...]
+    residual_rms: float
+    n_cycles: float
+    n_samples: int
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """Evaluate the fitted curve."""
+        s = np.asarray(time, float) - self.reference_time
+        angle = 2 * np.pi * self.frequency * s
+        waves = zip(self.harmonic_amplitudes, self.harmonic_phases, strict=True)
+        value = np.polynomial.polynomial.polyval(s, self.trend)
+        for k, (amplitude, phase) in enumerate(waves, start=1):
+            value = value + amplitude * np.sin(k * angle + phase)
+        return np.asarray(value)
+
+
+@dataclass(frozen=True, slots=True)
+class CommonFit:
+    """Position and force at one frequency.
+
+    ``phase_lag`` (rad) is how far the force leads the position, positive for a lossy solid;
+    ``storage_stiffness`` and ``loss_stiffness`` are ``|F/x| cos`` and ``|F/x| sin`` of it (N/m).
+    """
+
+    position: Sinusoid
+    force: Sinusoid
+    phase_lag: float
+    u_phase_lag: float
+    storage_stiffness: float
+    u_storage_stiffness: float
+    loss_stiffness: float
+    u_loss_stiffness: float
+
+
+def fit_sinusoid(
+    time: ArrayLike,
+    signal: ArrayLike,
+    frequency_guess: float | None = None,
+    *,
+    harmonics: int = 3,
+    trend_order: int = 1,
+    resolution: float = 0.0,
+) -> Sinusoid:
+    """Fit a sinusoid of unknown frequency with harmonics and a slow trend.
+
+    Parameters
+    ----------
+    time : array (n,) [s]
+        Increasing, nearly even.
+    signal : array (n,)
+        NaN is left out.
+    frequency_guess : float, optional [Hz]
+        Good to about 1/T; default the strongest line of the spectrum.
+    harmonics : int
+        Number of waves, the fundamental included; those above the Nyquist frequency are left out.
+    trend_order : int
+        Degree of the polynomial trend (0 offset, 1 drift, ...).
+    resolution : float
+        Step to which the readings are rounded, in their unit; 0 where it is not known. It enters
+        the uncertainties alone.
+
+    Returns
+    -------
+    Sinusoid
+
+    Raises
+    ------
+    InputError
+        Too few readings, less than one cycle, or a signal that does not vary.
+
+    Notes
+    -----
+    Variable projection: for a trial frequency everything else is linear, so only the frequency is
+    searched; the covariance is that of all parameters together. That of rounding is the mean over
+    the places of the curve between two steps; the residuals count only as far as they exceed it.
+    For a slow sinusoid of amplitude A in steps q it tends to 0.11 q sqrt(q/A) of the amplitude,
+    however many cycles and readings there are (the Bessel series of Blachman, IEEE Trans. Commun.
+    33 (1985) 1371).
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 20.0, 0.01)
+    >>> fit = fit_sinusoid(time, 2.0 * np.sin(2 * np.pi * 0.4972 * time + 0.3) + 5.0)
+    >>> round(fit.frequency, 6), round(fit.amplitude, 6), round(fit.offset, 6)
+    (0.4972, 2.0, 5.0)
+    """
+    t, y = readings_of(time, signal)
+    reference = 0.5 * (t[0] + t[-1])
+    s = t - reference
+    span = float(t[-1] - t[0])
+    nyquist = 0.5 / float(np.median(np.diff(t)))
+    guess = strongest_line(s, y) if frequency_guess is None else float(frequency_guess)
+    if not 0.0 < guess < nyquist or guess * span < 1.0 - 1e-9:
+        message = (
+            f"a sinusoid of {guess:.6g} Hz cannot be fitted to {span:.6g} s at "
+            f"{2 * nyquist:.6g} readings per s: at least one cycle and two readings per cycle"
+        )
+        raise InputError(message)
+    n_waves = max(min(harmonics, int(0.98 * nyquist / guess)), 1)
+    n_parameters = trend_order + 2 + 2 * n_waves
+    if len(t) < _FEWEST_PER_PARAMETER * n_parameters:
+        message = f"{len(t)} readings cannot settle {n_parameters} parameters of a sinusoid"
+        raise InputError(message)
+
+    def misfit(frequency: float) -> float:
+        return float(np.sum(_linear(s, y, frequency, n_waves, trend_order)[1] ** 2))
+
+    reach = _REACH / span
+    bounds = (max(guess - reach, 0.2 * guess), min(guess + reach, nyquist))
+    if frequency_guess is not None:
+        # A guess may lie a line's width off: the best of a few trials brackets the minimum.
+        grid = np.linspace(*bounds, 4 * _GRID + 1)
+        best = int(np.argmin([misfit(f) for f in grid]))
+        bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
+    else:
+        bounds = (max(guess - 0.5 * reach, bounds[0]), min(guess + 0.5 * reach, bounds[1]))
+    tolerance = {"xatol": 1e-9 * guess}
+    found = minimize_scalar(misfit, bounds=bounds, method="bounded", options=tolerance)
+    return _described(s, y, float(found.x), n_waves, trend_order, reference, step=resolution)
+
+
+def common_fit(
+    time: ArrayLike,
+    position: ArrayLike,
+    force: ArrayLike,
+    frequency_guess: float | None = None,
+    *,
+    harmonics: int = 3,
+    trend_order: int = 2,
+    response: Callable[[float], complex] | None = None,
+    resolutions: tuple[float, float] = (0.0, 0.0),
+) -> CommonFit:
+    """Fit position and force at the position's frequency: stiffness and phase lag.
+
+    Parameters
+    ----------
+    time, position, force : array (n,) [s, m, N]
+        Compression and indentation positive. Samples where either is NaN are left out.
+    frequency_guess, harmonics, trend_order
+        As in :func:`fit_sinusoid`; the default trend leaves room for a relaxing mean force.
+    response : callable, optional
+        Complex response of the force channel at a frequency in Hz, by whose fundamental the force
+        is divided (a load cell's low-pass filter).
+    resolutions : pair of float [m, N]
+        Steps to which position and force are rounded; 0 where they are not known.
+
+    Returns
+    -------
+    CommonFit
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 20.0, 0.01)
+    >>> angle = 2 * np.pi * 0.5 * time
+    >>> fit = common_fit(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1))
+    >>> round(fit.phase_lag, 6), round(fit.storage_stiffness, 3)
+    (0.1, 19900.083)
+    """
+    t, x, load = (np.asarray(a, float) for a in (time, position, force))
+    if not t.shape == x.shape == load.shape:
+        message = f"time, position and force differ in shape: {t.shape}, {x.shape}, {load.shape}"
+        raise InputError(message)
+    refuse_infinite(x, "position")
+    refuse_infinite(load, "force")
+    both = np.isfinite(x) & np.isfinite(load)
+    t, x, load = t[both], x[both], load[both]
+    readings_of(t, load)  # a force that stands still has no phase
+    moved = fit_sinusoid(
+        t, x, frequency_guess, harmonics=harmonics, trend_order=trend_order,
+        resolution=resolutions[0],
+    )  # fmt: skip
+    s = t - moved.reference_time
+    n_waves = len(moved.harmonic_amplitudes)
+    recorded = _described(
+        s, load, moved.frequency, n_waves, trend_order, moved.reference_time, fixed=True,
+        step=resolutions[1],
+    )  # fmt: skip
+    pushed = recorded if response is None else _divided(recorded, response(moved.frequency))
+    lag = float(np.angle(np.exp(1j * (pushed.phase - moved.phase))))
+    stiffness = pushed.amplitude / moved.amplitude
+    relative, u_lag = _ratio_uncertainty(t, x - moved(t), load - recorded(t), moved, recorded)
+    cosine, sine = float(np.cos(lag)), float(np.sin(lag))
+    return CommonFit(
+        moved,
+        pushed,
+        lag,
+        u_lag,
+        stiffness * cosine,
+        stiffness * float(np.hypot(relative * cosine, u_lag * sine)),
+        stiffness * sine,
+        stiffness * float(np.hypot(relative * sine, u_lag * cosine)),
+    )
+
+
+def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Array, Array]:
+    """Return the finite readings of an oscillation, or say why there are none.
+
+    Parameters
+    ----------
+    time, signal : array (n,)
+        NaN in the signal is left out.
+
+    Raises
+    ------
+    InputError
+        Fewer than six readings, times that do not increase, infinite values, or a signal that does
+        not vary.
+    """
+    t, y = np.array(time, float), np.array(signal, float)
+    if t.ndim != 1 or t.shape != y.shape:
+        message = f"time and signal must be one-dimensional and alike: {t.shape} and {y.shape}"
+        raise InputError(message)
+    checked_times(t)
+    refuse_infinite(y, "the signal")
+    finite = np.isfinite(y)
+    t, y = t[finite], y[finite]
+    if len(t) < 6:
+        message = f"an oscillation needs 6 readings; found {len(t)}"
+        raise InputError(message)
+    if is_constant(y):
+        message = "the signal does not vary: no oscillation in it"
+        raise InputError(message)
+    return t, y
+
+
+def strongest_line(s: Array, y: Array, *, taper: bool = True) -> float:
+    """Return the frequency of the strongest spectral line, good to a fraction of 1/T.
+
+    Parameters
+    ----------
+    s, y : array (n,)
+        Times and finite readings.
+    taper : bool
+        Weigh the ends down, which tells close lines apart.
+    """
+    even = np.linspace(s[0], s[-1], len(s))
+    values = np.interp(even, s, y)
+    values = values - np.polynomial.polynomial.polyval(
+        even, np.polynomial.polynomial.polyfit(even, values, 1)
+    )
+    size = _GRID * len(s)
+    window = np.hanning(len(s)) if taper else np.ones(len(s))
+    power = np.abs(np.fft.rfft(values * window, size))
+    frequency = np.fft.rfftfreq(size, float(even[1] - even[0]))
+    possible = frequency * float(s[-1] - s[0]) >= 1.0
+    return float(frequency[possible][np.argmax(power[possible])])
+
+
+def _design(s: Array, frequency: float, n_waves: int, trend_order: int) -> Array:
+    """Columns sin, cos of every wave, then powers of the time in units of half the record."""
+    design = np.empty((2 * n_waves + trend_order + 1, len(s)))
+    fundamental = np.exp(2j * np.pi * frequency * s)
+    wave = np.ones_like(fundamental)
+    for k in range(n_waves):
+        wave = wave * fundamental
+        design[k], design[n_waves + k] = wave.imag, wave.real
+    half = max(float(s[-1]), float(-s[0]))
+    for power in range(trend_order + 1):
+        design[2 * n_waves + power] = (s / half) ** power
+    return design.T
+
+
+def _linear(
+    s: Array, y: Array, frequency: float, n_waves: int, trend_order: int
+) -> tuple[Array, Array, Array]:
+    """Coefficients, residuals and columns at a given frequency."""
+    design = _design(s, frequency, n_waves, trend_order)
+    # Waves over a cycle or more and low powers are well conditioned: normal equations suffice.
+    coefficients = np.asarray(np.linalg.solve(design.T @ design, design.T @ y))
+    return coefficients, y - design @ coefficients, design
+
+
+def _described(
+    s: Array,
+    y: Array,
+    frequency: float,
+    n_waves: int,
+    trend_order: int,
+    reference: float,
+    *,
+    fixed: bool = False,
+    step: float = 0.0,
+) -> Sinusoid:
+    """Everything about the fit at its best frequency, or at a fixed one."""
+    coefficients, left, design = _linear(s, y, frequency, n_waves, trend_order)
+    sines, cosines = coefficients[:n_waves], coefficients[n_waves : 2 * n_waves]
+    waves = np.arange(1, n_waves + 1)
+    turned = (design[:, n_waves : 2 * n_waves] * sines - design[:, :n_waves] * cosines) * waves
+    by_frequency = 2 * np.pi * s * turned.sum(axis=1)
+    jacobian = design if fixed else np.column_stack([design, by_frequency])
+    covariance = parameter_covariance(jacobian, left)
+    if step > 0.0:
+        scatter = float(left @ left) / max(len(left) - jacobian.shape[1], 1)
+        beyond = max(1.0 - step**2 / 12 / scatter, 0.0) if scatter > 0.0 else 0.0
+        covariance = beyond * covariance + _rounding_covariance(jacobian, y - left, step)
+    u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    amplitude = float(np.hypot(sines[0], cosines[0]))
+    pair = np.ix_([0, n_waves], [0, n_waves])
+    along = np.array([sines[0], cosines[0]]) / max(amplitude, np.finfo(float).tiny)
+    across = np.array([-along[1], along[0]])
+    half = max(float(s[-1]), float(-s[0]))
+    trend = coefficients[2 * n_waves :] / half ** np.arange(trend_order + 1)
+    u_trend = u[2 * n_waves : 2 * n_waves + trend_order + 1]
+    return Sinusoid(
+        frequency=frequency,
+        u_frequency=0.0 if fixed else float(u[-1]),
+        amplitude=amplitude,
+        u_amplitude=float(np.sqrt(along @ covariance[pair] @ along)),
+        phase=float(np.arctan2(cosines[0], sines[0])),
+        u_phase=float(np.sqrt(across @ covariance[pair] @ across)) / amplitude,
+        offset=float(trend[0]),
+        u_offset=float(u_trend[0]),
+        drift=float(trend[1]) if trend_order else 0.0,
+        u_drift=float(u_trend[1]) / half if trend_order else 0.0,
+        reference_time=reference,
+        harmonic_amplitudes=tuple(np.hypot(sines, cosines).tolist()),
+        harmonic_phases=tuple(np.arctan2(cosines, sines).tolist()),
+        trend=tuple(trend.tolist()),
+        residual_rms=float(np.sqrt(np.mean(left**2))),
+        n_cycles=frequency * float(s[-1] - s[0]),
+        n_samples=len(s),
+    )
+
+
+def _rounding_covariance(jacobian: Array, curve: Array, step: float) -> Array:
+    """Covariance of the parameters when the curve is rounded to steps, wherever these lie."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    columns = jacobian / np.where(scale > 0, scale, 1.0)
+    moved = np.empty((jacobian.shape[1], _OFFSETS))
+    for k in range(_OFFSETS):
+        shifted = curve + step * (k + 0.5) / _OFFSETS
+        moved[:, k] = columns.T @ (step * np.round(shifted / step) - shifted)
+    moved = np.linalg.solve(columns.T @ columns, moved) / scale[:, None]
+    return np.asarray(moved @ moved.T) / _OFFSETS
+
+
+def _ratio_uncertainty(
+    t: Array, x_left: Array, force_left: Array, position: Sinusoid, force: Sinusoid
+) -> tuple[float, float]:
+    """Relative uncertainty of the amplitudes' ratio, and uncertainty of the phase lag.
+
+    An uneven stage moves force and position alike; only what the force does beyond following the
+    position, delayed by the lag, makes their ratio uncertain.
+    """
+    omega = 2 * np.pi * position.frequency
+    lag = float(np.angle(np.exp(1j * (force.phase - position.phase))))
+    followed = np.interp(t + lag / omega, t, x_left)
+    own = force_left / force.amplitude - followed / position.amplitude
+    angle = omega * (t - position.reference_time) + force.phase
+    jacobian = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(t)])
+    covariance = parameter_covariance(jacobian, own)
+    return float(np.sqrt(covariance[0, 0])), float(np.sqrt(covariance[1, 1]))
+
+
+def _divided(fit: Sinusoid, factor: complex) -> Sinusoid:
+    """Undo a channel's response at the fundamental."""
+    gain, turn = abs(factor), float(np.angle(factor))
+    return replace(
+        fit,
+        amplitude=fit.amplitude / gain,
+        u_amplitude=fit.u_amplitude / gain,
+        phase=fit.phase - turn,
+        harmonic_amplitudes=(fit.amplitude / gain, *fit.harmonic_amplitudes[1:]),
+        harmonic_phases=(fit.phase - turn, *fit.harmonic_phases[1:]),
+    )

@@ -1,0 +1,271 @@
+"""The free ringing after a blow: where it begins, how long it lasts, and its damped oscillation.
+
+A plate that is struck moves with the blow, rings freely, and is struck again by the next bounce.
+Only the free stretch is one damped oscillation, and nothing in the record says where it ends. It
+is found by prediction: a stretch grows, block by block, as long as the oscillation fitted so far
+foretells the next block to within the noise.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from labpipe.errors import InputError
+from labpipe.signals._noise import difference_sigma
+from labpipe.signals._oscillation import readings_of, strongest_line
+from labpipe.signals._readings import LEAST
+from labpipe.signals._vibration import Damped, damped_oscillation
+
+Array = NDArray[np.float64]
+
+_QUIET = 0.05  # of the record's beginning that is at rest before anything happens
+_WANDERING = 3.0  # times the noise, a spread of the beginning that is motion
+_ONSET = 6.0  # standard uncertainties of a block's mean that are a motion
+_ONSET_READINGS = 8  # in such a block
+_BLOCK_READINGS = 16  # of the blocks by which a stretch grows
+_SURE = 4.0  # standard deviations of a block's mean square that end a stretch
+_SEED_CYCLES = 1.75  # in the stretch from which to grow
+_REFIT_GROWTH = 1.5  # of the stretch after which it is fitted again
+_LARGE = 3.0  # amplitudes over noise below which there is no ringing to speak of
+
+
+@dataclass(frozen=True, slots=True)
+class Ringing:
+    """A blow and the free ringing after it.
+
+    ``onset_time`` is when the motion is first seen. ``blow_time`` is when a blow of no duration
+    would have started the same ringing: the instant before the free stretch at which the fitted
+    oscillation leaves its rest position in the direction of the blow. ``fit`` states amplitude
+    and phase there. ``free_from`` and ``free_to`` bound the stretch; ``chi_square`` is the scatter
+    about the fit over the noise, squared. ``direction`` is that of the blow.
+    """
+
+    onset_time: float
+    blow_time: float
+    u_blow_time: float
+    free_from: float
+    free_to: float
+    fit: Damped
+    chi_square: float
+    noise: float
+    direction: int
+
+
+def ringing(
+    time: ArrayLike,
+    signal: ArrayLike,
+    *,
+    longest_blow: float,
+    shortest_pause: float,
+    direction: int = -1,
+    noise: float | None = None,
+) -> Ringing:
+    """Find the first blow in a record and fit the free ringing that follows.
+
+    Parameters
+    ----------
+    time : array (n,) [s]
+        Evenly sampled; the beginning is at rest.
+    signal : array (n,) [m]
+        Displacement; NaN is left out.
+    longest_blow : float [s]
+        No contact lasts longer.
+    shortest_pause : float [s]
+        No second blow comes sooner after the onset.
+    direction : {-1, 1}
+        Sign of the motion into which the blow pushes.
+    noise : float, optional [m]
+        Standard deviation of white noise; default estimated from the quiet beginning.
+
+    Returns
+    -------
+    Ringing
+
+    Raises
+    ------
+    InputError
+        Nothing moves, or what moves is not a free ringing.
+
+    Examples
+    --------
+    >>> t = np.arange(0.0, 0.1, 5e-5)
+    >>> s = np.maximum(t - 0.02, 0.0)
+    >>> ring = -5e-6 * np.exp(-0.03 * 1130 * s) * np.sin(1130 * s) * (t > 0.02)
+    >>> noisy = ring + 1e-7 * np.random.default_rng(1).standard_normal(t.size)
+    >>> found = ringing(t, noisy, longest_blow=3e-3, shortest_pause=15e-3)
+    >>> round(found.fit.amplitude * 1e6, 1), round(found.blow_time, 4)
+    (5.0, 0.02)
+    """
+    if direction not in (-1, 1):
+        message = f"direction must be 1 or -1, found {direction}"
+        raise InputError(message)
+    if not 0.0 < longest_blow < shortest_pause:
+        message = (
+            f"the longest blow ({longest_blow:g} s) must be positive and end before the shortest "
+            f"pause ({shortest_pause:g} s)"
+        )
+        raise InputError(message)
+    t, y = readings_of(time, signal)
+    if len(t) < 8 * _ONSET_READINGS:
+        message = f"a ringing needs {8 * _ONSET_READINGS} readings; found {len(t)}"
+        raise InputError(message)
+    quiet = y[: max(int(_QUIET * len(y)), 4 * _ONSET_READINGS)]
+    white, spread = difference_sigma(quiet), float(np.std(quiet))
+    least = white if noise is None else max(white, noise)
+    if not (np.isfinite(least) and least > LEAST):
+        message = (
+            "neighbouring readings of the beginning do not differ (constant, or displayed too "
+            "coarsely): the noise must be given"
+        )
+        raise InputError(message)
+    if spread > _WANDERING * least:
+        message = (
+            f"the record begins in motion: its first {t[len(quiet) - 1] - t[0]:.3g} s spread by "
+            f"{spread:.2g} m with a noise of {least:.2g} m; it must begin at rest, before the blow"
+        )
+        raise InputError(message)
+    sigma = noise if noise is not None else max(white, spread)
+    y = y - float(np.mean(quiet))
+    onset = _onset(t, y, sigma)
+    inside = _seed(t, y, onset, longest_blow, shortest_pause)
+    fit = _grown(t, y, sigma, inside)
+    stretch = slice(*fit)
+    free = damped_oscillation(t[stretch], y[stretch])
+    blow = _blow_time(free, float(t[onset]), longest_blow, direction)
+    stated = _with_choice(t, y, stretch, free.frequency, blow)
+    if stated.amplitude < _LARGE * sigma:
+        message = (
+            f"the ringing ({stated.amplitude:.2g} m) is not larger than the noise ({sigma:.2g} m): "
+            "nothing can be said of it; drop from higher, or bring the sensor nearer"
+        )
+        raise InputError(message)
+    return Ringing(
+        onset_time=float(t[onset]),
+        blow_time=blow,
+        u_blow_time=stated.u_phase / (2 * np.pi * stated.frequency),
+        free_from=float(t[stretch.start]),
+        free_to=float(t[stretch.stop - 1]),
+        fit=stated,
+        chi_square=(stated.residual_rms / sigma) ** 2,
+        noise=sigma,
+        direction=direction,
+    )
+
+
+def _with_choice(t: Array, y: Array, stretch: slice, frequency: float, blow: float) -> Damped:
+    """Fit the stretch; the uncertainties hold what other ends of it would have changed."""
+    half = _BLOCK_READINGS // 2
+    others = (
+        slice(stretch.start + half, stretch.stop),
+        slice(stretch.start, stretch.stop - _BLOCK_READINGS),
+    )
+    fits = [damped_oscillation(t[s], y[s], frequency, blow) for s in (stretch, *others)]
+    fit = fits[0]
+
+    def widened(name: str) -> float:
+        changes = [getattr(other, name) - getattr(fit, name) for other in fits[1:]]
+        return float(np.hypot(getattr(fit, f"u_{name}"), np.linalg.norm(changes)))
+
+    return replace(
+        fit,
+        u_frequency=widened("frequency"),
+        u_damping_ratio=widened("damping_ratio"),
+        u_amplitude=widened("amplitude"),
+    )
+
+
+def _onset(t: Array, y: Array, sigma: float) -> int:
+    """First reading of the first two blocks in a row that have moved."""
+    count = len(y) // _ONSET_READINGS
+    means = y[: count * _ONSET_READINGS].reshape(count, -1).mean(axis=1)
+    has_moved = np.abs(means) > _ONSET * sigma / np.sqrt(_ONSET_READINGS)
+    found = np.flatnonzero(has_moved[:-1] & has_moved[1:])
+    if not len(found):
+        message = (
+            f"nothing moves in this record of {t[-1] - t[0]:.3g} s: no reading leaves the rest "
+            f"position by more than the noise of {sigma:.2g} m"
+        )
+        raise InputError(message)
+    return int(found[0]) * _ONSET_READINGS
+
+
+def _seed(
+    t: Array, y: Array, onset: int, longest_blow: float, shortest_pause: float
+) -> tuple[int, int]:
+    """Stretch that is certainly free: after the longest blow, before the shortest pause."""
+    low, high = np.searchsorted(t, t[onset] + np.array([longest_blow, shortest_pause]))
+    if high >= len(t):
+        message = (
+            f"the record ends {t[-1] - t[onset]:.3g} s after the blow; it must last for the "
+            f"shortest pause, {shortest_pause:.3g} s"
+        )
+        raise InputError(message)
+    if high - low < _ONSET_READINGS:
+        message = (
+            f"{high - low} readings lie between the longest blow and the shortest pause after "
+            f"{t[onset]:.6g} s; at least {_ONSET_READINGS} are needed"
+        )
+        raise InputError(message)
+    s = t[low:high] - t[low]
+    frequency = strongest_line(s, y[low:high], taper=False)
+    if frequency * s[-1] < _SEED_CYCLES:
+        message = (
+            f"between the longest blow and the shortest pause lie {frequency * s[-1]:.2g} cycles "
+            f"of {frequency:.4g} Hz; at least {_SEED_CYCLES} are needed: lengthen shortest_pause "
+            "if the bounces allow it"
+        )
+        raise InputError(message)
+    return int(low), int(high)
+
+
+def _grown(t: Array, y: Array, sigma: float, seed: tuple[int, int]) -> tuple[int, int]:
+    """Grow the seed to both sides while the fit foretells the next block; give a block back.
+
+    The blow fades out like the force of a contact, below the noise before it ends: towards it two
+    half blocks are given back.
+    """
+    low, high = seed
+    foretold = _Foretelling(t, y, sigma)
+    while high + _BLOCK_READINGS <= len(t):
+        if not foretold((low, high), slice(high, high + _BLOCK_READINGS)):
+            high = max(seed[1], high - _BLOCK_READINGS)
+            break
+        high += _BLOCK_READINGS
+    half = _BLOCK_READINGS // 2
+    while low - half >= 0:
+        if not foretold((low, high), slice(low - half, low)):
+            low = min(seed[0], low + 2 * half)
+            break
+        low -= half
+    return low, high
+
+
+class _Foretelling:
+    """Foretell a block from a stretch; fit again only when the stretch has grown much."""
+
+    def __init__(self, t: Array, y: Array, sigma: float) -> None:
+        self.t, self.y, self.sigma = t, y, sigma
+        self.fit: Damped | None = None
+        self.size = 0
+
+    def __call__(self, known: tuple[int, int], block: slice) -> bool:
+        """Say whether the block is what the stretch ``known`` leads to expect."""
+        size = known[1] - known[0]
+        if self.fit is None or size > _REFIT_GROWTH * self.size:
+            stretch = slice(*known)
+            self.fit = damped_oscillation(self.t[stretch], self.y[stretch])
+            self.size = size
+        left = self.y[block] - self.fit.at(self.t[block])
+        limit = 1.0 + _SURE * np.sqrt(2.0 / left.size)
+        scale = max(self.sigma, self.fit.residual_rms)
+        return float(np.mean(left**2)) < limit * scale**2
+
+
+def _blow_time(fit: Damped, onset: float, longest_blow: float, direction: int) -> float:
+    """Instant nearest to the middle of the blow at which the fit leaves rest as the blow pushes."""
+    wanted = 0.0 if direction > 0 else np.pi
+    period = 1.0 / fit.frequency
+    at = fit.start_time + (wanted - fit.phase) / (2 * np.pi) * period
+    middle = onset + 0.25 * longest_blow
+    return float(at + np.round((middle - at) / period) * period)
