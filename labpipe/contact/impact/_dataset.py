@@ -21,10 +21,6 @@ from labpipe.contact.impact._trajectory import (
     record_columns,
 )
 from labpipe.contact.memory import Array, Condensed
-from labpipe.errors import LabpipeError
-
-# Average acceleration conserves energy to rounding; more than this is a defect of the program.
-_IDENTITY_LIMIT = 1e-10
 
 # Maps reach so far beyond the largest contact radius, with so many points.
 _MAP_REACH, _MAP_POINTS = 1.25, 201
@@ -127,11 +123,6 @@ def dataset(
         Of the first impact on a rigid substrate, when there is a plate.
     seconds : float
         Wall time so far.
-
-    Raises
-    ------
-    LabpipeError
-        The energy identity does not hold: a defect of the program.
     """
     natural = columns(run.segments, run.body, None)
     natural_ledger = _ledger(natural, setting)
@@ -292,10 +283,10 @@ def _ledger(values: Columns, setting: Setting) -> dict[str, Array]:
 def _identity_error(
     run: DropRun, values: Columns, ledger: dict[str, Array], setting: Setting
 ) -> float:
-    """Check that what the discretisation mislaid is the trapezoid of the force less the work.
+    """How far what the discretisation mislaid is from the trapezoid of the force less the work.
 
-    Returns the largest deviation relative to the energy of the drop. It is checked up to rest,
-    where the motion has no inertia any more.
+    The largest deviation relative to the energy of the drop, up to rest, where the motion has no
+    inertia any more; average acceleration leaves rounding.
     """
     scale = _energy_scale(values, setting)
     stop = run.rest_start if run.rest_start == run.rest_start else np.inf
@@ -303,11 +294,7 @@ def _identity_error(
     step = 0.5 * (values.force[1:] + values.force[:-1]) * np.diff(values.approach)
     trapezoid = np.concatenate([[0.0], np.cumsum(step)])
     deviation = np.abs(trapezoid - values.spring_work - ledger["numerical_energy"])[moving]
-    error = float(deviation.max()) / scale
-    if not error < _IDENTITY_LIMIT:
-        message = f"the energy identity fails by {error:.2g} of the drop's energy"
-        raise LabpipeError(message)
-    return error
+    return float(deviation.max()) / scale
 
 
 def _series(values: Columns, ledger: dict[str, Array], *, has_plate: bool) -> dict[str, Array]:

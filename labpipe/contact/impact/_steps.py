@@ -248,38 +248,44 @@ def _newton(block: Block, target: float, softness: float, approach: float, count
 
 @compiled()
 def free_motion(now: Motion, rules: Rules, dt: float) -> tuple[float, float, float, float]:
-    """Position of the sphere, and of the plate, after a step without force; answers to one.
-
-    Both by average acceleration; see :mod:`._plate` for the plate's equation.
-    """
+    """Position of the sphere, and of the plate, after a step without force; answers to one."""
     quarter = 0.25 * dt * dt
     position = now.position + dt * now.velocity + quarter * (now.acceleration + rules.gravity)
     answer = quarter / rules.mass
     if rules.plate_mass == 0.0:
         return position, answer, 0.0, 0.0
-    inertia = 4.0 * rules.plate_mass / dt**2
-    drag = 2.0 * rules.plate_damping / dt
-    effective = inertia + drag + rules.plate_stiffness
-    push = (
-        inertia * (now.plate_displacement + dt * now.plate_velocity)
-        + rules.plate_mass * now.plate_acceleration
-        + drag * now.plate_displacement
-        + rules.plate_damping * now.plate_velocity
-    )
-    return position, answer, push / effective, 1.0 / effective
+    reached, acceleration, inertia = _free_plate(now, rules, dt)
+    return position, answer, reached + quarter * acceleration, quarter / inertia
 
 
 @compiled()
-def _move_plate(now: Motion, rules: Rules, dt: float, displacement: float) -> None:
+def _free_plate(now: Motion, rules: Rules, dt: float) -> tuple[float, float, float]:
+    """Average acceleration of ``m u'' + c u' + k u = F``: what a step finds without force.
+
+    Returns the displacement without the new acceleration's part, that acceleration, and the force
+    per acceleration. The acceleration is solved for, not the displacement: no digit is lost in a
+    short step.
+    """
+    quarter = 0.25 * dt * dt
+    half_way = now.plate_velocity + 0.5 * dt * now.plate_acceleration
+    reached = now.plate_displacement + dt * now.plate_velocity + quarter * now.plate_acceleration
+    inertia = rules.plate_mass + 0.5 * dt * rules.plate_damping + quarter * rules.plate_stiffness
+    pull = rules.plate_damping * half_way + rules.plate_stiffness * reached
+    return reached, -pull / inertia, inertia
+
+
+@compiled()
+def _move_plate(now: Motion, rules: Rules, dt: float, push: float) -> None:
     """Bring the plate to the end of a step, and count what its dashpot took."""
     if rules.plate_mass == 0.0:
         return
-    moved = displacement - now.plate_displacement
-    velocity = 2.0 * moved / dt - now.plate_velocity
-    pull = rules.plate_damping * velocity + rules.plate_stiffness * displacement
-    now.plate_loss += rules.plate_damping * moved**2 / dt
-    now.plate_displacement, now.plate_velocity = displacement, velocity
-    now.plate_acceleration = (now.force - pull) / rules.plate_mass
+    reached, free, inertia = _free_plate(now, rules, dt)
+    acceleration = free + push / inertia
+    mean = now.plate_velocity + 0.25 * dt * (now.plate_acceleration + acceleration)
+    now.plate_loss += rules.plate_damping * mean**2 * dt
+    now.plate_displacement = reached + 0.25 * dt * dt * acceleration
+    now.plate_velocity += 0.5 * dt * (now.plate_acceleration + acceleration)
+    now.plate_acceleration = acceleration
 
 
 @compiled()
@@ -349,10 +355,10 @@ def one_step(
         return REJECTED
     if not _move_on(now, rules, table, i, block, approach):
         return ANNULAR
+    _move_plate(now, rules, dt, push)
     pace.acceleration_before, pace.dt_before = now.acceleration, dt
     now.velocity += 0.5 * dt * (now.acceleration + acceleration)
     now.acceleration, now.force, now.position = acceleration, push, free - answer * push
-    _move_plate(now, rules, dt, plate + plate_answer * push)
     counts.solver_steps += 1
     pace.dt = dt * (_GROWTH if error <= 0.0 else min(_GROWTH, _SAFETY * error ** (-1.0 / 3.0)))
     return ACCEPTED
