@@ -105,7 +105,7 @@ def keyence(
     decimals = decimals * len(outputs) if len(decimals) == 1 else decimals
     laser.check_units(units)
     setup = laser.Setup(outputs, decimals, units, interval, model)
-    timeout = max(1.0, 2 * interval)
+    timeout = min(max(1.0, 2 * interval), patience)
 
     def connect() -> laser.Connection:
         return laser.Connection(protocol, host, port or laser.LK_PORT, outputs, timeout)

@@ -14,12 +14,9 @@ import logging
 from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from importlib.metadata import version
-from importlib.resources import files as package_files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import labpipe
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
 from labpipe.workflow.code import Code
