@@ -234,9 +234,8 @@ def _texts(nodes: Iterable[ast.AST]) -> set[str]:
 
 
 def _text(node: ast.AST | None) -> str | None:
-    if isinstance(node, ast.Constant) and isinstance(node.value, str):
-        return node.value
-    return None
+    value = node.value if isinstance(node, ast.Constant) else None
+    return value if isinstance(value, str) else None
 
 
 def _tables(body: Iterable[ast.stmt]) -> dict[str, str]:
@@ -634,7 +633,7 @@ class Code:
         label = " ".join(functions)
         if label not in self._known:
             tops = {name.partition(":")[0].partition(".")[0] for name in functions}
-            reached = _Reached(self, {*OURS, *tops})
+            reached = Reached(self, {*OURS, *tops})
             reached.follow(functions)
             self._known[label] = [reached.digests(), sorted(reached.libraries)]
             self._is_new = True
@@ -751,7 +750,7 @@ def _version(top: str) -> str | None:
     return None
 
 
-class _Reached:
+class Reached:
     """What has been reached so far."""
 
     def __init__(self, code: Code, ours: set[str]) -> None:
