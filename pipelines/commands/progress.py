@@ -32,9 +32,11 @@ def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]"
         total: Counter[Path] = Counter()
 
         def show(event: "Event") -> None:
+            if event.kind == "planned":
+                bar.console.print(escape(f"{event.session.name}: {event.message}"), highlight=False)
             one = event.session
             # What was kept took no time; counted as work it would promise an end too soon.
-            cached[one] += event.kind == "cached"
+            cached[one] += event.kind in ("cached", "kept")
             done[one], total[one] = event.done - cached[one], event.total - cached[one]
             text = escape(f"{event.task.experiment}: {event.task.stage}")
             if len(total) > 1:

@@ -16,6 +16,7 @@ from pipelines.commands.options import (
     echo_json,
     jobs_option,
     json_option,
+    keep_option,
     session_argument,
 )
 from pipelines.session import PAGE
@@ -114,9 +115,15 @@ _FULL = click.option("--full", is_flag=True, help="Without shortcuts; reads and 
 @_TO
 @_ONLY
 @_FULL
+@keep_option
 @json_option
 def plan(
-    session: Path, targets: tuple[str, ...], only: tuple[str, ...], full: bool, as_json: bool
+    session: Path,
+    targets: tuple[str, ...],
+    only: tuple[str, ...],
+    full: bool,
+    keep: bool,
+    as_json: bool,
 ) -> None:
     r"""Say what `process` would run, and why; nothing is computed.
 
@@ -126,11 +133,11 @@ def plan(
     """
     from pipelines import process as verbs
 
-    made = verbs.plan(session, _split(targets), _split(only), full=full)
+    made = verbs.plan(session, _split(targets), _split(only), full=full, keep=keep)
     if as_json:
         names = ("experiment", "stage", "recording", "state", "reason")
         rows = [{n: getattr(row, n) for n in names} for row in made.rows]
-        echo_json({"rows": rows, "to_run": len(made.to_run)})
+        echo_json({"rows": rows, "to_run": len(made.to_run), "estimate": made.estimate})
         return
     experiment = None
     for row in made.rows:
@@ -139,7 +146,7 @@ def plan(
             echo(f"\n{experiment} ({made.session.experiments[experiment].kind})")
         name = row.stage if row.recording is None else f"{row.stage} [{row.recording}]"
         echo(f"  {row.state:{_STATE_WIDTH}}{name:44} {row.reason}")
-    echo(f"\n{len(made.to_run)} of {len(made.rows)} steps would run")
+    echo(f"\n{made.summary}")
 
 
 @click.command()
@@ -148,6 +155,7 @@ def plan(
 @_TO
 @_ONLY
 @_FULL
+@keep_option
 @jobs_option
 @cluster_option
 @click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
@@ -157,6 +165,7 @@ def process(
     targets: tuple[str, ...],
     only: tuple[str, ...],
     full: bool,
+    keep: bool,
     jobs: int,
     cluster: str | None,
     fail_fast: bool,
@@ -179,7 +188,7 @@ def process(
     with watching(enabled=not as_json) as progress:
         ended = dict(verbs.process_all(
             folders, _split(targets), _split(only), jobs=jobs, cluster=cluster,
-            full=full, fail_fast=fail_fast, progress=progress,
+            full=full, keep=keep, fail_fast=fail_fast, progress=progress,
         ))  # fmt: skip
     if len(folders) == 1 and isinstance(error := ended[folders[0]], LabpipeError):
         raise error
