@@ -34,6 +34,7 @@ GROUND = {
     "compilation",
     "uncertainty",
     "plugins",
+    "installation",
 }
 BELOW = {
     "signals": set(),
