@@ -210,4 +210,6 @@ def test_heat_of_a_dashpot_is_the_integral_of_the_load_squared() -> None:
     state = SimpleNamespace(answer=answer, memory=np.zeros((1, march.contact.size)))
     heat = march._heat(0.5, state, new, hold=False)
     one = march.contact.inner(np.ones_like(old), np.ones_like(old))
-    assert heat == pytest.approx(creep.fluidity * 0.5 * (9.0 - 3.0 + 1.0) / 3.0 * float(one))
+    assert heat == pytest.approx(
+        creep.fluidity * 0.5 * (9.0 - 3.0 + 1.0) / 3.0 * float(one), rel=1e-6, abs=0.0
+    )
