@@ -19,7 +19,7 @@ _STAGES = (
         ("tracking", "frame_rate"),
         shortcuts=True,
         imports=("labpipe.imaging.dic._tracker",),
-        summary="follow the holder through the film",
+        summary="track the holder through the film",
     ),
     Stage(
         "motion", "pipelines.experiments.dic_validation.measured:motion", 1,
@@ -35,12 +35,12 @@ _STAGES = (
         "velocity", "pipelines.experiments.dic_validation.measured:velocity", 1,
         ("motion", "bounces"),
         schema="velocity",
-        summary="differentiate, not blunting the impacts",
+        summary="differentiate, without smoothing the impacts",
     ),
     Stage(
         "keys", "pipelines.experiments.dic_validation.measured:keys", 2,
         ("file:film", "track", "bounces"), ("frame_rate",),
-        summary="copy key frames for the page",
+        summary="select key frames for the page",
     ),
     Stage(
         "comparison", "pipelines.experiments.dic_validation.comparison:comparison", 1,

@@ -32,7 +32,7 @@ _STAGES = (
     Stage(
         "sweeps", "pipelines.experiments.dma.measured:gathered", 1,
         ("readings",), ("mode", "nu", "sweeps"), schema="sweeps",
-        summary="gather isothermal sweeps, in tension",
+        summary="collect isothermal sweeps, converted to tension",
     ),
     Stage(
         "master_curve", "pipelines.experiments.dma.model:master_curve", 5,

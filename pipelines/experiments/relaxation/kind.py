@@ -57,7 +57,7 @@ _STAGES = (
     Stage(
         "tests", "pipelines.experiments.relaxation.gathered:tests", 1,
         ("ramps", "curves", "comparison"), ("mach1",), schema="relaxations",
-        summary="gather the tests, average the modulus",
+        summary="combine the tests, average the modulus",
     ),
     Stage(
         "report", "pipelines.experiments.relaxation.page:page", 6,

@@ -42,7 +42,7 @@ def body(sphere: given.Sphere) -> tuple[dict[str, str], list[Parameter]]:
     """Return mass and radius of a sphere; equal spheres are one."""
     names, unknowns = {}, []
     for role, stated, text in (
-        ("mass", sphere.mass, "mass that moves"),
+        ("mass", sphere.mass, "moving mass"),
         ("radius", sphere.radius, "radius of the sphere"),
     ):
         if stated.u > 0.0:

@@ -189,7 +189,7 @@ def clock(loads: xr.Dataset) -> Array:
     starts = []
     for block in blocks(loads):
         if not block.get("start"):
-            message = "a block without a start time cannot be put into the history of the test"
+            message = "a block without a start time cannot be placed in the history of the test"
             raise InputError(message)
         starts.append(datetime.fromisoformat(block["start"]))
     since = np.array([(s - starts[0]).total_seconds() for s in starts])

@@ -30,7 +30,7 @@ _STAGES = (
     Stage(
         "steps", "pipelines.experiments.static_loading.load_steps:steps", 4, ("displacement",),
         ("loads", "sphere.radius", "zero", "steps", "model.gravity"), schema="steps",
-        summary="find the loads' times and first touch; creep compliance",
+        summary="find load times and first touch; creep compliance",
     ),
     Stage(
         "approach", "pipelines.experiments.static_loading.measured:approach", 1,
@@ -60,7 +60,7 @@ _STAGES = (
 KIND = Kind(
     name="static_loading",
     title="Static loading",
-    summary="a sphere under growing loads, seen by the laser",
+    summary="a sphere under increasing loads, measured by laser",
     settings=StaticLoading,
     stages=_STAGES,
     schemas=(DISPLACEMENT, _STEPS),

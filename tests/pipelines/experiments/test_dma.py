@@ -234,9 +234,10 @@ def test_a_session_is_processed_to_a_page_with_every_section(session):
     result = process(session, jobs=0)
     assert not result.failures
     page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
-    for title in ("Master curve", "Shift factors", "Spectrum", "Do both moduli belong together?",
+    for title in ("Master curve", "Shift factors", "Spectrum",
+                  "Consistency of storage and loss modulus",
                   "Residuals by temperature", "Temperature sweep", "For Abaqus",
-                  "Methods, to paste", "synthetic data"):  # fmt: skip
+                  "Methods text, to paste", "synthetic data"):  # fmt: skip
         assert title in page
 
 
