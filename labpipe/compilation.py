@@ -1,4 +1,4 @@
-"""Compile the image kernels, and keep the machine code where the machine allows it."""
+"""Compile the image kernels with numba, and cache the machine code where possible."""
 
 import warnings
 from collections.abc import Callable

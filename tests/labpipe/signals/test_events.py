@@ -142,7 +142,7 @@ def test_contact_hidden_in_a_gap_is_uncertain_by_the_gap(lossy):
 
 
 def test_time_that_is_no_number_has_no_phase(lossy):
-    with pytest.raises(InputError, match="belongs to no phase"):
+    with pytest.raises(InputError, match="a time is NaN"):
         phases(lossy[2], xr.DataArray([0.0, np.nan], dims="time"))
 
 
