@@ -170,8 +170,8 @@ def bounces(
     for number, impact in enumerate(impacts, 1):
         if impact.unread is not None:
             text = (
-                f"impact {number}: nothing was read from {impact.unread[0]:.6g} to "
-                f"{impact.unread[1]:.6g} s, where the body touched; its times, speeds and "
+                f"impact {number}: no valid readings from {impact.unread[0]:.6g} to "
+                f"{impact.unread[1]:.6g} s, during the contact; its times, speeds and "
                 "restitution are uncertain by that gap"
             )
             warnings.warn(text, UserWarning, stacklevel=2)
@@ -286,7 +286,7 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> xr.Dataset:
         u_attributes = {"units": unit, "long_name": f"standard uncertainty of {label}"}
         result[f"u_{name}"] = ("impact", pairs[:, 1], u_attributes)
         if name in _SHARED:
-            text = f"standard uncertainty of {label} that repeats share, shape of the pulse"
+            text = f"standard uncertainty of {label} common to all repeats, from the pulse shape"
             attributes = {"units": unit, "long_name": text}
             result[f"shared_u_{name}"] = ("impact", pairs[:, 2], attributes)
     chi_square = [impact.chi_square for impact in impacts]

@@ -192,8 +192,10 @@ def self_heating(
     dataset = xr.Dataset(
         {n: ("impact", v, {"units": "K", "long_name": text}) for n, (v, text) in columns.items()}
     )
-    label = {"units": "1", "long_name": "relative change of |E*| by the temperature rise after "
-                                        "the impact"}
+    label = {
+        "units": "1",
+        "long_name": "relative change of |E*| by the temperature rise after the impact",
+    }
     dataset["modulus_change"] = ("impact", changes, label)
     return Heating(
         dataset, float(bulk.max()), float(surface.max()), float(train.max()),
