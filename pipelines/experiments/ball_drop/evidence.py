@@ -1,4 +1,4 @@
-"""Bounces that a laser timed, as evidence on the sphere's material."""
+"""Bounces measured by laser, as data for identification."""
 
 from collections.abc import Sequence
 from pathlib import Path

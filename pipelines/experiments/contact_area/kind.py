@@ -1,4 +1,4 @@
-"""The kind ``contact_area``: what a session and every verb know of it."""
+"""The kind ``contact_area``: its settings, stages and results."""
 
 from labpipe.workflow.graph import Stage
 from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal

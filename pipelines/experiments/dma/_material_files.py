@@ -1,4 +1,4 @@
-"""Materials as texts for other programs: ANSYS, Abaqus, JSON; with the fewest terms that serve."""
+"""Materials as texts for other programs: ANSYS, Abaqus, JSON; reduced in terms."""
 
 import json
 from dataclasses import dataclass

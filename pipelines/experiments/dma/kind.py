@@ -1,4 +1,4 @@
-"""The kind ``dma``: what a session and every verb know of it."""
+"""The kind ``dma``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage

@@ -1,4 +1,4 @@
-"""What a plate vibration compares: the ringing after a blow, and its amplitude."""
+"""Comparison of a plate vibration with the model: the vibration after an impact, its amplitude."""
 
 from collections.abc import Iterator
 from typing import Any

@@ -1,4 +1,4 @@
-"""A reported quantity as a formula of its uncertain inputs, and what formulas share.
+"""A reported quantity as a formula of its uncertain inputs, and helpers for such formulas.
 
 Every budget is asked about the same inputs (:data:`ASKED`): each acts, by a row of the budget, or
 the page says why it does not. Nothing stands twice: what readings show of themselves is the noise,

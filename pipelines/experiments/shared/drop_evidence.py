@@ -1,4 +1,4 @@
-"""What a dropped sphere leaves unknown beside its material, seen by a laser or in a film."""
+"""Nuisance parameters of a dropped sphere, measured by laser or in a film."""
 
 from pathlib import Path
 from typing import Protocol

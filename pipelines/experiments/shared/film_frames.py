@@ -1,4 +1,4 @@
-"""What the experiments with films share: opening one, its day, key frames."""
+"""Films in experiments: opening, recording date, key frames."""
 
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass

@@ -1,4 +1,4 @@
-"""What the experiments on a Mach-1 tester share: blocks of a file, force, contact, histories."""
+"""Mach-1 files in experiments: blocks, force, contact, histories."""
 
 import json
 import warnings

@@ -1,4 +1,4 @@
-"""Ramps and holds of a Mach-1 file: where they lie, and what the force did in them."""
+"""Ramps and holds of a Mach-1 file: their intervals, peak and plateau forces."""
 
 import json
 import warnings

@@ -1,4 +1,4 @@
-"""The kind ``static_loading``: what a session and every verb know of it."""
+"""The kind ``static_loading``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage

@@ -1,4 +1,4 @@
-"""When the loads of a static loading were put on, and where the sphere first touched.
+"""Load times of a static loading, and the position of first touch.
 
 Under loads that are only added to the contact only grows, and Lee and Radok's form is exact,
 
