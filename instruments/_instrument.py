@@ -146,7 +146,7 @@ def _loaded(target: str) -> Callable[..., Any]:
     return function
 
 
-def lazily(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
+def lazily(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
     """Return a ``__getattr__`` for a face, which loads the module of a name on its first use.
 
     Parameters
@@ -154,15 +154,15 @@ def lazily(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str]
     package : str
         The face's ``__name__``.
     homes : mapping
-        Inner module to the public names that it defines.
+        Public name to the inner module that defines it.
     """
-    home = {name: module for module, names in homes.items() for name in names}
 
     def load(name: str) -> Any:
-        if name not in home:
+        if name not in homes:
             message = f"module {package!r} has no attribute {name!r}"
             raise AttributeError(message)
-        return getattr(importlib.import_module(f"{package}.{home[name]}"), name)
+        module = f"{package}.{homes[name]}"
+        return getattr(importlib.import_module(module), name)
 
     return load
 

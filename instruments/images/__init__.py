@@ -8,7 +8,12 @@ from instruments._instrument import Instrument, lazily
 if TYPE_CHECKING:
     from instruments.images._stack import ImageFrames, VideoFrames, read
 else:
-    __getattr__ = lazily(__name__, {"_stack": ("ImageFrames", "VideoFrames", "read")})
+    _HOMES = {
+        "ImageFrames": "_stack",
+        "VideoFrames": "_stack",
+        "read": "_stack",
+    }
+    __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = ["INSTRUMENT", "ImageFrames", "Options", "VideoFrames", "read"]
 

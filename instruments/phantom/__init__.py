@@ -10,14 +10,14 @@ if TYPE_CHECKING:
     from instruments.phantom._times import TimeFlag
     from instruments.phantom._writer import Recording, write
 else:
-    __getattr__ = lazily(
-        __name__,
-        {
-            "_film": ("CineFrames", "read"),
-            "_times": ("TimeFlag",),
-            "_writer": ("Recording", "write"),
-        },
-    )
+    _HOMES = {
+        "CineFrames": "_film",
+        "read": "_film",
+        "TimeFlag": "_times",
+        "Recording": "_writer",
+        "write": "_writer",
+    }
+    __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = ["INSTRUMENT", "CineFrames", "Recording", "TimeFlag", "read", "write"]
 

@@ -8,7 +8,10 @@ from instruments._instrument import Instrument, lazily, text_of
 if TYPE_CHECKING:
     from instruments.tables._plain import read
 else:
-    __getattr__ = lazily(__name__, {"_plain": ("read",)})
+    _HOMES = {
+        "read": "_plain",
+    }
+    __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = ["INSTRUMENT", "Options", "read"]
 

@@ -213,7 +213,7 @@ def _processed(folder: str | Path, groups: Iterable[_Group], jobs: int) -> Resul
         if group.prior is not None:
             targets += needed(session, group.prior, known_before(group.prior))
     experiments = {target.split("/")[0] for target in targets}
-    run = process(folder, targets, experiments, jobs=jobs)
+    run = process(folder, targets, experiments, jobs=jobs, keep=None)
     for outcome in run.failures:
         message = f"{outcome.task}: {outcome.message}"
         raise InputError(message)

@@ -68,6 +68,10 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
         )  # fmt: skip
     blocks: list[Block] = [KeyValues(rows)] if rows else []
     blocks += [Notice("error", f"{name}: {why}") for name, why in found.failed.items()]
+    kept = {row.experiment: row.kept for row in found.rows if row.kept}
+    for name, stages in kept.items():
+        text = f"{name}: of results that earlier code made and that were kept: {', '.join(stages)}"
+        blocks.append(Notice("warning", text))
     for why in dict.fromkeys(found.absent.values()):
         names = ", ".join(name for name, text in found.absent.items() if text == why)
         blocks.append(Notice("info", f"{names}: {why}"))

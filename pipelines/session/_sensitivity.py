@@ -81,7 +81,7 @@ def examine(folder: str | Path, wanted: str | None = None) -> list[Examined]:
         )
         raise UsageError(message)
     targets = [target for e in chosen for target in needed(session, e, budgets[e.kind])]
-    run = process(folder, targets, {target.split("/")[0] for target in targets})
+    run = process(folder, targets, {target.split("/")[0] for target in targets}, keep=None)
     for outcome in run.failures:
         message = f"{outcome.task}: {outcome.message}"
         raise InputError(message)

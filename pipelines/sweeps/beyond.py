@@ -85,7 +85,6 @@ def amplitude(point: Mapping[str, Value]) -> Outputs:
 BEYOND = {
     "adhesion": Simulator(
         adhesion,
-        1,
         {
             **RUBBER,
             "radius": Parameter("m", 9.525e-3, "of the sphere"),
@@ -103,7 +102,6 @@ BEYOND = {
     ),
     "heating": Simulator(
         heating,
-        1,
         {
             **FALL,
             "duration": Parameter("s", 0.5, "from the release"),
@@ -121,7 +119,6 @@ BEYOND = {
     ),
     "amplitude": Simulator(
         amplitude,
-        1,
         {
             **OSCILLATION,
             "critical_strain": Parameter("1", 0.01, "shear strain of half the drop"),

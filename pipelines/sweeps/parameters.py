@@ -25,10 +25,9 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Simulator:
-    """A function of parameters, its version, and the units of what it returns."""
+    """A function, its parameters, and the units of what it returns."""
 
     run: Callable[[Mapping[str, Value]], Outputs]
-    version: int
     parameters: dict[str, Parameter]
     outputs: dict[str, tuple[str, str]]
 

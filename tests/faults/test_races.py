@@ -54,6 +54,7 @@ def test_two_runs_of_one_session_make_every_result_once(tmp_path: Path, amount: 
         shutil.rmtree(session.root)
 
 
+@pytest.mark.slow
 def test_eight_writers_and_readers_of_one_key_never_see_a_torn_result(
     tmp_path: Path, amount: Amount
 ) -> None:

@@ -279,6 +279,7 @@ def test_points_of_any_stretch_are_those_of_the_whole() -> None:
     assert whole[3]["radius"] == whole[7]["radius"] != whole[4]["radius"]
 
 
+@pytest.mark.slow
 def test_drops_are_counted_once_though_workers_are_killed(
     tmp_path: Path, amount: Callable[[int, int], int], monkeypatch: pytest.MonkeyPatch
 ) -> None:

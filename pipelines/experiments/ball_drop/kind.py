@@ -15,35 +15,35 @@ _REPEATS = Schema("repeats", {
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.ball_drop.measured:readings", 1,
+        "readings", "pipelines.experiments.ball_drop.measured:readings",
         ("file:laser",), ("keyence",), per="recording", over="laser",
         summary="read the laser export",
     ),
     Stage(
-        "displacement", "pipelines.experiments.ball_drop.measured:displacement", 1,
+        "displacement", "pipelines.experiments.ball_drop.measured:displacement",
         ("readings", "file:calibration"),
         ("sensor", "measured_on", "analysis.inclination_from_height", "analysis.contact", "height"),
         per="recording", over="laser", schema="displacement",
         summary="correct the inclination, with uncertainty",
     ),
     Stage(
-        "bounces", "pipelines.experiments.ball_drop.measured:bounces", 2,
+        "bounces", "pipelines.experiments.ball_drop.measured:bounces",
         ("displacement",), ("analysis.contact",), per="recording", over="laser", schema="bounces",
         summary="find release, contacts, bounces and rest",
     ),
     Stage(
-        "velocity", "pipelines.experiments.ball_drop.measured:velocity", 1,
+        "velocity", "pipelines.experiments.ball_drop.measured:velocity",
         ("displacement", "bounces"), ("analysis.velocity", "analysis.window"),
         per="recording", over="laser", schema="velocity",
         summary="differentiate, without smoothing the impacts",
     ),
     Stage(
-        "repeats", "pipelines.experiments.ball_drop.measured:repeats", 2,
+        "repeats", "pipelines.experiments.ball_drop.measured:repeats",
         ("displacement", "velocity", "bounces"), (), schema="repeats",
         summary="align at first contact: mean, band, outliers",
     ),
     Stage(
-        "model", "pipelines.experiments.ball_drop.model:model", 5,
+        "model", "pipelines.experiments.ball_drop.model:model",
         ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve",
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
@@ -52,12 +52,12 @@ _STAGES = (
         summary="simulate the drop",
     ),
     Stage(
-        "comparison", "pipelines.experiments.ball_drop.comparison:comparison", 1,
+        "comparison", "pipelines.experiments.ball_drop.comparison:comparison",
         ("repeats", "model"), (),
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.ball_drop.page:page", 8,
+        "report", "pipelines.experiments.ball_drop.page:page",
         ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
         ("*",), output="page", context=True,
         summary="write the page",

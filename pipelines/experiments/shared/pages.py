@@ -40,7 +40,7 @@ def counted(n: int, noun: str, plural: str | None = None) -> str:
 
 def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Document:
     """Assemble a page: the sections of its kind between the head and the sections of every page."""
-    head = (synthetic_notice(),) if context.synthetic else ()
+    head = (*((synthetic_notice(),) if context.synthetic else ()), *kept_notice(context))
     first, *rest = sections
     opening = Section(first.title, (*head, *first.blocks), first.anchor)
     return Document(
@@ -59,6 +59,24 @@ def synthetic_notice() -> Notice:
         "Synthetic data: recorded by labpipe's virtual rig, not by an instrument. They "
         "demonstrate the analysis and are no evidence about a real material.",
     )
+
+
+def kept_notice(context: Context) -> tuple[Notice, ...]:
+    """Say which results behind the page were made by earlier code and taken as they are."""
+    if not context.kept:
+        return ()
+    alike: dict[tuple[str, str], list[str]] = {}
+    for kept in context.kept:
+        alike.setdefault((kept.stage, kept.reason), []).append(kept.recording or "")
+    lines = [
+        f"{stage}{f' ({len(names)} recordings)' if len(names) > 1 else ''}: {reason}"
+        for (stage, reason), names in alike.items()
+    ]
+    text = (
+        "Results of earlier code were kept as they are; what follows from them may differ from "
+        "what this version of labpipe gives. `labpipe process` makes them again. They are:"
+    )
+    return (Notice("warning", "\n".join([text, *lines])),)
 
 
 def failed_notice(context: Context) -> tuple[Notice, ...]:

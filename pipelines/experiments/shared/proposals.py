@@ -20,7 +20,7 @@ MOVING_MASS = f'''mass = "{GAP} g"  # of all that moves: sphere and holder'''
 
 _HEIGHT = re.compile(r"(?<![\d.])(\d+(?:[.p]\d+)?)\s*mm", re.IGNORECASE)
 _SHORT_HEIGHT = re.compile(r"(?:^|[_-])h(\d+(?:[.p]\d+)?)(?=$|[_-])", re.IGNORECASE)
-_REPEAT = re.compile(r"[_\- ]*(?:r|rep|run|repeat|test)?[_\- ]*\d+$", re.IGNORECASE)
+_REPEAT = re.compile(r"[_\- ]*(?:(?<![a-z])r|rep|run|repeat|test)?[_\- ]*\d+$", re.IGNORECASE)
 _DEPTH = re.compile(r"[_\- ]*\d+(?:[.p]\d+)?\s*(?:um|µm|mm)?$", re.IGNORECASE)
 _PLATE = re.compile(r"plate|vibration", re.IGNORECASE)
 _UNDER = re.compile(r"under|disc|contact|below", re.IGNORECASE)

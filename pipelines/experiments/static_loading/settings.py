@@ -17,8 +17,7 @@ from labpipe.workflow.config import (
     Range,
     Time,
 )
-from pipelines.experiments.ball_drop.settings import Sensor
-from pipelines.experiments.shared.settings import Keyence, MaterialChoice, Table
+from pipelines.experiments.shared.settings import Keyence, MaterialChoice, Sensor, Table
 
 
 class Load(Table, frozen=True, kw_only=True):

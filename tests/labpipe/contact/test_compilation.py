@@ -35,6 +35,7 @@ def expected() -> float:
     return float(drop(SLS, **BODY).restitution[0])
 
 
+@pytest.mark.slow
 def test_no_place_for_compiled_code_is_said_and_survived(tmp_path: Path, expected: float) -> None:
     restitution, said = printed_without_cache(_PROGRAM, tmp_path).splitlines()
     assert float(restitution) == pytest.approx(expected, abs=1e-9)

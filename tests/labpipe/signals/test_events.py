@@ -10,6 +10,7 @@ from labpipe.errors import InputError
 from labpipe.materials import load
 from labpipe.signals import PHASES, bounces, phases
 from labpipe.signals._turns import Turn, common_fall
+from tests.by_day import by_day
 
 ACRYLIC = {"loss": 0.5}
 LOSSY = {"loss": 3.0, "dent": 0.3}
@@ -31,7 +32,7 @@ def lossy(bouncing, measure):
 
 
 @pytest.mark.filterwarnings(STILL_MOVING)
-@pytest.mark.parametrize("material", MATERIALS)
+@pytest.mark.parametrize("material", by_day(MATERIALS, 3))
 def test_first_contact_within_two_samples(bouncing, measure, material):
     truth = bouncing(**material)
     found = bounces(measure(truth, 20e3, 1e-6)[0])

@@ -16,6 +16,7 @@ from pipelines.rig import indentations
 from pipelines.rig.indentations import Part, Specimen
 from pipelines.rig.mach1_tester import OVERSAMPLING, RATE, approach, record
 from pipelines.rig.relaxations import TESTER
+from tests.by_day import by_day
 
 TIMES = np.geomspace(1e-6, 1e4, 31)
 LOSSY = Prony(2e6, 3e6 * TIMES**-0.3, TIMES, nu=0.5)
@@ -58,7 +59,7 @@ def scores(
     return made[:, 0], float(made[:, 1].mean())
 
 
-@pytest.mark.parametrize("name", SOLIDS)
+@pytest.mark.parametrize("name", by_day(SOLIDS, 1))
 def test_first_touch_is_known_as_well_as_it_says(name: str) -> None:
     z, u = scores(SOLIDS[name], 30)
     assert 0.5 < np.sqrt(np.mean(z**2)) < 1.3

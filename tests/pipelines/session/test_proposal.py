@@ -13,6 +13,7 @@ from instruments.phantom._writer import Recording
 from labpipe import files, materials
 from labpipe.errors import ConfigError, UsageError
 from pipelines.experiments.dma.proposal import mode_line
+from pipelines.experiments.shared.proposals import without_repeat
 from pipelines.process import open_session
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
@@ -190,3 +191,16 @@ def test_the_record_of_a_camera_knows_the_day_of_its_film_and_is_named_in_questi
 )
 def test_the_mode_of_a_rheometer_is_proposed_from_the_name(name: str, line: str) -> None:
     assert mode_line(name) == line
+
+
+@pytest.mark.parametrize(
+    ("name", "stem"),
+    [
+        ("laser/drop_r1.csv", "laser/drop"),
+        ("acrylic_7mm_rep3.csv", "acrylic_7mm"),
+        ("rubber_2.csv", "rubber"),  # its last letter is not the r of a repeat
+        ("run1.csv", "run1"),
+    ],
+)
+def test_repeats_are_told_by_their_last_number(name: str, stem: str) -> None:
+    assert without_repeat(name) == stem

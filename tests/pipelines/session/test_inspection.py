@@ -15,8 +15,8 @@ from pipelines.session import describe, write_sheet
 from pipelines.session._contact_sheet import strip
 from pipelines.session._inspection import film
 
-SAMPLES = Path(__file__).parents[2] / "../shared/samples"
-FILMS = Path(__file__).parents[2] / "sample_data/films"
+SAMPLES = Path(__file__).parents[3] / "../shared/samples"
+FILMS = Path(__file__).parents[3] / "sample_data/films"
 needs_films = pytest.mark.skipif(not FILMS.is_dir(), reason="the sample films are not here")
 
 

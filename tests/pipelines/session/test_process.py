@@ -54,6 +54,7 @@ def test_the_model_made_with_the_right_material_agrees(processed_session: Path) 
     assert float(result(processed_session, "nbr", "comparison")["nrmse"].max()) < 0.03
 
 
+@pytest.mark.slow
 def test_a_wrong_height_or_material_shows_in_the_comparison(session_copy: Path) -> None:
     """The comparison can fail: 10 % of height, or rubber for plastic, are clearly worse."""
     path = session_copy / "session.toml"
@@ -113,6 +114,7 @@ def test_one_changed_recording_reruns_only_its_own_steps(session_copy: Path) -> 
     assert any("laser/drop_2.csv changed" in row.reason for row in rows)
 
 
+@pytest.mark.slow
 def test_a_broken_recording_fails_its_experiment_and_no_other(session_copy: Path) -> None:
     path = session_copy / "laser/drop_2.csv"
     path.write_bytes(path.read_bytes()[:-200].replace(b"+", b"x", 1))
@@ -161,6 +163,7 @@ def test_the_thesis_velocity_is_a_choice(session_copy: Path) -> None:
     assert found.attrs["method"] == "thesis"
 
 
+@pytest.mark.slow
 def test_two_workers_give_the_bytes_of_this_process(
     small_session: Path, processed_session: Path, tmp_path: Path
 ) -> None:

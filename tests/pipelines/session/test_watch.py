@@ -22,6 +22,7 @@ from labpipe.workflow.watch import (
     Watcher,
 )
 from pipelines.process import SETTINGS, STAGES, plan, process, watch
+from tests.by_day import by_day
 from tests.pipelines.stored import results
 
 
@@ -42,13 +43,14 @@ def states(watcher: Watcher) -> dict[str, str]:
     return {name: state for name, (state, _) in watcher.states.items()}
 
 
+@pytest.mark.parametrize("jobs", by_day([0, 1], 1))
 def test_a_session_copied_in_pieces_gives_the_bytes_that_process_gives(
-    small_session: Path, processed_session: Path, tmp_path: Path
+    small_session: Path, processed_session: Path, tmp_path: Path, jobs: int
 ) -> None:
     """Every file comes in three pieces with looks in between; results are those of one run."""
     folder, clock = tmp_path / "session", Clock()
     folder.mkdir()
-    watcher = watch(folder, looks=2, jobs=1)
+    watcher = watch(folder, looks=2, jobs=jobs)
     assert [n.state for n in watcher.look()] == [WAITING]
     names = ["session.toml", "laser/drop_1.csv", "calibration/laser.toml", "mach1/nbr.txt",
              "laser/drop_2.csv"]  # fmt: skip

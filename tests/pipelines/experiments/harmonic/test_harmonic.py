@@ -143,6 +143,7 @@ def test_a_material_a_tenth_too_stiff_shows(session: Path, monkeypatch: pytest.M
     assert float(modelled(session, settings(session))["nrmse"].min()) > 0.2
 
 
+@pytest.mark.slow
 def test_a_first_touch_two_micrometres_off_shows(session: Path) -> None:
     touch = truth(session)["surface"] + 2e-6
     chosen = msgspec.structs.replace(settings(session), contact=Quantity(touch, 1e-7, "m"))
@@ -181,6 +182,7 @@ def tapping(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_detachment_is_detected_as_long_as_it_lasts(tapping: Path) -> None:
     lost = float(stage(tapping, "loops")["contact_loss"][0])
     simulated = float(stage(tapping, "model")["contact_loss"][0])

@@ -31,7 +31,7 @@ from pipelines.rig.session_text import NOTE, session_head
 from tests.pipelines.asked import quantities
 
 START = datetime(2024, 5, 14, 9, 30)
-SAMPLES = Path(__file__).parents[3] / "../shared/samples/mach1"
+SAMPLES = Path(__file__).parents[4] / "../shared/samples/mach1"
 DEPTHS = (0.1e-3, 0.3e-3)
 PUNCH = Punch(
     radius=Quantity(2e-3, 0.0, "m"), period=Quantity(8e-3, 0.0, "m"),

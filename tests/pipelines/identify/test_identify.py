@@ -122,6 +122,7 @@ def test_drop_becomes_evidence_without_the_scatter_of_its_heights(processed_sess
     assert np.abs(predicted / evidence.values - 1).max() < 0.03
 
 
+@pytest.mark.slow
 def test_relaxations_at_two_depths_are_one_material(tmp_path: Path) -> None:
     solid = materials.load("nbr")
     specimen = Specimen(solid)

@@ -86,6 +86,7 @@ def test_the_page_is_fit_to_read(session: Path, tmp_path: Path) -> None:
     assert_fit_to_read(page, tmp_path)
 
 
+@pytest.mark.slow
 def test_the_figures_show_the_line_of_subsets(session: Path, tmp_path: Path) -> None:
     outcomes = make.make(make.Shelf.of(tmp_path, session), make.chosen(["3.8", "D.1"]))
     assert {o.state for o in outcomes} == {make.DRAWN}, [o.detail for o in outcomes]
@@ -116,6 +117,7 @@ def test_another_views_record_is_refused(session: Path, tmp_path: Path) -> None:
     assert "view" in outcome.failures[0].message
 
 
+@pytest.mark.slow
 def test_skipping_frames_at_rest_changes_nothing_that_is_kept(tmp_path: Path) -> None:
     from pipelines.experiments.dic_validation.measured import track
     from pipelines.experiments.dic_validation.settings import DicValidation, Tracking

@@ -65,7 +65,7 @@ def test_a_page_older_than_its_results_is_not_called_failed(
     session_copy: Path,
 ) -> None:
     kind = {
-        name: tuple(replace(s, version=99) if s.name == "report" else s for s in stages)
+        name: tuple(replace(s, parameters=()) if s.name == "report" else s for s in stages)
         for name, stages in STAGES.items()
     }
     write_overview(open_session(session_copy), kind)
