@@ -102,5 +102,5 @@ def test_where_the_result_bends_both_ways_differ_and_the_page_says_so() -> None:
     inputs = {"a": Input(0.0, 1.0), "b": Input(0.0, 0.1)}
     bent = examined("x", Quantity("y", "m", lambda a, b: a * a + b, inputs))
     assert agreement([bent]).startswith("Linear shares of the variance and Sobol's total indices")
-    assert "differ where the result bends" in agreement([bent])
+    assert "differ where the result is nonlinear" in agreement([bent])
     assert "x, y" in agreement([bent])
