@@ -1,4 +1,4 @@
-"""Compile numerical kernels, and keep the machine code where the machine allows it."""
+"""Compile numerical kernels with numba, and cache the machine code where possible."""
 
 import warnings
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Numbers as text: which decimal sign a file uses, and what is a number at all."""
+"""Numbers in text files: the decimal sign, and what counts as a number."""
 
 import re
 from collections.abc import Iterable, Sequence

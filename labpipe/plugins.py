@@ -1,4 +1,4 @@
-"""What other distributions add to labpipe by entry points.
+"""Plug-ins: what other distributions add to labpipe by entry points.
 
 A distribution declares in its ``pyproject.toml``, for example ::
 

@@ -1,4 +1,4 @@
-"""The command line ``labpipe``: which commands there are, and what an error becomes.
+"""The command line ``labpipe``: its commands, and how errors are reported.
 
 Nothing numerical is imported here; each command imports what it needs when it runs, so that
 ``--help``, ``plan`` and completion answer at once.
@@ -31,20 +31,22 @@ _USAGE = 2  # exit code of a line that cannot be understood
 COMMANDS: dict[str, Command] = {
     "demo": Command(f"{_HOME}.sample:demo", "Write a synthetic session and process it."),
     "init": Command(f"{_HOME}.session:init", "Scan a folder and write a commented session.toml."),
-    "inspect": Command(f"{_HOME}.inspect:inspect", "Say what a file is and what is wrong with it."),
-    "plan": Command(f"{_HOME}.session:plan", "Say what `process` would run, and why."),
+    "inspect": Command(f"{_HOME}.inspect:inspect", "Show what a file is and its problems."),
+    "plan": Command(f"{_HOME}.session:plan", "Show what `process` would run, and why."),
     "process": Command(f"{_HOME}.session:process", "Process a session into results and reports."),
     "watch": Command(f"{_HOME}.watch:watch", "Process a session while it is being recorded."),
     "acquire": Command(f"{_HOME}.acquire:acquire", "Record a running sensor into a file."),
     "export": Command(f"{_HOME}.export:export", "Write results as csv, netCDF, MATLAB or JSON."),
     "compare": Command(f"{_HOME}.compare:compare", "Compare measurement and model on one page."),
     "catalogue": Command(f"{_HOME}.catalogue:catalogue", "List many sessions as one table."),
-    "identify": Command(f"{_HOME}.identify:identify", "Find the material behind the experiments."),
-    "sensitivity": Command(f"{_HOME}.sensitivity:sensitivity", "Say what limits each uncertainty."),
+    "identify": Command(f"{_HOME}.identify:identify", "Identify the material of the experiments."),
+    "sensitivity": Command(
+        f"{_HOME}.sensitivity:sensitivity", "Show which inputs limit each uncertainty."
+    ),
     "figures": Command(f"{_HOME}.figures:figures", "Draw the thesis's figures by number."),
     "simulate": Command(f"{_HOME}.simulate:simulate", "Run the bundled simulator alone."),
     "sweep": Command(f"{_HOME}.sweep:sweep", "Map the simulator over its parameters."),
-    "sample": Command(f"{_HOME}.sample:sample", "Write a synthetic session with its truth."),
+    "sample": Command(f"{_HOME}.sample:sample", "Write a synthetic session with its true values."),
     "bench": Command(f"{_HOME}.bench:bench", "Measure accuracy against run time of every part."),
     "doctor": Command(f"{_HOME}.system:doctor", "Check the installation and a session's store."),
     "completion": Command(f"{_HOME}.system:completion", "Print the script for bash, zsh or fish."),

@@ -1,4 +1,4 @@
-"""Indentation: elastic line and sphere beside tamaas, tapping beside the thesis's scheme.
+"""Indentation: elastic line and sphere against tamaas, tapping against the thesis's scheme.
 
 Truth: Westergaard's and Hertz's pressures; the forces of a tapping cylinder by the closed form of
 the half-plane's springs at 8000 steps a cycle.

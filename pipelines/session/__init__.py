@@ -1,4 +1,4 @@
-"""The verbs on a session folder; each loops over the kinds of experiment and names none.
+"""The verbs on a session folder; each treats all kinds of experiment alike.
 
 What the command line does, Python does with these; each returns objects to look at. They are
 imported when they are first used, so that a plan loads nothing that it does not need.

@@ -103,7 +103,7 @@ def test_a_wrong_axis_is_refused(name: str, text: str, message: str) -> None:
 
 
 def test_uncertain_parameters_need_draws_and_draws_need_them() -> None:
-    with pytest.raises(UsageError, match="radius has an uncertainty: say how many draws"):
+    with pytest.raises(UsageError, match="radius has an uncertainty: give the number of draws"):
         design("drop", [], {"radius": "9.5 ± 0.1 mm"})
     with pytest.raises(UsageError, match="draws of what"):
         design("drop", [], {"radius": "9.5 mm"}, draws=3)

@@ -1,4 +1,4 @@
-"""Settings of a ball drop: repeated drops of one sphere from one height, seen by the laser."""
+"""Settings of a ball drop: repeated drops of one sphere from one height, measured by laser."""
 
 from datetime import date
 from typing import Annotated, Literal

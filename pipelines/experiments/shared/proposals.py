@@ -1,4 +1,4 @@
-"""What kinds share when ``init`` makes experiments of files: words, lines, and names of files.
+"""Shared parts of the proposals of ``init``: words, lines, and file names.
 
 Repeats are files whose names differ in their last number only. A drop height or a material in a
 name (``7mm``, ``h1p5``, ``peek``) is taken as a proposal and marked as such. What no file tells is

@@ -1,4 +1,4 @@
-"""Settings of a static loading: a sphere on a rigid disc, masses put on the holder one by one."""
+"""Settings of a static loading: a sphere on a rigid disc, masses added to the holder one by one."""
 
 from datetime import date
 from itertools import pairwise

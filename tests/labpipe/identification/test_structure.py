@@ -132,7 +132,7 @@ def test_given_form_of_the_spectrum_is_kept() -> None:
 
 def test_basis_of_other_times_is_refused() -> None:
     problem, _ = held(RUBBER, 8)
-    with pytest.raises(InputError, match="build the evidence anew"):
+    with pytest.raises(InputError, match="rebuild the evidence"):
         problem.evidence[0].model.by_times(RUBBER, {"gain": 1.0}, np.array([1.0]))
 
 

@@ -70,7 +70,7 @@ def test_draws_of_the_posterior_stand_beside_the_normal_approximation(rubber: Pa
         assert (found[f"drawn_{name}_low"] < found[name]).values[known].all()
         assert (found[f"drawn_{name}_high"] > found[name]).values[known].all()
     page = (rubber / "labpipe/identify_nbr.html").read_text(encoding="utf-8")
-    assert "60 independent draws are worth" in page
+    assert "of 60 draws" in page
     assert "unknowns of the spectrum" in page
 
 

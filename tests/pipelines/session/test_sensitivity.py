@@ -74,7 +74,7 @@ def test_command_writes_a_page_per_kind_though_another_recording_is_lost(
     document = json.loads(capsys.readouterr().out)
     assert [Path(p).name for p in document["pages"]] == ["sensitivity_harmonic.html"]
     page = (session_copy / "labpipe/sensitivity_harmonic.html").read_text(encoding="utf-8")
-    assert "Share in the variance" in page
+    assert "Share of the variance" in page
     assert "Monte Carlo" in page
     assert {row["experiment"] for row in document["quantities"]} == {"nbr"}
 
@@ -102,5 +102,5 @@ def test_where_the_result_bends_both_ways_differ_and_the_page_says_so() -> None:
     inputs = {"a": Input(0.0, 1.0), "b": Input(0.0, 0.1)}
     bent = examined("x", Quantity("y", "m", lambda a, b: a * a + b, inputs))
     assert agreement([bent]).startswith("Linear shares of the variance and Sobol's total indices")
-    assert "differ where the result bends" in agreement([bent])
+    assert "differ where the result is nonlinear" in agreement([bent])
     assert "x, y" in agreement([bent])

@@ -90,7 +90,7 @@ def test_the_page_tells_the_phases_of_every_recording(processed_session: Path) -
     page = (processed_session / "labpipe/reports/drop.html").read_text("utf-8")
     assert "Phases" in page
     assert "static from" in page
-    assert page.count("not at rest when the record ends") >= 2  # 0.15 s are too short
+    assert page.count("still moving when the recording ends") >= 2  # 0.15 s are too short
 
 
 @pytest.mark.parametrize(

@@ -55,8 +55,8 @@ def test_the_true_table_is_found_to_agree_whatever_its_reference(tmp_path, sweep
     assert np.nanmax(np.abs(found.difference)) < 0.1
     assert found.attrs["published_at_reference"] == pytest.approx(3.0)
     said = " ".join(_published_section.reasons(found, curve))
-    assert "cannot tell the two tables apart" in said
-    assert "+3.00, which is taken off" in said
+    assert "do not distinguish the two tables" in said
+    assert "+3.00, which is subtracted" in said
     assert "a paper" in said
 
 

@@ -51,5 +51,5 @@ def test_the_header_is_listed_without_tables_and_without_what_it_leaves_open():
 
 
 def test_damaged_frames_alone_are_refused():
-    with pytest.raises(InputError, match="none of the frames to be shown is whole"):
+    with pytest.raises(InputError, match="all frames selected for display are damaged"):
         key_frames(Film(), [1])
