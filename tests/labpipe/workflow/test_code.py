@@ -12,7 +12,8 @@ import pytest
 
 from labpipe.errors import InputError, SourceError
 from labpipe.workflow import code
-from labpipe.workflow.code import OURS, Code, Identity, Module
+from labpipe.workflow._definitions import OURS, Module
+from labpipe.workflow.code import Code, Identity
 from pipelines.experiments import KINDS
 
 ROOT = Path(__file__).parents[3]
