@@ -346,6 +346,8 @@ class Reached:
             values = self.code.group(attributes)
             self.ours |= {value.partition(":")[0].partition(".")[0] for value in values}
             return [value if ":" in value else f"{value}:" for value in values]
+        if not module.strip("."):
+            return []  # what stands between two names that are put together at run time
         return self.name(module, attributes) if self.is_ours(module) else []
 
     def is_ours(self, module: str) -> bool:
@@ -386,11 +388,10 @@ class Reached:
 
     def lazily(self, found: Module, name: str) -> list[str]:
         """Follow the table of a face that imports its names when they are first used."""
-        home = found.lazy[name]
-        if ":" in home:
-            return [home]
+        home, _, inner = found.lazy[name].partition(":")
         places = [home, f"{found.name}.{home}"]
-        return [f"{place}:{name}" for place in places if self.code.module(place)] or self.all(found)
+        named = [f"{place}:{inner or name}" for place in places if self.code.module(place)]
+        return named or self.all(found)
 
     def all(self, found: Module) -> list[str]:
         """Reach a whole module, and what a face passes on."""

@@ -259,22 +259,21 @@ def run_all(
                 for state in [state for state in under_way if state.is_over]:
                     under_way.remove(state)
                     yield state.plan.session, state.end()
+                for state in under_way:
+                    state.give(crew)
                 if crew.room and (session := next(queue, None)) is not None:
                     try:
                         under_way.append(begin(session))
                     except LabpipeError as error:
                         yield session, error
-                        continue
-                    under_way[-1].give(crew)
                     continue
                 if not under_way:
                     return
                 for (state, experiment), answer in crew.ended():
                     state.take(experiment, answer)
                 must_stop = any(state.must_stop() for state in under_way)
-                for state in under_way:
-                    state.give(crew)
-        for state in under_way:
+        while under_way:  # stopped at the first failure
+            state = under_way.pop(0)
             yield state.plan.session, state.end()
     except BaseException as error:
         for state in under_way:
@@ -397,7 +396,7 @@ class _State:
 
     def leave(self, error: BaseException) -> None:
         """Write into the log what stopped everything."""
-        with self.held:
+        with self.held, contextlib.suppress(StorageError):
             self.log("run interrupted", error=type(error).__name__)
 
     def take_cached(self) -> None:

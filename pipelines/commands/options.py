@@ -1,4 +1,4 @@
-"""Options and output habits that several commands share."""
+"""Options and output common to several commands."""
 
 import functools
 import json

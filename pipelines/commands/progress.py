@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]":
-    """Give a function that shows the events of a run, or None where nobody looks."""
+    """Give a function that shows the events of a run, or None without a terminal."""
     if not enabled or not sys.stderr.isatty():
         yield None
         return
@@ -86,7 +86,7 @@ def _clocks() -> "tuple[ProgressColumn, ...]":
 def counted(
     total: int, enabled: bool = True, *, when: Literal["begun", "done"] = "begun"
 ) -> "Iterator[Callable[[str], None] | None]":
-    """Give a function that is told of every piece of work by name, or None where nobody looks.
+    """Give a function that reports every piece of work by name, or None without a terminal.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def counted(
 
 @contextmanager
 def waiting(text: str, enabled: bool = True) -> Iterator[None]:
-    """Show that something long is done whose end cannot be told, and how long it has taken."""
+    """Show the elapsed time of a long task of unknown duration."""
     if not enabled or not sys.stderr.isatty():
         yield
         return

@@ -32,14 +32,14 @@ _STATE_WIDTH = 10
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--force", is_flag=True, help="Replace a session.toml that is already there.")
 @click.option("--ask/--no-ask", default=None,
-              help="Ask for what no file tells; default: ask at a terminal.")  # fmt: skip
+              help="Ask for what no file contains; default: ask at a terminal.")  # fmt: skip
 @json_option
 def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
     r"""Scan FOLDER and write a commented session.toml.
 
-    Instruments are recognised by the content of their files. What no file tells (mass, radius,
-    material, drop height, inclination of the laser) is asked for; an empty answer leaves a line to
-    fill in, marked with FILL. A missing calibration record is proposed as a file.
+    Instruments are recognised by the content of their files. What the files do not contain (mass,
+    radius, material, drop height, inclination of the laser) is asked for; an empty answer leaves a
+    line to fill in, marked with FILL. For a missing calibration record a template is written.
 
     \b
     Example:
@@ -82,7 +82,8 @@ class _Asker:
         from pipelines.session import checked
 
         if not self.has_begun:
-            click.echo("What no file tells; Enter alone leaves it open, Ctrl-C writes nothing.",
+            click.echo("Not in the files: please answer. Enter alone leaves it open, Ctrl-C "
+                       "writes nothing.",
                        err=True)  # fmt: skip
             self.has_begun = True
         while True:
@@ -107,7 +108,7 @@ def _split(values: Sequence[str]) -> list[str] | None:
 
 _TO = click.option("--to", "targets", multiple=True, help="Only this stage and what it needs.")
 _ONLY = click.option("--only", multiple=True, help="Only this experiment and what it needs.")
-_FULL = click.option("--full", is_flag=True, help="Without shortcuts; reads and solves everything.")
+_FULL = click.option("--full", is_flag=True, help="Without shortcuts: read and solve everything.")
 
 
 @click.command()

@@ -1,4 +1,4 @@
-"""The figures of the thesis by number: which there are, what each needs, who draws it.
+"""The figures of the thesis by number: titles, inputs and drawing functions.
 
 One explicit tuple, :data:`FIGURES`; a figure names its function as text, so that listing imports
 no numerical library. :mod:`pipelines.figures.make` decides what to draw and writes it,
@@ -146,7 +146,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure("A.1", "Collision model of appendix A", f"{_HOME}.appendix:collision_model",
            Need("ball_drop", ("repeats",), "acrylic", is_optional=True)),
     Figure("B.1a", "Laser on the plate", reason=_PHOTOGRAPH),
-    Figure("B.1b", "Ringing of the plate, qualitatively", f"{_HOME}.schematics:ringing_plate"),
+    Figure("B.1b", "Vibration of the plate, qualitatively", f"{_HOME}.schematics:ringing_plate"),
     Figure("B.2", "Vibration of the plate", f"{_HOME}.vibration:plate_vibration",
            Need("plate_vibration", ("table", "plate", "comparison"), is_optional=True)),
     Figure("C.1", "Displacement and contact radius at four heights",

@@ -85,7 +85,7 @@ def compare(
         kept = _kept(results.plan, name)
         rows += [replace(row, kept=kept) for row in found]
         if not found:
-            absent[name] = "no model belongs to it: session.toml names nothing to simulate"
+            absent[name] = "it has no model: session.toml names nothing to simulate"
     return Comparison(tuple(rows), failed, absent)
 
 

@@ -98,7 +98,8 @@ def _curves(rows: Sequence[Row]) -> tuple[Block, ...]:
         )  # fmt: skip
     text = (
         "Root mean square of measured minus model over the range of the measurement, and its mean. "
-        "The bias carries an uncertainty where the calibration's scale is part of it; n counts "
+        "The bias has an uncertainty where the scale of the calibration contributes to it; n "
+        "counts "
         "repeats, or the points of a single curve."
     )
     bars = Bars(
@@ -124,9 +125,10 @@ def _events(rows: Sequence[Row]) -> tuple[Block, ...]:
             (r.experiment, _of(r), _what(r), r.n, *_scaled(values, shown), shown.text, r.deviation)
         )
     text = (
-        "Single values with standard uncertainties. The model's holds height, radius, mass and "
-        "plate, not the material: a difference of many u says that one of the stated inputs, or "
-        "the material, is wrong. The last column is the difference in units of its uncertainty."
+        "Single values with standard uncertainties. The uncertainty of the model includes "
+        "height, radius, mass and plate, not the material: a difference of many u means that one "
+        "of the stated inputs, or the material, is wrong. The last column is the difference in "
+        "units of its uncertainty."
     )
     return Paragraph(text), Table(columns, body)
 

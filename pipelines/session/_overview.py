@@ -29,8 +29,8 @@ COMPARISON_PAGE = "compare.html"
 _REPORT, _DONE = "report", "done"
 _FEW_KINDS = 3  # that share one table
 _CAPTION = (
-    "Select a heading to sort. The error is the root mean square of measurement minus model (of "
-    "film minus laser) over the range of the measurement, that of the worst repeat, impact or "
+    "Select a heading to sort. The error is the root mean square of measurement minus model (or "
+    "film minus laser) over the range of the measurement, for the worst repeat, impact or "
     "frequency."
 )
 _COMPARISON = "comparison"

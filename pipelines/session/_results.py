@@ -1,4 +1,4 @@
-"""What a processed session holds: one result, all of an experiment, or what a kind derives."""
+"""Results of a processed session: one, all of an experiment, or values derived from them."""
 
 from collections.abc import Iterable
 from pathlib import Path

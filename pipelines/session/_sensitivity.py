@@ -1,4 +1,4 @@
-"""Which input limits each of the main reported quantities, by budgets that are checked.
+"""The input that limits each of the main quantities, from budgets checked by Monte Carlo.
 
 The quantities are formulas of their inputs (:attr:`pipelines.experiments.Kind.budget`), propagated
 linearly, by Monte Carlo and by Sobol indices (:mod:`labpipe.uncertainty`).

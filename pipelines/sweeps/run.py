@@ -1,4 +1,4 @@
-"""Run a sweep: what is done is kept block by block, so that a sweep that stopped goes on."""
+"""Run a sweep block by block, so that a stopped sweep can resume."""
 
 import hashlib
 import shutil

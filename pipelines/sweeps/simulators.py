@@ -1,4 +1,4 @@
-"""What can be swept: a parameter set in, a few numbers out.
+"""Simulators for sweeps: a set of parameters in, a few numbers out.
 
 Each takes plain values in SI and returns plain floats, so that a point means the same in this
 process, in another one, and on another machine.

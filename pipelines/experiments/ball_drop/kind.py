@@ -1,4 +1,4 @@
-"""The kind ``ball_drop``: what a session and every verb know of it."""
+"""The kind ``ball_drop``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
@@ -35,7 +35,7 @@ _STAGES = (
         "velocity", "pipelines.experiments.ball_drop.measured:velocity",
         ("displacement", "bounces"), ("analysis.velocity", "analysis.window"),
         per="recording", over="laser", schema="velocity",
-        summary="differentiate, not blunting the impacts",
+        summary="differentiate, without smoothing the impacts",
     ),
     Stage(
         "repeats", "pipelines.experiments.ball_drop.measured:repeats",
@@ -48,7 +48,7 @@ _STAGES = (
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.impact._bounce_compiled",),
+        imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drop",
     ),
     Stage(
@@ -67,7 +67,7 @@ _STAGES = (
 KIND = Kind(
     name="ball_drop",
     title="Ball drop",
-    summary="drops of a sphere, seen by the laser",
+    summary="drops of a sphere, measured by laser",
     settings=BallDrop,
     stages=_STAGES,
     schemas=(BOUNCES, DISPLACEMENT, DROP, VELOCITY, _REPEATS),

@@ -1,4 +1,4 @@
-"""The kind ``contact_area``: what a session and every verb know of it."""
+"""The kind ``contact_area``: its settings, stages and results."""
 
 from labpipe.workflow.graph import Stage
 from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal
@@ -16,7 +16,7 @@ _STAGES = (
     ),
     Stage(
         "impacts", "pipelines.experiments.contact_area.measured:impacts", ("radius",),
-        summary="find the largest radius of each impact, and that at rest",
+        summary="find the largest radius of each impact, and the radius at rest",
     ),
     Stage(
         "model", "pipelines.experiments.contact_area.model:model",
@@ -24,7 +24,7 @@ _STAGES = (
          "other:sphere.material_from/master_curve", "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.impact._bounce_compiled",),
+        imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drop",
     ),
     Stage(
@@ -35,7 +35,7 @@ _STAGES = (
     Stage(
         "keys", "pipelines.experiments.contact_area.measured:keys",
         ("file:film", "radius", "impacts"), ("frame_rate",),
-        summary="copy key frames for the page",
+        summary="select key frames for the page",
     ),
     Stage(
         "report", "pipelines.experiments.contact_area.page:page",
@@ -48,7 +48,7 @@ _STAGES = (
 KIND = Kind(
     name="contact_area",
     title="Contact area",
-    summary="a film of the contact through the disc",
+    summary="a film of the contact through the transparent disc",
     settings=ContactArea,
     stages=_STAGES,
     schemas=(DROP,),

@@ -1,4 +1,4 @@
-"""The kind ``dic_validation``: what a session and every verb know of it."""
+"""The kind ``dic_validation``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
@@ -19,7 +19,7 @@ _STAGES = (
         ("tracking", "frame_rate"),
         shortcuts=True,
         imports=("labpipe.imaging.dic._tracker",),
-        summary="follow the holder through the film",
+        summary="track the holder through the film",
     ),
     Stage(
         "motion", "pipelines.experiments.dic_validation.measured:motion",
@@ -35,12 +35,12 @@ _STAGES = (
         "velocity", "pipelines.experiments.dic_validation.measured:velocity",
         ("motion", "bounces"),
         schema="velocity",
-        summary="differentiate, not blunting the impacts",
+        summary="differentiate, without smoothing the impacts",
     ),
     Stage(
         "keys", "pipelines.experiments.dic_validation.measured:keys",
         ("file:film", "track", "bounces"), ("frame_rate",),
-        summary="copy key frames for the page",
+        summary="select key frames for the page",
     ),
     Stage(
         "comparison", "pipelines.experiments.dic_validation.comparison:comparison",

@@ -1,4 +1,4 @@
-"""The kind ``dma``: what a session and every verb know of it."""
+"""The kind ``dma``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
@@ -32,7 +32,7 @@ _STAGES = (
     Stage(
         "sweeps", "pipelines.experiments.dma.measured:gathered",
         ("readings",), ("mode", "nu", "sweeps"), schema="sweeps",
-        summary="gather isothermal sweeps, in tension",
+        summary="collect isothermal sweeps, converted to tension",
     ),
     Stage(
         "master_curve", "pipelines.experiments.dma.model:master_curve",

@@ -1,4 +1,4 @@
-"""The kind ``harmonic``: what a session and every verb know of it."""
+"""The kind ``harmonic``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage

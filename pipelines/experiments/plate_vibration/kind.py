@@ -1,4 +1,4 @@
-"""The kind ``plate_vibration``: what a session and every verb know of it."""
+"""The kind ``plate_vibration``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
@@ -35,7 +35,7 @@ _STAGES = (
     Stage(
         "ringing", "pipelines.experiments.plate_vibration.measured:ringing", ("displacement",),
         ("blow",), per="recording", over="drops.laser", schema="ringing",
-        summary="fit the free ringing after the first blow",
+        summary="fit the free vibration after the first impact",
     ),
     Stage(
         "table", "pipelines.experiments.plate_vibration.measured:table",
@@ -51,7 +51,7 @@ _STAGES = (
         "model", "pipelines.experiments.plate_vibration.model:model", ("table", "plate"),
         ("drops", "sphere", "model"),
         shortcuts=True,
-        imports=("labpipe.contact.impact._bounce_compiled",),
+        imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drops on the plate",
     ),
     Stage(
@@ -70,7 +70,7 @@ _STAGES = (
 KIND = Kind(
     name="plate_vibration",
     title="Plate vibration",
-    summary="the plate ringing under drops, seen by the laser",
+    summary="free vibration of the plate after impacts, measured by laser",
     settings=PlateVibration,
     stages=_STAGES,
     schemas=(DISPLACEMENT, _RINGING, _PLATE),

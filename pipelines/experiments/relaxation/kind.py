@@ -1,4 +1,4 @@
-"""The kind ``relaxation``: what a session and every verb know of it."""
+"""The kind ``relaxation``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
@@ -57,7 +57,7 @@ _STAGES = (
     Stage(
         "tests", "pipelines.experiments.relaxation.gathered:tests",
         ("ramps", "curves", "comparison"), ("mach1",), schema="relaxations",
-        summary="gather the tests, average the modulus",
+        summary="combine the tests, average the modulus",
     ),
     Stage(
         "report", "pipelines.experiments.relaxation.page:page",

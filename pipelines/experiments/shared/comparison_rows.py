@@ -1,4 +1,4 @@
-"""One row of ``compare``: a curve or an event, measured and by the model."""
+"""One row of ``compare``: a curve or a single value, measured and simulated."""
 
 from dataclasses import asdict, dataclass
 from typing import Any

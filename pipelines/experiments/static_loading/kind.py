@@ -1,4 +1,4 @@
-"""The kind ``static_loading``: what a session and every verb know of it."""
+"""The kind ``static_loading``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
@@ -30,7 +30,7 @@ _STAGES = (
     Stage(
         "steps", "pipelines.experiments.static_loading.load_steps:steps", ("displacement",),
         ("loads", "sphere.radius", "zero", "steps", "model.gravity"), schema="steps",
-        summary="find the loads' times and first touch; creep compliance",
+        summary="find load times and first touch; creep compliance",
     ),
     Stage(
         "approach", "pipelines.experiments.static_loading.measured:approach",
@@ -60,7 +60,7 @@ _STAGES = (
 KIND = Kind(
     name="static_loading",
     title="Static loading",
-    summary="a sphere under growing loads, seen by the laser",
+    summary="a sphere under increasing loads, measured by laser",
     settings=StaticLoading,
     stages=_STAGES,
     schemas=(DISPLACEMENT, _STEPS),

@@ -23,6 +23,7 @@ from labpipe.workflow.graph import Stage
 from labpipe.workflow.log import events
 from labpipe.workflow.runner import Event, RunResult, open_result, run, run_all
 from labpipe.workflow.session import Session
+from labpipe.workflow.worker import Job, work
 from tests.by_day import by_day
 
 HERE = Path(__file__).parent
@@ -430,6 +431,15 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
     provenance.program.cache_clear()
 
 
+def test_a_session_that_a_machine_does_not_see_is_named(tmp_path: Path) -> None:
+    session = replace(toy.make_session(tmp_path), root=tmp_path / "elsewhere")
+    job = Job(
+        session, toy.STAGES, toy.SCHEMAS, "nbr", frozenset(), False, False, False, False, {}, {}
+    )  # fmt: skip
+    with pytest.raises(InputError, match=r"sees no folder .*elsewhere; a session must lie under"):
+        work(job, tell=print)
+
+
 def test_a_cluster_that_does_not_answer_is_named(session: Session) -> None:
     pytest.importorskip("distributed", reason="the extra cluster is not installed")
     with pytest.raises(UsageError, match="no Dask scheduler answers at nonsense"):
@@ -534,6 +544,7 @@ def test_results_do_not_depend_on_how_they_are_made(
     assert toy.contents(session) == undisturbed
 
 
+@pytest.mark.slow
 def test_a_session_gives_the_same_results_wherever_it_lies(
     tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -550,6 +561,7 @@ def test_a_session_gives_the_same_results_wherever_it_lies(
     assert out.count(": cached") == 11
 
 
+@pytest.mark.slow
 def test_two_processes_on_one_session_share_the_work(
     session: Session, undisturbed: dict[str, bytes], tmp_path: Path
 ) -> None:
