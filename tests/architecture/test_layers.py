@@ -32,6 +32,7 @@ GROUND = {
     "numbers",
     "binary",
     "compilation",
+    "lazy",
     "uncertainty",
     "plugins",
     "installation",

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from labpipe.workflow import code, worker
+from labpipe.workflow._definitions import OURS
 from labpipe.workflow.tasks import Task
 from pipelines import process
 
@@ -56,7 +57,7 @@ def test_what_runs_is_what_is_reached(
     ran = ran_in_stages(tmp_path / "session", monkeypatch)
     assert len(ran) > 10
     for function, calls in ran.items():
-        reached = code.Reached(code.Code(), set(code.OURS))
+        reached = code.Reached(code.Code(), set(OURS))
         reached.follow([function])
         for module, called in calls:
             names = reached.found.get(module, {})
