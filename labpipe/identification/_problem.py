@@ -114,7 +114,7 @@ class Problem:
         return found
 
 
-def split(evidence: Evidence, numbers: Array) -> list[Array]:
+def split_by_group(evidence: Evidence, numbers: Array) -> list[Array]:
     """Cut the numbers of an experiment into those of its groups (along the first axis)."""
     ends = np.cumsum([g.values.size for g in evidence.groups])
     return list(np.split(numbers, ends[:-1]))

@@ -163,7 +163,7 @@ def _answer(
     return None
 
 
-def drawn_moduli(drawn: Sample, known: Posterior, curve: Moduli) -> tuple[Array, Array]:
+def sampled_moduli(drawn: Sample, known: Posterior, curve: Moduli) -> tuple[Array, Array]:
     """Return storage modulus [Pa] and loss factor (draw, frequency) of every draw.
 
     Draws follow the most probable structure of the spectrum; what the others say is added as

@@ -122,7 +122,7 @@ def _edge(t: Array, x: Array, extent: float) -> tuple[float, float]:
     return float(t[off[0] - 1]), float(np.mean(x[: off[0]]))
 
 
-def loops(
+def hysteresis_loops(
     time: ArrayLike,
     position: ArrayLike,
     force: ArrayLike,

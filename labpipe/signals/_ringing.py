@@ -226,22 +226,22 @@ def _grown(t: Array, y: Array, sigma: float, seed: tuple[int, int]) -> tuple[int
     half blocks are given back.
     """
     low, high = seed
-    foretold = _Foretelling(t, y, sigma)
+    is_predicted = _Prediction(t, y, sigma)
     while high + _BLOCK_READINGS <= len(t):
-        if not foretold((low, high), slice(high, high + _BLOCK_READINGS)):
+        if not is_predicted((low, high), slice(high, high + _BLOCK_READINGS)):
             high = max(seed[1], high - _BLOCK_READINGS)
             break
         high += _BLOCK_READINGS
     half = _BLOCK_READINGS // 2
     while low - half >= 0:
-        if not foretold((low, high), slice(low - half, low)):
+        if not is_predicted((low, high), slice(low - half, low)):
             low = min(seed[0], low + 2 * half)
             break
         low -= half
     return low, high
 
 
-class _Foretelling:
+class _Prediction:
     """Foretell a block from a stretch; fit again only when the stretch has grown much."""
 
     def __init__(self, t: Array, y: Array, sigma: float) -> None:

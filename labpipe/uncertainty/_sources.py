@@ -56,7 +56,7 @@ class Row(TypedDict):
     share: float
 
 
-def combined(sources: Sequence[Source]) -> float:
+def combined_uncertainty(sources: Sequence[Source]) -> float:
     """Return the root of the sum of squares.
 
     Examples
@@ -67,7 +67,7 @@ def combined(sources: Sequence[Source]) -> float:
     return float(sum(source.contribution**2 for source in sources) ** 0.5)
 
 
-def beyond(total: float, *parts: float) -> float:
+def excess_uncertainty(total: float, *parts: float) -> float:
     """Return what a standard uncertainty holds beyond some of its parts, at least 0.
 
     Examples
@@ -78,9 +78,9 @@ def beyond(total: float, *parts: float) -> float:
     return sqrt(max(total**2 - sum(part**2 for part in parts), 0.0))
 
 
-def table(sources: Sequence[Source]) -> list[Row]:
+def budget_rows(sources: Sequence[Source]) -> list[Row]:
     """Make the rows of a budget, largest first, with the share of each in the variance."""
-    total = combined(sources) ** 2
+    total = combined_uncertainty(sources) ** 2
     rows: list[Row] = [
         {
             "source": each.source,

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from labpipe import imaging
 from pipelines.bench.contact_radius import Scene, make_image
+from pipelines.bench.stability_inputs import Floats, Random, laid_out
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
-from pipelines.bench.stability_wild import Floats, Random, laid_out
 
 Film = NDArray[Any]
 

@@ -241,7 +241,7 @@ def _identified(
     nuisances = {unknown.name: unknown for each in told for unknown in each.unknowns}
     problem = Problem(spectrum, rebuilt(spectrum.rho), tuple(nuisances.values()))
     known = infer(problem, rebuilt, progress=say)
-    if not known.fit.is_settled:
+    if not known.fit.is_converged:
         warnings.warn(f"{material}: the fit did not converge; use its intervals with care",
                       UserWarning, stacklevel=2)  # fmt: skip
     relaxed = None

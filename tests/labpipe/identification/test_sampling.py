@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from labpipe.identification import drawn_moduli, fit, moduli, posterior, sample
+from labpipe.identification import fit, moduli, posterior, sample, sampled_moduli
 from tests.labpipe.identification.holds import hold_problem
 
 
@@ -24,7 +24,7 @@ def test_draws_are_good_and_the_same_every_time(known, drawn) -> None:
 
 def test_draws_agree_with_laplace_where_it_is_right(known, drawn) -> None:
     found = moduli(known, np.array([0.02]))
-    storage, loss = drawn_moduli(drawn, known, found)
+    storage, loss = sampled_moduli(drawn, known, found)
     for values, centre, u in (
         (storage, found.storage, found.u_ln_storage),
         (loss, found.loss_factor, found.u_ln_loss_factor),
