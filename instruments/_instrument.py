@@ -146,27 +146,6 @@ def _loaded(target: str) -> Callable[..., Any]:
     return function
 
 
-def lazily(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return a ``__getattr__`` for a face, which loads the module of a name on its first use.
-
-    Parameters
-    ----------
-    package : str
-        The face's ``__name__``.
-    homes : mapping
-        Public name to the inner module that defines it.
-    """
-
-    def load(name: str) -> Any:
-        if name not in homes:
-            message = f"module {package!r} has no attribute {name!r}"
-            raise AttributeError(message)
-        module = f"{package}.{homes[name]}"
-        return getattr(importlib.import_module(module), name)
-
-    return load
-
-
 def text_of(head: bytes) -> str:
     """Decode the first bytes of a text file of any codec, well enough to look for words."""
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):

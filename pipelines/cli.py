@@ -5,7 +5,6 @@ Nothing numerical is imported here; each command imports what it needs when it r
 """
 
 import importlib
-import importlib.util
 import json
 import sys
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ import click
 
 import labpipe
 from labpipe.errors import ConfigError, InstallationError, LabpipeError, SourceError, StorageError
+from labpipe.installation import foreign_package
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,6 @@ class Command:
 
 
 _HOME = "pipelines.commands"
-_MARK = "from labpipe import BUILD"  # in the face of each of our packages
 _USAGE = 2  # exit code of a line that cannot be understood
 COMMANDS: dict[str, Command] = {
     "demo": Command(f"{_HOME}.sample:demo", "Write a synthetic session and process it."),
@@ -148,29 +147,6 @@ def report_usage(error: click.UsageError, wants_json: bool) -> int:
     return _USAGE
 
 
-def foreign_package() -> str | None:
-    """Name the first of our packages that another distribution has replaced or removed, if any.
-
-    Each carries the mark of the build. Its source is read, not run: what a foreign package of the
-    same name does or fails to import is nothing that labpipe should begin with.
-    """
-    for name in ("instruments", "calibration", "pipelines"):
-        spec = importlib.util.find_spec(name)
-        if spec is None or spec.origin is None:
-            return (
-                f"the module `{name}` of labpipe is missing or has lost its files: removing "
-                "another distribution with a package of the same name takes them away; install "
-                "labpipe again, in a separate environment"
-            )
-        get_source = getattr(spec.loader, "get_source", lambda _: "")
-        if _MARK not in (get_source(name) or ""):
-            return (
-                f"the module `{name}` at {spec.origin} is not labpipe's: another distribution has "
-                "installed a package of the same name; use a separate environment for labpipe"
-            )
-    return None
-
-
 class Terminated(BaseException):
     """The system asked the program to end; what is half-done is undone on the way out."""
 
@@ -200,7 +176,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     debug, wants_json = "--debug" in arguments, "--json" in arguments
     # --debug is welcome anywhere in the line; click knows it only before the command
     arguments = ["--debug"] * debug + [a for a in arguments if a != "--debug"]
-    if (clash := foreign_package()) is not None:
+    if (clash := foreign_package(["instruments", "calibration"])) is not None:
         sys.exit(report_error(InstallationError(clash), wants_json))
     try:
         code = cli.main(args=arguments, prog_name="labpipe", standalone_mode=False) or 0

@@ -4,7 +4,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
-from instruments._instrument import HEAD_BYTES, Instrument, lazily, text_of
+from instruments._instrument import HEAD_BYTES, Instrument, text_of
+from labpipe.lazy import lazily
 from labpipe.text import Limits
 
 if TYPE_CHECKING:

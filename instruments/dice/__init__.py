@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
-from instruments._instrument import Instrument, lazily
+from instruments._instrument import Instrument
+from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
     from instruments.dice._solutions import is_solution, read

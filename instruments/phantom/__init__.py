@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from instruments._instrument import Instrument, lazily
+from instruments._instrument import Instrument
+from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
     from instruments.phantom._film import CineFrames, read

@@ -18,8 +18,9 @@ a plan loads nothing that it does not need. The function ``plan`` stays in its m
 it shares.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
     from labpipe.workflow.context import Context
@@ -63,10 +64,5 @@ _HOMES = {
     "run_all": "runner",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name from its module."""
-    if name in _HOMES:
-        return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
-    message = f"module {__name__!r} has no attribute {name!r}"
-    raise AttributeError(message)
+if not TYPE_CHECKING:
+    __getattr__ = lazily(__name__, _HOMES)

@@ -9,18 +9,10 @@ from labpipe.errors import SourceError, UsageError
 from labpipe.units import Quantity
 from labpipe.workflow.context import code_changed
 from labpipe.workflow.fields import show, suggest
+from labpipe.workflow.keys import Key, code_changes, make_keys
 from labpipe.workflow.session import Session, html_table
 from labpipe.workflow.store import Last, Store
-from labpipe.workflow.tasks import (
-    Key,
-    Stages,
-    Task,
-    TaskId,
-    ancestors,
-    code_changes,
-    make_keys,
-    spell_out,
-)
+from labpipe.workflow.tasks import Stages, Task, TaskId, ancestors, spell_out
 
 CACHED, KEPT, WILL_RUN, WAITS = "cached", "kept", "will run", "waits"
 READY = (CACHED, KEPT)

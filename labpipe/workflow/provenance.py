@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import labpipe
-from labpipe.workflow.tasks import Key, Task, TaskId, ancestors, key_of
+from labpipe.workflow.keys import Key
+from labpipe.workflow.store import key_of
+from labpipe.workflow.tasks import Task, TaskId, ancestors
 
 LIBRARIES = (
     "numpy",

@@ -11,6 +11,7 @@
 """
 
 import contextlib
+import hashlib
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -21,7 +22,7 @@ import msgspec
 from labpipe import files
 from labpipe.errors import SourceError, StoreError
 from labpipe.workflow.code import Code
-from labpipe.workflow.tasks import TaskId, key_of
+from labpipe.workflow.tasks import TaskId
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,6 +60,11 @@ class Last(NamedTuple):
 
     key: str
     taken_for: str | None = None
+
+
+def key_of(ingredients: Mapping[str, Any]) -> str:
+    """SHA-256 of the canonical JSON text of the ingredients."""
+    return hashlib.sha256(files.canonical(ingredients).encode("utf-8", "surrogatepass")).hexdigest()
 
 
 class Store:

@@ -17,19 +17,11 @@ from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
 from labpipe.workflow import ledger, provenance
 from labpipe.workflow.context import Context, Failed, Kept, RawFile, Warned
+from labpipe.workflow.keys import Key, describe_file
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Caught, Record, Store
-from labpipe.workflow.tasks import (
-    Argument,
-    Key,
-    Stages,
-    Task,
-    TaskId,
-    ancestors,
-    describe_file,
-    spell_out,
-)
+from labpipe.workflow.tasks import Argument, Stages, Task, TaskId, ancestors, spell_out
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -137,9 +137,8 @@ def _sphere_pressure(per_radius: int, kind: str) -> tuple[Floats, Floats]:
     gap = springs.gap
     n = springs.covering(1.1)
     load = np.maximum(1.0 - gap[:n], 0.0)
-    edge = springs.contact_radius(1.0, gap[:n])
     radii = np.sqrt((np.arange(_RADII) + 0.5) / _RADII)
-    return radii, springs.pressure(load, edge, radii) / (2.0 / np.pi)
+    return radii, springs.pressure(load, 1.0, radii) / (2.0 / np.pi)
 
 
 def _sphere_error(found: Any) -> float:

@@ -21,7 +21,7 @@ from pipelines.commands.options import echo, echo_json, json_option
 
 _LIBRARIES = (
     "numpy", "scipy", "pandas", "xarray", "netCDF4", "matplotlib", "opencv-python-headless",
-    "numba", "click", "rich", "jinja2", "msgspec", "uncertainties", "openpyxl",
+    "numba", "click", "rich", "jinja2", "msgspec", "openpyxl",
     "threadpoolctl",
 )  # fmt: skip
 _ROOM_WANTED = 2_000_000_000  # bytes; a session with films writes less than this

@@ -145,13 +145,15 @@ def _nothing_proposed(found: Found) -> str:
     """Say what was found and why no experiment begins from it; or that nothing is known."""
     folder = found.folder
     of_reason: dict[tuple[str, str], list[str]] = {}
-    for name, why in found.owners.items():
-        of_reason.setdefault(why, []).append(name)
+    wholes: dict[Path, str] = {}  # folders that are one recording, such as a film in images
     for place in [folder, *sorted(p for p in folder.rglob("*") if p.is_dir())]:
         if (whole := _instrument(place)) is not None:
             each = instruments.by_name(whole)
-            name = place.relative_to(folder).as_posix()
-            of_reason.setdefault((each.title, _why_not(each)), []).append(name)
+            wholes[place] = each.title
+            of_reason.setdefault((each.title, _why_not(each)), []).append(f"{place.name}/")
+    for name, why in found.owners.items():
+        if wholes.get((folder / name).parent) != why[0]:
+            of_reason.setdefault(why, []).append(name)
     if not of_reason:
         known = ", ".join(each.name for each in instruments.known())
         return (

@@ -12,8 +12,7 @@ import pytest
 import xarray as xr
 
 from labpipe.workflow import provenance, runner
-from labpipe.workflow.store import Store
-from labpipe.workflow.tasks import key_of
+from labpipe.workflow.store import Store, key_of
 from tests.faults.crashes import at_once
 from tests.labpipe.workflow import toy_laboratory as toy
 

@@ -363,6 +363,7 @@ BROKEN, WORKING = "import nothing_of_this_name\n", "BUILD = 1\n"
         (["inspect", "a.csv"], "instruments", WORKING),
         (["--help"], "instruments", BROKEN),
         (["plan", "."], "calibration", BROKEN),
+        (["doctor"], "pipelines", WORKING),
     ],
 )
 def test_a_foreign_package_of_our_name_is_told_by_every_command(
@@ -376,7 +377,7 @@ def test_a_foreign_package_of_our_name_is_told_by_every_command(
     path = os.pathsep.join([str(tmp_path), *sys.path])
     for json_option in ([], ["--json"]):
         done = subprocess.run(
-            [sys.executable, "-c", "from pipelines.cli import main; main()", *line, *json_option],
+            [sys.executable, "-m", "labpipe", *line, *json_option],
             check=False, capture_output=True, text=True, cwd=tmp_path,
             env=os.environ | {"PYTHONPATH": path},
         )  # fmt: skip

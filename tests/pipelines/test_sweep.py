@@ -34,7 +34,6 @@ def _toy(point: Mapping[str, Value]) -> dict[str, float]:
 
 TOY = Simulator(
     _toy,
-    1,
     {"material": Parameter("", "acrylic", ""), "temperature": Parameter("degC", None, ""),
      "marker": Parameter("", "", ""),
      "x": Parameter("1", 1.0, ""), "y": Parameter("1", 2.0, "")},

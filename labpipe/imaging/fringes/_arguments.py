@@ -1,4 +1,4 @@
-"""Check the arguments of :func:`labpipe.imaging.contact_radius`."""
+"""Check the arguments of :func:`labpipe.imaging.fringes._contact_radius`."""
 
 import math
 from dataclasses import dataclass

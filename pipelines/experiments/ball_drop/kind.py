@@ -48,7 +48,7 @@ _STAGES = (
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.impact._bounce_compiled",),
+        imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drop",
     ),
     Stage(

@@ -51,7 +51,7 @@ _STAGES = (
         "model", "pipelines.experiments.plate_vibration.model:model", ("table", "plate"),
         ("drops", "sphere", "model"),
         shortcuts=True,
-        imports=("labpipe.contact.impact._bounce_compiled",),
+        imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drops on the plate",
     ),
     Stage(

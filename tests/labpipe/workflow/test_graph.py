@@ -7,7 +7,8 @@ import toy_laboratory as toy
 from labpipe.errors import InputError
 from labpipe.workflow.config import File
 from labpipe.workflow.graph import Stage, ordered
-from labpipe.workflow.tasks import _parameters, field_value
+from labpipe.workflow.keys import _parameters
+from labpipe.workflow.tasks import field_value
 
 
 def stage(name: str, *inputs: str, **rest: object) -> Stage:

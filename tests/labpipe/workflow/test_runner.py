@@ -127,7 +127,8 @@ def test_every_result_says_where_it_comes_from(session: Session) -> None:
     found = json.loads(attributes["provenance"])
     assert found["stage"] == "mean"
     assert found["parameters"] == {"sphere.radius": [0.005, 0.0, "m"]}
-    assert found["stages"] == {"read": 1, "scale": 1, "mean": 1, "dma/curve": 1}
+    assert set(found["stages"]) == {"read", "scale", "mean", "dma/curve"}
+    assert len(set(found["stages"].values())) == 4
     path = session.root / "laser" / "r3.txt"
     assert found["inputs"] == [
         {"name": "dma.txt", "size": 4, "sha256": files.digest(session.root / "dma.txt")},
@@ -280,7 +281,7 @@ def test_fail_fast_stops_at_the_first_failure(tmp_path: Path, jobs: int) -> None
 
 def test_a_function_that_cannot_be_imported_is_named(session: Session) -> None:
     for function in ("toy_laboratory:nothing", "no_such_module:f"):
-        curve = Stage("curve", function, 1, ("file:sweep",))
+        curve = Stage("curve", function, ("file:sweep",))
         result = run(session, {**toy.STAGES, "dma": (curve,)}, schemas=toy.SCHEMAS, jobs=0)
         assert f"{function} cannot be imported" in result.failures[0].message
 

@@ -13,8 +13,8 @@ from labpipe import files
 from labpipe.errors import StoreError
 from labpipe.workflow.plan import plan
 from labpipe.workflow.runner import run
-from labpipe.workflow.store import Caught, Store
-from labpipe.workflow.tasks import TaskId, key_of
+from labpipe.workflow.store import Caught, Store, key_of
+from labpipe.workflow.tasks import TaskId
 
 INGREDIENTS = {"stage": "read", "version": 1, "parameters": {"gain": 1.5, "name": "é"}}
 KEY = key_of(INGREDIENTS)
