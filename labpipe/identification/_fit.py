@@ -303,7 +303,7 @@ class Objective:
         deviations = np.concatenate([
             self.deviations(i) for i in range(len(self.problem.evidence))
         ])  # fmt: skip
-        given = self.problem.given(surrogate.at)
+        given = self.problem.nuisance_values(surrogate.at)
         weight = np.concatenate([
             e.weight(ratio, given)[0]
             for e, ratio in zip(self.problem.evidence, self.corrections, strict=True)

@@ -125,7 +125,7 @@ class Moduli:
         Most probable.
     u_ln_storage, u_ln_loss_factor : array (n,)
         Standard deviations of their natural logarithms.
-    open_ln_storage, open_ln_loss_factor : array (n,)
+    structure_ln_storage, structure_ln_loss_factor : array (n,)
         What the structure of the spectrum adds to the fit's own, in quadrature.
     prior_ln_storage, prior_ln_loss_factor : array (n,)
         Those of the prior.
@@ -140,8 +140,8 @@ class Moduli:
     loss_factor: Array
     u_ln_storage: Array
     u_ln_loss_factor: Array
-    open_ln_storage: Array
-    open_ln_loss_factor: Array
+    structure_ln_storage: Array
+    structure_ln_loss_factor: Array
     prior_ln_storage: Array
     prior_ln_loss_factor: Array
     derivatives: Array

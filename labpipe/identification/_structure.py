@@ -173,7 +173,7 @@ def _weighed(
     tangent = _Anywhere.at(found, rebuilt, [each.spectrum.rho for each in candidates])
     made = []
     for each in candidates:
-        surrogate = tangent.surrogate(each.spectrum, each.spectrum.like(begin))
+        surrogate = tangent.surrogate(each.spectrum, each.spectrum.coordinates_of(begin))
         xi, cost = surrogate.lowest(_LEAST_DAMPING, None, _BOUND)
         covariance, size = laplace(surrogate.jacobian(xi))
         logarithm = log(each.before) - cost - 0.5 * size
@@ -233,7 +233,7 @@ class _Anywhere:
         objective = Objective.of(found)
         base = objective.surrogate(xi)
         rho = np.unique(np.concatenate([*times, problem.spectrum.rho]))
-        solid, given = problem.material(xi), problem.given(xi)
+        solid, given = problem.material(xi), problem.nuisance_values(xi)
         rows = []
         for number, (each, ratio) in enumerate(zip(rebuilt(rho), found.corrections, strict=True)):
             weight, _ = each.weight(ratio, given)

@@ -83,8 +83,8 @@ def main_quantities(found: Identified) -> MainQuantities:
     chosen = _related(found, by_xi[1:])
     by_xi = np.vstack([by_xi, np.eye(xi.size)[chosen]])
     covariance = known.covariance_of(by_xi)
-    covariance[1, 1] += (at / 1e6 * curve.open_ln_storage[0]) ** 2
-    covariance[2, 2] += (loss * curve.open_ln_loss_factor[0]) ** 2
+    covariance[1, 1] += (at / 1e6 * curve.structure_ln_storage[0]) ** 2
+    covariance[2, 2] += (loss * curve.structure_ln_loss_factor[0]) ** 2
     centre = [np.log10(parameters[0].value(float(xi[0]))), at / 1e6, loss, *xi[chosen]]
     where = quantity(frequency, "Hz")
     names = ("lg E_relaxed\n/ Pa", f"E′ / MPa\nat {where}", f"tan δ\nat {where}")

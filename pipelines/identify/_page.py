@@ -356,8 +356,8 @@ def _draws(found: Identified) -> tuple[Block, ...]:
     if found.drawn is None:
         return ()
     drawn, shown = found.drawn, main_quantities(found)
-    kind: Literal["ok", "warning"] = "ok" if drawn.is_good else "warning"
-    mean, spread = drawn.spread(shown.drawn(found))
+    kind: Literal["ok", "warning"] = "ok" if drawn.is_reliable else "warning"
+    mean, spread = drawn.mean_and_sd(shown.drawn(found))
     rows = [
         (name.replace("\n", " "), centre, u, m, s, (m - centre) / u, s / u)
         for name, centre, u, m, s in zip(

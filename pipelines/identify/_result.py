@@ -60,13 +60,18 @@ def dataset(found: Identified) -> xr.Dataset:
     for name, values, units, text in (
         ("storage", curve.storage, "Pa", "storage modulus"),
         ("u_ln_storage", curve.u_ln_storage, "1", "standard deviation of its logarithm"),
-        ("open_ln_storage", curve.open_ln_storage, "1", "contribution of the unknown structure"),
+        (
+            "open_ln_storage",
+            curve.structure_ln_storage,
+            "1",
+            "contribution of the unknown structure",
+        ),
         ("prior_ln_storage", curve.prior_ln_storage, "1", "the same, of the prior"),
         ("loss_factor", curve.loss_factor, "1", "loss factor"),
         ("u_ln_loss_factor", curve.u_ln_loss_factor, "1", "standard deviation of its logarithm"),
         (
             "open_ln_loss_factor",
-            curve.open_ln_loss_factor,
+            curve.structure_ln_loss_factor,
             "1",
             "contribution of the unknown structure",
         ),

@@ -99,7 +99,7 @@ STEPS: dict[str, tuple[Callable[[], Columns], Callable[..., object]]] = {
     "window": (wave, signals.active_window),
     "loops": (indented, lambda t, x, f: signals.hysteresis_loops(t, x, f, 1.0)),
     "vibration": (ring, signals.damped_oscillation),
-    "ringing": (ring, lambda t, y: signals.ringing(t, y, longest_blow=4e-3, shortest_pause=0.05)),
+    "ringing": (ring, lambda t, y: signals.ringing(t, y, longest_impact=4e-3, shortest_pause=0.05)),
     "first touch": (approach, first_touch),
 }
 

@@ -156,12 +156,12 @@ def test_candidates_begin_as_the_spectrum_that_was_found() -> None:
     smooth = SmoothSpectrum(relaxation_times(1e-2, 1e2), 0.5)
     xi = 0.5 * np.cos(np.arange(len(smooth.parameters)))
     solid = material(smooth, smooth.log_terms(xi))
-    assert np.allclose(smooth.like(solid), xi)
+    assert np.allclose(smooth.coordinates_of(solid), xi)
     omega = np.geomspace(1e-1, 1e1, 5)
     exact = solid.complex_modulus(omega)
     for spectrum in (
         SmoothSpectrum(one_per_decade(1e-2, 1e2, 0.3), 0.5),
         RoughSpectrum(SmoothSpectrum(relaxation_times(1e-2, 1e2, per_decade=8), 0.5)),
     ):
-        made = material(spectrum, spectrum.log_terms(spectrum.like(solid)))
+        made = material(spectrum, spectrum.log_terms(spectrum.coordinates_of(solid)))
         assert np.abs(made.complex_modulus(omega) / exact - 1).max() < 0.06
