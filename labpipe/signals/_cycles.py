@@ -168,7 +168,7 @@ def hysteresis_loops(
     --------
     >>> time = np.arange(0.0, 10.0, 0.02)
     >>> angle = 2 * np.pi * time
-    >>> found = loops(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1), 1.0)
+    >>> found = hysteresis_loops(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1), 1.0)
     >>> round(float(found.mean_work / (np.pi * 2e-4 * np.sin(0.1))), 3)
     1.0
     """

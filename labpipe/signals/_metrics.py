@@ -188,7 +188,7 @@ def coefficient_of_determination(measured: ArrayLike, model: ArrayLike) -> float
 
     Examples
     --------
-    >>> determination([0.0, 1.0, 2.0], [0.0, 1.0, 2.0])
+    >>> coefficient_of_determination([0.0, 1.0, 2.0], [0.0, 1.0, 2.0])
     1.0
     """
     a, b = _pairs(measured, model)

@@ -90,7 +90,7 @@ def linear_budget(model: Model, inputs: Mapping[str, Input]) -> Budget:
     Displacement from a laser that looks along a line inclined by 12 degrees:
 
     >>> from math import cos
-    >>> found = linear(
+    >>> found = linear_budget(
     ...     lambda reading, inclination: reading / cos(inclination),
     ...     {"reading": Input(1.5e-3, 1e-6, "m"), "inclination": Input(0.2094, 0.0035, "rad")},
     ... )
@@ -140,7 +140,7 @@ def propagated_variance(slopes: "Array", covariance: "Covariance") -> "Array":
     What two readings share cancels in their difference:
 
     >>> import numpy as np
-    >>> float(variance(np.array([1.0, -1.0]), np.array([[5.0, 4.0], [4.0, 5.0]])))
+    >>> float(propagated_variance(np.array([1.0, -1.0]), np.array([[5.0, 4.0], [4.0, 5.0]])))
     2.0
     """
     found: Array = ((slopes @ covariance) * slopes).sum(axis=-1).clip(min=0.0)

@@ -38,7 +38,7 @@ def monte_carlo(
     Parameters
     ----------
     model, inputs
-        As for :func:`linear`.
+        As for :func:`linear_budget`.
     level : float
         Of the interval.
     draws : int

@@ -83,7 +83,7 @@ def inputs_to_halve(shares: Mapping[str, float]) -> tuple[tuple[str, ...], float
 
     Examples
     --------
-    >>> names, factor = to_halve({"inclination": 0.9, "noise": 0.1})
+    >>> names, factor = inputs_to_halve({"inclination": 0.9, "noise": 0.1})
     >>> names, round(factor, 2)
     (('inclination',), 2.45)
     """

@@ -61,7 +61,8 @@ def combined_uncertainty(sources: Sequence[Source]) -> float:
 
     Examples
     --------
-    >>> combined([Source("a", 0, 3.0, "m", 1, "random"), Source("b", 0, 2.0, "m", 2, "random")])
+    >>> a = Source("a", 0, 3.0, "m", 1, "random")
+    >>> combined_uncertainty([a, Source("b", 0, 2.0, "m", 2, "random")])
     5.0
     """
     return float(sum(source.contribution**2 for source in sources) ** 0.5)
@@ -72,7 +73,7 @@ def excess_uncertainty(total: float, *parts: float) -> float:
 
     Examples
     --------
-    >>> beyond(5.0, 3.0)
+    >>> excess_uncertainty(5.0, 3.0)
     4.0
     """
     return sqrt(max(total**2 - sum(part**2 for part in parts), 0.0))

@@ -96,7 +96,7 @@ def model_quantity(
     name, unit : str
     value : float
     rows : sequence of mapping
-        As :func:`labpipe.uncertainty.table` makes them.
+        As :func:`labpipe.uncertainty.budget_rows` makes them.
     asked : sequence of str
         Inputs of the model; those without a row are stated as exact.
     """
