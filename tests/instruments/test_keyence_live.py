@@ -107,7 +107,7 @@ def test_patience_ends_although_bytes_trickle_in() -> None:
     """One byte after the other comes, but no reading; the recording is given up all the same."""
     with emulator(LK_G5000, lambda n: [1], dict.fromkeys(range(99), "slow"), delay=0.1) as made:
         rec = recorder(made, interval=0.02, patience=0.4, timeout=0.2)
-        with pytest.raises(SourceError, match=r"silent for 0.4 s\n  Last error: .*no complete answer"):
+        with pytest.raises(SourceError, match=r"silent for 0.4 s\n  Last error: .*complete answer"):
             rec.record(60.0)
     assert rec.kept == []
     assert rec.tally.errors >= 1
