@@ -345,7 +345,7 @@ def _add_release(
     except np.linalg.LinAlgError as error:
         message = (
             f"{len(t)} readings of the fall before the first touch at {impact.value[0]:.6g} s do "
-            "not tell when it began"
+            f"not determine when it began"
         )
         raise InputError(message) from error
     begin = speed / fall_rate

@@ -172,5 +172,5 @@ FAMILIES: Mapping[str, tuple[Case, int]] = {
     "laser": (laser, 250),
     "load cell": (load_cell, 200),
     "camera and clock": (camera_and_clock, 400),
-    "calibration that is none": (calibration_that_is_none, 300),
+    "invalid calibration": (calibration_that_is_none, 300),
 }

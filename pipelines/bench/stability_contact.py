@@ -195,7 +195,8 @@ def line_loads(random: Random) -> Outcome:
         (miss / 1e-6, "a first load that is missed by 1e-6 of the largest"),
         (below_zero(np.diff(pushed.dissipated_energy.values, prepend=0.0)),
          "dissipation that falls"),
-        (0.0 if np.all(np.isfinite(depth)) or jumps.size else np.inf, "an approach that is none"),
+        (0.0 if np.all(np.isfinite(depth)) or jumps.size else np.inf, "an approach that is not "
+                                                                      "finite"),
     )  # fmt: skip
 
 
@@ -261,7 +262,7 @@ def harmonic_work(random: Random) -> Outcome:
     )
 
 
-# -- input that is none ----------------------------------------------------------------------------
+# -- invalid input ----------------------------------------------------------------------------
 
 _BAD = (np.nan, np.inf, -np.inf, -1.0, 0.0)
 _SOLID = Prony(2e9, [2e9], [0.5e-3], nu=0.35)
@@ -339,5 +340,5 @@ FAMILIES: Mapping[str, tuple[Case, int]] = {
     "any profile": (any_profile, 300),
     "closed forms": (inverse_closed_forms, 350),
     "harmonic work": (harmonic_work, 200),
-    "input that is none": (input_that_is_none, 600),
+    "invalid input": (input_that_is_none, 600),
 }

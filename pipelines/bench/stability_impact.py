@@ -48,7 +48,7 @@ def any_drop(random: Random) -> Outcome:
         (below_zero(np.diff(found.dissipated_energy.values, prepend=0.0)),
          "dissipation that falls"),
         (below_zero(1.0 + 1e-4 - found.restitution.values), "a rebound faster than the impact"),
-        (0.0 if finite else np.inf, "a number that is none"),
+        (0.0 if finite else np.inf, "a value that is not finite"),
     )  # fmt: skip
 
 
@@ -126,7 +126,7 @@ def any_collision(random: Random) -> Outcome:
         (float(np.max(known - 1.0, initial=0.0)) / 1e-7, "a rebound faster by 1e-7"),
         (0.0 if np.all(np.isfinite(found.displacement.values)) else np.inf, "no height"),
         (float(np.isnan(lost).any() and np.isfinite(energy).all() and known.size == e.size),
-         "a loss that is none"),
+         "a loss that is not finite"),
     )  # fmt: skip
 
 

@@ -211,7 +211,7 @@ def shift_factors(random: Random) -> Outcome:
     error = np.abs(a - (shift - shift[at]))
     return worst(
         (float(np.max(error / (8.0 * u + 0.02))), "a shift by 8 u and 0.02 decades"),
-        (0.0 if np.isfinite(a).all() else np.inf, "a shift that is none"),
+        (0.0 if np.isfinite(a).all() else np.inf, "a shift that is not finite"),
     )
 
 
@@ -230,8 +230,8 @@ FAMILIES: Mapping[str, tuple[Case, int]] = {
     "modulus and compliance": (modulus_and_compliance, 300),
     "creep and relaxation": (creep_and_relaxation, 300),
     "shifted material": (shifted_material, 150),
-    "material that is none": (material_that_is_none, 500),
+    "invalid material": (material_that_is_none, 500),
     "Kramers and Kronig": (kramers_kronig, 40),
     "shift factors": (shift_factors, 6),
-    "sweeps that are none": (sweeps_that_are_none, 150),
+    "invalid sweeps": (sweeps_that_are_none, 150),
 }

@@ -90,7 +90,7 @@ def simulate(
     geometry = _geometry(request, value if control == "displacement" else None)
     values = value if control == "displacement" else value / request.depth
     settings = (creep, control, rtol, "energy" in outputs)
-    reason = "as asked for" if solver != "auto" else _why_general(geometry)
+    reason = "as requested" if solver != "auto" else _why_general(geometry)
     if solver == "springs" or not reason:
         run = _spring_run(geometry, values, settings)
         try:
