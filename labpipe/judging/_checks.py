@@ -206,14 +206,7 @@ def bounded(
 
 
 def stated(
-    name: str,
-    law: str,
-    message: str,
-    level: Level | None,
-    *,
-    cause: str = "",
-    file: str = "",
-    line: int | None = None,
+    name: str, law: str, message: str, level: Level | None, *, cause: str = "", file: str = "", line: int | None = None
 ) -> Check:
     """Return a check whose answer is plain, such as that two files hold the same bytes."""
     return Check(name, law, message, level, cause=cause, file=file, line=line)

@@ -35,9 +35,7 @@ class Judgement:
     def findings(self) -> tuple[Finding, ...]:
         """What is wrong, the worst first."""
         found = [
-            Finding(c.name, c.level, c.message, c.cause, c.file, c.line)
-            for c in self.checks
-            if c.level is not None
+            Finding(c.name, c.level, c.message, c.cause, c.file, c.line) for c in self.checks if c.level is not None
         ]
         return tuple(sorted(found, key=lambda f: -_WEIGHT[f.level]))
 

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
+from labpipe.variables import variable
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
 
@@ -40,28 +41,34 @@ def _bounces_compared(repeats: xr.Dataset, model: xr.Dataset, first: float) -> x
             (f"{name}_model", b, "model"),
             (f"{name}_difference", a - b, "measured minus model"),
         ):
-            table[key] = ("impact", values, {"units": units, "long_name": f"{name}, {text}"})
-        table[f"u_{name}_difference"] = (
-            "impact", u, {"units": units, "long_name": f"standard uncertainty: {name} difference"},
-        )  # fmt: skip
+            table[key] = variable("impact", values, units, f"{name}, {text}")
+        table[f"u_{name}_difference"] = variable("impact", u, units, f"standard uncertainty: {name} difference")
     return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
 
 
-def rows(
-    comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop
-) -> Iterator[Row]:
+def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) -> Iterator[Row]:
     """Yield the rows of ``compare``."""
     del settings
     n = int(repeats.sizes["repeat"])
     relative = float(repeats.attrs["u_systematic_relative"])
     mean_size = float(np.abs(repeats["displacement_mean"]).mean())
-    yield row("displacement", "m", n, nrmse=comparison["nrmse"], difference=comparison["bias"],
-              u_difference=relative * mean_size)  # fmt: skip
+    yield row(
+        "displacement",
+        "m",
+        n,
+        nrmse=comparison["nrmse"],
+        difference=comparison["bias"],
+        u_difference=relative * mean_size,
+    )
     for i in range(min(IMPACTS, comparison.sizes["impact"])):
         yield row(
-            f"restitution, impact {i + 1}", "1", int(repeats["n_repeats"][i]),
-            measured=comparison["restitution_measured"][i], u_measured=repeats["u_restitution"][i],
-            model=comparison["restitution_model"][i], u_model=model["u_restitution"][i],
+            f"restitution, impact {i + 1}",
+            "1",
+            int(repeats["n_repeats"][i]),
+            measured=comparison["restitution_measured"][i],
+            u_measured=repeats["u_restitution"][i],
+            model=comparison["restitution_model"][i],
+            u_model=model["u_restitution"][i],
             difference=comparison["restitution_difference"][i],
             u_difference=comparison["u_restitution_difference"][i],
-        )  # fmt: skip
+        )

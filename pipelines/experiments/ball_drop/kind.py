@@ -6,63 +6,91 @@ from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Propo
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.schemas import BOUNCES, DISPLACEMENT, DROP, VELOCITY
 
-_REPEATS = Schema("repeats", {
-    "displacement": Variable(("repeat", "time"), "m"),
-    "displacement_mean": Variable(("time",), "m"),
-    "displacement_sd": Variable(("time",), "m"),
-    "velocity": Variable(("repeat", "time"), "m/s"),
-})  # fmt: skip
+_REPEATS = Schema(
+    "repeats",
+    {
+        "displacement": Variable(("repeat", "time"), "m"),
+        "displacement_mean": Variable(("time",), "m"),
+        "displacement_sd": Variable(("time",), "m"),
+        "velocity": Variable(("repeat", "time"), "m/s"),
+    },
+)
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.ball_drop.measured:readings",
-        ("file:laser",), ("keyence",), per="recording", over="laser",
+        "readings",
+        "pipelines.experiments.ball_drop.measured:readings",
+        ("file:laser",),
+        ("keyence",),
+        per="recording",
+        over="laser",
         summary="read the laser export",
     ),
     Stage(
-        "displacement", "pipelines.experiments.ball_drop.measured:displacement",
+        "displacement",
+        "pipelines.experiments.ball_drop.measured:displacement",
         ("readings", "file:calibration"),
         ("sensor", "measured_on", "analysis.inclination_from_height", "analysis.contact", "height"),
-        per="recording", over="laser", schema="displacement",
+        per="recording",
+        over="laser",
+        schema="displacement",
         summary="correct the inclination, with uncertainty",
     ),
     Stage(
-        "bounces", "pipelines.experiments.ball_drop.measured:bounces",
-        ("displacement",), ("analysis.contact",), per="recording", over="laser", schema="bounces",
+        "bounces",
+        "pipelines.experiments.ball_drop.measured:bounces",
+        ("displacement",),
+        ("analysis.contact",),
+        per="recording",
+        over="laser",
+        schema="bounces",
         summary="find release, contacts, bounces and rest",
     ),
     Stage(
-        "velocity", "pipelines.experiments.ball_drop.measured:velocity",
-        ("displacement", "bounces"), ("analysis.velocity", "analysis.window"),
-        per="recording", over="laser", schema="velocity",
+        "velocity",
+        "pipelines.experiments.ball_drop.measured:velocity",
+        ("displacement", "bounces"),
+        ("analysis.velocity", "analysis.window"),
+        per="recording",
+        over="laser",
+        schema="velocity",
         summary="differentiate, without smoothing the impacts",
     ),
     Stage(
-        "repeats", "pipelines.experiments.ball_drop.measured:repeats",
-        ("displacement", "velocity", "bounces"), (), schema="repeats",
+        "repeats",
+        "pipelines.experiments.ball_drop.measured:repeats",
+        ("displacement", "velocity", "bounces"),
+        (),
+        schema="repeats",
         summary="align at first contact: mean, band, outliers",
     ),
     Stage(
-        "model", "pipelines.experiments.ball_drop.model:model",
-        ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve",
-         "other:plate_from/plate"),
-        ("height", "sphere", "model", "plate"), schema="drop",
+        "model",
+        "pipelines.experiments.ball_drop.model:model",
+        ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve", "other:plate_from/plate"),
+        ("height", "sphere", "model", "plate"),
+        schema="drop",
         shortcuts=True,
         imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drop",
     ),
     Stage(
-        "comparison", "pipelines.experiments.ball_drop.comparison:comparison",
-        ("repeats", "model"), (),
+        "comparison",
+        "pipelines.experiments.ball_drop.comparison:comparison",
+        ("repeats", "model"),
+        (),
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.ball_drop.page:page",
+        "report",
+        "pipelines.experiments.ball_drop.page:page",
         ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
-        ("*",), output="page", context=True,
+        ("*",),
+        output="page",
+        context=True,
         summary="write the page",
     ),
-)  # fmt: skip
+)
 
 KIND = Kind(
     name="ball_drop",
@@ -73,14 +101,8 @@ KIND = Kind(
     schemas=(BOUNCES, DISPLACEMENT, DROP, VELOCITY, _REPEATS),
     key_numbers=(KeyNumber("first restitution", "1", "repeats", "restitution"),),
     picture=Picture("repeats", "time", "displacement_mean"),
-    rows=Derived(
-        "pipelines.experiments.ball_drop.comparison:rows",
-        ("comparison", "repeats", "model"),
-    ),
-    budget=Derived(
-        "pipelines.experiments.ball_drop.budget:quantities",
-        ("bounces", "displacement", "model"),
-    ),
+    rows=Derived("pipelines.experiments.ball_drop.comparison:rows", ("comparison", "repeats", "model")),
+    budget=Derived("pipelines.experiments.ball_drop.budget:quantities", ("bounces", "displacement", "model")),
     body="sphere",
     evidence=Derived(
         "pipelines.experiments.ball_drop.evidence:evidence",

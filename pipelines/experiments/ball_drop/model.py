@@ -7,18 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import contact
+from labpipe.arrays import Floats
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source, budget_rows
 from labpipe.units import Quantity
+from labpipe.variables import variable
 from pipelines.experiments.ball_drop.measured import padded
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_plate
-
-Array = NDArray[np.float64]
 
 _CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
 _COARSE = 1e-3  # tolerance of the simulations by which sensitivities are found
@@ -52,15 +51,24 @@ def model(
     inputs = body | {f"{_OF_PLATE}{name}": quantity for name, quantity in floor.items()}
     solids = variations(sphere, material_file, fitted)
 
-    def simulate(other: Prony, rtol: float, times: Array | None, **change: float) -> xr.Dataset:
+    def simulate(other: Prony, rtol: float, times: Floats | None, **change: float) -> xr.Dataset:
         values = {name: quantity.value for name, quantity in inputs.items()} | change
         moved = {name: values[f"{_OF_PLATE}{name}"] for name in floor}
         return contact.drop(
-            other, values["radius"], values["mass"], values["height"], duration, chosen.solver,
-            chosen.profile, rtol, gravity=gravity, times=times,
+            other,
+            values["radius"],
+            values["mass"],
+            values["height"],
+            duration,
+            chosen.solver,
+            chosen.profile,
+            rtol,
+            gravity=gravity,
+            times=times,
             plate=None if substrate is None else replace(substrate, **moved),
-            fold=not full, shortcuts=contact.Shortcuts.chosen(full=full),
-        )  # fmt: skip
+            fold=not full,
+            shortcuts=contact.Shortcuts.chosen(full=full),
+        )
 
     made = simulate(solid, chosen.rtol, times)
     # On a ringing plate a later touch meets it at another moment when the height changes, so the
@@ -83,9 +91,7 @@ def model(
     return made
 
 
-def _slopes(
-    other: xr.Dataset, reference: xr.Dataset, change: float, count: int
-) -> dict[str, Array]:
+def _slopes(other: xr.Dataset, reference: xr.Dataset, change: float, count: int) -> dict[str, Floats]:
     """Return the change (impact,) of each uncertain result per change of one input."""
     shared = min(other.sizes["impact"], reference.sizes["impact"], count)
     found = {}
@@ -97,19 +103,15 @@ def _slopes(
     return found
 
 
-def _with_uncertainty(
-    made: xr.Dataset, slopes: Mapping[str, tuple[Quantity, dict[str, Array]]]
-) -> xr.Dataset:
+def _with_uncertainty(made: xr.Dataset, slopes: Mapping[str, tuple[Quantity, dict[str, Floats]]]) -> xr.Dataset:
     """Add what the uncertainties of the inputs do to restitution, times, forces and radii."""
     for name in _UNCERTAIN:
         parts = [np.nan_to_num(by[name]) * given.u for given, by in slopes.values()]
-        made[f"u_{name}"] = (
+        made[f"u_{name}"] = variable(
             "impact",
             np.sqrt(np.sum(np.square(parts), axis=0)) if parts else np.zeros(made.sizes["impact"]),
-            {
-                "units": made[name].attrs["units"],
-                "long_name": f"standard uncertainty from {', '.join(slopes)}: {name}",
-            },
+            made[name].attrs["units"],
+            f"standard uncertainty from {', '.join(slopes)}: {name}",
         )
     sources = [
         Source.of(key, given, float(np.nan_to_num(by["restitution"][0])))

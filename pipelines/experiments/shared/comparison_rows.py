@@ -68,14 +68,7 @@ class Row:
 
 
 def row(
-    quantity: str,
-    unit: str,
-    n: int,
-    *,
-    material: str = "",
-    condition: str = "",
-    against: str = "model",
-    **values: Any,
+    quantity: str, unit: str, n: int, *, material: str = "", condition: str = "", against: str = "model", **values: Any
 ) -> Row:
     """Return a row without its experiment; values that are not finite become None.
 
