@@ -390,7 +390,7 @@ def test_white_light_gives_the_edge_and_says_so() -> None:
     colours = [intensity_of_gap(gap, scene.change(wavelength=w)) for w in np.linspace(450e-9, 650e-9, 21)]
     image = lit(np.mean(colours, axis=0), scene)
     film = np.stack([expose(image, scene, np.random.default_rng(8))] * 2)
-    with pytest.warns(UserWarning, match="wavelength is not known"):
+    with pytest.warns(UserWarning, match="no wavelength is given"):
         found = contact_radius(film, scene.pixel_size, scene.sphere_radius, None)
     assert (found.method == 2).all()
     assert "wavelength not given" in found.attrs["note"]

@@ -148,7 +148,7 @@ def test_attributes_cannot_be_set(acrylic_like):
         (lambda: Prony(0.0, [], []), "no stiffness"),
         (lambda: Prony(1.0, [1.0], []), "equal length"),
         (lambda: Prony(1.0, [[1.0]], [[1.0]]), "equal length"),
-        (lambda: Prony(1.0, [1.0, -2.0], [1.0, 2.0]), r"E\[1\] = -2.0: a negative weight"),
+        (lambda: Prony(1.0, [1.0, -2.0], [1.0, 2.0]), r"E\[1\] = -2.0: with a negative weight"),
         (lambda: Prony(1.0, [np.inf], [1.0]), r"E\[0\] = inf"),
         (lambda: Prony(1.0, [1.0], [0.0]), r"rho\[0\] = 0.0 s"),
         (lambda: Prony(1.0, [1.0], [np.nan]), r"rho\[0\] = nan s"),

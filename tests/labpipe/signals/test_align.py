@@ -77,7 +77,7 @@ def test_values_outside_the_record_are_unknown():
     ("second", "largest", "message"),
     [
         (record(np.arange(5.0), np.arange(5.0)), None, "12 readings"),
-        (record(np.arange(50.0), np.zeros(50)), None, "does not vary"),
+        (record(np.arange(50.0), np.zeros(50)), None, "is constant"),
         (record(np.arange(50.0) + 1e3, np.sin(np.arange(50.0))), 5.0, "do not overlap"),
     ],
 )

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from labpipe import files
-from labpipe.workflow.runner import events
+from labpipe.workflow import events
 from pipelines.figures import FIGURES, make
 from pipelines.process import open_session
 
