@@ -64,8 +64,13 @@ class Options(
 @cache
 def added() -> tuple[Plugin[Instrument], ...]:
     """Return the plug-ins of other distributions, and why one of them is left out."""
-    found = survey(GROUP, Instrument, [each.name for each in OURS])
-    tell([f"{p} is left out: {p.problem}" for p in found if p.problem])
+    found = tuple(
+        plugin.left_out(f'its content is "{plugin.found.content}"; known are {", ".join(CONTENTS)}')
+        if plugin.found is not None and plugin.found.content not in CONTENTS
+        else plugin
+        for plugin in survey(GROUP, Instrument, [each.name for each in OURS])
+    )
+    tell(found)
     return found
 
 
@@ -124,9 +129,9 @@ def _identify(path: Path) -> Instrument:
     for each in OURS:
         if each.sniff(head, path):
             return each
-    for each in known()[len(OURS) :]:
-        if _is_from_plugin(each, head, path):
-            return each
+    for plugin in added():
+        if plugin.found is not None and _is_from(plugin, head, path):
+            return plugin.found
     tried = ", ".join(each.name for each in known())
     raise SourceError(
         path,
@@ -135,18 +140,18 @@ def _identify(path: Path) -> Instrument:
     )
 
 
-def _is_from_plugin(plugin: Instrument, head: bytes, path: Path) -> bool:
-    """Ask a plug-in; one that fails is told and does not know the file."""
+def _is_from(plugin: Plugin[Instrument], head: bytes, path: Path) -> bool:
+    """Ask a plug-in; one that fails is told, once, and does not know the file."""
     try:
-        return bool(plugin.sniff(head, path))
+        return plugin.found is not None and bool(plugin.found.sniff(head, path))
     except Exception as error:  # somebody else's code may raise anything
-        _tell_once(f'the plug-in "{plugin.name}" is left out: {type(error).__name__}: {error}')
+        if plugin.name not in _FAILED:
+            _FAILED.add(plugin.name)
+            tell([plugin.left_out(f"its sniff raised {type(error).__name__}: {error}")])
         return False
 
 
-@cache
-def _tell_once(problem: str) -> None:
-    tell([problem])
+_FAILED: set[str] = set()
 
 
 def _head(path: Path) -> bytes:

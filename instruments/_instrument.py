@@ -5,6 +5,7 @@ whenever a file is to be told, so it imports no numerical library: readers are n
 ``"module:function"`` and loaded when the first file is read.
 """
 
+import contextlib
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,7 +21,8 @@ Content = Literal["displacement", "force", "film", "sweep", "displacement_field"
 
 ``displacement``
     A table over ``time`` [s]: ``out1``, … [m or V], ``status1``, … (0 where valid), with the
-    attribute ``sampling_interval`` [s].
+    attribute ``sampling_interval`` [s], and ``start`` (ISO 8601), by whose day a calibration
+    record is told valid.
 ``force``
     A table over ``sample`` as :func:`instruments.mach1.read` returns it: blocks of time, position
     and force.
@@ -81,12 +83,35 @@ class Instrument:
         UsageError
             The reader has no such option; the message names those that it has.
         """
-        known = self.option_names()
         for name in options:
-            if name not in known:
-                message = f'{self.name} has no option "{name}"; it has {", ".join(known) or "none"}'
-                raise UsageError(message)
+            self._require_option(name)
         return _loaded(self.reader)(path, **options)
+
+    def option(self, name: str, text: str) -> Any:
+        """Return the value of an option that was typed as text.
+
+        Raises
+        ------
+        UsageError
+            There is no such option, or the text is none of its values.
+        """
+        self._require_option(name)
+        kind = self.options.__annotations__[name]
+        for wanted in get_args(kind) or (kind,):
+            if wanted in _TYPED:
+                with contextlib.suppress(KeyError, ValueError):
+                    return _TYPED[wanted](text)
+        expected = ", ".join(_WORDS[k] for k in get_args(kind) or (kind,) if k in _WORDS)
+        message = f'the option {name} of {self.name} cannot be "{text}"; ' + (
+            f"expected {expected}" if expected else "it can be given from Python only"
+        )
+        raise UsageError(message)
+
+    def _require_option(self, name: str) -> None:
+        known = self.option_names()
+        if name not in known:
+            message = f'{self.name} has no option "{name}"; it has {", ".join(known) or "none"}'
+            raise UsageError(message)
 
     def option_names(self) -> tuple[str, ...]:
         """Return the names of the options, in the order in which they are declared."""
@@ -104,6 +129,15 @@ class Instrument:
             message = f"files of {self.name} are read, never written"
             raise UsageError(message)
         _loaded(self.writer)(path, *what)
+
+
+_TYPED: dict[Any, Callable[[str], Any]] = {
+    bool: {"true": True, "false": False}.__getitem__,
+    int: int,
+    float: float,
+    str: str,
+}
+_WORDS: dict[Any, str] = {bool: "true or false", int: "a whole number", float: "a number"}
 
 
 def _loaded(target: str) -> Callable[..., Any]:

@@ -40,23 +40,14 @@ def safe_join(root: str | os.PathLike[str], name: str) -> Path:
     Traceback (most recent call last):
     labpipe.errors.InputError: "../secret" is not a path inside the session folder: it contains ".."
     """
-    problem = _name_problem(name)
     base = Path(root).resolve()
-    if problem is None:
-        joined = base / name
-        try:
-            resolved = joined.resolve()
-            if not resolved.is_relative_to(base):
-                problem = "a symbolic link leads out of the folder"
-            elif joined.is_symlink() and not joined.exists():
-                problem = "a symbolic link leads nowhere or in a circle"
-        except (OSError, RuntimeError):
-            problem = "a symbolic link on the way leads in a circle, or the path is too long"
+    joined = base / name
+    problem = _name_problem(name) or _link_problem(joined, base)
     if problem is not None:
         shown = _printable(name if len(name) <= _LONGEST_NAME else name[:60] + "…")
         message = f'"{shown}" is not a path inside the session folder: {problem}'
         raise InputError(message)
-    return resolved
+    return joined.resolve()
 
 
 def _name_problem(name: str) -> str | None:
@@ -70,6 +61,24 @@ def _name_problem(name: str) -> str | None:
         return "it is absolute; write it relative to the session folder"
     parts = PurePosixPath(name).parts
     return next(filter(None, map(_part_problem, parts)), None)
+
+
+def _link_problem(joined: Path, base: Path) -> str | None:
+    """Say where links lead that must not be followed.
+
+    A circle shows in ``stat``; what ``resolve`` does with one hangs on the version of Python.
+    """
+    try:
+        joined.stat()
+    except FileNotFoundError:
+        if joined.is_symlink():
+            return "a symbolic link leads nowhere"
+    except (PermissionError, NotADirectoryError):
+        pass  # for the reader of the file to say
+    except OSError:
+        return "a symbolic link on the way leads in a circle, or the path is too long"
+    is_inside = joined.resolve().is_relative_to(base)
+    return None if is_inside else "a symbolic link leads out of the folder"
 
 
 def _part_problem(part: str) -> str | None:

@@ -10,7 +10,7 @@ never fatal; what labpipe itself brings is not replaced by one of the same name.
 """
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -46,8 +46,13 @@ class Plugin(Generic[T]):
     problem: str = ""
 
     def __str__(self) -> str:
-        """Name it as messages do."""
-        return f'the plug-in "{self.name}" of {self.distribution}'
+        """Say in one line whether it is used."""
+        named = f'the plug-in "{self.name}" of {self.distribution}'
+        return f"{named} is left out: {self.problem}" if self.problem else f"{named} is used"
+
+    def left_out(self, problem: str) -> "Plugin[T]":
+        """Return it as one that is left out."""
+        return Plugin(self.name, self.distribution, None, problem)
 
 
 def survey(group: str, expected: type[T], taken: Sequence[str] = ()) -> tuple[Plugin[T], ...]:
@@ -75,33 +80,17 @@ def survey(group: str, expected: type[T], taken: Sequence[str] = ()) -> tuple[Pl
         made = _loaded(entry, expected)
         name = getattr(made.found, "name", entry.name)
         if made.found is not None and name in names:
-            made = Plugin(entry.name, made.distribution, None, f'the name "{name}" is taken')
+            made = made.left_out(f'the name "{name}" is taken')
         names.add(name)
         found.append(made)
     return tuple(found)
 
 
-def load(
-    group: str, expected: type[T], taken: Sequence[str] = ()
-) -> tuple[tuple[T, ...], tuple[str, ...]]:
-    """Return what the plug-ins of a group add, and a line for each that is left out.
-
-    Parameters
-    ----------
-    group, expected, taken
-        As of :func:`survey`.
-    """
-    found = survey(group, expected, taken)
-    return (
-        tuple(plugin.found for plugin in found if plugin.found is not None),
-        tuple(f"{plugin} is left out: {plugin.problem}" for plugin in found if plugin.problem),
-    )
-
-
-def tell(problems: Sequence[str]) -> None:
+def tell(plugins: Iterable[Plugin[T]]) -> None:
     """Warn of plug-ins that are left out."""
-    for problem in problems:
-        warnings.warn(problem, PluginWarning, stacklevel=3)
+    for plugin in plugins:
+        if plugin.problem:
+            warnings.warn(str(plugin), PluginWarning, stacklevel=3)
 
 
 def _distribution(entry: "EntryPoint") -> str:

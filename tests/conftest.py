@@ -12,6 +12,9 @@ from hypothesis import HealthCheck, settings
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+# The tests start hundreds of programs: what one of them has imported is compiled for all.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 # Tests hold results, never seconds: a busy machine must not fail them. The same examples at every
 # run, so that a failure belongs to the change that caused it; `--hypothesis-profile=explore` looks
 # further.

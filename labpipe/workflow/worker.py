@@ -13,6 +13,7 @@ import msgspec
 
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, StageError, StoreError
+from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
 from labpipe.workflow import ledger, provenance
 from labpipe.workflow.context import Context, Failed, RawFile, Warned
@@ -311,6 +312,7 @@ class _Run:
             keywords["full"] = self.job.full
         with warnings.catch_warnings(record=True) as raised:
             warnings.simplefilter("always")
+            warnings.simplefilter("ignore", PluginWarning)  # of the installation, not of the result
             try:
                 result = function(*arguments, **keywords)
             except Exception:

@@ -1,10 +1,11 @@
 """The command export: results and raw files as csv, netCDF, MATLAB or JSON."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
-from pipelines.commands.options import echo, echo_json, json_option
+from pipelines.commands.options import echo, echo_json, json_option, reading_options
 from pipelines.session import FORMATS
 
 
@@ -17,10 +18,7 @@ from pipelines.session import FORMATS
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path),
               help="Folder; default SESSION/labpipe/export, or here for a file.")  # fmt: skip
 @click.option("--force", is_flag=True, help="Replace files of the same name.")
-@click.option("--cycle", help='Keyence file: time between samples, e.g. "50 us".')
-@click.option("--unit", "units", multiple=True, help="Keyence file: unit of each output, in order.")
-@click.option("--storage-factor", type=click.IntRange(min=1),
-              help="Keyence file: samples per stored point.")  # fmt: skip
+@reading_options
 @json_option
 def export(
     source: Path,
@@ -29,9 +27,7 @@ def export(
     stages: tuple[str, ...],
     out: Path | None,
     force: bool,
-    cycle: str | None,
-    units: tuple[str, ...],
-    storage_factor: int | None,
+    reading: dict[str, Any],
     as_json: bool,
 ) -> None:
     r"""Write results of a session, or a raw instrument file, for other programs.
@@ -46,10 +42,9 @@ def export(
     """
     from pipelines import process as verbs
 
-    reading = {"cycle": cycle, "units": list(units), "storage_factor": storage_factor}
     done = verbs.export(
         source, kind, only=list(only) or None, stages=stages, out=out, replace=force,
-        reading={k: v for k, v in reading.items() if v},
+        reading=reading,
     )  # fmt: skip
     if as_json:
         echo_json({"files": [str(p) for p in done.paths], "left_out": list(done.left_out)})

@@ -5,25 +5,20 @@ from typing import Any
 
 import click
 
-from pipelines.commands.options import echo, echo_json, json_option
+from pipelines.commands.options import echo, echo_json, json_option, reading_options
 
 _SAID_APART = {"variables", "problems"}
 
 
 @click.command()
-@click.argument("file", type=click.Path(exists=True, path_type=Path))
-@click.option("--cycle", help='Keyence: time between samples, e.g. "50 us".')
-@click.option("--unit", "units", multiple=True, help="Keyence: unit of each output, in order.")
-@click.option("--storage-factor", type=click.IntRange(min=1),
-              help="Keyence: samples per stored point.")  # fmt: skip
+@click.argument("source", metavar="FILE", type=click.Path(exists=True, path_type=Path))
+@reading_options
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path),
               help="Write a picture (.png): frames of a film, columns of a table.")  # fmt: skip
 @json_option
 def inspect(
-    file: Path,
-    cycle: str | None,
-    units: tuple[str, ...],
-    storage_factor: int | None,
+    source: Path,
+    reading: dict[str, Any],
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -36,16 +31,15 @@ def inspect(
     Example:
       labpipe inspect my-session/laser/drop_1.csv
       labpipe inspect my-session/film/front.cine --out front.png
+      labpipe inspect old/bare.csv --instrument keyence --cycle "50 us" --unit mm
     """
     from pipelines.session import describe
 
-    given = {"cycle": cycle, "units": list(units), "storage_factor": storage_factor}
-    options = {name: value for name, value in given.items() if value}
-    found = describe(file, options)
+    found = describe(source, reading)
     if out is not None:
         from pipelines.session import write_sheet
 
-        write_sheet(file, out, options)
+        write_sheet(source, out, reading)
         found["picture"] = str(out)
     if as_json:
         echo_json(found)

@@ -1,12 +1,15 @@
 """Options and output habits that several commands share."""
 
+import functools
 import json
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
+from labpipe.errors import InputError, SourceError, UsageError
 from pipelines.cli import printable
 
 #: Each may hold half a gigabyte; more are for who knows the machine.
@@ -26,6 +29,80 @@ def session_argument(function: F) -> F:
     """Add the argument SESSION, a folder that holds session.toml."""
     kind = click.Path(exists=True, file_okay=False, path_type=Path)
     return click.argument("session", type=kind, metavar="SESSION")(function)
+
+
+def reading_options(function: F) -> F:
+    """Add what a raw file may leave unsaid: ``--instrument`` and the options of its reader.
+
+    They come to the function as one dictionary ``reading``, for :func:`instruments.read`. An error
+    of a reader names an option as Python does; it is told as it is typed here.
+    """
+
+    @click.option("--instrument", metavar="NAME",
+                  help="What wrote the file, where it does not say so: keyence, …")  # fmt: skip
+    @click.option("--cycle", help='Keyence file: time between samples, e.g. "50 us".')
+    @click.option("--unit", "units", multiple=True,
+                  help="Keyence file: unit of each output, in order.")  # fmt: skip
+    @click.option("--storage-factor", type=click.IntRange(min=1),
+                  help="Keyence file: samples per stored point.")  # fmt: skip
+    @click.option("--option", "others", multiple=True, metavar="NAME=VALUE",
+                  help="Another option of the reader, e.g. fps=1000.")  # fmt: skip
+    @functools.wraps(function)
+    def reading(
+        *args: Any, instrument: str | None, cycle: str | None, units: tuple[str, ...],
+        storage_factor: int | None, others: tuple[str, ...], **kwargs: Any,
+    ) -> Any:  # fmt: skip
+        typed = {"cycle": cycle, "units": list(units), "storage_factor": storage_factor}
+        given = {name: value for name, value in typed.items() if value}
+        try:
+            kwargs["reading"] = _reading(kwargs["source"], instrument, given, others)
+            return function(*args, **kwargs)
+        except SourceError as error:
+            hint = None if error.hint is None else _as_typed(error.hint)
+            raise SourceError(
+                error.path, error.message, line=error.line, column=error.column,
+                offset=error.offset, hint=hint,
+            ) from None  # fmt: skip
+        except InputError as error:
+            raise InputError(_as_typed(str(error))) from None
+
+    return reading  # type: ignore[return-value]  # click fills in the options
+
+
+def _reading(
+    source: Path, instrument: str | None, given: dict[str, Any], others: Sequence[str]
+) -> dict[str, Any]:
+    """Return the keyword arguments of :func:`instruments.read`."""
+    if instrument is None and not others:
+        return given
+    import instruments
+
+    found = instruments.by_name(instrument or instruments.identify(source))
+    for text in others:
+        name, sign, value = text.partition("=")
+        if not sign:
+            message = f'--option reads NAME=VALUE, found "{text}"'
+            raise UsageError(message)
+        given[name] = found.option(name, value)
+    return given | {"instrument": found.name}
+
+
+_PYTHON = re.compile(r'\b([a-z][a-z_]*)=(\[[^\]]*\]|"[^"]*"|True|[0-9.]*[0-9])')
+_APART = {"instrument": "--instrument", "cycle": "--cycle", "storage_factor": "--storage-factor"}
+
+
+def _as_typed(hint: str) -> str:
+    """Turn options as they are written in Python into those of the command line."""
+
+    def typed(match: re.Match[str]) -> str:
+        name, value = match[1], match[2] if " " in match[2] else match[2].strip('"')
+        if name == "units":
+            return " ".join(f"--unit {unit}" for unit in re.findall(r'"([^"]*)"', value))
+        if name in _APART:
+            return f"{_APART[name]} {value}"
+        return f"--option {name}={value.replace('True', 'true')}"
+
+    return _PYTHON.sub(typed, hint)
 
 
 def jobs_option(function: F) -> F:

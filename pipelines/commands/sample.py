@@ -47,6 +47,8 @@ def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) 
 def demo(dest: Path, as_json: bool) -> None:
     r"""Write a synthetic session into DEST, process it, and say where the reports are.
 
+    Where DEST holds the demonstration already, it is processed as it stands.
+
     \b
     Example:
       labpipe demo
@@ -54,10 +56,11 @@ def demo(dest: Path, as_json: bool) -> None:
     from pipelines import process as verbs
     from pipelines.commands.progress import waiting, watching
     from pipelines.commands.session import as_document, summarise
-    from pipelines.rig.samples import write_sample
+    from pipelines.rig.samples import holds_demo, write_sample
 
-    with waiting("recording a session", enabled=not as_json):
-        write_sample("demo", dest)
+    if not holds_demo(dest):
+        with waiting("recording a session", enabled=not as_json):
+            write_sample("demo", dest)
     with watching(enabled=not as_json) as progress:
         outcome = verbs.process(dest, jobs=2, progress=progress)
     if as_json:

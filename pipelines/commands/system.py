@@ -6,6 +6,7 @@ import re
 import shutil
 import sys
 import tempfile
+import warnings
 from pathlib import Path
 
 import click
@@ -14,12 +15,13 @@ from click.shell_completion import get_completion_class
 import labpipe
 from labpipe import files
 from labpipe.errors import ConfigError, LabpipeError, StorageError, StoreError
-from pipelines.cli import cli, foreign_package
+from labpipe.plugins import PluginWarning
+from pipelines.cli import cli
 from pipelines.commands.options import echo, echo_json, json_option
 
 _LIBRARIES = (
     "numpy", "scipy", "pandas", "xarray", "netCDF4", "matplotlib", "opencv-python-headless",
-    "numba", "click", "rich", "jinja2", "msgspec", "openpyxl",
+    "numba", "click", "rich", "jinja2", "msgspec", "uncertainties", "openpyxl",
     "threadpoolctl",
 )  # fmt: skip
 _ROOM_WANTED = 2_000_000_000  # bytes; a session with films writes less than this
@@ -80,20 +82,27 @@ def name_clashes() -> list[str]:
 
 
 def _problems(folder: Path, versions: dict[str, str]) -> list[str]:
-    from pipelines.experiments import LEFT_OUT
-
     found = [
         f"{name} is not installed; pip install {name}"
         for name, text in versions.items()
         if text == "missing"
     ]
     found += _too_old(versions)
-    found += [p for p in (foreign_package(), _write_test(folder)) if p]
-    found += [*name_clashes(), *LEFT_OUT]
+    if (mistake := _write_test(folder)) is not None:
+        found.append(mistake)
+    found += name_clashes()
     free = shutil.disk_usage(folder).free
     if free < _ROOM_WANTED:
         found.append(f"{folder}: only {free / 1e9:.2f} GB are free; films need more: make room")
     return found
+
+
+def _plugins() -> list[str]:
+    """Say of every plug-in whether it is used."""
+    import instruments
+    from pipelines.experiments import ADDED
+
+    return [str(plugin) for plugin in (*instruments.added(), *ADDED)]
 
 
 def _session_problems(folder: Path) -> tuple[list[str], list[str]]:
@@ -121,8 +130,8 @@ def doctor(folder: Path, as_json: bool) -> None:
     r"""Check the installation, the disk, and the results of a session.
 
     Says which versions are installed and whether they are too old, whether another package
-    shadows one of ours, whether files can be written in FOLDER and how much room there is; reads
-    session.toml and every stored result of the session in FOLDER.
+    shadows one of ours, which plug-ins are used or left out, whether files can be written in FOLDER
+    and how much room there is; reads session.toml and every stored result of the session in FOLDER.
 
     \b
     Example:
@@ -132,15 +141,20 @@ def doctor(folder: Path, as_json: bool) -> None:
     problems = _problems(folder, versions)
     mistakes, damaged = _session_problems(folder)
     free = shutil.disk_usage(folder).free
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PluginWarning)  # they are listed here
+        plugins = _plugins()
     if as_json:
         echo_json({
-            "versions": versions, "free_bytes": free, "problems": problems,
+            "versions": versions, "plugins": plugins, "free_bytes": free, "problems": problems,
             "session_problems": mistakes, "damaged_results": damaged,
         })  # fmt: skip
     else:
         for name, version in versions.items():
             echo(f"{name:24}{version}")
         echo(f"{'free space':24}{free / 1e9:.1f} GB")
+        for line in plugins:
+            echo(line)
         echo("")
         for line in [*problems, *mistakes]:
             echo(f"problem: {line}")

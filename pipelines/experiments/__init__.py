@@ -8,7 +8,7 @@ makes of its files) and ``page.py`` (the report). What several kinds share stand
 :mod:`pipelines.experiments.shared`.
 
 ``KINDS`` maps every name to its kind: ours, then those of other distributions by the entry point
-group ``labpipe.kinds``; ``LEFT_OUT`` says of others why they are not there. Both are made at the
+group ``labpipe.kinds``; ``ADDED`` says what those are and why one is left out. Both are made at the
 first look, so that a stage that runs imports no other kind.
 """
 
@@ -16,9 +16,10 @@ import importlib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from labpipe import plugins
+from labpipe.plugins import tell
 
 if TYPE_CHECKING:
+    from labpipe.plugins import Plugin
     from pipelines.experiments._kind import (
         Derived,
         Found,
@@ -31,11 +32,11 @@ if TYPE_CHECKING:
     )
 
     KINDS: Mapping[str, Kind]
-    LEFT_OUT: tuple[str, ...]
+    ADDED: tuple[Plugin[Kind], ...]
 
 __all__ = [
+    "ADDED",
     "KINDS",
-    "LEFT_OUT",
     "Derived",
     "Found",
     "KeyNumber",
@@ -49,11 +50,10 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Make or import a public name when it is first used."""
-    if name in {"KINDS", "LEFT_OUT"}:
+    if name in {"KINDS", "ADDED"}:
         found = importlib.import_module("pipelines.experiments._registry").gathered()
-        globals().update(KINDS=found[0], LEFT_OUT=found[1])
-        if name == "KINDS":
-            plugins.tell(found[1])
+        globals().update(KINDS=found[0], ADDED=found[1])
+        tell(found[1])
         return globals()[name]
     if name in __all__:
         return getattr(importlib.import_module("pipelines.experiments._kind"), name)

@@ -1,10 +1,16 @@
-"""Which kinds of experiment there are: ours, then those of other distributions."""
+"""Which kinds of experiment there are: ours, then those of other distributions.
+
+Another distribution declares its kind in its ``pyproject.toml``::
+
+    [project.entry-points."labpipe.kinds"]
+    my_kind = "my_package.kind:KIND"
+"""
 
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from labpipe import plugins
 from labpipe.errors import InputError
+from labpipe.plugins import Plugin, survey
 from labpipe.schema import Schema
 from labpipe.workflow.graph import ordered
 from pipelines.experiments._kind import Kind
@@ -27,23 +33,25 @@ OURS = (
 """From the general to the special: ``init`` offers a file to the last kind first."""
 
 
-def gathered() -> tuple[Mapping[str, Kind], tuple[str, ...]]:
-    """Return all kinds by name, and why kinds of other distributions are left out.
+def gathered() -> tuple[Mapping[str, Kind], tuple[Plugin[Kind], ...]]:
+    """Return all kinds by name, and what other distributions add or why it is left out.
 
     Ours come first and cannot be replaced. A kind that cannot be loaded, or whose stages do not
     fit together, is named and left out; the others work.
     """
     kinds = {kind.name: kind for kind in OURS}
     schemas = {schema.name: schema for kind in OURS for schema in kind.schemas}
-    others, problems = plugins.load(GROUP, Kind, tuple(kinds))
-    left_out = list(problems)
-    for kind in others:
-        if problem := _problem(kind, schemas):
-            left_out.append(f'the kind "{kind.name}" is left out: {problem}')
+    added = []
+    for plugin in survey(GROUP, Kind, list(kinds)):
+        kind = plugin.found
+        if kind is not None and (problem := _problem(kind, schemas)):
+            added.append(plugin.left_out(problem))
             continue
-        kinds[kind.name] = kind
-        schemas |= {schema.name: schema for schema in kind.schemas}
-    return MappingProxyType(kinds), tuple(left_out)
+        added.append(plugin)
+        if kind is not None:
+            kinds[kind.name] = kind
+            schemas |= {schema.name: schema for schema in kind.schemas}
+    return MappingProxyType(kinds), tuple(added)
 
 
 def _problem(kind: Kind, schemas: Mapping[str, Schema]) -> str:

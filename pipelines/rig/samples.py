@@ -11,6 +11,7 @@ from pathlib import Path
 
 from labpipe import files, materials
 from labpipe.errors import UsageError
+from labpipe.workflow.session import FILE_NAME
 from pipelines.rig.dma import SOLIDS, Protocol, write_dma
 from pipelines.rig.drops import write_drops
 from pipelines.rig.fall import DropRig
@@ -32,6 +33,7 @@ from pipelines.rig.session_text import (
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 
 _START = datetime(2024, 5, 14, 9, 30)
+_DEMO_TITLE = "Demonstration (synthetic)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +74,12 @@ def write_sample(name: str, folder: Path, *, full_size: bool = False) -> list[st
         message = f"{folder} is not empty; name a new folder"
         raise UsageError(message)
     return SAMPLES[name].write(folder, full_size)
+
+
+def holds_demo(folder: Path) -> bool:
+    """Tell whether a folder holds the demonstration: its session.toml says so in its title."""
+    source = folder / FILE_NAME
+    return source.is_file() and f'title = "{_DEMO_TITLE}"' in source.read_text("utf-8", "replace")
 
 
 def harmonic_section(name: str, specimen: Specimen, material: str) -> str:
@@ -136,7 +144,7 @@ def _write_core(
 def _demo(folder: Path, full_size: bool) -> list[str]:
     del full_size  # this sample holds no film
     protocol = replace(Harmonic(), hold=60.0, frequencies=(0.5, 1.0, 2.0), cycles=8)
-    return _write_core(folder, "Demonstration (synthetic)", (1.5e-3,), 3, protocol)
+    return _write_core(folder, _DEMO_TITLE, (1.5e-3,), 3, protocol)
 
 
 def _core(folder: Path, full_size: bool) -> list[str]:

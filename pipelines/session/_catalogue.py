@@ -9,6 +9,7 @@ import hashlib
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -103,12 +104,11 @@ def catalogue(folders: Iterable[str | Path], database: str | Path | None = None)
         message = "no folder to search; give at least one"
         raise InputError(message)
     path = Path(database).resolve() if database is not None else roots[0] / FILE
-    connection = (_opened(path) if path.exists() else None) or _empty()
-    with connection:
-        done = _update(connection, roots, path)
-    if done.renewed or done.removed or done.problems or not path.exists():
-        files.write_bytes(path, connection.serialize())
-    connection.close()
+    with closing((_opened(path) if path.exists() else None) or _empty()) as connection:
+        with connection:
+            done = _update(connection, roots, path)
+        if done.renewed or done.removed or done.problems or not path.exists():
+            files.write_bytes(path, connection.serialize())
     return done
 
 
@@ -153,24 +153,26 @@ def query(
     if connection is None:
         raise SourceError(Path(database), "damaged, or of an older layout",
                           hint="Make it anew with `labpipe catalogue FOLDER`.")  # fmt: skip
-    units = dict(connection.execute("SELECT name, unit FROM columns"))
-    source = "results NATURAL JOIN experiments" if table == "results" else table
-    known = [row[0] for row in connection.execute(f"SELECT * FROM {source} LIMIT 0").description]  # noqa: S608
-    for name in columns:
-        if name not in known:
-            message = f'no column "{name}"{suggest(name, known)}; there are {", ".join(known)}'
-            raise UsageError(message)
-    selected = ", ".join(f'"{name}"' for name in columns) or "*"
-    order = '"session", "experiment"' if "experiment" in known else "1"
-    condition = f"WHERE ({where})" if where.strip() else ""
-    # The expression is the user's; the connection is to a copy in memory and may only read.
-    connection.set_authorizer(_may_only_read)
-    statement = f"SELECT {selected} FROM {source} {condition} ORDER BY {order}"  # noqa: S608
-    try:
-        rows = connection.execute(statement).fetchall()
-    except (sqlite3.Error, sqlite3.Warning) as error:
-        message = f"--where {where!r}: {error}; the columns are {', '.join(known)}"
-        raise UsageError(message) from error
+    with closing(connection):
+        units = dict(connection.execute("SELECT name, unit FROM columns"))
+        source = "results NATURAL JOIN experiments" if table == "results" else table
+        empty = connection.execute(f"SELECT * FROM {source} LIMIT 0")  # noqa: S608
+        known = [column[0] for column in empty.description]
+        for name in columns:
+            if name not in known:
+                message = f'no column "{name}"{suggest(name, known)}; there are {", ".join(known)}'
+                raise UsageError(message)
+        selected = ", ".join(f'"{name}"' for name in columns) or "*"
+        order = '"session", "experiment"' if "experiment" in known else "1"
+        condition = f"WHERE ({where})" if where.strip() else ""
+        # The expression is the user's; the connection is to a copy in memory and may only read.
+        connection.set_authorizer(_may_only_read)
+        statement = f"SELECT {selected} FROM {source} {condition} ORDER BY {order}"  # noqa: S608
+        try:
+            rows = connection.execute(statement).fetchall()
+        except (sqlite3.Error, sqlite3.Warning) as error:
+            message = f"--where {where!r}: {error}; the columns are {', '.join(known)}"
+            raise UsageError(message) from error
     frame = pd.DataFrame(rows, columns=list(columns) or known)
     frame.attrs["units"] = {name: units[name] for name in frame.columns if units.get(name)}
     return frame
@@ -211,7 +213,10 @@ def _opened(path: Path) -> sqlite3.Connection | None:
         is_sound = connection.execute("PRAGMA quick_check").fetchone() == ("ok",)
     except sqlite3.Error:
         is_sound = False
-    return connection if is_sound and layout == _LAYOUT else None
+    if is_sound and layout == _LAYOUT:
+        return connection
+    connection.close()
+    return None
 
 
 def _sessions(roots: Iterable[Path]) -> Iterator[Path]:

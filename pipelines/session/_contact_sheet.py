@@ -32,7 +32,7 @@ def write_sheet(source: Path, target: Path, options: dict[str, Any] | None = Non
     target : Path
         Where to; it ends in .png.
     options : dict, optional
-        For the reader.
+        Of :func:`instruments.read`.
 
     Raises
     ------
@@ -45,8 +45,7 @@ def write_sheet(source: Path, target: Path, options: dict[str, Any] | None = Non
     if target.resolve() == source.resolve():
         message = f"{target} is the file itself, which is never written; name another picture"
         raise UsageError(message)
-    given = options if options and instruments.identify(source) == "keyence" else {}
-    found = instruments.read(source, **given)
+    found = instruments.read(source, **options or {})
     data = _curves(found) if isinstance(found, xr.Dataset) else _png(strip(found))
     files.write_bytes(target, data)
 

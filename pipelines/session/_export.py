@@ -164,7 +164,7 @@ def export_file(path: Path, target: Target, options: dict[str, Any]) -> Exported
     origin = {
         "file": path.name,
         "sha256": files.digest(path),
-        "reader": instruments.identify(path),
+        "reader": options.get("instrument") or instruments.identify(path),
         "program": program(),
     }
     remarks = {"source": path.name, "provenance": json.dumps(origin, sort_keys=True)}

@@ -32,7 +32,8 @@ def describe(file: Path, options: dict[str, Any] | None = None) -> dict[str, Any
     file : Path
         Any single file, or the folder of an image stack.
     options : dict, optional
-        What a Keyence export leaves unsaid: ``cycle``, ``units``, ``storage_factor``.
+        Of :func:`instruments.read`: the instrument, where no content tells it, and what the file
+        leaves unsaid, for example ``{"cycle": "50 us"}``.
 
     Returns
     -------
@@ -47,14 +48,16 @@ def describe(file: Path, options: dict[str, Any] | None = None) -> dict[str, Any
         The file is not known or cannot be read.
     """
     suffix = file.suffix.lower()
-    if suffix == ".toml":
+    if options or not (file.is_file() or file.is_dir()):  # of an instrument; a pipe is refused
+        found = _instrument(file, options or {})
+    elif suffix == ".toml":
         found = _session(file) if file.name == "session.toml" else _record(file)
     elif suffix == ".nc":
         found = {"reader": "labpipe", "kind": "result"} | _result(file)
     elif suffix == ".png" and not file.is_dir():
         found = {"reader": "image", "kind": "picture"} | _picture(file)
     else:
-        found = _instrument(file, options or {})
+        found = _instrument(file, {})
     head = {"file": str(file), "bytes": _size(file)}
     problems = found.pop("problems", [])
     return head | found | {"problems": problems}
@@ -73,13 +76,12 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
     import instruments
 
     try:
-        name = instruments.identify(file)
+        name = options.get("instrument") or instruments.identify(file)
     except SourceError as error:
         raise _with_a_look(file, error) from None
-    given = options if name == "keyence" else {}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        source = instruments.read(file, **given)
+        source = instruments.read(file, **options | {"instrument": name})
         is_table = isinstance(source, xr.Dataset)
         found = table(source) if isinstance(source, xr.Dataset) else film(source)
     said = [str(w.message) for w in caught]

@@ -104,7 +104,7 @@ def test_rounding_is_the_least_uncertainty():
     result = laser.displacement(readings_of(moved, 0.0, known, decimals=3), known)
     step = 1e-6 / math.sqrt(12) / math.cos(math.radians(12))
     np.testing.assert_allclose(result.u_displacement.values, step, rtol=1e-6)
-    assert float(result.u_zero) == pytest.approx(1e-6 / math.sqrt(12), rel=1e-6)
+    assert float(result.u_zero) == pytest.approx(1e-6 / math.sqrt(12), rel=1e-6, abs=0.0)
 
 
 def test_systematic_part_follows_the_tangent():
@@ -226,7 +226,7 @@ def test_correlated_noise_widens_the_zero():
     eight = laser.displacement(
         readings_of(moved, smooth, known, averaging=8), known, zero=(0.0, 0.02)
     )
-    assert float(eight.u_zero) == pytest.approx(math.sqrt(8) * float(one.u_zero), rel=1e-6)
+    assert float(eight.u_zero) == pytest.approx(math.sqrt(8) * float(one.u_zero), rel=1e-6, abs=0.0)
 
 
 def test_volts_need_and_use_the_scale_of_the_record():
@@ -239,7 +239,9 @@ def test_volts_need_and_use_the_scale_of_the_record():
     result = laser.displacement(made, known, zero=0.0)
     assert float(result.displacement[-1]) == pytest.approx(2e-3)
     assert float(result.displacement_raw[-1]) == pytest.approx(1e-3)
-    assert float(result.u_gain) == pytest.approx(math.hypot(0.5e-6, 0.5e-3 * 1e-4))
+    assert float(result.u_gain) == pytest.approx(
+        math.hypot(0.5e-6, 0.5e-3 * 1e-4), rel=1e-6, abs=0.0
+    )
 
 
 def test_inputs_are_not_modified():
@@ -340,6 +342,6 @@ def test_the_budget_tells_noise_from_rounding():
     at_rest = made.out1.sel(time=slice(window["start"], window["stop"])).values
     budget = {row["source"]: row for row in json.loads(result.attrs["budget"])}
     rounding = 1e-7 / math.sqrt(12)
-    assert budget["rounding of the display"]["u"] == pytest.approx(rounding, rel=1e-6)
+    assert budget["rounding of the display"]["u"] == pytest.approx(rounding, rel=1e-6, abs=0.0)
     expected = math.sqrt(np.var(at_rest, ddof=1) - rounding**2)
-    assert budget["noise of a sample"]["u"] == pytest.approx(expected, rel=1e-6)
+    assert budget["noise of a sample"]["u"] == pytest.approx(expected, rel=1e-6, abs=0.0)

@@ -171,7 +171,7 @@ def test_lag_is_that_of_the_butterworth_polynomial(frequency):
 
 def test_lag_at_2_hz_is_16_ms_and_11_degrees():
     lag = load_cell.filter_lag(2.0)
-    assert lag.delay == pytest.approx(16e-3, abs=0.1e-3)  # formats.md 1a
+    assert lag.delay == pytest.approx(16e-3, abs=0.1e-3)  # at low frequency 2 / (2 pi 20 Hz)
     assert math.degrees(lag.phase) == pytest.approx(11.5, abs=0.1)
 
 

@@ -62,7 +62,7 @@ def test_laser_record_is_read_in_si(tmp_path):
     assert record.values.inclination.u == pytest.approx(8.7266e-4, rel=1e-4)
     assert record.values.inclination.si == "rad"
     assert record.values.volt_scale == Quantity(0.5e-3, 0.5e-6, "m/V")
-    assert record.values.linearity.u == pytest.approx(0.5e-6)
+    assert record.values.linearity.u == pytest.approx(0.5e-6, rel=1e-6, abs=0.0)
     assert record.valid_until == date(2025, 4, 30)
 
 

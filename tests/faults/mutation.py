@@ -19,7 +19,6 @@ import importlib.util
 import json
 import os
 import random
-import resource
 import signal
 import sys
 import time
@@ -157,6 +156,8 @@ def fate(mutant: Mutant, source: str, tests: Sequence[str], seconds: float) -> s
     str
         "killed", "timeout" or "survived".
     """
+    import resource  # of Unix, as fork is
+
     name = mutant.module.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     pid = os.fork()
     if not pid:

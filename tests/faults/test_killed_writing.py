@@ -92,7 +92,9 @@ PROGRAMS: dict[str, tuple[Callable[[Path], None], Callable[[Path], None]]] = {
 }
 
 
-@pytest.mark.parametrize("what", PROGRAMS)
+@pytest.mark.parametrize(
+    "what", [pytest.param(p, marks=pytest.mark.slow) if p == "figure" else p for p in PROGRAMS]
+)
 def test_killed_before_any_operation_the_next_run_ends_as_an_undisturbed_one(
     tmp_path: Path, what: str, amount: Amount
 ) -> None:

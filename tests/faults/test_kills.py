@@ -16,6 +16,7 @@ import xarray as xr
 from labpipe import files
 from labpipe.workflow import provenance, runner
 from labpipe.workflow.watch import Watcher
+from tests.by_day import by_day
 from tests.faults.crashes import failing, killed_after, moments, operations
 from tests.labpipe.workflow import toy_laboratory as toy
 
@@ -155,7 +156,7 @@ def damage(session: toy.Session) -> None:
 
 @pytest.mark.usefixtures("laboratory")
 @pytest.mark.parametrize("store", ["empty", "damaged"])
-@pytest.mark.parametrize("disk", DISKS)
+@pytest.mark.parametrize("disk", by_day(DISKS, 1))
 def test_a_disk_that_fails_from_any_operation_on_is_named_and_spoils_nothing(
     tmp_path: Path, disk: str, store: str, amount: Amount
 ) -> None:

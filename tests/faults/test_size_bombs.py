@@ -21,6 +21,7 @@ from labpipe import files
 from labpipe.errors import LabpipeError
 from labpipe.workflow.session import load
 from pipelines.process import SETTINGS
+from tests.by_day import by_day
 from tests.faults import seeds
 
 resource = pytest.importorskip("resource", reason="limits of memory are those of Unix")
@@ -195,7 +196,7 @@ def refusal(path: Path, read: Callable[[Path], object]) -> str:
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of fork, where there are threads
 @pytest.mark.skipif(not Path("/proc/self/statm").is_file(), reason="measures memory by /proc")
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", by_day(CASES, 9))
 def test_what_declares_too_much_is_refused_with_little_memory(tmp_path: Path, name: str) -> None:
     file_name, make, read = CASES[name]
     path = tmp_path / file_name

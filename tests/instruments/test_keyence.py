@@ -16,7 +16,7 @@ from instruments.keyence._markers import MARKERS, Layout, marker_status
 from labpipe.errors import InputError, SourceError
 from labpipe.units import quantity
 
-# The example of formats.md 2a, with one output in micrometres.
+# The assumed layout, with one output in micrometres.
 EXAMPLE = """\
 Model,LK-G5001
 Date,2024/05/14 10:22:31
@@ -66,13 +66,13 @@ def test_example_is_read_in_si_with_states(tmp_path):
 def test_micro_sign_is_understood_in_every_codec(tmp_path, codec):
     text = EXAMPLE.replace("µ", "μ") if codec == "cp932" else EXAMPLE
     readings = read_text(tmp_path, text, codec)
-    assert readings.out2.values[0] == pytest.approx(-1.2e-8)
+    assert readings.out2.values[0] == pytest.approx(-1.2e-8, rel=1e-6, abs=0.0)
     assert readings.attrs["encoding"] == codec
 
 
 def test_mojibake_of_the_micro_sign_is_one_unit(tmp_path):
     readings = read_text(tmp_path, EXAMPLE.replace("µ", "ƒÊ"))
-    assert readings.out2.values[0] == pytest.approx(-1.2e-8)
+    assert readings.out2.values[0] == pytest.approx(-1.2e-8, rel=1e-6, abs=0.0)
 
 
 TOKENS = [
@@ -199,8 +199,8 @@ def test_write_read_is_the_identity(tmp_path_factory, points, display):
 
 def test_resolution_is_that_of_the_display(tmp_path):
     readings = read_text(tmp_path, EXAMPLE)
-    assert readings.out1.attrs["resolution"] == pytest.approx(1e-7)
-    assert readings.out2.attrs["resolution"] == pytest.approx(1e-10)
+    assert readings.out1.attrs["resolution"] == pytest.approx(1e-7, rel=1e-6, abs=0.0)
+    assert readings.out2.attrs["resolution"] == pytest.approx(1e-10, rel=1e-6, abs=0.0)
     assert (readings.out1.attrs["units"], readings.out1.attrs["original_unit"]) == ("m", "mm")
 
 
@@ -210,7 +210,7 @@ def test_units_may_stand_in_the_names_or_below_them(tmp_path):
         plain.replace("OUT1,OUT2", "OUT1(mm),OUT2 [um]"),
         plain.replace("OUT1,OUT2\n", "OUT1,OUT2\n,mm,um\n"),
     ):
-        assert read_text(tmp_path, text).out2.values[0] == pytest.approx(-1.2e-8)
+        assert read_text(tmp_path, text).out2.values[0] == pytest.approx(-1.2e-8, rel=1e-6, abs=0.0)
 
 
 def test_volts_stay_volts_and_saturation_is_suspect(tmp_path):
@@ -267,7 +267,7 @@ def test_missing_unit_is_refused_and_accepted_as_option(tmp_path):
     with pytest.raises(SourceError, match=r'units=\["mm"\]'):
         read_text(tmp_path, text)
     readings = read_text(tmp_path, text, units=["mm", "um"])
-    assert readings.out2.values[0] == pytest.approx(-1.2e-8)
+    assert readings.out2.values[0] == pytest.approx(-1.2e-8, rel=1e-6, abs=0.0)
     with pytest.raises(SourceError, match="1 units for 2 outputs"):
         read_text(tmp_path, text, units=["mm"])
 

@@ -11,6 +11,7 @@ from hypothesis import given
 from instruments import keyence
 from instruments.keyence._markers import marker_status
 from labpipe.errors import LabpipeError, SourceError
+from tests.by_day import by_day
 from tests.instruments.mutations import drawn, mutated, mutations, usual
 
 N_ROWS = 250  # more than are looked at to learn the layout
@@ -280,12 +281,13 @@ def test_damage_is_still_refused_when_no_layout_is_fixed(tmp_path):
     assert (caught.value.line, caught.value.column) == (LATE, 5)
 
 
-def test_no_truncation_gives_a_shorter_result_without_an_error(tmp_path):
+@pytest.mark.parametrize("stride", by_day([7, 1], 1))
+def test_no_truncation_gives_a_shorter_result_without_an_error(tmp_path, stride):
     data = WHOLE.encode()
     assert len(data) > 4096
     ends = [m.end() for m in re.finditer(b"\r\n", data)]
     path = tmp_path / "cut.csv"
-    for cut in [*range(4096), *(end for end in ends if end >= 4096)]:
+    for cut in [*range(0, 4096, stride), *(end for end in ends if end >= 4096)]:
         path.write_bytes(data[:cut])
         if cut >= len(data):
             assert keyence.read(path).sizes["time"] == N_ROWS

@@ -11,6 +11,7 @@ from hypothesis import given
 
 from instruments import mach1
 from labpipe.errors import LabpipeError, SourceError
+from tests.by_day import by_day
 from tests.instruments.mutations import drawn, mutated, mutations, usual
 
 
@@ -394,11 +395,12 @@ def _reads_as(path, data):
         return None
 
 
-def test_no_truncation_gives_a_shorter_result_without_an_error(tmp_path):
+@pytest.mark.parametrize("stride", by_day([7, 1], 1))
+def test_no_truncation_gives_a_shorter_result_without_an_error(tmp_path, stride):
     data = WHOLE.encode()
     assert len(data) > 4096
     ends = [m.end() for m in re.finditer(b"\r\n", data)]
-    cuts = [*range(4096), *(end for end in ends if end >= 4096)]
+    cuts = [*range(0, 4096, stride), *(end for end in ends if end >= 4096)]
     end_of_first = len(FIRST)
     path = tmp_path / "cut.txt"
     for cut in cuts:

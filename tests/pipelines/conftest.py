@@ -21,7 +21,7 @@ def processed_session(small_session: Path, tmp_path_factory: pytest.TempPathFact
 
     folder = tmp_path_factory.mktemp("processed") / "session"
     shutil.copytree(small_session, folder)
-    outcome = process(folder, jobs=1)
+    outcome = process(folder, jobs=0)
     assert outcome.exit_code == 0, [o.message for o in outcome.failures]
     return folder
 

@@ -15,6 +15,7 @@ import pytest
 
 from labpipe.workflow import engines
 from pipelines.cli import COMMANDS, cli, main
+from pipelines.session import write_sheet
 
 HEAVY = ("numpy", "scipy", "xarray", "pandas", "matplotlib", "numba", "cv2", "netCDF4")
 
@@ -135,6 +136,69 @@ def test_inspect_of_an_unknown_file_is_exit_3(
     assert 'It is text that begins with "Monday: sphere 2". If you know' in err
 
 
+def test_what_a_file_leaves_unsaid_is_asked_for_as_it_is_typed(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    bare = tmp_path / "bare.csv"
+    bare.write_text("1,+00.1234\n2,+00.1235\n3,+00.1236\n")
+    line = ["inspect", str(bare)]
+    for asked, typed in (
+        ("If you know what wrote it, say so: --instrument keyence (", "--instrument keyence"),
+        ("Give one for every output, in order: --unit mm.", "--unit mm"),
+        ('Give it: --cycle "50 us".', "--cycle=50 us"),
+    ):
+        code, _, err = run(capsys, *line)
+        assert (code, asked in err) == (3, True), err
+        line += [typed] if "=" in typed else typed.split()
+    code, out, _ = run(capsys, *line, "--out", str(tmp_path / "a.png"), "--json")
+    assert (code, json.loads(out)["duration"]) == (0, "0.0001 s")
+    code, out, _ = run(capsys, "export", *line[1:], "--out", str(tmp_path), "--format", "json")
+    assert code == 0
+    bare.write_text("1,+00.1234\n2,+00.1235\n3,+00.1236")
+    code, _, err = run(capsys, *line)
+    assert "drop this row with --option allow_incomplete=true" in err
+    with pytest.warns(UserWarning, match="the last line is cut"):
+        write_sheet(bare, tmp_path / "b.png", {
+            "instrument": "keyence", "cycle": "50 us", "units": ["mm"], "allow_incomplete": True,
+        })  # fmt: skip
+    code, out, _ = run(capsys, *line, "--option", "allow_incomplete=true")
+    assert (code, "the last line is cut" in out) == (0, True)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--option", "rows"], '--option reads NAME=VALUE, found "rows"'),
+        (["--option", "rows=x"], 'the option rows of keyence cannot be "x"; expected a whole nu'),
+        (["--option", "limits=3"], "it can be given from Python only"),
+        (["--option", "colour=3"], 'keyence has no option "colour"; it has cycle, units, stor'),
+        (["--instrument", "tarot"], 'no instrument "tarot"; known are mach1, phantom,'),
+    ],
+)
+def test_an_option_that_there_is_not_is_usage(
+    capsys: pytest.CaptureFixture[str], small_session: Path, options: list[str], said: str
+) -> None:
+    file = str(small_session / "laser/drop_1.csv")
+    for command in ("inspect", "export"):
+        code, _, err = run(capsys, command, file, *options)
+        assert (code, said in err) == (2, True), err
+
+
+def test_an_option_of_another_instrument_is_usage(
+    capsys: pytest.CaptureFixture[str], small_session: Path
+) -> None:
+    for command in ("inspect", "export"):
+        code, _, err = run(capsys, command, str(small_session / "mach1/nbr.txt"), "--unit", "mm")
+        assert (code, 'mach1 has no option "units"; it has decimal,' in err) == (2, True), err
+
+
+def test_a_named_pipe_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    for name in ("a.csv", "a.toml", "a.nc", "a.png"):
+        os.mkfifo(tmp_path / name)
+        code, _, err = run(capsys, "inspect", str(tmp_path / name))
+        assert (code, "is a named pipe, expected a file" in err) == (3, True), err
+
+
 def test_simulate_writes_what_is_asked_for(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -251,6 +315,19 @@ def test_samples_are_listed_and_go_into_new_folders_only(
     assert code == 2
     assert "not empty" in err
     assert (tmp_path / "mine/notes.txt").read_text() == "precious"
+
+
+def test_demo_goes_on_with_its_own_session_and_leaves_a_foreign_one(
+    capsys: pytest.CaptureFixture[str], session_copy: Path
+) -> None:
+    code, _, err = run(capsys, "demo", str(session_copy))
+    assert code == 2
+    assert "not empty" in err
+    settings = session_copy / "session.toml"
+    settings.write_text(settings.read_text().replace("Small (", "Demonstration ("))
+    code, out, err = run(capsys, "demo", str(session_copy), "--json")
+    assert code == 0, err
+    assert set(json.loads(out)["reports"]) == {"drop", "nbr"}
 
 
 def test_doctor_finds_a_damaged_result(

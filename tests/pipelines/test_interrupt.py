@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from pipelines.process import process
+from tests.by_day import by_day
 from tests.pipelines.stored import assert_same, results, without_commit
 
 
@@ -37,12 +38,10 @@ def test_two_results_are_told_apart_by_their_values_and_not_by_the_commit(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
 @pytest.mark.parametrize(
-    ("number", "code"),
-    [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)],
-    ids=["Ctrl-C", "SIGTERM", "SIGHUP"],
+    ("name", "code"), by_day([("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)], 2)
 )
 def test_an_interrupted_run_leaves_no_worker_no_part_and_goes_on(
-    small_session: Path, processed_session: Path, tmp_path: Path, number: int, code: int
+    small_session: Path, processed_session: Path, tmp_path: Path, name: str, code: int
 ) -> None:
     folder = tmp_path / "session"
     shutil.copytree(small_session, folder)
@@ -54,7 +53,7 @@ def test_an_interrupted_run_leaves_no_worker_no_part_and_goes_on(
     while started(folder) < 3 and child.poll() is None and time.monotonic() < deadline:
         time.sleep(0.02)
     workers = children(child.pid)
-    child.send_signal(number)
+    child.send_signal(signal.Signals[name])
     out, err = child.communicate(timeout=60)
     assert child.returncode == code, err
     assert "Traceback" not in err
@@ -65,7 +64,7 @@ def test_an_interrupted_run_leaves_no_worker_no_part_and_goes_on(
     assert not list(folder.rglob(".*.part"))
     last = json.loads((folder / "labpipe/run.jsonl").read_text("utf-8").splitlines()[-1])
     assert last["event"] == "run interrupted"
-    if number != signal.SIGINT:
+    if name != "SIGINT":
         return  # what is left is the same; that it goes on is shown once
     assert process(folder, jobs=1).exit_code == 0
     assert_same(folder, processed_session)

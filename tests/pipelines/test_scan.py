@@ -7,7 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from pipelines.inspection import describe
 
 from instruments import phantom
 from instruments.phantom._writer import Recording
@@ -19,7 +18,7 @@ from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import laser_record
 from pipelines.rig.static_loading import StaticRig, write_static
-from pipelines.session import write_session_file
+from pipelines.session import describe, write_session_file
 
 START = datetime(2024, 5, 14, 9, 30)
 

@@ -1,7 +1,10 @@
 r"""Indentation of a viscoelastic half-plane or bonded layer by a periodic row of tips.
 
-Thesis chapter 2, with another time integration: the memory is exact and costs nothing per past
-step (physics.md section 2), and a nested contact costs no solve (:mod:`labpipe.contact.springs`).
+Thesis chapter 2, with another time integration than its eqs. (2.13) to (2.15): the hereditary
+integral of a Prony series is exact by a recursion whose cost does not grow with the history (R. L.
+Taylor, K. S. Pister, G. L. Goudreau, 1970, https://doi.org/10.1002/nme.1620020106;
+:mod:`labpipe.contact.memory`), and a nested contact needs no linear solve
+(:mod:`labpipe.contact.springs`).
 """
 
 from collections.abc import Callable, Sequence

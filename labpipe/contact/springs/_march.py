@@ -9,7 +9,8 @@ relaxation after a jump and grow over the decades of a hold; a process much fast
 answers as plain compliance.
 
 With ``rtol=None`` every interval is one step. After a jump the first four intervals then take the
-load as constant, because a linear load would overshoot (contact.md, pitfall 1).
+load as constant in each step: of a term much faster than the step, a load linear in the step
+answers only with the mean of its ramp, and the next step would overshoot with the opposite sign.
 """
 
 from collections.abc import Iterator

@@ -20,6 +20,7 @@ from labpipe.contact.beyond._adhesive_mdr import slope_of
 from labpipe.contact.sphere.hertz import static_load
 from labpipe.errors import InputError
 from labpipe.materials import Prony, load
+from tests.rounding import rounding
 
 R, E, W = 0.01, 1e6, 0.05
 WIDTH = (np.pi * W * R**2 * 0.75 / E) ** (1 / 3)
@@ -39,9 +40,11 @@ def test_jkr_holds_its_published_numbers() -> None:
     parted = jkr((np.pi * W * R**2 / (8 * E)) ** (1 / 3), R, E, W)
     assert float(parted.force) == pytest.approx(-5 / 6 * scale, rel=1e-13)
     free = jkr_at_force(0.0, R, E, W)
-    assert float(free.contact_radius) ** 3 == pytest.approx(9 * np.pi * W * R**2 / (2 * E))
+    assert float(free.contact_radius) ** 3 == pytest.approx(
+        9 * np.pi * W * R**2 / (2 * E), rel=1e-6, abs=0.0
+    )
     assert float(jkr(free.contact_radius, R, E, W).force) == pytest.approx(0.0, abs=1e-12 * scale)
-    assert pull_off(R, E, W) == pytest.approx(1.5 * scale, rel=1e-15)
+    assert pull_off(R, E, W) == pytest.approx(1.5 * scale, rel=rounding(10))
 
 
 def test_a_load_gives_the_stable_contact_that_carries_it() -> None:
@@ -57,7 +60,7 @@ def test_without_adhesion_it_is_hertz() -> None:
     loads = np.array([0.1, 1.0, 10.0])
     hertz = static_load(loads, R, E)
     found = jkr_at_force(loads, R, E, 0.0)
-    np.testing.assert_allclose(found.contact_radius, hertz.contact_radius, rtol=1e-14)
+    np.testing.assert_allclose(found.contact_radius, hertz.contact_radius, rtol=rounding(50))
     np.testing.assert_allclose(found.indentation, hertz.approach, rtol=1e-13)
     np.testing.assert_allclose(dmt(found.contact_radius, R, E, 0.0).force, loads, rtol=1e-13)
 
@@ -131,7 +134,7 @@ def test_the_energy_of_sticking_is_the_area_under_the_jkr_curve() -> None:
         return float(jkr(a, R, E, W).force) * float(stretch)
 
     area, _ = quad(integrand, ends[1], ends[0], epsabs=0.0, epsrel=1e-11)
-    assert lost_energy(R, E, W) == pytest.approx(area, rel=1e-10)
+    assert lost_energy(R, E, W) == pytest.approx(area, rel=1e-10, abs=0.0)
     johnson = 7.09 * (W**5 * R**4 / E**2) ** (1 / 3)
     assert lost_energy(R, E, W) == pytest.approx(johnson, rel=5e-4)
 
@@ -151,12 +154,14 @@ def test_a_cone_parts_at_the_published_force(slope: float) -> None:
     """Maugis and Barquins 1981: F = 54 w²/(π E* tan³θ)."""
     limits = np.array([0.01, 100.0]) * W / (slope**2 * E)
     held = adhesive_pull_off(slope_of("cone", slope), E, W, (limits[0], limits[1]))
-    assert held == pytest.approx(54.0 * W**2 / (np.pi * E * slope**3), rel=1e-11)
+    assert held == pytest.approx(54.0 * W**2 / (np.pi * E * slope**3), rel=1e-11, abs=0.0)
 
 
 def test_a_flat_end_parts_at_kendalls_force() -> None:
     state = adhesive_indentation(slope_of("flat", 1.0), [2e-3], E, W)
-    assert float(-state.force[0]) == pytest.approx(np.sqrt(8.0 * np.pi * E * W * 8e-9), rel=1e-14)
+    assert float(-state.force[0]) == pytest.approx(
+        np.sqrt(8.0 * np.pi * E * W * 8e-9), rel=rounding(50)
+    )
 
 
 def test_an_exact_sphere_without_adhesion_is_the_closed_form_of_sneddon() -> None:

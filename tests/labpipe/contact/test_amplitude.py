@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 from labpipe.contact import amplitude_sweep, dissipated_work, dynamic_stiffness
 from labpipe.errors import InputError
 from labpipe.materials import Kraus, Prony
+from tests.rounding import rounding
 
 RUBBER = Prony(7.6e6, [10e6, 20e6], [0.1, 1e-3], nu=0.5)
 FILLED = Kraus(0.01, storage_floor=0.3, loss_peak=1.6, loss_floor=0.6)
@@ -27,7 +28,7 @@ def test_the_share_of_whole_links_is_where_breaking_and_forming_balance(strain: 
 
 
 def test_half_the_drop_and_the_peak_of_the_loss_lie_at_the_critical_strain() -> None:
-    assert float(FILLED.storage_share(0.01)) == pytest.approx(0.65, abs=1e-15)
+    assert float(FILLED.storage_share(0.01)) == pytest.approx(0.65, abs=rounding(10))
     plain = Kraus(0.01, storage_floor=0.3, loss_peak=1.6, loss_floor=1.0)
     strains = np.geomspace(1e-5, 10.0, 20001)
     loss = plain.loss_share(strains)
@@ -49,14 +50,14 @@ def test_small_amplitudes_are_the_linear_theory_exactly() -> None:
     swing = np.array([1e-40, 1e-38])
     found = amplitude_sweep(RUBBER, FILLED, 2.0, swing, *PUNCH, depth=0.018)
     linear = complex(dynamic_stiffness(RUBBER, 2.0, *PUNCH, 0.018))
-    np.testing.assert_allclose(found.storage_stiffness, linear.real, rtol=1e-14)
-    np.testing.assert_allclose(found.loss_stiffness, linear.imag, rtol=1e-14)
+    np.testing.assert_allclose(found.storage_stiffness, linear.real, rtol=rounding(100))
+    np.testing.assert_allclose(found.loss_stiffness, linear.imag, rtol=rounding(100))
     no_payne = Kraus(0.01, storage_floor=1.0)
     swing = np.array([1e-6, 1e-5])
     found = amplitude_sweep(RUBBER, no_payne, 2.0, swing, *PUNCH, depth=0.018)
     work = dissipated_work(RUBBER, 2.0, swing, *PUNCH, depth=0.018)
     np.testing.assert_allclose(found.work_per_cycle, work, rtol=1e-13)
-    np.testing.assert_allclose(found.storage_stiffness, linear.real, rtol=1e-14)
+    np.testing.assert_allclose(found.storage_stiffness, linear.real, rtol=rounding(100))
 
 
 def test_a_larger_swing_meets_a_softer_contact_until_it_lifts_off() -> None:

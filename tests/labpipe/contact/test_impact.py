@@ -13,6 +13,7 @@ from labpipe.contact import Plate, drop
 from labpipe.contact.impact._drop import _fall_further
 from labpipe.errors import InputError
 from labpipe.materials import Prony
+from tests.rounding import rounding
 
 R, M, G, NU = 9.525e-3, 0.505, 9.81, 0.35
 SLS = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=NU)
@@ -209,7 +210,7 @@ def test_energy_ledger_closes_and_dissipation_only_grows(pmma_train, sls_train):
         )
         energy = M * G * 0.0015
         assert float(abs(total - energy).max()) < 1e-13 * energy
-        assert result.attrs["energy_identity_error"] < 1e-13
+        assert result.attrs["energy_identity_error"] < rounding(result.sizes["time"])
         assert float(abs(result.numerical_energy).max()) < 1e-4 * energy
         assert result.attrs["energy_error"] < 1e-4
         assert np.all(np.diff(result.dissipated_energy) >= 0.0)
@@ -234,7 +235,7 @@ def test_signs_and_origin():
     assert float(result.time[0]) == 0.0
     assert float(result.velocity[0]) == 0.0
     touch = float(result.impact_time[0])
-    assert touch == pytest.approx(fall_time(0.0015), rel=1e-14)
+    assert touch == pytest.approx(fall_time(0.0015), rel=rounding(10))
     assert float(result.displacement.min()) == pytest.approx(-6.722e-5, rel=1e-3)
     assert float(result.velocity.min()) == pytest.approx(-0.1715, rel=1e-2)
     assert np.all(np.diff(result.time) > 0.0)
@@ -321,7 +322,9 @@ def test_a_heavy_stiff_plate_is_rigid_and_a_light_one_takes_energy():
     assert float(light.rigid_restitution) == pytest.approx(float(rigid.restitution[0]))
     total = sum(light[name] for name in light.data_vars if name.endswith("_energy"))
     assert float(abs(total - M * G * 0.0015).max()) < 1e-12 * M * G * 0.0015
-    assert light.attrs["energy_identity_error"] < 1e-12
+    # In n steps the plate's speed is n times a displacement less the one before, over the step:
+    # each loses n eps of the speed.
+    assert light.attrs["energy_identity_error"] < rounding(light.sizes["time"] ** 2)
 
 
 def test_momentum_is_conserved_on_a_free_plate():
@@ -352,7 +355,7 @@ def test_maps_show_pressure_that_carries_the_force(compiled):
     rings = drop(
         SLS, R, M, 0.0015, touch + 0.03, "rings", ring_width=5e-6, maps=instants, times=instants
     )
-    np.testing.assert_allclose(mdr.map_time, instants, rtol=1e-14)
+    np.testing.assert_allclose(mdr.map_time, instants, rtol=rounding(10))
     for result, tolerance in ((mdr, 2e-3), (rings, 5e-3)):
         for i in (1, 2):
             inside = result.r <= float(result.contact_radius[i])
@@ -492,6 +495,6 @@ def test_a_map_is_drawn_at_its_instant_while_the_sphere_sinks_in_at_rest():
     soft = Prony.from_creep(1e6, np.full(3, 0.9e-6 / 3), np.logspace(-3, 1, 3), nu=0.45)
     result = drop(soft, R, 0.01, 1e-4, 9.0, maps=[7.0], rtol=1e-3)
     assert json.loads(result.attrs["work"])["rest_steps"] > 0
-    np.testing.assert_allclose(result.map_time, [7.0], rtol=1e-14)
+    np.testing.assert_allclose(result.map_time, [7.0], rtol=rounding(10))
     until_then = drop(soft, R, 0.01, 1e-4, 7.0, rtol=1e-3)
     assert float(result.surface[0, 0]) == pytest.approx(float(until_then.approach[-1]), rel=1e-9)

@@ -16,6 +16,8 @@ from labpipe.contact.memory._creep import (
 )
 from labpipe.errors import InputError
 from labpipe.materials import Prony
+from tests.by_day import by_day
+from tests.rounding import rounding
 
 PMMA15 = Creep.from_terms(
     1 / 6e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=0.35
@@ -88,15 +90,17 @@ def test_weights_match_high_precision_values(x):
         expected = float(share)
     else:
         expected = 1.0 - (1.0 - np.exp(-x)) / x
-    assert weights.new[0] == pytest.approx(expected, rel=4e-15)
-    assert weights.old[0] + weights.new[0] == pytest.approx(-np.expm1(-x), rel=1e-15)
+    assert weights.new[0] == pytest.approx(expected, rel=rounding(50), abs=0.0)
+    assert weights.old[0] + weights.new[0] == pytest.approx(
+        -np.expm1(-x), rel=rounding(50), abs=0.0
+    )
 
 
 def test_a_liquid_flows_under_load_and_keeps_its_dent():
     liquid = Creep.from_terms(1.0, [], [], fluidity=0.5)
     times = np.array([0.0, 1.0, 1.5, 4.0])
     found = displacement_under(liquid, times, times)
-    np.testing.assert_allclose(found, times + 0.25 * times**2, rtol=1e-14)
+    np.testing.assert_allclose(found, times + 0.25 * times**2, rtol=rounding(50))
     np.testing.assert_allclose(liquid.compliance(times), 1.0 + 0.5 * times)
     assert decay(liquid, np.array([[3.0]]), 1e9)[0, 0] == 3.0
     assert stored_energy(liquid, np.array([[3.0]]), np.zeros(1)) == 0.0
@@ -121,15 +125,16 @@ def test_free_decay_is_one_step():
     memory = np.array([[1.0], [2.0]])
     creep = Creep.from_terms(1.0, np.array([1.0, 1.0]), np.array([0.1, 1e9]))
     after = decay(creep, decay(creep, memory, 0.3), 0.7)
-    np.testing.assert_allclose(after, decay(creep, memory, 1.0), rtol=1e-14)
+    np.testing.assert_allclose(after, decay(creep, memory, 1.0), rtol=rounding(10, 10.0))
     np.testing.assert_allclose(after[:, 0], [np.exp(-10.0), 2.0], rtol=1e-8)
 
 
-def test_work_on_a_spring_is_never_less_than_what_it_stores():
+@pytest.mark.parametrize("moves", by_day([40, 400], 1))
+def test_work_on_a_spring_is_never_less_than_what_it_stores(moves):
     rng = np.random.default_rng(3)
     creep = Creep.from_terms(0.2, np.array([1.0, 4.0, 0.5]), np.array([1e-3, 1.0, 50.0]))
     memory, load, work, displacement = creep.rest(1), np.zeros(1), 0.0, 0.0
-    for _ in range(400):
+    for _ in range(moves):
         dt, new_load = 10 ** rng.uniform(-5, 2), rng.uniform(0, 1, 1)
         n_sub = 200
         for i in range(n_sub):

@@ -43,7 +43,7 @@ def test_energy_of_a_step_is_accounted_for():
     after = PLATE.follow(state, dt, free + answer * force, force)
     work = 0.5 * force * (after.displacement - state.displacement)
     gained = PLATE.energy(after) - PLATE.energy(state)
-    assert gained + PLATE.loss(state, after, dt) == pytest.approx(work, rel=1e-10)
+    assert gained + PLATE.loss(state, after, dt) == pytest.approx(work, rel=1e-10, abs=0.0)
 
 
 @pytest.mark.parametrize(

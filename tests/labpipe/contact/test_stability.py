@@ -15,6 +15,7 @@ from labpipe.errors import InputError
 from labpipe.materials import Prony
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_cycles_do_not_drift() -> None:
     """One spring through 1e5 cycles: the recursion repeats itself to rounding."""
     material = Prony(1e6, [1e6, 2e6, 5e6], [1e-3, 0.1, 2.0], nu=0.4)

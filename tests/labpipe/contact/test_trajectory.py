@@ -6,6 +6,7 @@ import pytest
 from labpipe.contact.impact._motion import Body, Record
 from labpipe.contact.impact._plate import PlateState
 from labpipe.contact.impact._trajectory import Contact, Flight, columns, peak
+from tests.rounding import rounding
 
 BODY = Body(mass=2.0, gravity=10.0, plate=None)
 
@@ -17,7 +18,7 @@ def record(time, position, velocity, force=0.0, radius=0.0):
 def test_a_peak_between_unequal_steps_is_exact_for_a_parabola():
     time = np.array([0.0, 0.3, 1.0, 1.1])
     values = 5.0 - (time - 0.8) ** 2
-    assert peak(time, values) == pytest.approx(5.0, rel=1e-14)
+    assert peak(time, values) == pytest.approx(5.0, rel=rounding(50))
 
 
 def test_a_peak_at_the_end_stays():

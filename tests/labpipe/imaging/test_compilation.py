@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from labpipe.imaging.dic._spline import prefilter
 from tests.labpipe.without_cache import printed_without_cache
@@ -19,6 +20,7 @@ print(json.dumps({"found": prefilter(image, 3).tolist(), "said": [str(w.message)
 """
 
 
+@pytest.mark.slow
 def test_no_place_for_compiled_kernels_is_said_once_and_survived(tmp_path: Path) -> None:
     printed = json.loads(printed_without_cache(_PROGRAM, tmp_path))
     image = np.random.default_rng(1).uniform(size=(12, 9)).astype(np.float32)

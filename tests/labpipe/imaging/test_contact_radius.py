@@ -8,6 +8,7 @@ import xarray as xr
 from labpipe.errors import InputError
 from labpipe.frames import ArrayFrames
 from labpipe.imaging import contact_radius
+from tests.by_day import by_day
 from tests.labpipe.imaging.fringe_film import (
     Scene,
     clean_image,
@@ -141,7 +142,7 @@ OTHER_LIGHT = {
 }
 
 
-@pytest.mark.parametrize("case", sorted(OTHER_LIGHT))
+@pytest.mark.parametrize("case", by_day(sorted(OTHER_LIGHT), 5))
 def test_light_and_optics_hardly_move_the_radius(case: str) -> None:
     scene, limit = OTHER_LIGHT[case]
     film = still_film(scene, 150.0 * UM, 4, (155.3, 118.2))
@@ -197,7 +198,7 @@ def ramp_film(step: float, travel: float, seed: int = 0) -> tuple[ArrayFrames, n
     return ArrayFrames(np.stack(images), 1e-4 * np.arange(5)), radii, 1e-4 * travel / step
 
 
-@pytest.mark.parametrize(("travel", "limit"), [(5.0, 0.02), (10.0, 0.1), (20.0, 0.3)])
+@pytest.mark.parametrize(("travel", "limit"), by_day([(10.0, 0.1), (5.0, 0.02), (20.0, 0.3)], 1))
 @pytest.mark.parametrize("is_exposure_known", [True, False])
 def test_motion_in_the_exposure_is_allowed_for(
     travel: float, limit: float, is_exposure_known: bool
@@ -291,7 +292,9 @@ def test_disc_without_fringes_falls_back_to_its_edge_with_its_own_error_bar() ->
     assert abs(float(found.radius[0]) - 80.0 * SMALL.pixel_size) < 2.5 * float(found.u_radius[0])
 
 
-@pytest.mark.parametrize(("micrometres", "travel"), [(130.0, 60.0), (200.0, 80.0), (200.0, 150.0)])
+@pytest.mark.parametrize(
+    ("micrometres", "travel"), by_day([(130.0, 60.0), (200.0, 80.0), (200.0, 150.0)], 1)
+)
 def test_long_motion_in_the_exposure_widens_the_error_bar(
     micrometres: float, travel: float
 ) -> None:
@@ -356,7 +359,9 @@ def film_of_open_gap(scene: Scene, factor: float, curve: float) -> tuple[np.ndar
     return np.stack([expose(image, scene, rng) for image in images]), radii
 
 
-@pytest.mark.parametrize(("factor", "curve"), [(0.9, 0.0), (0.7, 0.05), (0.5, 0.0), (0.5, 0.1)])
+@pytest.mark.parametrize(
+    ("factor", "curve"), by_day([(0.7, 0.05), (0.9, 0.0), (0.5, 0.0), (0.5, 0.1)], 1)
+)
 def test_gap_that_still_recovers_is_fitted_with_its_own_factor(factor: float, curve: float) -> None:
     film, radii = film_of_open_gap(SMALL, factor, curve)
     found = measure(film, SMALL)

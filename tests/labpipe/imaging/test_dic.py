@@ -11,6 +11,7 @@ import xarray as xr
 from labpipe.errors import InputError
 from labpipe.frames import ArrayFrames
 from labpipe.imaging import track
+from tests.by_day import by_day
 from tests.labpipe.imaging.speckle import (
     Motion,
     cramer_rao_bound,
@@ -183,7 +184,7 @@ def test_displacement_is_that_of_the_point_between_pixels() -> None:
 # --- large motions ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["fine", "medium", "coarse"])
+@pytest.mark.parametrize("kind", by_day(["fine", "medium", "coarse"], 1))
 @pytest.mark.parametrize("shape", ["rigid", "affine"])
 @pytest.mark.parametrize(
     "motion",

@@ -72,6 +72,7 @@ def test_no_frame_is_read_twice() -> None:
     assert work["repeated_reads"] == 0
 
 
+@pytest.mark.slow
 def test_full_reads_everything_and_agrees() -> None:
     film, radii = long_film()
     quick, full = measure(film), measure(film, full=True)

@@ -12,6 +12,7 @@ from labpipe.imaging.dic._seeding import (
     make_pyramid,
     shift_of,
 )
+from tests.by_day import by_day
 from tests.labpipe.imaging.speckle import Motion, make_speckle, render
 
 SIZE = (260, 280)
@@ -22,7 +23,7 @@ def pyramid(image: np.ndarray) -> Pyramid:
 
 
 @pytest.mark.parametrize("kind", ["fine", "medium", "coarse"])
-@pytest.mark.parametrize("half", [10, 15, 70])
+@pytest.mark.parametrize("half", by_day([10, 15, 70], 1))
 @pytest.mark.parametrize(
     "motion", [Motion(3.4, 2.3), Motion(-41.7, 38.2), Motion(8.0, 9.0, np.deg2rad(3.0), (140, 130))]
 )

@@ -16,6 +16,7 @@ from labpipe.materials.prony._interconversion import (
     merged,
     relaxation_from_creep,
 )
+from tests.rounding import rounding
 
 DIGITS = 80
 
@@ -89,6 +90,11 @@ def error_of_relaxation(solid):
         return worst(found.time, roots), worst(found.weight, weights)
 
 
+def lost(terms):
+    """Every time and weight is found from sums over all terms, some twenty operations each."""
+    return rounding(20 * terms)
+
+
 def broad(terms, decades):
     time = np.logspace(-10, -10 + decades, terms)
     return time, 1e8 * np.exp(-0.5 * ((np.log10(time) + 3) / 4) ** 2)
@@ -109,25 +115,25 @@ def six_decades(terms, decades):
 def test_every_time_and_weight_agrees_with_eighty_digits_both_ways(terms):
     time, weight = terms(43, 14)
     solid = Relaxation(1e6, weight, time)
-    assert max(error_of_creep(solid)) < 1e-14
-    assert max(error_of_relaxation(creep_from_relaxation(solid))) < 1e-14
+    assert max(error_of_creep(solid)) < lost(43)
+    assert max(error_of_relaxation(creep_from_relaxation(solid))) < lost(43)
 
 
 def test_nearly_equal_times_keep_their_digits():
     time = np.array([1.0, 1.0 + 1e-9, 1.0 + 2e-6, 3.0])
     solid = Relaxation(1.0, np.array([3.0, 1e-8, 2.0, 5.0]), time)
-    assert max(error_of_creep(solid)) < 1e-14
+    assert max(error_of_creep(solid)) < lost(4)
     soft = Retardation(1e-3, np.array([3.0, 1e-8, 2.0, 5.0]), time)
-    assert max(error_of_relaxation(soft)) < 1e-14
+    assert max(error_of_relaxation(soft)) < lost(4)
 
 
 @pytest.mark.parametrize(("terms", "decades"), [(30, 14), (60, 14), (100, 20)])
 def test_round_trip_returns_the_terms(terms, decades):
     time, weight = broad(terms, decades)
     back = relaxation_from_creep(creep_from_relaxation(Relaxation(1e6, weight, time)))
-    np.testing.assert_allclose(back.weight, weight, rtol=1e-14)
-    np.testing.assert_allclose(back.time, time, rtol=3e-15)
-    assert back.relaxed == pytest.approx(1e6, rel=1e-14)
+    np.testing.assert_allclose(back.weight, weight, rtol=lost(terms))
+    np.testing.assert_allclose(back.time, time, rtol=lost(terms))
+    assert back.relaxed == pytest.approx(1e6, rel=lost(terms))
     assert back.viscosity == 0
 
 
@@ -159,8 +165,8 @@ def test_liquid_has_a_flow_and_one_term_fewer():
     assert creep.fluidity == pytest.approx(1 / 21)
     assert creep.time.size == 1
     back = relaxation_from_creep(creep)
-    np.testing.assert_allclose(back.weight, liquid.weight, rtol=1e-14)
-    np.testing.assert_allclose(back.time, liquid.time, rtol=1e-14)
+    np.testing.assert_allclose(back.weight, liquid.weight, rtol=lost(2))
+    np.testing.assert_allclose(back.time, liquid.time, rtol=lost(2))
     assert back.relaxed == 0
 
 
@@ -170,8 +176,8 @@ def test_no_instantaneous_compliance_gives_a_dashpot_and_one_term_fewer():
     assert family.viscosity == pytest.approx(1 / 1.4)
     assert family.time.size == 1
     back = creep_from_relaxation(family)
-    np.testing.assert_allclose(back.weight, soft.weight, rtol=1e-14)
-    np.testing.assert_allclose(back.time, soft.time, rtol=1e-14)
+    np.testing.assert_allclose(back.weight, soft.weight, rtol=lost(2))
+    np.testing.assert_allclose(back.time, soft.time, rtol=lost(2))
     assert back.unrelaxed == 0
 
 

@@ -8,8 +8,11 @@ from scipy.integrate import quad
 
 from labpipe.errors import InputError
 from labpipe.materials import Prony
+from tests.rounding import rounding
 
 OMEGA = np.logspace(-6, 14, 81)
+# Fifteen terms of some ten operations each.
+EXACT = rounding(10 * 15)
 
 
 @pytest.fixture
@@ -26,22 +29,24 @@ def test_terms_given_as_creep_come_back_as_given(acrylic_like):
 
 
 def test_unrelaxed_modulus_is_the_same_from_both_families(acrylic_like):
-    assert acrylic_like.E_unrelaxed == pytest.approx(6e9, rel=1e-15)
+    assert acrylic_like.E_unrelaxed == pytest.approx(6e9, rel=EXACT)
     total = acrylic_like.E_relaxed + acrylic_like.E.sum()
-    assert total == pytest.approx(acrylic_like.E_unrelaxed, rel=1e-15)
+    assert total == pytest.approx(acrylic_like.E_unrelaxed, rel=EXACT)
 
 
 def test_standard_linear_solid_of_the_contact_reference():
     solid = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
-    assert solid.rho[0] == pytest.approx(0.5e-3, rel=1e-15)
-    assert solid.E[0] == pytest.approx(2e9, rel=1e-15)
+    assert solid.rho[0] == pytest.approx(0.5e-3, rel=EXACT, abs=0.0)
+    assert solid.E[0] == pytest.approx(2e9, rel=EXACT)
 
 
 def test_wide_ratio_puts_the_shortest_relaxation_time_far_below_the_retardation_time():
     strength = (1 / 1e6 - 1 / 1e9) / 15
     solid = Prony.from_creep(1e6, np.full(15, strength), np.logspace(-10, 2, 15))
-    assert solid.rho[0] == pytest.approx(1.2e-12, rel=0.3)
-    assert solid.E_relaxed + solid.E.sum() == pytest.approx(1e9, rel=1e-12)
+    assert solid.rho[0] == pytest.approx(1.2e-12, rel=0.3, abs=0.0)
+    assert solid.E_relaxed + solid.E.sum() == pytest.approx(
+        1e9, rel=1e3 * EXACT
+    )  # 1/E less its creep
 
 
 def test_modulus_times_compliance_is_one(acrylic_like):
@@ -49,7 +54,7 @@ def test_modulus_times_compliance_is_one(acrylic_like):
     voigt = Prony.from_creep(3.0, [1 / 9, 2 / 9], [1.0, 5.0])
     for solid in (acrylic_like, liquid, voigt, acrylic_like.shifted(1e5)):
         product = solid.complex_modulus(OMEGA) * solid.complex_compliance(OMEGA)
-        assert np.abs(product - 1).max() < 2e-15
+        assert np.abs(product - 1).max() < EXACT
 
 
 def test_convolution_of_creep_and_relaxation_is_the_time():
@@ -60,16 +65,18 @@ def test_convolution_of_creep_and_relaxation_is_the_time():
 
 
 def test_limits_of_time_and_frequency(acrylic_like):
-    assert acrylic_like.relaxation(0.0) == pytest.approx(6e9, rel=1e-14)
+    assert acrylic_like.relaxation(0.0) == pytest.approx(6e9, rel=EXACT)
     assert acrylic_like.relaxation(1e300) == 2e9
-    assert acrylic_like.creep(0.0) == pytest.approx(1 / 6e9, rel=1e-14)
+    assert acrylic_like.creep(0.0) == pytest.approx(1 / 6e9, rel=EXACT, abs=0.0)
     assert acrylic_like.complex_modulus(0.0) == 2e9
     assert acrylic_like.complex_modulus(1e300).real == pytest.approx(6e9)
-    assert acrylic_like.creep(1e300) == pytest.approx(0.5e-9, rel=1e-14)
+    assert acrylic_like.creep(1e300) == pytest.approx(0.5e-9, rel=EXACT, abs=0.0)
 
 
 def test_limits_are_reached_at_infinity_itself(acrylic_like):
-    assert acrylic_like.creep(np.inf) == pytest.approx(1 / acrylic_like.E_relaxed, rel=1e-12)
+    assert acrylic_like.creep(np.inf) == pytest.approx(
+        1 / acrylic_like.E_relaxed, rel=1e-12, abs=0.0
+    )
     assert acrylic_like.relaxation(np.inf) == acrylic_like.E_relaxed
     assert acrylic_like.complex_modulus(np.inf) == pytest.approx(acrylic_like.E_unrelaxed)
 
@@ -107,9 +114,9 @@ def test_zero_weights_are_dropped_and_equal_times_added():
 def test_shift_moves_times_and_the_frequency_axis(acrylic_like):
     cold = acrylic_like.shifted(1e3, b_T=1.1)
     expected = 1.1 * acrylic_like.complex_modulus(1e3 * OMEGA)
-    np.testing.assert_allclose(cold.complex_modulus(OMEGA), expected, rtol=1e-14)
-    np.testing.assert_allclose(cold.creep_terms()[1], 1e3 * np.logspace(-10, 2, 15), rtol=1e-15)
-    assert cold.creep(1.0) == pytest.approx(acrylic_like.creep(1e-3) / 1.1, rel=1e-14)
+    np.testing.assert_allclose(cold.complex_modulus(OMEGA), expected, rtol=EXACT)
+    np.testing.assert_allclose(cold.creep_terms()[1], 1e3 * np.logspace(-10, 2, 15), rtol=EXACT)
+    assert cold.creep(1.0) == pytest.approx(acrylic_like.creep(1e-3) / 1.1, rel=EXACT, abs=0.0)
 
 
 def test_shear_and_contact_moduli():
@@ -118,7 +125,7 @@ def test_shear_and_contact_moduli():
     assert solid.relaxation(0.0, "shear") == pytest.approx(3e6)
     assert Prony.from_contact(10.14e6, [], [], nu=0.5).E_relaxed == pytest.approx(7.605e6)
     assert solid.complex_modulus(0.0, "contact") == pytest.approx(2.8e6 / 0.84)
-    assert solid.creep(0.0, "shear") == pytest.approx(1 / 3e6)
+    assert solid.creep(0.0, "shear") == pytest.approx(1 / 3e6, rel=1e-6, abs=0.0)
 
 
 def test_copies_are_identical_and_read_only(acrylic_like):

@@ -33,6 +33,7 @@ def test_lag_between_two_rates_scales_and_zeros(shift, gain, rate):
     assert found.correlation > 0.999
 
 
+@pytest.mark.slow
 def test_uncertainty_of_the_lag_is_calibrated():
     random = np.random.default_rng(0)
     time = np.arange(0.0, 0.5, 1e-3)

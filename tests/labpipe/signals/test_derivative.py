@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from labpipe.errors import InputError
 from labpipe.signals import velocity
+from tests.by_day import by_day
 
 ACRYLIC = {"loss": 0.5}
 LOSSY = {"loss": 3.0, "dent": 0.3}
@@ -80,7 +81,9 @@ def test_thesis_scheme_matches_its_formulas(displacement_of):
     np.testing.assert_allclose(velocity(record, "thesis", window=5), smoothed, rtol=1e-12)
 
 
-@pytest.mark.parametrize(("method", "window"), [("difference", 1), ("thesis", 5), ("thesis", 11)])
+@pytest.mark.parametrize(
+    ("method", "window"), by_day([("difference", 1), ("thesis", 5), ("thesis", 11)], 2)
+)
 def test_noise_of_the_difference_schemes_is_propagated_exactly(displacement_of, method, window):
     random = np.random.default_rng(3)
     time = np.arange(40) * 1e-3

@@ -39,7 +39,7 @@ def test_uneven_times(white):
 @pytest.mark.parametrize("step", [1e-8, 1e-7, 1e-3])
 def test_step_is_found_about_any_offset(white, step):
     values = np.round(white[:2000] * 3) * step + 0.37 * step
-    assert quantisation_step(values) == pytest.approx(step, rel=1e-6)
+    assert quantisation_step(values) == pytest.approx(step, rel=1e-6, abs=0.0)
 
 
 def test_continuous_values_have_no_step(white):

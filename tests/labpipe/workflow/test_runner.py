@@ -22,6 +22,7 @@ from labpipe.workflow import provenance
 from labpipe.workflow.graph import Stage
 from labpipe.workflow.runner import Event, RunResult, events, open_result, run, run_all
 from labpipe.workflow.session import Session
+from tests.by_day import by_day
 
 HERE = Path(__file__).parent
 
@@ -289,7 +290,7 @@ def test_a_schema_that_is_not_given_is_refused_before_anything_runs(session: Ses
     assert not session.folder.exists()
 
 
-@pytest.mark.parametrize("how", ["die", "exit"])
+@pytest.mark.parametrize("how", by_day(["die", "exit"], 1))
 def test_a_process_that_dies_takes_only_its_task_with_it(tmp_path: Path, how: str) -> None:
     session = troubled(tmp_path, f"scale:{how}")
     result = run_here(session, 2)
@@ -514,11 +515,14 @@ def test_a_script_without_a_main_guard_runs_once(session: Session, tmp_path: Pat
 
 @pytest.mark.parametrize(
     ("jobs", "environment"),
-    [
-        (2, {"PYTHONHASHSEED": "7"}),
-        (3, {"TZ": "Asia/Tokyo", "LC_ALL": "tr_TR.UTF-8", "PYTHONHASHSEED": "8"}),
-        (1, {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2", "TOY_DELAY": "0.01"}),
-    ],
+    by_day(
+        [
+            (3, {"TZ": "Asia/Tokyo", "LC_ALL": "tr_TR.UTF-8", "PYTHONHASHSEED": "8"}),
+            (2, {"PYTHONHASHSEED": "7"}),
+            (1, {"OMP_NUM_THREADS": "2", "OPENBLAS_NUM_THREADS": "2", "TOY_DELAY": "0.01"}),
+        ],
+        1,
+    ),
 )
 def test_results_do_not_depend_on_how_they_are_made(
     session: Session, undisturbed: dict[str, bytes], jobs: int, environment: dict[str, str]
@@ -578,16 +582,17 @@ def assert_free(session: Session, experiment: str) -> None:
     pytest.fail("an orphan keeps the lock")
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
+@pytest.mark.parametrize("how", by_day(["SIGKILL", "SIGTERM", "SIGHUP"], 1))
 def test_workers_end_with_the_process_that_started_them(
-    tmp_path: Path, undisturbed: dict[str, bytes], how: signal.Signals
+    tmp_path: Path, undisturbed: dict[str, bytes], how: str
 ) -> None:
     session = troubled(tmp_path / "s", "scale:sleep")
     process = drive(session.root)
     wait_for_start(session, process, "scale")
-    process.send_signal(how)
+    process.send_signal(signal.Signals[how])
     process.communicate(timeout=60)
-    assert process.returncode == -how
+    assert process.returncode == -signal.Signals[how]
     assert_free(session, "acrylic")
     repaired = toy.reload_session(session.root)
     finish(drive(repaired.root))
@@ -607,6 +612,7 @@ def test_an_interrupt_ends_the_workers_and_leaves_no_parts(tmp_path: Path) -> No
     assert not list(session.folder.rglob(".*.part"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [2, pytest.param(8, marks=pytest.mark.nightly)])
 def test_a_run_killed_at_any_moment_is_finished_by_the_next(
     tmp_path: Path, undisturbed: dict[str, bytes], count: int

@@ -1,8 +1,10 @@
 import numpy as np
+import pytest
 
 from pipelines.bench import identification
 
 
+@pytest.mark.slow
 def test_quick_run_covers_the_truth_and_reaches_the_bound(monkeypatch) -> None:
     monkeypatch.setattr(identification, "_FEW_HOLDS", 8)
     suite = identification.run(quick=True)

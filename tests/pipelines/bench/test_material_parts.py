@@ -5,6 +5,7 @@ import pytest
 
 from pipelines.bench import interconversion, master_curve, prony
 from pipelines.bench.rheology_truth import FRACTIONAL, MAXWELL, measured
+from tests.rounding import rounding
 
 
 @pytest.mark.parametrize("truth", [MAXWELL, FRACTIONAL])
@@ -24,14 +25,16 @@ def test_true_moduli_superpose_by_the_true_shifts() -> None:
     np.testing.assert_allclose(MAXWELL.modulus(omega * 10.0 ** (at[0] - at[1])), made.exact)
 
 
+@pytest.mark.slow
 def test_only_the_secular_equation_keeps_weak_terms() -> None:
     points = {p.setting: p for p in interconversion.run(quick=True).points}
     for point in points.values():
-        assert (point.error < 1e-13) == (point.group == "")
+        assert (point.error < rounding(20 * 50)) == (point.group == "")  # a sum over fifty terms
     (default,) = [p for p in points.values() if p.is_default]
     assert default.setting == "secular equation, 50 terms"
 
 
+@pytest.mark.slow
 def test_three_terms_a_decade_serve_both_truths() -> None:
     for suite in prony.run(quick=True):
         found = {p.setting: p for p in suite.points}

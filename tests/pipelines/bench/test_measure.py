@@ -37,6 +37,7 @@ def test_ratios_are_taken_run_by_run() -> None:
     assert ours.ratio(theirs) == (2.0, 2.0, 2.0)
 
 
+@pytest.mark.slow
 def test_peak_memory_counts_what_is_freed_again() -> None:
     size = 4_000_000
     found = peak_bytes(lambda: np.ones(size // 8).sum())

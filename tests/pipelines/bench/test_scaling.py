@@ -14,6 +14,7 @@ def test_the_exponent_leaves_out_what_every_call_costs() -> None:
     assert scaling.slope([1, 100, 200], [10.0, 100.0, 200.0]) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_memory_of_tracking_does_not_grow_with_the_images_kept() -> None:
     short, long = (scaling._film_length(count) for count in (40, 80))
     short()
@@ -31,6 +32,7 @@ def test_every_growth_gives_a_diagram_and_an_exponent() -> None:
     assert summary.extra["to"] == 16
 
 
+@pytest.mark.slow
 def test_what_gets_quicker_with_size_does_not_grow(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -8,6 +8,7 @@ import pytest
 from pipelines.bench import collision, contact_peers, drop, indentation, stability
 from pipelines.bench.measure import OURS, THESIS, Suite
 from pipelines.bench.stability_outcome import Outcome, run_family, worst
+from tests.rounding import rounding
 
 
 def by_name(suite: Suite) -> dict[str, float]:
@@ -45,7 +46,7 @@ def test_indentation_converges_and_names_a_missing_peer() -> None:
     line, sphere, one, many = indentation.run(True)
     errors = by_name(line)
     assert errors["springs, 1024 strips"] < errors["springs, 256 strips"] < 2e-3
-    assert by_name(sphere)["springs, 20 in the radius"] < 1e-14
+    assert by_name(sphere)["springs, 20 in the radius"] < rounding(10 * 20)
     assert by_name(sphere)["rings, 320 in the radius"] < 1e-3
     for suite in (one, many):
         assert by_name(suite)["adaptive, rtol 1e-05"] < 3e-5

@@ -115,7 +115,10 @@ def test_the_figure_shows_the_spots_with_the_model_s_circles(session: Path, tmp_
         ("session.toml", 'mass = "505.0', 'mass = "1010.0'),  # twice the mass
         ("session.toml", 'height = "1.5', 'height = "3.0'),  # twice the height
         ("session.toml", 'material = "acrylic"', 'material = "ptfe"'),
-        ("calibration/camera_under.toml", "461 ± 1 px", "425 ± 1 px"),  # 8 % too large a pixel
+        # 8 % too large a pixel: all frames are measured again
+        pytest.param(
+            "calibration/camera_under.toml", "461 ± 1 px", "425 ± 1 px", marks=pytest.mark.slow
+        ),
     ],
     ids=["mass", "height", "material", "pixel size"],
 )

@@ -231,7 +231,7 @@ def session(tmp_path: Path) -> Path:
 
 
 def test_a_session_is_processed_to_a_page_with_every_section(session):
-    result = process(session)
+    result = process(session, jobs=0)
     assert not result.failures
     page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
     for title in ("Master curve", "Shift factors", "Spectrum", "Do both moduli belong together?",
@@ -319,7 +319,7 @@ def test_one_temperature_gives_a_page_that_claims_no_shift_law(session):
     write_dma(session, "ptfe", solid, Protocol(temperatures=(20.0,), ramp=(0.0, 5.0)), 1)
     path = session / "session.toml"
     path.write_text(path.read_text("utf-8").replace('T_ref = "20 degC"\n', ""), "utf-8")
-    assert not process(session).failures
+    assert not process(session, jobs=0).failures
     page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
     assert "one temperature cannot tell a shift" in page
     assert "One temperature only" in page
@@ -329,6 +329,9 @@ def test_an_export_without_temperature_gives_a_page_with_the_reason(session):
     made = make([([1.0, 2.0, 4.0], [20.0] * 3, [""] * 3)])
     text = anton_paar.encode(made).decode("utf-16").replace("Temperature", "Some Other")
     (session / "dma/ptfe.csv").write_bytes(text.encode("utf-16"))
-    assert {f.task.stage for f in process(session).failures} == {"sweeps", "temperature_sweep"}
+    assert {f.task.stage for f in process(session, jobs=0).failures} == {
+        "sweeps",
+        "temperature_sweep",
+    }
     page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
     assert "no column for: temperature" in page

@@ -70,6 +70,7 @@ def campaign(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_lost_recording_concerns_its_figure_alone_and_computes_nothing_again(
     campaign: Path, tmp_path: Path
 ) -> None:
