@@ -1,4 +1,4 @@
-"""Readings to SI quantities with uncertainty.
+"""Calibration: readings to SI quantities with uncertainty.
 
 A calibration is a record: one TOML file per sensor and period (:mod:`calibration.record`). What is
 done with it lives in one module per kind: :mod:`calibration.laser`, :mod:`calibration.load_cell`,

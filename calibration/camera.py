@@ -1,4 +1,4 @@
-"""Image scale of a camera view, and motion in pixels turned into metres with it.
+"""Image scale of a camera view, and conversion of motion in pixels to metres.
 
 A scale belongs to ONE view. The record of another view is refused: between the front camera and
 the one under the disc of the thesis, the mistake would be a factor of 36 (appendix D).

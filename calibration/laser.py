@@ -1,4 +1,4 @@
-"""Laser displacement: from the reading along an inclined line of sight to the vertical motion.
+"""Laser displacement: vertical motion from readings along an inclined line of sight.
 
 The sensor looks along a line at the angle θ to the motion, so a motion d changes the reading by
 d cos θ. With the gain g of the sensor, its zero z and the direction s = ±1 in which it counts,

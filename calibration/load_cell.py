@@ -1,4 +1,4 @@
-"""Load cell: compression-positive force, tare, and the lag of the filter before the file.
+"""Load cell: compression-positive force, tare, and the lag of the instrument's low-pass filter.
 
 A six-axis cell counts compression negative, a single-axis cell positive; the reader of the
 instrument says which in ``compression_sign``. The files are not tared, and the force in them has
@@ -150,7 +150,7 @@ def _sign(readings: xr.Dataset, given: int | None) -> int:
     stated = int(readings.attrs.get("compression_sign", 0))
     if given is None and stated == 0:
         message = (
-            "the file does not tell whether compression is positive (single-axis cell) or "
+            "the file does not state whether compression is positive (single-axis cell) or "
             "negative (six-axis cell); give compression_sign=1 or compression_sign=-1"
         )
         raise CalibrationError(message)

@@ -1,4 +1,4 @@
-"""The quiet beginning of a record: the zero of a sensor, its noise, and how well both are known."""
+"""Zero and noise of a sensor, with uncertainties, from the part of a record at rest."""
 
 from typing import NamedTuple
 

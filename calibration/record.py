@@ -1,4 +1,4 @@
-"""Calibration records: one TOML file says what is known of one sensor, from when until when.
+"""Calibration records: one TOML file holds the calibration of one sensor and its validity.
 
 ::
 
@@ -365,8 +365,8 @@ def _check_validity(
         if ignore_validity:
             return "ignored: the day of the measurement is not known"
         message = (
-            f'record "{record.id}": the readings hold no date, so it cannot be told whether the '
-            'record was valid; give measured="2024-05-14", or ignore_validity=True'
+            f'record "{record.id}": the readings hold no date, so the validity of the record '
+            'cannot be checked; give measured="2024-05-14", or ignore_validity=True'
         )
         raise CalibrationError(message)
     if record.valid_from <= day <= record.valid_until:

@@ -1,4 +1,4 @@
-"""The time of samples: the true interval, and the delay of a sensor that averages."""
+"""Sample times: the true sampling interval, and the delay of an averaging sensor."""
 
 import math
 from collections.abc import Mapping

@@ -12,8 +12,20 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from instruments import anton_paar, dice, images, keyence, mach1, phantom, tables
 from instruments._instrument import CONTENTS, HEAD_BYTES, Content, Instrument, NoOptions, text_of
+from instruments.anton_paar import INSTRUMENT as ANTON_PAAR
+from instruments.anton_paar import Options as AntonPaarOptions
+from instruments.dice import INSTRUMENT as DICE
+from instruments.dice import Options as DiceOptions
+from instruments.images import INSTRUMENT as IMAGE_STACK
+from instruments.images import Options as ImageOptions
+from instruments.keyence import INSTRUMENT as KEYENCE
+from instruments.keyence import Options as KeyenceOptions
+from instruments.mach1 import INSTRUMENT as MACH1
+from instruments.mach1 import Options as Mach1Options
+from instruments.phantom import INSTRUMENT as PHANTOM
+from instruments.tables import INSTRUMENT as PLAIN_TABLE
+from instruments.tables import Options as TableOptions
 from labpipe import BUILD
 from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
 from labpipe.plugins import Plugin, survey, tell
@@ -41,22 +53,12 @@ __all__ = [
     "text_of",
 ]
 
-GROUP = "labpipe.instruments"
-
-OURS: tuple[Instrument, ...] = (
-    mach1.INSTRUMENT,
-    phantom.INSTRUMENT,
-    anton_paar.INSTRUMENT,
-    tables.INSTRUMENT,
-    dice.INSTRUMENT,
-    images.INSTRUMENT,
-    # The Keyence layout has no magic number, so it is asked last.
-    keyence.INSTRUMENT,
-)
+# The Keyence layout has no magic number, so it is asked last.
+OURS = (MACH1, PHANTOM, ANTON_PAAR, PLAIN_TABLE, DICE, IMAGE_STACK, KEYENCE)
 
 
 class Options(
-    keyence.Options, mach1.Options, anton_paar.Options, tables.Options, images.Options, dice.Options
+    KeyenceOptions, Mach1Options, AntonPaarOptions, TableOptions, ImageOptions, DiceOptions
 ):
     """Every option of :func:`read`; each instrument takes those of its own ``Options``."""
 
@@ -64,11 +66,14 @@ class Options(
 @cache
 def added() -> tuple[Plugin[Instrument], ...]:
     """Return the plug-ins of other distributions, and why one of them is left out."""
+    from importlib.metadata import entry_points  # slow to import
+
+    entries = entry_points(group="labpipe.instruments")
     found = tuple(
         plugin.left_out(f'its content is "{plugin.found.content}"; known are {", ".join(CONTENTS)}')
         if plugin.found is not None and plugin.found.content not in CONTENTS
         else plugin
-        for plugin in survey(GROUP, Instrument, [each.name for each in OURS])
+        for plugin in survey(entries, Instrument, [each.name for each in OURS])
     )
     tell(found)
     return found

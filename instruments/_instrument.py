@@ -146,27 +146,6 @@ def _loaded(target: str) -> Callable[..., Any]:
     return function
 
 
-def lazily(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
-    """Return a ``__getattr__`` for a face, which loads the module of a name on its first use.
-
-    Parameters
-    ----------
-    package : str
-        The face's ``__name__``.
-    homes : mapping
-        Inner module to the public names that it defines.
-    """
-    home = {name: module for module, names in homes.items() for name in names}
-
-    def load(name: str) -> Any:
-        if name not in home:
-            message = f"module {package!r} has no attribute {name!r}"
-            raise AttributeError(message)
-        return getattr(importlib.import_module(f"{package}.{home[name]}"), name)
-
-    return load
-
-
 def text_of(head: bytes) -> str:
     """Decode the first bytes of a text file of any codec, well enough to look for words."""
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):

@@ -1,4 +1,4 @@
-"""Bounded reading of binary files: every field is checked against the file before it is touched."""
+"""Bounded reading of binary files: every access is checked against the size of the file."""
 
 import mmap
 import struct

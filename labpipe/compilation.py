@@ -1,4 +1,4 @@
-"""Compile the image kernels, and keep the machine code where the machine allows it."""
+"""Compile numerical kernels with numba, and cache the machine code where possible."""
 
 import warnings
 from collections.abc import Callable
@@ -12,8 +12,9 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Return a decorator that compiles a kernel once per machine, or else once per process.
 
     Numba refuses a cached function whose code it can keep nowhere (read-only home, site packages
-    and ``NUMBA_CACHE_DIR``). The kernels have no slower twin, so they are then compiled again in
-    each process: the same answer some seconds later.
+    and ``NUMBA_CACHE_DIR``), and fails at the first call where the disk is full. The kernels have
+    no slower twin, so they are then compiled again in each process: the same answer some seconds
+    later.
 
     Parameters
     ----------
@@ -23,18 +24,35 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def decorate(function: Callable[..., Any]) -> Any:
         try:
-            return njit(cache=True, **options)(function)
+            kernel = njit(cache=True, **options)(function)
         except RuntimeError as error:
             _warn(str(error).splitlines()[0].partition(": ")[2])
             return njit(**options)(function)
+        _forgive_a_full_disk(kernel)
+        return kernel
 
     return decorate
+
+
+def _forgive_a_full_disk(kernel: Any) -> None:
+    """Let a kernel that is compiled, but cannot be stored, be used all the same."""
+    store = getattr(getattr(kernel, "_cache", None), "save_overload", None)
+    if store is None:  # compilation is switched off, or numba keeps its cache elsewhere
+        return
+
+    def save_overload(*arguments: Any) -> None:
+        try:
+            store(*arguments)
+        except OSError as error:
+            _warn(str(error))
+
+    kernel._cache.save_overload = save_overload
 
 
 @cache  # one warning for all kernels
 def _warn(reason: str) -> None:
     warnings.warn(
-        f"compiled image kernels cannot be kept ({reason}): each process compiles them again, "
+        f"compiled code cannot be kept ({reason}): each process compiles it again, "
         "which takes some seconds; set NUMBA_CACHE_DIR to a folder that can be written",
         UserWarning,
         stacklevel=3,

@@ -1,14 +1,14 @@
-"""Everything that labpipe refuses, and the exit code that the command line returns for it.
+"""The errors that labpipe raises, and the exit code of the command line for each.
 
 ::
 
     LabpipeError (1)
     ├── UsageError (2)            the command was called wrongly
-    ├── SourceError (3)           a file cannot be read as what it claims to be
+    ├── SourceError (3)           a file cannot be read as the format it seems to have
     ├── ConfigError (3)           session.toml holds one or more mistakes, all listed
     ├── CalibrationError (3)      a calibration record is missing, expired, or for another view
     ├── InputError (3)            a value handed to a function lies outside its domain
-    ├── InstallationError (3)     a package of ours was replaced by another of its name
+    ├── InstallationError (3)     another distribution replaced a package of ours
     ├── StageError (1)            one step of one experiment failed; the others go on
     ├── StoreError (4)            a stored result is damaged
     └── StorageError (5)          no space, or no permission, to write a result

@@ -1,4 +1,4 @@
-"""The only place that creates files, and the checks on names and contents that go with it.
+"""The only module that writes files, with the checks of names and contents.
 
 A file is written under a temporary name in its own folder, read back and compared, flushed to the
 disk and only then renamed; so a kill or a full disk leaves the old file or the new one, never a

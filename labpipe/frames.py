@@ -1,4 +1,4 @@
-"""What a film is: the contract between camera readers and imaging functions."""
+"""Film interface: the contract between camera readers and imaging functions."""
 
 from collections.abc import Iterator
 from typing import Protocol, runtime_checkable

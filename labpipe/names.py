@@ -1,4 +1,4 @@
-"""Names from files are hostile: what may become a path inside a session folder."""
+"""File names from untrusted text: which may become a path inside a session folder."""
 
 import os
 import re

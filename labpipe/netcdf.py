@@ -1,4 +1,4 @@
-"""Datasets as netCDF-4: what may be written, the digest of values, and the checks on reading.
+"""Datasets as netCDF-4: what can be stored, the digest of the values, and the checks on reading.
 
 Every chunk carries a Fletcher-32 checksum, but attributes, scalars, text and the file's own tables
 do not, and a single wrong bit in those can crash the HDF5 library. So the file ends with a mark and
@@ -170,7 +170,7 @@ def _check_trailer(path: Path) -> bool:
         found = stream.read()
     # A mark at another place than its own means that bytes were cut off or added behind it.
     if _MARK in found and found[-_TRAILER:] != _MARK + _digest_before(path, end):
-        message = f"{path}: damaged: its bytes do not fit its own digest; delete it and run again"
+        message = f"{path}: damaged: its contents do not match its digest; delete it and run again"
         raise StoreError(message)
     return _MARK in found
 
@@ -183,7 +183,7 @@ def verify(path: Path, prepared: xr.Dataset) -> None:
         message = f"what was written cannot be read back: {error}"
         raise RuntimeError(message) from error
     if found != value_digest(prepared):
-        message = "the Dataset holds something that netCDF does not give back unchanged"
+        message = "the Dataset holds something that netCDF does not store unchanged"
         raise InputError(message)
 
 

@@ -1,7 +1,7 @@
-"""Numbers as text: which decimal sign a file uses, and what is a number at all."""
+"""Numbers in text files: the decimal sign, and what counts as a number."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from labpipe.errors import InputError
@@ -138,6 +138,19 @@ def plain_number(cell: str, signs: Separators = DOT) -> float | None:
             cell = cell.replace(other, "")
         cell = cell.replace(signs.decimal, ".")
     return float(cell) if is_number(cell) else None
+
+
+def listed(lines: Sequence[int], most: int = 5) -> str:
+    """Name lines for a message.
+
+    Examples
+    --------
+    >>> listed([3]), listed([3, 7]), listed(range(10, 20))
+    ('line 3', 'lines 3, 7', 'lines 10, 11, 12, 13, 14 and 5 more')
+    """
+    shown = ", ".join(map(str, lines[:most]))
+    more = f" and {len(lines) - most} more" if len(lines) > most else ""
+    return f"line{'s' * (len(lines) > 1)} {shown}{more}"
 
 
 def shorten(text: str, length: int = 60) -> str:

@@ -1,4 +1,4 @@
-"""What other distributions add to labpipe by entry points.
+"""Plug-ins: what other distributions add to labpipe by entry points.
 
 A distribution declares in its ``pyproject.toml``, for example ::
 
@@ -55,13 +55,16 @@ class Plugin(Generic[T]):
         return Plugin(self.name, self.distribution, None, problem)
 
 
-def survey(group: str, expected: type[T], taken: Sequence[str] = ()) -> tuple[Plugin[T], ...]:
+def survey(
+    entries: "Iterable[EntryPoint]", expected: type[T], taken: Sequence[str] = ()
+) -> tuple[Plugin[T], ...]:
     """Load every entry point of a group.
 
     Parameters
     ----------
-    group : str
-        ``labpipe.instruments`` or ``labpipe.kinds``.
+    entries : iterable of EntryPoint
+        Of ``importlib.metadata.entry_points``; the caller names the group in so many words, so that
+        the code that a result depends on can be followed into it.
     expected : type
         What an entry point must name; its ``name`` is that by which it is known.
     taken : sequence of str
@@ -72,11 +75,8 @@ def survey(group: str, expected: type[T], taken: Sequence[str] = ()) -> tuple[Pl
     tuple of Plugin
         Ordered by distribution and name, so that every machine asks them in the same order.
     """
-    from importlib.metadata import entry_points  # slow to import
-
-    entries = sorted(entry_points(group=group), key=lambda e: (_distribution(e), e.name))
     names, found = set(taken), []
-    for entry in entries:
+    for entry in sorted(entries, key=lambda e: (_distribution(e), e.name)):
         made = _loaded(entry, expected)
         name = getattr(made.found, "name", entry.name)
         if made.found is not None and name in names:

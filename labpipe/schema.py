@@ -1,4 +1,4 @@
-"""The shape of every Dataset that is passed on, and the check that it has it.
+"""Schemas of Datasets (variables, dimensions, units) and their check.
 
 A schema is data: which variables, over which dimensions, in which SI unit. The workflow checks a
 stage's result against the schema that the stage names, so a mistake is caught where it is made.

@@ -1,4 +1,4 @@
-"""Text files of instruments: which codec, how large, complete or cut, and tables of numbers.
+"""Text files of instruments: encoding, size, completeness, and tables of numbers.
 
 A text file is looked at twice. :func:`survey` goes through it once in pieces: it settles the codec
 (byte order mark, then strict UTF-8, then the codecs that the format declares), refuses control

@@ -1,4 +1,4 @@
-"""The closed table of units: every spelling an instrument writes, and its factor to SI.
+"""Table of units: every accepted spelling and its factor to SI.
 
 Inside labpipe every number is SI; units live at the edges. A spelling that is not in the
 table is refused, never guessed. Temperatures are kept in °C as the field does (``degC``);

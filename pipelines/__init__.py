@@ -1,4 +1,4 @@
-"""The experiments, the session, the thesis figures, the virtual rig, the command line."""
+"""Experiments, sessions, the thesis's figures, the virtual rig, and the command line."""
 
 from labpipe import BUILD
 

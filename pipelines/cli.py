@@ -1,11 +1,10 @@
-"""The command line ``labpipe``: which commands there are, and what an error becomes.
+"""The command line ``labpipe``: its commands, and how errors are reported.
 
 Nothing numerical is imported here; each command imports what it needs when it runs, so that
 ``--help``, ``plan`` and completion answer at once.
 """
 
 import importlib
-import importlib.util
 import json
 import sys
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ import click
 
 import labpipe
 from labpipe.errors import ConfigError, InstallationError, LabpipeError, SourceError, StorageError
+from labpipe.installation import foreign_package
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,25 +27,26 @@ class Command:
 
 
 _HOME = "pipelines.commands"
-_MARK = "from labpipe import BUILD"  # in the face of each of our packages
 _USAGE = 2  # exit code of a line that cannot be understood
 COMMANDS: dict[str, Command] = {
     "demo": Command(f"{_HOME}.sample:demo", "Write a synthetic session and process it."),
     "init": Command(f"{_HOME}.session:init", "Scan a folder and write a commented session.toml."),
-    "inspect": Command(f"{_HOME}.inspect:inspect", "Say what a file is and what is wrong with it."),
-    "plan": Command(f"{_HOME}.session:plan", "Say what `process` would run, and why."),
+    "inspect": Command(f"{_HOME}.inspect:inspect", "Show what a file is and its problems."),
+    "plan": Command(f"{_HOME}.session:plan", "Show what `process` would run, and why."),
     "process": Command(f"{_HOME}.session:process", "Process a session into results and reports."),
     "watch": Command(f"{_HOME}.watch:watch", "Process a session while it is being recorded."),
     "acquire": Command(f"{_HOME}.acquire:acquire", "Record a running sensor into a file."),
     "export": Command(f"{_HOME}.export:export", "Write results as csv, netCDF, MATLAB or JSON."),
     "compare": Command(f"{_HOME}.compare:compare", "Compare measurement and model on one page."),
     "catalogue": Command(f"{_HOME}.catalogue:catalogue", "List many sessions as one table."),
-    "identify": Command(f"{_HOME}.identify:identify", "Find the material behind the experiments."),
-    "sensitivity": Command(f"{_HOME}.sensitivity:sensitivity", "Say what limits each uncertainty."),
+    "identify": Command(f"{_HOME}.identify:identify", "Identify the material of the experiments."),
+    "sensitivity": Command(
+        f"{_HOME}.sensitivity:sensitivity", "Show which inputs limit each uncertainty."
+    ),
     "figures": Command(f"{_HOME}.figures:figures", "Draw the thesis's figures by number."),
     "simulate": Command(f"{_HOME}.simulate:simulate", "Run the bundled simulator alone."),
     "sweep": Command(f"{_HOME}.sweep:sweep", "Map the simulator over its parameters."),
-    "sample": Command(f"{_HOME}.sample:sample", "Write a synthetic session with its truth."),
+    "sample": Command(f"{_HOME}.sample:sample", "Write a synthetic session with its true values."),
     "bench": Command(f"{_HOME}.bench:bench", "Measure accuracy against run time of every part."),
     "doctor": Command(f"{_HOME}.system:doctor", "Check the installation and a session's store."),
     "completion": Command(f"{_HOME}.system:completion", "Print the script for bash, zsh or fish."),
@@ -146,29 +147,6 @@ def report_usage(error: click.UsageError, wants_json: bool) -> int:
     return _USAGE
 
 
-def foreign_package() -> str | None:
-    """Name the first of our packages that another distribution has replaced or removed, if any.
-
-    Each carries the mark of the build. Its source is read, not run: what a foreign package of the
-    same name does or fails to import is nothing that labpipe should begin with.
-    """
-    for name in ("instruments", "calibration", "pipelines"):
-        spec = importlib.util.find_spec(name)
-        if spec is None or spec.origin is None:
-            return (
-                f"the module `{name}` of labpipe is missing or has lost its files: removing "
-                "another distribution with a package of the same name takes them away; install "
-                "labpipe again, in a separate environment"
-            )
-        get_source = getattr(spec.loader, "get_source", lambda _: "")
-        if _MARK not in (get_source(name) or ""):
-            return (
-                f"the module `{name}` at {spec.origin} is not labpipe's: another distribution has "
-                "installed a package of the same name; use a separate environment for labpipe"
-            )
-    return None
-
-
 class Terminated(BaseException):
     """The system asked the program to end; what is half-done is undone on the way out."""
 
@@ -198,7 +176,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     debug, wants_json = "--debug" in arguments, "--json" in arguments
     # --debug is welcome anywhere in the line; click knows it only before the command
     arguments = ["--debug"] * debug + [a for a in arguments if a != "--debug"]
-    if (clash := foreign_package()) is not None:
+    if (clash := foreign_package(["instruments", "calibration"])) is not None:
         sys.exit(report_error(InstallationError(clash), wants_json))
     try:
         code = cli.main(args=arguments, prog_name="labpipe", standalone_mode=False) or 0

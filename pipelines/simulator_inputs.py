@@ -1,4 +1,4 @@
-"""What ``simulate`` and ``sweep`` give to the simulator: a material by its name, and a history."""
+"""Inputs of ``simulate`` and ``sweep``: a material by its name, and a load history."""
 
 from functools import cache
 from typing import TYPE_CHECKING

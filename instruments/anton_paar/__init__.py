@@ -4,7 +4,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
-from instruments._instrument import HEAD_BYTES, Instrument, lazily, text_of
+from instruments._instrument import HEAD_BYTES, Instrument, text_of
+from labpipe.lazy import lazily
 from labpipe.text import Limits
 
 if TYPE_CHECKING:
@@ -14,16 +15,23 @@ if TYPE_CHECKING:
     from instruments.anton_paar._words import SI_OF, column_name, slug, unit_of
     from instruments.anton_paar._writer import LANGUAGES, encode, write
 else:
-    __getattr__ = lazily(
-        __name__,
-        {
-            "_dataset": ("CLIPPED", "assemble", "make_column", "make_interval"),
-            "_export": ("read",),
-            "_values": ("Column", "Interval"),
-            "_words": ("SI_OF", "column_name", "slug", "unit_of"),
-            "_writer": ("LANGUAGES", "encode", "write"),
-        },
-    )
+    _HOMES = {
+        "CLIPPED": "_dataset",
+        "assemble": "_dataset",
+        "make_column": "_dataset",
+        "make_interval": "_dataset",
+        "read": "_export",
+        "Column": "_values",
+        "Interval": "_values",
+        "SI_OF": "_words",
+        "column_name": "_words",
+        "slug": "_words",
+        "unit_of": "_words",
+        "LANGUAGES": "_writer",
+        "encode": "_writer",
+        "write": "_writer",
+    }
+    __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = [
     "CLIPPED",

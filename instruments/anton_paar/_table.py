@@ -17,11 +17,12 @@ Structure is asked before words: a label and two whole numbers begin an interval
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from instruments.anton_paar import _words as words
 from labpipe.errors import SourceError
+from labpipe.numbers import listed
 from labpipe.text import shorten
 
 Cell = str | float | None
@@ -35,11 +36,15 @@ _MOST_COLUMNS = 512
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One row: its number in the file or sheet, its sheet ("" in a text), its cells."""
+    """One row: its number in the file or sheet, its sheet ("" in a text), its cells.
+
+    ``is_short`` tells that the file holds fewer of them than the table has columns.
+    """
 
     line: int
     cells: list[Cell]
     sheet: str = ""
+    is_short: bool = False
 
 
 @dataclass(slots=True)
@@ -272,8 +277,9 @@ class _Reader:
                     row, f"found {len(inside)} cells, expected {width}: {shorten(' '.join(cells))}",
                     "A cell is missing; compare the row with its neighbours.",
                 )  # fmt: skip
+        is_short = not row.sheet and len(inside) < width
         inside = inside + [None] * (width - len(inside))
-        current.rows.append(Row(row.line, inside, row.sheet))
+        current.rows.append(Row(row.line, inside, row.sheet, is_short))
 
     def _loose(self, row: Row, cells: list[str]) -> None:
         numbers = sum(bool(_NUMBER.fullmatch(c)) for c in cells)
@@ -299,7 +305,23 @@ class _Reader:
                 f"{found.declared} points and holds {len(found.rows)}: the test was stopped, or "
                 "the file is cut"
             )
+        self._judge_short(found)
         self.export.intervals.append(found)
+
+    def _judge_short(self, found: RawInterval) -> None:
+        """Mark rows that lost cells, in a table whose other rows are whole.
+
+        Which cell was lost is not known, so no value of such a row can be trusted. Where every row
+        lacks the same text at its end, an editor has taken off what was empty.
+        """
+        short = [row.line for row in found.rows if row.is_short]
+        if len(short) == len(found.rows):
+            found.rows = [replace(row, is_short=False) for row in found.rows]
+        elif short:
+            self.export.notes.append(
+                f"{listed(short)}: {len(short)} of {len(found.rows)} rows lost cells at "
+                "their end; which ones is not known, so the points are marked invalid"
+            )
 
     def finished(self) -> Export:
         """Return what was found, or say that it is nothing."""

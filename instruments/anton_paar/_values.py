@@ -174,9 +174,10 @@ def _points(
     raw: RawInterval, index: int | None, path: Path
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     count = len(raw.rows)
+    valid = np.array([not row.is_short for row in raw.rows], dtype=bool)
     if index is None:
-        return np.arange(1, count + 1), np.ones(count, dtype=bool)
-    point, valid = np.zeros(count, dtype=np.int64), np.ones(count, dtype=bool)
+        return np.arange(1, count + 1), valid
+    point = np.zeros(count, dtype=np.int64)
     before = 0
     for i, row in enumerate(raw.rows):
         text = text_of(row.cells[index])
@@ -189,8 +190,8 @@ def _points(
                 path, f"found {shorten(text)}, expected {expected}", line=row.line,
                 hint="Rows are missing, repeated or moved; export the file again.",
             )  # fmt: skip
-        point[i], valid[i] = found
-        before = found[0]
+        point[i] = before = found[0]
+        valid[i] &= found[1]
     return point, valid
 
 

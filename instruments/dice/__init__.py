@@ -3,12 +3,17 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
-from instruments._instrument import Instrument, lazily
+from instruments._instrument import Instrument
+from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
     from instruments.dice._solutions import is_solution, read
 else:
-    __getattr__ = lazily(__name__, {"_solutions": ("is_solution", "read")})
+    _HOMES = {
+        "is_solution": "_solutions",
+        "read": "_solutions",
+    }
+    __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = ["INSTRUMENT", "Options", "is_solution", "read"]
 

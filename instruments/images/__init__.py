@@ -3,12 +3,18 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
-from instruments._instrument import Instrument, lazily
+from instruments._instrument import Instrument
+from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
     from instruments.images._stack import ImageFrames, VideoFrames, read
 else:
-    __getattr__ = lazily(__name__, {"_stack": ("ImageFrames", "VideoFrames", "read")})
+    _HOMES = {
+        "ImageFrames": "_stack",
+        "VideoFrames": "_stack",
+        "read": "_stack",
+    }
+    __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = ["INSTRUMENT", "ImageFrames", "Options", "VideoFrames", "read"]
 

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
-from instruments._instrument import Instrument, lazily, text_of
+from instruments._instrument import Instrument, text_of
+from labpipe.lazy import lazily
 from labpipe.text import Limits
 from labpipe.units import Quantity
 
@@ -25,25 +26,27 @@ if TYPE_CHECKING:
     from instruments.keyence._storage import read
     from instruments.keyence._writer import encode, make_recording, write
 else:
-    __getattr__ = lazily(
-        __name__,
-        {
-            "_acquire": (
-                "EMULATOR_ONLY",
-                "Acquired",
-                "check_units",
-                "parse_trigger",
-                "record",
-                "recover",
-            ),
-            "_header": ("KeyenceProfile",),
-            "_live": ("DL_EN1", "LK_G5000", "LK_PORT", "Connection"),
-            "_markers": ("Status",),
-            "_recorder": ("Setup", "Trigger"),
-            "_storage": ("read",),
-            "_writer": ("encode", "make_recording", "write"),
-        },
-    )
+    _HOMES = {
+        "EMULATOR_ONLY": "_acquire",
+        "Acquired": "_acquire",
+        "check_units": "_acquire",
+        "parse_trigger": "_acquire",
+        "record": "_acquire",
+        "recover": "_acquire",
+        "KeyenceProfile": "_header",
+        "DL_EN1": "_live",
+        "LK_G5000": "_live",
+        "LK_PORT": "_live",
+        "Connection": "_live",
+        "Status": "_markers",
+        "Setup": "_recorder",
+        "Trigger": "_recorder",
+        "read": "_storage",
+        "encode": "_writer",
+        "make_recording": "_writer",
+        "write": "_writer",
+    }
+    __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = [
     "DL_EN1",

@@ -10,6 +10,7 @@ Tested against an emulator only: no such controller was at hand.
 import re
 import socket
 import struct
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
@@ -27,6 +28,8 @@ _LK_REPLY = 116
 _LK_VALUES = struct.Struct("<12i")
 _LK_OFFSET = 68
 _LK_INVALID = -1048576  # 0xFFF00000
+_LK_LARGEST = 9_999_999
+"""Seven digits are what a display shows; a larger number is no reading."""
 
 _EN1_REQUEST = b"M0\r\n"
 _EN1_LONGEST = 1024
@@ -64,7 +67,7 @@ class Connection:
     outputs : sequence of int
         Outputs (of the LK-G5000) or amplifiers (in the order of a DL-EN1), counted from 1.
     timeout : float [s]
-        For the connection and for every answer.
+        For the connection and for every answer, from its request to its last byte.
 
     Raises
     ------
@@ -89,7 +92,8 @@ class Connection:
         self.address = f"{host}:{port}"
         self._outputs = tuple(outputs)
         self._ask = _READ[protocol]
-        self._rest = b""
+        self._timeout = timeout
+        self._deadline = 0.0
         try:
             self._socket = socket.create_connection((host, port), timeout)
         except OSError as error:
@@ -111,10 +115,11 @@ class Connection:
         SourceError
             The connection broke or the answer did not come in time.
         """
+        self._deadline = time.monotonic() + self._timeout
         try:
             return self._ask(self, self._outputs)
         except TimeoutError:
-            message = f"no whole answer within {self._socket.gettimeout():g} s"
+            message = f"no whole answer within {self._timeout:g} s"
             raise SourceError(self.address, message) from None
         except OSError as error:
             message = f"the connection broke: {error.strerror or error}"
@@ -138,9 +143,16 @@ class Connection:
         self.close()
 
     def send(self, request: bytes) -> None:
-        """Send a request; whatever came unasked before it is dropped."""
-        self._rest = b""
+        """Send a request."""
+        self._socket.settimeout(self._left())
         self._socket.sendall(request)
+
+    def _left(self) -> float:
+        """Return the seconds that are left for the answer."""
+        left = self._deadline - time.monotonic()
+        if left <= 0:
+            raise TimeoutError
+        return left
 
     def receive(self, is_whole: Callable[[bytes], bool], longest: int) -> bytes:
         """Collect an answer that may come in pieces.
@@ -150,10 +162,11 @@ class Connection:
         ProtocolError
             The controller closed the connection, or goes on beyond the longest answer.
         """
-        data = self._rest
+        data = b""
         while not is_whole(data):
             if len(data) > longest:
                 raise ProtocolError(self.address, f"found {len(data)} bytes without an end")
+            self._socket.settimeout(self._left())
             piece = self._socket.recv(4096)
             if not piece:
                 message = f"the controller closed the connection after {len(data)} bytes"
@@ -169,9 +182,22 @@ def _ask_lk(connection: Connection, outputs: tuple[int, ...]) -> Reading:
         message = f"found an answer of {len(reply)} bytes, expected {_LK_REPLY}"
         raise ProtocolError(connection.address, message)
     every = _LK_VALUES.unpack_from(reply, _LK_OFFSET)
+    # What stands before the values is not documented, so an answer is told by them: outputs that
+    # are not used are invalid, the others fit their display.
+    if sum(_state(n) != Status.SUSPECT for n in every) < len(every) // 2:
+        message = f"found the answer {reply[:12]!r}…, in which no readings are"
+        raise ProtocolError(
+            connection.address, message,
+            hint="Something else may answer at this port; compare address and port.",
+        )  # fmt: skip
     counts = tuple(every[n - 1] for n in outputs)
-    states = tuple(Status.INVALID if n == _LK_INVALID else Status.VALID for n in counts)
-    return Reading(counts, states)
+    return Reading(counts, tuple(map(_state, counts)))
+
+
+def _state(count: int) -> Status:
+    if count == _LK_INVALID:
+        return Status.INVALID
+    return Status.VALID if abs(count) <= _LK_LARGEST else Status.SUSPECT
 
 
 def _ask_en1(connection: Connection, outputs: tuple[int, ...]) -> Reading:

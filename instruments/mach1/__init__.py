@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
-from instruments._instrument import Instrument, lazily, text_of
+from instruments._instrument import Instrument, text_of
+from labpipe.lazy import lazily
 from labpipe.text import Limits
 
 if TYPE_CHECKING:
@@ -12,15 +13,18 @@ if TYPE_CHECKING:
     from instruments.mach1._motion import encode, read, split_blocks, write
     from instruments.mach1._synthetic import LOAD_CELLS, LoadCell, make_block
 else:
-    __getattr__ = lazily(
-        __name__,
-        {
-            "_blocks": ("Block",),
-            "_dataset": ("assemble",),
-            "_motion": ("encode", "read", "split_blocks", "write"),
-            "_synthetic": ("LOAD_CELLS", "LoadCell", "make_block"),
-        },
-    )
+    _HOMES = {
+        "Block": "_blocks",
+        "assemble": "_dataset",
+        "encode": "_motion",
+        "read": "_motion",
+        "split_blocks": "_motion",
+        "write": "_motion",
+        "LOAD_CELLS": "_synthetic",
+        "LoadCell": "_synthetic",
+        "make_block": "_synthetic",
+    }
+    __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = [
     "INSTRUMENT",

@@ -3,21 +3,22 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from instruments._instrument import Instrument, lazily
+from instruments._instrument import Instrument
+from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
     from instruments.phantom._film import CineFrames, read
     from instruments.phantom._times import TimeFlag
     from instruments.phantom._writer import Recording, write
 else:
-    __getattr__ = lazily(
-        __name__,
-        {
-            "_film": ("CineFrames", "read"),
-            "_times": ("TimeFlag",),
-            "_writer": ("Recording", "write"),
-        },
-    )
+    _HOMES = {
+        "CineFrames": "_film",
+        "read": "_film",
+        "TimeFlag": "_times",
+        "Recording": "_writer",
+        "write": "_writer",
+    }
+    __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = ["INSTRUMENT", "CineFrames", "Recording", "TimeFlag", "read", "write"]
 

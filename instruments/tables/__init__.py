@@ -3,12 +3,16 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
-from instruments._instrument import Instrument, lazily, text_of
+from instruments._instrument import Instrument, text_of
+from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
     from instruments.tables._plain import read
 else:
-    __getattr__ = lazily(__name__, {"_plain": ("read",)})
+    _HOMES = {
+        "read": "_plain",
+    }
+    __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = ["INSTRUMENT", "Options", "read"]
 

@@ -27,6 +27,7 @@ from instruments import anton_paar
 from instruments.anton_paar import Column, Interval, assemble
 from instruments.tables import _words
 from labpipe.errors import InputError, SourceError
+from labpipe.numbers import listed
 from labpipe.text import (
     Limits,
     Separators,
@@ -110,10 +111,13 @@ def read(
         )  # fmt: skip
     rows = [(number, _cells(line, delimiter)) for number, line in lines]
     head = _head(path, rows)
+    is_short = _short_rows(path, lines[head.first :], len(head.names), delimiter)
     signs = _signs(path, rows[head.first :], delimiter, decimal)
     values = _values(path, rows[head.first :], head, signs)
+    values[is_short] = np.nan
     columns = _columns(path, head, values, rows[0][0])
-    return _assembled(path, source, columns, {"delimiter": delimiter, "decimal": signs.decimal})
+    how = {"delimiter": delimiter, "decimal": signs.decimal}
+    return _assembled(path, source, columns, ~is_short, how)
 
 
 def _lines(source: TextFile, allow_incomplete: bool) -> list[tuple[int, str]]:
@@ -139,6 +143,28 @@ def _cells(line: str, delimiter: str) -> list[str]:
     while cells and not cells[-1]:
         cells.pop()
     return cells
+
+
+def _short_rows(
+    path: Path, lines: Sequence[tuple[int, str]], width: int, delimiter: str
+) -> NDArray[np.bool_]:
+    """Find rows that lost cells, in a table whose other rows are whole.
+
+    Which cell was lost is not known: two numbers may have become one, and those behind it stand in
+    the wrong columns. An empty cell is no lost one; nor are those that every row lacks alike.
+    """
+    counts = [len(next(csv.reader([line], delimiter=delimiter))) for _, line in lines]
+    is_short = np.array(counts) < width
+    if is_short.all() and len(set(counts)) <= 1:
+        return np.zeros(len(lines), dtype=bool)
+    short = [number for (number, _), count in zip(lines, counts, strict=True) if count < width]
+    if short:
+        warnings.warn(
+            f"{path}: {listed(short)}: {len(short)} of {len(lines)} rows hold fewer than "
+            f"{width} cells; which are lost is not known, so these rows are marked invalid",
+            stacklevel=3,
+        )
+    return is_short
 
 
 def _head(path: Path, rows: Sequence[tuple[int, list[str]]]) -> _Head:
@@ -249,28 +275,50 @@ def _with_log_shift(path: Path, columns: dict[str, Column]) -> dict[str, Column]
 
 
 def _sets(columns: dict[str, Column], count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the rows set by set, in the order in which sets begin, and where every set starts."""
+    """Return the rows set by set, in the order in which sets begin, and where every set starts.
+
+    A row without a number belongs to the set of the row above it.
+    """
     if "set" not in columns:
         return np.arange(count), np.array([0])
     numbers = np.asarray(columns["set"].values, dtype=float)
+    numbered = np.where(np.isnan(numbers), 0, np.arange(count))
+    numbers = numbers[np.maximum.accumulate(numbered)]
     _, first, member = np.unique(numbers, return_index=True, return_inverse=True)
     order = np.argsort(first[member], kind="stable")
     begins = np.concatenate([[True], np.diff(first[member][order]) != 0])
     return order, np.flatnonzero(begins)
 
 
+def _warn_of_a_cut(path: Path, sizes: NDArray[np.intp]) -> bool:
+    """Tell a file that was cut between two lines: its last set lacks rows that all others have."""
+    usual = int(sizes[0])
+    is_cut = sizes.size > 2 and bool((sizes[:-1] == usual).all()) and int(sizes[-1]) < usual
+    if is_cut:
+        warnings.warn(
+            f"{path}: the last set holds {sizes[-1]} rows, all others {usual}; the file may be cut",
+            stacklevel=4,
+        )
+    return is_cut
+
+
 def _assembled(
-    path: Path, source: TextFile, columns: dict[str, Column], how: dict[str, str]
+    path: Path,
+    source: TextFile,
+    columns: dict[str, Column],
+    is_whole: NDArray[np.bool_],
+    how: dict[str, str],
 ) -> xr.Dataset:
     """Make one interval of every run of a set, or of the whole table."""
     count = len(next(iter(columns.values())).values)
     order, starts = _sets(columns, count)
     stops = np.append(starts[1:], count)
+    is_cut = _warn_of_a_cut(path, stops - starts)
     kept = [column for name, column in columns.items() if name != "set"]
     intervals = [
         Interval(
             path.stem, "table", number, None, np.arange(1, stop - start + 1),
-            np.ones(stop - start, dtype=bool),
+            is_whole[order[start:stop]],
             tuple(
                 Column(c.name, c.header, c.unit, c.si, np.asarray(c.values)[order[start:stop]])
                 for c in kept
@@ -290,4 +338,6 @@ def _assembled(
         **how,
     )
     dataset.attrs |= {"instrument": DEVICE, "layout": "plain table"}
+    if is_cut:
+        dataset.attrs["incomplete"] = 1
     return dataset

@@ -1,4 +1,4 @@
-"""From measurement to material: which Prony series explains the experiments, and how surely.
+"""Identification: the Prony series of a material from its experiments, with uncertainty.
 
 A :class:`Problem` is a family of spectra, experiments as :class:`Evidence`, and what they leave
 unknown. :func:`fit` finds the most probable answer, :func:`posterior` what is known of it,

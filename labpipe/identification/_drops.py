@@ -1,4 +1,4 @@
-"""Bounces of a sphere as evidence: times of touch, contact durations, largest contact radii.
+"""Bounces of a sphere as data: touch times, contact durations, largest contact radii.
 
 The simulator is not linear in the material, so derivatives are differences: by the terms of the
 relaxation modulus themselves, since a bounce hardly depends on how a modulus is divided among
@@ -292,7 +292,7 @@ class DropModel:
             duration *= 1.5
         touch = made["impact_time"].values
         if not touch.size:
-            message = "the sphere does not bounce: nothing can be predicted"
+            message = "the sphere does not bounce: there is nothing to predict"
             raise InputError(message)
         lasted, radii = made["contact_duration"].values, made["peak_contact_radius"].values
         return np.concatenate([

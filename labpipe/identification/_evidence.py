@@ -1,4 +1,4 @@
-"""What was observed, and the forward model that predicts it from a material.
+"""Observations of one experiment, and the forward model that predicts them from a material.
 
 One :class:`Evidence` is one experiment: groups of numbers with their own, independent standard
 uncertainties, and a model. What several numbers share (a height, a trigger, a zero, a scale) is
@@ -218,8 +218,8 @@ class LinearModel:
         del material
         if self.basis.shape[1] != rho.size + 1:
             message = (
-                f"a basis of {self.basis.shape[1] - 1} relaxation times cannot be asked for "
-                f"{rho.size}; build the evidence anew"
+                f"a basis of {self.basis.shape[1] - 1} relaxation times does not fit {rho.size} "
+                f"of the material; rebuild the evidence"
             )
             raise InputError(message)
         return np.asarray(self._factor(given)[:, None] * self._basis(given))

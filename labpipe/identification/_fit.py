@@ -121,7 +121,7 @@ def fit(
         No start can be simulated.
     """
     if not problem.evidence:
-        message = "nothing was observed: a material cannot be identified from no experiment"
+        message = "there are no observations: identification needs at least one experiment"
         raise InputError(message)
     # Precise readings make a narrow, curved valley; widened ones lead near its lowest place.
     loose = {(e.name, g.name): Misfit(_LOOSE) for e in problem.evidence for g in e.groups}

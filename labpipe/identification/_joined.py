@@ -1,4 +1,4 @@
-"""Several models behind each other as the model of one experiment."""
+"""Several forward models concatenated into the model of one experiment."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Indentation and rheometer as evidence: forces, stiffness and moduli, linear in the terms.
+"""Indentation and rheometer as data: forces, stiffness and moduli, linear in the Prony terms.
 
 While a contact only grows, its force is that of the elastic contact run through the relaxation
 modulus (Lee and Radok), ``F(t) = int E*(t - s) dA(delta(s))`` with the elastic force over reduced
@@ -50,7 +50,7 @@ def lee_radok_basis(time: Array, area: Array, rho: Array, nu: float) -> Array:
     """
     step, growth = np.diff(time), np.diff(area)
     if np.any(step < 0.0) or np.any(growth < 0.0):
-        message = "time or contact go back: Lee and Radok's integral needs a contact that grows"
+        message = "time or contact decrease: Lee and Radok's integral needs a growing contact"
         raise InputError(message)
     x = step[:, None] / rho
     decay = np.exp(-x)

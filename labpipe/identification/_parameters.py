@@ -1,4 +1,4 @@
-"""What is unknown: parameters with their prior, in coordinates in which the prior is standard.
+"""Unknown parameters with their priors, in coordinates in which the prior is standard normal.
 
 Every parameter has a standard coordinate ``xi`` with prior mean 0 and standard deviation 1, and
 the unknowns of a problem are independent a priori. So the rows of a Jacobian are comparable, the

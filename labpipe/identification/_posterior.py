@@ -1,4 +1,4 @@
-"""What the data have told: intervals, combinations, moduli over frequency, predictive bands.
+"""The posterior: intervals, determined combinations, moduli over frequency, predictive bands.
 
 Laplace's approximation in standard coordinates. Everything that depends on several unknowns is
 carried linearly in its logarithm, consistent with the linear data: along a combination that the

@@ -1,4 +1,4 @@
-"""Everything that is asked at once: one material, its experiments, and what they leave unknown."""
+"""The inverse problem: one material, its experiments, and their nuisance parameters."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

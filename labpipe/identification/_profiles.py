@@ -1,4 +1,4 @@
-"""Profile likelihood: how far an unknown may go while the others follow, and what that means.
+"""Profile likelihood of one unknown, with the others optimised, and its limits.
 
 The others follow under their prior, without which a spectrum could be anything, but what the prior
 of the spectrum objects does not count: where it alone resists, nothing has been observed. What is

@@ -1,4 +1,4 @@
-r"""What the data have told, in independent draws: a check of Laplace's approximation.
+r"""Independent draws from the posterior: a check of Laplace's approximation.
 
 Randomise, then optimise: every residual row, those of the prior included, is shifted by noise of
 its own, and the unknowns that answer this are a draw. With the rows :math:`R(\xi)`, their
@@ -73,8 +73,8 @@ class Sample:
     def statement(self) -> str:
         """Whether the draws may be believed, in a sentence."""
         asked = len(self.draws) + self.failed
-        said = f"{asked} independent draws are worth {self.effective:.0f}; {self.failed} failed"
-        return said if self.is_good else f"take the draws with care: {said}"
+        said = f"effective sample size {self.effective:.0f} of {asked} draws; {self.failed} failed"
+        return said if self.is_good else f"use the draws with care: {said}"
 
     def spread(self, values: Array) -> tuple[Array, Array]:
         """Return mean and standard deviation (n,) of values (draw, n)."""
@@ -119,7 +119,7 @@ def sample(known: Posterior, draws: int = _DRAWS) -> Sample:
     ]
     kept = [one for one in made if one is not None]
     if not kept:
-        message = "no draw of the posterior has an answer; use --sampler laplace"
+        message = "every draw of the posterior failed; use --sampler laplace"
         raise LabpipeError(message)
     logarithms = np.array([weight for _, weight in kept])
     weights = np.exp(logarithms - logarithms.max())

@@ -1,4 +1,4 @@
-r"""Low-dimensional relaxation spectra: what a material may be, in a few unknowns.
+r"""Low-dimensional parametrisations of relaxation spectra.
 
 All families hand out a Prony series on a fixed grid of relaxation times, as the natural logarithms
 of ``(E_relaxed, E_1, …, E_n)``, and their derivative by the standard coordinates.
@@ -199,7 +199,7 @@ class SmoothSpectrum:
             Parameter(
                 f"change {i + 1}", 0.0, sd, "1",
                 f"ln change of the spectrum, {self.rho[i]:.2g} to {self.rho[i + 1]:.2g} s, that "
-                "the changes before do not foretell",
+                f"is independent of the previous changes",
             )
             for i, sd in enumerate(np.diag(self._root).tolist())
         ]  # fmt: skip

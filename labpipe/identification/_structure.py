@@ -1,4 +1,4 @@
-r"""How fine the structure of a spectrum is, and what a material may be all told.
+r"""The structure of a spectrum (smooth, one term per decade, rough), and the average over it.
 
 Published series mostly have one term per decade, polymers have smooth spectra, and short series
 that were fitted have whatever terms a fit gave them. Storage and loss modulus of a series with one
@@ -9,7 +9,7 @@ itself. Their probability after the data is that of Laplace's approximation to t
 
 .. math:: \ln Z = -\tfrac12 |R(\hat\xi)|^2 - \tfrac12 \ln\det(J^\top J + 1),
 
-and what is told of a modulus is told by all of them, each with its probability.
+and a modulus is averaged over all of them with their posterior probabilities.
 
 A candidate takes no run of a simulator: what the numbers do with a term of any time is known from
 the derivatives at one point (:mod:`.tangent`).

@@ -1,4 +1,4 @@
-"""Predictions near a point, linear in the moduli themselves and in the nuisances.
+"""Predictions near a point, linearised in the moduli and in the nuisance parameters.
 
 Forces, stiffness and moduli are linear in the terms of the relaxation modulus, and a bounce hardly
 minds how a modulus is divided among terms. Logarithms, in which the prior lives, bend this: so
@@ -79,7 +79,7 @@ class Tangent:
         return np.vstack(by_terms), np.vstack(by_values)
 
     def learned(self, surrogate: "Surrogate", to: Array, missed: Array) -> "Tangent":
-        """Return the tangent that would have foretold a step (Broyden's rank-one change).
+        """Return the tangent that would have predicted a step (Broyden's rank-one update).
 
         Differences of a simulator are a little wrong along the valleys that the data leave open;
         what a step told costs no further run.

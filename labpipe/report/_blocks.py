@@ -1,4 +1,4 @@
-"""What a page is made of besides tables and charts: texts, notices, pictures, galleries, bars."""
+"""Blocks of a page besides tables and charts: texts, notices, pictures, galleries, bars."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -137,7 +137,7 @@ class Picture:
     caption : str
         Text below it.
     width_px : int, optional
-        Width at which it is shown; its own width unless told, never wider than the page.
+        Width at which it is shown; by default its own, never wider than the page.
     at : float, optional
         Where a frame of a gallery lies along x of the charts of the gallery's group.
     """

@@ -1,4 +1,4 @@
-"""A budget of uncertainty as pages show it: a table, and bars of the shares."""
+"""An uncertainty budget on a page: a table, and bars of the shares."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -51,7 +51,7 @@ def budget_table(
     return Table(heads, cells, caption=caption, sortable=False), share_bars(rows)
 
 
-def share_bars(rows: Sequence[Mapping[str, Any]], title: str = "Share in the variance") -> Bars:
+def share_bars(rows: Sequence[Mapping[str, Any]], title: str = "Share of the variance") -> Bars:
     """Draw the share of every row of a budget in the variance."""
     return Bars(title, [(shown_source(r["source"]), r["share"], "") for r in rows])
 

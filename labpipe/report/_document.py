@@ -1,4 +1,4 @@
-"""A whole page: sections of blocks in, one self-contained HTML text out."""
+"""A whole page: sections of blocks rendered as one self-contained HTML text."""
 
 import re
 import unicodedata

@@ -1,4 +1,4 @@
-"""A page that was written, to look at in a notebook."""
+"""Display of a written page in a notebook."""
 
 import html
 from dataclasses import dataclass

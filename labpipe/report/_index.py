@@ -1,4 +1,4 @@
-"""The table on a session's page: every experiment with its state, key numbers, small picture."""
+"""The table on a session's page: every experiment with its state, key numbers and thumbnail."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What every part of a page asks of its pictures, addresses and levels."""
+"""Checks of the pictures and links of a page."""
 
 import re
 from typing import Literal

@@ -170,7 +170,7 @@ def _looks_by_identity(series: Sequence[Series | Band]) -> dict[int, LineLook]:
 
 
 def _is_marked(chart: LineChart | ScatterChart, series: Series | Band) -> bool:
-    """Tell whether a line needs markers to be told from its neighbours in a grey print."""
+    """Return whether a line needs markers to be distinguished from its neighbours in grey print."""
     lines = [s for s in chart.series if isinstance(s, Series) and s.style != "points"]
     # Points carry markers already, and markers along lines would hide them.
     if isinstance(chart, ScatterChart) or len(lines) < sum(

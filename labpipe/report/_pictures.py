@@ -1,4 +1,4 @@
-"""The still picture of a chart: what is printed, and what is seen where scripts are switched off.
+"""The static picture of a chart, for print and for browsers without scripts.
 
 It is drawn from the same thinned data in the same colours as the interactive chart. A page holds
 a dozen such pictures, so each is drawn once: its layout is reckoned from the sizes of its texts,

@@ -1,4 +1,4 @@
-"""Pictures made smaller when a page would be too large: noise is expensive without loss."""
+"""Reduce pictures when a page would be too large: noise is expensive in lossless formats."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The one look of every figure and chart: who is drawn how, and at which size.
+"""The common style of figures and charts: colours, dashes, markers and sizes by role.
 
 A line's *role* says what it is (measured, model, ...) and decides its colour, its dashes and
 its marker, so that curves stay apart for colour-blind readers and in a greyscale print. The
@@ -266,7 +266,7 @@ def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -
     file_format : {"pdf", "svg", "png"}
         The file format.
     dpi : float, optional
-        Dots per inch of a raster; 300 unless told.
+        Dots per inch of a raster image; 300 by default.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Numbers as a reader wants them, and tables of them.
+"""Formatting of numbers with units and uncertainties, and tables of them.
 
 Values arrive in SI and leave with the prefix that fits their size: 0.0015 with the unit "m" is
 shown as 1.5 mm. A value with a standard uncertainty is rounded as the GUM (JCGM 100:2008, 7.2.6)

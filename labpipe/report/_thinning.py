@@ -1,4 +1,4 @@
-"""Which samples of a long recording a page keeps, so that it stays small and tells no lies.
+"""Thinning of long recordings for a page that preserves extremes and gaps.
 
 Inside the windows that the reader is offered every sample is kept. Elsewhere the recording is
 cut into buckets and from each the samples of its extremes are kept: what is drawn are true

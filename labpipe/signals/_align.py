@@ -1,4 +1,4 @@
-"""Two records on one clock: by an event that both show, or by the lag that fits them best."""
+"""Align two records in time: at an event in both, or by the best-fitting lag."""
 
 from dataclasses import dataclass
 
@@ -143,7 +143,7 @@ def lag(first: xr.DataArray, second: xr.DataArray, largest: float | None = None)
         message = f"the records overlap in {len(t)} readings only; at least {_FEWEST} are needed"
         raise InputError(message)
     if is_constant(y):
-        message = "a record does not vary where the two overlap: no lag can be told from it"
+        message = "a record is constant where the two overlap, so it determines no lag"
         raise InputError(message)
     shift = start
     for _ in range(_STEPS):
@@ -178,7 +178,7 @@ def _readings(record: xr.DataArray) -> tuple[Array, Array]:
         message = f"a lag needs {_FEWEST} readings; found {len(t)}"
         raise InputError(message)
     if is_constant(y):
-        message = "a record does not vary: no lag can be told from it"
+        message = "a record is constant, so it determines no lag"
         raise InputError(message)
     return t, y
 

@@ -1,4 +1,4 @@
-"""Cycles of a driven test: where the motion is, which cycles are steady, what each dissipates."""
+"""Cycles of a harmonic test: the interval of motion, the steady cycles, the work of each."""
 
 import json
 from dataclasses import dataclass

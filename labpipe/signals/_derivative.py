@@ -1,4 +1,4 @@
-"""Velocity from displacement, with an uncertainty, without being told the noise.
+"""Velocity from displacement, with its uncertainty; the noise is estimated from the record.
 
 Three estimators: ``"spline"`` (default, see :mod:`._smoothing`), ``"thesis"``
 (central differences and a moving average, thesis eq. 3.11-3.14) and ``"difference"`` (3.11-3.13
@@ -25,7 +25,7 @@ Method = Literal["spline", "thesis", "difference"]
 THESIS_WINDOW = 5
 """Span of the thesis's ``smooth(v, N)``: N is not printed, so the default of that function."""
 
-_FEWEST_FOR_SPLINE = 12  # below, the noise cannot be told from the motion
+_FEWEST_FOR_SPLINE = 12  # below, noise and motion cannot be distinguished
 _COMPUTED = 1e-6  # residuals below this part of the range: a computed curve, not a measured one
 _LINE_SHARE = 0.5  # of the residual power in one spectral line
 _WHITE_RESIDUAL = 1.1  # residuals this much larger or smaller than the noise: fit once more
@@ -92,7 +92,7 @@ def velocity(
     computed curve: up to 3e-4 of the largest velocity where there is no noise. For the two
     difference schemes it is the propagated noise alone: their blunting of an impact is not in it.
 
-    Measured on bouncing records of 0.5 s, 1 µm noise, 0.1 µm steps, noise not told, rms over the
+    Measured on bouncing records of 0.5 s, 1 µm noise, 0.1 µm steps, noise not given, rms over the
     record: spline 0.29-0.47 mm/s at 50 kHz and 0.43-0.61 at 20 kHz; differences 35 and 14;
     thesis scheme 10 and 4. Cost is linear: 25 000 samples take about 0.1 s.
 
@@ -118,8 +118,8 @@ def velocity(
     if method == "spline" and len(t) < _FEWEST_FOR_SPLINE:
         text = (
             f"velocity: {len(t)} readings are too few for a spline (at least "
-            f"{_FEWEST_FOR_SPLINE}); central differences are used and, unless the noise is given, "
-            "the uncertainty is not known"
+            f"{_FEWEST_FOR_SPLINE}); central differences are used and, unless the noise is "
+            f"given, the uncertainty is unknown"
         )
         warnings.warn(text, UserWarning, stacklevel=2)
         used = "difference"

@@ -54,7 +54,7 @@ _LABELS = {
     "touch_level": ("m", "displacement at touch"),
     "liftoff_level": ("m", "displacement at lift-off"),
     "deepest_level": ("m", "displacement at the deepest point"),
-    "penetration": ("m", "way from touch to the deepest point"),
+    "penetration": ("m", "depth from touch to the deepest point"),
     "contact_duration": ("s", "time from touch to lift-off"),
     "peak_acceleration": ("m/s2", "largest acceleration by the contact force"),
     "apex_time": ("s", "time of the highest point after the bounce"),
@@ -170,8 +170,8 @@ def bounces(
     for number, impact in enumerate(impacts, 1):
         if impact.unread is not None:
             text = (
-                f"impact {number}: nothing was read from {impact.unread[0]:.6g} to "
-                f"{impact.unread[1]:.6g} s, where the body touched; its times, speeds and "
+                f"impact {number}: no valid readings from {impact.unread[0]:.6g} to "
+                f"{impact.unread[1]:.6g} s, during the contact; its times, speeds and "
                 "restitution are uncertain by that gap"
             )
             warnings.warn(text, UserWarning, stacklevel=2)
@@ -213,7 +213,7 @@ def phases(events: xr.Dataset, time: xr.DataArray) -> xr.DataArray:
         A time is not a number.
     """
     if np.isnan(np.asarray(time.values, float)).any():
-        message = "a time that is not a number belongs to no phase; leave it out"
+        message = "a time is NaN; leave it out"
         raise InputError(message)
     edges = np.array(
         [
@@ -247,7 +247,7 @@ def _fitted(
     gravity: tuple[float, float],
     prior: ShapePrior,
 ) -> tuple[list[ImpactFit], float]:
-    """Fit impact after impact until a flight can no longer be told from vibration."""
+    """Fit impact after impact until flights can no longer be distinguished from vibration."""
     impacts: list[ImpactFit] = []
     fall, _ = gravity
     for turn, after in zip(turns, flights_after(time, turns), strict=True):
@@ -286,7 +286,7 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> xr.Dataset:
         u_attributes = {"units": unit, "long_name": f"standard uncertainty of {label}"}
         result[f"u_{name}"] = ("impact", pairs[:, 1], u_attributes)
         if name in _SHARED:
-            text = f"standard uncertainty of {label} that repeats share, shape of the pulse"
+            text = f"standard uncertainty of {label} common to all repeats, from the pulse shape"
             attributes = {"units": unit, "long_name": text}
             result[f"shared_u_{name}"] = ("impact", pairs[:, 2], attributes)
     chi_square = [impact.chi_square for impact in impacts]
@@ -405,7 +405,7 @@ def _add_rest(
     ):
         result[name] = _scalar(value, unit, label)
         result[f"u_{name}"] = _scalar(u, unit, f"standard uncertainty of {label}")
-    result["settling_time"] = _scalar(last_touch, "s", "last touch, no flight resolved after it")
+    result["settling_time"] = _scalar(last_touch, "s", "last touch followed by no resolved flight")
 
 
 def _scalar(value: float, unit: str, label: str) -> xr.DataArray:

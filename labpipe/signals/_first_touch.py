@@ -1,4 +1,4 @@
-"""First touch of a slow approach: where force begins to rise with position."""
+"""First touch of a slow approach: the position at which the force begins to rise."""
 
 from typing import NamedTuple
 

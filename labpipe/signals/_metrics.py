@@ -42,7 +42,7 @@ def nrmse(measured: ArrayLike, model: ArrayLike) -> float:
     a, b = _pairs(measured, model)
     extent = float(np.ptp(a))
     if is_constant(a):
-        message = "the measurement does not vary, so an error relative to its range has no meaning"
+        message = "the measurement does not vary, so an error relative to its range is undefined"
         raise InputError(message)
     return round(float(np.sqrt(np.mean((a - b) ** 2)) / extent), 15)
 

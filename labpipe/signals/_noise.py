@@ -1,4 +1,4 @@
-"""How noisy a record is, judged from the record alone.
+"""Noise of a record, estimated from the record alone.
 
 High-order differences remove every smooth motion and leave the noise; the median makes the few
 samples at contacts harmless. A sensor that averages (a moving average of N samples, a low-pass)

@@ -154,7 +154,7 @@ def fit_sinusoid(
     n_waves = max(min(harmonics, int(0.98 * nyquist / guess)), 1)
     n_parameters = trend_order + 2 + 2 * n_waves
     if len(t) < _FEWEST_PER_PARAMETER * n_parameters:
-        message = f"{len(t)} readings cannot settle {n_parameters} parameters of a sinusoid"
+        message = f"{len(t)} readings cannot determine {n_parameters} parameters of a sinusoid"
         raise InputError(message)
 
     def misfit(frequency: float) -> float:

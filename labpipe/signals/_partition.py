@@ -1,4 +1,4 @@
-"""Where a record is smooth and where it is not: the coarsest pieces that a cubic describes.
+"""Partition of a record by smoothness: the longest pieces that a cubic describes.
 
 Bottom-up over dyadic intervals. Each interval is represented by the triangular factor of its
 least-squares problem, so two neighbours merge with one small factorisation and the whole tree

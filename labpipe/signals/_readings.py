@@ -1,4 +1,4 @@
-"""What a series of readings must be before anything is made of it."""
+"""Checks of a series of readings before it is analysed."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

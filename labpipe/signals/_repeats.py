@@ -1,4 +1,4 @@
-"""Repeats of one experiment on a common time: mean, band, number, and which repeat stands out."""
+"""Repeats of one experiment on a common time axis: mean, band, number, outliers."""
 
 from collections.abc import Sequence
 
@@ -83,7 +83,11 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
             f"{name}_mean": ("time", mean, text("mean of the repeats")),
             f"{name}_sd": ("time", sd, text("standard deviation over repeats")),
             "n": ("time", n.astype(float), {"units": "1", "long_name": "repeats at this time"}),
-            "is_outlier": ("repeat", _outliers(values), {"long_name": "stands out of the repeats"}),
+            "is_outlier": (
+                "repeat",
+                _outliers(values),
+                {"long_name": "is an outlier among the repeats"},
+            ),
         },
         coords={
             "time": ("time", time, {"units": "s", "long_name": "time since the repeat's start"}),

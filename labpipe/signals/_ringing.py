@@ -1,9 +1,9 @@
-"""The free ringing after a blow: where it begins, how long it lasts, and its damped oscillation.
+"""Free vibration after an impact: its start, its duration, and the fit of a damped oscillation.
 
 A plate that is struck moves with the blow, rings freely, and is struck again by the next bounce.
 Only the free stretch is one damped oscillation, and nothing in the record says where it ends. It
 is found by prediction: a stretch grows, block by block, as long as the oscillation fitted so far
-foretells the next block to within the noise.
+predicts the next block to within the noise.
 """
 
 from dataclasses import dataclass, replace
@@ -137,7 +137,7 @@ def ringing(
     if stated.amplitude < _LARGE * sigma:
         message = (
             f"the ringing ({stated.amplitude:.2g} m) is not larger than the noise ({sigma:.2g} m): "
-            "nothing can be said of it; drop from higher, or bring the sensor nearer"
+            "it cannot be evaluated; drop from higher, or bring the sensor nearer"
         )
         raise InputError(message)
     return Ringing(
@@ -220,7 +220,7 @@ def _seed(
 
 
 def _grown(t: Array, y: Array, sigma: float, seed: tuple[int, int]) -> tuple[int, int]:
-    """Grow the seed to both sides while the fit foretells the next block; give a block back.
+    """Extend the seed on both sides while the fit predicts the next block; give a block back.
 
     The blow fades out like the force of a contact, below the noise before it ends: towards it two
     half blocks are given back.

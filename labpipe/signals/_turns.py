@@ -1,4 +1,4 @@
-"""Where a body turns from down to up, its flights between, and the acceleration of its fall."""
+"""Reversals of a bouncing body, the flights between them, and the acceleration of free fall."""
 
 from dataclasses import dataclass
 

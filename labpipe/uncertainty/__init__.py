@@ -1,4 +1,4 @@
-"""One budget engine: what makes a result uncertain, and how much each input has in it.
+"""Uncertainty budgets: linear and Monte Carlo propagation, and the share of each input.
 
 Sources whose sensitivities are known make a budget directly (:class:`Source`, :func:`combined`,
 :func:`beyond`, :func:`table`). A formula of uncertain inputs is propagated linearly

@@ -1,4 +1,4 @@
-"""Linear propagation: through a formula of its inputs, and through derivatives and a covariance.
+"""Linear propagation of uncertainty: through a formula, and through derivatives and a covariance.
 
 References
 ----------

@@ -1,4 +1,4 @@
-"""Monte Carlo, which checks the linear way.
+"""Monte Carlo propagation of uncertainty, as a check of the linear one.
 
 Where the ends of the two coverage intervals agree within the last digit that is stated, the linear
 budget stands.

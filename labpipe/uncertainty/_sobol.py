@@ -1,4 +1,4 @@
-"""Sobol indices: what limits a result, without linearity.
+"""Sobol indices: share of each input in the variance, without assuming linearity.
 
 They say of single inputs how much of the variance would be left if one were known exactly.
 

@@ -1,4 +1,4 @@
-"""Budgets whose sensitivities are known: what each source contributes, and its share."""
+"""Budgets with known sensitivities: contribution and share of each source."""
 
 from collections.abc import Sequence
 from math import sqrt

@@ -3,11 +3,13 @@
 - :mod:`~labpipe.workflow.config`: types of configured fields, and the check against them
 - :mod:`~labpipe.workflow.session`: ``session.toml``
 - :mod:`~labpipe.workflow.graph`, :mod:`~labpipe.workflow.tasks`: stages, tasks and their keys
+- :mod:`~labpipe.workflow.code`: the code that a stage can reach, as a part of its keys
 - :mod:`~labpipe.workflow.plan`: what would run, and why
 - :mod:`~labpipe.workflow.store`: results by key; :mod:`~labpipe.workflow.results`: the reader of
   those that are up to date
 - :mod:`~labpipe.workflow.runner` over :mod:`~labpipe.workflow.engines` and
   :mod:`~labpipe.workflow.worker`: doing it
+- :mod:`~labpipe.workflow.log`: what the runs did, and when
 - :mod:`~labpipe.workflow.ledger`, :mod:`~labpipe.workflow.provenance`,
   :mod:`~labpipe.workflow.context`: what was done, from what, and what a page is told of it
 
@@ -16,15 +18,17 @@ a plan loads nothing that it does not need. The function ``plan`` stays in its m
 it shares.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
     from labpipe.workflow.context import Context
     from labpipe.workflow.graph import Stage
+    from labpipe.workflow.log import events
     from labpipe.workflow.plan import Plan
     from labpipe.workflow.results import Results
-    from labpipe.workflow.runner import RunResult, events, open_result, run, run_all
+    from labpipe.workflow.runner import RunResult, open_result, run, run_all
     from labpipe.workflow.session import Experiment, Session, load
     from labpipe.workflow.store import Store
 
@@ -53,17 +57,12 @@ _HOMES = {
     "Session": "session",
     "Stage": "graph",
     "Store": "store",
-    "events": "runner",
+    "events": "log",
     "load": "session",
     "open_result": "runner",
     "run": "runner",
     "run_all": "runner",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name from its module."""
-    if name in _HOMES:
-        return getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
-    message = f"module {__name__!r} has no attribute {name!r}"
-    raise AttributeError(message)
+if not TYPE_CHECKING:
+    __getattr__ = lazily(__name__, _HOMES)

@@ -1,10 +1,24 @@
 """What a page may say about the run behind it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from labpipe.workflow.ledger import LedgerRow
+
+_MOST_MODULES = 3
+
+
+def code_changed(modules: Sequence[str]) -> str:
+    """Say which code has changed; of many modules only the first are named.
+
+    Examples
+    --------
+    >>> code_changed(["labpipe.units"])
+    'code changed: labpipe.units'
+    """
+    more = f" and {len(modules) - _MOST_MODULES} more" if len(modules) > _MOST_MODULES else ""
+    return f"code changed: {', '.join(modules[:_MOST_MODULES])}{more}" if modules else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +39,20 @@ class Failed:
     stage: str
     recording: str | None
     text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """A result of earlier code that was taken as it is, and what has changed in the code since."""
+
+    stage: str
+    recording: str | None
+    changed: tuple[str, ...]
+
+    @property
+    def reason(self) -> str:
+        """What has changed, for people."""
+        return code_changed(self.changed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,3 +83,4 @@ class Context:
     failures: tuple[Failed, ...]
     inputs: tuple[RawFile, ...]
     provenance: Mapping[str, Any]
+    kept: tuple[Kept, ...] = ()

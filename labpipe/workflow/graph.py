@@ -33,8 +33,6 @@ class Stage:
         Such as ``velocity``; unique in its kind.
     function : str
         ``package.module:function``, imported only when it runs.
-    version : int
-        Raised by hand whenever the same inputs would give another result.
     inputs : tuple of str
         ``"displacement"``: another stage of the same experiment. ``"file:laser"``: the file or
         files that the settings field ``laser`` names, passed as Path or list of Path; in a stage
@@ -69,7 +67,6 @@ class Stage:
 
     name: str
     function: str
-    version: int
     inputs: tuple[str, ...]
     parameters: tuple[str, ...] = ()
     per: str = "experiment"

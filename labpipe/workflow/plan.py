@@ -7,20 +7,16 @@ from typing import Any
 from labpipe import files
 from labpipe.errors import SourceError, UsageError
 from labpipe.units import Quantity
+from labpipe.workflow.context import code_changed
 from labpipe.workflow.fields import show, suggest
+from labpipe.workflow.keys import Key, code_changes, make_keys
 from labpipe.workflow.session import Session, html_table
-from labpipe.workflow.store import Store
-from labpipe.workflow.tasks import (
-    Key,
-    Stages,
-    Task,
-    TaskId,
-    ancestors,
-    make_keys,
-    spell_out,
-)
+from labpipe.workflow.store import Last, Store
+from labpipe.workflow.tasks import Stages, Task, TaskId, ancestors, spell_out
 
-CACHED, WILL_RUN, WAITS = "cached", "will run", "waits"
+CACHED, KEPT, WILL_RUN, WAITS = "cached", "kept", "will run", "waits"
+READY = (CACHED, KEPT)
+"""States of results that can be used."""
 _MOST_REASONS = 3
 """Reasons shown in one row; the rest is counted."""
 
@@ -29,7 +25,8 @@ _MOST_REASONS = 3
 class Row:
     """One task of a plan.
 
-    ``state`` is ``cached`` (nothing to do), ``will run``, or ``waits`` (it will run after another).
+    ``state`` is ``cached`` (nothing to do), ``kept`` (of earlier code, and taken as it is),
+    ``will run``, or ``waits`` (it will run after another).
     """
 
     experiment: str
@@ -56,13 +53,45 @@ class Plan:
 
     @property
     def to_run(self) -> tuple[Row, ...]:
-        """Rows that are not cached."""
-        return tuple(row for row in self.rows if row.state != CACHED)
+        """Rows without a result."""
+        return tuple(row for row in self.rows if row.state not in READY)
+
+    def last(self, task: TaskId) -> Last:
+        """Return what is to be remembered as the last result of a task that has one."""
+        key = self.keys[task]
+        return Last(key.value or "", key.taken_for)
+
+    def kept(self, *wanted: TaskId) -> dict[TaskId, tuple[str, ...]]:
+        """Results of earlier code behind some tasks, with what has changed in the code since."""
+        behind = [*ancestors(self.tasks, *wanted), *wanted]
+        return {name: self.keys[name].kept for name in behind if self.keys[name].kept}
+
+    @property
+    def estimate(self) -> str:
+        """How long the rest may take, by the last run of every step; empty when nothing is known.
+
+        Steps that run side by side count one after the other.
+        """
+        from labpipe.workflow.log import last_seconds
+
+        known = last_seconds(self.session) if self.to_run else {}
+        found = [known[row.task] for row in self.to_run if row.task in known]
+        new = len(self.to_run) - len(found)
+        if not found:
+            return ""
+        unknown = f", without {new} that never ran" if new else ""
+        return f"about {duration(sum(found))} (last time{unknown})"
+
+    @property
+    def summary(self) -> str:
+        """Say in one line how much would run, and how long that may take."""
+        parts = [f"{len(self.to_run)} of {len(self.rows)} steps would run", self.estimate]
+        return ", ".join(part for part in parts if part)
 
     def _repr_html_(self) -> str:
         names = ("experiment", "stage", "recording", "state", "reason")
         rows = [[getattr(row, name) or "" for name in names] for row in self.rows]
-        caption = f"{self.session.title}: {len(self.to_run)} of {len(self.rows)} steps would run"
+        caption = f"{self.session.title}: {self.summary}"
         return html_table(caption, names, rows)
 
 
@@ -74,6 +103,7 @@ def plan(
     *,
     full: bool = False,
     paranoid: bool = False,
+    keep: bool | None = False,
 ) -> Plan:
     """Say what a run would do.
 
@@ -91,6 +121,8 @@ def plan(
         Plan for a run without shortcuts.
     paranoid : bool
         Read every file again instead of trusting size, times and inode.
+    keep : bool or None
+        Take results of earlier code as they are; with None, those that an earlier run took.
 
     Returns
     -------
@@ -106,9 +138,11 @@ def plan(
     """
     store = Store(session.folder, paranoid=paranoid)
     tasks = spell_out(session, stages)
-    made = make_plan(session, tasks, wanted_tasks(session, tasks, targets, only), store, full=full)
+    wanted = wanted_tasks(session, tasks, targets, only)
+    store.code.is_asked = store.root.is_dir()
+    made = make_plan(session, tasks, wanted, store, full=full, keep=keep)
     if store.root.is_dir():
-        store.index.save()
+        store.remember()
     return made
 
 
@@ -119,11 +153,12 @@ def make_plan(
     store: Store,
     *,
     full: bool = False,
+    keep: bool | None = False,
 ) -> Plan:
     """Make the plan for some tasks out of all; see :func:`plan`."""
     behind = wanted | set(ancestors(tasks, *wanted))
     tasks = {name: task for name, task in tasks.items() if name in behind}
-    keys = make_keys(session, tasks, store.index, full=full)
+    keys = make_keys(session, tasks, store, full=full, keep=keep)
     states = {name: _state(session, store, tasks[name], keys[name]) for name in tasks}
     needed = _needed(tasks, wanted, states)
     rows = tuple(
@@ -215,7 +250,9 @@ def _row(
     needed: set[TaskId],
 ) -> Row:
     if task.id not in needed:
-        return Row(*task.id, CACHED, "", task.stage.summary)
+        changed = keys[task.id].kept
+        state = KEPT if changed else CACHED
+        return Row(*task.id, state, code_changed(changed), task.stage.summary)
     state = states[task.id]
     if state == "unpublished":
         reason = f"{page_name(task.id.experiment)} is missing or was changed"
@@ -246,29 +283,44 @@ def _changes(store: Store, task: Task, key: Key, *, is_waiting: bool) -> list[st
 
     For a task that waits, the task it waits for says what changed upstream.
     """
-    last = store.latest(task.id.experiment).get((task.id.stage, task.id.recording))
+    last = store.last(task.id)
     if last is None:
         return ["never run"]
-    record = store.record(last)
+    record = store.record(last.key)
     if record is None:
         return []
     old, new = record.ingredients, key.ingredients
     changes = []
-    if old["version"] != new["version"]:
-        changes.append(f"stage {task.id.stage} v{old['version']} -> v{new['version']}")
+    if changed := code_changes(old, new):
+        changes.append(code_changed(changed))
     changes += _parameter_changes(old["parameters"], new["parameters"])
     changes += _file_changes(_files(old), _files(new))
     if old.get("full") != new.get("full"):
         changes.append(f"full {_shown(old.get('full'))} -> {_shown(new.get('full'))}")
     old_session, new_session = old.get("session", {}), new.get("session", {})
     changes += [f"session {k} changed" for k in new_session if old_session.get(k) != new_session[k]]
-    if old["format"] != new["format"] or old["kind"] != new["kind"]:
-        changes.append("stored by another version of labpipe or for another kind")
+    if old["kind"] != new["kind"]:
+        changes.append("stored for another kind")
+    if old.get("kept") != new.get("kept"):
+        changes.append("other results of earlier code are kept")
     if not changes and [i["input"] for i in old["inputs"]] != [i["input"] for i in new["inputs"]]:
         changes.append("the stage takes other inputs")
     if not changes and not is_waiting:
         changes += _upstream_changes(old["inputs"], new["inputs"])
     return changes
+
+
+def duration(seconds: float) -> str:
+    """Write a time for people.
+
+    Examples
+    --------
+    >>> duration(0.4), duration(42.0), duration(200.0), duration(9000.0)
+    ('1 s', '42 s', '3 min', '2.5 h')
+    """
+    if seconds < 100:
+        return f"{max(seconds, 1.0):.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
 
 
 def _parameter_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:

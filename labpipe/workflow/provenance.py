@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import labpipe
-from labpipe.workflow.tasks import Key, Task, TaskId, ancestors
+from labpipe.workflow.keys import Key
+from labpipe.workflow.store import key_of
+from labpipe.workflow.tasks import Task, TaskId, ancestors
 
 LIBRARIES = (
     "numpy",
@@ -80,22 +82,25 @@ def of_task(
     Returns
     -------
     dict
-        ``program``; ``stage`` and ``key``; ``parameters`` of the stage; ``stages``: version of
-        every stage behind it; ``inputs``: name, size and SHA-256 of every raw file behind it.
+        ``program``; ``stage`` and ``key``; ``parameters`` of the stage; ``stages``: digest of the
+        code of every stage behind it; ``inputs``: name, size and SHA-256 of every raw file.
     """
     task, key = tasks[task_id], keys[task_id]
     behind = [*ancestors(tasks, task_id), task_id]
     return {
         "program": dict(about_program),
         "stage": task.stage.name,
-        "version": task.stage.version,
         "function": task.stage.function,
         "key": key.value,
         "parameters": key.ingredients["parameters"],
         "full": key.ingredients.get("full", False),
-        "stages": {_stage(keys[name], key): tasks[name].stage.version for name in behind},
+        "stages": {_stage(keys[name], key): _code(keys[name]) for name in behind},
         "inputs": raw_files(keys[name] for name in behind),
     }
+
+
+def _code(key: Key) -> str:
+    return key_of(key.ingredients.get("code", {}))[:16]
 
 
 def _stage(key: Key, of: Key) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError, LabpipeError
-from labpipe.workflow.plan import CACHED, Plan, Row, wanted_tasks
+from labpipe.workflow.plan import READY, Plan, Row, wanted_tasks
 from labpipe.workflow.session import Experiment
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Argument, TaskId
@@ -57,7 +57,11 @@ class Results:
     def up_to_date(self, row: Row) -> "xr.Dataset | None":
         """Return the result of a row; None when there is none, or it is damaged, or a page."""
         key = self.plan.keys[row.task].value
-        if row.state != CACHED or key is None or self.plan.tasks[row.task].stage.output == "page":
+        if (
+            row.state not in READY
+            or key is None
+            or self.plan.tasks[row.task].stage.output == "page"
+        ):
             return None
         try:
             found = Store(self.plan.session.folder).read(key)
@@ -86,7 +90,7 @@ class Results:
             raise InputError(message)
         row = next(row for row in self.plan.rows if row.task == task)
         key = self.plan.keys[task].value
-        if row.state != CACHED or key is None:
+        if row.state not in READY or key is None:
             message = f"{task} has no up-to-date result ({row.reason}); run labpipe process first"
             raise InputError(message)
         return read(Store(self.plan.session.folder), key, task)

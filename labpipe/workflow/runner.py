@@ -4,7 +4,7 @@ import contextlib
 import datetime
 import json
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,8 @@ from labpipe.schema import Schema
 from labpipe.workflow import engines, provenance
 from labpipe.workflow.engines import Call, Crew, Died
 from labpipe.workflow.ledger import LedgerRow, summarise
-from labpipe.workflow.plan import CACHED, Plan, make_plan, page_name, wanted_tasks
+from labpipe.workflow.log import LOG
+from labpipe.workflow.plan import READY, Plan, make_plan, page_name, wanted_tasks
 from labpipe.workflow.results import Results, read
 from labpipe.workflow.session import Session, html_table
 from labpipe.workflow.store import Store
@@ -25,8 +26,6 @@ from labpipe.workflow.worker import DONE, FAILED, SKIPPED, WORK, Job, Outcome, c
 
 if TYPE_CHECKING:
     import xarray as xr
-
-LOG = "run.jsonl"
 
 _TRIES = 2
 """Workers that a task may kill before it has failed."""
@@ -49,8 +48,9 @@ _IMPORTS_TO_DRAW = (
 class Event:
     """Told to the ``progress`` of a run.
 
-    ``kind`` is ``started`` or how the task ended (``done``, ``cached``, ``failed``, ``skipped``);
-    ``done`` of ``total`` tasks of its session have ended.
+    ``kind`` is ``planned`` (once, with what would run and how long that may take, and the first
+    task), ``started``, or how the task ended (``done``, ``cached``, ``kept``, ``failed``,
+    ``skipped``); ``done`` of ``total`` tasks of its session have ended.
     """
 
     kind: str
@@ -132,6 +132,7 @@ class Options(TypedDict, total=False):
     fail_fast: bool
     full: bool
     paranoid: bool
+    keep: bool | None
     schemas: Mapping[str, Schema] | None
     progress: Callable[[Event], None] | None
 
@@ -175,6 +176,7 @@ def run_all(
     fail_fast: bool = False,
     full: bool = False,
     paranoid: bool = False,
+    keep: bool | None = False,
     schemas: Mapping[str, Schema] | None = None,
     progress: Callable[[Event], None] | None = None,
 ) -> Generator[tuple[Session, RunResult | LabpipeError]]:
@@ -201,6 +203,8 @@ def run_all(
         Without shortcuts; stages that declare ``shortcuts`` are told.
     paranoid : bool
         Read every file again instead of trusting size, times and inode.
+    keep : bool or None
+        Take results of earlier code as they are; with None, those that an earlier run took.
     schemas : mapping, optional
         The schemas that stages name.
     progress : callable, optional
@@ -226,9 +230,9 @@ def run_all(
         store.clean()
         tasks = spell_out(session, stages)
         wanted = wanted_tasks(session, tasks, targets, only)
-        made = make_plan(session, tasks, wanted, store, full=full)
+        made = make_plan(session, tasks, wanted, store, full=full, keep=keep)
         if made.to_run:
-            store.index.save()
+            store.remember()
         template = Job(
             session=replace(session, root=session.root.absolute()),
             stages=stages,
@@ -237,6 +241,7 @@ def run_all(
             wanted=frozenset(),
             full=full,
             paranoid=paranoid,
+            keep=keep,
             fail_fast=fail_fast,
             program=provenance.program() if made.to_run else {},
             failures={},
@@ -254,22 +259,21 @@ def run_all(
                 for state in [state for state in under_way if state.is_over]:
                     under_way.remove(state)
                     yield state.plan.session, state.end()
+                for state in under_way:
+                    state.give(crew)
                 if crew.room and (session := next(queue, None)) is not None:
                     try:
                         under_way.append(begin(session))
                     except LabpipeError as error:
                         yield session, error
-                        continue
-                    under_way[-1].give(crew)
                     continue
                 if not under_way:
                     return
                 for (state, experiment), answer in crew.ended():
                     state.take(experiment, answer)
                 must_stop = any(state.must_stop() for state in under_way)
-                for state in under_way:
-                    state.give(crew)
-        for state in under_way:
+        while under_way:  # stopped at the first failure
+            state = under_way.pop(0)
             yield state.plan.session, state.end()
     except BaseException as error:
         for state in under_way:
@@ -302,22 +306,8 @@ def open_result(
     wanted_tasks(session, tasks, [f"{experiment}/{stage}"], [experiment])
     task = TaskId(experiment, stage, recording)
     known = frozenset(n for n in tasks if n[:2] == task[:2])
-    made = make_plan(session, tasks, known & {task} or known, store, full=full)
+    made = make_plan(session, tasks, known & {task} or known, store, full=full, keep=None)
     return Results(made).result(experiment, stage, recording)
-
-
-def events(session: Session) -> Iterator[dict[str, Any]]:
-    """Go through the log of all runs; lines that a kill left incomplete are passed over."""
-    path = session.folder / LOG
-    if not path.is_file():
-        return
-    for line in path.read_text("utf-8", errors="replace").splitlines():
-        try:
-            event = json.loads(line)
-        except ValueError:
-            continue
-        if isinstance(event, dict):
-            yield event
 
 
 def _bytes(path: Path) -> int:
@@ -390,6 +380,8 @@ class _State:
             held.enter_context(self.store.writing())
             to_run = len(self.plan.to_run)
             self.log("run started", tasks=len(self.plan.rows), to_run=to_run, jobs=jobs)
+            if to_run:
+                self._show("planned", self.plan.to_run[0].task, self.plan.summary)
             self.take_cached()
             self.held = held.pop_all()
         self.waiting = self._longest_first(self._needs())
@@ -404,7 +396,7 @@ class _State:
 
     def leave(self, error: BaseException) -> None:
         """Write into the log what stopped everything."""
-        with self.held:
+        with self.held, contextlib.suppress(StorageError):
             self.log("run interrupted", error=type(error).__name__)
 
     def take_cached(self) -> None:
@@ -414,10 +406,11 @@ class _State:
             key = self.plan.keys[row.task].value
             if row.experiment in busy or key is None:
                 continue
-            if self.store.latest(row.experiment).get((row.stage, row.recording)) != key:
+            last = self.plan.last(row.task)
+            if self.store.last(row.task) != last:
                 with self.store.experiment(row.experiment):
-                    self.store.note_latest(row.task, key)
-            self.tell("ended", Outcome(*row.task, CACHED, key))
+                    self.store.note_latest(row.task, *last)
+            self.tell("ended", Outcome(*row.task, row.state, key))
 
     def must_stop(self) -> bool:
         """Whether a failure ends the whole run."""
@@ -549,4 +542,4 @@ class _State:
 
     def _tasks_row(self, name: str, outcomes: list[Outcome]) -> LedgerRow:
         states = [o.state for o in outcomes if o.experiment == name]
-        return LedgerRow(name, "", "tasks", states.count(DONE), states.count(CACHED))
+        return LedgerRow(name, "", "tasks", states.count(DONE), sum(map(states.count, READY)))

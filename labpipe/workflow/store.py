@@ -7,19 +7,22 @@
     SESSION/labpipe/store/latest/NAME.json the last key of every task of an experiment
     SESSION/labpipe/store/quarantine/      what turned out to be damaged
     SESSION/labpipe/store/index.json       digests by size, times and inode
+    SESSION/labpipe/store/code.json        the code behind every stage, while it is unchanged
 """
 
 import contextlib
+import hashlib
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
 from labpipe import files
 from labpipe.errors import SourceError, StoreError
-from labpipe.workflow.tasks import TaskId, key_of
+from labpipe.workflow.code import Code
+from labpipe.workflow.tasks import TaskId
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -52,6 +55,18 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     work: dict[str, float | int]
 
 
+class Last(NamedTuple):
+    """The last result of a task; ``taken_for`` is the key that it was to have, if another."""
+
+    key: str
+    taken_for: str | None = None
+
+
+def key_of(ingredients: Mapping[str, Any]) -> str:
+    """SHA-256 of the canonical JSON text of the ingredients."""
+    return hashlib.sha256(files.canonical(ingredients).encode("utf-8", "surrogatepass")).hexdigest()
+
+
 class Store:
     """The results of one session.
 
@@ -67,6 +82,12 @@ class Store:
         self.folder = folder
         self.root = folder / "store"
         self.index = files.HashIndex(self.root / "index.json", paranoid=paranoid)
+        self.code = Code(self.root / "code.json")
+
+    def remember(self) -> None:
+        """Keep what was learnt of files and code, so that the next plan is quick."""
+        self.index.save()
+        self.code.save()
 
     # --- looking ---
 
@@ -174,21 +195,25 @@ class Store:
 
     # --- the last key of every task, for the reasons of a plan ---
 
-    def latest(self, experiment: str) -> dict[tuple[str, str | None], str]:
-        """Return the last key of every stage and recording of an experiment."""
+    def latest(self, experiment: str) -> dict[tuple[str, str | None], Last]:
+        """Return the last result of every stage and recording of an experiment."""
         try:
             found = files.unseal(self._latest_path(experiment).read_bytes())
-            return {(stage, recording): key for stage, recording, key in found}
+            return {(stage, recording): Last(*key) for stage, recording, *key in found}
         except (OSError, TypeError, ValueError):  # absent, damaged, or another record of ours
             return {}
 
-    def note_latest(self, task: TaskId, key: str) -> None:
-        """Remember the key of a task; called only by the holder of the experiment's lock."""
+    def last(self, task: TaskId) -> Last | None:
+        """Return the last result of a task."""
+        return self.latest(task.experiment).get((task.stage, task.recording))
+
+    def note_latest(self, task: TaskId, key: str, taken_for: str | None = None) -> None:
+        """Remember the last result of a task; only the holder of the experiment's lock calls it."""
         known = self.latest(task.experiment)
-        if known.get((task.stage, task.recording)) != key:
-            known[task.stage, task.recording] = key
+        if known.get((task.stage, task.recording)) != Last(key, taken_for):
+            known[task.stage, task.recording] = Last(key, taken_for)
             entries = sorted(
-                ([stage, recording, value] for (stage, recording), value in known.items()),
+                ([*name, *(part for part in last if part)] for name, last in known.items()),
                 key=lambda entry: (entry[0], entry[1] or ""),
             )
             files.write_bytes(self._latest_path(task.experiment), files.seal(entries))

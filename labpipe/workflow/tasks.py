@@ -1,27 +1,15 @@
-"""The stages of a session spelled out: one task per experiment, stage and recording, with its key.
-
-A key says everything that a result depends on: the stage's name and version, the parameters, the
-contents of the files and the keys of the other inputs. Equal key, equal result.
-"""
+"""The stages of a session spelled out: one task per experiment, stage and recording."""
 
 import graphlib
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
-
-from labpipe.errors import ConfigError, InputError, SourceError
-from labpipe.files import HashIndex, canonical, files_below
+from labpipe.errors import ConfigError, InputError
 from labpipe.workflow import graph
 from labpipe.workflow.fields import REFERENCE, suggest
 from labpipe.workflow.graph import FILE, OTHER, Stage
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
-
-KEY_FORMAT = 1
-"""Part of every key; raised when the meaning of the ingredients changes."""
 
 Stages = Mapping[str, Sequence[Stage]]
 """The stages of every kind of experiment, by the name of the kind."""
@@ -67,18 +55,6 @@ class Task:
     def files(self) -> tuple[str, ...]:
         """Names of the files it reads."""
         return tuple(name for argument in self.arguments for name in argument.files)
-
-
-@dataclass(frozen=True, slots=True)
-class Key:
-    """A task's key with what it was made of; ``value`` is None when a file cannot be read."""
-
-    value: str | None
-    ingredients: Mapping[str, Any]
-    problem: str = ""
-
-
-# --- spelling out ------------------------------------------------------------------------------
 
 
 def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
@@ -218,108 +194,6 @@ def _argument(
         return Argument(text, tasks=(TaskId(source.name, name, recording),))
     ids = tuple(TaskId(source.name, name, r) for r in recordings(source, taken))
     return Argument(text, tasks=ids, is_list=taken.per == "recording")
-
-
-# --- keys --------------------------------------------------------------------------------------
-
-
-def make_keys(
-    session: Session, tasks: Mapping[TaskId, Task], index: HashIndex, *, full: bool = False
-) -> dict[TaskId, Key]:
-    """Give every task its key; files are read unless the index knows them."""
-    keys: dict[TaskId, Key] = {}
-    plain = {e.name: msgspec.to_builtins(e.settings) for e in session.experiments.values()}
-    for task in tasks.values():
-        parameters = _parameters(task.stage, plain[task.id.experiment])
-        keys[task.id] = _key(session, task, parameters, keys, index, full)
-    return keys
-
-
-def _key(
-    session: Session,
-    task: Task,
-    parameters: dict[str, Any],
-    keys: Mapping[TaskId, Key],
-    index: HashIndex,
-    full: bool,
-) -> Key:
-    stage = task.stage
-    problem = ""
-    inputs: list[dict[str, Any]] = []
-    for argument in task.arguments:
-        entry: dict[str, Any] = {"input": argument.name}
-        if argument.tasks:
-            entry["keys"] = [keys[before].value for before in argument.tasks]
-        try:
-            if argument.files:
-                entry["files"] = [describe_file(session.root, n, index) for n in argument.files]
-        except SourceError as error:
-            problem = str(error).replace(f"{session.root}/", "")
-        inputs.append(entry)
-    ingredients: dict[str, Any] = {
-        "format": KEY_FORMAT,
-        "kind": session.experiments[task.id.experiment].kind,
-        "stage": stage.name,
-        "version": stage.version,
-        "parameters": parameters,
-        "inputs": inputs,
-    }
-    if stage.shortcuts:
-        ingredients["full"] = full
-    if stage.context:
-        ingredients["session"] = {
-            "experiment": task.id.experiment,
-            "title": session.title,
-            "operator": session.operator,
-            "notes": session.notes,
-            "synthetic": session.synthetic,
-        }
-    if problem or any(keys[before].value is None for before in task.before):
-        return Key(None, ingredients, problem)
-    return Key(key_of(ingredients), ingredients)
-
-
-def key_of(ingredients: Mapping[str, Any]) -> str:
-    """SHA-256 of the canonical JSON text of the ingredients."""
-    return hashlib.sha256(canonical(ingredients).encode("utf-8", "surrogatepass")).hexdigest()
-
-
-def describe_file(root: Path, name: str, index: HashIndex) -> dict[str, Any]:
-    """Name, size and digest of a file or folder of the session.
-
-    The name belongs to the key: a function sees it, and readers are chosen by it.
-    """
-    path = root / name
-    sha256 = index.digest(path)
-    parts = files_below(path) if path.is_dir() else [path]
-    return {"name": name, "size": sum(p.stat().st_size for p in parts), "sha256": sha256}
-
-
-def _parameters(stage: Stage, plain: Any) -> dict[str, Any]:
-    """Flatten the named fields to ``{"sphere.radius": [0.009525, 0.0, "m"]}``."""
-    flat: dict[str, Any] = {}
-    for dotted in stage.parameters:
-        if dotted == "*":
-            _flatten("", plain, flat)
-            continue
-        _flatten(dotted, _plain_value(plain, dotted.split(".")), flat)
-    return flat
-
-
-def _plain_value(node: Any, names: Sequence[str]) -> Any:
-    for position, name in enumerate(names):
-        if isinstance(node, list | tuple):
-            return [_plain_value(item, names[position:]) for item in node]
-        node = node.get(name) if isinstance(node, dict) else None
-    return node
-
-
-def _flatten(prefix: str, value: Any, flat: dict[str, Any]) -> None:
-    if isinstance(value, dict) and value:
-        for name, child in value.items():
-            _flatten(f"{prefix}.{name}" if prefix else str(name), child, flat)
-    else:
-        flat[prefix] = list(value) if isinstance(value, tuple) else value
 
 
 def ancestors(tasks: Mapping[TaskId, Task], *task_ids: TaskId) -> list[TaskId]:

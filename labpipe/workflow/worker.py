@@ -16,20 +16,12 @@ from labpipe.errors import InputError, LabpipeError, SourceError, StageError, St
 from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
 from labpipe.workflow import ledger, provenance
-from labpipe.workflow.context import Context, Failed, RawFile, Warned
-from labpipe.workflow.plan import CACHED, Plan, make_plan, page_name
+from labpipe.workflow.context import Context, Failed, Kept, RawFile, Warned
+from labpipe.workflow.keys import Key, describe_file
+from labpipe.workflow.plan import READY, Plan, make_plan, page_name
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Caught, Record, Store
-from labpipe.workflow.tasks import (
-    Argument,
-    Key,
-    Stages,
-    Task,
-    TaskId,
-    ancestors,
-    describe_file,
-    spell_out,
-)
+from labpipe.workflow.tasks import Argument, Stages, Task, TaskId, ancestors, spell_out
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -58,6 +50,7 @@ class Job:
     wanted: frozenset[TaskId]
     full: bool
     paranoid: bool
+    keep: bool | None
     fail_fast: bool
     program: Mapping[str, Any]
     failures: Mapping[TaskId, str]
@@ -65,7 +58,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How one task ended: ``done``, ``cached``, ``failed`` or ``skipped``.
+    """How one task ended: ``done``, ``cached``, ``kept``, ``failed`` or ``skipped``.
 
     ``key`` finds the result in the store (None where there is none). ``message`` says why there
     is none; ``exit_code`` and ``error`` (the class) tell what went wrong, ``details`` where.
@@ -161,13 +154,13 @@ def _attempts(job: Job, emit: Emit) -> None:
         retried: set[TaskId] = set()
         is_finished = False
         while not is_finished:  # at most once for every task
-            made = make_plan(job.session, tasks, job.wanted, store, full=job.full)
+            made = make_plan(job.session, tasks, job.wanted, store, full=job.full, keep=job.keep)
             try:
                 _Run(job, store, made, emit, frozenset(retried), dict(job.failures)).all()
                 is_finished = True
             except _StartAgain as again:
                 retried.add(again.task)
-        store.index.save()
+        store.remember()
 
 
 class _Clock(NamedTuple):
@@ -202,10 +195,10 @@ class _Run:
         for row in self.plan.rows:
             if row.experiment != self.job.experiment:
                 continue
-            if row.state == CACHED:
-                key = self.plan.keys[row.task].value
-                self._keep(row.task, key)
-                self.emit("ended", Outcome(*row.task, CACHED, key))
+            if row.state in READY:
+                last = self.plan.last(row.task)
+                self.store.note_latest(row.task, *last)
+                self.emit("ended", Outcome(*row.task, row.state, last.key))
                 continue
             outcome = self._one(self.plan.tasks[row.task])
             if outcome.state in (FAILED, SKIPPED):
@@ -322,6 +315,7 @@ class _Run:
         return result, self._caught(raised)
 
     def _refuse_changed(self, task: Task, key: Key) -> None:
+        self.store.code.refuse_changed(key.ingredients["code"]["modules"])
         for argument in key.ingredients["inputs"]:
             for known in argument.get("files", ()):
                 found = describe_file(self.job.session.root, known["name"], self.store.index)
@@ -403,8 +397,8 @@ class _Run:
 
     def _require_space(self, task: Task) -> None:
         """Ask for the space of the last result of this task, or of the results it is made of."""
-        last = self.store.latest(task.id.experiment).get((task.id.stage, task.id.recording))
-        sizes = [self._size(last)]
+        last = self.store.last(task.id)
+        sizes = [self._size(None if last is None else last.key)]
         if not sizes[0]:
             sizes = [self._size(self.plan.keys[name].value) for name in task.before]
         files.require_space(self.store.root, int(_SPARE * max(sum(sizes), _SMALLEST)))
@@ -447,6 +441,10 @@ class _Run:
                 RawFile(**entry) for entry in provenance.raw_files(keys[name] for name in behind)
             ),
             provenance=provenance.of_task(self.job.program, self.plan.tasks, keys, task.id),
+            kept=tuple(
+                Kept(_stage_name(task, name), name.recording, changed)
+                for name, changed in self.plan.kept(task.id).items()
+            ),
         )
 
 
@@ -459,7 +457,7 @@ def _import(task: Task) -> Callable[..., Any]:
     module, _, name = task.stage.function.partition(":")
     try:
         function: Callable[..., Any] = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError) as error:
+    except (ImportError, AttributeError, SyntaxError) as error:
         message = f"{task.stage.function} cannot be imported: {error}"
         raise StageError(*task.id[:2], message) from error
     return function

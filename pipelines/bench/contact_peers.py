@@ -1,4 +1,4 @@
-"""The optional peer of the elastic contacts: tamaas, boundary elements with FFT.
+"""tamaas (boundary elements with FFT), the optional peer for elastic contacts.
 
 https://doi.org/10.21105/joss.02121. A new model is made for every call: a second solution with the
 same one would start from the first and take no time.

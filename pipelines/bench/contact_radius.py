@@ -1,4 +1,4 @@
-"""Contact radius: error against run time, beside the edge of the spot and the static formulas.
+"""Contact radius: error against run time, compared with the edge of the spot and static formulas.
 
 Images are made from the spring picture of Hertz's contact, whose surface follows by an integral
 that is taken numerically, with several samples in every pixel; the formula for the gap by which
@@ -205,7 +205,7 @@ def _disturbances(scene: Scene, frames: int) -> Suite:
         "radius moves 20 µm in the exposure": replace(scene, travel=20e-6),
         "blur of 1 px": replace(scene, blur=1.0),
         "light ± 30 % from side to side": replace(scene, slope=0.3),
-        "sphere 2 % larger than said": wide,
+        "sphere 2 % larger than stated": wide,
         "ellipse, 1.5 %": replace(scene, stretch=0.015),
         "centre at the border": replace(scene, centre=(scene.centre[0], 2.4)),
     }

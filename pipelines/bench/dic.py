@@ -1,4 +1,4 @@
-"""Image correlation: error against run time, beside the thesis's program and peers.
+"""Image correlation: error against run time, compared with the thesis's program and peers.
 
 The film is a random periodic pattern that is shifted exactly, by the phases of its Fourier
 coefficients; 8 bit, white noise in every frame. Every row states the error against the known

@@ -1,4 +1,4 @@
-"""What image correlation is compared with: OpenCV, the thesis's program, pyidi and pyvale.
+"""Peers of image correlation: OpenCV, the thesis's program, pyidi and pyvale.
 
 The thesis used DICe (Sandia). It is no Python package, so its published default is stepped through
 here with numpy: zero-normalised least squares, slopes of the reference, interpolation by the

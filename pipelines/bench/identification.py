@@ -1,4 +1,4 @@
-"""Identification of materials against random truths: bias, coverage, width of intervals.
+"""Identification of random known materials: bias, coverage, width of intervals.
 
 Truths come by a way of their own. A spectrum is the sum of three dispersions of Cole and Cole,
 drawn from what is published of polymers, with six terms per decade or one, on no grid of the fit;
@@ -120,12 +120,12 @@ def run(quick: bool) -> Suite:
         points += _both_kinds("drop", [drop_trial(_SEED + i) for i in range(_DROPS)])
     return Suite(
         "identification",
-        "Materials identified from synthetic observations of random truths",
+        "Identification of random known materials from synthetic observations",
         "RMS error over the stated uncertainty",
         points,
         notes=(
             "bound: that of van Trees for the most probable structure of the spectrum, at its most "
-            "probable point; the stated uncertainty holds what is not known of the structure; "
+            "probable point; the stated uncertainty includes that of the structure; "
             "coverage of 95 % intervals",
             f"holds of {_HOLD:g} s of rubbers; {_BOUNCES + 1} touches of glassy spheres, "
             f"{_HEIGHT * 1e3:g} mm" + (" (left out of the quick run)" if quick else ""),

@@ -1,4 +1,4 @@
-"""Indentation: elastic line and sphere beside tamaas, tapping beside the thesis's scheme.
+"""Indentation: elastic line and sphere against tamaas, tapping against the thesis's scheme.
 
 Truth: Westergaard's and Hertz's pressures; the forces of a tapping cylinder by the closed form of
 the half-plane's springs at 8000 steps a cycle.
@@ -137,9 +137,8 @@ def _sphere_pressure(per_radius: int, kind: str) -> tuple[Floats, Floats]:
     gap = springs.gap
     n = springs.covering(1.1)
     load = np.maximum(1.0 - gap[:n], 0.0)
-    edge = springs.contact_radius(1.0, gap[:n])
     radii = np.sqrt((np.arange(_RADII) + 0.5) / _RADII)
-    return radii, springs.pressure(load, edge, radii) / (2.0 / np.pi)
+    return radii, springs.pressure(load, 1.0, radii) / (2.0 / np.pi)
 
 
 def _sphere_error(found: Any) -> float:

@@ -1,4 +1,4 @@
-"""Contacts, bounces and restitution from laser records, beside crossings of a level.
+"""Contacts, bounces and restitution from laser records, compared with level crossings.
 
 The level is that of rest, as one would read it from a plot of the record, or the true one of
 the first touch, which no measurement knows.

@@ -1,4 +1,4 @@
-"""Laser records of bouncing spheres with known truth, for the benchmarks of signals."""
+"""Laser records of bouncing spheres with known true values, for the benchmarks of signals."""
 
 from dataclasses import dataclass
 

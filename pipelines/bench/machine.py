@@ -1,4 +1,4 @@
-"""What the machine is, as far as run times depend on it; neither its name nor any path."""
+"""Properties of the machine that affect run times; neither its name nor any path."""
 
 import os
 import platform

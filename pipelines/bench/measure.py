@@ -1,4 +1,4 @@
-"""What a benchmark states, and how time and memory are taken.
+"""Results of a benchmark, and the measurement of time and memory.
 
 A *part* is a module of ``pipelines.bench`` with ``run(quick) -> Suite`` or several suites. A suite
 is one work–precision diagram: settings of ours, of the thesis's method and of peers as points of

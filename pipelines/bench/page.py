@@ -24,15 +24,15 @@ from pipelines.bench.ratios import table as table_of_ratios
 JSON_NAME, PAGE_NAME = "bench.json", "bench.html"
 _HOW = (
     "Every diagram shows error against run time of one part of labpipe, on data whose truth is "
-    "known. Filled marker: what a user gets without asking. Numbers beside the markers are those "
-    "of the table below. Dashed lines are limits that no method can pass. Contenders of one "
-    "diagram ran in turn in one process; times are medians of warm runs, the first run is the "
-    "cold one. On a busy machine only ratios mean anything."
+    "known. Filled marker: the default setting. Numbers beside the markers are those "
+    "of the table below. Dashed lines are theoretical limits. The methods of one diagram ran "
+    "alternately in one process; times are medians of warm runs, the first run is the cold one. "
+    "On a busy machine only ratios are meaningful."
 )
 _EQUAL = (
-    "At equal error: of every other method its most accurate setting, of ours the fastest that "
-    "errs no more (where none does, the default). Above 1 ours errs less, or is faster. Lowest and "
-    "highest are of runs made in turn on the same data."
+    "At equal error: the most accurate setting of every other method against our fastest setting "
+    "that is at least as accurate (else the default). Above 1 ours is more accurate, or faster. "
+    "Lowest and highest are of alternating runs on the same data."
 )
 _BINARY = 1024.0
 
@@ -117,7 +117,9 @@ def render(
     head = Section("Machine", (Paragraph(_HOW), _machine(machine)))
     ratios = table_of_ratios([suite for r in results for suite in r.suites])
     if ratios is not None:
-        head = Section("Machine, and ours beside others", (*head.blocks, Paragraph(_EQUAL), ratios))
+        head = Section(
+            "Machine, and comparison with other methods", (*head.blocks, Paragraph(_EQUAL), ratios)
+        )
     failed = tuple(Notice("error", f"{f.name}: {f.message}") for f in failures)
     parts = [Section(PARTS[r.name][1].rstrip("."), _blocks(r), r.name) for r in results]
     sections = [head, *([Section("Failed", failed)] if failed else []), *parts]

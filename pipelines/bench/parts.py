@@ -20,13 +20,13 @@ PARTS: Mapping[str, tuple[str, str]] = {
     "prony": ("prony", "Fit of a Prony series to a spectrum."),
     "interconversion": ("interconversion", "From relaxation to creep and back."),
     "drop": ("drop", "Simulated fall and rebound of a ball."),
-    "indentation": ("indentation", "Simulated indentation by a wavy surface."),
+    "indentation": ("indentation", "Simulated indentation by a periodic punch."),
     "collision": ("collision", "Ball against plate, in closed form and by steps."),
     "identification": ("identification", "Materials from synthetic observations of random truths."),
     "sessions": ("sessions", "Whole sessions, cold and with nothing changed."),
-    "skipping": ("skipping", "Every shortcut against doing everything."),
+    "skipping": ("skipping", "Every shortcut against the full computation."),
     "scaling": ("scaling", "Run time and memory against size."),
-    "stability": ("stability", "Extreme input: worst errors, and what is refused."),
+    "stability": ("stability", "Extreme input: worst errors, and refusals."),
 }
 
 Run = Callable[[bool], Suite | Sequence[Suite]]

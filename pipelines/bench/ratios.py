@@ -1,4 +1,4 @@
-"""Ours beside the thesis's methods and peers at equal error, in one table.
+"""Comparison with the thesis's methods and peers at equal error, in one table.
 
 For every other method the most accurate of its settings is taken, and of ours the fastest that errs
 no more; where none of ours is as accurate, our default, and the table shows who errs less. Times

@@ -1,4 +1,4 @@
-"""Sweeps of materials that are known, made without any formula of the analysis."""
+"""Sweeps of known materials, computed without any formula of the analysis."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Run time and memory against size: the exponents of everything that can grow."""
+"""Run time and memory against size: exponents for every size that can grow."""
 
 import math
 import tempfile
@@ -49,10 +49,10 @@ def run(quick: bool) -> list[Suite]:
         notes=[
             "The exponent is the slope of the logarithm of the run time from the second smallest "
             f"to the largest size; up to {_ALLOWED:g} counts as linear (n log n). All sizes run in "
-            "turn, round by round; the exponent is the median of the rounds, and more than linear "
-            "only what is so in every round. The run time is that of the largest size. All are "
-            "processor times, which a busy machine lengthens less than those of the clock, but "
-            "for short calls still by half."
+            "turn, round by round; the exponent is the median of the rounds, and counts as more "
+            "than linear only if it is so in every round. The run time is that of the largest "
+            "size. All are processor times, which a busy machine lengthens less than wall time, "
+            "but for short calls still by half."
         ],
         has_diagram=False,
     )

@@ -62,8 +62,8 @@ def run(quick: bool) -> Suite:
             f"{one.seconds:.0f} s: {one.seconds / two.seconds:.2f} times faster, on "
             f"{processors()} processors. The steps themselves took "
             f"{two.extra[_PROCESSOR]:.0f} s and {one.extra[_PROCESSOR]:.0f} s of processor time.",
-            "Each way of computing a whole session ran once; a busy machine shows in it. The "
-            "shortcuts that --full switches off stand one by one in the part skipping.",
+            "Each way of computing a whole session ran once, so a busy machine affects it. The "
+            "part skipping measures each shortcut that --full switches off.",
         ],
     )
 

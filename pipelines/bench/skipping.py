@@ -1,4 +1,4 @@
-"""Every shortcut that can be switched off: work, time and result with it and without."""
+"""Every shortcut that can be switched off: work, time and result with and without it."""
 
 import itertools
 import json
@@ -93,8 +93,8 @@ def run(quick: bool) -> Suite:
         "difference of the results / tolerance",
         points,
         notes=[
-            "The run time is that with the shortcut, in processor time. A difference of 1 is what "
-            "is promised at most. Whole sessions with nothing changed stand in the part sessions.",
+            "The run time is that with the shortcut, in processor time. A difference of 1 is the "
+            "stated tolerance. The part sessions measures whole sessions with nothing changed.",
             "The camera's 8 bits save memory, eight times, and little time: every frame is "
             "converted once either way.",
             "Folding terms and leaving out cells that cannot touch save work in proportion, and "

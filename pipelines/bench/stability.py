@@ -1,4 +1,4 @@
-"""Hostile input: how far from an independent answer, and what is refused and why."""
+"""Extreme input: error against an independent result, and refusals with their reasons."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -68,7 +68,7 @@ def _suite(part: str, families: Mapping[str, tuple[Case, int]], factor: float) -
     ]
     return Suite(
         name=f"stability-{part}",
-        title=f"Hostile input to {part}: worst case against an independent answer",
+        title=f"Extreme input to {part}: worst case against an independent result",
         error_label="worst error over what is allowed (1)",
         points=[_point(name, tally) for name, tally in tallies.items()],
         notes=notes,

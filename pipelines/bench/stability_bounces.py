@@ -1,4 +1,4 @@
-"""Hostile laser records: bounces that are known to the microsecond, and records without any.
+"""Extreme laser records: bounces known to the microsecond, and records without any.
 
 A body falls freely, is thrown back by a pulse of force near that of Hertz, a power of a sine, and
 flies again; the record is sampled from the closed form and its integral, whatever the sensor adds.

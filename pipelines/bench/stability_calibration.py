@@ -1,4 +1,4 @@
-"""Hostile readings for the calibrations: laser, load cell, camera, time base.
+"""Extreme readings for the calibrations: laser, load cell, camera, time base.
 
 Readings are made from the true quantity through the sensor's law; the calibration has to give it
 back within its own uncertainty, in any layout of memory, with gaps, far from zero, or refuse.

@@ -1,4 +1,4 @@
-"""Hostile cases for the contact mechanics: generated, computed, and held against another way.
+"""Extreme cases of contact mechanics, each checked against an independent method.
 
 Every family is a function of a random generator. It makes one case far outside the ordinary, asks
 for the answer, and returns how far that is from an independent one in units of what is allowed. A

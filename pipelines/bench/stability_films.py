@@ -1,4 +1,4 @@
-"""Hostile films: subsets and contacts in images that are saturated, empty, noisy, alone or not.
+"""Extreme films: subsets and contacts in saturated, empty and noisy images.
 
 Patterns are sums of waves, moved in their phase, so that every pixel follows from the formula.
 Contacts follow from the springs of Hertz's contact, as in :mod:`pipelines.bench.contact_radius`.

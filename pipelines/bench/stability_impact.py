@@ -1,4 +1,4 @@
-"""Hostile cases for impacts: drops, two solvers beside each other, Hertz, appendix A."""
+"""Extreme impacts: drops, two solvers compared, Hertz, appendix A."""
 
 import warnings
 from collections.abc import Mapping

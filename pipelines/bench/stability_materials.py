@@ -1,4 +1,4 @@
-"""Hostile materials and moduli: conversions, fits of a spectrum, master curves.
+"""Extreme materials and moduli: conversions, fits of a spectrum, master curves.
 
 Moduli are computed here term by term in plain sums, and compliances are their inverses, so that
 the conversion between the two families is held against arithmetic that it does not use.

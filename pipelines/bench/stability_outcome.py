@@ -1,4 +1,4 @@
-"""What became of a hostile case, and of many of them."""
+"""Outcome of an extreme case, and the tally of many."""
 
 import time
 import warnings

@@ -1,4 +1,4 @@
-"""Hostile records: derivatives, oscillations, lags, repeats, and figures of agreement.
+"""Extreme records: derivatives, oscillations, lags, repeats, and measures of agreement.
 
 Truth is a formula. Records come unevenly sampled, far from zero, in single precision, reversed or
 strided in memory, read-only, with bursts of missing samples; a fault in them must be refused.

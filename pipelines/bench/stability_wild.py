@@ -1,4 +1,4 @@
-"""What hostile cases are drawn from."""
+"""Random generators of extreme cases."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Velocity from displacement: error against run time, beside the thesis's moving average."""
+"""Velocity from displacement: error against run time, compared with the thesis's moving average."""
 
 from collections.abc import Callable, Mapping
 

@@ -49,9 +49,9 @@ def acquire() -> None:
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 @click.option("--host", required=True, help="Address of the controller.")
 @click.option("--port", type=click.IntRange(1, 65535),
-              help="Its port; default 24687 for lk-g5000, needed for dl-en1.")  # fmt: skip
+              help="TCP port; default 24687 for lk-g5000, required for dl-en1.")  # fmt: skip
 @click.option("--protocol", type=click.Choice(["lk-g5000", "dl-en1"]), default="lk-g5000",
-              show_default=True, help="What it speaks.")  # fmt: skip
+              show_default=True, help="Protocol of the controller.")  # fmt: skip
 @click.option("--output", "outputs", type=int, multiple=True, default=(1,), show_default=True,
               help="Output (or amplifier) to record; may be repeated.")  # fmt: skip
 @click.option("--decimals", type=int, multiple=True, required=True,
@@ -61,12 +61,12 @@ def acquire() -> None:
 @click.option("--interval", type=Time(), default="10 ms", show_default=True,
               help="Time between two readings.")  # fmt: skip
 @click.option("--duration", type=Time(), required=True,
-              help="How long; from the trigger when there is one.")  # fmt: skip
+              help="Duration of the recording, from the trigger if there is one.")  # fmt: skip
 @click.option("--trigger", help='Wait until an output passes a level, e.g. "out1 < -1.5 mm".')
 @click.option("--before", type=Time(), default="100 ms", show_default=True,
-              help="How much to keep before the trigger.")  # fmt: skip
+              help="Duration kept before the trigger.")  # fmt: skip
 @click.option("--patience", type=Time(), default="10 s", show_default=True,
-              help="How long the controller may be silent.")  # fmt: skip
+              help="Longest wait for an answer of the controller.")  # fmt: skip
 @click.option("--model", default="", help="Model of the controller, for the file's header.")
 @json_option
 def keyence(
@@ -88,9 +88,9 @@ def keyence(
     r"""Record a Keyence displacement controller over TCP into FILE.
 
     FILE has the layout of a storage file, so `labpipe process` reads it; FILE.times.csv holds the
-    real time of every reading. A reading that did not come leaves its row empty. Ctrl-C ends the
-    recording and keeps what came; after a kill, `labpipe acquire recover` does. The protocols were
-    tested against an emulator only.
+    real time of every reading. A missing reading leaves its row empty. Ctrl-C ends the recording
+    and keeps all readings so far; after a crash, `labpipe acquire recover` restores them. The
+    protocols were tested against an emulator only.
 
     \b
     Example:
@@ -105,7 +105,7 @@ def keyence(
     decimals = decimals * len(outputs) if len(decimals) == 1 else decimals
     laser.check_units(units)
     setup = laser.Setup(outputs, decimals, units, interval, model)
-    timeout = max(1.0, 2 * interval)
+    timeout = min(max(1.0, 2 * interval), patience)
 
     def connect() -> laser.Connection:
         return laser.Connection(protocol, host, port or laser.LK_PORT, outputs, timeout)
@@ -125,11 +125,10 @@ def keyence(
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 @json_option
 def recover(file: Path, as_json: bool) -> None:
-    r"""Finish a recording that was killed, from the FILE.recording that it left.
+    r"""Recover an interrupted recording from its FILE.recording.
 
-    While a sensor is recorded every reading is appended to FILE.recording, one line of JSON each.
-    Where the program was killed, or the power failed, this command writes from it the files that
-    the recording would have written, and deletes it.
+    During a recording every reading is appended to FILE.recording, one line of JSON each. After a
+    crash or a power failure, this command writes the files of the recording from it and deletes it.
 
     \b
     Example:
@@ -153,7 +152,7 @@ def _tell(done: "Acquired", as_json: bool) -> None:
 
 @contextmanager
 def _showing(as_json: bool) -> Iterator[Callable[[int, int], None] | None]:
-    """Show the number of readings while they come, where somebody looks."""
+    """Show the number of readings as they arrive, on a terminal."""
     if as_json or not sys.stderr.isatty():
         yield None
         return

@@ -15,11 +15,11 @@ from pipelines.commands.options import echo, echo_json, json_option
               show_default=True, help="Folder to write into.")  # fmt: skip
 @json_option
 def bench(names: tuple[str, ...], quick: bool, listed: bool, out: Path, as_json: bool) -> None:
-    r"""Measure error against run time of every part, on data with known truth.
+    r"""Measure error against run time of every part, on data with known true values.
 
     Writes one JSON file and one page with a work-precision diagram for each part: our default
-    and other settings, the thesis's own method, installed peers, and the physical limit. Peers
-    that are not installed are named in a note. Times of a busy machine are good for ratios only.
+    and other settings, the thesis's own method, installed peers, and the physical limit. A note
+    names peers that are not installed. On a busy machine only ratios of times are meaningful.
 
     \b
     Example:

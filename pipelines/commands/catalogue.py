@@ -1,4 +1,4 @@
-"""The command catalogue: many session folders as one table that can be asked."""
+"""The command catalogue: many session folders as one table that can be queried."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,8 +35,8 @@ def catalogue(
     r"""List the experiments of all sessions below FOLDER: parameters and key numbers.
 
     The table is brought up to date first; only sessions that changed are read again, and none is
-    processed. What is the same in all rows is not shown unless asked for with --columns. The table
-    `results` has every short result, `columns` every column with its unit.
+    processed. Columns with the same value in all rows are hidden unless named with --columns. The
+    table `results` has every short result, `columns` every column with its unit.
 
     \b
     Example:

@@ -5,7 +5,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pipelines.commands.options import echo, echo_json, jobs_option, json_option, session_argument
+from pipelines.commands.options import (
+    echo,
+    echo_json,
+    jobs_option,
+    json_option,
+    keep_option,
+    session_argument,
+)
 from pipelines.session import COMPARISON_PAGE
 
 if TYPE_CHECKING:
@@ -15,11 +22,13 @@ if TYPE_CHECKING:
 @click.command()
 @session_argument
 @jobs_option
+@keep_option
 @json_option
-def compare(session: Path, jobs: int, as_json: bool) -> None:
+def compare(session: Path, jobs: int, keep: bool, as_json: bool) -> None:
     r"""Compare measurement and model of every experiment in SESSION, on one page.
 
-    What is missing is processed first. The page is SESSION/labpipe/compare.html.
+    What is missing is processed first; results of earlier code that `process --keep` took are
+    taken again, and marked. The page is SESSION/labpipe/compare.html.
 
     \b
     Example:
@@ -33,7 +42,7 @@ def compare(session: Path, jobs: int, as_json: bool) -> None:
     from pipelines.session import write_overview
 
     with watching(enabled=not as_json) as progress:
-        found = collect(session, jobs=jobs, progress=progress)
+        found = collect(session, jobs=jobs, keep=keep or None, progress=progress)
     opened = process.reopen_session(session)
     page = opened.folder / COMPARISON_PAGE
     files.write_text(page, render(opened, found))
@@ -52,6 +61,11 @@ def compare(session: Path, jobs: int, as_json: bool) -> None:
 
 def line(row: "Row") -> str:
     """Return one row as one line of text."""
+    text = _line(row)
+    return f"{text}  (earlier code: {', '.join(row.kept)})" if row.kept else text
+
+
+def _line(row: "Row") -> str:
     where = f"{row.experiment:24} {row.condition:14} {row.quantity:32} n={row.n:<4}"
     if row.nrmse is not None:
         bias = "" if row.difference is None else f"  bias {row.difference:+.2e} {row.unit}"

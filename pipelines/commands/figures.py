@@ -10,7 +10,7 @@ from pipelines.commands.options import echo, echo_json, jobs_option, json_option
 
 @click.command()
 @click.argument("ids", nargs=-1, metavar="[ID]...")
-@click.option("--list", "listed", is_flag=True, help="Say what each figure needs; draw nothing.")
+@click.option("--list", "listed", is_flag=True, help="List what each figure needs; draw nothing.")
 @click.option("--check", is_flag=True, help="Compare the thesis's printed numbers with ours.")
 @click.option("--session", type=click.Path(exists=True, file_okay=False, path_type=Path),
               help="Session folder for the figures that show experiments.")  # fmt: skip
@@ -29,8 +29,8 @@ def figures(
 ) -> None:
     r"""Draw the figures of the thesis by number: PDF, SVG, PNG and a caption each.
 
-    Without --session only those are drawn that are computed. What is up to date is not drawn
-    again; of the session only what the figures need is processed.
+    Without --session only computed figures are drawn. Up-to-date figures are not drawn again; of
+    the session only what the figures need is processed.
 
     \b
     Example:

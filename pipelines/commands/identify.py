@@ -21,12 +21,12 @@ STEM = "identify_"
     "-e",
     multiple=True,
     metavar="NAME",
-    help="Only these; all that can tell of a material by default. Repeatable.",
+    help="Only these experiments; by default all that can identify a material. Repeatable.",
 )
 @click.option(
     "--prior",
     metavar="dma|NAME",
-    help="Take the moduli of the session's rheometer experiment as prior.",
+    help="Use the moduli of the session's rheometer experiment as prior.",
 )
 @click.option(
     "--spectrum",
@@ -40,26 +40,26 @@ STEM = "identify_"
     default=6,
     show_default=True,
     type=click.IntRange(min=1, max=100),
-    help="Bounces of a drop that count.",
+    help="Number of bounces of a drop that are evaluated.",
 )
 @click.option(
     "--no-profile",
     is_flag=True,
-    help="Do not examine whether the long-time modulus is determined (faster).",
+    help="Do not examine whether the data determine the long-time modulus (faster).",
 )
 @click.option(
     "--sampler",
     type=click.Choice(["laplace", "rto"]),
     default="laplace",
     show_default=True,
-    help="Normal approximation alone, or independent draws of the posterior beside it.",
+    help="Normal approximation alone, or with independent draws of the posterior.",
 )
 @jobs_option
 @json_option
 def identify(session: Path, experiments: tuple[str, ...], prior: str | None, spectrum: str,
              impacts: int, no_profile: bool, sampler: str, jobs: int, as_json: bool,
              ) -> None:  # fmt: skip
-    r"""Find the materials behind the experiments in SESSION, with honest intervals.
+    r"""Identify the viscoelastic materials of the experiments in SESSION, with credible intervals.
 
     Drops, contact films, relaxations and harmonic indentations of one material are fitted
     together. What is missing is processed first. One page and one netCDF file per material:

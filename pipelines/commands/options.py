@@ -1,4 +1,4 @@
-"""Options and output habits that several commands share."""
+"""Options and output common to several commands."""
 
 import functools
 import json
@@ -135,3 +135,12 @@ def echo(text: str) -> None:
 def echo_json(document: Any) -> None:
     """Print one JSON document."""
     click.echo(json.dumps(document, indent=2, ensure_ascii=False, default=str))
+
+
+def keep_option(function: F) -> F:
+    """Add ``--keep``: results of earlier code are taken as they are."""
+    return click.option(
+        "--keep",
+        is_flag=True,
+        help="Take results of earlier code as they are, and mark them; else they are made again.",
+    )(function)

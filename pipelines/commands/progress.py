@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]":
-    """Give a function that shows the events of a run, or None where nobody looks."""
+    """Give a function that shows the events of a run, or None without a terminal."""
     if not enabled or not sys.stderr.isatty():
         yield None
         return
@@ -32,9 +32,11 @@ def watching(enabled: bool = True) -> "Iterator[Callable[[Event], None] | None]"
         total: Counter[Path] = Counter()
 
         def show(event: "Event") -> None:
+            if event.kind == "planned":
+                bar.console.print(escape(f"{event.session.name}: {event.message}"), highlight=False)
             one = event.session
             # What was kept took no time; counted as work it would promise an end too soon.
-            cached[one] += event.kind == "cached"
+            cached[one] += event.kind in ("cached", "kept")
             done[one], total[one] = event.done - cached[one], event.total - cached[one]
             text = escape(f"{event.task.experiment}: {event.task.stage}")
             if len(total) > 1:
@@ -84,7 +86,7 @@ def _clocks() -> "tuple[ProgressColumn, ...]":
 def counted(
     total: int, enabled: bool = True, *, when: Literal["begun", "done"] = "begun"
 ) -> "Iterator[Callable[[str], None] | None]":
-    """Give a function that is told of every piece of work by name, or None where nobody looks.
+    """Give a function that reports every piece of work by name, or None without a terminal.
 
     Parameters
     ----------
@@ -120,7 +122,7 @@ def counted(
 
 @contextmanager
 def waiting(text: str, enabled: bool = True) -> Iterator[None]:
-    """Show that something long is done whose end cannot be told, and how long it has taken."""
+    """Show the elapsed time of a long task of unknown duration."""
     if not enabled or not sys.stderr.isatty():
         yield
         return

@@ -1,4 +1,4 @@
-"""Quantities with a unit on the command line, and options that simulations share."""
+"""Quantities with units on the command line, and options common to the simulations."""
 
 from collections.abc import Callable
 from functools import reduce
@@ -50,7 +50,8 @@ def material_options(default: str) -> Callable[[F], F]:
         click.option("--material", default=default, show_default=True,
                      help="Library name or TOML file."),
         click.option("--temperature", type=TEMPERATURE,
-                     help="Of the material, by its law; without it, that of its data."),
+                     help="Temperature of the material, by its shift law; default: that of its "
+                          "data."),
         click.option("--vertical-shift", type=float, default=1.0, show_default=True,
                      help="b_T: factor on all moduli at that temperature."),
     )  # fmt: skip
@@ -62,7 +63,7 @@ def punch_options(function: F) -> F:
         click.option("--tip-radius", type=LENGTH, default="2 mm", show_default=True,
                      help="Of curvature."),
         click.option("--period", type=LENGTH, default="8 mm", show_default=True,
-                     help="Distance of two tips."),
+                     help="Distance between neighbouring tips."),
         click.option("--depth", type=LENGTH, default="18 mm", show_default=True,
                      help="Contact length summed over the tips."),
         click.option("--mean", type=LENGTH, default="0.1 mm", show_default=True,

@@ -13,9 +13,9 @@ from pipelines.commands.options import echo, echo_json, json_option
 @click.option("--full-size", is_flag=True, help="Films at the camera's full size.")
 @json_option
 def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) -> None:
-    r"""Write the synthetic session NAME into the new folder DEST, its truth beside it.
+    r"""Write the synthetic session NAME, with its true values, into the new folder DEST.
 
-    Without NAME the samples are listed. All data are made by the virtual rig; none is measured.
+    Without NAME the samples are listed. The virtual rig generates all data; none is measured.
 
     \b
     Example:
@@ -45,7 +45,7 @@ def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) 
 @click.argument("dest", default="labpipe-demo", type=click.Path(file_okay=False, path_type=Path))
 @json_option
 def demo(dest: Path, as_json: bool) -> None:
-    r"""Write a synthetic session into DEST, process it, and say where the reports are.
+    r"""Write a synthetic session into DEST, process it, and print the path of the reports.
 
     Where DEST holds the demonstration already, it is processed as it stands.
 

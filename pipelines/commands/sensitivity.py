@@ -12,7 +12,7 @@ from pipelines.commands.options import echo, echo_json, json_option, session_arg
 @click.argument("which", required=False, metavar="[KIND|EXPERIMENT]")
 @json_option
 def sensitivity(session: Path, which: str | None, as_json: bool) -> None:
-    r"""Say of the main quantities in SESSION what limits their uncertainty.
+    r"""Show which inputs limit the uncertainty of the main quantities in SESSION.
 
     Linear budget, Monte Carlo, Sobol indices, expanded uncertainty, and what to measure better to
     halve it. One page per kind: SESSION/labpipe/sensitivity_KIND.html.

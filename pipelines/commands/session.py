@@ -16,6 +16,7 @@ from pipelines.commands.options import (
     echo_json,
     jobs_option,
     json_option,
+    keep_option,
     session_argument,
 )
 from pipelines.session import PAGE
@@ -31,14 +32,14 @@ _STATE_WIDTH = 10
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--force", is_flag=True, help="Replace a session.toml that is already there.")
 @click.option("--ask/--no-ask", default=None,
-              help="Ask for what no file tells; default: ask at a terminal.")  # fmt: skip
+              help="Ask for what no file contains; default: ask at a terminal.")  # fmt: skip
 @json_option
 def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
     r"""Scan FOLDER and write a commented session.toml.
 
-    Instruments are recognised by the content of their files. What no file tells (mass, radius,
-    material, drop height, inclination of the laser) is asked for; an empty answer leaves a line to
-    fill in, marked with FILL. A missing calibration record is proposed as a file.
+    Instruments are recognised by the content of their files. What the files do not contain (mass,
+    radius, material, drop height, inclination of the laser) is asked for; an empty answer leaves a
+    line to fill in, marked with FILL. For a missing calibration record a template is written.
 
     \b
     Example:
@@ -81,7 +82,8 @@ class _Asker:
         from pipelines.session import checked
 
         if not self.has_begun:
-            click.echo("What no file tells; Enter alone leaves it open, Ctrl-C writes nothing.",
+            click.echo("Not in the files: please answer. Enter alone leaves it open, Ctrl-C "
+                       "writes nothing.",
                        err=True)  # fmt: skip
             self.has_begun = True
         while True:
@@ -106,7 +108,7 @@ def _split(values: Sequence[str]) -> list[str] | None:
 
 _TO = click.option("--to", "targets", multiple=True, help="Only this stage and what it needs.")
 _ONLY = click.option("--only", multiple=True, help="Only this experiment and what it needs.")
-_FULL = click.option("--full", is_flag=True, help="Without shortcuts; reads and solves everything.")
+_FULL = click.option("--full", is_flag=True, help="Without shortcuts: read and solve everything.")
 
 
 @click.command()
@@ -114,9 +116,15 @@ _FULL = click.option("--full", is_flag=True, help="Without shortcuts; reads and 
 @_TO
 @_ONLY
 @_FULL
+@keep_option
 @json_option
 def plan(
-    session: Path, targets: tuple[str, ...], only: tuple[str, ...], full: bool, as_json: bool
+    session: Path,
+    targets: tuple[str, ...],
+    only: tuple[str, ...],
+    full: bool,
+    keep: bool,
+    as_json: bool,
 ) -> None:
     r"""Say what `process` would run, and why; nothing is computed.
 
@@ -126,11 +134,11 @@ def plan(
     """
     from pipelines import process as verbs
 
-    made = verbs.plan(session, _split(targets), _split(only), full=full)
+    made = verbs.plan(session, _split(targets), _split(only), full=full, keep=keep)
     if as_json:
         names = ("experiment", "stage", "recording", "state", "reason")
         rows = [{n: getattr(row, n) for n in names} for row in made.rows]
-        echo_json({"rows": rows, "to_run": len(made.to_run)})
+        echo_json({"rows": rows, "to_run": len(made.to_run), "estimate": made.estimate})
         return
     experiment = None
     for row in made.rows:
@@ -139,7 +147,7 @@ def plan(
             echo(f"\n{experiment} ({made.session.experiments[experiment].kind})")
         name = row.stage if row.recording is None else f"{row.stage} [{row.recording}]"
         echo(f"  {row.state:{_STATE_WIDTH}}{name:44} {row.reason}")
-    echo(f"\n{len(made.to_run)} of {len(made.rows)} steps would run")
+    echo(f"\n{made.summary}")
 
 
 @click.command()
@@ -148,6 +156,7 @@ def plan(
 @_TO
 @_ONLY
 @_FULL
+@keep_option
 @jobs_option
 @cluster_option
 @click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
@@ -157,6 +166,7 @@ def process(
     targets: tuple[str, ...],
     only: tuple[str, ...],
     full: bool,
+    keep: bool,
     jobs: int,
     cluster: str | None,
     fail_fast: bool,
@@ -179,7 +189,7 @@ def process(
     with watching(enabled=not as_json) as progress:
         ended = dict(verbs.process_all(
             folders, _split(targets), _split(only), jobs=jobs, cluster=cluster,
-            full=full, fail_fast=fail_fast, progress=progress,
+            full=full, keep=keep, fail_fast=fail_fast, progress=progress,
         ))  # fmt: skip
     if len(folders) == 1 and isinstance(error := ended[folders[0]], LabpipeError):
         raise error

@@ -46,18 +46,24 @@ def simulate() -> None:
 @material_options("acrylic")
 @click.option("--radius", type=LENGTH, default="9.525 mm", show_default=True,
               help="Of the sphere.")  # fmt: skip
-@click.option("--mass", type=MASS, default="505 g", show_default=True, help="All that moves.")
-@click.option("--height", type=LENGTH, default="1.5 mm", show_default=True, help="Fall to touch.")
+@click.option("--mass", type=MASS, default="505 g", show_default=True, help="Total moving mass.")
+@click.option(
+    "--height",
+    type=LENGTH,
+    default="1.5 mm",
+    show_default=True,
+    help="Drop height, from release to first touch.",
+)
 @click.option("--duration", type=TIME, default="0.5 s", show_default=True, help="From release.")
 @click.option("--solver", type=click.Choice(["mdr", "rings", "thesis"]), default="mdr",
-              show_default=True, help="'thesis': the thesis's own scheme.")  # fmt: skip
+              show_default=True, help="'thesis' is the thesis's own scheme.")  # fmt: skip
 @click.option("--profile", type=click.Choice(["parabola", "sphere"]), default="parabola",
               show_default=True, help="Shape of the gap.")  # fmt: skip
+@click.option("--rtol", type=float, default=1e-4, show_default=True, help="Target relative error.")
 @click.option(
-    "--rtol", type=float, default=1e-4, show_default=True, help="Relative error aimed at."
-)
-@click.option(
-    "--plate-mass", type=MASS, help="Let the substrate ring: its mass, with the two below."
+    "--plate-mass",
+    type=MASS,
+    help="Modal mass of a vibrating substrate; needs the next two options.",
 )
 @click.option("--plate-frequency", type=FREQUENCY, help="Natural frequency.")
 @click.option("--plate-damping", type=RATIO, help="Damping ratio.")
@@ -65,13 +71,15 @@ def simulate() -> None:
     "--adhesion",
     "work_of_adhesion",
     type=WORK,
-    help='Say whether adhesion matters: work of adhesion, "50 mJ/m2" when clean.',
+    help='Estimate whether adhesion matters: work of adhesion, "50 mJ/m2" when clean.',
 )
 @click.option("--heating", is_flag=True, help="Estimate self-heating.")
-@click.option("--heat-capacity", type=HEAT_CAPACITY, help="For --heating; default the library's.")
-@click.option("--conductivity", type=CONDUCTIVITY, help="For --heating; default the library's.")
+@click.option(
+    "--heat-capacity", type=HEAT_CAPACITY, help="For --heating; default: from the library."
+)
+@click.option("--conductivity", type=CONDUCTIVITY, help="For --heating; default: from the library.")
 @click.option("--map", "maps", type=TIME, multiple=True,
-              help="Instant of which to keep pressure and surface; may be repeated.")  # fmt: skip
+              help="Time at which to store pressure and surface; may be repeated.")  # fmt: skip
 @result_options
 @json_option
 def drop(
@@ -97,7 +105,7 @@ def drop(
     picture: Path | None,
     as_json: bool,
 ) -> None:
-    r"""Drop a viscoelastic sphere on a rigid flat (or on a plate that rings).
+    r"""Drop a viscoelastic sphere on a rigid flat (or on a vibrating plate).
 
     \b
     Example:
@@ -138,16 +146,22 @@ def drop(
 @click.option("--frequency", type=FREQUENCY, default="1 Hz", show_default=True,
               help="Of the oscillation.")  # fmt: skip
 @click.option("--cycles", type=click.IntRange(min=0), default=5, show_default=True,
-              help="0 only presses and holds.")  # fmt: skip
-@click.option("--hold", type=TIME, default="600 s", show_default=True, help="Before the cycles.")
+              help="Number of cycles; 0 for press and hold only.")  # fmt: skip
+@click.option(
+    "--hold",
+    type=TIME,
+    default="600 s",
+    show_default=True,
+    help="Duration of the hold before the cycles.",
+)
 @click.option("--ramp", type=SPEED, default="1 mm/s", show_default=True,
-              help="Speed of pressing in.")  # fmt: skip
-@click.option("--thickness", type=LENGTH, help="Of a bonded layer; without it a half-plane.")
+              help="Speed of the ramp.")  # fmt: skip
+@click.option("--thickness", type=LENGTH, help="Thickness of a bonded layer; default: half-plane.")
 @click.option("--profile", type=click.Choice(["parabola", "circle", "cosine"]), default="circle",
               show_default=True, help="Shape of a tip.")  # fmt: skip
 @click.option("--elements", type=click.IntRange(min=64), default=1024, show_default=True,
               help="Strips per period.")  # fmt: skip
-@click.option("--maps", is_flag=True, help="Keep pressure and surface at every sample.")
+@click.option("--maps", is_flag=True, help="Store pressure and surface at every sample.")
 @result_options
 @json_option
 def indent(

@@ -35,7 +35,7 @@ _STATES = 200
               help="Equilibrium distance of the surfaces.")  # fmt: skip
 @click.option("--load", type=FORCE, default="1 N", show_default=True, help="Largest load.")
 @click.option("--theory", type=click.Choice(["jkr", "maugis"]), default="jkr", show_default=True,
-              help="Singular stress at the edge, or Dugdale's constant one.")  # fmt: skip
+              help="Edge stress: singular (JKR), or constant (Maugis–Dugdale).")  # fmt: skip
 @result_options
 @json_option
 def adhesion(
@@ -55,7 +55,7 @@ def adhesion(
 ) -> None:
     r"""Load and unload an adhesive contact slowly: force, indentation, pull-off.
 
-    The relaxed (long-time) modulus counts. Validity: elastic, smooth, quasi-static.
+    Uses the relaxed (long-time) modulus. Validity: elastic, smooth, quasi-static.
 
     \b
     Example:
@@ -81,13 +81,13 @@ def adhesion(
               help="Smallest amplitude.")  # fmt: skip
 @click.option("--most", type=LENGTH, default="10 um", show_default=True, help="Largest amplitude.")
 @click.option("--critical-strain", type=float, default=0.01, show_default=True,
-              help="Amplitude of shear strain at which half the drop has happened.")  # fmt: skip
+              help="Shear strain amplitude at half of the decrease.")  # fmt: skip
 @click.option("--storage-floor", type=float, required=True,
-              help="Share of the storage modulus left at large strain, 0 to 1.")  # fmt: skip
+              help="Storage modulus at large strain over the linear one, 0 to 1.")  # fmt: skip
 @click.option("--loss-peak", type=float, default=1.0, show_default=True,
-              help="Loss modulus at the critical strain, of the linear one.")  # fmt: skip
+              help="Loss modulus at the critical strain over the linear one.")  # fmt: skip
 @click.option("--loss-floor", type=float, default=1.0, show_default=True,
-              help="Loss modulus left at large strain, of the linear one.")  # fmt: skip
+              help="Loss modulus at large strain over the linear one.")  # fmt: skip
 @click.option("--exponent", type=float, default=0.6, show_default=True, help="Kraus's m.")
 @result_options
 @json_option
@@ -113,7 +113,7 @@ def amplitude(
 ) -> None:
     r"""Oscillate a punch on a filled rubber that softens with the amplitude (Kraus).
 
-    Validity: steady state, first harmonic, one representative strain, contact kept.
+    Validity: steady state, first harmonic, one representative strain, permanent contact.
 
     \b
     Example:
@@ -168,8 +168,8 @@ def _amplitude_summary(found: "xr.Dataset") -> dict[str, Any]:
             key = f"{name.replace('_', ' ')}, {where} swing"
             document[key] = float(found[name][place])
             units[key] = str(found[name].attrs["units"]).replace("1", "")
-    document["punch lifts off beyond"] = float(found.attrs["tapping_amplitude"])
-    units["punch lifts off beyond"] = "m"
+    document["punch loses contact beyond"] = float(found.attrs["tapping_amplitude"])
+    units["punch loses contact beyond"] = "m"
     return document | {"units": units, "work": {"amplitudes": found.sizes["amplitude"]}}
 
 

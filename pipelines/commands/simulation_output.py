@@ -1,4 +1,4 @@
-"""What a simulation writes, draws and says: netCDF, picture, table or JSON."""
+"""Output of a simulation: netCDF, picture, table or JSON."""
 
 import json
 from collections.abc import Callable
@@ -105,7 +105,7 @@ def adhesion_rows(found: "xr.Dataset", solid: "Prony", work: float) -> dict[str,
     from labpipe.errors import InputError
 
     if not found.sizes["impact"]:
-        message = "adhesion is compared with an impact; the drop has none that was completed"
+        message = "the drop has no completed impact to compare adhesion with"
         raise InputError(message)
     impacts = (found[n].values for n in ("impact_speed", "contact_duration", "peak_force"))
     seen = [
@@ -143,7 +143,7 @@ def heating_rows(
         "self-heating by the first impact": (float(estimate.dataset["bulk_rise"][0]), "K"),
         "self-heating after all impacts": (estimate.train, "K"),
         "self-heating without conduction": (estimate.train_adiabatic, "K"),
-        "self-heating if all were friction": (estimate.surface, "K"),
+        "self-heating if all heat were from friction": (estimate.surface, "K"),
         "change of modulus by heating": (estimate.modulus_change, ""),
         "thermal properties": (f"{thermal.status}: {thermal.source}", ""),
     }

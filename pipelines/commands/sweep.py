@@ -16,10 +16,10 @@ from pipelines.commands.options import cluster_option, echo, echo_json, json_opt
 @click.option("--vary", multiple=True, metavar="NAME=VALUES",
               help='"height = 1 mm : 10 mm : 7", ": log" for equal ratios, or a list.')  # fmt: skip
 @click.option("--set", "fixed", multiple=True, metavar="NAME=VALUE",
-              help='A parameter that does not vary; with "±" and --draws it is drawn.')  # fmt: skip
+              help='A fixed parameter; with "±" and --draws it is sampled.')  # fmt: skip
 @click.option("--draws", type=click.IntRange(min=0), default=0, help="Random draws per point.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
-              help="Of the draws.")  # fmt: skip
+              help="Seed of the draws.")  # fmt: skip
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path),
               help="netCDF file; the page lies beside it.")  # fmt: skip
 @click.option("--jobs", "-j", type=click.IntRange(min=0), default=1, show_default=True,
@@ -37,10 +37,10 @@ def sweep(
     cluster: str | None,
     as_json: bool,
 ) -> None:
-    r"""Simulate every combination of some parameters; the results are one netCDF and a page.
+    r"""Simulate every combination of some parameters; write one netCDF file and a page.
 
-    A sweep that was stopped goes on where it was when the same command is given again, and tries
-    failed points anew. Who computes it makes no difference to the result.
+    The same command resumes a stopped sweep and retries failed points. The result does not depend
+    on where it is computed.
 
     \b
     Example:
@@ -68,8 +68,8 @@ def sweep(
         echo_json({"netcdf": str(out), "page": str(page), "computed": swept.computed,
                    "reused": swept.reused, "failed": swept.failed})  # fmt: skip
     else:
-        echo(f"{swept.computed} points computed, {swept.reused} taken from before, "
-             f"{swept.failed} without result")  # fmt: skip
+        echo(f"{swept.computed} points computed, {swept.reused} reused, {swept.failed} without "
+             f"result")  # fmt: skip
         echo(f"results: {out}")
         echo(f"page: {page}")
     click.get_current_context().exit(1 if swept.failed else 0)

@@ -21,7 +21,7 @@ from pipelines.commands.options import echo, echo_json, json_option
 
 _LIBRARIES = (
     "numpy", "scipy", "pandas", "xarray", "netCDF4", "matplotlib", "opencv-python-headless",
-    "numba", "click", "rich", "jinja2", "msgspec", "uncertainties", "openpyxl",
+    "numba", "click", "rich", "jinja2", "msgspec", "openpyxl",
     "threadpoolctl",
 )  # fmt: skip
 _ROOM_WANTED = 2_000_000_000  # bytes; a session with films writes less than this
@@ -130,8 +130,9 @@ def doctor(folder: Path, as_json: bool) -> None:
     r"""Check the installation, the disk, and the results of a session.
 
     Says which versions are installed and whether they are too old, whether another package
-    shadows one of ours, which plug-ins are used or left out, whether files can be written in FOLDER
-    and how much room there is; reads session.toml and every stored result of the session in FOLDER.
+    shadows one of ours, which plug-ins are used or left out, whether files can be written in
+    FOLDER and how much space is free; reads session.toml and every stored result of the session in
+    FOLDER.
 
     \b
     Example:

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("session", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--every", type=click.FloatRange(min=0.01), default=2.0, show_default=True,
-              help="Seconds between looks at the folder.")  # fmt: skip
+              help="Seconds between checks of the folder.")  # fmt: skip
 @click.option("--looks", type=click.IntRange(min=2), default=3, show_default=True,
-              help="Looks in a row that must find a file unchanged.")  # fmt: skip
+              help="Consecutive checks that must find a file unchanged.")  # fmt: skip
 @click.option("--until-done", is_flag=True, help="End once every experiment is processed.")
 @click.option("--jobs", "-j", default=1, show_default=True, type=click.IntRange(min=0),
               help="0 runs everything in this process.")  # fmt: skip
@@ -28,9 +28,9 @@ def watch(
 ) -> None:
     r"""Process each experiment of SESSION as soon as its files are complete; end with Ctrl-C.
 
-    The folder is looked at again and again, so it may lie on a network share. A file is complete
-    when it has not changed over some looks and its own content says so. The watch may be ended
-    and started again at any time; nothing is computed twice.
+    The folder is polled, so it may be on a network share. A file is complete when it is unchanged
+    over several checks and its content is complete. The watch may be stopped and restarted at any
+    time; nothing is computed twice.
 
     \b
     Example:

@@ -1,4 +1,4 @@
-"""The kinds of experiment: one room each, with one object :class:`Kind` that every verb asks.
+"""The kinds of experiment: one package each, described by one object :class:`Kind`.
 
 A room holds, as far as they apply, ``kind.py`` (the object ``KIND``), ``settings.py`` (what
 session.toml says), ``measured.py``, ``model.py`` and ``comparison.py`` (stages: pure functions

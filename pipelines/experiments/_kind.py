@@ -1,4 +1,4 @@
-"""What a kind of experiment is: one object that every verb asks, and that names what it needs.
+"""Description of a kind of experiment: one object that holds all that the commands need of it.
 
 Whatever computes is named as text, ``"module:function"``, and imported where it runs: a plan and
 ``--help`` import nothing numerical. Inputs are written in the language of

@@ -7,6 +7,7 @@ Another distribution declares its kind in its ``pyproject.toml``::
 """
 
 from collections.abc import Mapping
+from importlib.metadata import entry_points
 from types import MappingProxyType
 
 from labpipe.errors import InputError
@@ -22,9 +23,6 @@ from pipelines.experiments.harmonic.kind import KIND as HARMONIC
 from pipelines.experiments.plate_vibration.kind import KIND as PLATE_VIBRATION
 from pipelines.experiments.relaxation.kind import KIND as RELAXATION
 from pipelines.experiments.static_loading.kind import KIND as STATIC_LOADING
-
-GROUP = "labpipe.kinds"
-"""The entry point group."""
 
 OURS = (
     BALL_DROP, STATIC_LOADING, HARMONIC, RELAXATION, DIC_VALIDATION, CONTACT_AREA,
@@ -42,7 +40,7 @@ def gathered() -> tuple[Mapping[str, Kind], tuple[Plugin[Kind], ...]]:
     kinds = {kind.name: kind for kind in OURS}
     schemas = {schema.name: schema for kind in OURS for schema in kind.schemas}
     added = []
-    for plugin in survey(GROUP, Kind, list(kinds)):
+    for plugin in survey(entry_points(group="labpipe.kinds"), Kind, list(kinds)):
         kind = plugin.found
         if kind is not None and (problem := _problem(kind, schemas)):
             added.append(plugin.left_out(problem))

@@ -1,4 +1,4 @@
-"""The figures of the thesis by number: which there are, what each needs, who draws it.
+"""The figures of the thesis by number: titles, inputs and drawing functions.
 
 One explicit tuple, :data:`FIGURES`; a figure names its function as text, so that listing imports
 no numerical library. :mod:`pipelines.figures.make` decides what to draw and writes it,
@@ -57,10 +57,6 @@ class Figure:
         What it needs of a session; None when it is computed.
     also : tuple of Need
         What it needs beside that.
-    materials : tuple of str
-        Library materials it computes with.
-    version : int
-        Raised when the drawing changes.
     reason : str
         Why it cannot be regenerated; empty for one that this version does not draw.
     """
@@ -69,8 +65,6 @@ class Figure:
     title: str
     function: str = ""
     need: Need | None = None
-    materials: tuple[str, ...] = ()
-    version: int = 1
     reason: str = ""
     also: tuple[Need, ...] = ()
 
@@ -94,7 +88,7 @@ def _c1(name: str) -> str:
 FIGURES: tuple[Figure, ...] = (
     Figure("1.1", "Stress and strain under harmonic loading", _c1("harmonic_loading")),
     Figure("1.2", "Complex modulus with one relaxation time", _c1("one_relaxation_time")),
-    Figure("1.3", "Relaxation processes of a polymer", _c1("relaxation_processes"), version=2),
+    Figure("1.3", "Relaxation processes of a polymer", _c1("relaxation_processes")),
     Figure("1.4", "Four classes of polymers", _c1("polymer_classes")),
     Figure("1.5", "Glass transition by volume and molecules",
            f"{_HOME}.apparatus:glass_transition"),
@@ -109,21 +103,16 @@ FIGURES: tuple[Figure, ...] = (
     Figure("2.3", "Master curve of NBR", f"{_HOME}.sweeps:nbr",
            Need("dma", ("master_curve",), "nbr")),
     Figure("2.4", "Relaxation at three depths", f"{_HOME}.holds:relaxation",
-           Need("relaxation", ("loads", "ramps", "comparison"), "nbr", is_optional=True),
-           materials=("nbr",), version=3),
+           Need("relaxation", ("loads", "ramps", "comparison"), "nbr", is_optional=True)),
     Figure("2.5", "Harmonic indentation: force and loops", f"{_HOME}.oscillations:loops",
-           Need("harmonic", ("loads", "oscillations", "loops", "model", "comparison")),
-           version=2),
-    Figure("2.6", "Dissipated work and the tapping front", f"{_HOME}.chapter2:dissipation_map",
-           materials=("nbr",)),
-    Figure("2.7", "Pressure and surface of a large oscillation", f"{_HOME}.chapter2:tapping_cycle",
-           materials=("nbr",)),
+           Need("harmonic", ("loads", "oscillations", "loops", "model", "comparison"))),
+    Figure("2.6", "Dissipated work and the tapping front", f"{_HOME}.chapter2:dissipation_map"),
+    Figure("2.7", "Pressure and surface of a large oscillation", f"{_HOME}.chapter2:tapping_cycle"),
     Figure("2.8", "Dissipated work over frequency", f"{_HOME}.oscillations:dissipated_work",
-           Need("harmonic", ("oscillations", "model")), version=2),
+           Need("harmonic", ("oscillations", "model"))),
     Figure("3.1", "Ball-drop set-up", reason=_PHOTOGRAPH),
     Figure("3.2", "Heated sphere and its thermal image", reason=_PHOTOGRAPH),
-    Figure("3.3", "Reduced gap and quantities of an impact", f"{_HOME}.chapter3:reduced_gap",
-           materials=("acrylic",)),
+    Figure("3.3", "Reduced gap and quantities of an impact", f"{_HOME}.chapter3:reduced_gap"),
     Figure("3.4", "Master curve of PEEK", f"{_HOME}.sweeps:peek",
            Need("dma", ("master_curve",), "peek")),
     Figure("3.5", "Master curve of nylon", f"{_HOME}.sweeps:nylon",
@@ -133,7 +122,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure("3.7", "Master curve of PTFE", f"{_HOME}.sweeps:ptfe",
            Need("dma", ("master_curve",), "ptfe")),
     Figure("3.8", "Line of subsets on the falling holder", f"{_HOME}.subsets:falling_line",
-           Need("dic_validation", ("track", "motion", "bounces", "keys")), version=2),
+           Need("dic_validation", ("track", "motion", "bounces", "keys"))),
     Figure("3.9", "Laser against image correlation", f"{_HOME}.films:laser_and_film",
            Need("dic_validation", ("bounces", "velocity", "comparison"))),
     Figure("3.10", "Acrylic sphere from four heights", f"{_HOME}.drops:acrylic",
@@ -146,21 +135,20 @@ FIGURES: tuple[Figure, ...] = (
            Need("ball_drop", ("displacement", "bounces", "repeats"), "acrylic"),
            also=(_ACRYLIC_FILM,)),
     Figure("3.14", "Contact spots and simulated circles", f"{_HOME}.contacts:spots",
-           Need("contact_area", (*_FILM, "keys"), "acrylic"), version=3),
+           Need("contact_area", (*_FILM, "keys"), "acrylic")),
     Figure("3.15", "Contact radius of the first impacts", f"{_HOME}.films:contact_radius",
-           Need("contact_area", ("comparison", "model"), "acrylic"), version=3),
+           Need("contact_area", ("comparison", "model"), "acrylic")),
     Figure("3.16", "Heated sphere against room temperature", f"{_HOME}.contacts:heated",
-           _ACRYLIC_FILM, also=(Need("contact_area", _FILM, "acrylic", heated=True),), version=2),
+           _ACRYLIC_FILM, also=(Need("contact_area", _FILM, "acrylic", heated=True),)),
     Figure("3.17", "Sphere under stepwise load", f"{_HOME}.holds:stepwise_load",
            Need("static_loading", ("approach", "steps", "model", "comparison"), "ptfe",
-                is_optional=True), materials=("ptfe",), version=2),
+                is_optional=True)),
     Figure("A.1", "Collision model of appendix A", f"{_HOME}.appendix:collision_model",
            Need("ball_drop", ("repeats",), "acrylic", is_optional=True)),
     Figure("B.1a", "Laser on the plate", reason=_PHOTOGRAPH),
-    Figure("B.1b", "Ringing of the plate, qualitatively", f"{_HOME}.schematics:ringing_plate"),
+    Figure("B.1b", "Vibration of the plate, qualitatively", f"{_HOME}.schematics:ringing_plate"),
     Figure("B.2", "Vibration of the plate", f"{_HOME}.vibration:plate_vibration",
-           Need("plate_vibration", ("table", "plate", "comparison"), is_optional=True),
-           materials=("nylon", "acrylic", "peek", "ptfe"), version=2),
+           Need("plate_vibration", ("table", "plate", "comparison"), is_optional=True)),
     Figure("C.1", "Displacement and contact radius at four heights",
            f"{_HOME}.contacts:four_heights", Need("ball_drop", ("repeats",), "acrylic"),
            also=(_ACRYLIC_FILM,)),

@@ -145,8 +145,8 @@ def ruler_on_disc() -> Drawing:
                 f"{1e6 * size.u / size.value:.0f} parts in a million, the ruler itself more."
             ),
             difference=(
-                "printed 461 px by hand, 2.17 µm/px, 0.2 % for one px: by all lines the reading "
-                "is no longer what limits the scale."
+                "printed 461 px by hand, 2.17 µm/px, 0.2 % for one px: with all lines the "
+                "reading no longer limits the scale."
             ),
         ),
         figure,

@@ -62,7 +62,7 @@ def collision_model(inputs: Inputs | None) -> Drawing:
                 "the text gives ranges of damping and unloading multiplier, not the values per "
                 "height, so the printed curves cannot be repeated exactly. The 'yield stress of "
                 "2.0e-5 m' is a depth; taken as the update rule says, every overlap beyond 20 µm "
-                "stays, and the sphere hardly bounces: the printed agreement needs a larger one."
+                "stays, and the sphere hardly bounces: the printed agreement requires a larger one."
             ),
             **(inputs.told(laser) if inputs is not None and measured else {}),
         ),

@@ -1,4 +1,4 @@
-"""The thesis's printed numbers against ours, with a verdict each.
+"""The thesis's printed numbers compared with ours, with a verdict for each.
 
 A row agrees when ours lies within the stated distance of the printed value: half of the last
 printed digit, or what the text's "about" allows. Otherwise it carries a reason: a misprint, or

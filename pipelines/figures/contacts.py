@@ -155,7 +155,7 @@ def four_heights(inputs: Inputs) -> Drawing:
         Caption(
             "Displacement by laser and contact radius by film of an acrylic sphere, over time from "
             "first contact.",
-            computed="each film is laid on the laser's record at first contact; nothing else.",
+            computed="each film is aligned with the laser's record at first contact only.",
             difference="the thesis prints no numbers here.",
             **inputs.told(
                 "mean of the laser recordings and the radius fitted to the interference fringes; "
@@ -275,7 +275,7 @@ def heated(inputs: Inputs) -> Drawing:
             ),
             difference=(
                 "the thesis prints no radii; it says that the heated contact is larger in every "
-                "impact and at rest, and forms earlier. Numbers of ours stand above."
+                "impact and at rest, and forms earlier. Our numbers are given above."
             ),
             **inputs.told(f"the films {pair[0][0]} and {pair[1][0]}."),
         ),

@@ -1,4 +1,4 @@
-"""What all figures share: the caption, the panels, and where a legend goes."""
+"""Common parts of the figures: captions, panels, legends."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

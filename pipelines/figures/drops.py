@@ -1,4 +1,4 @@
-"""Figures 3.10 to 3.12: drops from four heights, band of the repeats against the simulation."""
+"""Figures 3.10 to 3.12: drops from four heights, band of the repeats and simulation."""
 
 from typing import Any
 

@@ -52,7 +52,7 @@ def laser_and_film(inputs: Inputs) -> Drawing:
                 f"{100 * float(made['nrmse']):.2f} %."
             ),
             difference=(
-                "the agreement is printed without a number. First contact is printed as 0.04 s "
+                "the thesis gives no number for the agreement. First contact is printed as 0.04 s "
                 "from release (37.8 ms by free fall); here time counts from first contact."
             ),
             **inputs.told(f"the film {name} and the laser recordings {drop}."),
@@ -87,7 +87,7 @@ def contact_radius(inputs: Inputs) -> Drawing:
             "Contact radius of the first impacts (left to right) at each drop height, t_p = 0 at "
             "the largest radius.",
             computed=f"simulated drops; largest radius, film minus model: {'; '.join(notes)}.",
-            difference="the agreement is printed without a number.",
+            difference="the thesis gives no number for the agreement.",
             **inputs.told("contact radius from the interference fringes of films."),
         ),
         figure,

@@ -77,10 +77,10 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
             "Force while the punch is pressed in at 1 mm/s and held, at three depths; right axis: "
             "indentation from the recorded position.",
             computed=(
-                "boundary-element simulation with the measured displacement, behind the load "
+                "boundary-element simulation with the measured displacement, after the load "
                 "cell's filter."
             ),
-            difference=f"{'; '.join(notes)}. The peak is what is left of it behind the filter.",
+            difference=f"{'; '.join(notes)}. The peak is as attenuated by the filter.",
             **inputs.told(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
         ),
         figure,

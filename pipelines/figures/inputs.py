@@ -1,4 +1,4 @@
-"""The experiments of a session that a figure shows, and the keys of the results it reads."""
+"""Inputs of a figure: the experiments of a session, and the keys of their results."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -120,7 +120,7 @@ def _fits(need: Need, name: str, experiment: Experiment) -> bool:
         return False
     if need.material is None:
         return True
-    # An experiment that names no material (a DMA sweep) is told by its own name.
+    # An experiment that names no material (a DMA sweep) is identified by its own name.
     words = material_of(experiment.settings) or name.lower()
     return need.material in re.split(r"[^a-z]+", words)
 

@@ -1,9 +1,9 @@
 """Decide which figures to draw, run what they need, draw, and write them.
 
 A figure is up to date when its key is the one in ``figures.json`` beside it and its files are as
-they were written. The key is made of the figure's id and version, the content keys of the results
-it reads, the files of the library materials it computes with, and the versions of the programs
-that draw. Nothing numerical is imported before a figure is drawn.
+they were written. The key is made of the figure's id, the content keys of the results it reads, and
+all code and data files of ours that its function can reach. Nothing numerical is imported before a
+figure is drawn.
 """
 
 import contextlib
@@ -12,16 +12,14 @@ import importlib
 import json
 import logging
 from collections.abc import Callable, Generator, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
-from importlib.metadata import version
-from importlib.resources import files as package_files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import labpipe
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
+from labpipe.workflow.code import Code
 from labpipe.workflow.session import Session
 from pipelines.figures import FIGURES, Figure
 from pipelines.figures.inputs import Inputs, matching, result_keys
@@ -32,6 +30,9 @@ if TYPE_CHECKING:
 
 RECORD = "figures.json"
 """Keys and digests of what was drawn, beside the figures."""
+
+CODE = "figures-code.json"
+"""What was found of the code behind the figures, beside them."""
 
 READY = "ready"
 UP_TO_DATE = "up to date"
@@ -107,16 +108,18 @@ class Shelf:
     folder: Path
     session: Session | None = None
     plan: "Plan | None" = None
+    code: Code = field(default_factory=Code)
 
     @classmethod
     def of(cls, folder: Path, session: Path | None) -> "Shelf":
         """Open a folder (which need not exist) and a session."""
+        code = Code(folder / CODE)
         if session is None:
-            return cls(folder)
+            return cls(folder, code=code)
         from pipelines import process
 
-        made = process.plan(session)
-        return cls(folder, made.session, made)
+        made = process.plan(session, keep=None)
+        return cls(folder, made.session, made, code)
 
     def record(self) -> dict[str, Any]:
         """Return what was drawn before; a damaged record is an empty one."""
@@ -145,7 +148,7 @@ class Shelf:
                 return State(figure, NEEDS_SESSION, f"with {wanted}")
             names += tuple(name for name in found if name not in names)
         known = record.get(figure.id, {})
-        if known.get("key") == self.key(figure, names) and self._is_intact(known):
+        if known and known["key"] == self.key(figure, names) and self._is_intact(known):
             return State(figure, UP_TO_DATE, "", names)
         return State(figure, READY, ", ".join(names), names)
 
@@ -154,17 +157,10 @@ class Shelf:
         results: dict[str, str | None] = {}
         if self.plan is not None and names:
             results = result_keys(self.plan, self.session, figure.needs)
-        # Asking for the sub-package itself would import it, and numpy with it.
-        library = package_files("labpipe") / "materials/library"
         parts = {
             "id": figure.id,
-            "version": figure.version,
+            "code": self.code.behind(figure.function, f"{__name__}:{_write.__name__}"),
             "results": results,
-            "materials": {
-                name: hashlib.sha256((library / f"{name}.toml").read_bytes()).hexdigest()
-                for name in figure.materials
-            },
-            "programs": [labpipe.__version__, version("matplotlib")],
         }
         return hashlib.sha256(files.canonical(parts).encode()).hexdigest()
 
@@ -220,6 +216,8 @@ def make(
                 outcome = Outcome(state.figure.id, state.state, state.detail)
             progress(outcome)
             outcomes.append(outcome)
+    if shelf.folder.is_dir():
+        shelf.code.save()
     return tuple(outcomes)
 
 
@@ -237,7 +235,7 @@ def _process(shelf: Shelf, ready: list[State], jobs: int) -> dict[str, str]:
     from pipelines import process
 
     experiments = sorted(set(targets.values()))
-    run = process.process(shelf.session.root, list(targets), experiments, jobs=jobs)
+    run = process.process(shelf.session.root, list(targets), experiments, jobs=jobs, keep=None)
     return {o.task.experiment: f"{o.task}: {o.message}" for o in run.failures}
 
 

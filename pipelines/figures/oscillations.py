@@ -62,13 +62,13 @@ def loops(inputs: Inputs) -> Drawing:
             f"(a) Indentation (above) and dimensionless force over time at {frequency:.2g} Hz, the "
             "transient cycles left out. (b) Mean loop of force over indentation at each "
             "frequency, f tau_0, as recorded: the lag of the load cell's filter grows with "
-            "frequency and narrows the loops; the works of figure 2.8 are free of it.",
+            "frequency and narrows the loops; the work in figure 2.8 is corrected for it.",
             computed=(
-                "simulation with the displacement of the record as input; its force runs through "
-                f"the load cell's filter. nRMSE {100 * np.nanmin(error):.2f} to "
+                "simulation with the recorded displacement as input; the load cell's filter is "
+                f"applied to its force. nRMSE {100 * np.nanmin(error):.2f} to "
                 f"{100 * np.nanmax(error):.2f} % over {error.size} frequencies."
             ),
-            difference="f tau_0 = 0.78e-10 is 0.5 Hz; the agreement is printed without a number.",
+            difference="f tau_0 = 0.78e-10 is 0.5 Hz; no number is printed for the agreement.",
             **inputs.told("force and displacement of the Mach-1 tester, force tared."),
         ),
         figure,
@@ -173,7 +173,7 @@ def dissipated_work(inputs: Inputs) -> Drawing:
             "Work dissipated in a cycle over frequency, with two standard uncertainties; "
             "dimensionless as eq. (2.40) per depth.",
             computed=(
-                "simulation with the displacement of the record, and eq. (2.31) with the fitted "
+                "simulation with the recorded displacement, and eq. (2.31) with the fitted "
                 f"amplitudes at mean indentation {abs(mean) * 1e6:.1f} µm. Simulated over "
                 f"{inputs.origin}: {100 * gap.min():+.1f} to {100 * gap.max():+.1f} %; eq. (2.31) "
                 f"over {inputs.origin}: {100 * theory_gap.min():+.1f} to "

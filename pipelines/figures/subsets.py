@@ -56,7 +56,7 @@ def _times(last: float) -> tuple[list[float], str]:
     if len(printed) == len(_PRINTED_TIMES):
         return printed, "those printed in the thesis"
     if len(printed) >= _FEW:
-        return printed, "those printed in the thesis as far as the film lasts"
+        return printed, "those printed in the thesis, up to the end of the film"
     own = np.linspace(0.0, last, len(_PRINTED_TIMES)).tolist()
     return own, "evenly spaced: the film is too short for those of the thesis"
 
@@ -96,8 +96,8 @@ def falling_line(inputs: Inputs) -> Drawing:
                 f"{turned:.2f} mrad."
             ),
             difference=(
-                "the printed line 'progressively deforms upon impact'; a holder is far too stiff "
-                "for that at these scales, and a rigid line moves as one."
+                "the printed line 'progressively deforms upon impact'; the holder is far too "
+                "stiff for that at these scales: the line moves as a rigid body."
             ),
             **inputs.told(f"the film {name}, {len(time)} frames were tracked."),
         ),

@@ -1,4 +1,4 @@
-"""Figure B.2: the ringing plate, recorded or computed."""
+"""Figure B.2: vibration of the plate, recorded or computed."""
 
 import numpy as np
 
@@ -35,7 +35,7 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
                            **look)  # fmt: skip
             letter(place, "abcd"[panel], f"$h_0$ = {height * 1e3:g} mm")
         for place in axes[-1]:
-            place.set_xlabel("time from the blow (ms)")
+            place.set_xlabel("time from impact (ms)")
         for place in axes[:, 0]:
             place.set_ylabel("plate, upwards (µm)")
         legend_above(figure, axes[0, 0])
@@ -46,10 +46,10 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
             "Displacement of the plate beside the disc after the first contact of spheres of "
             f"{', '.join(kinds)}, mean of the repeats.",
             computed=(
-                f"free ringing between the first two contacts: natural frequency "
+                f"free vibration between the first two contacts: natural frequency "
                 f"{_shown(plate, 'frequency', 'Hz')}, damping ratio "
                 f"{_shown(plate, 'damping_ratio', '1')}, modal mass {_shown(plate, 'mass', 'kg')}; "
-                f"amplitudes at the blow in µm: {_amplitudes(table, kinds)}. Measured minus "
+                f"amplitudes at impact in µm: {_amplitudes(table, kinds)}. Measured minus "
                 f"simulated drop on that plate: nRMSE at most {worst:.1f} %."
             ),
             difference=(

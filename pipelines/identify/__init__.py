@@ -1,4 +1,4 @@
-"""Identification of a material from the experiments of a session, its result and its page."""
+"""Identification of a material from the experiments of a session, with its result and its page."""
 
 from pipelines.identify._identify import Identified, Wish, identify
 from pipelines.identify._materials import material_name

@@ -159,7 +159,7 @@ def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = 
             tell(f"{material}: {names}")
             found.append(_identified(results, material, group, wish, own, tell))
     if not found:
-        message = "no experiment can tell of a material: " + "; ".join(remarks)
+        message = "no experiment can identify a material: " + "; ".join(remarks)
         raise InputError(message)
     return found
 
@@ -182,7 +182,7 @@ def _gather(results: Results, group: _Group, impacts: int) -> list[str]:
 def _evidence(experiment: Experiment) -> Derived:
     derived = KINDS[experiment.kind].evidence
     if derived is None:
-        message = f"{experiment.name} cannot tell of a material"
+        message = f"{experiment.name} cannot identify a material"
         raise UsageError(message)
     return derived
 
@@ -195,7 +195,7 @@ def _chosen(session: Session, wanted: Sequence[str]) -> list[str]:
         raise UsageError(message)
     if unable := [n for n in wanted if n not in able]:
         kinds = ", ".join(telling)
-        message = f"{', '.join(unable)} cannot tell of a material; the kinds that can are {kinds}"
+        message = f"{', '.join(unable)} cannot identify a material; the kinds that can are {kinds}"
         raise UsageError(message)
     if not able:
         message = f"the session holds no experiment of the kinds {', '.join(telling)}"
@@ -213,7 +213,7 @@ def _processed(folder: str | Path, groups: Iterable[_Group], jobs: int) -> Resul
         if group.prior is not None:
             targets += needed(session, group.prior, known_before(group.prior))
     experiments = {target.split("/")[0] for target in targets}
-    run = process(folder, targets, experiments, jobs=jobs)
+    run = process(folder, targets, experiments, jobs=jobs, keep=None)
     for outcome in run.failures:
         message = f"{outcome.task}: {outcome.message}"
         raise InputError(message)
@@ -242,7 +242,7 @@ def _identified(
     problem = Problem(spectrum, rebuilt(spectrum.rho), tuple(nuisances.values()))
     known = infer(problem, rebuilt, progress=say)
     if not known.fit.is_settled:
-        warnings.warn(f"{material}: the fit did not settle; take its intervals with care",
+        warnings.warn(f"{material}: the fit did not converge; use its intervals with care",
                       UserWarning, stacklevel=2)  # fmt: skip
     relaxed = None
     if wish.with_profile:

@@ -1,4 +1,4 @@
-"""What a session says of the material of an experiment, and what is known of it beforehand."""
+"""The material of an experiment in a session, and its prior."""
 
 from typing import Any
 

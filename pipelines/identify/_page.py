@@ -1,4 +1,4 @@
-"""The page of an identification: the answer first, then why it may be believed."""
+"""The page of an identification: results first, then their evidence."""
 
 from math import isfinite
 from typing import Literal
@@ -101,8 +101,8 @@ def statements(found: Identified) -> list[str]:
         said = ", ".join(f"{name} {100 * chance:.0f} %" for name, chance in chances.items())
         texts.append(f"structure of the spectrum: {said}")
     texts.append(
-        f"{known.n_determined} of {len(known.fit.xi)} combinations of unknowns are known better "
-        "from the data than before"
+        f"{known.n_determined} of {len(known.fit.xi)} combinations of unknowns are determined "
+        f"better by the data than by the prior"
     )
     for (experiment, group), misfit in known.fit.misfits.items():
         if misfit.relative < _NOTHING:
@@ -118,7 +118,7 @@ def statements(found: Identified) -> list[str]:
                 f"{parameter.name} lies {abs(away):.1f} standard deviations from what is stated"
             )
     if not known.fit.is_settled:
-        texts.append("the fit did not settle; take the intervals with care")
+        texts.append("the fit did not converge; use the intervals with care")
     return [*texts, *found.remarks]
 
 
@@ -182,9 +182,9 @@ def _curves(found: Identified) -> tuple[Block, ...]:
         for prefix in ("u", "prior")
     ]  # fmt: skip
     text = (
-        "Outside the two marks nothing was observed: there the curves follow the prior, and the "
-        "bands say how far a spectrum usually goes astray. Curves and bands are those of all "
-        "structures that the spectrum may have, each with its probability."
+        "Outside the two marks there are no data: the curves follow the prior, and the bands are "
+        "its width. Curves and bands are averages over the structures of the spectrum, weighted "
+        "with their probabilities."
     )
     chart = LineChart(
         "Prior against posterior", "frequency / Hz", "standard deviation of the logarithm",
@@ -204,10 +204,10 @@ def _structure(found: Identified) -> tuple[Block, ...]:
             (Column("structure of the spectrum"), Column("before the data", "%", digits=2),
              Column("after the data", "%", digits=3)),
             rows,
-            caption="Storage and loss modulus of a series with one term per decade, as most "
-            "published ones are, wave about those of a smooth spectrum by 4 % of the loss "
-            "modulus; in a rough one every term stands for itself. What the data do not tell "
-            "apart is in the bands.",
+            caption="Storage and loss modulus of a series with one term per decade, like most "
+                    "published ones, oscillate around those of a smooth spectrum by 4 % of the "
+                    "loss modulus; in a rough spectrum all terms are independent. Where the data "
+                    "do not distinguish them, the bands include the difference.",
             sortable=False,
         ),
     )  # fmt: skip
@@ -229,8 +229,8 @@ def _fits(found: Identified) -> tuple[Block, ...]:
             Column("correlation of neighbours", digits=2),
         ),
         rows,
-        caption="chi square over the stated uncertainties alone; a discrepancy is taken where it "
-        "exceeds its 99 % quantile",
+        caption="chi square with the stated uncertainties alone; a discrepancy is added where it "
+                "exceeds its 99 % quantile",
     )  # fmt: skip
     charts = [chart for b in made for chart in _fit_charts(b)]
     return table, *charts
@@ -303,8 +303,8 @@ def _rows(found: Identified) -> list[tuple[str, ...]]:
 def _table(rows: list[tuple[str, ...]]) -> Table:
     return Table(
         (
-            Column("unknown"), Column("what it is"), Column("most probable"),
-            Column("95 % after the data"), Column("95 % before"), Column("verdict"),
+            Column("unknown"), Column("meaning"), Column("most probable"),
+            Column("95 % posterior"), Column("95 % prior"), Column("verdict"),
         ),
         rows, sortable=False,
     )  # fmt: skip
@@ -318,12 +318,12 @@ def _profile(found: Identified) -> tuple[Block, ...]:
         LineChart(
             "Profile of the long-time modulus", "E_relaxed / Pa", "rise of −ln likelihood",
             (
-                Series("all others follow", values, np.minimum(found.relaxed.rise, 10.0),
+                Series("all others optimised", values, np.minimum(found.relaxed.rise, 10.0),
                        role="model"),
                 Series("95 %", values[[0, -1]], [1.92, 1.92], role="reference"),
             ),
             x_scale="log" if values[-1] > 10.0 * values[0] else "linear",
-            caption="Where the curve stays below the line the data do not object.",
+            caption="Values below the line are compatible with the data.",
         ),
     )  # fmt: skip
 
@@ -369,8 +369,8 @@ def _draws(found: Identified) -> tuple[Block, ...]:
             Column("shift over u", digits=2), Column("ratio of u", digits=3),
         ),
         rows,
-        caption="Where the ratio is far from one the normal approximation is not to be used: take "
-        "the quantiles of the draws, in the netCDF file.",
+        caption="Where the ratio is far from one, do not use the normal approximation but the "
+                "quantiles of the draws in the netCDF file.",
         sortable=False,
     )  # fmt: skip
     return Notice(kind, drawn.statement), table
@@ -386,14 +386,14 @@ def _combinations(found: Identified) -> tuple[Block, ...]:
         text = ", ".join(f"{vector[i]:+.2f} {parameters[i].name}" for i in order.tolist())
         rows.append((float(value), "yes" if value > 1.0 else "no", text))
     table = Table(
-        (Column("singular value", digits=3), Column("determined"), Column("mostly made of")),
+        (Column("singular value", digits=3), Column("determined"), Column("main components")),
         rows,
-        caption="Combinations of unknowns, in standard deviations of their prior; a singular value "
-        "says how many times better than the prior the data know one.",
+        caption="Combinations of unknowns, in standard deviations of their prior; the singular "
+        "value is the ratio of prior to data standard deviation.",
         sortable=False,
     )
     bars = Bars(
-        "Part of the prior's variance that the data took",
+        "Reduction of the prior's variance by the data",
         [
             (p.name, float(np.clip(1.0 - sd**2, 0.0, 1.0)), "")
             for p, sd in zip(parameters, known.sd.tolist(), strict=True)
@@ -407,18 +407,19 @@ def _method(found: Identified) -> tuple[Block, ...]:
     fit = found.known.fit
     starts = ", ".join(f"{c:.4g}" for c in fit.costs_from_starts)
     text = (
-        "Least squares in coordinates in which the prior is standard normal, from several starts; "
-        "costlier models (finite amplitude, a ringing plate, finer steps) correct the fast ones "
-        "until nothing changes. Intervals are Laplace's; that of the long-time modulus is its "
-        "profile likelihood. Spectra of several structures are weighed by Laplace's approximation "
-        "to their evidence; fit and unknowns are those of the most probable one. A spectrum walks "
-        "over the decades: within two standard deviations a factor of ten per decade, with a "
-        "slope that lasts two decades. Poisson's "
-        "ratio is taken as stated: only E/(1 − ν²) is observed. What relaxes after hours counts as "
+        "Least squares in coordinates in which the prior is standard normal, from several "
+        "starts; more expensive models (finite amplitude, a vibrating plate, finer steps) "
+        "correct the fast ones until convergence. Intervals follow from Laplace's approximation; "
+        "that of the long-time modulus from its profile likelihood. Spectra of several "
+        "structures are averaged with weights from Laplace's approximation to their evidence; "
+        "fit and unknowns are those of the most probable one. The prior of the spectrum is a "
+        "random walk over the decades: a factor of ten per decade is two standard deviations, "
+        "and the slope has a correlation length of two decades. Poisson's ratio is taken as "
+        "stated, since only E/(1 − ν²) is observed. Relaxation times of hours and more count as "
         "relaxed."
     )
     rows = [
-        ("cost from the starts", starts, "half the sum of squares; fits from a start end roughly"),
+        ("cost after each start", starts, "half the sum of squares; fits from a start end roughly"),
         ("cost at the end", f"{fit.cost:.4g}", ""),
         ("runs of all models", str(fit.evaluations), ""),
         ("derivatives of all models", str(fit.differentiations), ""),

@@ -1,4 +1,4 @@
-"""What an identification found, as one Dataset: for the store, for Python, for JSON."""
+"""The result of an identification as one Dataset, for the store, Python and JSON."""
 
 import json
 from typing import Any
@@ -30,11 +30,12 @@ def dataset(found: Identified) -> xr.Dataset:
     Dataset
         Over ``term``: the Prony series ``E`` [Pa], ``rho`` [s] with ``E_relaxed``, ``nu``, of the
         most probable structure. Over ``frequency``, by all structures: storage modulus and loss
-        factor with ``u_ln_``, the standard deviations of their logarithms, ``open_ln_``, what the
-        structure adds to them, those of the prior, and ``is_determined``. Over ``parameter``:
-        values with 95 % intervals, prior and verdict. Over ``structure``: its probability. Over
-        ``combination``: singular values. Over ``observation``: observed, predicted, residuals.
-        With draws of the posterior also their 95 % intervals, ``drawn_…_low`` and ``drawn_…_high``.
+        factor with ``u_ln_``, the standard deviations of their logarithms, ``open_ln_``,
+        contribution of the unknown structure to them, those of the prior, and ``is_determined``.
+        Over ``parameter``: values with 95 % intervals, prior and verdict. Over ``structure``: its
+        probability. Over ``combination``: singular values. Over ``observation``: observed,
+        predicted, residuals. With draws of the posterior also their 95 % intervals,
+        ``drawn_…_low`` and ``drawn_…_high``.
     """
     known = found.known
     solid = known.fit.problem.material(known.fit.xi)
@@ -46,30 +47,35 @@ def dataset(found: Identified) -> xr.Dataset:
         "rho": ("term", solid.rho, _text("s", "relaxation times")),
         "E_relaxed": ((), solid.E_relaxed, _text("Pa", "long-time modulus")),
         "nu": ((), solid.nu, _text("1", "Poisson's ratio, as stated")),
-        "lowest_frequency": ((), low, _text("Hz", "lowest frequency of which the data tell")),
-        "highest_frequency": ((), high, _text("Hz", "highest frequency of which the data tell")),
+        "lowest_frequency": ((), low, _text("Hz", "lowest frequency determined by the data")),
+        "highest_frequency": ((), high, _text("Hz", "highest frequency determined by the data")),
     }
     for name, values, units, text in (
         ("storage", curve.storage, "Pa", "storage modulus"),
         ("u_ln_storage", curve.u_ln_storage, "1", "standard deviation of its logarithm"),
-        ("open_ln_storage", curve.open_ln_storage, "1", "what the structure adds"),
-        ("prior_ln_storage", curve.prior_ln_storage, "1", "the same before the data"),
+        ("open_ln_storage", curve.open_ln_storage, "1", "contribution of the unknown structure"),
+        ("prior_ln_storage", curve.prior_ln_storage, "1", "the same, of the prior"),
         ("loss_factor", curve.loss_factor, "1", "loss factor"),
         ("u_ln_loss_factor", curve.u_ln_loss_factor, "1", "standard deviation of its logarithm"),
-        ("open_ln_loss_factor", curve.open_ln_loss_factor, "1", "what the structure adds"),
-        ("prior_ln_loss_factor", curve.prior_ln_loss_factor, "1", "the same before the data"),
-        ("is_determined", curve.is_determined.astype(np.int8), "1", "1 where the data tell"),
+        (
+            "open_ln_loss_factor",
+            curve.open_ln_loss_factor,
+            "1",
+            "contribution of the unknown structure",
+        ),
+        ("prior_ln_loss_factor", curve.prior_ln_loss_factor, "1", "the same, of the prior"),
+        ("is_determined", curve.is_determined.astype(np.int8), "1", "1 where determined"),
     ):
         table[name] = ("frequency", values, _text(units, text))
     table |= _parameters(found) | _observations(found) | _drawn(found, curve)
     chances = structure(found)
     table["structure_name"] = ("structure", list(chances), _text("1", "structure of the spectrum"))
     table["structure_probability"] = (
-        "structure", list(chances.values()), _text("1", "its probability after the data"),
+        "structure", list(chances.values()), _text("1", "its posterior probability"),
     )  # fmt: skip
     table["singular_value"] = (
         "combination", known.singular_values,
-        _text("1", "how many times better than the prior a combination is known"),
+        _text("1", "ratio of prior to data standard deviation of a combination"),
     )  # fmt: skip
     return xr.Dataset(
         table,
@@ -136,7 +142,7 @@ def _parameters(found: Identified) -> dict[str, Any]:
         "high": (ends[:, 2], "upper end of the 95 % interval; infinite where there is none"),
         "prior_low": ([p.value(-reach) for p in parameters], "lower end of the prior"),
         "prior_high": ([p.value(reach) for p in parameters], "upper end of the prior"),
-        "contraction": (1.0 - known.sd**2, "part of the prior's variance that the data took"),
+        "contraction": (1.0 - known.sd**2, "reduction of the prior's variance by the data"),
     }
     made: dict[str, Any] = {
         name: ("parameter", np.asarray(values, float), _text("1", f"{text}, in the unit named"))

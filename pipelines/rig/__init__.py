@@ -1,1 +1,1 @@
-"""Part of pipelines."""
+"""The virtual rig: synthetic recordings with known true values."""

@@ -1,4 +1,4 @@
-"""The thesis's campaign as the virtual rig records it: every experiment, on one and the same rig.
+"""The thesis's campaign as the virtual rig records it: every experiment on the same rig.
 
 Spheres of four polymers fall from four heights, five times each, on a plate that rings; the laser
 sees the holder, then the plate; a camera films PTFE from the front, another acrylic through the

@@ -1,4 +1,4 @@
-"""A series of ball drops as the virtual rig records them, with the truth of every one."""
+"""A series of ball drops as the virtual rig records them, with true values."""
 
 import json
 from dataclasses import asdict, dataclass

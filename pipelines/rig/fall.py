@@ -1,4 +1,4 @@
-"""What falls in the virtual laboratory, and how a drop begins: one place for all recordings."""
+"""The falling body and the start of a drop, common to all synthetic recordings."""
 
 from dataclasses import dataclass, field
 

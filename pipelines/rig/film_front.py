@@ -1,4 +1,4 @@
-"""The front camera: a speckled holder that falls and bounces, written as a .cine with its truth."""
+"""The front camera: a speckled holder that falls and bounces, written as a .cine."""
 
 import json
 from collections.abc import Iterator

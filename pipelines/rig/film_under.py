@@ -1,4 +1,4 @@
-"""The camera under the disc: interference of the true gap, written as a .cine with its truth.
+"""The camera under the disc: interference of the true gap, written as a .cine.
 
 The gap is that of the rig's own reference contact. Its springs u(x, t) are turned into the
 surface displacement of the sphere by the inverse Abel transform of the method of dimensionality

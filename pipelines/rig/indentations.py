@@ -1,4 +1,4 @@
-"""Indentations of rubber by a periodic punch as the virtual rig records them, with their truth.
+"""Indentations of rubber by a periodic punch as the virtual rig records them, with true values.
 
 One file holds the whole history of one specimen: the approach, the ramp and the hold, and then
 one Sinusoid block per frequency. The true force of the whole history comes from

@@ -1,4 +1,4 @@
-"""The laser on the plate while a sphere falls beside it, with the truth of the ringing.
+"""The laser on the plate while a sphere falls beside it, with the true vibration.
 
 The plate's motion is that of the reference drop's own floor, which is stepped with the sphere;
 the analysis fits a damped oscillation to what is left of it after the sensor.

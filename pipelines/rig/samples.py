@@ -243,7 +243,7 @@ SAMPLES: dict[str, Sample] = {
     "static": Sample("a PTFE sphere under five loads, seen by the laser", _static),
     "dma": Sample("rheometer sweeps of five materials over temperature", _dma),
     "demo": Sample("three drops of acrylic, one short harmonic indentation", _demo),
-    "plate": Sample("the plate ringing under acrylic and PTFE; a drop modelled on it", _plate),
+    "plate": Sample("vibration of the plate under acrylic and PTFE; a drop modelled on it", _plate),
     "films": Sample("PTFE by laser and front camera; acrylic filmed through the disc", _films),
     "thesis": Sample("every experiment of the thesis: the whole campaign", _thesis),
     "thesis-small": Sample(

@@ -1,4 +1,4 @@
-"""A sphere under loads that are added by hand, as the laser records it every few seconds."""
+"""A sphere under manually added loads, recorded by the laser every few seconds."""
 
 import json
 from dataclasses import dataclass, field

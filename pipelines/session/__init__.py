@@ -1,11 +1,12 @@
-"""The verbs on a session folder; each loops over the kinds of experiment and names none.
+"""The verbs on a session folder; each treats all kinds of experiment alike.
 
 What the command line does, Python does with these; each returns objects to look at. They are
 imported when they are first used, so that a plan loads nothing that it does not need.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
     from pipelines.session._catalogue import FILE as CATALOGUE
@@ -109,11 +110,5 @@ _HOMES = {
     "write_sheet": "_contact_sheet:write_sheet",
 }
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name from its module."""
-    if name in _HOMES:
-        module, _, inner = _HOMES[name].partition(":")
-        return getattr(importlib.import_module(f"{__name__}.{module}"), inner)
-    message = f"module {__name__!r} has no attribute {name!r}"
-    raise AttributeError(message)
+if not TYPE_CHECKING:
+    __getattr__ = lazily(__name__, _HOMES)

@@ -1,4 +1,4 @@
-"""Whether a file that has stopped growing is complete by its own content.
+"""Check by its content whether a file that has stopped growing is complete.
 
 A copy may pause for longer than anybody waits. Every format says in its own way how much there
 should be: a number of rows, an end mark, a table of frames; so the file is read as the analysis

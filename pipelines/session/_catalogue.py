@@ -20,7 +20,7 @@ from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
 from labpipe.units import Quantity
 from labpipe.workflow.fields import suggest
-from labpipe.workflow.plan import CACHED, Plan
+from labpipe.workflow.plan import KEPT, READY, Plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME
 from pipelines.experiments import KINDS
@@ -301,8 +301,10 @@ def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> 
     results = Results(plan)
     for experiment in session.experiments.values():
         rows = [row for row in plan.rows if row.experiment == experiment.name]
-        waiting = sum(row.state != CACHED for row in rows)
+        waiting = sum(row.state not in READY for row in rows)
+        kept = sum(row.state == KEPT for row in rows)
         state = f"{waiting} of {len(rows)} steps to do" if waiting else "done"
+        state += f", {kept} results of earlier code" if kept else ""
         entry = _Entry({"session": name, "experiment": experiment.name, "kind": experiment.kind,
                         "state": state})  # fmt: skip
         entry.add_settings((), experiment.settings)

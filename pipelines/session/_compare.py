@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from labpipe.workflow.plan import Plan
 from labpipe.workflow.session import Experiment
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.comparison_rows import Row
@@ -31,7 +32,11 @@ class Comparison:
 
 
 def compare(
-    folder: str | Path, *, jobs: int = 1, progress: "Callable[[Event], None] | None" = None
+    folder: str | Path,
+    *,
+    jobs: int = 1,
+    keep: bool | None = None,
+    progress: "Callable[[Event], None] | None" = None,
 ) -> Comparison:
     """Compare measurement and model of every experiment; what is missing is processed first.
 
@@ -41,6 +46,8 @@ def compare(
         The session folder.
     jobs : int
         Experiments processed side by side.
+    keep : bool or None
+        Take results of earlier code as they are; by default those that an earlier run took.
     progress : callable, optional
         Called with every event of the processing.
 
@@ -62,7 +69,7 @@ def compare(
     failed: dict[str, str] = {}
     if wanted:
         names = {target.split("/")[0] for target in wanted}
-        run = process(folder, wanted, names, jobs=jobs, progress=progress)
+        run = process(folder, wanted, names, jobs=jobs, keep=keep, progress=progress)
         for outcome in run.failures:
             failed.setdefault(outcome.task.experiment, f"{outcome.task}: {outcome.message}")
     results = opened(folder)
@@ -75,10 +82,17 @@ def compare(
             absent[name] = f"the kind {experiment.kind} holds no comparison with a model"
             continue
         found = [labelled(row, experiment) for row in derive(results, experiment, able[name])]
-        rows += found
+        kept = _kept(results.plan, name)
+        rows += [replace(row, kept=kept) for row in found]
         if not found:
-            absent[name] = "no model belongs to it: session.toml names nothing to simulate"
+            absent[name] = "it has no model: session.toml names nothing to simulate"
     return Comparison(tuple(rows), failed, absent)
+
+
+def _kept(plan: Plan, experiment: str) -> tuple[str, ...]:
+    """Name the results of earlier code behind those of an experiment."""
+    wanted = [name for name in plan.tasks if name.experiment == experiment]
+    return tuple(dict.fromkeys(f"{n.experiment}/{n.stage}" for n in plan.kept(*wanted)))
 
 
 def labelled(row: Row, experiment: Experiment) -> Row:

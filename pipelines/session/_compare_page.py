@@ -68,6 +68,10 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
         )  # fmt: skip
     blocks: list[Block] = [KeyValues(rows)] if rows else []
     blocks += [Notice("error", f"{name}: {why}") for name, why in found.failed.items()]
+    kept = {row.experiment: row.kept for row in found.rows if row.kept}
+    for name, stages in kept.items():
+        text = f"{name}: of results that earlier code made and that were kept: {', '.join(stages)}"
+        blocks.append(Notice("warning", text))
     for why in dict.fromkeys(found.absent.values()):
         names = ", ".join(name for name, text in found.absent.items() if text == why)
         blocks.append(Notice("info", f"{names}: {why}"))
@@ -94,7 +98,8 @@ def _curves(rows: Sequence[Row]) -> tuple[Block, ...]:
         )  # fmt: skip
     text = (
         "Root mean square of measured minus model over the range of the measurement, and its mean. "
-        "The bias carries an uncertainty where the calibration's scale is part of it; n counts "
+        "The bias has an uncertainty where the scale of the calibration contributes to it; n "
+        "counts "
         "repeats, or the points of a single curve."
     )
     bars = Bars(
@@ -120,9 +125,10 @@ def _events(rows: Sequence[Row]) -> tuple[Block, ...]:
             (r.experiment, _of(r), _what(r), r.n, *_scaled(values, shown), shown.text, r.deviation)
         )
     text = (
-        "Single values with standard uncertainties. The model's holds height, radius, mass and "
-        "plate, not the material: a difference of many u says that one of the stated inputs, or "
-        "the material, is wrong. The last column is the difference in units of its uncertainty."
+        "Single values with standard uncertainties. The uncertainty of the model includes "
+        "height, radius, mass and plate, not the material: a difference of many u means that one "
+        "of the stated inputs, or the material, is wrong. The last column is the difference in "
+        "units of its uncertainty."
     )
     return Paragraph(text), Table(columns, body)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from labpipe import files
 from labpipe.errors import InputError, SourceError, UsageError
 from labpipe.workflow import session as sessions
-from labpipe.workflow.plan import CACHED
+from labpipe.workflow.plan import READY
 from labpipe.workflow.plan import plan as make_plan
 from labpipe.workflow.results import Results
 
@@ -116,8 +116,8 @@ def export_results(
         and (not steps or row.stage in steps)
         and (not names or row.experiment in names)
     ]
-    left_out = tuple(f"{row.task}: {row.reason}" for row in rows if row.state != CACHED)
-    ready = [row for row in rows if row.state == CACHED]
+    left_out = tuple(f"{row.task}: {row.reason}" for row in rows if row.state not in READY)
+    ready = [row for row in rows if row.state in READY]
     if not ready:
         message = (
             f"{plan.session.root}: none of {len(rows)} wanted results is there and up to date; "
@@ -241,7 +241,7 @@ def export(
     ours = session.folder / FOLDER
     target = Target(Path(out) if out else ours, format, replace or out is None)
     names, experiments = tuple(stages), tuple(only or ())
-    made = make_plan(session, STAGES, names or None, experiments or None)
+    made = make_plan(session, STAGES, names or None, experiments or None, keep=None)
     return export_results(Results(made), names, experiments, target)
 
 

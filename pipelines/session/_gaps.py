@@ -1,4 +1,4 @@
-"""What no file tells: the gaps that a scan leaves in a text, as questions with checked answers."""
+"""Questions for what the files do not contain: the gaps of a proposed session.toml."""
 
 import re
 from collections.abc import Callable, Iterator

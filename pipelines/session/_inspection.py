@@ -1,4 +1,4 @@
-"""What a single file is, what it holds, and what is wrong with it, as plain values.
+"""Inspection of a single file: its type, content and problems, as plain values.
 
 Readings of every instrument, films, calibration records, session.toml, results and pictures.
 """

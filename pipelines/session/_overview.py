@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe import files
-from labpipe.workflow.plan import CACHED, Plan, make_plan, page_name
+from labpipe.workflow.code import Identity
+from labpipe.workflow.plan import KEPT, READY, Plan, make_plan, page_name
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store
@@ -23,15 +24,13 @@ PAGE = "index.html"
 """Below ``SESSION/labpipe``; an experiment cannot have a page of that name there."""
 COMPARISON_PAGE = "compare.html"
 """Beside it, once ``labpipe compare`` has written it."""
-_FORMAT = 4
-"""Raised when the page's content changes for equal results."""
 
 
 _REPORT, _DONE = "report", "done"
 _FEW_KINDS = 3  # that share one table
 _CAPTION = (
-    "Select a heading to sort. The error is the root mean square of measurement minus model (of "
-    "film minus laser) over the range of the measurement, that of the worst repeat, impact or "
+    "Select a heading to sort. The error is the root mean square of measurement minus model (or "
+    "film minus laser) over the range of the measurement, for the worst repeat, impact or "
     "frequency."
 )
 _COMPARISON = "comparison"
@@ -54,15 +53,17 @@ def write_overview(session: Session, stages: Stages) -> Path:
         ``SESSION/labpipe/index.html``.
     """
     tasks = spell_out(session, stages)
-    plan = make_plan(session, tasks, frozenset(tasks), Store(session.folder))
+    store = Store(session.folder)
+    plan = make_plan(session, tasks, frozenset(tasks), store, keep=None)
     path = session.folder / PAGE
-    mark = f"<!-- {_state_digest(plan)} -->\n"
+    code = store.code.behind(f"{__name__}:{_page.__name__}")
+    mark = f"<!-- {_state_digest(plan, code)} -->\n"
     if not (path.is_file() and path.read_text("utf-8").endswith(mark)):
         files.write_text(path, _page(Results(plan)) + mark)
     return path
 
 
-def _state_digest(plan: Plan) -> str:
+def _state_digest(plan: Plan, code: Identity) -> str:
     """Digest of all that the page depends on."""
     session = plan.session
     rows = [
@@ -71,7 +72,7 @@ def _state_digest(plan: Plan) -> str:
         for row in plan.rows
     ]  # fmt: skip
     has_comparison = (session.folder / COMPARISON_PAGE).is_file()
-    head = [_FORMAT, session.title, session.operator, session.notes, session.synthetic,
+    head = [code, session.title, session.operator, session.notes, session.synthetic,
             has_comparison]  # fmt: skip
     return hashlib.sha256(files.canonical([head, rows]).encode("utf-8", "replace")).hexdigest()
 
@@ -90,7 +91,9 @@ def _page(results: Results) -> str:
         caption = ""  # once is enough
     if below := _below(session):
         sections.append(Section("Session", below))
-    about = [f"{states.count(_DONE)} of {len(states)} experiments done"]
+    about = [
+        f"{sum(state.startswith(_DONE) for state in states)} of {len(states)} experiments done"
+    ]
     if session.operator:
         about.insert(0, f"recorded by {session.operator}")
     return Document(
@@ -192,7 +195,8 @@ def _row(results: Results, name: str, cells: Sequence[Any]) -> "IndexRow":
     plan = results.plan
     rows = [row for row in plan.rows if row.experiment == name]
     has_page = (plan.session.folder / page_name(name)).is_file()
-    waiting = [row for row in rows if row.state != CACHED]
+    waiting = [row for row in rows if row.state not in READY]
+    kept = [row for row in rows if row.state == KEPT]
     kind = plan.session.experiments[name].kind.replace("_", " ")
     unreadable = next((plan.keys[r.task].problem for r in rows if plan.keys[r.task].problem), "")
     state, level = _DONE, "ok"
@@ -204,6 +208,8 @@ def _row(results: Results, name: str, cells: Sequence[Any]) -> "IndexRow":
         state, level = f"{len(waiting)} of {len(rows)} steps to do or failed", "error"
     elif waiting:
         state, level = "not processed", "info"
+    elif kept:
+        state, level = f"{_DONE}, {len(kept)} results of earlier code", "warning"
     return IndexRow(
         name, state, level,  # type: ignore[arg-type]
         href=page_name(name) if has_page else "",

@@ -24,6 +24,7 @@ def plan(
     only: Iterable[str] | None = None,
     *,
     full: bool = False,
+    keep: bool | None = False,
 ) -> Plan:
     """Say what :func:`process` would run, and why; nothing numerical is imported.
 
@@ -35,8 +36,10 @@ def plan(
         Stages and experiments that are wanted; all by default.
     full : bool
         Plan for a run without shortcuts.
+    keep : bool or None
+        Take results of earlier code as they are; with None, those that an earlier run took.
     """
-    return make_plan(reopen_session(folder), STAGES, targets, only, full=full)
+    return make_plan(reopen_session(folder), STAGES, targets, only, full=full, keep=keep)
 
 
 def process(
@@ -47,6 +50,7 @@ def process(
     jobs: int = 1,
     cluster: str | None = None,
     full: bool = False,
+    keep: bool | None = False,
     fail_fast: bool = False,
     progress: "Callable[[Event], None] | None" = None,
 ) -> "RunResult":
@@ -65,6 +69,9 @@ def process(
         session must lie under the same path for all of them.
     full : bool
         Without the shortcuts that skip what a scene does not need.
+    keep : bool or None
+        Take results of earlier code as they are where nothing else has changed, and say so on
+        every page; with None, those that an earlier run took. By default all is made again.
     fail_fast : bool
         Stop at the first failure instead of going on with the other experiments.
     progress : callable, optional
@@ -78,7 +85,7 @@ def process(
     """
     ((_, done),) = process_all(
         [folder], targets, only, jobs=jobs, cluster=cluster,
-        full=full, fail_fast=fail_fast, progress=progress,
+        full=full, keep=keep, fail_fast=fail_fast, progress=progress,
     )  # fmt: skip
     if isinstance(done, LabpipeError):
         raise done
@@ -93,6 +100,7 @@ def process_all(
     jobs: int = 1,
     cluster: str | None = None,
     full: bool = False,
+    keep: bool | None = False,
     fail_fast: bool = False,
     progress: "Callable[[Event], None] | None" = None,
 ) -> "Generator[tuple[Path, RunResult | LabpipeError]]":
@@ -102,7 +110,7 @@ def process_all(
     ----------
     folders : iterable of path-like
         Session folders; each is opened when there is room for its experiments.
-    targets, only, jobs, cluster, full, fail_fast, progress
+    targets, only, jobs, cluster, full, keep, fail_fast, progress
         See :func:`process`.
 
     Yields
@@ -130,7 +138,7 @@ def process_all(
 
     for session, done in run_all(
         opened(), STAGES, jobs=jobs, cluster=cluster, targets=targets, only=only,
-        fail_fast=fail_fast, full=full, schemas=SCHEMAS, progress=progress,
+        fail_fast=fail_fast, full=full, keep=keep, schemas=SCHEMAS, progress=progress,
     ):  # fmt: skip
         if not isinstance(done, LabpipeError):
             write_overview(session, STAGES)

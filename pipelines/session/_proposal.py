@@ -1,9 +1,9 @@
 """From a folder of instrument files to a first session.toml, commented, with gaps to fill in.
 
-Instruments are told by content. Every kind of experiment is offered the files of the instruments
-that it knows; those of other distributions first, then ours from the special to the general. What
-no file tells is asked for, or written as a gap; the session is refused, line by line, until it is
-filled. A calibration record that is missing is proposed as a file of its own.
+Instruments are recognised by content. Every kind of experiment is offered the files of the
+instruments that it knows; those of other distributions first, then ours from the special to the
+general. What no file tells is asked for, or written as a gap; the session is refused, line by
+line, until it is filled. A calibration record that is missing is proposed as a file of its own.
 """
 
 from collections.abc import Callable, Iterator
@@ -128,11 +128,11 @@ def recognise(folder: Path) -> Found:
 
 
 _UNTOLD: dict[instruments.Content, str] = {
-    "displacement": "no kind of experiment is told by it alone; add it by hand",
+    "displacement": "the kind of experiment does not follow from it alone; add it by hand",
     "force": "it holds neither an oscillation nor a relaxation; add it by hand",
-    "film": "no kind of experiment is told by it alone; add it by hand",
+    "film": "the kind of experiment does not follow from it alone; add it by hand",
     "sweep": "it holds no moduli over frequency and temperature; add it by hand",
-    "displacement_field": "no kind of experiment begins from it",
+    "displacement_field": "no kind of experiment uses it",
 }
 
 
@@ -145,13 +145,15 @@ def _nothing_proposed(found: Found) -> str:
     """Say what was found and why no experiment begins from it; or that nothing is known."""
     folder = found.folder
     of_reason: dict[tuple[str, str], list[str]] = {}
-    for name, why in found.owners.items():
-        of_reason.setdefault(why, []).append(name)
+    wholes: dict[Path, str] = {}  # folders that are one recording, such as a film in images
     for place in [folder, *sorted(p for p in folder.rglob("*") if p.is_dir())]:
         if (whole := _instrument(place)) is not None:
             each = instruments.by_name(whole)
-            name = place.relative_to(folder).as_posix()
-            of_reason.setdefault((each.title, _why_not(each)), []).append(name)
+            wholes[place] = each.title
+            of_reason.setdefault((each.title, _why_not(each)), []).append(f"{place.name}/")
+    for name, why in found.owners.items():
+        if wholes.get((folder / name).parent) != why[0]:
+            of_reason.setdefault(why, []).append(name)
     if not of_reason:
         known = ", ".join(each.name for each in instruments.known())
         return (

@@ -1,11 +1,11 @@
-"""What a processed session holds: one result, all of an experiment, or what a kind derives."""
+"""Results of a processed session: one, all of an experiment, or values derived from them."""
 
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import InputError
-from labpipe.workflow.plan import CACHED
+from labpipe.workflow.plan import READY
 from labpipe.workflow.plan import plan as make_plan
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import Experiment, Session
@@ -27,7 +27,7 @@ def opened(folder: str | Path, only: Iterable[str] | None = None) -> Results:
     only : iterable of str, optional
         Experiments whose results are wanted; all by default.
     """
-    return Results(make_plan(reopen_session(folder), STAGES, only=only))
+    return Results(make_plan(reopen_session(folder), STAGES, only=only, keep=None))
 
 
 def needed(session: Session, experiment: Experiment, derived: Derived) -> list[str]:
@@ -95,7 +95,7 @@ def results(folder: str | Path, experiment: str) -> "xr.DataTree":
     known = opened(folder, [experiment])
     found: dict[str, xr.Dataset] = {}
     for row in known.plan.rows:
-        is_wanted = row.experiment == experiment and row.state == CACHED
+        is_wanted = row.experiment == experiment and row.state in READY
         if is_wanted and known.plan.tasks[row.task].stage.output == "dataset":
             node = f"/{row.stage}"
             if row.recording is not None:

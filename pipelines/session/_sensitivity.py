@@ -1,4 +1,4 @@
-"""Which input limits each of the main reported quantities, by budgets that are checked.
+"""The input that limits each of the main quantities, from budgets checked by Monte Carlo.
 
 The quantities are formulas of their inputs (:attr:`pipelines.experiments.Kind.budget`), propagated
 linearly, by Monte Carlo and by Sobol indices (:mod:`labpipe.uncertainty`).
@@ -81,7 +81,7 @@ def examine(folder: str | Path, wanted: str | None = None) -> list[Examined]:
         )
         raise UsageError(message)
     targets = [target for e in chosen for target in needed(session, e, budgets[e.kind])]
-    run = process(folder, targets, {target.split("/")[0] for target in targets})
+    run = process(folder, targets, {target.split("/")[0] for target in targets}, keep=None)
     for outcome in run.failures:
         message = f"{outcome.task}: {outcome.message}"
         raise InputError(message)

@@ -1,4 +1,4 @@
-"""The page of budgets and sensitivities of one kind of experiment; its blocks fit other pages."""
+"""The page of budgets and sensitivities of one kind of experiment."""
 
 from collections.abc import Sequence
 from math import isinf
@@ -112,8 +112,8 @@ def agreement(found: Sequence[Examined]) -> str:
         )
     names = ", ".join(f"{e.experiment}, {e.quantity.name} ({100 * gaps[e]:.0f} %)" for e in apart)
     return (
-        "Linear shares of the variance and Sobol's total indices differ where the result bends "
-        f"within the uncertainty of an input: {names}. Sobol's hold there."
+        "Linear shares of the variance and Sobol's total indices differ where the result is "
+        f"nonlinear within the uncertainty of an input: {names}. Use Sobol's there."
     )
 
 
@@ -137,7 +137,7 @@ def answers(found: Sequence[Examined]) -> tuple[Block, ...]:
     table = Table(
         (
             Column("quantity"), Column("results"), Column("expanded uncertainty, 95 %"),
-            Column("what limits it, mean share of the variance"), Column("to halve it"),
+            Column("limiting inputs, mean share of the variance"), Column("to halve it"),
         ),
         rows, sortable=False,
         caption="Shares are Sobol's total indices, averaged over the results.",

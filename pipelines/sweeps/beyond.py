@@ -85,7 +85,6 @@ def amplitude(point: Mapping[str, Value]) -> Outputs:
 BEYOND = {
     "adhesion": Simulator(
         adhesion,
-        1,
         {
             **RUBBER,
             "radius": Parameter("m", 9.525e-3, "of the sphere"),
@@ -103,7 +102,6 @@ BEYOND = {
     ),
     "heating": Simulator(
         heating,
-        1,
         {
             **FALL,
             "duration": Parameter("s", 0.5, "from the release"),
@@ -121,10 +119,9 @@ BEYOND = {
     ),
     "amplitude": Simulator(
         amplitude,
-        1,
         {
             **OSCILLATION,
-            "critical_strain": Parameter("1", 0.01, "shear strain of half the drop"),
+            "critical_strain": Parameter("1", 0.01, "shear strain at half of the decrease"),
             "storage_floor": Parameter("1", 0.5, "storage modulus left at large strain"),
             "loss_peak": Parameter("1", 1.0, "loss modulus at the critical strain"),
             "loss_floor": Parameter("1", 1.0, "loss modulus left at large strain"),
@@ -136,7 +133,7 @@ BEYOND = {
             "loss_stiffness": ("N/m", "Loss stiffness"),
             "phase": ("rad", "Phase lead of the force"),
             "work_per_cycle": ("J", "Work dissipated in a cycle"),
-            "lifts_off": ("1", "1 where the punch lifts off: the theory ends there"),
+            "lifts_off": ("1", "1 where the punch loses contact: the theory is not valid there"),
         },
     ),
 }

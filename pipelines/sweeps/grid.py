@@ -1,4 +1,4 @@
-"""Which points a sweep has: the product of its axes, times random draws of what is uncertain."""
+"""The points of a sweep: the product of its axes, times random draws of uncertain inputs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -173,9 +173,9 @@ def design(
             values[name] = found
     if bool(spread) != bool(draws):
         message = (
-            f"{', '.join(spread)} has an uncertainty: say how many draws"
+            f"{', '.join(spread)} has an uncertainty: give the number of draws"
             if spread
-            else 'draws of what? give a fixed parameter an uncertainty, "9.525 ± 0.005 mm"'
+            else 'nothing to draw: give a fixed parameter an uncertainty, "9.525 ± 0.005 mm"'
         )
         raise UsageError(message)
     made = Design(simulator, tuple(axes), values, _draw(spread, draws, seed))

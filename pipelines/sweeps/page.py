@@ -1,4 +1,4 @@
-"""The page of a sweep: what was swept, a map or a curve of every output, what failed."""
+"""The page of a sweep: its parameters, a map or a curve of every output, failed points."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -80,7 +80,7 @@ def _summary(plan: Design, swept: Swept) -> tuple[Block, ...]:
             rows.append((name, _text(value, known[name].unit), known[name].text))
     blocks: list[Block] = [KeyValues(rows)]
     if swept.failed:
-        text = f"{swept.failed} points have no result; run the sweep again to try them anew."
+        text = f"{swept.failed} points have no result; run the sweep again to retry them."
         blocks.append(Notice("warning", text))
     blocks.append(Paragraph(f"The numbers stand in {swept.path.name}, in SI units."))
     return tuple(blocks)
@@ -92,7 +92,7 @@ def _text(value: Value, unit: str, digits: int = 6) -> str:
 
 
 def _output(dataset: "xr.Dataset", name: str) -> tuple[Block, ...]:
-    """One output over the swept numbers; names are told apart, further numbers held fixed."""
+    """One output over the swept numbers; one curve per name, further numbers held fixed."""
     values, remark = dataset[name], ""
     numbers = [d for d in values.dims if d != DRAW and values[d].dtype.kind == "f"]
     for dim in numbers[2:]:

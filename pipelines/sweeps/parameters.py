@@ -1,4 +1,4 @@
-"""What a simulator is to a sweep: a function of named parameters, plain values in SI."""
+"""Simulators as functions of named parameters with plain values in SI."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -25,10 +25,9 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Simulator:
-    """A function of parameters, its version, and the units of what it returns."""
+    """A function, its parameters, and the units of what it returns."""
 
     run: Callable[[Mapping[str, Value]], Outputs]
-    version: int
     parameters: dict[str, Parameter]
     outputs: dict[str, tuple[str, str]]
 
@@ -45,8 +44,8 @@ FALL = {
     "material": Parameter("", "acrylic", _LIBRARY),
     **_MATERIAL,
     "radius": Parameter("m", 9.525e-3, "of the sphere"),
-    "mass": Parameter("kg", 0.505, "all that moves"),
-    "height": Parameter("m", 1.5e-3, "fall to touch"),
+    "mass": Parameter("kg", 0.505, "total moving mass"),
+    "height": Parameter("m", 1.5e-3, "drop height, from release to first touch"),
     "gravity": Parameter("m/s2", 9.81, "of the place"),
 }
 """A sphere that falls."""

@@ -1,9 +1,10 @@
-"""Run a sweep: what is done is kept block by block, so that a sweep that stopped goes on."""
+"""Run a sweep block by block, so that a stopped sweep can resume."""
 
 import hashlib
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
+from labpipe.workflow.code import Code
 from labpipe.workflow.engines import Died, Engine, Serial, side_by_side
 from pipelines.simulator_inputs import material
 from pipelines.sweeps.grid import DRAW, Design
@@ -32,7 +34,6 @@ MOST_BLOCKS = 4000
 """Larger sweeps have larger blocks: each is a file, flushed to the disk while workers wait."""
 COMPUTE = f"{__name__}:compute"
 _IMPORTS = ("numpy", "xarray", "labpipe.contact", "pipelines.sweeps.simulators")
-_FORMAT = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,6 +229,13 @@ def _content(name: str) -> str:
     return hashlib.sha256(files.canonical(numbers).encode()).hexdigest()
 
 
+@cache
+def code_of(simulator: str) -> str:
+    """Return a digest of all code that a simulator can reach."""
+    function = SIMULATORS[simulator].run
+    return Code().behind(f"{function.__module__}:{function.__name__}").digest
+
+
 def _key(simulator: str, block: Block, contents: dict[str, str]) -> str:
     points = []
     for point in block:
@@ -235,7 +243,7 @@ def _key(simulator: str, block: Block, contents: dict[str, str]) -> str:
         if name not in contents:
             contents[name] = _content(name)
         points.append({**point, "material": contents[name]})
-    content = [_FORMAT, simulator, SIMULATORS[simulator].version, points]
+    content = [code_of(simulator), points]
     return hashlib.sha256(files.canonical(content).encode()).hexdigest()
 
 
@@ -278,7 +286,7 @@ def _dataset(
         coordinates[name] = (DRAW, np.array(draws), labels)
     attributes: dict[str, Any] = {
         "simulator": plan.simulator,
-        "simulator_version": simulator.version,
+        "simulator_code": code_of(plan.simulator),
         "fixed": files.canonical(plan.fixed),
         "origin": "simulated",
     }

@@ -1,4 +1,4 @@
-"""What can be swept: a parameter set in, a few numbers out.
+"""Simulators for sweeps: a set of parameters in, a few numbers out.
 
 Each takes plain values in SI and returns plain floats, so that a point means the same in this
 process, in another one, and on another machine.
@@ -79,7 +79,6 @@ def indent(point: Mapping[str, Value]) -> Outputs:
 SIMULATORS = {
     "drop": Simulator(
         drop,
-        1,
         {
             **FALL,
             "after_touch": Parameter("s", 20e-3, "simulated after the fall"),
@@ -98,7 +97,6 @@ SIMULATORS = {
     ),
     "indent": Simulator(
         indent,
-        1,
         {
             **OSCILLATION,
             "cycles": Parameter("1", 5.0, "whole cycles; the last one is evaluated"),

@@ -32,8 +32,10 @@ GROUND = {
     "numbers",
     "binary",
     "compilation",
+    "lazy",
     "uncertainty",
     "plugins",
+    "installation",
 }
 BELOW = {
     "signals": set(),

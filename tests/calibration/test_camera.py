@@ -147,6 +147,7 @@ def test_graduations_are_measured_to_a_hundredth_of_a_pixel(pitch: float, tilt: 
     assert found.pitch.u < 0.01
 
 
+@pytest.mark.slow
 def test_the_stated_uncertainty_of_the_pitch_covers_the_truth() -> None:
     inside = 0
     for seed in range(40):

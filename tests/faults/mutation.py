@@ -203,7 +203,7 @@ def sample(count: int, seed: int = SEED) -> list[tuple[Mutant, str]]:
     """Draw mutants of the whole core, every one as likely as any other."""
     every = []
     for folder in CORE:
-        for path in sorted(Path(folder).glob("*.py")):
+        for path in sorted(Path(folder).rglob("*.py")):
             source = path.read_text()
             every += [(mutant, source) for mutant in mutants(path.as_posix(), source)]
     return random.Random(seed).sample(every, count)

@@ -38,7 +38,7 @@ WRITERS: dict[str, Callable[[Path, float], None]] = {
 }
 
 
-@pytest.mark.parametrize("kind", WRITERS)
+@pytest.mark.parametrize("kind", by_day(WRITERS, 2))
 def test_a_file_is_the_old_or_the_new_one_at_every_moment(tmp_path: Path, kind: str) -> None:
     write = WRITERS[kind]
     path = tmp_path / "there" / "file"
@@ -103,7 +103,7 @@ PROGRAMS = {"process": run_toys, "watch": watch_toys}
 
 
 @pytest.mark.usefixtures("laboratory")
-@pytest.mark.parametrize("program", PROGRAMS)
+@pytest.mark.parametrize("program", by_day(PROGRAMS, 1))
 def test_a_run_killed_before_any_operation_is_finished_by_the_next(
     tmp_path: Path, program: str, amount: Amount
 ) -> None:

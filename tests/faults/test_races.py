@@ -12,8 +12,7 @@ import pytest
 import xarray as xr
 
 from labpipe.workflow import provenance, runner
-from labpipe.workflow.store import Store
-from labpipe.workflow.tasks import key_of
+from labpipe.workflow.store import Store, key_of
 from tests.faults.crashes import at_once
 from tests.labpipe.workflow import toy_laboratory as toy
 
@@ -54,6 +53,7 @@ def test_two_runs_of_one_session_make_every_result_once(tmp_path: Path, amount: 
         shutil.rmtree(session.root)
 
 
+@pytest.mark.slow
 def test_eight_writers_and_readers_of_one_key_never_see_a_torn_result(
     tmp_path: Path, amount: Amount
 ) -> None:

@@ -1,6 +1,7 @@
 """A controller in a thread: both protocols, and everything that can go wrong on a network."""
 
 import contextlib
+import random
 import socket
 import struct
 import threading
@@ -14,7 +15,8 @@ class Emulator:
     """Answers with ``values(n)`` for its n-th reading, unless ``faults[n]`` says otherwise.
 
     Faults: ``close`` (hangs up), ``short`` (half an answer, then hangs up), ``silent`` (no answer),
-    ``late`` (after ``delay``), ``pieces`` (byte by byte), ``garbage``, ``error`` (ER,M0,022),
+    ``late`` (after ``delay``), ``pieces`` (byte by byte), ``slow`` (so, each after ``delay``),
+    ``garbage``, ``random`` and ``http`` (as many bytes as an answer has), ``error`` (ER,M0,022),
     ``long`` (too many bytes).
     """
 
@@ -71,9 +73,14 @@ class Emulator:
         if fault in ("garbage", "error", "long"):
             reply = {"garbage": b"?!\r\n" if self.protocol == "dl-en1" else bytes(120),
                      "error": b"ER,M0,022\r\n", "long": b"x" * 2000}[fault]  # fmt: skip
-        if fault == "pieces":
+        if fault == "random":
+            reply = random.Random(number).randbytes(len(reply))
+        if fault == "http":
+            reply = (b"HTTP/1.1 400 Bad Request\r\nContent-Type: text/html\r\n" * 9)[: len(reply)]
+        if fault in ("pieces", "slow"):
             for byte in reply:
                 peer.sendall(bytes([byte]))
+                time.sleep(self.delay if fault == "slow" else 0.0)
         else:
             peer.sendall(reply)
         return True

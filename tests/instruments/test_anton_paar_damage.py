@@ -373,3 +373,30 @@ def test_a_spreadsheet_error_in_a_cell_is_refused(tmp_path):
     broken = sheet.replace('t="n"><v>11</v>', 't="e"><v>#REF!</v>', 1)
     found, _ = outcome(tmp_path, repacked({SHEET: broken.encode()}))
     assert "#REF!" in str(found)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda row: row.rsplit("\t", 1)[0],  # the status is gone
+        lambda row: row.rsplit("\t", 1)[0][:-3],  # and digits of the number before it
+        lambda row: "\t".join(row.split("\t")[:3] + row.split("\t")[4:-1]) + "\t",  # moved left
+    ],
+)
+def test_a_row_that_lost_a_cell_is_invalid_with_its_line(tmp_path, damage):
+    found, said = outcome(tmp_path, utf16(TEXT.replace(SECOND, damage(SECOND), 1)))
+    assert said == [
+        f"{tmp_path / 'export.csv'}: line 12: 1 of 3 rows lost cells at their end; which ones is "
+        "not known, so the points are marked invalid"
+    ]
+    assert np.flatnonzero(found.is_valid.values == 0).tolist() == [1]
+    for name in ("frequency", "storage_modulus", "loss_modulus", "temperature"):
+        assert np.flatnonzero(np.isnan(found[name].values)).tolist() == [1]
+
+
+def test_a_table_whose_rows_all_lack_an_empty_status_is_whole(tmp_path):
+    """As an editor leaves it that takes off empty cells at the ends of lines."""
+    text = re.sub(r"\t(TruStrain™|ME-,taD)(?=\r\n)", "", TEXT)
+    found, said = outcome(tmp_path, utf16(text))
+    assert said == []
+    assert found.is_valid.values.all()

@@ -65,7 +65,12 @@ def test_an_answer_that_comes_byte_by_byte_is_put_together(protocol: str) -> Non
         (LK_G5000, "short", "closed the connection after 58 bytes"),
         (LK_G5000, "garbage", "found an answer of 120 bytes, expected 116"),
         (LK_G5000, "long", "bytes, expected 116|bytes without an end"),
+        (LK_G5000, "random", "in which no readings are\n  Something else may answer"),
+        (LK_G5000, "http", r"found the answer b'HTTP/1.1 400'…, in which no readings are"),
         (LK_G5000, "silent", "no whole answer within 0.2 s"),
+        (LK_G5000, "slow", "no whole answer within 0.2 s"),
+        (DL_EN1, "http", "found the answer|bytes without an end|no whole answer"),
+        (DL_EN1, "slow", "no whole answer within 0.2 s"),
         (DL_EN1, "close", "closed the connection"),
         (DL_EN1, "short", "closed the connection"),
         (DL_EN1, "garbage", 'found the answer "\\?!", expected for example "M0,\\+000012345"'),
@@ -81,8 +86,31 @@ def test_every_fault_is_an_error_that_names_the_controller(
         with pytest.raises(SourceError, match=words) as caught:
             ask(made, timeout=0.2)
         assert caught.value.path == f"127.0.0.1:{made.port}"
-        expected = SourceError if fault == "silent" else ProtocolError
-        assert type(caught.value) is expected
+        is_late = "no whole answer" in str(caught.value)
+        assert type(caught.value) is (SourceError if is_late else ProtocolError)
+
+
+def test_a_number_that_no_display_shows_is_no_reading() -> None:
+    with emulator(LK_G5000, lambda n: [2**31 - 1, 10_000_000, 9_999_999, -9_999_999]) as made:
+        found = ask(made, (1, 2, 3, 4))
+    assert found.states == (Status.SUSPECT, Status.SUSPECT, Status.VALID, Status.VALID)
+
+
+def test_random_answers_of_the_right_length_are_never_readings() -> None:
+    with emulator(LK_G5000, lambda n: [1], dict.fromkeys(range(200), "random")) as made:
+        for _ in range(200):
+            with pytest.raises(ProtocolError, match="no readings are"):
+                ask(made)
+
+
+def test_patience_ends_although_bytes_trickle_in() -> None:
+    """One byte after the other comes, but no reading; the recording is given up all the same."""
+    with emulator(LK_G5000, lambda n: [1], dict.fromkeys(range(99), "slow"), delay=0.1) as made:
+        rec = recorder(made, interval=0.02, patience=0.4, timeout=0.2)
+        with pytest.raises(SourceError, match=r"silent for 0.4 s\n  Last error: .*no whole answer"):
+            rec.record(60.0)
+    assert rec.kept == []
+    assert rec.tally.errors >= 1
 
 
 def test_an_amplifier_that_is_not_there_is_told() -> None:

@@ -116,6 +116,54 @@ def test_a_cut_last_line_is_dropped_on_request(tmp_path):
     assert found.sizes["sample"] == 3
 
 
+MANY = "f,E_stor,E_loss,T,Set\nHz, MPa, MPa, C, -\n" + "".join(
+    f"{f},{1000 - 100 * k},{90 + k},{20 * k + 20},{k}\n" for k in range(3) for f in (0.1, 1, 10)
+)
+
+
+@pytest.mark.parametrize(
+    ("row", "damaged"),
+    [
+        ("1,1000,90,20,0", "11000,90,20,0"),
+        ("1,1000,90,20,0", "1,100090,20,0"),
+        ("1,1000,90,20,0", "1,1000,90,20"),
+        ("1,1000,90,20,0", "1"),
+        ("1,900,91,40,1", "1900,91,40,1"),
+    ],
+)
+def test_a_row_that_lost_a_cell_is_invalid_as_a_whole(tmp_path, row, damaged):
+    """Two numbers that became one would otherwise be a frequency of 11 kHz at 90 MPa."""
+    whole = read(tmp_path, MANY)
+    line = MANY.splitlines().index(row) + 1
+    with pytest.warns(UserWarning, match=rf"line {line}: 1 of 9 rows hold fewer than 5 cells"):
+        found = read(tmp_path, MANY.replace(f"\n{row}\n", f"\n{damaged}\n"))
+    at = line - 3
+    assert np.flatnonzero(found.is_valid.values == 0).tolist() == [at]
+    assert found.interval.values.tolist() == whole.interval.values.tolist()
+    for name in ("frequency", "storage_modulus", "loss_modulus", "temperature"):
+        assert np.isnan(found[name].values[at])
+        expected = np.delete(whole[name].values, at)
+        np.testing.assert_array_equal(np.delete(found[name].values, at), expected)
+
+
+def test_an_empty_cell_and_a_column_that_no_row_has_are_no_lost_cells(tmp_path):
+    found = read(tmp_path, MANY.replace("\n1,1000,90,20,0", "\n1,,90,20,0"))
+    assert found.is_valid.values.all()
+    assert np.isnan(found.storage_modulus.values).sum() == 1
+    trimmed = "\n".join(line.rsplit(",", 1)[0] for line in MANY.splitlines()[2:]) + "\n"
+    found = read(tmp_path, "\n".join(MANY.splitlines()[:2]) + "\n" + trimmed)
+    assert found.is_valid.values.all()
+    assert found.sizes["sample"] == 9
+
+
+def test_a_file_that_was_cut_between_two_lines_is_told(tmp_path):
+    cut = "\n".join(MANY.splitlines()[:-2]) + "\n"
+    with pytest.warns(UserWarning, match="the last set holds 1 rows, all others 3; the file may"):
+        found = read(tmp_path, cut)
+    assert found.attrs["incomplete"] == 1
+    assert "incomplete" not in read(tmp_path, MANY).attrs
+
+
 def test_the_content_tells_the_reader(tmp_path):
     for text in (SWEEPS, SHIFTS):
         path = tmp_path / "anything.dat"

@@ -155,7 +155,7 @@ def plates(folder: Path, seed: int, scores: Scores) -> None:
     for quantity in ("natural_frequency", "damping_ratio", "amplitude"):
         error = found[quantity].values[0] - known[quantity]
         note(scores, quantity.replace("_", " "), error, found[f"u_{quantity}"].values[0])
-    note(scores, "time of the blow", float(ringing["blow_time"]) - known["blow_time"],
+    note(scores, "time of impact", float(ringing["blow_time"]) - known["blow_time"],
          float(ringing["u_blow_time"]))  # fmt: skip
     made = plate_vibration_model.plate(found, settings=settings)
     note(scores, "modal mass", float(made["mass"]) - floor.mass, float(made["u_mass"]))

@@ -290,7 +290,7 @@ def _at_the_truth(
         experiment = results.experiments[name]
         derived = KINDS[experiment.kind].evidence
         if derived is None:
-            raise InputError(f"{name} cannot tell of a material")
+            raise InputError(f"{name} cannot identify a material")
         told = derive(results, experiment, derived, name=name, impacts=impacts)
         if isinstance(told, str):
             raise InputError(f"{name}: {told}")

@@ -192,6 +192,7 @@ def test_an_option_of_another_instrument_is_usage(
         assert (code, 'mach1 has no option "units"; it has decimal,' in err) == (2, True), err
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
 def test_a_named_pipe_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     for name in ("a.csv", "a.toml", "a.nc", "a.png"):
         os.mkfifo(tmp_path / name)
@@ -362,6 +363,7 @@ BROKEN, WORKING = "import nothing_of_this_name\n", "BUILD = 1\n"
         (["inspect", "a.csv"], "instruments", WORKING),
         (["--help"], "instruments", BROKEN),
         (["plan", "."], "calibration", BROKEN),
+        (["doctor"], "pipelines", WORKING),
     ],
 )
 def test_a_foreign_package_of_our_name_is_told_by_every_command(
@@ -375,7 +377,7 @@ def test_a_foreign_package_of_our_name_is_told_by_every_command(
     path = os.pathsep.join([str(tmp_path), *sys.path])
     for json_option in ([], ["--json"]):
         done = subprocess.run(
-            [sys.executable, "-c", "from pipelines.cli import main; main()", *line, *json_option],
+            [sys.executable, "-m", "labpipe", *line, *json_option],
             check=False, capture_output=True, text=True, cwd=tmp_path,
             env=os.environ | {"PYTHONPATH": path},
         )  # fmt: skip

@@ -46,6 +46,7 @@ def test_a_hold_knows_its_forces_as_well_as_it_says(hold: tuple[Path, Trial]) ->
     assert np.abs(forces).max() < 4
 
 
+@pytest.mark.slow
 def test_a_wrong_truth_is_noticed(hold: tuple[Path, Trial]) -> None:
     """The same answer against a solid that is 10 % stiffer than what was recorded."""
     truth = drawn("hold", 0)

@@ -38,7 +38,7 @@ def test_two_results_are_told_apart_by_their_values_and_not_by_the_commit(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
 @pytest.mark.parametrize(
-    ("name", "code"), by_day([("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)], 2)
+    ("name", "code"), by_day([("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)], 1)
 )
 def test_an_interrupted_run_leaves_no_worker_no_part_and_goes_on(
     small_session: Path, processed_session: Path, tmp_path: Path, name: str, code: int

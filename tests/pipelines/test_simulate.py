@@ -96,7 +96,7 @@ def test_adhesion_and_amplitude_are_simulated_drawn_and_kept(
         (["adhesion", "--load", "1e9 N"], 3, "reduce the load"),
         (["amplitude", "--storage-floor", "2"], 3, "at most 1"),
         (["amplitude", "--storage-floor", "0.5", "--least", "1 mm"], 2, "0 < least < most"),
-        (["drop", "--duration", "0.01 s", "--adhesion", "50 mJ/m2"], 3, "none that was completed"),
+        (["drop", "--duration", "0.01 s", "--adhesion", "50 mJ/m2"], 3, "no completed impact"),
         (["drop", "--duration", "0.01 s", "--heating"], 3, "at least one completed impact"),
         (["indent", "--frequency", "0 Hz"], 2, "--frequency is 0"),
         (["indent", "--ramp", "0 mm/s"], 2, "--ramp is 0"),

@@ -34,7 +34,6 @@ def _toy(point: Mapping[str, Value]) -> dict[str, float]:
 
 TOY = Simulator(
     _toy,
-    1,
     {"material": Parameter("", "acrylic", ""), "temperature": Parameter("degC", None, ""),
      "marker": Parameter("", "", ""),
      "x": Parameter("1", 1.0, ""), "y": Parameter("1", 2.0, "")},
@@ -103,7 +102,7 @@ def test_a_wrong_axis_is_refused(name: str, text: str, message: str) -> None:
 
 
 def test_uncertain_parameters_need_draws_and_draws_need_them() -> None:
-    with pytest.raises(UsageError, match="radius has an uncertainty: say how many draws"):
+    with pytest.raises(UsageError, match="radius has an uncertainty: give the number of draws"):
         design("drop", [], {"radius": "9.5 ± 0.1 mm"})
     with pytest.raises(UsageError, match="draws of what"):
         design("drop", [], {"radius": "9.5 mm"}, draws=3)
@@ -279,6 +278,7 @@ def test_points_of_any_stretch_are_those_of_the_whole() -> None:
     assert whole[3]["radius"] == whole[7]["radius"] != whole[4]["radius"]
 
 
+@pytest.mark.slow
 def test_drops_are_counted_once_though_workers_are_killed(
     tmp_path: Path, amount: Callable[[int, int], int], monkeypatch: pytest.MonkeyPatch
 ) -> None:

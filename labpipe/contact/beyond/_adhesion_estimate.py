@@ -1,4 +1,4 @@
-"""Does adhesion matter in an impact? Its largest force and energy beside those of the impact."""
+"""Whether adhesion matters in an impact: its force and energy compared with the impact's."""
 
 from dataclasses import dataclass
 

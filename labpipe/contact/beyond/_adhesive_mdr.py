@@ -184,7 +184,7 @@ def _cohesive_radius(
     if not excess(low) < 0.0 < excess(high):
         message = (
             f"the cohesive zone around a contact of {a:g} m has no end within {_WIDEST:g} of its "
-            "radius; the profile ends before, or the stress is too small"
+            "radius; the profile ends before that, or the stress is too small"
         )
         raise InputError(message)
     return float(a * (1.0 + np.exp(brentq(excess, low, high, xtol=1e-14))))

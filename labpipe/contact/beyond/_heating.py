@@ -1,4 +1,4 @@
-r"""How much a sphere warms itself by what its impacts dissipate: bounds in closed form.
+r"""Self-heating of a sphere by the energy its impacts dissipate: bounds in closed form.
 
 Dissipated energy Q is born where the strain is, in a region of about the contact's radius a [1]_:
 
@@ -184,15 +184,18 @@ def self_heating(
     elif abs(change) >= MATTERS:
         verdict = "matters"
     columns = {
-        "bulk_rise": (bulk, "rise of the contact's half sphere by one impact"),
-        "surface_rise": (surface, "rise if all heat were born at the interface"),
-        "train_rise": (train, "rise after all impacts so far, with conduction"),
-        "train_rise_adiabatic": (adiabatic, "the same without conduction"),
+        "bulk_rise": (bulk, "temperature rise of the contact's hemisphere by one impact"),
+        "surface_rise": (surface, "temperature rise if all heat were released at the interface"),
+        "train_rise": (train, "temperature rise after all impacts so far, with conduction"),
+        "train_rise_adiabatic": (adiabatic, "the same, without conduction"),
     }
     dataset = xr.Dataset(
         {n: ("impact", v, {"units": "K", "long_name": text}) for n, (v, text) in columns.items()}
     )
-    label = {"units": "1", "long_name": "relative change of |E*| by the rise after the impact"}
+    label = {
+        "units": "1",
+        "long_name": "relative change of |E*| by the temperature rise after the impact",
+    }
     dataset["modulus_change"] = ("impact", changes, label)
     return Heating(
         dataset, float(bulk.max()), float(surface.max()), float(train.max()),

@@ -1,14 +1,14 @@
 """The result of a drop as a Dataset: time series, one row per bounce, ledger, work done."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import nan, sqrt
 
 import numpy as np
 import xarray as xr
 
 from labpipe.contact.impact._line_springs import Profile
-from labpipe.contact.impact._motion import Body, Counts, Snapshot, Springs
+from labpipe.contact.impact._motion import Body, Counts, Snapshot, Springs, counted
 from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._thesis_scheme import ThesisRun
 from labpipe.contact.impact._trajectory import (
@@ -21,10 +21,6 @@ from labpipe.contact.impact._trajectory import (
     record_columns,
 )
 from labpipe.contact.memory import Array, Condensed
-from labpipe.errors import LabpipeError
-
-# Average acceleration conserves energy to rounding; more than this is a defect of the program.
-_IDENTITY_LIMIT = 1e-10
 
 # Maps reach so far beyond the largest contact radius, with so many points.
 _MAP_REACH, _MAP_POINTS = 1.25, 201
@@ -127,11 +123,6 @@ def dataset(
         Of the first impact on a rigid substrate, when there is a plate.
     seconds : float
         Wall time so far.
-
-    Raises
-    ------
-    LabpipeError
-        The energy identity does not hold: a defect of the program.
     """
     natural = columns(run.segments, run.body, None)
     natural_ledger = _ledger(natural, setting)
@@ -140,7 +131,7 @@ def dataset(
     values = natural if wanted is None else columns(run.segments, run.body, wanted)
     series = _series(values, _ledger(values, setting), has_plate=setting.plate is not None)
     time = values.time + setting.fall_time if times is None else times
-    work = asdict(run.counts) | {
+    work = counted(run.counts) | {
         "springs": int(run.springs.position.size),
         "terms": run.condensed.creep.n_terms,
         "terms_folded": run.condensed.n_folded,
@@ -162,10 +153,8 @@ def dataset(
 
 def _maps(run: DropRun, setting: Setting) -> dict[str, xr.DataArray]:
     """Pressure and surface at the instants that were asked for."""
-    records = [
-        r for segment in run.segments if isinstance(segment, Contact) for r in segment.records
-    ]
-    largest = max((record.contact_radius for record in records), default=0.0)
+    contacts = [segment.records for segment in run.segments if isinstance(segment, Contact)]
+    largest = max((float(found["contact_radius"].max()) for found in contacts), default=0.0)
     reach = min(_MAP_REACH * largest, float(run.springs.position[-1]))
     radius = np.linspace(0.0, reach or float(run.springs.position[-1]), _MAP_POINTS)
     pressure = [run.springs.pressure(s.load, s.contact_radius, radius) for s in run.snapshots]
@@ -294,10 +283,10 @@ def _ledger(values: Columns, setting: Setting) -> dict[str, Array]:
 def _identity_error(
     run: DropRun, values: Columns, ledger: dict[str, Array], setting: Setting
 ) -> float:
-    """Check that what the discretisation mislaid is the trapezoid of the force less the work.
+    """How far what the discretisation mislaid is from the trapezoid of the force less the work.
 
-    Returns the largest deviation relative to the energy of the drop. It is checked up to rest,
-    where the motion has no inertia any more.
+    The largest deviation relative to the energy of the drop, up to rest, where the motion has no
+    inertia any more; average acceleration leaves rounding.
     """
     scale = _energy_scale(values, setting)
     stop = run.rest_start if run.rest_start == run.rest_start else np.inf
@@ -305,11 +294,7 @@ def _identity_error(
     step = 0.5 * (values.force[1:] + values.force[:-1]) * np.diff(values.approach)
     trapezoid = np.concatenate([[0.0], np.cumsum(step)])
     deviation = np.abs(trapezoid - values.spring_work - ledger["numerical_energy"])[moving]
-    error = float(deviation.max()) / scale
-    if not error < _IDENTITY_LIMIT:
-        message = f"the energy identity fails by {error:.2g} of the drop's energy"
-        raise LabpipeError(message)
-    return error
+    return float(deviation.max()) / scale
 
 
 def _series(values: Columns, ledger: dict[str, Array], *, has_plate: bool) -> dict[str, Array]:

@@ -1,24 +1,19 @@
 """Drop a viscoelastic sphere on a rigid flat and follow every bounce until it rests.
 
-:func:`drop` alternates contacts (:mod:`._bounce`) and flights
-(:mod:`._flight`), and creeps on quasi-statically when nothing swings any more. The
-surface keeps its dents: memory is never reset between bounces.
+The bounces are simulated in :mod:`._simulate`, which is imported by the first drop
+only: its steps are compiled, and loading the compiler takes a second.
 """
 
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import ceil, inf, nan, sqrt
+from math import inf, nan, sqrt
 from time import perf_counter
 
-import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from labpipe.contact.impact._bounce import Stepper
-from labpipe.contact.impact._bounce_step import LONGEST
 from labpipe.contact.impact._checks import Solver, checked, checked_times
-from labpipe.contact.impact._compilation import why_not_compiled
 from labpipe.contact.impact._dataset import (
     DropRun,
     Setting,
@@ -26,36 +21,21 @@ from labpipe.contact.impact._dataset import (
     mislaid_energy,
     thesis_dataset,
 )
-from labpipe.contact.impact._flight import time_to_touch, time_to_touch_plate
 from labpipe.contact.impact._line_springs import Profile
-from labpipe.contact.impact._motion import AnnularContactError, Body, Record
-from labpipe.contact.impact._plate import Plate, PlateState
-from labpipe.contact.impact._rest import RestTest
-from labpipe.contact.impact._settling import settle
+from labpipe.contact.impact._motion import AnnularContactError
+from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._setup import (
     ALL_SHORTCUTS,
     MARGIN,
     Effort,
-    Scales,
     Shortcuts,
-    growth,
     scales,
-    springs_for,
-    step_tolerance,
-    steps_per_contact,
 )
 from labpipe.contact.impact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
-from labpipe.contact.impact._trajectory import Contact, Flight, Segment
-from labpipe.contact.memory import Array, Condensed, Creep, CreepMaterial, condense
+from labpipe.contact.impact._trajectory import Contact, Flight
+from labpipe.contact.memory import Array, Creep, CreepMaterial
 from labpipe.errors import InputError
 
-# Terms may be folded away or frozen where that costs this part of rtol.
-_CONDENSE_SHARE = 0.01
-# A sphere that sinks in from a lower speed than this part of the speed at rest will not lift off
-# again unless its material is all but elastic; down to here its energy is followed closely enough.
-_SLOWEST_BOUNCE = 0.03
-# Rest is an amplitude below rtol times the static sag, within these bounds.
-_REST_RANGE = (1e-5, 1e-3)
 # Progress is told at steps of this part of the duration.
 _PROGRESS_EVERY = 0.01
 # A run that mislays more than this times rtol of the drop's energy (usual are 0.4 for one impact
@@ -80,7 +60,6 @@ def drop(
     ring_width: float | None = None,
     time_step: float | None = None,
     fold: bool = True,
-    compiled: bool = True,
     shortcuts: Shortcuts = ALL_SHORTCUTS,
     max_steps: int = 1_000_000,
     progress: Callable[[float], None] | None = None,
@@ -122,9 +101,6 @@ def drop(
     fold : bool
         Fold terms far below the contact's time scale into one, and freeze those far above
         ``duration``, where this costs less than a hundredth of ``rtol``.
-    compiled : bool
-        Take the steps in compiled code (numba); False takes them in numpy, to the same answer. So
-        does, with a warning, a process in which numba cannot be loaded or keep its code.
     shortcuts : Shortcuts
         Which parts of the work are left out; the answer is the same within `rtol`.
     max_steps : int
@@ -201,20 +177,12 @@ def drop(
             observe=observe,
         )
         return thesis_dataset(thesis, setting, wanted, perf_counter() - started)
-    effort = Effort(rtol, ring_width, fold, compiled and _can_compile(), max_steps, shortcuts)
+    effort = Effort(rtol, ring_width, fold, max_steps, shortcuts)
     run, mislaid = _refined(setting, creep, effort, looks, observe)
     rigid = None if plate is None else _rigid_restitution(setting, creep, effort)
     result = dataset(run, setting, wanted, rigid, perf_counter() - started)
     result.attrs["energy_error"] = mislaid
     return result
-
-
-def _can_compile() -> bool:
-    """Look whether steps can be compiled; if not, say so once per drop."""
-    reason = why_not_compiled()
-    if reason:
-        warnings.warn(reason, UserWarning, stacklevel=3)
-    return not reason
 
 
 def _refined(
@@ -230,17 +198,19 @@ def _refined(
     few terms): the pressure then ends in a step at the edge, and long steps ring. Returns also the
     energy mislaid, relative to that of the drop.
     """
+    from labpipe.contact.impact._simulate import simulate
+
     finer = replace(effort, rtol=effort.rtol / _REFINEMENT)
     may_refine = finer.rtol >= _FINEST
     try:
-        run = _simulate(setting, creep, effort, looks, observe)
+        run = simulate(setting, creep, effort, looks, observe)
         mislaid = mislaid_energy(run, setting)
     except AnnularContactError:
         if not may_refine:
             raise
         mislaid = inf
     if mislaid > _ENERGY_LIMIT * setting.rtol and may_refine:
-        run = _simulate(setting, creep, finer, looks, observe)
+        run = simulate(setting, creep, finer, looks, observe)
         mislaid = mislaid_energy(run, setting)
     if mislaid <= _ENERGY_LIMIT * setting.rtol:
         return run, mislaid
@@ -268,187 +238,15 @@ class _Throttle:
             self.progress(done)
 
 
-def _stepper(
-    setting: Setting,
-    creep: Creep,
-    expected: Scales,
-    effort: Effort,
-    observe: Callable[[float], None] | None,
-) -> Stepper:
-    if expected.radius > setting.radius:
-        message = (
-            f"the contact would be about {expected.radius:.3g} m in radius, wider than the sphere "
-            f"({setting.radius:.3g} m): small-strain contact does not hold; use a stiffer "
-            "material, a smaller mass or a lower drop"
-        )
-        raise InputError(message)
-    return Stepper(
-        creep=creep,
-        springs=springs_for(setting, creep, expected, effort),
-        body=Body(setting.mass, setting.gravity, setting.plate),
-        tolerance=step_tolerance(effort.rtol),
-        time_scale=expected.duration,
-        speed_scale=max(setting.speed, expected.rest_speed),
-        largest_radius=setting.radius,
-        expected_radius=MARGIN * expected.radius,
-        max_steps=effort.max_steps,
-        is_compiled=effort.compiled,
-        only_near=effort.shortcuts.near,
-        observe=observe,
-    )
-
-
-def _refuse_endless(setting: Setting, creep: Creep, expected: Scales, effort: Effort) -> None:
-    """Refuse an elastic sphere that would bounce more often than there are steps."""
-    is_damped = creep.n_terms or creep.fluidity or (setting.plate and setting.plate.damping_ratio)
-    cycle = expected.duration + 2.0 * setting.speed / setting.gravity
-    needed = steps_per_contact(effort.rtol) * setting.duration / cycle
-    if not is_damped and needed > effort.max_steps:
-        message = (
-            f"an elastic sphere never stops: {setting.duration:.4g} s would take about "
-            f"{needed:.2g} steps, more than max_steps = {effort.max_steps}; shorten the duration, "
-            "raise max_steps, or give the material a loss"
-        )
-        raise InputError(message)
-
-
-def _simulate(
-    setting: Setting,
-    creep: Creep,
-    effort: Effort,
-    looks: Array | None,
-    observe: Callable[[float], None] | None,
-    *,
-    first_contact_only: bool = False,
-) -> DropRun:
-    """Fall, bounce, rest."""
-    expected = scales(creep, setting.radius, setting.mass, setting.gravity, setting.speed)
-    condensed = Condensed(creep, 0, 0)
-    if effort.fold:
-        tolerance = _CONDENSE_SHARE * effort.rtol
-        condensed = condense(creep, expected.duration, setting.duration, tolerance)
-    _refuse_endless(setting, condensed.creep, expected, effort)
-    stepper = _stepper(setting, condensed.creep, expected, effort, observe)
-    end = setting.duration - setting.fall_time
-    if looks is not None:
-        stepper.wanted = np.minimum(looks - setting.fall_time, end).tolist()
-    # Rings touch first at the middle of the innermost, a little after the pole would.
-    touch = _fall_further(setting, float(stepper.springs.gap[0]))
-    fall = _at_release(setting)
-    silent = np.zeros(condensed.creep.rate.size)
-    segments: list[Segment] = [Flight(fall, min(touch, end), silent, condensed.creep.rate)]
-    final_touch = rest_start = nan
-    stepper.velocity, stepper.acceleration = setting.speed, setting.gravity
-    if touch < end:
-        stepper.fly(touch)
-        stillness = min(max(effort.rtol, _REST_RANGE[0]), _REST_RANGE[1])
-        rest = RestTest(
-            stillness if effort.shortcuts.rest else 0.0,
-            max(expected.rest_period, 1.0 / setting.plate.frequency if setting.plate else 0.0),
-            expected.rest_speed,
-        )
-        final_touch, rest_start = _bounce(stepper, rest, end, segments, effort, first_contact_only)
-    else:
-        stepper.look_at_dent(end)
-    return DropRun(
-        segments,
-        stepper.body,
-        stepper.counts,
-        condensed,
-        stepper.springs,
-        tuple(stepper.snapshots),
-        final_touch,
-        rest_start,
-    )
-
-
-def _fall_further(setting: Setting, gap: float) -> float:
-    """Time in s to fall through a gap [m] that is left when the pole would touch."""
-    if gap <= 0.0:
-        return 0.0
-    return 2.0 * gap / (setting.speed + sqrt(setting.speed**2 + 2.0 * setting.gravity * gap))
-
-
-def _at_release(setting: Setting) -> Record:
-    height, rest = -setting.height, PlateState()
-    return Record(-setting.fall_time, height, 0.0, height, 0.0, 0.0, 0.0, 0.0, rest, 0.0)
-
-
-def _bounce(
-    stepper: Stepper,
-    rest: RestTest,
-    end: float,
-    segments: list[Segment],
-    effort: Effort,
-    first_contact_only: bool,
-) -> tuple[float, float]:
-    """Alternate contacts and flights; return the last touch and the start of rest, or NaN."""
-    reach = stepper.expected_radius
-    least_speed = _SLOWEST_BOUNCE * rest.speed
-    while True:
-        touched = stepper.time
-        stepper.speed_scale = max(stepper.velocity, least_speed)
-        rest.restart(touched)
-        outcome, flight = _one_contact(stepper, rest, end, reach)
-        records = stepper.take_trail()
-        segments.append(Contact(records))
-        if outcome == "rest":
-            settled = stepper.time
-            settle(stepper, end, growth(effort.rtol))
-            creeping = stepper.take_trail()
-            if creeping:
-                segments.append(Contact((records[-1], *creeping), is_resting=True))
-            return touched, settled
-        if outcome == "end":
-            return nan, nan
-        stop = min(stepper.time + flight, end)
-        stored = stepper.free_stored()
-        segments.append(Flight(records[-1], stop, stored, stepper.creep.rate))
-        if stop >= end or first_contact_only:
-            stepper.look_at_dent(end)
-            return nan, nan
-        _fly(stepper, flight, in_one_step=effort.shortcuts.flights)
-        reach = MARGIN * max(record.contact_radius for record in records)
-
-
-def _fly(stepper: Stepper, flight: float, *, in_one_step: bool) -> None:
-    """Move through a flight [s], which is exact in one step and in many."""
-    steps = 1 if in_one_step else ceil(flight / (LONGEST * stepper.time_scale))
-    for _ in range(steps):
-        stepper.fly(flight / steps)
-    stepper.counts.flights += 1
-    stepper.counts.solver_steps += steps - 1
-
-
-def _one_contact(stepper: Stepper, rest: RestTest, end: float, reach: float) -> tuple[str, float]:
-    """Run one contact; return how it ends, and the time of flight after a lift-off."""
-    stepper.touch(reach)
-    while True:
-        outcome = stepper.run(end, rest)
-        if outcome != "lift-off":
-            return outcome, 0.0
-        flight = _time_of_flight(stepper)
-        if flight > 0.0:
-            return outcome, flight
-        # The surface follows the sphere at once: no bounce, the contact goes on.
-        stepper.touch(reach, is_new=False)
-
-
-def _time_of_flight(stepper: Stepper) -> float:
-    body, dent, rate = stepper.body, stepper.memory[:, 0], stepper.creep.rate
-    if body.plate is None:
-        return time_to_touch(stepper.velocity, body.gravity, dent, rate)
-    return time_to_touch_plate(
-        stepper.velocity, body.gravity, dent, rate, body.plate, stepper.plate
-    )
-
-
 def _rigid_restitution(setting: Setting, creep: Creep, effort: Effort) -> float:
     """Restitution of the first impact on a rigid substrate; NaN when it does not lift off."""
+    from labpipe.contact.impact._simulate import simulate
+
     rigid = replace(setting, plate=None)
-    run = _simulate(rigid, creep, effort, None, None, first_contact_only=True)
+    run = simulate(rigid, creep, effort, None, None, first_contact_only=True)
     if len(run.segments) < 3 or not isinstance(run.segments[2], Flight):
         return nan
     contact = run.segments[1]
     assert isinstance(contact, Contact)  # noqa: S101 - the second segment follows the fall
-    return -contact.records[-1].velocity / contact.records[0].velocity
+    velocity = contact.records["velocity"]
+    return float(-velocity[-1] / velocity[0])

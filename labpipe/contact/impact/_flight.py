@@ -4,8 +4,6 @@ The sphere is ballistic while its dent recovers, so it touches again on the resi
 the undeformed surface would be.
 """
 
-from math import ceil
-
 import numpy as np
 from scipy.optimize import brentq
 
@@ -67,30 +65,38 @@ def time_to_touch_plate(
     """As :func:`time_to_touch` from lift-off, above a plate that rings: the first touch.
 
     The plate is looked at often enough that no touch is missed which lasts longer than a small
-    part of its period.
+    part of its period, but only while the sphere is within reach of its swing: the plate's energy
+    only falls, so that what the sphere rises above the swing now is clear until it has fallen back.
+
+    Raises
+    ------
+    LabpipeError
+        The sphere does not come back: a defect of the program.
     """
 
-    def overlap(time: float) -> float:
-        """Approach gained since lift-off, per time."""
+    def climbed(time: float) -> float:
+        """Approach gained since lift-off if the plate stood still."""
         fallen = velocity * time + 0.5 * gravity * time**2
-        recovered = float(-np.expm1(-rate * time) @ dent)
-        return fallen + recovered - (plate.free(state, time).displacement - state.displacement)
+        return fallen + float(-np.expm1(-rate * time) @ dent)
+
+    def overlap(time: float) -> float:
+        return climbed(time) - (plate.free(state, time).displacement - state.displacement)
 
     parting = velocity - state.velocity + float(rate @ dent)
     if parting >= 0.0:
         return 0.0
     look = 1.0 / (_LOOKS_PER_PERIOD * plate.frequency)
-    amplitude = (2.0 * plate.energy(state) / plate.stiffness) ** 0.5
-    rise = 2.0 * amplitude
+    rise = 2.0 * plate.swing(state)
     longest = (-velocity + (velocity**2 + 2.0 * gravity * rise) ** 0.5) / gravity * 1.001
-    count = ceil(longest / look) + 1
-    start = look * 1e-9
-    for i in range(1, count + 1):
-        end = i * look
+    start, end = look * 1e-9, look
+    while start < longest:
         if overlap(end) > 0.0:
             while overlap(start) >= 0.0:
                 start *= 1e-2
             return float(brentq(overlap, start, end, xtol=1e-300, rtol=_PRECISION))
-        start = end
+        clear = state.displacement + plate.swing(plate.free(state, end))
+        if climbed(end) + clear < 0.0:
+            end = float(brentq(lambda time, level: climbed(time) + level, end, longest, (clear,)))
+        start, end = end, end + look
     message = "the sphere does not come back to the plate"
     raise LabpipeError(message)

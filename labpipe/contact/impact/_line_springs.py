@@ -17,12 +17,11 @@ References
 """
 
 from dataclasses import dataclass
-from math import pi, sqrt
+from math import nan, pi
 from typing import Literal
 
 import numpy as np
 
-from labpipe.contact.impact._motion import PlainSprings
 from labpipe.contact.memory import Array
 from labpipe.errors import InputError
 
@@ -44,6 +43,10 @@ class LineSprings:
         Approach at which an unloaded spring touches.
     weight : array (spring,) [m]
         Force per load of each node when its neighbours are in contact too.
+    last_weight : array (spring,) [m]
+        The same without the cell beyond the node.
+    edge_bias : float
+        NaN: the edge of the contact cuts a cell.
     """
 
     radius_of_sphere: float
@@ -53,55 +56,8 @@ class LineSprings:
     position: Array
     gap: Array
     weight: Array
-    _squares: list[float]
-    _positions: list[float]
-    _inner: list[float]
-    _totals: list[float]
-
-    def force(self, approach: float, reach: Array, moments: Array) -> tuple[float, float]:
-        """Force and its slope, both times the step compliance, at an approach.
-
-        Parameters
-        ----------
-        approach : float [m]
-            Trial approach of the bodies.
-        reach : array (spring,) [m]
-            Approach at which each spring would carry no load, increasing outwards.
-        moments : array (spring + 1,) [m2]
-            Running sum of ``weight * reach``, starting with 0.
-        """
-        count = int(reach.searchsorted(approach))
-        if count == 0:
-            return 0.0, 0.0
-        last = count - 1
-        excess = approach - reach.item(last)
-        x = self._positions[last]
-        edge = self._edge(last, approach, reach)
-        if edge + x > 0.0:
-            partial = 2.0 * (edge - x) * (2.0 * edge + x) / (3.0 * (edge + x))
-        else:
-            partial = 0.0
-        inside = approach * self._totals[last] - moments.item(last)
-        return inside + excess * (self._inner[last] + partial), 2.0 * edge
-
-    def contact_radius(self, approach: float, reach: Array) -> float:
-        """Radius in m where the load falls to zero.
-
-        An advancing edge meets springs that were free until now, so that the surface outside,
-        continued inwards, tells where it is; behind it the surface has a kink. A receding edge
-        lies between its neighbours.
-        """
-        count = int(reach.searchsorted(approach))
-        if count == 0:
-            return 0.0
-        between = self._edge(count - 1, approach, reach)
-        if count + 1 >= reach.size:
-            return between
-        squares = self._squares
-        outer = reach.item(count)
-        slope = (reach.item(count + 1) - outer) / (squares[count + 1] - squares[count])
-        continued = squares[count] - (outer - approach) / slope
-        return sqrt(max(continued, between**2))
+    last_weight: Array
+    edge_bias: float = nan
 
     def covering(self, radius: float) -> int:
         """Return how many springs reach out to a radius [m] (at least two)."""
@@ -134,23 +90,9 @@ class LineSprings:
         inside = np.diff(angle, axis=1) @ starts + np.diff(moment, axis=1) @ slopes
         return np.where(radius > 0.0, 2.0 / pi * inside, displacement[0])
 
-    def plain(self, count: int) -> PlainSprings:
-        """Return the inner springs as plain arrays."""
-        inner, total = np.array(self._inner[:count]), np.array(self._totals[: count + 1])
-        return PlainSprings(inner, total, True, 0.0)
-
     def extended(self, radius: float) -> "LineSprings":
         """Return the same springs and further ones out to a radius [m]."""
         return line_springs(self.radius_of_sphere, radius, self.core, self.per_radius, self.profile)
-
-    def _edge(self, last: int, approach: float, reach: Array) -> float:
-        """Edge behind the last touched spring; the row itself ends no later than its last one."""
-        if last + 1 == reach.size:
-            return self._positions[last]
-        start = reach.item(last)
-        fraction = (approach - start) / (reach.item(last + 1) - start)
-        inner, outer = self._squares[last], self._squares[last + 1]
-        return sqrt(inner + fraction * (outer - inner))
 
 
 def line_springs(
@@ -185,7 +127,6 @@ def line_springs(
         gap = position * np.arctanh(position / radius_of_sphere)
     else:
         gap = position**2 / radius_of_sphere
-    squares = position**2
     width = np.diff(position)
     # 2 * int of (x^2 - x_i^2)/(x_j^2 - x_i^2) over a cell: the share of its outer node.
     total = position[1:] + position[:-1]
@@ -200,8 +141,5 @@ def line_springs(
         position=position,
         gap=gap,
         weight=weight,
-        _squares=squares.tolist(),
-        _positions=position.tolist(),
-        _inner=[0.0, *outer.tolist()],
-        _totals=[0.0, *np.cumsum(weight).tolist()],
+        last_weight=np.concatenate([[0.0], outer]),
     )

@@ -1,25 +1,83 @@
-"""What moves and what is recorded of it: the words that the parts of the drop share."""
+"""What moves, how it is recorded and how the work is counted: the words the parts of a drop share.
+
+One record of named numbers (a numpy structured scalar) is the state of a drop at one instant; the
+compiled steps change it in place, and a row of such records is the trail of a contact.
+"""
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol, Self, cast
 
-from labpipe.contact.impact._plate import Plate, PlateState
+import numpy as np
+from numpy.typing import NDArray
+
+from labpipe.contact.impact._plate import Plate
 from labpipe.contact.memory import Array
 from labpipe.errors import InputError
 
 
-class PlainSprings(NamedTuple):
-    """What the force of a row of springs is made of; for the compiled steps.
+class Motion(Protocol):
+    """Sphere, plate and springs at one instant, in SI; lengths downwards positive, touch at 0.
 
-    ``inner`` is the weight of the last spring without its outer cell, ``total`` the running sum of
-    weights from 0; ``is_cut`` tells that the edge is found inside a cell, ``edge_bias`` [m] what is
-    taken off its radius otherwise.
+    ``approach`` is the sphere's position above the plate's; ``stored`` the energy that the springs
+    hold, ``spring_work`` the work done on them, ``plate_loss`` what the plate's dashpot took.
     """
 
-    inner: Array
-    total: Array
-    is_cut: bool
-    edge_bias: float
+    time: float
+    position: float
+    velocity: float
+    acceleration: float
+    approach: float
+    force: float
+    contact_radius: float
+    stored: float
+    spring_work: float
+    plate_displacement: float
+    plate_velocity: float
+    plate_acceleration: float
+    plate_loss: float
+
+
+class Counts(Protocol):
+    """Work done; counts only, so that they do not depend on the machine."""
+
+    solver_steps: int
+    rejected_steps: int
+    newton_iterations: int
+    kernel_products: int
+    spring_updates: int
+    rest_steps: int
+    flights: int
+
+
+#: The fields of a Motion and of Counts as numpy sees them; an array of the first is a trail.
+MOTION = np.dtype([(name, np.float64) for name in Motion.__annotations__])
+COUNTS = np.dtype([(name, np.int64) for name in Counts.__annotations__])
+Trail = NDArray[np.void]
+
+
+def motion(**values: float) -> Motion:
+    """Return a record with the given fields, the others 0.
+
+    Examples
+    --------
+    >>> float(motion(time=2.0).time)
+    2.0
+    """
+    return cast("Motion", blank(MOTION, **values))
+
+
+def blank(dtype: np.dtype[np.void], **values: float) -> np.record:
+    """Return one record of zeros, with the fields that are given."""
+    row: np.recarray[tuple[int], np.dtype[np.record]] = np.recarray(1, dtype)
+    row.fill(0)
+    for name, value in values.items():
+        row[name] = value
+    return row[0]
+
+
+def counted(counts: Counts) -> dict[str, int]:
+    """Return the counts by name."""
+    return {name: int(getattr(counts, name)) for name in Counts.__annotations__}
 
 
 class Springs(Protocol):
@@ -37,11 +95,13 @@ class Springs(Protocol):
     def weight(self) -> Array:
         """Force per load of each spring (spring,)."""
 
-    def force(self, approach: float, reach: Array, moments: Array) -> tuple[float, float]:
-        """Force and its slope, both times the step compliance."""
+    @property
+    def last_weight(self) -> Array:
+        """Weight of each spring as the last in contact, without its outer cell (spring,)."""
 
-    def contact_radius(self, approach: float, reach: Array) -> float:
-        """Radius in m where the load falls to zero."""
+    @property
+    def edge_bias(self) -> float:
+        """Length in m to take off the interpolated edge; NaN where the edge cuts a cell."""
 
     def covering(self, radius: float) -> int:
         """Return how many springs reach out to a radius."""
@@ -51,9 +111,6 @@ class Springs(Protocol):
 
     def surface(self, displacement: Array, radius: Array) -> Array:
         """Displacement in m of the surface at given radii in m."""
-
-    def plain(self, count: int) -> PlainSprings:
-        """Return the inner springs as plain arrays."""
 
     def extended(self, radius: float) -> Self:
         """Return the same springs and further ones out to a radius."""
@@ -75,21 +132,6 @@ class Body(NamedTuple):
     plate: Plate | None
 
 
-class Record(NamedTuple):
-    """One instant of the motion; lengths in m, downwards positive, first touch at 0."""
-
-    time: float
-    position: float
-    velocity: float
-    approach: float
-    force: float
-    contact_radius: float
-    stored: float
-    spring_work: float
-    plate: PlateState
-    plate_loss: float
-
-
 class Snapshot(NamedTuple):
     """The springs at one instant; ``load`` in Pa m and ``displacement`` in m, (spring,)."""
 
@@ -99,14 +141,23 @@ class Snapshot(NamedTuple):
     contact_radius: float
 
 
-@dataclass(slots=True)
-class Counts:
-    """Work done; counts only, so that they do not depend on the machine."""
+@dataclass(frozen=True, slots=True)
+class Stillness:
+    """When a contact has come to rest: speed and force swing no more than this for a whole period.
 
-    solver_steps: int = 0
-    rejected_steps: int = 0
-    newton_iterations: int = 0
-    kernel_products: int = 0
-    spring_updates: int = 0
-    rest_steps: int = 0
-    flights: int = 0
+    Speed alone will not do: it vanishes at every turn. Its swing is taken, not its size, because a
+    contact at rest still creeps.
+
+    Parameters
+    ----------
+    tolerance : float
+        Amplitude relative to the static sag.
+    period : float [s]
+        Of the sphere on its static sag.
+    speed : float [m/s]
+        Gravity times period over 2 pi: the speed that belongs to an amplitude of one sag.
+    """
+
+    tolerance: float
+    period: float
+    speed: float

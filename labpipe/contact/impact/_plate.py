@@ -76,30 +76,9 @@ class Plate:
         """Kinetic and elastic energy of the plate in J."""
         return 0.5 * (self.mass * state.velocity**2 + self.stiffness * state.displacement**2)
 
-    def predict(self, state: PlateState, dt: float) -> tuple[float, float]:
-        """Displacement after ``dt`` without force, and its increase per force at the end of it.
-
-        Average acceleration, the same rule as the sphere's motion.
-        """
-        inertia = 4.0 * self.mass / dt**2
-        drag = 2.0 * self.damping / dt
-        effective = inertia + drag + self.stiffness
-        push = (
-            inertia * (state.displacement + dt * state.velocity)
-            + self.mass * state.acceleration
-            + drag * state.displacement
-            + self.damping * state.velocity
-        )
-        return push / effective, 1.0 / effective
-
-    def follow(self, state: PlateState, dt: float, displacement: float, force: float) -> PlateState:
-        """State at the end of a step that ends at a displacement [m] under a force [N]."""
-        velocity = 2.0 * (displacement - state.displacement) / dt - state.velocity
-        return PlateState(displacement, velocity, self._acceleration(displacement, velocity, force))
-
-    def loss(self, before: PlateState, after: PlateState, dt: float) -> float:
-        """Energy in J that the dashpot takes in one step of average acceleration."""
-        return self.damping * (after.displacement - before.displacement) ** 2 / dt
+    def swing(self, state: PlateState) -> float:
+        """Largest displacement in m that the plate, left alone, can reach from now on."""
+        return sqrt(2.0 * self.energy(state) / self.stiffness)
 
     def free(self, state: PlateState, dt: float) -> PlateState:
         """State after ``dt`` [s] without force, exactly."""
@@ -110,8 +89,5 @@ class Plate:
         u, v = state.displacement, state.velocity
         displacement = envelope * (u * c + (v + rate * u) / damped * s)
         velocity = envelope * (v * c - (rate * v + omega**2 * u) / damped * s)
-        return PlateState(displacement, velocity, self._acceleration(displacement, velocity, 0.0))
-
-    def _acceleration(self, displacement: float, velocity: float, force: float) -> float:
         pull = self.damping * velocity + self.stiffness * displacement
-        return (force - pull) / self.mass
+        return PlateState(displacement, velocity, -pull / self.mass)

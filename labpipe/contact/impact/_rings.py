@@ -18,7 +18,7 @@ lets go when ``y_j`` would become negative, which is when the pressure at the ed
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import ceil, pi, sqrt
+from math import ceil, pi
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +26,6 @@ from scipy.linalg import solve_triangular
 from scipy.special import ellipe, ellipk
 
 from labpipe.contact.impact._line_springs import Profile
-from labpipe.contact.impact._motion import PlainSprings
 from labpipe.contact.memory import Array
 from labpipe.errors import InputError
 
@@ -143,27 +142,6 @@ class RingSprings:
     gap: Array
     weight: Array
     unit: Array
-    _totals: list[float]
-    _squares: list[float]
-
-    def force(self, approach: float, reach: Array, moments: Array) -> tuple[float, float]:
-        """Force and its slope, both times the step compliance, at an approach [m]."""
-        count = int(reach.searchsorted(approach))
-        total = self._totals[count]
-        return approach * total - moments.item(count), total
-
-    def contact_radius(self, approach: float, reach: Array) -> float:
-        """Radius in m where the load falls to zero, linear in r^2 and freed of its bias."""
-        count = int(reach.searchsorted(approach))
-        if count == 0:
-            return 0.0
-        squares = self._squares
-        if count == reach.size:
-            return sqrt(squares[count - 1])
-        last = reach.item(count - 1)
-        fraction = (approach - last) / (reach.item(count) - last)
-        edge = sqrt(squares[count - 1] + fraction * (squares[count] - squares[count - 1]))
-        return max(edge - _EDGE_BIAS * self.width, 0.0)
 
     def pressure(self, load: Array, edge: float, radius: Array) -> Array:
         """Pressure (radius,) in Pa at given radii, from the loads (spring,) of the inner springs.
@@ -187,10 +165,15 @@ class RingSprings:
         """Return how many springs reach out to a radius [m] (at least two)."""
         return max(2, ceil(radius / self.width) + 1)
 
-    def plain(self, count: int) -> PlainSprings:
-        """Return the inner springs as plain arrays."""
-        total = np.array(self._totals[: count + 1])
-        return PlainSprings(self.weight[:count], total, False, _EDGE_BIAS * self.width)
+    @property
+    def last_weight(self) -> Array:
+        """Weight of the last spring in contact: a ring counts whole."""
+        return self.weight
+
+    @property
+    def edge_bias(self) -> float:
+        """Length in m to take off the edge between the last loaded and the next ring."""
+        return _EDGE_BIAS * self.width
 
     def extended(self, radius: float) -> "RingSprings":
         """Return the same springs and further ones out to a radius [m]."""
@@ -242,6 +225,4 @@ def ring_springs(
         gap=shape / unit,
         weight=weight,
         unit=unit,
-        _totals=[0.0, *np.cumsum(weight).tolist()],
-        _squares=(middle**2).tolist(),
     )

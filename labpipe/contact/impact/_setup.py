@@ -10,7 +10,7 @@ from labpipe.contact.impact._dataset import Setting
 from labpipe.contact.impact._line_springs import line_springs
 from labpipe.contact.impact._motion import Springs
 from labpipe.contact.impact._rings import ring_springs
-from labpipe.contact.impact._rungs import MOST_RINGING
+from labpipe.contact.impact._step_table import MOST_RINGING
 from labpipe.contact.memory import Creep, step_weights
 from labpipe.errors import InputError
 
@@ -31,6 +31,8 @@ _RINGS_PER_RADIUS, _MOST_RINGS_PER_RADIUS = 120, 1200
 _CORE = 0.25
 # Springs are laid out and taken into a contact this far beyond the radius expected.
 MARGIN = 1.1
+# First step after touch, and longest step, as fractions of the time scale of the contact.
+FIRST_STEP, LONGEST_STEP = 1e-4, 0.05
 # Steps per decade of time at rest, at rtol = 1e-4.
 _STEPS_PER_DECADE = 12
 # Steps of one contact at a step tolerance: 1.7 tolerance^(-1/3), measured.
@@ -98,7 +100,6 @@ class Effort:
     rtol: float
     ring_width: float | None
     fold: bool
-    compiled: bool
     max_steps: int
     shortcuts: Shortcuts = ALL_SHORTCUTS
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-from labpipe.contact.impact._motion import Body, Record
+from labpipe.contact.impact._motion import Body, Motion, Trail
 from labpipe.contact.impact._plate import Plate, PlateState
 from labpipe.contact.memory import Array
 
@@ -26,7 +26,7 @@ class Flight:
 
     Attributes
     ----------
-    start : Record
+    start : Motion
         The instant it begins, without force.
     end : float [s]
     stored : array (element,) [J]
@@ -35,7 +35,7 @@ class Flight:
         How fast the elements recover.
     """
 
-    start: Record
+    start: Motion
     end: float
     stored: Array
     rate: Array
@@ -45,13 +45,13 @@ class Flight:
 class Contact:
     """The recorded steps of a contact, from touch to lift-off, or of the creep at rest."""
 
-    records: tuple[Record, ...]
+    records: Trail
     is_resting: bool = False
 
     @property
     def end(self) -> float:
         """Time of the last step in s."""
-        return self.records[-1].time
+        return float(self.records["time"][-1])
 
 
 Segment = Flight | Contact
@@ -100,15 +100,14 @@ def columns(segments: list[Segment], body: Body, times: Array | None) -> Columns
     return Columns(*(np.concatenate(values) for values in zip(*parts, strict=True)))
 
 
-def record_columns(records: tuple[Record, ...], plate: Plate | None) -> Columns:
+def record_columns(records: Trail, plate: Plate | None) -> Columns:
     """Turn records into columns."""
-    states = [record.plate for record in records]
-    energy = [0.0 if plate is None else plate.energy(state) for state in states]
-    values = np.array(
-        [(*record[:8], record.plate.displacement, 0.0, record.plate_loss) for record in records]
-    ).T
-    values[9] = energy
-    return Columns(*values)
+    energy = np.zeros(records.size)
+    if plate is not None:
+        squares = plate.mass * records["plate_velocity"] ** 2
+        energy = 0.5 * (squares + plate.stiffness * records["plate_displacement"] ** 2)
+    known = {name: records[name] for name in Columns._fields if name != "plate_energy"}
+    return Columns(plate_energy=energy, **known)
 
 
 def _natural(segment: Segment, body: Body, *, is_first: bool, is_last: bool) -> Columns:
@@ -134,9 +133,10 @@ def _of_flight(flight: Flight, times: Array, body: Body) -> Columns:
     zero = np.zeros_like(s)
     states, energy, loss = [PlateState()] * s.size, zero, zero
     if body.plate is not None:
-        states = [body.plate.free(start.plate, dt) for dt in s.tolist()]
+        first = PlateState(start.plate_displacement, start.plate_velocity, start.plate_acceleration)
+        states = [body.plate.free(first, dt) for dt in s.tolist()]
         energy = np.array([body.plate.energy(state) for state in states])
-        loss = body.plate.energy(start.plate) - energy
+        loss = body.plate.energy(first) - energy
     displacement = np.array([state.displacement for state in states])
     return Columns(
         time=times,

@@ -1,4 +1,4 @@
-"""One run of a periodic indentation: which solver, what is recorded, and the Dataset it becomes."""
+"""One simulation of a periodic indentation: choice of solver, recorded output, result."""
 
 import json
 from collections.abc import Callable, Iterable, Sequence
@@ -33,7 +33,7 @@ _SOLVERS = ("auto", "springs", "general")
 # Maps larger than this are a mistake more often than a wish.
 _MAX_MAP_BYTES = 2 << 30
 _PRESSURE_ROUNDING = 1e-6
-# Progress is told once in so many samples.
+# Progress is reported once in so many samples.
 _PROGRESS_EVERY = 20
 
 
@@ -164,8 +164,8 @@ def _require_known(
     n_bytes = n_maps * n_times * (request.elements or DEFAULT_ELEMENTS) * 8
     if n_bytes > _MAX_MAP_BYTES:
         message = (
-            f"the maps of {n_times} samples would take {n_bytes / 2**30:.1f} GiB; ask for them on "
-            "a part of the history or with fewer elements"
+            f"the maps of {n_times} samples would take {n_bytes / 2**30:.1f} GiB; request them "
+            f"for a part of the history or with fewer elements"
         )
         raise InputError(message)
 
@@ -340,7 +340,7 @@ def _dataset(
 
 
 def _energy_error(rows: dict[str, Array]) -> float:
-    """Largest energy mislaid by the steps in time, relative to the largest in the ledger."""
+    """Largest numerical energy error of the time steps, relative to the largest energy."""
     mislaid = rows["work_done"] - rows["stored_energy"] - rows["dissipated_energy"]
     largest = max(float(np.abs(rows[name]).max()) for name in ("work_done", "stored_energy"))
     return float(np.abs(mislaid).max()) / max(largest, np.finfo(float).tiny)

@@ -1,4 +1,4 @@
-"""The motion of appendix A's sphere: flights, loading and unloading as phases that follow on.
+"""The motion of appendix A's sphere: a sequence of flights, loading and unloading phases.
 
 Every phase is smooth, so that an ordinary integrator of high order does it; what changes the law
 (the sphere turns, leaves, or is free of force) ends a phase. See :mod:`._collision`.

@@ -9,6 +9,7 @@ from labpipe.contact.memory._creep import (
     advance,
     condense,
     history,
+    late_share,
     step_weights,
 )
 from labpipe.contact.memory._histories import checked_history
@@ -23,5 +24,6 @@ __all__ = [
     "checked_history",
     "condense",
     "history",
+    "late_share",
     "step_weights",
 ]

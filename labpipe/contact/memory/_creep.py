@@ -224,7 +224,7 @@ def step_weights(creep: Creep, dt: float, *, hold: bool = False, jump: float = 0
         raise InputError(message)
     x = dt / creep.tau
     loss = -np.expm1(-x)
-    share = _late_share(x, loss)
+    share = late_share(x, loss)
     new, old = creep.C * share, creep.C * (loss - share)
     if creep.fluidity > 0.0:
         half = 0.5 * creep.fluidity * dt
@@ -235,7 +235,7 @@ def step_weights(creep: Creep, dt: float, *, hold: bool = False, jump: float = 0
     return StepWeights(float(dt), np.exp(-dt * creep.rate), old, new, compliance, float(old.sum()))
 
 
-def _late_share(x: Array, loss: Array) -> Array:
+def late_share(x: Array, loss: Array) -> Array:
     """Return ``1 - (1 - exp(-x))/x`` without cancellation; ``loss`` is ``1 - exp(-x)``."""
     small = np.minimum(x, _SERIES_BELOW)
     series = np.zeros_like(x)

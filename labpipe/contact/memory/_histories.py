@@ -1,4 +1,4 @@
-"""The check of a history that a user hands in: which sample is wrong, and what to do."""
+"""Check of a load or displacement history: which sample is wrong, and what to do."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -1,4 +1,4 @@
-"""Nested contact as a bed of independent springs, and its march through a history of load."""
+"""Nested contact as a bed of independent springs, and its integration over a load history."""
 
 from labpipe.contact.springs._bed import EDGE_OFFSET, Answer, NotNestedError, SpringBed, sphere_bed
 from labpipe.contact.springs._march import Control, March, State

@@ -1,4 +1,4 @@
-r"""Nested contact as a bed of independent springs: no solve, no iteration, no FFT per step.
+r"""Nested contact as a bed of independent springs: no linear solve, no iteration, no FFT per step.
 
 As long as the contact is one interval (or disc) around a fixed centre, at all times, the hereditary
 contact problem separates. With the influence matrix ordered from the centre outwards and factored

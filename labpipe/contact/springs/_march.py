@@ -1,4 +1,4 @@
-"""March a hereditary contact through a history of displacement or load, with error control.
+"""Integrate a viscoelastic contact over a history of displacement or load, with error control.
 
 The history is linear between its samples; two samples at one time are a jump. Inside an interval
 the springs' load is taken linear in every step, the memory update is then exact for any step length

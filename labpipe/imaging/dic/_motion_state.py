@@ -1,4 +1,4 @@
-"""What is remembered of the tracked points from frame to frame, and where they will be next.
+"""State of the tracked points between frames, and prediction of their next position.
 
 The rule is one line of numpy each; but it runs three times for every frame, and a dozen calls on
 arrays of fifty points take as long as filtering the image. So it is compiled.

@@ -1,4 +1,4 @@
-"""Find the points of a frame again that prediction did not lead to, and confirm those that jumped.
+"""Recover points that the prediction missed, and confirm those that jumped.
 
 From the cheap to the dear: agreement among the points, the motions of trusted neighbours, template
 matches in the whole frame.

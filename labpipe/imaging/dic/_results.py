@@ -1,4 +1,4 @@
-"""From the tracker's motions to the Dataset of displacements."""
+"""Assemble the tracked motions into the Dataset of displacements."""
 
 import json
 import warnings
@@ -183,7 +183,7 @@ def make_dataset(
         "zncc": (spread(found.zncc, np.nan), "zero-normalised cross-correlation"),
         "iterations": (spread(found.iterations, 0), "evaluations of the subset"),
         "valid": (status == Status.OK, "whether there is a displacement"),
-        "status": (status, "why there is a displacement or none"),
+        "status": (status, "status of the displacement"),
     }
     for name, (values, text) in plain.items():
         variables[name] = (dims, values, {"units": "1", "long_name": text})

@@ -1,4 +1,4 @@
-"""Find where a subset went without knowing anything: template matching on reduced images.
+"""Find a subset without a prediction: template matching on reduced images.
 
 Good to about a pixel, which is all that the subset solver needs as a start. Used for the first
 frame, after gaps, and when correlation is lost; never for a result.

@@ -1,4 +1,4 @@
-"""Exact B-spline interpolation of images: the recursive prefilter and what follows from it.
+"""Exact B-spline interpolation of images: the recursive prefilter, gradients and noise gain.
 
 An image is turned once into B-spline coefficients; values between pixels are then short weighted
 sums. The filter runs over the whole line in both directions (Unser 1999), because a truncated one

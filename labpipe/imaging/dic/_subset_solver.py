@@ -48,7 +48,7 @@ DEFAULT_ITERATIONS = 30
 #: that rests at the border. The spline is mirrored there.
 OVERHANG = 0.5
 
-# Below this the directions of motion are not told apart (a single edge, a flat subset).
+# Below this the motion is not determined in every direction (a single edge, a flat subset).
 _LEAST_EIGENVALUE = 1e-4
 # Slopes below this share of the grey level per px are rounding errors of float32.
 _LEAST_SLOPE = 1e-4

@@ -1,4 +1,4 @@
-"""Follow subsets from frame to frame: predict where they will be, solve, remember.
+"""Track subsets from frame to frame: predict the position, solve, store the state.
 
 A point is trusted when it converged close to where its own motion led it, or when neighbours or
 a template match confirm it: a high correlation alone is no proof, since about one subset in

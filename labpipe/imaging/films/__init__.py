@@ -1,4 +1,4 @@
-"""Which frames and rows of a film are worth reading."""
+"""Selection of the frames and rows of a film that need to be read."""
 
 from labpipe.imaging.films._reading_plan import (
     FilmReader,

@@ -1,4 +1,4 @@
-"""Which frames and rows of a film are worth reading.
+"""Select the frames and rows of a film that need to be read.
 
 Looking at a thin band of rows costs a few per cent of reading a frame. A frame whose band through
 the centres of the known contacts is nowhere as dark as a contact shows none; one whose band equals

@@ -1,4 +1,4 @@
-"""Arguments of :func:`._contact_radius`, checked."""
+"""Check the arguments of :func:`labpipe.imaging.fringes._contact_radius`."""
 
 import math
 from dataclasses import dataclass

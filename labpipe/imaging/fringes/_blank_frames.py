@@ -1,4 +1,4 @@
-"""What frames without usable fringes show: the edge of a contact, or nothing but contact."""
+"""Frames without usable fringes: the edge of a contact, or a contact that fills the view."""
 
 import math
 from collections.abc import Iterable
@@ -64,7 +64,7 @@ class FilmResult:
     resting : bool array (frame,)
         Frames that look like the contacts before and after and were not read.
     calibration : Calibration
-        What the film told about its optics.
+        The optics as calibrated from the film.
     has_fringes : bool
         False when the wavelength is unknown or pixels are too coarse.
     is_phase_given : bool

@@ -1,4 +1,4 @@
-"""What a whole film tells about its optics: phase, scale of the phase, blur, ellipticity.
+"""Calibration of the optics from a whole film: phase, phase scale, blur, ellipticity.
 
 Each of them is taken from the largest contacts and then held for all frames. Left free in every
 frame they would multiply the effect of every other error.

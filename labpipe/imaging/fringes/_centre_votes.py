@@ -1,4 +1,4 @@
-"""Find the common centre of rings in a frame, whatever its light and wherever the frame cuts it.
+"""Find the common centre of the rings in a frame, under any illumination and if cut by the border.
 
 A threshold finds a spot that stands out as a whole. Where the light is uneven, or fringes too fine
 for the pixels make patterns of their own, the directions in which the light changes tell more: all

@@ -114,7 +114,7 @@ def contact_radius(
     Beside every contact that does not stick the gap opens with the power 3/2, with Hertz's factor
     unless the body still recovers from a dent: where Hertz's gap does not explain a frame, the
     factor is fitted too. A dark centre alone is no contact: a sphere that touches without load, or
-    hovers, shows one as well and is told by its fringes.
+    hovers, shows one as well and is distinguished by its fringes.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""From what was found in a film to the Dataset of contact radii."""
+"""Assemble the fits of a film into the Dataset of contact radii."""
 
 import json
 import math
@@ -102,7 +102,7 @@ def make_dataset(
         name: ("frame", values[name], {"units": units, "long_name": text})
         for name, (units, text) in _TEXTS.items()
     }
-    flags = {"units": "1", "long_name": "how the radius was found"}
+    flags = {"units": "1", "long_name": "method of the radius"}
     data["method"] = ("frame", method, {
         **flags, "flag_values": list(_METHODS), "flag_meanings": " ".join(_METHODS.values()),
     })  # fmt: skip
@@ -223,8 +223,8 @@ def _warn(options: FilmOptions, result: FilmResult) -> None:
         texts.append(f"{len(result.damaged)} damaged frames were left out")
     if options.wavelength is None:
         texts.append(
-            "the wavelength is not known: the contact radius is measured by the edge of the spot, "
-            "to some micrometres; give the wavelength of a monochromatic light to use the fringes"
+            "no wavelength is given: the contact radius is measured from the edge of the spot, "
+            "to a few micrometres; give the wavelength of a monochromatic light to use the fringes"
         )
     elif not result.has_fringes or _has_fine_fringes(result):
         texts.append(

@@ -1,4 +1,4 @@
-"""Measure a contact by the edge of its spot, where no fringes tell more."""
+"""Measure a contact by the edge of its dark spot, where there are no usable fringes."""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Measure the contact in every frame of a film: which frames, from where, and what to believe."""
+"""Measure the contact in every frame of a film: frame selection, start values, acceptance."""
 
 import math
 from dataclasses import replace
@@ -98,7 +98,7 @@ def measure_film(film: FrameSource, options: FilmOptions) -> FilmResult:
 
 
 def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
-    """Optics and settings as they are before the film has told more."""
+    """Optics and settings before the calibration from the film."""
     film = reader.film
     wavelength = NOMINAL_WAVELENGTH if options.wavelength is None else options.wavelength
     phase = math.pi if options.phase is None else options.phase
@@ -273,7 +273,7 @@ def _other_phase(reader: FilmReader, result: FilmResult, read: Flags) -> dict[in
 def _refit(
     reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, RingFit]
 ) -> dict[int, RingFit]:
-    """Fit all frames again with the optics that the film has told."""
+    """Fit all frames again with the optics calibrated from the film."""
     view = result.view
     result.blanks.clear()
     found: dict[int, RingFit] = {}

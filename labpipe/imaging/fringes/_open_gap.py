@@ -1,4 +1,4 @@
-"""Fit contacts whose gap is not Hertz's: on a body that still recovers from its dent.
+"""Fit contacts with a non-Hertzian gap: on a surface that still recovers from its dent.
 
 Beside any contact that does not stick the gap opens like (r - a)^(3/2); only the factor depends on
 the history of the body. A contact that recedes faster than the surface recovers, or that comes back

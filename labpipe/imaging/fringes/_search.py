@@ -66,7 +66,8 @@ _LEAST_VISIBILITY, _LEAST_SIGNIFICANCE = 0.1, 10.0
 _MOST_VISIBILITY = 1.5
 #: Contacts smaller than this many Newton spots are compared with a sphere that does not press.
 _SMALL_CONTACT = 4.0
-#: A contact is at least this share of a Newton spot; smaller ones are not told from touching.
+#: A contact is at least this share of a Newton spot; smaller ones are not distinguished from
+#: touching.
 _LEAST_RADIUS = 0.8
 #: Least number of rings in which a fit is compared with edges and spheres.
 _LEAST_RINGS = 24

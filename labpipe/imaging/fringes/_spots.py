@@ -1,4 +1,4 @@
-"""Find round spots in a frame: where a contact may be, to about a pixel."""
+"""Find round spots in a frame: candidate contacts, to about a pixel."""
 
 import math
 from dataclasses import dataclass

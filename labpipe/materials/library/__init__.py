@@ -1,4 +1,4 @@
-"""The material library: five materials whose every number says where it comes from."""
+"""The material library: five materials, each number with its source."""
 
 from labpipe.materials.library._library import Material, describe, load, load_file, read_material
 from labpipe.materials.library._thermal import Thermal, thermal

@@ -1,4 +1,4 @@
-"""The material library: five materials whose every number says where it comes from.
+"""The material library: five materials, each number with its source.
 
 A material is a TOML file (see ``library/*.toml``); a laboratory's own have the same form and are
 read with :func:`load_file`. Statuses are ``measured``, ``datasheet`` and ``estimate``: the five

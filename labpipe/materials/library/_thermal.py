@@ -1,4 +1,4 @@
-"""How the library's materials take up and conduct heat, for estimates of self-heating.
+"""Thermal properties of the library's materials, for estimates of self-heating.
 
 Typical values of handbooks at room temperature; grades differ by a tenth and more. Nothing here
 was measured on a specimen.

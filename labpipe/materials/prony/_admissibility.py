@@ -1,4 +1,4 @@
-"""What a list of Prony terms must fulfil, and the messages when it does not.
+"""Admissibility of Prony terms, and the errors for inadmissible ones.
 
 The thermodynamic conditions of the thesis, (1.8), (1.9), (1.20) and (1.24), reduce for a Prony
 series to this: no negative weight, no negative long-time modulus, no negative instantaneous
@@ -51,8 +51,8 @@ def checked_terms(
     if bad_weight.any():
         k = int(np.argmax(bad_weight))
         message = (
-            f"{weight_name}[{k}] = {weights[k]}: a negative weight lets the material give back "
-            "more work than was put in (not admissible); fit the terms with weights ≥ 0"
+            f"{weight_name}[{k}] = {weights[k]}: with a negative weight the material would "
+            f"return more work than was put in (not admissible); fit the terms with weights ≥ 0"
         )
         raise InputError(message)
     bad_time = ~(np.isfinite(times) & (times > 0))

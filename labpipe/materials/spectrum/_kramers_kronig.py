@@ -1,4 +1,4 @@
-r"""Do storage and loss modulus belong together? The Kramers-Kronig verdict.
+r"""Consistency of storage and loss modulus by the Kramers-Kronig relations.
 
 Causality ties E′(ω) and E″(ω): one non-negative spectrum must describe both. The test fits the
 spectrum to one modulus alone, predicts the other, and compares the misfit of a common fit with
@@ -37,7 +37,7 @@ PASS_RATIO, WARN_RATIO = 1.5, 3.0
 #: Share of the logarithmic frequency window, about its middle, where predictions are compared;
 #: near the ends one modulus cannot know what lies beyond.
 MIDDLE_SHARE = 0.7
-# No instrument is better than this (relative); smaller misfits are not told apart.
+# No instrument is better than this (relative); smaller misfits are not distinguished.
 _LEAST_MISFIT = 1e-3
 # Below this number of points per modulus a spectrum can follow anything.
 _LEAST_POINTS = 8
@@ -225,7 +225,7 @@ def _verdict(ratio: float, errors: tuple[float, float], points: int) -> tuple[Ve
         f"{100 * errors[1]:.1f} % (storage)"
     )
     if points < _LEAST_POINTS:
-        return "warn", f"only {points} points: too few to tell; {text}"
+        return "warn", f"only {points} points: too few for a verdict; {text}"
     if ratio <= PASS_RATIO:
         return "pass", text
     return ("warn" if ratio <= WARN_RATIO else "fail"), text

@@ -1,4 +1,4 @@
-"""The same material with the fewest terms that serve, for codes that pay for every term."""
+"""Reduction of a Prony series to the fewest terms within a tolerance, for simulation codes."""
 
 import numpy as np
 from numpy.typing import NDArray

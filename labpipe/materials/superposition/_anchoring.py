@@ -1,4 +1,4 @@
-"""Move free shifts from the isotherm that held them to the reference temperature itself.
+"""Refer free shifts to the reference temperature instead of a measured isotherm.
 
 Free shifts are fitted relative to one isotherm. The reference temperature usually lies between
 two: there log10 a is the WLF law through all shifts plus the interpolated deviation from it,

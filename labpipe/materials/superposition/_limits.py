@@ -1,4 +1,4 @@
-"""Everything that limits a master curve, said in one sentence each."""
+"""Warnings on the validity of a master curve, one sentence each."""
 
 import numpy as np
 import xarray as xr
@@ -29,7 +29,9 @@ def limits_of(
     """Say everything that limits the result, one sentence each."""
     notes: list[str] = []
     if data.points.count == 1:
-        notes.append("one temperature only: there is nothing to shift, the spectrum is its own")
+        notes.append(
+            "only one temperature: there is nothing to shift, the spectrum is that of this isotherm"
+        )
     if found.model.horizontal == "free":
         notes += _identifiability(overlap)
         notes += _other_solutions(found)
@@ -59,7 +61,7 @@ def _violation(found: Superposition) -> list[str]:
         f"misses by {found.violation:.1f} times as much): with other weights of the moduli, "
         "another vertical law or another start the shifts change by up to "
         f"{change[worst]:.1f} decades ({float(model.temperature[worst[1]]):.0f} °C); their "
-        "uncertainties hold these changes"
+        f"uncertainties include these changes"
     ]
 
 
@@ -72,8 +74,8 @@ def _gaps(overlap: xr.Dataset) -> list[str]:
         for a, b, shared in zip(apart["colder"], apart["warmer"], apart["overlap"], strict=True)
     )
     return [
-        f"no overlap between {pairs}; the step there rests on the link between storage and loss "
-        "and on a smooth spectrum across the gap"
+        f"no overlap between {pairs}; the step there relies on the relation of storage and loss "
+        f"and on a smooth spectrum across the gap"
     ]
 
 
@@ -86,8 +88,8 @@ def _identifiability(overlap: xr.Dataset) -> list[str]:
         for a, b, u in zip(loose["colder"], loose["warmer"], loose["u_step"], strict=True)
     )
     return [
-        f"the data barely determine the step of log10 a_T between {pairs}; there the shifts rest "
-        "on the expected continuation. Smaller temperature steps, a wider frequency range or a "
+        f"the data barely determine the step of log10 a_T between {pairs}; there the shifts rely "
+        f"on the expected continuation. Smaller temperature steps, a wider frequency range or a "
         "shift law would help"
     ]
 

@@ -1,4 +1,4 @@
-r"""Master curves by time-temperature superposition, with uncertainties and an honest report.
+r"""Master curves by time-temperature superposition, with uncertainties and warnings.
 
 Convention: E(ω, T) = b_T E(a_T ω, T_ref). The horizontal factor a_T exceeds one below the
 reference temperature; the vertical factor b_T is one there.

@@ -1,4 +1,4 @@
-"""What other starts and other models say, where superposition does not hold to the scatter.
+"""Model uncertainty of the shifts from other starts and models, where superposition fails.
 
 The covariance of a fit takes its model for granted. When the joint fit misses the sweeps by more
 than they scatter about their own smooth curves, the material is not quite what time-temperature

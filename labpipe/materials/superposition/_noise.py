@@ -1,4 +1,4 @@
-"""How noisy either modulus is, and how much of the misfit is the model's.
+"""Noise of storage and loss modulus, and the part of the misfit due to the model.
 
 Left to the residuals alone, the ratio of the two noise levels can run away: when superposition
 does not hold exactly, one modulus is fitted ever better while all misfit is called noise of the

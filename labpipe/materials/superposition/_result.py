@@ -1,4 +1,4 @@
-"""What a master curve is, and how it is put together from a settled fit."""
+"""The master curve as a result, assembled from a converged fit."""
 
 import json
 import warnings

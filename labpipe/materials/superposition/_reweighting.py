@@ -1,4 +1,4 @@
-"""Settle one joint fit: noise levels, outliers and smoothing that only residuals can tell."""
+"""Iterate one joint fit: noise levels, outliers and smoothing estimated from the residuals."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""The outer parameters of a joint fit: shifts, vertical law, delay, and how they move a state.
+"""The outer parameters of a joint fit: shifts, vertical law, delay, and their effect on a state.
 
 Horizontal: one free number per isotherm but the reference, a WLF or Arrhenius law, or fixed.
 Vertical: always a law with at most two numbers; one number per isotherm would be able to imitate

@@ -1,4 +1,4 @@
-"""Look along every step that the data barely determine for a better one, or another as good.
+"""Search along barely determined steps for a better or an equally good solution.
 
 A covariance sees the curvature at one minimum. Between two stiff sweeps the misfit as a function
 of their step can be flat over a decade or have a second minimum; so every step that is loose, or

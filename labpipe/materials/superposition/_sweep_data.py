@@ -1,4 +1,4 @@
-"""What a set of isothermal frequency sweeps must be before it can be shifted.
+"""Checks of isothermal frequency sweeps before shifting.
 
 Everything that would spoil a master curve is refused or said here, with the temperature and the
 frequency where it was found.
@@ -92,8 +92,8 @@ def read_sweeps(sweeps: xr.Dataset) -> SweepData:
     if lost.any():
         where = _where(lost, temperature, frequency)
         notes.append(
-            f"loss modulus zero or negative at {lost.sum()} points, {where}; left out (noise about "
-            "a small loss)"
+            f"loss modulus zero or negative at {lost.sum()} points, {where}; left out (noise "
+            f"around a small loss)"
         )
     present &= ~lost
     if present.sum() < _LEAST_POINTS:
@@ -199,7 +199,7 @@ def _falling(points: Points, temperature: Array) -> list[str]:
             notes.append(
                 f"storage modulus falls with frequency by {100 * (1 - np.exp(-fall)):.1f} % at "
                 f"{T:g} °C; no linear viscoelastic material does that (resonance, slip, or a "
-                "sample that still changed)"
+                f"sample that was still changing)"
             )
     return notes
 

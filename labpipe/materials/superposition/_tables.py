@@ -1,4 +1,4 @@
-"""Tables and curves that a settled superposition leaves for the reader."""
+"""Tables and curves of a converged superposition."""
 
 import numpy as np
 import xarray as xr

@@ -110,7 +110,7 @@ def _answer(future: Any) -> Any:
         raise LabpipeError(message)
     error = future.exception()
     if isinstance(error, KilledWorker):
-        return Died(f"the worker died ({error})")
+        return Died("its workers died one after the other; was the memory full?")
     if error is not None:
         raise error
     return future.result()

@@ -1,1 +1,1 @@
-"""Ball drop: a sphere falls on sapphire again and again; a laser sees the holder."""
+"""Ball drop: a sphere bounces on sapphire; a laser measures the motion of its holder."""

@@ -29,7 +29,7 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset
     if model is not None:
         position.append(_simulated("displacement", model, _MM))
         speed.append(_simulated("velocity", model, 1.0))
-    hint = " Point at the chart to see each repeat." if repeats.sizes["repeat"] > 1 else ""
+    hint = " Point at the chart to show each repeat." if repeats.sizes["repeat"] > 1 else ""
     charts: list[Block] = [
         LineChart("Displacement", _LABEL, "height over first contact / mm", tuple(position),
                   group="drop", views=views,
@@ -105,6 +105,6 @@ def _difference(
     return LineChart(
         "Measured minus model", _LABEL, "difference / µm", tuple(series),
         group="drop", views=views, height_px=220,
-        caption="A touch that is early or late shows as a step, as both curves are steep there; "
-        "the table of bounces says by how much.",
+        caption="An impact that is early or late in the model shows as a spike, as both curves "
+                "are steep there; the table of bounces gives the difference in time.",
     )  # fmt: skip

@@ -21,15 +21,15 @@ from pipelines.experiments.shared.budget_quantity import (
 )
 
 _CAMERA = ("pixel size", "there is no camera")
-_LAG = ("filter lag", "the moving average of the sensor delays all readings alike")
+_LAG = ("filter lag", "the moving average of the sensor delays all readings equally")
 _MODEL = (
     "mass, radius, Poisson's ratio, temperature",
-    "nothing of the body enters what was measured; they act on the model",
+    "the measurement does not depend on the body; they affect the model",
 )
 _ZERO = ("zero", "a difference of two readings has none")
-_HEIGHT = ("height", "that of session.toml enters the model alone")
+_HEIGHT = ("height", "that of session.toml enters only the model")
 _RATIO = (
-    "inclination, sampling", "the same for both speeds, so that the scale of length and time cancel"
+    "inclination, sampling", "common to both speeds, so that the scales of length and time cancel"
 )  # fmt: skip
 
 
@@ -37,7 +37,7 @@ def quantities(
     bounces: Sequence[xr.Dataset], displacement: Sequence[xr.Dataset], model: xr.Dataset | None,
     *, settings: BallDrop,
 ) -> Iterator[Quantity]:  # fmt: skip
-    """Yield height of the fall, speed of the first impact, and restitutions of the first ones.
+    """Yield drop height, speed of the first impact, and restitutions of the first ones.
 
     Parameters
     ----------
@@ -69,7 +69,10 @@ def _fall(made: list[xr.Dataset], moved: xr.Dataset) -> Quantity:
             (measured + noise) * gain / cos(inclination) + repeatability + pulse_shape
         ),
         inputs,
-        (_CAMERA, _ZERO, ("sampling", "levels are fitted and hold no time"), _LAG, _MODEL, _HEIGHT),
+        (
+            _CAMERA, _ZERO, ("sampling", "levels are fitted and do not depend on time"),
+            _LAG, _MODEL, _HEIGHT,
+        ),
     )  # fmt: skip
 
 

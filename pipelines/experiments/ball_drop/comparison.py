@@ -1,4 +1,4 @@
-"""What a ball drop compares: displacement and restitutions, measured and simulated."""
+"""Comparison of a ball drop with the model: displacement and restitution."""
 
 from collections.abc import Iterator
 from typing import Any

@@ -1,4 +1,4 @@
-"""Bounces that a laser timed, as evidence on the sphere's material."""
+"""Bounces measured by laser, as data for identification."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -46,7 +46,9 @@ def evidence(
         name, settings.height, np.array([float(b["drop_height"]) for b in bounces])
     )
     trigger = nuisance(f"{name} trigger", 0.0, float(u_touch[0]), "s", "delay of the first contact")
-    pulse = nuisance("pulse shape", 0.0, 1.0, "1", "shape of the pulse, in its uncertainties")
+    pulse = nuisance(
+        "pulse shape", 0.0, 1.0, "1", "shape of the force pulse, in standard uncertainties"
+    )
     names |= {"height": height.name, "trigger": trigger.name, "pulse": pulse.name}
     unknowns += [height, trigger, pulse]
     none = np.full(count, np.nan)

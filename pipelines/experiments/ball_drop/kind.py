@@ -1,4 +1,4 @@
-"""The kind ``ball_drop``: what a session and every verb know of it."""
+"""The kind ``ball_drop``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
@@ -15,49 +15,49 @@ _REPEATS = Schema("repeats", {
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.ball_drop.measured:readings", 1,
+        "readings", "pipelines.experiments.ball_drop.measured:readings",
         ("file:laser",), ("keyence",), per="recording", over="laser",
         summary="read the laser export",
     ),
     Stage(
-        "displacement", "pipelines.experiments.ball_drop.measured:displacement", 1,
+        "displacement", "pipelines.experiments.ball_drop.measured:displacement",
         ("readings", "file:calibration"),
         ("sensor", "measured_on", "analysis.inclination_from_height", "analysis.contact", "height"),
         per="recording", over="laser", schema="displacement",
         summary="correct the inclination, with uncertainty",
     ),
     Stage(
-        "bounces", "pipelines.experiments.ball_drop.measured:bounces", 2,
+        "bounces", "pipelines.experiments.ball_drop.measured:bounces",
         ("displacement",), ("analysis.contact",), per="recording", over="laser", schema="bounces",
         summary="find release, contacts, bounces and rest",
     ),
     Stage(
-        "velocity", "pipelines.experiments.ball_drop.measured:velocity", 1,
+        "velocity", "pipelines.experiments.ball_drop.measured:velocity",
         ("displacement", "bounces"), ("analysis.velocity", "analysis.window"),
         per="recording", over="laser", schema="velocity",
-        summary="differentiate, not blunting the impacts",
+        summary="differentiate, without smoothing the impacts",
     ),
     Stage(
-        "repeats", "pipelines.experiments.ball_drop.measured:repeats", 2,
+        "repeats", "pipelines.experiments.ball_drop.measured:repeats",
         ("displacement", "velocity", "bounces"), (), schema="repeats",
         summary="align at first contact: mean, band, outliers",
     ),
     Stage(
-        "model", "pipelines.experiments.ball_drop.model:model", 5,
+        "model", "pipelines.experiments.ball_drop.model:model",
         ("repeats", "file:sphere.material_file", "other:sphere.material_from/master_curve",
          "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.impact._bounce_compiled",),
+        imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drop",
     ),
     Stage(
-        "comparison", "pipelines.experiments.ball_drop.comparison:comparison", 1,
+        "comparison", "pipelines.experiments.ball_drop.comparison:comparison",
         ("repeats", "model"), (),
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.ball_drop.page:page", 8,
+        "report", "pipelines.experiments.ball_drop.page:page",
         ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
         ("*",), output="page", context=True,
         summary="write the page",
@@ -67,7 +67,7 @@ _STAGES = (
 KIND = Kind(
     name="ball_drop",
     title="Ball drop",
-    summary="drops of a sphere, seen by the laser",
+    summary="drops of a sphere, measured by laser",
     settings=BallDrop,
     stages=_STAGES,
     schemas=(BOUNCES, DISPLACEMENT, DROP, VELOCITY, _REPEATS),

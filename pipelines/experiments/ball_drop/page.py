@@ -28,10 +28,10 @@ from pipelines.experiments.shared import budget_blocks, pages
 Array = NDArray[np.float64]
 
 _RIGID_FLOOR = (
-    "The model's floor is rigid. A real one takes energy: one of mass M lowers the restitution of "
-    "a mass m by up to about 2 m/M (0.0005 for half a kilogram on 1.5 t), which the uncertainty "
-    "above does not hold. State it as plate (mass, frequency, damping_ratio), or name an "
-    "experiment that measured it as plate_from."
+    "The model assumes a rigid floor. A real floor takes up energy: a floor of mass M lowers the "
+    "restitution of a mass m by up to about 2 m/M (0.0005 for half a kilogram on 1.5 t), which "
+    "the uncertainty above does not include. Give the floor as plate (mass, frequency, "
+    "damping_ratio), or name an experiment that measured it as plate_from."
 )
 
 
@@ -82,14 +82,15 @@ def _summary(
         e, u = float(repeats["restitution"][0]), float(repeats["u_restitution"][0])
         rows.append(
             ("restitution of the first impact, measured", value_with_uncertainty(e, u, "1"),
-             f"mean of {int(repeats['n_repeats'][0])} repeats; standard uncertainty")
+             f"mean of {pages.counted(int(repeats['n_repeats'][0]), 'repeat')}; standard "
+             f"uncertainty")
         )  # fmt: skip
     if model is not None and model.sizes["impact"]:
         e, u = float(model["restitution"][0]), float(model["u_restitution"][0])
         rows.append(
             ("restitution of the first impact, model", value_with_uncertainty(e, u, "1"),
-             "uncertainty from height, body, plate, and temperature and Poisson's ratio where "
-             "they are stated with one; the material's moduli are taken as exact")
+             "uncertainty from height, radius, mass, plate, and from temperature and Poisson's "
+             "ratio where stated with an uncertainty; the moduli are taken as exact")
         )  # fmt: skip
     if comparison is not None:
         rows += [
@@ -128,7 +129,7 @@ def _measured(settings: BallDrop, readings: list[xr.Dataset], context: Context) 
             blocks.append(
                 Notice(
                     "info",
-                    "The layout of Keyence storage files is assumed: no such file is public.",
+                    "The layout of Keyence storage files is assumed, as no such file is public.",
                 )
             )
         blocks += pages.raw_headers(readings)
@@ -157,7 +158,7 @@ def _calibration(displacement: list[xr.Dataset]) -> Section:
                 (
                     "noise of a sample",
                     quantity(float(attrs["noise"]), "m"),
-                    "from the quiet beginning",
+                    "from the part at rest before the drop",
                 ),
             ]
         ),
@@ -191,8 +192,8 @@ def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None) -> Section:
         for i, (impact, n) in enumerate(counts)
     ]
     caption = (
-        "Every bounce: mean over the repeats that show it, with its standard uncertainty; the time "
-        "of the touch is counted from the first."
+        "Every bounce: mean over the repeats that show it, with its standard uncertainty. Touch "
+        "times are counted from the first touch."
     )
     measured = Table(columns, rows, caption=caption)
     if comparison is None:
@@ -217,8 +218,8 @@ def _against_model(comparison: xr.Dataset) -> Table:
         for i, impact in enumerate(comparison["impact"].values)
     ]
     caption = (
-        "Against the model. The uncertainty of a difference holds the model's from height, radius "
-        "and mass; the material's is not in it."
+        "Comparison with the model. The uncertainty of a difference includes that of the model "
+        "from height, radius and mass, but not that of the material."
     )
     return Table(columns, rows, caption=caption)
 
@@ -244,7 +245,7 @@ def _repeats(
         Column("u"), Column("fall", unit="m", u=5), Column("u"), Column("bounces"),
         Column("rest", unit="s"), Column("remark"),
     )  # fmt: skip
-    text = "Times of each recording by its own clock. An outlier is flagged, never dropped."
+    text = "Times of each recording by its own clock. Outliers are flagged, never removed."
     if len(rows) < len(bounces):
         text += f" {len(bounces) - len(rows)} recording(s) gave no bounces: see the errors."
     return Section("Repeats", (Table(columns, rows, caption=text),))
@@ -260,16 +261,16 @@ def _phases(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> Section
             )
             rows.append(
                 (name, settled - touch, rest - settled, rest - touch, float(found["u_rest_time"]),
-                 "" if np.isfinite(rest) else "not at rest when the record ends: it goes on")
+                 "" if np.isfinite(rest) else "still moving when the recording ends")
             )  # fmt: skip
     columns = (
         Column("recording"), Column("bouncing", unit="s"), Column("vibration", unit="s"),
         Column("static from", unit="s", u=4), Column("u"), Column("remark"),
     )  # fmt: skip
     text = (
-        "Bouncing lasts from first contact to the last touch after which no flight is resolved, "
-        "vibration from there until the speed stays below a hundredth of the first impact's; "
-        "static from then on, counted from first contact."
+        "Bouncing: from first contact to the last resolved flight. Vibration: until the speed "
+        "stays below a hundredth of that of the first impact. Static: from then on. Times are "
+        "counted from first contact."
     )
     return Section("Phases", (Table(columns, rows, caption=text),))
 
@@ -286,10 +287,11 @@ def _model(model: xr.Dataset) -> Section:
             float(model["contact_duration"][0]), 0.0, "s"), "first impact"),
     ]  # fmt: skip
     plate = json.loads(model.attrs["plate"])
-    floor = "a rigid flat" if plate is None else "a flat that moves"
+    floor = "a rigid flat" if plate is None else "a vibrating plate"
     text = (
         f"A viscoelastic sphere on {floor} by the method of dimensionality reduction: "
-        "independent springs with exact exponential memory, adaptive steps, one step per flight."
+        "independent springs with exact exponential memory, adaptive time steps, one step per "
+        "flight."
     )
     blocks: list[Block] = [Paragraph(text), KeyValues(rows)]
     if plate is None:
@@ -303,6 +305,10 @@ def _model(model: xr.Dataset) -> Section:
     return Section("Model", tuple(blocks))
 
 
+def _times(n: int) -> str:
+    return {1: "once", 2: "twice"}.get(n, f"{n} times")
+
+
 def _methods(
     settings: BallDrop,
     displacement: list[xr.Dataset],
@@ -313,7 +319,7 @@ def _methods(
     source = sphere.material or sphere.material_file or sphere.material_from
     text = (
         f"A sphere of radius {pages.stated(sphere.radius)} with a total moving mass of "
-        f"{pages.stated(sphere.mass)} was dropped {len(settings.laser)} times from "
+        f"{pages.stated(sphere.mass)} was dropped {_times(len(settings.laser))} from "
         f"{pages.stated(settings.height)}. "
     )
     if displacement:

@@ -1,4 +1,4 @@
-"""What ``init`` makes of laser exports that are nothing else: repeats of a drop."""
+"""Proposals of ``init``: other laser exports are repeats of a drop."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

@@ -1,4 +1,4 @@
-"""Settings of a ball drop: repeated drops of one sphere from one height, seen by the laser."""
+"""Settings of a ball drop: repeated drops of one sphere from one height, measured by laser."""
 
 from datetime import date
 from typing import Annotated, Literal
@@ -10,22 +10,11 @@ from pipelines.experiments.shared.settings import (
     DropModel,
     Keyence,
     Plate,
+    Sensor,
     Sphere,
     Table,
     refuse_two_plates,
 )
-
-
-class Sensor(Table, frozen=True, kw_only=True):
-    """Which output of the controller sees the holder, and which way it counts.
-
-    ``direction`` is +1 when the reading grows as the holder moves up, −1 when it falls.
-    ``serial`` is the sensor in use; a calibration record of another one is refused.
-    """
-
-    output: str = "out1"
-    direction: Literal[1, -1] = 1
-    serial: str | None = None
 
 
 class Analysis(Table, frozen=True, kw_only=True):

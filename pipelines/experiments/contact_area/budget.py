@@ -18,9 +18,9 @@ from pipelines.experiments.shared.budget_quantity import (
 _NO_LASER = ("inclination, filter lag", "there is no laser and no filter")
 _UNDER = (
     _NO_LASER,
-    ("zero", "the centre of the rings is fitted"),
+    ("zero", "the centre of the fringes is fitted"),
     ("mass, height, Poisson's ratio, temperature",
-     "nothing of the drop enters what was measured; they act on the model"),
+     "the measurement does not depend on the drop; they affect the model"),
     ("repeatability", "one film shows each impact once"),
 )  # fmt: skip
 

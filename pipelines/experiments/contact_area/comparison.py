@@ -1,4 +1,4 @@
-"""What a film of the contact compares: radii around an impact, and the largest ones."""
+"""Comparison of film and model: contact radii around an impact, and the largest ones."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Contact radii that a film shows, as evidence on the sphere's material."""
+"""Contact radii from a film, as data for identification."""
 
 from pathlib import Path
 

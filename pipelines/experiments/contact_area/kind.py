@@ -1,4 +1,4 @@
-"""The kind ``contact_area``: what a session and every verb know of it."""
+"""The kind ``contact_area``: its settings, stages and results."""
 
 from labpipe.workflow.graph import Stage
 from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal
@@ -7,7 +7,7 @@ from pipelines.experiments.shared.schemas import DROP
 
 _STAGES = (
     Stage(
-        "radius", "pipelines.experiments.contact_area.measured:radius", 2,
+        "radius", "pipelines.experiments.contact_area.measured:radius",
         ("file:film", "file:camera"),
         ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate"),
         shortcuts=True,
@@ -15,30 +15,30 @@ _STAGES = (
         summary="fit the fringes around the contact",
     ),
     Stage(
-        "impacts", "pipelines.experiments.contact_area.measured:impacts", 4, ("radius",),
-        summary="find the largest radius of each impact, and that at rest",
+        "impacts", "pipelines.experiments.contact_area.measured:impacts", ("radius",),
+        summary="find the largest radius of each impact, and the radius at rest",
     ),
     Stage(
-        "model", "pipelines.experiments.contact_area.model:model", 3,
+        "model", "pipelines.experiments.contact_area.model:model",
         ("radius", "impacts", "file:sphere.material_file",
          "other:sphere.material_from/master_curve", "other:plate_from/plate"),
         ("height", "sphere", "model", "plate"), schema="drop",
         shortcuts=True,
-        imports=("labpipe.contact.impact._bounce_compiled",),
+        imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drop",
     ),
     Stage(
-        "comparison", "pipelines.experiments.contact_area.comparison:comparison", 3,
+        "comparison", "pipelines.experiments.contact_area.comparison:comparison",
         ("radius", "impacts", "model"),
         summary="measurement against model",
     ),
     Stage(
-        "keys", "pipelines.experiments.contact_area.measured:keys", 3,
+        "keys", "pipelines.experiments.contact_area.measured:keys",
         ("file:film", "radius", "impacts"), ("frame_rate",),
-        summary="copy key frames for the page",
+        summary="select key frames for the page",
     ),
     Stage(
-        "report", "pipelines.experiments.contact_area.page:page", 6,
+        "report", "pipelines.experiments.contact_area.page:page",
         ("radius", "impacts", "model", "comparison", "keys"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -48,7 +48,7 @@ _STAGES = (
 KIND = Kind(
     name="contact_area",
     title="Contact area",
-    summary="a film of the contact through the disc",
+    summary="a film of the contact through the transparent disc",
     settings=ContactArea,
     stages=_STAGES,
     schemas=(DROP,),

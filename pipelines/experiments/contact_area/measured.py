@@ -82,7 +82,7 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
         ("u_peak_radius", np.hypot(own, relative * largest), "m",
          "standard uncertainty: largest contact radius"),
         ("peak_sampling", sampling, "m",
-         "part of that uncertainty that the course between the frames leaves"),
+         "part of that uncertainty from interpolation between the frames"),
     ):  # fmt: skip
         table[name] = ("impact", values, {"units": units, "long_name": text})
     for name, place, text in (("first_seen", 0, "first"), ("last_seen", -1, "last")):
@@ -158,7 +158,7 @@ def _at_rest(
         "u_static_radius": (
             (), own, {"units": "m", "long_name": "standard uncertainty: contact radius at rest"},
         ),
-        "static_since": ((), start, {"units": "s", "long_name": "begin of the frames at rest"}),
+        "static_since": ((), start, {"units": "s", "long_name": "start of the frames at rest"}),
     }  # fmt: skip
 
 
@@ -192,7 +192,7 @@ def keys(
         ("key_radius", at["radius"].values, "m", "contact radius"),
         ("u_key_radius", np.hypot(at["u_radius"].values, at["radius_systematic"].values), "m",
          "standard uncertainty: contact radius"),
-        ("key_method", at["method"].values.astype(float), "1", "how the radius was found"),
+        ("key_method", at["method"].values.astype(float), "1", "method of the radius"),
     ):  # fmt: skip
         found[name] = ("key", values, {"units": units, "long_name": text})
     return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))

@@ -36,8 +36,8 @@ _CIRCLE = (60, 120, 255)  # BGR, orange
 _SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
 _VIEW = 1.5  # ms around the largest radius of an impact that a button shows
 _METHODS = {
-    1: "fringe fit", 5: "fringe fit with a gap that is not Hertz's", 2: "edge",
-    3: "interpolation between equal frames at rest", 4: "nothing but contact in view (no radius)",
+    1: "fringe fit", 5: "fringe fit with a fitted gap factor (gap not Hertzian)", 2: "edge",
+    3: "interpolation between equal frames at rest", 4: "contact fills the view (no radius)",
 }  # fmt: skip
 _SOURCES = {
     "sphere_radius": "radius of the sphere", "wavelength": "wavelength",
@@ -94,14 +94,14 @@ def _summary(
     if impacts is not None and impacts.sizes["impact"]:
         rows.append(("largest contact radius, film", value_with_uncertainty(
             float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0]), "m"),
-            "first impact; the scale's uncertainty included"))  # fmt: skip
+            "first impact; includes the uncertainty of the image scale"))  # fmt: skip
     if model is not None and model.sizes["impact"]:
         rows.append(("largest contact radius, model", value_with_uncertainty(
             float(model["peak_contact_radius"][0]), float(model["u_peak_contact_radius"][0]),
-            "m"), "first impact; from height, radius and mass"))  # fmt: skip
+            "m"), "first impact; uncertainty from height, radius and mass"))  # fmt: skip
     if comparison is not None and comparison.sizes["impact"]:
         rows.append(("nRMSE of the radius", f"{float(comparison['nrmse'][0]) * 100:.2f} %",
-                     "first impact, over its largest radius"))  # fmt: skip
+                     "first impact, relative to its largest radius"))  # fmt: skip
     if impacts is not None and np.isfinite(float(impacts["static_radius"])):
         rows.append(
             (
@@ -119,13 +119,15 @@ def _summary(
                          f"{quantity(stiff, 'm', 4)} unrelaxed", ""))  # fmt: skip
     blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
     if settings.wavelength is None:
-        blocks.append(Notice("warning", "The wavelength is not known: only the edge of the dark "
-                             "spot was measured, not the fringes; the radius is uncertain by "
-                             "several micrometres."))  # fmt: skip
+        blocks.append(Notice("warning", "No wavelength is given: the radius was measured from "
+                                        "the edge of the dark spot, not from the fringes, and is "
+                                        "uncertain by several micrometres."))  # fmt: skip
     if radius is not None:
         methods = radius["method"].values[radius["in_contact"].values.astype(bool)]
         counts = [(name, int(np.sum(methods == code))) for code, name in _METHODS.items()]
-        text = ", ".join(f"{count} frames by {name}" for name, count in counts if count)
+        text = ", ".join(
+            f"{pages.counted(count, 'frame')} by {name}" for name, count in counts if count
+        )
         if text:
             blocks.append(Notice("info", f"Method: {text}."))
     return Section("Summary", tuple(blocks))
@@ -183,9 +185,7 @@ def _budget(radius: xr.Dataset, impacts: xr.Dataset | None) -> tuple[Block, ...]
         [text, *(float(one["systematic_part"].sel(source=name)) for one in at)]
         for name, text in _SOURCES.items()
     ]
-    rows.append(
-        ["together, shared by all frames", *(float(one["radius_systematic"]) for one in at)]
-    )
+    rows.append(["total, common to all frames", *(float(one["radius_systematic"]) for one in at)])
     rows.append(["noise and misfit of the frame", *(float(one["u_radius"]) for one in at)])
     titles = [f"{where}, {quantity(float(a[frame]), 'm', 4)}" for where, frame in chosen]
     columns = (Column("source"), *(Column(title, unit="m", digits=2) for title in titles))
@@ -199,7 +199,7 @@ def _shares(one: xr.Dataset, where: str) -> Bars:
     parts = {text: float(one["systematic_part"].sel(source=n)) for n, text in _SOURCES.items()}
     parts["noise and misfit of the frame"] = float(one["u_radius"])
     rows = table([Source(text, 0.0, u, "m", 1.0) for text, u in parts.items()])
-    return share_bars(rows, f"Share in the variance, {where}")
+    return share_bars(rows, f"Share of the variance, {where}")
 
 
 def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None) -> Section:
@@ -268,10 +268,11 @@ def _gap_factor(radius: xr.Dataset) -> list[Block]:
         return []
     factor = radius["gap_factor"].values[is_open]
     text = (
-        f"In {int(is_open.sum())} frames the gap beside the contact was not Hertz's: "
-        f"{factor.min():.2f} to {factor.max():.2f} of it. The surface of a viscoelastic body still "
-        "recovers while the contact recedes, and when it comes back early. There the factor was "
-        "fitted too; the error bars of these frames say what is not known of the gap's shape."
+        f"In {pages.counted(int(is_open.sum()), 'frame')} the gap around the contact was "
+        f"{factor.min():.2f} to {factor.max():.2f} times the Hertzian one: the surface of a "
+        "viscoelastic body still recovers while the contact recedes, and when it touches again "
+        "early. There the factor was fitted as well; the error bars of these frames include the "
+        "uncertainty of the gap's shape."
     )
     return [Notice("info", text)]
 
@@ -333,7 +334,8 @@ def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> 
     )
     text = (
         f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was "
-        f"measured in {radius.sizes['frame']} frames {how}, with the exposure's smear modelled. "
+        f"measured in {pages.counted(radius.sizes['frame'], 'frame')} {how}, with the exposure's "
+        f"smear modelled. "
     )
     if impacts.sizes["impact"]:
         a, u = float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])

@@ -1,4 +1,4 @@
-"""What ``init`` makes of films that are called after the disc or the contact."""
+"""Proposals of ``init``: films named after the disc or the contact."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

@@ -15,15 +15,19 @@ from pipelines.experiments.shared.budget_quantity import (
 )
 
 _FRONT = (
-    ("inclination, filter lag", "there is no filter, and a tilt of the view is in the pixel size"),
-    ("sampling", "a displacement holds no time"),
-    ("mass, radius, height, Poisson's ratio, temperature", "nothing of the body enters"),
+    (
+        "inclination, filter lag",
+        "there is no filter, and a tilt of the view is included in the pixel size",
+    ),
+    ("sampling", "a displacement does not depend on time"),
+    ("mass, radius, height, Poisson's ratio, temperature", "the body has no effect"),
     ("repeatability", "one film shows one drop"),
 )
 _AGAINST = (
     ("filter lag, sampling, zero", "both records are counted from first contact"),
-    ("mass, radius, height, Poisson's ratio, temperature", "nothing of the body enters"),
-    ("repeatability", "in the noise: the differences tell their own scatter, neighbours together"),
+    ("mass, radius, height, Poisson's ratio, temperature", "the body has no effect"),
+    ("repeatability", "included in the noise, which is estimated from the differences and their "
+                      "autocorrelation"),
 )  # fmt: skip
 
 

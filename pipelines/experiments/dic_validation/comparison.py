@@ -1,4 +1,4 @@
-"""What a film of the holder compares: its motion with that which the laser saw."""
+"""Comparison of a film of the holder with the laser."""
 
 from collections.abc import Iterator
 from typing import Any

@@ -1,4 +1,4 @@
-"""The kind ``dic_validation``: what a session and every verb know of it."""
+"""The kind ``dic_validation``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
@@ -15,40 +15,40 @@ _FILM_MOTION = Schema("film_motion", {
 
 _STAGES = (
     Stage(
-        "track", "pipelines.experiments.dic_validation.measured:track", 1, ("file:film",),
+        "track", "pipelines.experiments.dic_validation.measured:track", ("file:film",),
         ("tracking", "frame_rate"),
         shortcuts=True,
         imports=("labpipe.imaging.dic._tracker",),
-        summary="follow the holder through the film",
+        summary="track the holder through the film",
     ),
     Stage(
-        "motion", "pipelines.experiments.dic_validation.measured:motion", 1,
+        "motion", "pipelines.experiments.dic_validation.measured:motion",
         ("track", "file:camera"), ("view", "measured_on"), schema="film_motion",
         summary="pixels to metres, with uncertainty",
     ),
     Stage(
-        "bounces", "pipelines.experiments.dic_validation.measured:bounces", 2, ("motion",),
+        "bounces", "pipelines.experiments.dic_validation.measured:bounces", ("motion",),
         schema="bounces",
         summary="find release, contacts, bounces and rest",
     ),
     Stage(
-        "velocity", "pipelines.experiments.dic_validation.measured:velocity", 1,
+        "velocity", "pipelines.experiments.dic_validation.measured:velocity",
         ("motion", "bounces"),
         schema="velocity",
-        summary="differentiate, not blunting the impacts",
+        summary="differentiate, without smoothing the impacts",
     ),
     Stage(
-        "keys", "pipelines.experiments.dic_validation.measured:keys", 2,
+        "keys", "pipelines.experiments.dic_validation.measured:keys",
         ("file:film", "track", "bounces"), ("frame_rate",),
-        summary="copy key frames for the page",
+        summary="select key frames for the page",
     ),
     Stage(
-        "comparison", "pipelines.experiments.dic_validation.comparison:comparison", 1,
+        "comparison", "pipelines.experiments.dic_validation.comparison:comparison",
         ("motion", "bounces", "other:laser_experiment/repeats"),
         summary="film against laser",
     ),
     Stage(
-        "report", "pipelines.experiments.dic_validation.page:page", 5,
+        "report", "pipelines.experiments.dic_validation.page:page",
         ("track", "motion", "bounces", "velocity", "keys", "comparison",
          "other:laser_experiment/repeats"), ("*",),
         output="page", context=True,

@@ -1,4 +1,4 @@
-"""Camera against laser: the holder's motion from a film, laid over the mean of the laser's drops.
+"""Camera against laser: the holder's motion from a film, aligned with the laser's mean.
 
 The two were recorded in different sessions; they are aligned at first contact (t_c = 0, and the
 height of that contact is 0). Point 0 of the tracks is the large subset on the holder, whose motion

@@ -108,15 +108,15 @@ def _summary(
             ("bias", _value(comparison, "bias"), "mean of film minus laser"),
             ("95 % limits of agreement",
              f"{_value(comparison, 'limit_low')} to {_value(comparison, 'limit_high')}", ""),
-            ("scale of the laser per scale of the film", _value(comparison, "gain"),
+            ("ratio of the laser's scale to the film's", _value(comparison, "gain"),
              "expected 1 within "
              f"{float(comparison['expected_u_gain']) * 100:.2g} % from both calibrations"),
         ]  # fmt: skip
     blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
     if comparison is None and not context.failures:
         blocks.append(
-            Notice("info", "No laser experiment is named, so the film stands alone; name one as "
-                   "laser_experiment in session.toml.")
+            Notice("info", "No laser experiment is named, so the film is not compared; name one "
+                           "as laser_experiment in session.toml.")
         )  # fmt: skip
     return Section("Summary", tuple(blocks))
 
@@ -240,7 +240,8 @@ def _difference(
     return LineChart(
         "Film minus laser", _LABEL, "difference / µm", tuple(series), group=_GROUP, views=views,
         height_px=220,
-        caption="A touch that is early or late shows as a step, as both curves are steep there.",
+        caption="An impact that is early or late in one record shows as a spike, as both curves "
+                "are steep there.",
     )  # fmt: skip
 
 
@@ -252,13 +253,13 @@ def _agreement(comparison: xr.Dataset) -> Section:
         ("lower 95 % limit of agreement", _value(comparison, "limit_low"), ""),
         ("upper 95 % limit of agreement", _value(comparison, "limit_high"), ""),
         ("concordance", f"{float(comparison['concordance']):.6f}", "Lin's coefficient"),
-        ("remaining lag", _value(comparison, "lag"), "laser after film, after alignment"),
+        ("remaining lag", _value(comparison, "lag"), "lag of the laser after alignment"),
         ("largest difference", quantity(float(comparison["max_error"]), "m"), ""),
     ]  # fmt: skip
     columns = (
         Column("impact"),
         Column("touch, film − laser", unit="s", u=2), Column("u"),
-        Column("speed in, film", unit="m/s"), Column("laser", unit="m/s"),
+        Column("incoming speed, film", unit="m/s"), Column("laser", unit="m/s"),
         Column("restitution, film"), Column("laser"), Column("film − laser", u=8), Column("u"),
     )  # fmt: skip
     shown = ("touch_time_difference", "u_touch_time_difference", "incoming_speed_film",
@@ -290,7 +291,7 @@ def _tracking(track: xr.Dataset, motion: xr.Dataset | None) -> Section:
     if motion is not None and "line_scatter" in motion:
         rows.append(("scatter along the line",
                      quantity(float(np.nanmedian(motion["line_scatter"])), "m"),
-                     "median over frames; holds the rotation"))  # fmt: skip
+                     "median over frames; includes the rotation"))  # fmt: skip
     chart = LineChart(
         "Correlation of the large subset", "frame", "zero-normalised correlation",
         (Series("ZNCC", frames.astype(float), body["zncc"].values, role="measured"),),

@@ -1,4 +1,4 @@
-"""What ``init`` makes of films that are not taken from under the disc."""
+"""Proposals of ``init``: films not taken from under the disc."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

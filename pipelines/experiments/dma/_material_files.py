@@ -1,4 +1,4 @@
-"""Materials as texts for other programs: ANSYS, Abaqus, JSON; with the fewest terms that serve."""
+"""Materials as texts for other programs: ANSYS, Abaqus, JSON; reduced in terms."""
 
 import json
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ def ansys(series: Series, law: dict[str, Any], T_ref: float) -> str:
     shares = series.E / series.unrelaxed
     lines = [
         "! linear viscoelastic solid; SI units (Pa, s)",
-        f"MP,EX,1,{series.unrelaxed:.8g}  ! modulus after no time",
+        f"MP,EX,1,{series.unrelaxed:.8g}  ! instantaneous modulus",
         f"MP,PRXY,1,{series.nu:.6g}",
         *_ansys_table("SHEAR", shares, series.rho),
         *_ansys_table("BULK", shares, series.rho),

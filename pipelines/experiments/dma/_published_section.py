@@ -72,11 +72,11 @@ def _reference(found: xr.Dataset, T_ref: float) -> str:
     shift = (
         "which is the reference here too"
         if abs(offset) < _SMALL
-        else f"at {_celsius(T_ref)} it has {_signed(offset)}, which is taken off"
+        else f"at {_celsius(T_ref)} it has {_signed(offset)}, which is subtracted"
     )
     return (
         f"Reference: the published table is zero at {_celsius(found.attrs['published_zero'])}, "
-        f"{shift}; so the reference is no reason for a difference. Its temperatures lie up to "
+        f"{shift}; so the reference explains no difference. Its temperatures lie up to "
         f"{found.attrs['temperature_distance']:.1f} K from the measured means; it was interpolated."
     )
 
@@ -87,13 +87,13 @@ def _where(found: xr.Dataset) -> str:
     change = step - found["step_published"].values
     loose = u > _LOOSE
     parts = [
-        "Where: differences add up away from the reference, so the steps between neighbours tell "
-        "where they arise."
+        "Where: differences accumulate away from the reference, so the steps between "
+        "neighbouring temperatures show where they arise."
     ]
     if loose.any():
         parts.append(
-            f"{int(loose.sum())} steps are barely determined by the readings (standard uncertainty "
-            f"above {_LOOSE} decades); they hold {float(np.abs(change[loose]).sum()):.1f} of "
+            f"Steps barely determined by the data: {int(loose.sum())} (standard uncertainty "
+            f"above {_LOOSE} decades); they make up {float(np.abs(change[loose]).sum()):.1f} of "
             f"{float(np.abs(change).sum()):.1f} decades of the summed difference."
         )
     firm = ~loose & (np.abs(change) > _DIFFERENT * np.maximum(u, 1e-12))
@@ -104,11 +104,12 @@ def _where(found: xr.Dataset) -> str:
             for a, b, s, v, p, e in _largest(found, firm, change)
         )
         parts.append(
-            f"{int(firm.sum())} well determined steps differ by more than {_DIFFERENT:g} standard "
-            f"uncertainties, the largest: {listed}."
+            f"Well determined steps that differ by more than {_DIFFERENT:g} standard "
+            f"uncertainties: "
+            f"{int(firm.sum())}, the largest: {listed}."
         )
     else:
-        parts.append("No well determined step differs by more than its uncertainty explains.")
+        parts.append("No well determined step differs significantly.")
     return " ".join(parts)
 
 
@@ -132,10 +133,10 @@ def _vertical(found: xr.Dataset, curve: xr.Dataset) -> str:
     published, alone = float(found["step_published"].sum()), float(found["step_storage"].sum())
     return (
         f"Vertical factors: the fit allows them (b_T with the levels of the sweeps from "
-        f"{np.nanmin(factor):.3f} to {np.nanmax(factor):.3f}); a purely horizontal table moves "
-        "curves sideways instead. In the glass the storage modulus is so flat that this matters "
-        f"most: between {_celsius(float(found['step_colder'][most]))} and "
-        f"{_celsius(float(found['step_warmer'][most]))} the factors are worth "
+        f"{np.nanmin(factor):.3f} to {np.nanmax(factor):.3f}); a purely horizontal table shifts "
+        f"curves along the frequency axis instead. This matters most in the glassy range, where "
+        f"the storage modulus is flat: between {_celsius(float(found['step_colder'][most]))} and "
+        f"{_celsius(float(found['step_warmer'][most]))} the factors are equivalent to "
         f"{abs(worth[most]):.1f} decades by the slope of E′. Over all temperatures the fit spans "
         f"{fitted:.1f} decades, the published table {published:.1f}; continuing E′ alone without "
         f"vertical factors would span {alone:.1f}."
@@ -150,11 +151,11 @@ def _imposed(found: xr.Dataset, curve: xr.Dataset) -> str:
     also = f" and the delay of {delay * 1e6:.0f} µs" if delay else ""
     if max(theirs[0] / max(ours[0], 1e-9), theirs[1] / max(ours[1], 1e-9)) > 1.3:
         verdict = (
-            "one spectrum through both moduli contradicts the published steps; a table made from "
-            "one modulus, by other vertical factors or by hand need not keep both"
+            "one spectrum fitted to both moduli contradicts the published steps; a table made "
+            "from one modulus, with other vertical factors or by hand need not fit both"
         )
     else:
-        verdict = "the readings cannot tell the two tables apart"
+        verdict = "the data do not distinguish the two tables"
     text = (
         f"Test: imposed on these readings, with the same vertical law{also}, the published shifts "
         f"leave {theirs[0]:.1f} % (E′) and {theirs[1]:.1f} % (E″) rms where the fitted ones leave "
@@ -163,8 +164,8 @@ def _imposed(found: xr.Dataset, curve: xr.Dataset) -> str:
     if any("superposition does not hold" in note for note in json.loads(curve.attrs["notes"])):
         text += (
             " Superposition itself does not hold to the scatter of the sweeps, so no table of "
-            "shifts fits both moduli; the stated uncertainties hold how far ours depend on weights "
-            "and laws."
+            "shifts fits both moduli; the stated uncertainties include how far ours depend on "
+            "weights and laws."
         )
     return text
 

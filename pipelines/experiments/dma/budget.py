@@ -13,18 +13,20 @@ from pipelines.experiments.shared.budget_quantity import MEASURED, Array, Quanti
 
 _ABSENT = (
     ("inclination, pixel size, mass, radius, height",
-     "the rheometer's own dimensions are in its moduli; session.toml states no uncertainty"),
-    ("zero, filter lag", "the instrument's; a delay of its phase is found where it shows"),
-    ("repeatability", "one specimen; where sweeps overlap they repeat each other: in the noise"),
+     "they are included in the rheometer's moduli; session.toml states no uncertainty"),
+    ("zero, filter lag", "the instrument's clock; a phase delay is fitted where the data show one"),
+    ("repeatability", "one specimen; overlapping sweeps repeat each other: included in the noise"),
 )  # fmt: skip
 _SHIFT = (
-    ("sampling", "a curve runs through the frequencies: in the noise"),
+    ("sampling", "the fitted curve interpolates between the frequencies: included in the noise"),
     ("Poisson's ratio", "a shift is a ratio of frequencies"),
 )
-_MODULUS = (("sampling", "a curve runs through the frequencies: in the noise"),)
+_MODULUS = (
+    ("sampling", "the fitted curve interpolates between the frequencies: included in the noise"),
+)
 _PEAK = (
     ("Poisson's ratio", "a loss factor is a ratio of moduli"),
-    ("sampling", "a cubic runs through the readings: in the noise"),
+    ("sampling", "a cubic is fitted to the readings: included in the noise"),
 )
 _TENSION = ("Poisson's ratio", "the modulus was measured in tension or bending")
 _SLOW_DECADES = 2.0  # at the slow end, over which the loss tells how it goes on
@@ -96,7 +98,7 @@ def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
         for name in ("reduced_frequency", "master_storage", "u_master_storage")
     )
     factor = float(sweeps.attrs["u_modulus_factor"]) / float(sweeps.attrs["modulus_factor"])
-    names = ("temperature", "the shifts' own uncertainty is in the noise of the curve")
+    names = ("temperature", "the uncertainty of the shifts is included in the noise of the curve")
     inert = (*_MODULUS, names, *_ABSENT, *(() if factor else (_TENSION,)))
     inputs = {"noise": Input(1.0, u_storage / storage)}
     if factor:

@@ -1,4 +1,4 @@
-"""What a master curve compares: the readings, reduced by the shifts, with the fitted spectrum."""
+"""Comparison of a master curve: shifted readings with the fitted spectrum."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""A rheometer's moduli as what is known of a material before other experiments."""
+"""A rheometer's moduli as prior of the identification of a material."""
 
 import numpy as np
 import xarray as xr

@@ -1,4 +1,4 @@
-"""The kind ``dma``: what a session and every verb know of it."""
+"""The kind ``dma``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
@@ -24,33 +24,33 @@ _MASTER_CURVE = Schema("master_curve", {
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.dma.measured:readings", 1,
+        "readings", "pipelines.experiments.dma.measured:readings",
         ("file:rheometer",), ("export",),
         per="recording", over="rheometer",
         summary="read the rheometer export",
     ),
     Stage(
-        "sweeps", "pipelines.experiments.dma.measured:gathered", 1,
+        "sweeps", "pipelines.experiments.dma.measured:gathered",
         ("readings",), ("mode", "nu", "sweeps"), schema="sweeps",
-        summary="gather isothermal sweeps, in tension",
+        summary="collect isothermal sweeps, converted to tension",
     ),
     Stage(
-        "master_curve", "pipelines.experiments.dma.model:master_curve", 5,
+        "master_curve", "pipelines.experiments.dma.model:master_curve",
         ("sweeps",), ("T_ref", "nu", "fit"), schema="master_curve",
         summary="fit all shifts and one spectrum",
     ),
     Stage(
-        "published", "pipelines.experiments.dma.published:compared", 1,
+        "published", "pipelines.experiments.dma.published:compared",
         ("sweeps", "master_curve", "file:published.shifts"), ("nu", "fit", "export", "published"),
         summary="compare the shifts with a published table",
     ),
     Stage(
-        "temperature_sweep", "pipelines.experiments.dma.measured:temperature_sweep", 1,
+        "temperature_sweep", "pipelines.experiments.dma.measured:temperature_sweep",
         ("readings",), ("mode", "nu"),
         summary="find the glass transition",
     ),
     Stage(
-        "report", "pipelines.experiments.dma.page:page", 6,
+        "report", "pipelines.experiments.dma.page:page",
         ("readings", "sweeps", "master_curve", "published", "temperature_sweep"), ("*",),
         output="page", context=True,
         summary="write the page",

@@ -192,7 +192,7 @@ def _tabulated(
     if excluded:
         warnings.warn(
             f"{excluded} of {total} points are left out: invalid, clipped, torque too small, or "
-            "first of their sweep by skip_first",
+            f"excluded by skip_first",
             stacklevel=3,
         )
     temperature = [run.values("temperature") for run in runs]

@@ -40,7 +40,7 @@ def _stored(made: MasterCurve, sweeps: xr.Dataset, u_nu: float) -> xr.Dataset:
     result = made.to_dataset()
     scalars = {
         "E_relaxed": (made.prony.E_relaxed, "Pa", "modulus after an infinite time"),
-        "E_unrelaxed": (made.prony.E_unrelaxed, "Pa", "modulus after no time"),
+        "E_unrelaxed": (made.prony.E_unrelaxed, "Pa", "instantaneous modulus"),
         "nu": (made.prony.nu, "1", "Poisson's ratio"),
         "u_nu": (u_nu, "1", "standard uncertainty: Poisson's ratio"),
         "T_ref": (made.T_ref, "degC", "reference temperature"),

@@ -92,7 +92,7 @@ def _summary(
     if curve is not None:
         rows += _curve_rows(curve)
         verdict = json.loads(curve.attrs["kramers_kronig"])["verdict"]
-        rows.append(("Kramers–Kronig verdict", verdict, "do both moduli belong together?"))
+        rows.append(("Kramers–Kronig verdict", verdict, "consistency of storage and loss modulus"))
     rows += _transition_rows(ramp)
     blocks.append(KeyValues(rows))
     if curve is not None:
@@ -115,7 +115,7 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
         ("relaxed modulus", _modulus(float(curve["E_relaxed"])),
          f"after an infinite time; {_open_end(curve)}"),
         ("unrelaxed modulus", _modulus(float(curve["E_unrelaxed"])),
-         "after no time; beyond the window it is extrapolation"),
+         "instantaneous; extrapolated beyond the window"),
         ("relaxation terms", str(curve.sizes["term"]), f"{outside} outside the covered window"),
         _law_row(json.loads(curve.attrs["law"])),
         ("vertical shift", _vertical(curve), ""),
@@ -125,13 +125,13 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
 
 
 def _open_end(curve: xr.Dataset) -> str:
-    """Say how much of the relaxed modulus is told by the slow end of the data."""
+    """Describe how far the slow end of the data determines the relaxed modulus."""
     frequency = curve["reduced_frequency"].values
     left = still_falls(frequency, curve["master_loss"].values)
     if left >= float(curve["master_storage"][int(np.argmin(frequency))]):
-        return "extrapolated: the loss at the slow end may take all of the storage modulus"
+        return "extrapolated: with this loss the storage modulus may still fall to zero"
     u = quantity(left / float(np.sqrt(3.0)), "Pa", 2)
-    return f"extrapolated: standard uncertainty {u}, by how the loss goes on at the slow end"
+    return f"extrapolated: standard uncertainty {u}, from extrapolating the loss at the slow end"
 
 
 def _vertical(curve: xr.Dataset) -> str:
@@ -155,12 +155,12 @@ def _modulus(value: float) -> str:
 
 def _law_row(law: dict[str, Any]) -> tuple[str, str, str]:
     if law["name"] == "arrhenius" and law["u_activation_energy"] is None:
-        return "shift law", "none: one temperature cannot tell a shift", ""
+        return "shift law", "none: a single temperature determines no shift", ""
     if _material_files.holds(law):
         return "shift law", _law_text(law), _law_quality(law)
     return (
         "shift law", "neither WLF nor Arrhenius holds over all temperatures",
-        "the shifts are free; a kink in them is a transition",
+        "the shifts are free; a kink indicates a transition",
     )  # fmt: skip
 
 
@@ -222,7 +222,7 @@ def _sweeps(settings: Dma, readings: list[xr.Dataset] | None, sweeps: xr.Dataset
         )
         if settings.nu.u:
             relative = float(sweeps.attrs["u_modulus_factor"]) / factor * 100
-            text += f" That factor is uncertain by {relative:.2g} %, alike for all moduli."
+            text += f" That factor is uncertain by {relative:.2g} %, equally for all moduli."
     blocks.append(Paragraph(text))
     for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus")):
         blocks.append(
@@ -258,8 +258,8 @@ def _master(curve: xr.Dataset) -> Section:
         LineChart("Loss factor, master curve", label, "tan δ",
                   [Series("spectrum", x, curve["master_loss_factor"].values, role="model")],
                   x_scale="log", group="master", height_px=220,
-                  caption="Bands hold the noise of the spectrum, the shifts, the vertical law and "
-                  "the delay; they take superposition itself for granted.")
+                  caption="Bands include the uncertainty of the spectrum, the shifts, the "
+                          "vertical law and the delay; they assume that superposition holds.")
     )  # fmt: skip
     return Section("Master curve", tuple(blocks))
 
@@ -287,8 +287,8 @@ def _shifts(curve: xr.Dataset) -> Section:
          Column("b_T", u=4), Column("u"), Column("level", digits=4),
          Column("overlap with the next / decades", digits=3), Column("step")),
         rows,
-        caption="A step is “loose” when the data do not determine it by themselves; there the "
-        "shift rests on how polymers commonly continue.",
+        caption="A step is “loose” when the data alone do not determine it; there the shift "
+                "relies on the prior, the usual behaviour of polymers.",
     )  # fmt: skip
     fits = [
         (title, _law_text(law), _law_quality(law))
@@ -372,11 +372,11 @@ def _kramers_kronig(curve: xr.Dataset) -> Section:
          line("kk_loss_from_storage", "from E′", "model"),
          line("kk_loss_from_slope", "slope rule (π/2) dE′/d ln ω", "reference")],
         x_scale="log", y_scale="log", group="kk", height_px=300,
-        caption="The slope rule is only to look at: on noisy data it errs by tens of percent. "
-        "Near the ends one modulus cannot know what lies beyond.",
+        caption="The slope rule is for orientation only: on noisy data it errs by tens of "
+                "percent. Near the ends the prediction lacks the data beyond the window.",
     )  # fmt: skip
     notice = Notice(_KIND[kk["verdict"]], f"Verdict: {kk['verdict']}. {_sentence(kk['reason'])}")  # type: ignore[arg-type]
-    return Section("Do both moduli belong together?", (notice, storage, loss))
+    return Section("Consistency of storage and loss modulus", (notice, storage, loss))
 
 
 def _residuals(curve: xr.Dataset) -> Section:
@@ -428,7 +428,7 @@ def _transition(ramp: xr.Dataset) -> Section:
         if np.isfinite(float(ramp[name][0]))
     ]
     note: Block = KeyValues(rows) if rows else Paragraph(
-        "No glass transition lies inside this sweep: the storage modulus falls too little, or the "
+        "This sweep shows no glass transition: the storage modulus falls too little, or the "
         "maxima lie at its ends."
     )  # fmt: skip
     return Section(
@@ -451,8 +451,8 @@ def _terms(curve: xr.Dataset, name: str) -> Section:
         f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {T_ref:.4g} °C, in tension. For simulation "
         f"codes the series was reduced to {reduced.E.size} terms with "
         f"E_relaxed = {_modulus(reduced.relaxed)}; "
-        f"within the covered window this costs {reduced.error * 100:.2g} % (rms of the worse "
-        "modulus). Other experiments of this session take the full series."
+        f"within the covered window the error is {reduced.error * 100:.2g} % (rms of the worse "
+        "modulus). Other experiments of this session use the full series."
     )
     full = _term_table(
         curve["rho"].values, curve["E"].values, outside,
@@ -498,7 +498,8 @@ def _methods(settings: Dma, curve: xr.Dataset) -> str:
         else f"the shifts followed the {asked.upper() if asked == 'wlf' else 'Arrhenius'} law"
     )  # fmt: skip
     text = (
-        f"Storage and loss modulus were measured in {settings.mode} at {T.size} temperatures from "
+        f"Storage and loss modulus were measured in {settings.mode} at "
+        f"{pages.counted(T.size, 'temperature')} from "
         f"{_celsius(T)}. "
     )
     if settings.mode in ("shear", "torsion"):

@@ -1,4 +1,4 @@
-"""What ``init`` makes of rheometer exports and tables with moduli: one experiment each."""
+"""Proposals of ``init``: one experiment for each rheometer export or table of moduli."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

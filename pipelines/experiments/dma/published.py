@@ -1,4 +1,4 @@
-"""Shift factors against a published table: where they differ, and why."""
+"""Comparison of shift factors with a published table."""
 
 import warnings
 from pathlib import Path

@@ -13,10 +13,11 @@ from pipelines.experiments.shared.budget_quantity import NOTHING_FALLS, TESTS, Q
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
 _ON_CYCLES = (
-    ("zero", "a tare and a place of first touch do not oscillate"),
-    ("sampling", "all readings of all cycles are fitted, and their rounding is in the noise"),
+    ("zero", "tare and position of first touch are constant"),
+    ("sampling", "all readings of all cycles are fitted, and their rounding is included in the "
+                 "noise"),
     ("radius, Poisson's ratio, temperature",
-     "what the rubber does at its temperature was measured; they act on model and theory"),
+     "the rubber was measured at its temperature; they affect model and theory"),
 )  # fmt: skip
 
 
@@ -30,7 +31,7 @@ def quantities(waves: xr.Dataset, loads: xr.Dataset, *, settings: Harmonic) -> I
         yield Quantity(
             f"storage stiffness {where}", "N/m", _stiffness, inputs,
             (*NOTHING_FALLS, *_ON_CYCLES,
-             ("repeatability", "cycles are fitted as one: in the noise")),
+             ("repeatability", "all cycles are fitted together: included in the noise")),
             "storage stiffness",
         )  # fmt: skip
         yield Quantity(

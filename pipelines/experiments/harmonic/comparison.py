@@ -1,4 +1,4 @@
-"""What a harmonic indentation compares: force over time, and work per cycle."""
+"""Comparison of a harmonic indentation with the model: force over time, and work per cycle."""
 
 from collections.abc import Iterator
 from typing import Any

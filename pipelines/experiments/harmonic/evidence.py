@@ -1,4 +1,4 @@
-"""Dynamic stiffness of oscillations as evidence on a material."""
+"""Dynamic stiffness of oscillations, as data for identification."""
 
 from dataclasses import dataclass
 from pathlib import Path

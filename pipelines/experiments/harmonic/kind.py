@@ -1,4 +1,4 @@
-"""The kind ``harmonic``: what a session and every verb know of it."""
+"""The kind ``harmonic``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
@@ -14,50 +14,50 @@ _OSCILLATIONS = Schema("oscillations", {
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.harmonic.measured:readings", 1, ("file:mach1",),
+        "readings", "pipelines.experiments.harmonic.measured:readings", ("file:mach1",),
         summary="read the Mach-1 file",
     ),
     Stage(
-        "loads", "pipelines.experiments.harmonic.measured:loads", 2,
+        "loads", "pipelines.experiments.harmonic.measured:loads",
         ("readings", "file:load_cell.record"), ("load_cell",),
         summary="compression-positive force, tared, with uncertainty",
     ),
     Stage(
-        "hold", "pipelines.experiments.harmonic.measured:hold", 6,
+        "hold", "pipelines.experiments.harmonic.measured:hold",
         ("loads",), ("contact", "plateau"),
         summary="peak and plateau of the relaxation before the oscillations",
     ),
     Stage(
-        "oscillations", "pipelines.experiments.harmonic.measured:oscillations", 5,
+        "oscillations", "pipelines.experiments.harmonic.measured:oscillations",
         ("loads",), ("cycles", "load_cell.correct_filter_lag"), schema="oscillations",
         summary="fit frequency, amplitude, phase; work and stiffness per cycle",
     ),
     Stage(
-        "loops", "pipelines.experiments.harmonic.measured:loops", 2,
+        "loops", "pipelines.experiments.harmonic.measured:loops",
         ("loads", "oscillations"), ("cycles",),
         summary="mean hysteresis loop per frequency; is contact lost?",
     ),
     Stage(
-        "model", "pipelines.experiments.harmonic.model:model", 6,
+        "model", "pipelines.experiments.harmonic.model:model",
         ("loads", "oscillations", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "contact", "model", "cycles"),
         summary="simulate with the measured displacement",
     ),
     Stage(
-        "theory", "pipelines.experiments.harmonic.theory:theory", 1,
+        "theory", "pipelines.experiments.harmonic.theory:theory",
         ("oscillations", "loops", "model", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "characteristic_time"),
         summary="work by eq. (2.31), tapping front, dimensionless numbers",
     ),
     Stage(
-        "comparison", "pipelines.experiments.harmonic.comparison:comparison", 3,
+        "comparison", "pipelines.experiments.harmonic.comparison:comparison",
         ("loads", "oscillations", "model"), (),
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.harmonic.page:page", 5,
+        "report", "pipelines.experiments.harmonic.page:page",
         ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison"),
         ("*",),
         output="page", context=True,

@@ -41,7 +41,7 @@ def loads(readings: xr.Dataset, record: Path | None, *, settings: Harmonic) -> x
     """Make force compression-positive, and tare it where the file begins in air."""
     return mach1_readings.force(
         readings, settings.load_cell.tare, record,
-        untared="mean forces hold a preload, amplitudes and work do not",
+        untared="mean forces include a preload, amplitudes and work do not",
     )  # fmt: skip
 
 
@@ -69,7 +69,7 @@ def _sinusoids(loads: xr.Dataset) -> list[int]:
 def counted(
     time: Array, position: Array, declared: float, skip: int
 ) -> tuple[float, float, float, int]:
-    """Return begin and end of the cycles that count, the frequency, and how many cycles ran.
+    """Return begin and end of the evaluated cycles, the frequency, and how many cycles ran.
 
     The stage rests before and after. Cycles are counted from the first motion; the first ``skip``
     are the transient and the last, in which the stage brakes, is left out too.
@@ -117,10 +117,10 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
         "mean_position": ("m", "mean position of the stage"),
         "filter_phase": ("rad", "lag of the load cell's filter that was removed"),
         "filter_gain": ("1", "gain of the load cell's filter that was divided by"),
-        "n_cycles": ("1", "cycles that count"),
-        "n_skipped": ("1", "transient and braking cycles left out"),
-        "begin": ("s", "begin of the cycles that count, in the block's time"),
-        "end": ("s", "end of the cycles that count, in the block's time"),
+        "n_cycles": ("1", "evaluated cycles"),
+        "n_skipped": ("1", "cycles left out: transient and deceleration"),
+        "begin": ("s", "begin of the evaluated cycles, in the block's time"),
+        "end": ("s", "end of the evaluated cycles, in the block's time"),
         "block": ("1", "number of the block in the file"),
     }
     for name, (units, text) in others.items():

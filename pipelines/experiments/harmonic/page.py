@@ -150,8 +150,9 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Sec
     notes: list[Block] = [
         Table(
             tuple(columns), rows,
-            caption="Frequency, amplitude and phase are fitted to the position; the header only "
-            "says what was commanded. Transient and braking cycles are left out.",
+            caption="Frequency, amplitude and phase are fitted to the position; the header holds "
+                    "only the commanded values. Cycles of the transient and of the deceleration "
+                    "are left out.",
         )
     ]  # fmt: skip
     declared = json.loads(oscillations.attrs["filter"])
@@ -182,11 +183,11 @@ def _source_of_lag(oscillations: xr.Dataset) -> str:
     measured = json.loads(oscillations.attrs.get("filter_delay", "null"))
     if measured is None:
         return (
-            "assuming a causal Butterworth filter; the uncertainty holds the other usual types, "
-            "and shrinks with a filter_delay in the load cell's record"
+            "assuming a causal Butterworth filter; the uncertainty covers the other usual types, "
+            "and shrinks if the load cell's record states a filter_delay"
         )
     value, u = measured
-    return f"with the delay of the record, {value_with_uncertainty(value, u, 's')}"
+    return f"by the delay in the load cell's record, {value_with_uncertainty(value, u, 's')}"
 
 
 def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None) -> Section:
@@ -266,7 +267,7 @@ def _dissipation(theory: xr.Dataset, loops: xr.Dataset | None) -> Section:
     table = Table(
         columns(*wanted), rows,
         caption="Contact is lost where the mean loop's force does not exceed twice its "
-        "uncertainty; the punch should leave the surface at amplitudes beyond the tapping front "
+        "uncertainty; theory predicts loss of contact at amplitudes beyond the tapping front "
         "(2.34).",
     )  # fmt: skip
     return Section("Dissipation and detachment", (chart, table))
@@ -316,7 +317,7 @@ def _curves(loads: xr.Dataset, oscillations: xr.Dataset, comparison: xr.Dataset 
         time = loads["time"].values[where]
         measured = loads["force"].values[where]
         series = [Series("measured", time, measured, role="measured")]
-        views = (("cycles that count", float(at["begin"]), float(at["end"])),)
+        views = (("evaluated cycles", float(at["begin"]), float(at["end"])),)
         label = f"{float(at['frequency']):.4g} Hz"
         if comparison is not None and _is_there(comparison):
             simulated = comparison["simulated_force"].values[where]
@@ -357,8 +358,8 @@ def _loops(
             series.append(Series(f"{name}, model", position, force, role="model"))
     chart = ScatterChart(
         "Hysteresis loops", "position − mean / µm", "force / N", tuple(series),
-        caption="Mean loop over the cycles that count, as recorded: the load cell's lag is in it, "
-        "and in the model's loop too.",
+        caption="Mean loop over the evaluated cycles, as recorded: it includes the load cell's "
+                "lag, as the model's loop does.",
     )  # fmt: skip
     return Section("Loops", (chart,))
 
@@ -382,10 +383,11 @@ def _model(settings: Harmonic, model: xr.Dataset) -> Section:
 def _methods(settings: Harmonic, oscillations: xr.Dataset, comparison: xr.Dataset | None) -> str:
     frequency = oscillations["frequency"].values
     text = (
-        f"Harmonic indentation was evaluated at {frequency.size} frequencies from "
+        f"Harmonic indentation was evaluated at "
+        f"{pages.counted(frequency.size, 'frequency', 'frequencies')} from "
         f"{frequency.min():.3g} to {frequency.max():.3g} Hz. Frequency, amplitude and phase were "
         f"fitted to the recorded position; the first {settings.cycles.skip} cycles and the last "
-        "one of each block were left out. "
+        f"one of each block were left out. "
     )
     if oscillations.attrs["is_filter_corrected"]:
         text += "The delay of the load cell's low-pass filter was removed (causal Butterworth). "

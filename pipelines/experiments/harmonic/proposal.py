@@ -1,4 +1,4 @@
-"""What ``init`` makes of Mach-1 files that oscillate."""
+"""Proposals of ``init``: Mach-1 files with oscillations."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

@@ -1,1 +1,1 @@
-"""Plate vibration: the plate rings under drops, and the laser sees the plate."""
+"""Plate vibration: free vibration of the plate after impacts, measured by laser."""

@@ -11,17 +11,17 @@ from pipelines.experiments.plate_vibration.settings import FallingBody, PlateVib
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, clock
 
 _NO_CAMERA = ("pixel size", "there is no camera")
-_LAG = ("filter lag", "the moving average of the sensor delays all readings alike")
+_LAG = ("filter lag", "the moving average of the sensor delays all readings equally")
 _OF_RINGING = (
-    ("inclination, zero", "the scale of a ringing does not act on its frequency or its decay"),
+    ("inclination, zero", "the amplitude scale does not affect frequency or decay"),
     _NO_CAMERA, _LAG,
-    ("mass, radius, height, Poisson's ratio, temperature", "how it was struck does not act"),
+    ("mass, radius, height, Poisson's ratio, temperature", "the impact conditions have no effect"),
 )  # fmt: skip
 _OF_MASS = (
-    _NO_CAMERA, _LAG, ("zero", "a ringing is counted from its own mean"),
-    ("sampling", "the clock acts by its 5e-5, a twentieth of what the sphere's mass does"),
+    _NO_CAMERA, _LAG, ("zero", "the vibration is measured from its own mean"),
+    ("sampling", "the effect of the clock, 5e-5, is a twentieth of that of the sphere's mass"),
     ("radius, Poisson's ratio, temperature",
-     "they change how long the blow lasts, not its momentum; the materials are the library's"),
+     "they change the duration of the impact, not its momentum; materials are the library's"),
 )  # fmt: skip
 
 
@@ -79,7 +79,7 @@ def _modal_mass(
          "mass_of_sphere": Input(ball.mass.value, ball.mass.u, "kg"),
          "heights": Input(0.0, by_height, "kg"),
          "repeatability": Input(0.0, rest, "kg", max(count - 1.0, 1.0))},
-        (("noise", "in the repeatability, as the drops weigh by what each states"), *_OF_MASS),
+        (("noise", "included in the repeatability"), *_OF_MASS),
     )  # fmt: skip
 
 

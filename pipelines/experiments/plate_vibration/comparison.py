@@ -1,4 +1,4 @@
-"""What a plate vibration compares: the ringing after a blow, and its amplitude."""
+"""Comparison of a plate vibration with the model: the vibration after an impact, its amplitude."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -78,7 +78,7 @@ def rows(
         measured = float(table["amplitude"][i])
         own = float(plate["u_modal_mass"][i]) / float(plate["modal_mass"][i])
         yield row(
-            "amplitude at the blow", "m", n, measured=measured,
+            "amplitude at impact", "m", n, measured=measured,
             u_measured=table["u_amplitude"][i], model=measured * scale,
             difference=measured * (1 - scale), u_difference=measured * own, **where,
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The kind ``plate_vibration``: what a session and every verb know of it."""
+"""The kind ``plate_vibration``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
@@ -22,45 +22,45 @@ _PLATE = Schema("plate", {
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.plate_vibration.measured:readings", 1,
+        "readings", "pipelines.experiments.plate_vibration.measured:readings",
         ("file:drops.laser",), ("keyence",), per="recording", over="drops.laser",
         summary="read the laser export",
     ),
     Stage(
-        "displacement", "pipelines.experiments.plate_vibration.measured:displacement", 1,
+        "displacement", "pipelines.experiments.plate_vibration.measured:displacement",
         ("readings", "file:calibration"), ("sensor", "measured_on"),
         per="recording", over="drops.laser", schema="displacement",
         summary="correct the inclination, with uncertainty",
     ),
     Stage(
-        "ringing", "pipelines.experiments.plate_vibration.measured:ringing", 2, ("displacement",),
+        "ringing", "pipelines.experiments.plate_vibration.measured:ringing", ("displacement",),
         ("blow",), per="recording", over="drops.laser", schema="ringing",
-        summary="fit the free ringing after the first blow",
+        summary="fit the free vibration after the first impact",
     ),
     Stage(
-        "table", "pipelines.experiments.plate_vibration.measured:table", 2,
+        "table", "pipelines.experiments.plate_vibration.measured:table",
         ("ringing",), ("drops",),
         summary="frequency, damping and amplitude by material and height",
     ),
     Stage(
-        "plate", "pipelines.experiments.plate_vibration.model:plate", 1, ("table",),
+        "plate", "pipelines.experiments.plate_vibration.model:plate", ("table",),
         ("drops", "sphere", "model"), schema="plate",
         summary="find the modal mass from amplitude and momentum",
     ),
     Stage(
-        "model", "pipelines.experiments.plate_vibration.model:model", 1, ("table", "plate"),
+        "model", "pipelines.experiments.plate_vibration.model:model", ("table", "plate"),
         ("drops", "sphere", "model"),
         shortcuts=True,
-        imports=("labpipe.contact.impact._bounce_compiled",),
+        imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drops on the plate",
     ),
     Stage(
-        "comparison", "pipelines.experiments.plate_vibration.comparison:comparison", 1,
+        "comparison", "pipelines.experiments.plate_vibration.comparison:comparison",
         ("displacement", "ringing", "table", "model"),
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.plate_vibration.page:page", 5,
+        "report", "pipelines.experiments.plate_vibration.page:page",
         ("readings", "displacement", "ringing", "table", "plate", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -70,7 +70,7 @@ _STAGES = (
 KIND = Kind(
     name="plate_vibration",
     title="Plate vibration",
-    summary="the plate ringing under drops, seen by the laser",
+    summary="free vibration of the plate after impacts, measured by laser",
     settings=PlateVibration,
     stages=_STAGES,
     schemas=(DISPLACEMENT, _RINGING, _PLATE),

@@ -28,7 +28,7 @@ _UNITS = {"natural_frequency": "Hz", "damping_ratio": "1", "amplitude": "m", "mo
 NAMES = {
     "natural_frequency": "natural frequency",
     "damping_ratio": "damping ratio",
-    "amplitude": "amplitude at the blow",
+    "amplitude": "amplitude at impact",
     "modal_mass": "modal mass",
 }
 
@@ -67,13 +67,13 @@ def ringing(displacement: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset
         made[name] = scalar(value, _UNITS[name], NAMES[name])
         made[f"u_{name}"] = scalar(u, _UNITS[name], f"random standard uncertainty: {NAMES[name]}")
     for name, value, units, text in (
-        ("blow_time", found.blow_time, "s", "time of the blow"),
-        ("u_blow_time", found.u_blow_time, "s", "standard uncertainty: time of the blow"),
+        ("blow_time", found.blow_time, "s", "time of impact"),
+        ("u_blow_time", found.u_blow_time, "s", "standard uncertainty: time of impact"),
         ("onset_time", found.onset_time, "s", "time at which the motion is first seen"),
-        ("free_from", found.free_from, "s", "begin of the free ringing"),
-        ("free_to", found.free_to, "s", "end of the free ringing"),
+        ("free_from", found.free_from, "s", "start of the free vibration"),
+        ("free_to", found.free_to, "s", "end of the free vibration"),
         ("chi_square", found.chi_square, "1", "scatter about the fit over the noise, squared"),
-        ("phase", fit.phase, "rad", "phase at the blow"),
+        ("phase", fit.phase, "rad", "phase at impact"),
         ("largest", float(np.nanmax(np.abs(moved.values))), "m", "largest single reading"),
     ):
         made[name] = scalar(value, units, text)
@@ -156,7 +156,7 @@ def _pooled(values: Array, u: Array, name: str) -> xr.Dataset:
             f"plate_{name}": scalar(mean, units, f"{text}, all drops"),
             f"u_plate_{name}": scalar(u_mean, units, f"standard uncertainty: {text}"),
             f"probability_{name}": scalar(
-                probability, "1", f"of so large a difference by chance: {text}"
+                probability, "1", f"probability of so large a difference by chance: {text}"
             ),
         }
     )

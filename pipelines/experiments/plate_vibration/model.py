@@ -149,7 +149,7 @@ def model(
     mass = float(plate["mass"])
     if not np.isfinite(mass) or settings.sphere is None:
         message = (
-            "there is no modal mass to simulate with; name the sphere, with radius and mass, and "
+            "no modal mass is known for the simulation; name the sphere, with radius and mass, and "
             "a material of the library"
         )
         raise InputError(message)
@@ -177,6 +177,6 @@ def model(
         },
         coords={
             "series": table["series"],
-            "time": ("time", time, described("s", "time since the blow")),
+            "time": ("time", time, described("s", "time since impact")),
         },
     )  # fmt: skip

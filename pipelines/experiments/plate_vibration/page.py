@@ -85,7 +85,11 @@ def _summary(
                 float(table[f"plate_{name}"]), float(table[f"u_plate_{name}"]), unit
             )
             rows.append(
-                (title, shown, f"weighted mean of {count} recordings; standard uncertainty")
+                (
+                    title,
+                    shown,
+                    f"weighted mean of {pages.counted(count, 'recording')}; standard uncertainty",
+                )
             )
             blocks.append(_verdict(table, name, title))
     if plate is not None and np.isfinite(float(plate["mass"])):
@@ -109,7 +113,10 @@ def _verdict(table: xr.Dataset, name: str, title: str) -> Notice:
     """Say whether the drops agree in what should belong to the plate alone."""
     probability = float(table[f"probability_{name}"])
     if table.sizes["series"] < 2:
-        return Notice("info", f"One kind of drop only: whether the {title} is the plate's is open.")
+        return Notice(
+            "info",
+            f"Only one kind of drop: whether the {title} belongs to the plate cannot be tested.",
+        )
     if probability < _UNLIKELY:
         text = (
             f"The {title} differs between the drops by more than its uncertainty (probability "
@@ -188,14 +195,14 @@ def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
                 )
         charts.append(
             LineChart(
-                f"Plate after a drop from {height * 1e3:g} mm", "time since the blow / ms",
+                f"Plate after a drop from {height * 1e3:g} mm", "time since impact / ms",
                 "displacement, upwards / µm", tuple(curves), group="plate",
                 views=(("first ringing", -2.0, 20.0),), height_px=260,
             )
         )  # fmt: skip
     text = (
-        "Mean of the repeats and the simulated drop on the plate that was found, both counted from "
-        "the blow of no duration that would have started the same ringing."
+        "Mean of the repeats and the simulated drop on the fitted plate. Times are counted from "
+        "the instantaneous impulse that would start the same vibration."
     )
     return Section("Motion", (Paragraph(text), *charts))
 
@@ -229,7 +236,7 @@ def _table(
         rows.append(row)
     caption = (
         "Means of the repeats with their standard uncertainty. The amplitude is the envelope at "
-        "the blow; it holds the calibration's uncertainty, which all rows share."
+        "impact; its uncertainty includes that of the calibration, common to all rows."
     )
     return Section("By material and height", (Table(tuple(columns), rows, caption=caption),))
 
@@ -257,7 +264,7 @@ def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section:
             label,
             curves(name, factor),
             height_px=300,
-            caption="Materials of one height are drawn a little apart.",
+            caption="Materials of one height are drawn slightly offset.",
         )
         for title, label, name, factor in (
             ("Amplitude", "amplitude / µm", "amplitude", _UM),
@@ -287,8 +294,8 @@ def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) 
             values += [float(found[n]), float(found[f"u_{n}"])]
         rows.append((name, label, *values, float(found["chi_square"])))
     text = (
-        "The free ringing lies between the end of the first contact and the second; it is the "
-        "longest stretch that one damped oscillation foretells. Random uncertainties only."
+        "The free vibration is evaluated between the end of the first contact and the second, "
+        "over the longest interval that one damped oscillation predicts. Random uncertainties only."
     )
     return Section("Recordings", (Table(columns, rows, caption=text),))
 
@@ -303,9 +310,10 @@ def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | No
     )
     text = (
         f"The laser was directed at the plate beside the disc while spheres ({', '.join(kinds)}) "
-        f"were dropped in {int(table['n'].sum())} recordings. The free ringing between the first "
-        "and the second contact was fitted by one damped oscillation; its stretch was found by "
-        f"prediction. The natural frequency was {frequency}, the damping ratio {damping} "
+        f"were dropped in {pages.counted(int(table['n'].sum()), 'recording')}. The free "
+        f"vibration between the first and the second contact was fitted by one damped "
+        f"oscillation, over the interval in which the fit predicts the next readings. The "
+        f"natural frequency was {frequency}, the damping ratio {damping} "
         "(standard uncertainties). "
     )
     if plate is not None and np.isfinite(float(plate["mass"])):

@@ -1,4 +1,4 @@
-"""What ``init`` makes of laser exports that are called after the plate."""
+"""Proposals of ``init``: laser exports named after the plate."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

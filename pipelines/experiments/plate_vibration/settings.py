@@ -7,8 +7,7 @@ import msgspec
 
 from labpipe.units import Quantity
 from labpipe.workflow.config import POSITIVE, File, Length, Mass, Time
-from pipelines.experiments.ball_drop.settings import Sensor
-from pipelines.experiments.shared.settings import DropModel, Keyence, Table
+from pipelines.experiments.shared.settings import DropModel, Keyence, Sensor, Table
 
 
 class FallingBody(Table, frozen=True, kw_only=True):

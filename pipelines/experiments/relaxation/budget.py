@@ -20,16 +20,16 @@ from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
 _ON_MODULUS = (
-    ("sampling", "a plateau and the first touch are fitted to many readings: in their noise"),
-    ("Poisson's ratio", "a reduced modulus holds it; of a bonded sheet it is taken as exact"),
-    ("temperature", "what the rubber is at its temperature was measured; it acts on the model"),
-    ("repeatability", "one test for each depth; the depths are compared in the moduli's mean"),
+    ("sampling", "plateau and first touch are fitted to many readings: included in their noise"),
+    ("Poisson's ratio", "the reduced modulus includes it; for a bonded sheet it is taken as exact"),
+    ("temperature", "the rubber was measured at its temperature; it affects the model"),
+    ("repeatability", "one test per depth; the mean modulus compares the depths"),
 )  # fmt: skip
 _ON_PEAK = (
     ("zero of the depth, radius, Poisson's ratio, temperature",
-     "a force was measured; they act on the model"),
-    ("sampling", "the fitted force runs between the readings"),
-    ("repeatability", "one test for each depth"),
+     "a force was measured; they affect the model"),
+    ("sampling", "the fitted force interpolates between the readings"),
+    ("repeatability", "one test per depth"),
 )  # fmt: skip
 
 

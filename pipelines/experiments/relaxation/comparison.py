@@ -1,4 +1,4 @@
-"""What relaxations compare: the force in the ramp, early and late, and its plateau."""
+"""Comparison of relaxation tests with the model: force in the ramp, early, late; plateau."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""Forces of relaxations as evidence on a material."""
+"""Forces of relaxation tests, as data for identification."""
 
 from collections.abc import Sequence
 from dataclasses import replace

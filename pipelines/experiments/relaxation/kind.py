@@ -1,4 +1,4 @@
-"""The kind ``relaxation``: what a session and every verb know of it."""
+"""The kind ``relaxation``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
@@ -21,46 +21,46 @@ _RELAXATIONS = Schema("relaxations", {
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.relaxation.measured:readings", 1, ("file:mach1",),
+        "readings", "pipelines.experiments.relaxation.measured:readings", ("file:mach1",),
         per="recording", over="mach1",
         summary="read the Mach-1 file",
     ),
     Stage(
-        "loads", "pipelines.experiments.relaxation.measured:loads", 2,
+        "loads", "pipelines.experiments.relaxation.measured:loads",
         ("readings", "file:load_cell.record"), ("load_cell.tare",), per="recording", over="mach1",
         summary="compression-positive force, tared, with uncertainty",
     ),
     Stage(
-        "ramps", "pipelines.experiments.relaxation.measured:ramps", 6,
+        "ramps", "pipelines.experiments.relaxation.measured:ramps",
         ("loads",), ("contact", "hold.plateau"), per="recording", over="mach1", schema="ramps",
         summary="find touch, ramps and holds: peak and plateau",
     ),
     Stage(
-        "curves", "pipelines.experiments.relaxation.moduli:curves", 6,
+        "curves", "pipelines.experiments.relaxation.moduli:curves",
         ("loads", "ramps", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "model"), per="recording", over="mach1",
         summary="relaxation curve, and moduli from the force",
     ),
     Stage(
-        "model", "pipelines.experiments.relaxation.model:model", 2,
+        "model", "pipelines.experiments.relaxation.model:model",
         ("loads", "ramps", "file:substrate.material_file",
          "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "model"), per="recording", over="mach1",
         summary="simulate with the measured displacement",
     ),
     Stage(
-        "comparison", "pipelines.experiments.relaxation.comparison:comparison", 4,
+        "comparison", "pipelines.experiments.relaxation.comparison:comparison",
         ("loads", "ramps", "model"), ("hold",), per="recording", over="mach1",
         summary="measurement against model: ramp, early, late",
     ),
     Stage(
-        "tests", "pipelines.experiments.relaxation.gathered:tests", 1,
+        "tests", "pipelines.experiments.relaxation.gathered:tests",
         ("ramps", "curves", "comparison"), ("mach1",), schema="relaxations",
-        summary="gather the tests, average the modulus",
+        summary="combine the tests, average the modulus",
     ),
     Stage(
-        "report", "pipelines.experiments.relaxation.page:page", 6,
+        "report", "pipelines.experiments.relaxation.page:page",
         ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"), ("*",),
         output="page", context=True,
         summary="write the page",

@@ -147,8 +147,8 @@ def _modulus(
     of_force = value / force
     sources = [
         Source("noise of the plateau", force, noise, "N", of_force, "random"),
-        Source("tare", float(loads["tare"]), tare, "N", of_force, "systematic"),
-        Source("relaxation not finished", 0.0, float(at["unfinished"]), "N", of_force,
+        Source("tare", float(loads["tare"]), tare, "N", -of_force, "systematic"),
+        Source("relaxation not finished", 0.0, float(at["unfinished"]), "N", -of_force,
                "systematic"),
         Source("gain of the cell", float(loads["gain"]), gain, "1", value, "systematic"),
     ]  # fmt: skip

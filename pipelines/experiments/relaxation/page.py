@@ -163,7 +163,7 @@ def _tests(tests: xr.Dataset) -> Section:
             motion += [float(at[f"nrmse_{p}"]) * 100 for p in parts]
         errors.append(motion)
     caption = (
-        "The peak is as recorded, behind the load cell's filter; the plateau is the mean over the "
+        "The peak is as recorded, after the load cell's filter; the plateau is the mean over the "
         "end of the hold."
     )
     second = [Column("test"), Column("ramp speed", "m/s"), Column("hold", "s")]
@@ -211,7 +211,7 @@ def _ramps(
         charts.append(
             LineChart(f"Force around the ramp to {label}", "time since the ramp began / s",
                       "force / N", tuple(series), group=label, height_px=240,
-                      caption="The model passed the load cell's filter, as the force did.")
+                      caption="The load cell's filter was applied to the model too.")
         )  # fmt: skip
         position = load["position_z"].values[hold.rows][near]
         datum = touches[number] if np.isfinite(touches[number]) else hold.start
@@ -249,14 +249,14 @@ def _holds(
     charts: list[Block] = [
         LineChart("Relaxation", "time since the stage arrived / s", "force / N", tuple(curves),
                   x_scale="log", height_px=320,
-                  caption="Means of equal steps of the logarithm of time.")
+                  caption="Means over equal steps of the logarithm of time.")
     ]  # fmt: skip
     if gaps:
         charts.append(
             LineChart("Measured minus model", "time since the stage arrived / s", "difference / N",
                       tuple(gaps), x_scale="log", height_px=200,
-                      caption="Bars: noise of each mean, one standard uncertainty. An error of the "
-                      "depth, of the gain or of the modulus moves a whole curve.")
+                      caption="Bars: noise of each mean, one standard uncertainty. An error of "
+                              "the depth, the gain or the modulus shifts the whole curve.")
         )  # fmt: skip
     return Section("Relaxation", tuple(charts))
 
@@ -271,8 +271,8 @@ def _moduli(
         Paragraph(
             "The plateau gives the relaxed reduced modulus E/(1 − ν²) as force over the elastic "
             "force of a unit modulus at the same depth (eq. 2.17 inverted, for the punch's own "
-            "profile). The relaxation modulus is fitted to the force from ramp to end of hold "
-            "through Lee and Radok's integral; no material was assumed."
+            "profile). The relaxation modulus is fitted to the force from the ramp to the end of "
+            "the hold through Lee and Radok's integral; no material was assumed."
         )
     ]
     series = []
@@ -294,8 +294,8 @@ def _moduli(
         blocks.append(
             LineChart("Relaxation modulus from the force", "time / s",
                       "reduced modulus / MPa", tuple(series), x_scale="log", height_px=280,
-                      caption="Curves of a linear material lie on each other. They begin where "
-                      "ramp and filter let processes be told apart.")
+                      caption="For a linear material all curves coincide. They begin where ramp "
+                              "and filter allow processes to be resolved.")
         )  # fmt: skip
     blocks.append(_modulus_table(tests))
     budgets = json.loads(curves[0].attrs["budgets"])
@@ -316,7 +316,7 @@ def _modulus_table(tests: xr.Dataset) -> Table:
          Column("by eq. (2.17) as printed", "Pa", digits=4)),
         rows,
         caption="Eq. (2.17) holds for a cosine on a half-plane. The peak before the filter "
-        "follows from the fit; its uncertainty holds the filter's unknown type.",
+        "follows from the fit; its uncertainty includes the filter's unknown type.",
         sortable=False,
     )  # fmt: skip
 
@@ -342,12 +342,15 @@ def _methods(settings: Relaxation, tests: xr.Dataset) -> str:
     depths = tests["depth"].values * 1e3
     speed = float(np.median(tests["speed"])) * 1e3
     hold = float(np.median(tests["duration"]))
-    text = f"In {tests.sizes['test']} relaxation tests a periodic punch was pressed into the sample"
+    text = (
+        f"In {pages.counted(tests.sizes['test'], 'relaxation test')} a periodic punch was pressed "
+        "into the sample"
+    )
     if np.isfinite(depths).all():
         text += f" to {', '.join(f'{d:.3f}' for d in depths)} mm"
     text += (
         f" at {speed:.3g} mm/s and held for {hold:.0f} s. First touch was fitted to the force of "
-        "the approach, behind the load cell's filter. The plateau is the mean force over the last "
+        f"the approach, after the load cell's filter. The plateau is the mean force over the last "
         f"{min(settings.hold.plateau.value, 0.1 * hold):.0f} s. "
     )
     if "mean_reduced_modulus" in tests:

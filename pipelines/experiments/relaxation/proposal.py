@@ -1,4 +1,4 @@
-"""What ``init`` makes of Mach-1 files that relax: those to several depths are one experiment."""
+"""Proposals of ``init``: Mach-1 relaxation files; several depths form one experiment."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

@@ -1,4 +1,4 @@
-"""What several kinds of experiment share; each module says what it holds.
+"""Modules shared by several kinds of experiment.
 
 - settings: :mod:`~pipelines.experiments.shared.settings`, of laser, sphere and material, and
   :mod:`~pipelines.experiments.shared.punch_settings`

@@ -1,4 +1,4 @@
-"""How the budget of a formula is told, on the page of an experiment and on the sensitivities'."""
+"""Uncertainty budgets as blocks of a page: on reports and on the sensitivity page."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import ceil, isfinite, isinf, log10
@@ -52,8 +52,8 @@ def section(experiment: str, quantities: Iterable[Quantity]) -> tuple[Section, .
     table = overview(
         found, "largest source",
         [f"{shown_source(r['source'])}, {100.0 * r['share']:.0f} %" for r in largest],
-        "After the GUM; repeats count as type A with Student's quantile. Which input "
-        f"should be measured better: labpipe sensitivity SESSION {experiment}.",
+        "After the GUM; repeats are type A with Student's quantile. To see which input to "
+        f"measure better: labpipe sensitivity SESSION {experiment}.",
     )  # fmt: skip
     folded = (Details(each[0].name, blocks=blocks(*each)) for each in found)
     return (Section("Uncertainty budgets", (table, *folded)),)
@@ -127,8 +127,8 @@ def _others(found: Quantity) -> tuple[Block, ...]:
     """Say of the inputs without a row why they have none."""
     exact = [shown_source(n) for n, g in found.inputs.items() if g.u == 0.0 and n != MEASURED]
     texts = [f"{names} ({why})" for names, why in found.inert]
-    said = [f"Stated without uncertainty, or none was found: {', '.join(exact)}."] if exact else []
-    said += [f"Not acting: {'; '.join(texts)}."] if texts else []
+    said = [f"Without a stated or estimated uncertainty: {', '.join(exact)}."] if exact else []
+    said += [f"Without effect: {'; '.join(texts)}."] if texts else []
     return (Paragraph(" ".join(said)),) if said else ()
 
 
@@ -149,10 +149,13 @@ def _reason(budget: Budget, drawn: MonteCarlo) -> str:
         return ""
     if isfinite(budget.degrees_of_freedom):
         return (
-            " of the half width, as repeats are few: effective degrees of freedom stand for "
-            "Student's law of one input, which the draws follow; take theirs"
+            " of the half width, as repeats are few: effective degrees of freedom only "
+            "approximate the Student distribution of one input; use the Monte Carlo interval"
         )
-    return " of the half width, as the result bends within the uncertainty; take the drawn one"
+    return (
+        " of the half width, as the result is nonlinear within the uncertainty; use the Monte "
+        "Carlo interval"
+    )
 
 
 def coverage_factor(budget: Budget) -> float:

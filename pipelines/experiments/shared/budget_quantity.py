@@ -1,4 +1,4 @@
-"""A reported quantity as a formula of its uncertain inputs, and what formulas share.
+"""A reported quantity as a formula of its uncertain inputs, and helpers for such formulas.
 
 Every budget is asked about the same inputs (:data:`ASKED`): each acts, by a row of the budget, or
 the page says why it does not. Nothing stands twice: what readings show of themselves is the noise,
@@ -106,11 +106,11 @@ def of_model(
     inputs = {MEASURED: Input(value, 0.0, unit)}
     inputs |= {n: Input(r["value"], r["u"], r["unit"]) for n, r in given.items()}
     exact = [n for n in asked if n.replace(" ", "_") not in given]
-    inert = [(", ".join(exact), "stated without an uncertainty, or not at all")] if exact else []
+    inert = [(", ".join(exact), "stated without uncertainty, or not at all")] if exact else []
     return Quantity(name, unit, model, inputs, (*inert, _NOT_READ))
 
 
 _NOT_READ = (
     "inclination, pixel size, zero, noise, sampling, filter lag, repeatability",
-    "nothing that was read enters the model",
+    "the model does not depend on the readings",
 )

@@ -1,4 +1,4 @@
-"""One row of ``compare``: a curve or an event, measured and by the model."""
+"""One row of ``compare``: a curve or a single value, measured and simulated."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -29,6 +29,8 @@ class Row:
         Of a curve only the difference is given: the bias, and its uncertainty where one is stated.
     nrmse : float or None
         Of a curve, relative to the range of the measurement.
+    kept : tuple of str
+        Results behind it that earlier code made and that were taken as they are.
     """
 
     experiment: str
@@ -46,6 +48,7 @@ class Row:
     difference: float | None = None
     u_difference: float | None = None
     nrmse: float | None = None
+    kept: tuple[str, ...] = ()
 
     @property
     def is_curve(self) -> bool:
@@ -80,7 +83,7 @@ def row(
     --------
     >>> row("restitution", "1", 3, measured=0.8, u_measured=float("nan")).u_measured
     """
-    plain = {name: _plain(value) for name, value in values.items()}
+    plain: dict[str, Any] = {name: _plain(value) for name, value in values.items()}
     return Row("", "", material, condition, quantity, unit, n, against, **plain)
 
 

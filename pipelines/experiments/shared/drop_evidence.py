@@ -1,4 +1,4 @@
-"""What a dropped sphere leaves unknown beside its material, seen by a laser or in a film."""
+"""Nuisance parameters of a dropped sphere, measured by laser or in a film."""
 
 from pathlib import Path
 from typing import Protocol
@@ -42,7 +42,7 @@ def body(sphere: given.Sphere) -> tuple[dict[str, str], list[Parameter]]:
     """Return mass and radius of a sphere; equal spheres are one."""
     names, unknowns = {}, []
     for role, stated, text in (
-        ("mass", sphere.mass, "mass that moves"),
+        ("mass", sphere.mass, "moving mass"),
         ("radius", sphere.radius, "radius of the sphere"),
     ):
         if stated.u > 0.0:

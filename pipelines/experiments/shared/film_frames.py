@@ -1,4 +1,4 @@
-"""What the experiments with films share: opening one, its day, key frames."""
+"""Films in experiments: opening, recording date, key frames."""
 
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
@@ -62,7 +62,7 @@ def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
     """
     sound = [i for i in chosen if film.valid[i]]
     if not sound:
-        message = "none of the frames to be shown is whole in the film"
+        message = "all frames selected for display are damaged in the film"
         raise InputError(message)
     low, high = film.levels
     _, rows, columns = film.shape

@@ -1,4 +1,4 @@
-"""What ``init`` writes for every film."""
+"""Text that ``init`` writes for a film."""
 
 from pipelines.experiments._kind import Found
 from pipelines.experiments.shared import proposals

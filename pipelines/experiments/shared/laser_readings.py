@@ -1,4 +1,4 @@
-"""One laser export as readings; what it leaves unsaid comes from the settings."""
+"""Readings of one laser export; what the file omits comes from the settings."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What the experiments on a Mach-1 tester share: blocks of a file, force, contact, histories."""
+"""Mach-1 files in experiments: blocks, force, contact, histories."""
 
 import json
 import warnings
@@ -189,7 +189,7 @@ def clock(loads: xr.Dataset) -> Array:
     starts = []
     for block in blocks(loads):
         if not block.get("start"):
-            message = "a block without a start time cannot be put into the history of the test"
+            message = "a block without a start time cannot be placed in the history of the test"
             raise InputError(message)
         starts.append(datetime.fromisoformat(block["start"]))
     since = np.array([(s - starts[0]).total_seconds() for s in starts])

@@ -1,4 +1,4 @@
-"""What an experiment tells of its material, ready to become evidence."""
+"""Data of one experiment for the identification of its material."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

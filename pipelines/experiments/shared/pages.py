@@ -33,9 +33,14 @@ def stated(given: Quantity) -> str:
     return value_with_uncertainty(given.value, given.u, given.si)
 
 
+def counted(n: int, noun: str, plural: str | None = None) -> str:
+    """Write a number with its noun, "1 recording" or "3 recordings"."""
+    return f"{n} {noun if n == 1 else plural or f'{noun}s'}"
+
+
 def document(context: Context, subtitle: str, sections: Sequence[Section]) -> Document:
     """Assemble a page: the sections of its kind between the head and the sections of every page."""
-    head = (synthetic_notice(),) if context.synthetic else ()
+    head = (*((synthetic_notice(),) if context.synthetic else ()), *kept_notice(context))
     first, *rest = sections
     opening = Section(first.title, (*head, *first.blocks), first.anchor)
     return Document(
@@ -51,9 +56,27 @@ def synthetic_notice() -> Notice:
     """Say that nothing on the page was measured."""
     return Notice(
         "warning",
-        "Synthetic data: recorded by labpipe's virtual rig, not by an instrument. They show what "
-        "the analysis does; they say nothing about a real material.",
+        "Synthetic data: recorded by labpipe's virtual rig, not by an instrument. They "
+        "demonstrate the analysis and are no evidence about a real material.",
     )
+
+
+def kept_notice(context: Context) -> tuple[Notice, ...]:
+    """Say which results behind the page were made by earlier code and taken as they are."""
+    if not context.kept:
+        return ()
+    alike: dict[tuple[str, str], list[str]] = {}
+    for kept in context.kept:
+        alike.setdefault((kept.stage, kept.reason), []).append(kept.recording or "")
+    lines = [
+        f"{stage}{f' ({len(names)} recordings)' if len(names) > 1 else ''}: {reason}"
+        for (stage, reason), names in alike.items()
+    ]
+    text = (
+        "Results of earlier code were kept as they are; what follows from them may differ from "
+        "what this version of labpipe gives. `labpipe process` makes them again. They are:"
+    )
+    return (Notice("warning", "\n".join([text, *lines])),)
 
 
 def failed_notice(context: Context) -> tuple[Notice, ...]:
@@ -144,7 +167,7 @@ def provenance(context: Context) -> Section:
     files = Table(
         (Column("file"), Column("bytes", digits=12), Column("SHA-256")),
         [(f.name, f.size, f.sha256) for f in context.inputs],
-        caption="Raw files behind this page; none of them was changed.",
+        caption="Raw files used for this page; none was changed.",
     )
     text = json.dumps(found, indent=2, ensure_ascii=False, sort_keys=True, default=str)
     blocks = (files, Details("Versions, parameters and stages (JSON)", text=text))
@@ -153,4 +176,4 @@ def provenance(context: Context) -> Section:
 
 def methods(text: str) -> Section:
     """Offer a paragraph for a manuscript."""
-    return Section("Methods, to paste", (Paragraph(text, copyable=True),))
+    return Section("Methods text, to paste", (Paragraph(text, copyable=True),))

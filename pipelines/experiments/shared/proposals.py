@@ -1,4 +1,4 @@
-"""What kinds share when ``init`` makes experiments of files: words, lines, and names of files.
+"""Shared parts of the proposals of ``init``: words, lines, and file names.
 
 Repeats are files whose names differ in their last number only. A drop height or a material in a
 name (``7mm``, ``h1p5``, ``peek``) is taken as a proposal and marked as such. What no file tells is
@@ -20,7 +20,7 @@ MOVING_MASS = f'''mass = "{GAP} g"  # of all that moves: sphere and holder'''
 
 _HEIGHT = re.compile(r"(?<![\d.])(\d+(?:[.p]\d+)?)\s*mm", re.IGNORECASE)
 _SHORT_HEIGHT = re.compile(r"(?:^|[_-])h(\d+(?:[.p]\d+)?)(?=$|[_-])", re.IGNORECASE)
-_REPEAT = re.compile(r"[_\- ]*(?:r|rep|run|repeat|test)?[_\- ]*\d+$", re.IGNORECASE)
+_REPEAT = re.compile(r"[_\- ]*(?:(?<![a-z])r|rep|run|repeat|test)?[_\- ]*\d+$", re.IGNORECASE)
 _DEPTH = re.compile(r"[_\- ]*\d+(?:[.p]\d+)?\s*(?:um|µm|mm)?$", re.IGNORECASE)
 _PLATE = re.compile(r"plate|vibration", re.IGNORECASE)
 _UNDER = re.compile(r"under|disc|contact|below", re.IGNORECASE)

@@ -1,4 +1,4 @@
-"""What a relaxation and an oscillation under one punch leave unknown alike."""
+"""Nuisance parameters common to relaxation and oscillation under one punch."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What the indentations of rubber share: the elastic force of the punch, and the simulation.
+"""Model of the indentations of rubber: the elastic force of the punch, and the simulation.
 
 The displacement of a test is the stage position minus that of first touch; the model gets the
 measured one, whatever was commanded.

@@ -1,4 +1,4 @@
-"""What ``init`` writes for indentations by a punch."""
+"""Text that ``init`` writes for indentations by a punch."""
 
 from pathlib import Path
 

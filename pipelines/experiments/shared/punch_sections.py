@@ -77,7 +77,8 @@ def cell(loads: xr.Dataset) -> list[Block]:
         ("tare", value_with_uncertainty(float(loads["tare"]), float(loads["u_tare"]), "N"),
          "subtracted" if loads.attrs["is_tared"] else "not subtracted"),
         ("gain of the load cell", value_with_uncertainty(gain, u_gain if known else 0.0),
-         "" if known else "as the instrument applied it; uncertainty not known without a record"),
+         "" if known else "as applied by the instrument; its uncertainty is unknown without a "
+                          "calibration record"),
     ]  # fmt: skip
     blocks: list[Block] = [KeyValues(rows)]
     if loads.attrs["calibration"].startswith("{"):

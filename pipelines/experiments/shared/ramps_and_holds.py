@@ -1,4 +1,4 @@
-"""Ramps and holds of a Mach-1 file: where they lie, and what the force did in them."""
+"""Ramps and holds of a Mach-1 file: their intervals, peak and plateau forces."""
 
 import json
 import warnings
@@ -276,22 +276,22 @@ def over_ramps(rows: list[dict[str, float]], columns: dict[str, tuple[str, str]]
 _RAMP_COLUMNS = {
     "depth": ("m", "indentation of the hold, from first touch"),
     "u_depth": ("m", "standard uncertainty: indentation of the hold"),
-    "travel": ("m", "way of the ramp"),
+    "travel": ("m", "travel of the ramp"),
     "speed": ("m/s", "speed of the ramp, from the position"),
     "duration": ("s", "length of the hold"),
-    "peak_force": ("N", "largest force, as recorded behind the cell's filter"),
+    "peak_force": ("N", "largest force, as recorded after the cell's filter"),
     "u_peak_force": ("N", "standard uncertainty: largest force as recorded"),
     "plateau_force": ("N", "mean force over the end of the hold"),
     "u_plateau_force": ("N", "standard uncertainty: plateau force"),
-    "unfinished": ("N", "standard uncertainty of the plateau from relaxation that goes on"),
-    "plateau_lag": ("N", "lag of the cell's filter that was taken from the plateau"),
+    "unfinished": ("N", "standard uncertainty of the plateau from unfinished relaxation"),
+    "plateau_lag": ("N", "effect of the cell's filter lag that was corrected in the plateau"),
     "u_plateau_lag": ("N", "standard uncertainty: lag of the cell's filter in the plateau"),
     "ratio": ("1", "peak over plateau"),
     "u_ratio": ("1", "standard uncertainty: peak over plateau"),
-    "begin": ("s", "begin of the ramp, in the block's time"),
+    "begin": ("s", "start of the ramp, in the block's time"),
     "end": ("s", "arrival of the stage, in the block's time"),
     "peak_time": ("s", "time of the largest force, in the block's time"),
-    "plateau_begin": ("s", "begin of the plateau's window, in the block's time"),
+    "plateau_begin": ("s", "start of the plateau's window, in the block's time"),
     "last": ("s", "end of the hold, in the block's time"),
     "block": ("1", "number of the block in the file"),
 }
@@ -324,7 +324,7 @@ def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) 
     rest = unfinished(loads, hold, level)
     if rest > _UNFINISHED * level.force:
         warnings.warn(
-            f"block {hold.block + 1}: the force still falls at the end of the hold, by about "
+            f"block {hold.block + 1}: the force is still falling at the end of the hold, by about "
             f"{50 * np.sqrt(3.0) * rest / level.force:.1f} % more: the plateau is not relaxed",
             stacklevel=2,
         )

@@ -1,4 +1,4 @@
-"""Calibration records to fill in, for readings that came without one."""
+"""Templates of calibration records, for readings without one."""
 
 import warnings
 from datetime import date

@@ -1,4 +1,4 @@
-"""Shapes of results that several kinds of experiment make."""
+"""Schemas of results common to several kinds of experiment."""
 
 from labpipe.schema import Schema, Variable
 

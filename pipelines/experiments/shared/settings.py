@@ -70,6 +70,18 @@ class Keyence(Table, frozen=True, kw_only=True):
     decimal: Literal[".", ","] | None = None
 
 
+class Sensor(Table, frozen=True, kw_only=True):
+    """Which output of the controller sees the holder, and which way it counts.
+
+    ``direction`` is +1 when the reading grows as the holder moves up, −1 when it falls.
+    ``serial`` is the sensor in use; a calibration record of another one is refused.
+    """
+
+    output: str = "out1"
+    direction: Literal[1, -1] = 1
+    serial: str | None = None
+
+
 class Plate(Table, frozen=True, kw_only=True):
     """The plate under the sphere as a damped oscillator, when it is to be part of the model."""
 

@@ -1,1 +1,1 @@
-"""Static loading: a sphere under growing loads, seen by the laser."""
+"""Static loading: a sphere under increasing loads, measured by laser."""

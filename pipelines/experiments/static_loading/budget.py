@@ -16,8 +16,8 @@ _BOTH = (
     ("pixel size, height", "there is no camera and nothing falls"),
     ("filter lag, sampling", "a level is the mean over a minute of slow creep"),
     ("Poisson's ratio, temperature",
-     "what the sphere does at its temperature was measured; they act on the model"),
-    ("repeatability", "the loads are put on once"),
+     "the sphere was measured at its temperature; they affect the model"),
+    ("repeatability", "the loads are applied once"),
 )  # fmt: skip
 _GIVEN = ("mass", "first touch is given in session.toml, not found from the loads")
 
@@ -47,7 +47,7 @@ def quantities(
               "mass_of_the_loads": Input(0.0, by_loads, "m")}  # fmt: skip
     asked = (*_BOTH, *((_GIVEN,) if settings.zero is not None else ()))
     yield Quantity("approach under the last load", "m", moved, inputs,
-                   (("radius", "it acts on the contact radius alone"), *asked))  # fmt: skip
+                   (("radius", "it affects only the contact radius"), *asked))  # fmt: skip
     ball = settings.sphere.radius
     if depth > 0.0:
         yield Quantity(

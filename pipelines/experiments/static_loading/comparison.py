@@ -1,4 +1,4 @@
-"""What a static loading compares: contact radii, over time and under each load."""
+"""Comparison of a static loading with the model: contact radii over time and under each load."""
 
 from collections.abc import Iterator
 from typing import Any

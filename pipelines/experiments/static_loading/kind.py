@@ -1,4 +1,4 @@
-"""The kind ``static_loading``: what a session and every verb know of it."""
+"""The kind ``static_loading``: its settings, stages and results."""
 
 from labpipe.schema import Schema, Variable
 from labpipe.workflow.graph import Stage
@@ -17,40 +17,40 @@ _STEPS = Schema("steps", {
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.static_loading.measured:readings", 1, ("file:laser",),
+        "readings", "pipelines.experiments.static_loading.measured:readings", ("file:laser",),
         ("keyence",),
         summary="read the laser export",
     ),
     Stage(
-        "displacement", "pipelines.experiments.static_loading.measured:displacement", 1,
+        "displacement", "pipelines.experiments.static_loading.measured:displacement",
         ("readings", "file:calibration"),
         ("sensor", "measured_on", "zero", "loads", "steps.window"),
         summary="correct the inclination, with uncertainty",
     ),
     Stage(
-        "steps", "pipelines.experiments.static_loading.load_steps:steps", 4, ("displacement",),
+        "steps", "pipelines.experiments.static_loading.load_steps:steps", ("displacement",),
         ("loads", "sphere.radius", "zero", "steps", "model.gravity"), schema="steps",
-        summary="find the loads' times and first touch; creep compliance",
+        summary="find load times and first touch; creep compliance",
     ),
     Stage(
-        "approach", "pipelines.experiments.static_loading.measured:approach", 1,
+        "approach", "pipelines.experiments.static_loading.measured:approach",
         ("displacement", "steps"), ("sphere.radius", "steps"),
         summary="approach, contact radius and creep under each load",
     ),
     Stage(
-        "model", "pipelines.experiments.static_loading.model:model", 2,
+        "model", "pipelines.experiments.static_loading.model:model",
         ("displacement", "steps", "file:sphere.material_file",
          "other:sphere.material_from/master_curve"),
         ("sphere", "model"),
         summary="simulate the creeping contact; Hertz's steps",
     ),
     Stage(
-        "comparison", "pipelines.experiments.static_loading.comparison:comparison", 1,
+        "comparison", "pipelines.experiments.static_loading.comparison:comparison",
         ("approach", "steps", "model"), ("loads", "steps"),
         summary="measurement against model and Hertz",
     ),
     Stage(
-        "report", "pipelines.experiments.static_loading.page:page", 4,
+        "report", "pipelines.experiments.static_loading.page:page",
         ("readings", "displacement", "steps", "approach", "model", "comparison"), ("*",),
         output="page", context=True,
         summary="write the page",
@@ -60,7 +60,7 @@ _STAGES = (
 KIND = Kind(
     name="static_loading",
     title="Static loading",
-    summary="a sphere under growing loads, seen by the laser",
+    summary="a sphere under increasing loads, measured by laser",
     settings=StaticLoading,
     stages=_STAGES,
     schemas=(DISPLACEMENT, _STEPS),

@@ -1,4 +1,4 @@
-"""When the loads of a static loading were put on, and where the sphere first touched.
+"""Load times of a static loading, and the position of first touch.
 
 Under loads that are only added to the contact only grows, and Lee and Radok's form is exact,
 
@@ -50,8 +50,8 @@ def steps(displacement: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
     given = [np.nan if load.time is None else load.time.value for load in settings.loads]
     ends = np.append(starts[1:], time[-1])
     table = {
-        "begin": (starts, "s", "time at which the load was put on"),
-        "end": (ends, "s", "time at which the next one was, or the record ends"),
+        "begin": (starts, "s", "time at which the load was applied"),
+        "end": (ends, "s", "time at which the next one was applied, or the record ends"),
         "given_time": (np.array(given), "s", "time that session.toml gives"),
         "jump": (sizes, "m", "displacement across the step"),
         "force": (force, "N", "load"),
@@ -121,7 +121,7 @@ def _starts(
     ]
     if late:
         warnings.warn(
-            "loads were put on at other times than given; the times found are used: "
+            "the loads were applied at other times than given; the detected times are used: "
             + "; ".join(late),
             stacklevel=2,
         )
@@ -136,8 +136,7 @@ def _warn_of_more(time: Array, jump: Array, found: list[float], noise: float) ->
     if jump[largest] > max(_CLEAR * noise, _MORE * min(found)):
         warnings.warn(
             f"the displacement steps by {jump[largest]:.3g} m at {time[largest]:.0f} s, where no "
-            f"load is stated ({len(found) + 1} are); state every load that was put on, in its own "
-            "[[loads]]",
+            f"load is stated ({len(found) + 1} are); state every load in its own [[loads]]",
             stacklevel=3,
         )
 
@@ -244,9 +243,10 @@ def _first_touch(
         scatter = _scatter(misfit, weights, rows.size)
     if scatter > _MISFIT * noise:
         warnings.warn(
-            f"the record differs from any creep under these loads by {scatter * 1e6:.2g} µm, "
-            f"{scatter / noise:.1f} times its noise: a load, a time or the zero cannot be right, "
-            "or something else than the contact moved",
+            f"the record differs from the best creep fit for these loads by {scatter * 1e6:.2g} "
+            f"µm, "
+            f"{scatter / noise:.1f} times its noise: a load, a time or the zero is wrong, or "
+            f"something other than the contact moved",
             stacklevel=2,
         )
     lag = np.geomspace(settings.steps.settle.value + 1.0, float(time[-1] - time[0]), _ELAPSED)

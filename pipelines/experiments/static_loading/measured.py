@@ -97,7 +97,7 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
         ),
         "is_settled": (
             "time", settled(time, steps, settings),
-            {"units": "1", "long_name": "whether the reading lies far from every step"},
+            {"units": "1", "long_name": "whether the reading is away from every load step"},
         ),
     }  # fmt: skip
     for name, (units, text) in _LEVELS.items():

@@ -177,10 +177,10 @@ def _creep(
         _, theirs, _, _ = binned(since, model["approach"].values[inside] / elastic, edges)
         series.append(Series(f"{label}, model", lag, theirs, role="model"))
     chart = LineChart(
-        "Approach over that of Hertz", "time since the load was put on / s",
+        "Approach over that of Hertz", "time since the load was applied / s",
         "approach / approach by Hertz", tuple(series), x_scale="log", height_px=320,
-        caption="Hertz with the relaxed modulus is 1 at all times; readings next to a step are "
-        "left out.",
+        caption="Hertz with the relaxed modulus would be 1 at all times; readings next to a step "
+                "are left out.",
     )  # fmt: skip
     return Section("Creep", (chart,))
 
@@ -213,7 +213,7 @@ def _loads(
     caption = (
         f"Approach and radius: means over the last {chosen.window.value:g} s of a load. Creep: "
         f"from the first {chosen.window.value:g} s, {chosen.settle.value:g} s after the load was "
-        "put on, to the last. Hertz does not creep."
+        f"applied, to the last. Hertz does not creep."
     )
     tables: list[Block] = [Table(columns(*wanted), rows, caption=caption, sortable=False)]
     if gaps:
@@ -243,9 +243,9 @@ def _touch(steps: xr.Dataset, model: xr.Dataset | None) -> Section:
             Series("of the material", lag, model["compliance"].values * 1e9, role="model")
         )
     text = (
-        "Under loads that only grow, the approach to the power 3/2 is the load run through the "
-        "creep compliance (Lee and Radok); loads of different size fix the zero of the approach, "
-        "and the compliance follows with no material assumed."
+        "Under increasing loads, the approach to the power 3/2 is the convolution of the load "
+        "history with the creep compliance (Lee and Radok); loads of different size determine "
+        "the zero of the approach, and the compliance follows without assuming a material."
     )
     chart = LineChart(
         "Reduced creep compliance", "time under load / s", "compliance / GPa⁻¹", tuple(series),

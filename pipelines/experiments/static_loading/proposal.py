@@ -1,4 +1,4 @@
-"""What ``init`` makes of laser exports whose readings are slow: a static loading."""
+"""Proposals of ``init``: slowly sampled laser exports are static loadings."""
 
 from collections.abc import Iterator, Sequence
 from functools import partial

@@ -1,4 +1,4 @@
-"""Settings of a static loading: a sphere on a rigid disc, masses put on the holder one by one."""
+"""Settings of a static loading: a sphere on a rigid disc, masses added to the holder one by one."""
 
 from datetime import date
 from itertools import pairwise
@@ -17,8 +17,7 @@ from labpipe.workflow.config import (
     Range,
     Time,
 )
-from pipelines.experiments.ball_drop.settings import Sensor
-from pipelines.experiments.shared.settings import Keyence, MaterialChoice, Table
+from pipelines.experiments.shared.settings import Keyence, MaterialChoice, Sensor, Table
 
 
 class Load(Table, frozen=True, kw_only=True):

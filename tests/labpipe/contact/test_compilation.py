@@ -1,17 +1,13 @@
-"""Where numba cannot keep or load its code: slower, said, and the same answer."""
+"""Where numba cannot keep its code: compiled again, said once, and the same answer."""
 
-import os
-import subprocess
-import sys
-import warnings
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+import numba
 import pytest
 
+from labpipe.compilation import _warn, compiled
 from labpipe.contact import drop
-from labpipe.contact.impact import _bounce_compiled
 from labpipe.materials import Prony
 from tests.labpipe.without_cache import printed_without_cache
 
@@ -30,47 +26,29 @@ print(*(str(w.message) for w in caught), sep="|")
 """
 
 
-@pytest.fixture(scope="module")
-def expected() -> float:
-    return float(drop(SLS, **BODY).restitution[0])
-
-
-def test_no_place_for_compiled_code_is_said_and_survived(tmp_path: Path, expected: float) -> None:
+@pytest.mark.slow
+def test_no_place_for_compiled_code_is_said_and_survived(tmp_path: Path) -> None:
+    expected = float(drop(SLS, **BODY).restitution[0])
     restitution, said = printed_without_cache(_PROGRAM, tmp_path).splitlines()
     assert float(restitution) == pytest.approx(expected, abs=1e-9)
     assert "no locator available" in said
     assert "NUMBA_CACHE_DIR" in said
-    assert said.count("compiled steps cannot be had") == 1
+    assert said.count("compiled code cannot be kept") == 1
 
 
-def test_a_full_disk_is_said_and_survived(monkeypatch: pytest.MonkeyPatch, expected: float) -> None:
+def test_a_full_disk_is_said_and_survived(monkeypatch: pytest.MonkeyPatch) -> None:
     """Code is stored at the first call, and that may fail after the import did not."""
 
     def full(*_: object) -> None:
         raise OSError(28, "no space left on device")
 
-    monkeypatch.setattr(_bounce_compiled, "plain_steps", full)
+    monkeypatch.setattr(numba.core.caching.Cache, "save_overload", full)
+    _warn.cache_clear()
+
+    @compiled()
+    def doubled(x: float) -> float:
+        return 2.0 * x
+
     with pytest.warns(UserWarning, match="no space left on device") as caught:
-        found = drop(SLS, **BODY)
+        assert doubled(3.0) == 6.0
     assert len(caught) == 1
-    assert float(found.restitution[0]) == pytest.approx(expected, abs=1e-9)
-
-
-def test_asking_for_numpy_does_not_load_numba() -> None:
-    program = _PROGRAM.replace("0.022)", "0.022, compiled=False)")
-    program += "\nimport sys; print('numba' in sys.modules)"
-    run = subprocess.run(
-        [sys.executable, "-c", program],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert run.stdout.splitlines()[-1] == "False"
-
-
-def test_compiled_and_numpy_steps_agree(expected: float) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        plain = drop(SLS, **BODY, compiled=False)
-    assert np.abs(float(plain.restitution[0]) - expected) < 1e-9

@@ -67,3 +67,17 @@ def test_a_ringing_plate_is_met_at_its_first_crest():
 def test_a_sphere_that_does_not_leave_a_plate_at_rest_touches_at_once():
     none = np.zeros(1)
     assert time_to_touch_plate(0.0, G, none, none, Plate(1.0, 300.0), PlateState()) == 0.0
+
+
+def test_a_fast_plate_costs_no_more_looks_than_a_slow_one(monkeypatch):
+    """Only the time within its swing is looked at, however many periods the flight has."""
+    looks = {}
+    for frequency in (1e3, 1e6):
+        plate, state = Plate(1.0, frequency, 0.01), PlateState(0.0, 1e-3)
+        counted = []
+        monkeypatch.setattr(Plate, "free", lambda *a, f=Plate.free, c=counted: c.append(1) or f(*a))
+        time = time_to_touch_plate(-0.05, G, np.array([1e-7]), np.array([20.0]), plate, state)
+        monkeypatch.undo()
+        assert time == pytest.approx(0.1 / G, rel=1e-3)
+        looks[frequency] = len(counted)
+    assert looks[1e6] < 2 * looks[1e3] < 2000

@@ -7,24 +7,18 @@ from hypothesis import strategies as st
 
 from labpipe.contact.impact._line_springs import line_springs
 from labpipe.errors import InputError
+from tests.labpipe.contact.elastic_springs import elastic_force
 from tests.rounding import rounding
 
 R = 9.525e-3
-
-
-def elastic_force(springs, approach):
-    """Force, slope and contact radius for a unit contact modulus."""
-    moments = np.concatenate([[0.0], np.cumsum(springs.weight * springs.gap)])
-    force, slope = springs.force(approach, springs.gap, moments)
-    return force, slope, springs.contact_radius(approach, springs.gap)
 
 
 @settings(max_examples=40, deadline=None)
 @given(per_radius=st.floats(3, 200), a=st.floats(1e-9, 1.19e-3))
 def test_hertz_is_exact_at_any_resolution(per_radius, a):
     springs = line_springs(R, 1.2e-3, 2e-4, per_radius)
-    force, slope, radius = elastic_force(springs, a**2 / R)
-    assert force == pytest.approx(4 / 3 * a**3 / R, rel=1e-9, abs=0.0)
+    push, slope, radius = elastic_force(springs, a**2 / R)
+    assert push == pytest.approx(4 / 3 * a**3 / R, rel=1e-9, abs=0.0)
     assert slope == pytest.approx(2 * a, rel=1e-9, abs=0.0)
     # Far inside the first spring the square of the radius is a difference of larger ones.
     lost = rounding(10, springs.position[1] ** 2 / a)
@@ -35,8 +29,8 @@ def test_hertz_is_exact_at_any_resolution(per_radius, a):
 def test_the_exact_sphere_follows_its_closed_form(a):
     springs = line_springs(R, 4e-3, 1e-4, 200, "sphere")
     logarithm = np.log((R + a) / (R - a))
-    force, _, radius = elastic_force(springs, 0.5 * a * logarithm)
-    assert force == pytest.approx(0.5 * (R**2 + a**2) * logarithm - R * a, rel=2e-5, abs=0.0)
+    push, _, radius = elastic_force(springs, 0.5 * a * logarithm)
+    assert push == pytest.approx(0.5 * (R**2 + a**2) * logarithm - R * a, rel=2e-5)
     assert radius == pytest.approx(a, rel=1e-4)
 
 

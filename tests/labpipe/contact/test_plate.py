@@ -24,26 +24,11 @@ def test_free_vibration_may_be_split():
     np.testing.assert_allclose(split, PLATE.free(start, 4.2e-3), rtol=1e-12)
 
 
-def test_steps_converge_to_free_vibration_with_second_order():
-    start = PLATE.free(PlateState(1e-5, -2e-3, 0.0), 0.0)
-    exact = PLATE.free(start, 5e-3)
-    errors = []
-    for n in (100, 200):
-        state, dt = start, 5e-3 / n
-        for _ in range(n):
-            moved, _ = PLATE.predict(state, dt)
-            state = PLATE.follow(state, dt, moved, 0.0)
-        errors.append(abs(state.displacement - exact.displacement))
-    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.05)
-
-
-def test_energy_of_a_step_is_accounted_for():
-    state, dt, force = PLATE.free(PlateState(1e-5, -2e-3, 0.0), 0.0), 1e-4, 50.0
-    free, answer = PLATE.predict(state, dt)
-    after = PLATE.follow(state, dt, free + answer * force, force)
-    work = 0.5 * force * (after.displacement - state.displacement)
-    gained = PLATE.energy(after) - PLATE.energy(state)
-    assert gained + PLATE.loss(state, after, dt) == pytest.approx(work, rel=1e-10, abs=0.0)
+def test_a_free_plate_never_swings_out_further_than_it_is_said():
+    start = PlateState(1e-5, -2e-2, 0.0)
+    times = np.linspace(0.0, 0.03, 500).tolist()
+    swung = [abs(PLATE.free(start, t).displacement) for t in times]
+    assert 0.8 * PLATE.swing(start) < max(swung) <= PLATE.swing(start)
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.contact.impact._motion import Body, Record
-from labpipe.contact.impact._plate import PlateState
+from labpipe.contact.impact._motion import MOTION, Body, motion
 from labpipe.contact.impact._trajectory import Contact, Flight, columns, peak
 from tests.rounding import rounding
 
@@ -12,7 +11,14 @@ BODY = Body(mass=2.0, gravity=10.0, plate=None)
 
 
 def record(time, position, velocity, force=0.0, radius=0.0):
-    return Record(time, position, velocity, position, force, radius, 0.0, 0.0, PlateState(), 0.0)
+    return motion(
+        time=time, position=position, velocity=velocity, approach=position, force=force,
+        contact_radius=radius,
+    )  # fmt: skip
+
+
+def trail(*records):
+    return np.array([record.item() for record in records], MOTION)
 
 
 def test_a_peak_between_unequal_steps_is_exact_for_a_parabola():
@@ -27,8 +33,8 @@ def test_a_peak_at_the_end_stays():
 
 def test_segments_meet_without_repeating_an_instant():
     fall = Flight(record(-1.0, -5.0, 0.0), 0.0, np.array([]), np.array([]))
-    contact = Contact((record(0.0, 0.0, 10.0), record(0.1, 0.9, 8.0, 40.0, 1e-3)))
-    rest = Contact((contact.records[-1], record(0.2, 1.0, 0.0, 20.0, 1e-3)), is_resting=True)
+    contact = Contact(trail(record(0.0, 0.0, 10.0), record(0.1, 0.9, 8.0, 40.0, 1e-3)))
+    rest = Contact(trail(contact.records[-1], record(0.2, 1.0, 0.0, 20.0, 1e-3)), is_resting=True)
     result = columns([fall, contact, rest], BODY, None)
     assert np.all(np.diff(result.time) > 0)
     assert result.time[-1] == 0.2
@@ -39,9 +45,9 @@ def test_segments_meet_without_repeating_an_instant():
 
 
 def test_a_flight_between_contacts_is_sampled_evenly_from_end_to_end():
-    before = Contact((record(-0.2, 0.1, -8.0), record(0.0, 0.0, -10.0)))
+    before = Contact(trail(record(-0.2, 0.1, -8.0), record(0.0, 0.0, -10.0)))
     fly = Flight(record(0.0, 0.0, -10.0), 2.0, np.array([]), np.array([]))
-    after = Contact((record(2.0, 0.0, 10.0), record(2.1, 0.9, 8.0, 40.0, 1e-3)))
+    after = Contact(trail(record(2.0, 0.0, 10.0), record(2.1, 0.9, 8.0, 40.0, 1e-3)))
     result = columns([before, fly, after], BODY, None)
     steps = np.diff(result.time[1:-1])
     np.testing.assert_allclose(steps, steps[0], rtol=1e-9)

@@ -158,7 +158,7 @@ def test_same_answer_every_time() -> None:
 
 def test_no_experiment_is_refused() -> None:
     problem = Problem(SmoothSpectrum(np.array([1.0, 10.0]), 0.5), ())
-    with pytest.raises(InputError, match="nothing was observed"):
+    with pytest.raises(InputError, match="there are no observations"):
         fit(problem)
 
 

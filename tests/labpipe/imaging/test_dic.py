@@ -82,7 +82,7 @@ def test_bias_over_a_pixel_is_below_its_limit(kind: str, limit: float, shape: st
     assert np.abs(error(found, SHIFTS).mean(axis=1)).max() <= limit
 
 
-@pytest.mark.parametrize("subset", [21, 31])
+@pytest.mark.parametrize("subset", by_day([21, 31], 1))
 @pytest.mark.parametrize("shape", ["rigid", "affine"])
 def test_error_reaches_the_cramer_rao_bound_and_is_predicted(subset: int, shape: str) -> None:
     motions = SHIFTS[::2]
@@ -103,7 +103,7 @@ def test_error_reaches_the_cramer_rao_bound_and_is_predicted(subset: int, shape:
     assert np.abs(np.mean(errors, axis=(0, 2))).max() < 0.0006
 
 
-@pytest.mark.parametrize(("noise", "static_frames"), [(8.0, 1), (2.0, 16), (8.0, 16)])
+@pytest.mark.parametrize(("noise", "static_frames"), by_day([(8.0, 16), (8.0, 1), (2.0, 16)], 1))
 def test_predicted_uncertainty_holds_for_more_noise_and_an_averaged_reference(
     noise: float, static_frames: int
 ) -> None:

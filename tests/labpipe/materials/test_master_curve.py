@@ -273,7 +273,7 @@ def test_same_temperature_throughout_is_no_master_curve_but_fits(maxwell_truth):
 
 def test_one_temperature_fits_its_own_spectrum(maxwell_truth):
     one = maxwell_truth.sweeps(5).isel(temperature=[4])
-    with pytest.warns(UserWarning, match="one temperature only"):
+    with pytest.warns(UserWarning, match="only one temperature"):
         found = master_curve(one)
     assert (float(found.log10_aT[0]), float(found.u_log10_aT[0])) == (0, 0)
     omega = 2 * np.pi * one["frequency"].values

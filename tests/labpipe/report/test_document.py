@@ -244,6 +244,7 @@ def test_the_same_document_gives_the_same_page():
     assert everything.__wrapped__("x")[0] == everything.__wrapped__("x")[0]
 
 
+@pytest.mark.slow
 def test_a_page_does_not_depend_on_hash_seed_time_zone_or_locale():
     script = (
         "import hashlib, numpy as np\n"

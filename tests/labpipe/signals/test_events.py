@@ -10,6 +10,7 @@ from labpipe.errors import InputError
 from labpipe.materials import load
 from labpipe.signals import PHASES, bounces, phases
 from labpipe.signals._turns import Turn, common_fall
+from tests.by_day import by_day
 
 ACRYLIC = {"loss": 0.5}
 LOSSY = {"loss": 3.0, "dent": 0.3}
@@ -31,7 +32,7 @@ def lossy(bouncing, measure):
 
 
 @pytest.mark.filterwarnings(STILL_MOVING)
-@pytest.mark.parametrize("material", MATERIALS)
+@pytest.mark.parametrize("material", by_day(MATERIALS, 3))
 def test_first_contact_within_two_samples(bouncing, measure, material):
     truth = bouncing(**material)
     found = bounces(measure(truth, 20e3, 1e-6)[0])
@@ -131,7 +132,7 @@ def test_contact_hidden_in_a_gap_is_uncertain_by_the_gap(lossy):
     time = record["time"].values
     hidden = (time > truth.touch[0] - 5e-4) & (time < truth.liftoff[0] + 1e-3)
     gapped = record.copy(data=np.where(hidden, np.nan, record.values))
-    with pytest.warns(UserWarning, match="impact 1: nothing was read from"):
+    with pytest.warns(UserWarning, match="impact 1: no valid readings from"):
         again = bounces(gapped)
     assert float(again.u_touch_time[0]) > 1e-3 > 20 * float(found.u_touch_time[0])
     for name, known in (("touch_time", truth.touch), ("liftoff_time", truth.liftoff)):
@@ -142,7 +143,7 @@ def test_contact_hidden_in_a_gap_is_uncertain_by_the_gap(lossy):
 
 
 def test_time_that_is_no_number_has_no_phase(lossy):
-    with pytest.raises(InputError, match="belongs to no phase"):
+    with pytest.raises(InputError, match="a time is NaN"):
         phases(lossy[2], xr.DataArray([0.0, np.nan], dims="time"))
 
 

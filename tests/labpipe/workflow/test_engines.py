@@ -11,8 +11,18 @@ from pathlib import Path
 
 import pytest
 
-from labpipe.errors import InputError
-from labpipe.workflow.engines import Died, Engine, Processes, Serial, choose, side_by_side
+from labpipe.errors import InputError, UsageError
+from labpipe.workflow import provenance
+from labpipe.workflow.engines import (
+    Call,
+    Dask,
+    Died,
+    Engine,
+    Processes,
+    Serial,
+    choose,
+    side_by_side,
+)
 
 DOUBLE = f"{__name__}:double"
 
@@ -43,6 +53,13 @@ def naps(number: int, folder: Path) -> int:
     """Tell who computes, and take a moment."""
     (folder / f"{os.getpid()}").touch()
     time.sleep(0.02)
+    return number
+
+
+def says(number: int, *, tell: Callable[[object], None]) -> int:
+    """Tell two things on the way."""
+    tell(["half", number])
+    tell({"all": number})
     return number
 
 
@@ -143,3 +160,46 @@ def test_a_worker_computes_with_one_thread_and_leaves_ours_alone(
 def test_fewer_workers_than_none_are_refused() -> None:
     with pytest.raises(InputError, match="jobs must be at least 0, found -1"):
         choose(-1)
+
+
+def heard(engine: Engine) -> tuple[list[object], list[tuple[object, object]]]:
+    """What a call tells on the way, and how it ends."""
+    told: list[object] = []
+    ended: list[tuple[object, object]] = []
+    with engine.crew() as crew:
+        assert crew.room
+        crew.give("key", Call(f"{__name__}:says", (3,), tells=True), told.append)
+        while not ended:
+            ended += crew.ended()
+    return told, ended
+
+
+@pytest.mark.parametrize("engine", [Serial(), Processes(2)])
+def test_a_call_may_tell_what_it_is_at(engine: Engine) -> None:
+    assert heard(engine) == ([["half", 3], {"all": 3}], [("key", 3)])
+
+
+@pytest.mark.slow
+def test_a_cluster_answers_tells_raises_and_refuses_another_installation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
+    marker = tmp_path / "alive"
+    marker.touch()
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0"
+    ) as cluster:
+        engine = Dask(cluster.scheduler_address)
+        told, ended = heard(engine)
+        assert ended == [("key", 3)]
+        assert [list(one) for one in told] == [["half", 3], ["all"]]  # type: ignore[call-overload]
+        tasks = {i: (i, marker) for i in (1, 2, 3, 4)}
+        found = dict(side_by_side(engine, f"{__name__}:deadly", tasks))
+        assert not marker.exists()
+        assert found == {1: 2, 2: 4, 3: 6, 4: 8}
+        with pytest.raises(ValueError, match="negative"):
+            dict(side_by_side(engine, DOUBLE, {0: (-1,)}))
+        here = provenance.program()
+        monkeypatch.setattr(provenance, "program", lambda: here | {"python": "2.7"})
+        with pytest.raises(UsageError, match=r"another installation \(python 3.* there, 2.7 here"):
+            dict(side_by_side(engine, DOUBLE, {0: (1,)}))

@@ -7,11 +7,12 @@ import toy_laboratory as toy
 from labpipe.errors import InputError
 from labpipe.workflow.config import File
 from labpipe.workflow.graph import Stage, ordered
-from labpipe.workflow.tasks import _parameters, field_value
+from labpipe.workflow.keys import _parameters
+from labpipe.workflow.tasks import field_value
 
 
 def stage(name: str, *inputs: str, **rest: object) -> Stage:
-    return Stage(name, "module:function", 1, inputs, **rest)  # type: ignore[arg-type]
+    return Stage(name, "module:function", inputs, **rest)  # type: ignore[arg-type]
 
 
 def test_inputs_come_before_what_takes_them() -> None:
@@ -34,7 +35,7 @@ def test_inputs_come_before_what_takes_them() -> None:
         ((stage("a", over="laser"),), '"over" goes with per'),
         ((stage("a", per="recording", over="laser", output="page"),), "once per experiment"),
         ((stage("a", "other:material"),), 'must read "other:FIELD/STAGE"'),
-        ((Stage("a", "module.function", 1, ()),), "must read \"package.module:function\""),
+        ((Stage("a", "module.function", ()),), "must read \"package.module:function\""),
         ((stage("a", "file:lasr"),), 'the settings have no field "lasr"'),
         ((stage("a", parameters=("sphere.raduis",)),), 'no field "sphere.raduis"'),
         ((stage("a", "other:mat/b"),), 'no field "mat"'),

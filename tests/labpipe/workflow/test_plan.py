@@ -133,10 +133,10 @@ def test_a_file_more_or_less_is_named(session: Session) -> None:
     assert found["nbr/mean"] == "will run: upstream scale changed"
 
 
-def test_a_raised_version_is_named(session: Session) -> None:
-    stages = with_stage("scale", version=2)
+def test_another_function_is_named(session: Session) -> None:
+    stages = with_stage("scale", function="toy_laboratory:mean")
     found = not_cached(plan(session, stages))
-    assert found["nbr/scale [laser/r3.txt]"] == "will run: stage scale v1 -> v2"
+    assert found["nbr/scale [laser/r3.txt]"].startswith("will run: code changed: toy_laboratory")
     assert found["nbr/mean"] == "waits: upstream scale will run"
     assert "nbr/read [laser/r3.txt]" not in found
 
@@ -239,7 +239,7 @@ def test_a_lost_index_of_last_keys_costs_only_the_reason(session: Session) -> No
 
 
 def test_experiments_in_a_circle_are_refused_at_their_line(tmp_path: Path) -> None:
-    curve = Stage("curve", "toy_laboratory:mean", 1, ("other:material/mean",))
+    curve = Stage("curve", "toy_laboratory:mean", ("other:material/mean",))
     stages = {"drop": (*toy.DROP, curve)}
     text = toy.TOML.replace("[experiments.nbr]", 'material = "nbr"\n[experiments.nbr]')
     text = text.replace('material = "rubber"', 'material = "acrylic"')

@@ -20,8 +20,10 @@ from labpipe.errors import InputError, StorageError, UsageError
 from labpipe.schema import Schema
 from labpipe.workflow import provenance
 from labpipe.workflow.graph import Stage
-from labpipe.workflow.runner import Event, RunResult, events, open_result, run, run_all
+from labpipe.workflow.log import events
+from labpipe.workflow.runner import Event, RunResult, open_result, run, run_all
 from labpipe.workflow.session import Session
+from labpipe.workflow.worker import Job, work
 from tests.by_day import by_day
 
 HERE = Path(__file__).parent
@@ -31,6 +33,7 @@ import os, sys
 sys.path.insert(0, {str(HERE)!r})
 import toy_laboratory as toy
 from labpipe.workflow import provenance
+from labpipe.workflow.log import events
 from labpipe.workflow.runner import run
 from labpipe.workflow.session import load
 # The state of the repository may change while the tests run; a result must not differ by that.
@@ -124,7 +127,8 @@ def test_every_result_says_where_it_comes_from(session: Session) -> None:
     found = json.loads(attributes["provenance"])
     assert found["stage"] == "mean"
     assert found["parameters"] == {"sphere.radius": [0.005, 0.0, "m"]}
-    assert found["stages"] == {"read": 1, "scale": 1, "mean": 1, "dma/curve": 1}
+    assert set(found["stages"]) == {"read", "scale", "mean", "dma/curve"}
+    assert len(set(found["stages"].values())) == 4
     path = session.root / "laser" / "r3.txt"
     assert found["inputs"] == [
         {"name": "dma.txt", "size": 4, "sha256": files.digest(session.root / "dma.txt")},
@@ -277,7 +281,7 @@ def test_fail_fast_stops_at_the_first_failure(tmp_path: Path, jobs: int) -> None
 
 def test_a_function_that_cannot_be_imported_is_named(session: Session) -> None:
     for function in ("toy_laboratory:nothing", "no_such_module:f"):
-        curve = Stage("curve", function, 1, ("file:sweep",))
+        curve = Stage("curve", function, ("file:sweep",))
         result = run(session, {**toy.STAGES, "dma": (curve,)}, schemas=toy.SCHEMAS, jobs=0)
         assert f"{function} cannot be imported" in result.failures[0].message
 
@@ -427,6 +431,15 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
     provenance.program.cache_clear()
 
 
+def test_a_session_that_a_machine_does_not_see_is_named(tmp_path: Path) -> None:
+    session = replace(toy.make_session(tmp_path), root=tmp_path / "elsewhere")
+    job = Job(
+        session, toy.STAGES, toy.SCHEMAS, "nbr", frozenset(), False, False, False, False, {}, {}
+    )  # fmt: skip
+    with pytest.raises(InputError, match=r"sees no folder .*elsewhere; a session must lie under"):
+        work(job, tell=print)
+
+
 def test_a_cluster_that_does_not_answer_is_named(session: Session) -> None:
     pytest.importorskip("distributed", reason="the extra cluster is not installed")
     with pytest.raises(UsageError, match="no Dask scheduler answers at nonsense"):
@@ -531,6 +544,7 @@ def test_results_do_not_depend_on_how_they_are_made(
     assert toy.contents(session) == undisturbed
 
 
+@pytest.mark.slow
 def test_a_session_gives_the_same_results_wherever_it_lies(
     tmp_path: Path, undisturbed: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -547,6 +561,7 @@ def test_a_session_gives_the_same_results_wherever_it_lies(
     assert out.count(": cached") == 11
 
 
+@pytest.mark.slow
 def test_two_processes_on_one_session_share_the_work(
     session: Session, undisturbed: dict[str, bytes], tmp_path: Path
 ) -> None:
@@ -643,7 +658,7 @@ def test_eight_processes_on_one_session_leave_no_torn_file(
 def test_a_result_found_on_disk_equals_the_one_passed_on(session: Session) -> None:
     """Every input is read from the store, so a cached run and a fresh one see the same values."""
     fresh = run_here(session).dataset("acrylic", "mean")
-    stages = tuple(replace(s, version=2) if s.name == "mean" else s for s in toy.DROP)
+    stages = tuple(replace(s, parameters=("gain",)) if s.name == "mean" else s for s in toy.DROP)
     changed = {**toy.STAGES, "drop": stages}
     again = run(session, changed, schemas=toy.SCHEMAS, jobs=0).dataset("acrylic", "mean")
     assert fresh["z"].identical(again["z"])

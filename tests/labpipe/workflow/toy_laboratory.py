@@ -137,15 +137,15 @@ def sweep(path: Path, *, settings: Dma) -> Any:
 
 
 DROP = (
-    Stage("page", f"{HERE}:page", 1, ("scale", "mean"), ("*",), output="page", context=True),
-    Stage("mean", f"{HERE}:mean", 1, ("scale", "other:material/curve"), ("sphere.radius",),
+    Stage("page", f"{HERE}:page", ("scale", "mean"), ("*",), output="page", context=True),
+    Stage("mean", f"{HERE}:mean", ("scale", "other:material/curve"), ("sphere.radius",),
           schema="toy", shortcuts=True),
-    Stage("scale", f"{HERE}:scale", 1, ("read",), ("gain", "trouble"), per="recording",
+    Stage("scale", f"{HERE}:scale", ("read",), ("gain", "trouble"), per="recording",
           over="laser", schema="toy"),
-    Stage("read", f"{HERE}:read", 1, ("file:laser",), ("trouble",), per="recording", over="laser",
+    Stage("read", f"{HERE}:read", ("file:laser",), ("trouble",), per="recording", over="laser",
           summary="read the numbers"),
 )  # fmt: skip
-DMA = (Stage("curve", f"{HERE}:sweep", 1, ("file:sweep",), ("trouble",)),)
+DMA = (Stage("curve", f"{HERE}:sweep", ("file:sweep",), ("trouble",)),)
 
 STAGES: Mapping[str, tuple[Stage, ...]] = {"drop": DROP, "dma": DMA}
 KINDS: Mapping[str, type[msgspec.Struct]] = {"drop": Drop, "dma": Dma}

@@ -22,6 +22,7 @@ def test_memory_of_tracking_does_not_grow_with_the_images_kept() -> None:
     assert per_frame < 160 * 160  # one image of 8 bit; its coefficients take four times as much
 
 
+@pytest.mark.slow
 def test_every_growth_gives_a_diagram_and_an_exponent() -> None:
     growth = scaling.Growth("toy", "terms", [4, 8, 16], scaling._terms)
     suite, summary = scaling._measure(growth, quick=True)

@@ -131,7 +131,9 @@ def test_phases_are_those_of_the_laser_s_record_counted_from_first_contact() -> 
 
 def test_the_four_heights_need_a_film_and_a_drop_of_one_height() -> None:
     inputs: Any = Results({n: EXPERIMENTS[n] for n in ("drop", "film")}, RESTS)
-    assert "laid on the laser's record at first contact" in caption(contacts.four_heights(inputs))
+    assert "aligned with the laser's record at first contact" in caption(
+        contacts.four_heights(inputs)
+    )
     other = EXPERIMENTS | {"drop": experiment("ball_drop", height=5e-3)}
     with pytest.raises(InputError, match="share a drop height"):
         contacts.four_heights(Results(other, RESTS))  # type: ignore[arg-type]

@@ -96,6 +96,7 @@ def test_a_figure_has_three_formats_and_a_caption_and_the_same_bytes_each_time(
     assert first == second
 
 
+@pytest.mark.slow
 def test_a_second_run_draws_nothing_and_a_changed_file_only_itself(tmp_path: Path) -> None:
     both = (CHEAP, "table-D.1")
     assert set(drawn(tmp_path, *both).values()) == {make.DRAWN}
@@ -106,6 +107,7 @@ def test_a_second_run_draws_nothing_and_a_changed_file_only_itself(tmp_path: Pat
     assert contents(tmp_path) == before
 
 
+@pytest.mark.slow
 def test_a_damaged_record_costs_a_drawing_and_nothing_else(tmp_path: Path) -> None:
     drawn(tmp_path, CHEAP)
     (tmp_path / make.RECORD).write_text('{"figures": [')

@@ -90,6 +90,7 @@ def test_every_regenerable_figure_can_be_drawn_from_it(session: Path, tmp_path: 
     assert {f"{heated}_film", "acrylic_10mm_film"} <= set(states["3.16"].experiments)
 
 
+@pytest.mark.slow
 def test_one_lost_recording_concerns_only_the_figures_that_show_it(
     session: Path, tmp_path: Path
 ) -> None:

@@ -1,0 +1,237 @@
+"""Fall, bounce, rest: a drop as contacts and flights in turn.
+
+Contacts (:mod:`._stepper`) and flights (:mod:`._flight`) alternate; when
+nothing swings any more, the contact creeps on quasi-statically. The surface keeps its dents: memory
+is never reset between bounces.
+"""
+
+from collections.abc import Callable
+from math import ceil, nan, sqrt
+
+import numpy as np
+
+from labpipe.contact.impact._dataset import DropRun, Setting
+from labpipe.contact.impact._flight import time_to_touch, time_to_touch_plate
+from labpipe.contact.impact._motion import MOTION, Body, Motion, Stillness, motion
+from labpipe.contact.impact._setup import (
+    LONGEST_STEP,
+    MARGIN,
+    Effort,
+    Scales,
+    growth,
+    scales,
+    springs_for,
+    step_tolerance,
+    steps_per_contact,
+)
+from labpipe.contact.impact._stepper import Stepper
+from labpipe.contact.impact._trajectory import Contact, Flight, Segment
+from labpipe.contact.memory import Array, Condensed, Creep, condense
+from labpipe.errors import InputError
+
+# Terms may be folded away or frozen where that costs this part of rtol.
+_CONDENSE_SHARE = 0.01
+# A sphere that sinks in from a lower speed than this part of the speed at rest will not lift off
+# again unless its material is all but elastic; down to here its energy is followed closely enough.
+_SLOWEST_BOUNCE = 0.03
+# Rest is an amplitude below rtol times the static sag, within these bounds.
+_REST_RANGE = (1e-5, 1e-3)
+
+
+def _stepper(
+    setting: Setting,
+    creep: Creep,
+    expected: Scales,
+    effort: Effort,
+    observe: Callable[[float], None] | None,
+) -> Stepper:
+    if expected.radius > setting.radius:
+        message = (
+            f"the contact would be about {expected.radius:.3g} m in radius, wider than the sphere "
+            f"({setting.radius:.3g} m): small-strain contact does not hold; use a stiffer "
+            "material, a smaller mass or a lower drop"
+        )
+        raise InputError(message)
+    return Stepper(
+        creep_law=creep,
+        springs=springs_for(setting, creep, expected, effort),
+        body=Body(setting.mass, setting.gravity, setting.plate),
+        stillness=_stillness(setting, expected, effort),
+        tolerance=step_tolerance(effort.rtol),
+        time_scale=expected.duration,
+        speed_scale=max(setting.speed, expected.rest_speed),
+        largest_radius=setting.radius,
+        max_steps=effort.max_steps,
+        only_near=effort.shortcuts.near,
+        observe=observe,
+    )
+
+
+def _stillness(setting: Setting, expected: Scales, effort: Effort) -> Stillness:
+    tolerance = min(max(effort.rtol, _REST_RANGE[0]), _REST_RANGE[1])
+    plate_period = 1.0 / setting.plate.frequency if setting.plate else 0.0
+    return Stillness(
+        tolerance if effort.shortcuts.rest else 0.0,
+        max(expected.rest_period, plate_period),
+        expected.rest_speed,
+    )
+
+
+def _refuse_endless(setting: Setting, creep: Creep, expected: Scales, effort: Effort) -> None:
+    """Refuse an elastic sphere that would bounce more often than there are steps."""
+    is_damped = creep.n_terms or creep.fluidity or (setting.plate and setting.plate.damping_ratio)
+    cycle = expected.duration + 2.0 * setting.speed / setting.gravity
+    needed = steps_per_contact(effort.rtol) * setting.duration / cycle
+    if not is_damped and needed > effort.max_steps:
+        message = (
+            f"an elastic sphere never stops: {setting.duration:.4g} s would take about "
+            f"{needed:.2g} steps, more than max_steps = {effort.max_steps}; shorten the duration, "
+            "raise max_steps, or give the material a loss"
+        )
+        raise InputError(message)
+
+
+def simulate(
+    setting: Setting,
+    creep: Creep,
+    effort: Effort,
+    looks: Array | None,
+    observe: Callable[[float], None] | None,
+    *,
+    first_contact_only: bool = False,
+) -> DropRun:
+    """Fall, bounce, rest.
+
+    Parameters
+    ----------
+    setting : Setting
+        What was asked for.
+    creep : Creep
+        Contact compliance, all terms.
+    effort : Effort
+        How finely.
+    looks : array (map_time,) [s] or None
+        Instants, from the release, of which to keep the springs.
+    observe : callable or None
+        Told the time since first touch now and then.
+    first_contact_only : bool
+        End at the first lift-off.
+
+    Raises
+    ------
+    InputError
+        The contact would be wider than the sphere, or there are too many steps.
+    """
+    expected = scales(creep, setting.radius, setting.mass, setting.gravity, setting.speed)
+    condensed = Condensed(creep, 0, 0)
+    if effort.fold:
+        tolerance = _CONDENSE_SHARE * effort.rtol
+        condensed = condense(creep, expected.duration, setting.duration, tolerance)
+    _refuse_endless(setting, condensed.creep, expected, effort)
+    stepper = _stepper(setting, condensed.creep, expected, effort, observe)
+    end = setting.duration - setting.fall_time
+    if looks is not None:
+        stepper.wanted = np.minimum(looks - setting.fall_time, end).tolist()
+    # Rings touch first at the middle of the innermost, a little after the pole would.
+    touch = _fall_further(setting, float(stepper.springs.gap[0]))
+    fall = _at_release(setting)
+    silent = np.zeros(condensed.creep.rate.size)
+    segments: list[Segment] = [Flight(fall, min(touch, end), silent, condensed.creep.rate)]
+    final_touch = rest_start = nan
+    stepper.now.velocity, stepper.now.acceleration = setting.speed, setting.gravity
+    if touch < end:
+        stepper.fly(touch)
+        reach = MARGIN * expected.radius
+        final_touch, rest_start = _bounce(stepper, reach, end, segments, effort, first_contact_only)
+    else:
+        stepper.look_at_dent(end)
+    return DropRun(
+        segments,
+        stepper.body,
+        stepper.counts,
+        condensed,
+        stepper.springs,
+        tuple(stepper.snapshots),
+        final_touch,
+        rest_start,
+    )
+
+
+def _fall_further(setting: Setting, gap: float) -> float:
+    """Time in s to fall through a gap [m] that is left when the pole would touch."""
+    if gap <= 0.0:
+        return 0.0
+    return 2.0 * gap / (setting.speed + sqrt(setting.speed**2 + 2.0 * setting.gravity * gap))
+
+
+def _at_release(setting: Setting) -> Motion:
+    height = -setting.height
+    return motion(time=-setting.fall_time, position=height, approach=height)
+
+
+def _bounce(
+    stepper: Stepper,
+    reach: float,
+    end: float,
+    segments: list[Segment],
+    effort: Effort,
+    first_contact_only: bool,
+) -> tuple[float, float]:
+    """Alternate contacts and flights; return the last touch and the start of rest, or NaN."""
+    now = stepper.now
+    least_speed = _SLOWEST_BOUNCE * stepper.stillness.speed
+    while True:
+        touched = now.time
+        stepper.speed_scale = max(now.velocity, least_speed)
+        outcome, flight = _one_contact(stepper, end, reach)
+        records = stepper.take_trail()
+        segments.append(Contact(records))
+        if outcome == "rest":
+            settled = now.time
+            stepper.creep(end, growth(effort.rtol))
+            creeping = stepper.take_trail()
+            if creeping.size:
+                whole = np.concatenate([records[-1:], creeping])
+                segments.append(Contact(whole, is_resting=True))
+            return touched, settled
+        if outcome == "end":
+            return nan, nan
+        stop = min(now.time + flight, end)
+        start = motion(**{name: getattr(now, name) for name in MOTION.names or ()})
+        segments.append(Flight(start, stop, stepper.free_stored(), stepper.creep_law.rate))
+        if stop >= end or first_contact_only:
+            stepper.look_at_dent(end)
+            return nan, nan
+        _fly(stepper, flight, in_one_step=effort.shortcuts.flights)
+        reach = MARGIN * float(records["contact_radius"].max())
+
+
+def _fly(stepper: Stepper, flight: float, *, in_one_step: bool) -> None:
+    """Move through a flight [s], which is exact in one step and in many."""
+    steps = 1 if in_one_step else ceil(flight / (LONGEST_STEP * stepper.time_scale))
+    for _ in range(steps):
+        stepper.fly(flight / steps)
+    stepper.counts.flights += 1
+    stepper.counts.solver_steps += steps - 1
+
+
+def _one_contact(stepper: Stepper, end: float, reach: float) -> tuple[str, float]:
+    """Run one contact; return how it ends, and the time of flight after a lift-off."""
+    stepper.touch(reach)
+    while True:
+        outcome = stepper.run(end)
+        if outcome != "lift-off":
+            return outcome, 0.0
+        flight = _time_of_flight(stepper)
+        if flight > 0.0:
+            return outcome, flight
+        # The surface follows the sphere at once: no bounce, the contact goes on.
+        stepper.touch(reach, is_new=False)
+
+
+def _time_of_flight(stepper: Stepper) -> float:
+    body, dent, rate = stepper.body, stepper.memory[:, 0], stepper.creep_law.rate
+    speed = stepper.now.velocity
+    if body.plate is None:
+        return time_to_touch(speed, body.gravity, dent, rate)
+    return time_to_touch_plate(speed, body.gravity, dent, rate, body.plate, stepper.plate_state)

@@ -1,0 +1,31 @@
+"""Budgets on pages: prefixes for the reader, kelvin for what a temperature is uncertain by."""
+
+from labpipe.report import Bars, Table, budget_table
+from labpipe.uncertainty import Input, Source, linear, table
+
+
+def test_values_have_prefixes_and_a_temperature_is_uncertain_by_kelvin() -> None:
+    sources = [
+        Source("zero", 3.967e-3, 57e-9, "m", 1.0, "systematic"),
+        Source("temperature", 23.0, 0.5, "degC", 2e-8, "systematic"),
+    ]
+    shown, bars = budget_table(table(sources), "Budget", "m")
+    assert isinstance(shown, Table)
+    assert isinstance(bars, Bars)
+    assert shown.rows[0][:3] == ("zero", "3.9670 mm", "57 nm")
+    assert shown.rows[1][:3] == ("temperature", "23.000 °C", "0.50 K")
+    assert shown.rows[0][-1] == "systematic"
+    assert [name for name, *_ in bars.rows] == ["zero", "temperature"]
+
+
+def test_a_formula_s_rows_have_no_kind_and_further_columns_follow() -> None:
+    made = linear(lambda tip_radius: 2.0 * tip_radius, {"tip_radius": Input(2e-3, 1e-6, "m")})
+    shown, _ = budget_table(made.rows, "Budget", "m", {"freedom": {"tip_radius": "∞"}})
+    assert isinstance(shown, Table)
+    assert [column.title for column in shown.columns][-2:] == ["contribution", "freedom"]
+    assert shown.rows[0][0] == "tip radius"
+    assert shown.rows[0][-1] == "∞"
+
+
+def test_a_budget_of_nothing_shows_nothing() -> None:
+    assert budget_table([], "Budget", "m") == ()

@@ -1,0 +1,230 @@
+"""Results of earlier code: made again, or kept and marked as such; and how long that takes."""
+
+import importlib
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from labpipe.workflow.config import File
+from labpipe.workflow.graph import Stage
+from labpipe.workflow.log import LOG, last_seconds
+from labpipe.workflow.plan import Plan, make_plan, plan
+from labpipe.workflow.runner import RunResult, open_result, run
+from labpipe.workflow.session import Session, load
+from labpipe.workflow.store import Store
+from labpipe.workflow.tasks import TaskId, spell_out
+
+MODULE = """
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from {name}.helper import factor
+
+
+def dataset(value):
+    return xr.Dataset({{"z": ((), value, {{"units": "m", "long_name": "position"}})}})
+
+
+def read(path, *, settings):
+    return dataset(factor() * float(path.read_text()))
+
+
+def double(found, *, settings):
+    return dataset(2 * float(found["z"]))
+
+
+def page(found, doubled, *, settings, context):
+    kept = [f"{{k.stage}}: {{', '.join(k.changed)}}" for k in context.kept]
+    return f"<!doctype html>{{float(found.z)}} {{float(doubled.z)}} kept {{kept}}"
+"""
+
+
+class Weight(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    file: File
+
+
+class Laboratory:
+    """A package of stages whose code can change, and a session of them."""
+
+    def __init__(self, folder: Path, name: str) -> None:
+        self.name, self.package = name, folder / name
+        self.package.mkdir()
+        (self.package / "__init__.py").write_text("")
+        (self.package / "steps.py").write_text(MODULE.format(name=name))
+        self.write(1)
+        home = f"{name}.steps"
+        self.stages = {
+            "weight": (
+                Stage("read", f"{home}:read", ("file:file",)),
+                Stage("double", f"{home}:double", ("read",)),
+                Stage("report", f"{home}:page", ("read", "double"), output="page", context=True),
+            )
+        }
+        root = folder / "session"
+        root.mkdir()
+        (root / "w.txt").write_text("3")
+        (root / "session.toml").write_text(
+            'labpipe = 1\n[experiments.a]\nkind = "weight"\nfile = "w.txt"\n'
+        )
+        self.session: Session = load(root, {"weight": Weight})
+
+    def write(self, factor: object) -> None:
+        """Change the code, and forget what is loaded of it as a new process would."""
+        (self.package / "helper.py").write_text(f"def factor():\n    return {factor}\n")
+        for name in [n for n in sys.modules if n.partition(".")[0] == self.name]:
+            del sys.modules[name]
+        importlib.invalidate_caches()
+
+    def run(self, keep: bool | None = False) -> dict[str, str]:
+        return {o.stage: o.state for o in self.result(keep).outcomes}
+
+    def result(self, keep: bool | None = False) -> RunResult:
+        found = run(self.session, self.stages, jobs=0, keep=keep)
+        assert found.exit_code == 0, [o.message for o in found.failures]
+        return found
+
+    def plan(self, keep: bool | None = False) -> dict[str, tuple[str, str]]:
+        made = plan(self.session, self.stages, keep=keep)
+        return {row.stage: (row.state, row.reason) for row in made.rows}
+
+    def value(self, stage: str = "double") -> float:
+        return float(open_result(self.session, self.stages, "a", stage)["z"])
+
+    @property
+    def page(self) -> str:
+        return (self.session.folder / "reports/a.html").read_text()
+
+
+@pytest.fixture
+def laboratory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> Iterator[Laboratory]:
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # the code changes within a second
+    monkeypatch.syspath_prepend(tmp_path)
+    name = f"laboratory_{abs(hash(request.node.name))}"
+    made = Laboratory(tmp_path, name)
+    made.run()
+    yield made
+    made.write(1)
+
+
+def test_changed_code_is_named_and_runs_again(laboratory: Laboratory) -> None:
+    assert laboratory.value() == 6.0
+    laboratory.write(10)
+    found = laboratory.plan()
+    assert found["read"] == ("will run", f"code changed: {laboratory.name}.helper")
+    assert found["double"] == ("waits", "upstream read will run")
+    laboratory.run()
+    assert laboratory.value() == 60.0
+    assert {state for state, _ in laboratory.plan().values()} == {"cached"}
+
+
+def test_changed_code_that_is_changed_back_runs_nothing(laboratory: Laboratory) -> None:
+    laboratory.write(10)
+    laboratory.write(1)
+    assert laboratory.run() == {"read": "cached", "double": "cached", "report": "cached"}
+
+
+def test_a_kept_result_is_marked_on_every_page(laboratory: Laboratory) -> None:
+    assert laboratory.page.endswith("kept []")
+    laboratory.write(10)
+    helper = f"{laboratory.name}.helper"
+    found = laboratory.plan(keep=True)
+    assert found["read"] == ("kept", f"code changed: {helper}")
+    assert found["double"] == ("cached", "")
+    assert found["report"] == ("will run", "other results of earlier code are kept")
+    assert laboratory.run(keep=True) == {"read": "kept", "double": "cached", "report": "done"}
+    assert laboratory.page.endswith(f"3.0 6.0 kept ['read: {helper}']")
+    assert laboratory.run(keep=True) == {"read": "kept", "double": "cached", "report": "cached"}
+
+
+def test_a_kept_result_keeps_its_key_and_what_follows_from_it_says_so(
+    laboratory: Laboratory,
+) -> None:
+    before = made(laboratory, keep=False).keys[TaskId("a", "read")].value
+    laboratory.write(10)
+    laboratory.run(keep=True)
+    now = made(laboratory, keep=True)
+    assert now.keys[TaskId("a", "read")].value == before
+    assert set(now.kept(TaskId("a", "double"))) == {TaskId("a", "read")}
+    assert made(laboratory, keep=False).kept(TaskId("a", "double")) == {}
+
+
+def made(laboratory: Laboratory, keep: bool | None) -> Plan:
+    tasks = spell_out(laboratory.session, laboratory.stages)
+    store = Store(laboratory.session.folder)
+    return make_plan(laboratory.session, tasks, frozenset(tasks), store, keep=keep)
+
+
+def test_what_was_kept_is_read_by_others_until_the_code_changes_again(
+    laboratory: Laboratory,
+) -> None:
+    laboratory.write(10)
+    assert laboratory.plan(keep=None)["read"][0] == "will run"
+    laboratory.run(keep=True)
+    assert laboratory.plan(keep=None)["read"][0] == "kept"
+    assert laboratory.value("read") == 3.0
+    laboratory.write(100)
+    assert laboratory.plan(keep=None)["read"][0] == "will run"
+
+
+def test_without_keep_a_kept_result_is_made_again(laboratory: Laboratory) -> None:
+    laboratory.write(10)
+    laboratory.run(keep=True)
+    assert laboratory.plan()["read"][0] == "will run"
+    assert laboratory.run() == {"read": "done", "double": "done", "report": "done"}
+    assert laboratory.page.endswith("30.0 60.0 kept []")
+
+
+def test_nothing_is_kept_where_more_than_the_code_has_changed(laboratory: Laboratory) -> None:
+    laboratory.write(10)
+    (laboratory.session.root / "w.txt").write_text("4")
+    assert laboratory.run(keep=True) == {"read": "done", "double": "done", "report": "done"}
+    assert laboratory.value() == 80.0
+
+
+def test_a_damaged_result_is_not_kept(laboratory: Laboratory) -> None:
+    laboratory.write(10)
+    for path in laboratory.session.folder.glob("store/??/*.nc"):
+        path.write_bytes(path.read_bytes()[:-1])
+    assert laboratory.run(keep=True) == {"read": "done", "double": "done", "report": "done"}
+
+
+def test_a_syntax_error_fails_the_stages_that_reach_it(laboratory: Laboratory) -> None:
+    laboratory.write("(")
+    state, reason = laboratory.plan()["read"]
+    assert state == "will run"
+    assert "helper.py:2: is no Python" in reason
+    found = run(laboratory.session, laboratory.stages, jobs=0)
+    failed = {outcome.stage: outcome for outcome in found.failures}
+    assert failed["read"].exit_code == 3
+    assert "helper.py:2: is no Python" in failed["read"].message
+    assert "cannot be imported" in failed["report"].message
+
+
+def test_the_time_of_the_last_run_is_the_estimate(laboratory: Laboratory) -> None:
+    assert set(last_seconds(laboratory.session)) == {
+        TaskId("a", name) for name in ("read", "double", "report")
+    }
+    laboratory.write(10)
+    log = laboratory.session.folder / LOG
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    for line in lines:
+        if line.get("state") == "done":
+            line["seconds"] = 60.0
+    log.write_text("\n".join(map(json.dumps, lines)) + "\n")
+    assert plan(laboratory.session, laboratory.stages).summary == (
+        "3 of 3 steps would run, about 3 min (last time)"
+    )
+    log.write_text("\n".join(json.dumps(line) for line in lines if line.get("stage") != "read"))
+    assert plan(laboratory.session, laboratory.stages).estimate == (
+        "about 2 min (last time, without 1 that never ran)"
+    )
+    log.unlink()
+    assert plan(laboratory.session, laboratory.stages).estimate == ""

@@ -1,0 +1,132 @@
+"""The floor in the comparison of a drop: stated, the model agrees; left out, it does not."""
+
+import shutil
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe.units import Quantity
+from pipelines.experiments.ball_drop.comparison import comparison
+from pipelines.experiments.ball_drop.measured import repeats
+from pipelines.experiments.ball_drop.model import model
+from pipelines.experiments.ball_drop.settings import BallDrop
+from pipelines.experiments.shared.settings import Plate
+from pipelines.process import open_session, process, result
+
+Measured = tuple[BallDrop, xr.Dataset]
+# The rig's table is 1500 kg at 400 Hz; this is what a laboratory might know of it.
+STATED = Plate(
+    mass=Quantity(1450.0, 100.0, "kg"),
+    frequency=Quantity(390.0, 20.0, "Hz"),
+    damping_ratio=Quantity(0.03, 0.0, "1"),
+)
+
+
+@pytest.fixture(scope="module")
+def measured(processed_session: Path) -> Measured:
+    settings = open_session(processed_session).experiments["drop"].settings
+    assert isinstance(settings, BallDrop)
+    return settings, result(processed_session, "drop", "repeats")
+
+
+def compared(measured: Measured, plate: Plate | None) -> tuple[xr.Dataset, ...]:
+    settings, found = measured
+    chosen = msgspec.structs.replace(settings, plate=plate)
+    made = model(found, None, None, None, settings=chosen)
+    return made, comparison(found, made, settings=chosen)
+
+
+def z(found: xr.Dataset) -> np.ndarray:
+    return found["restitution_difference"].values / found["u_restitution_difference"].values
+
+
+def test_what_repeats_share_does_not_fall_with_their_number(processed_session: Path) -> None:
+    """Shape of the pulse and inclination: four copies of one repeat are no better than one."""
+    settings = open_session(processed_session).experiments["drop"].settings
+    parts = [
+        result(processed_session, "drop", stage, settings.laser[0])
+        for stage in ("displacement", "velocity", "bounces")
+    ]
+    one, four = (repeats(*([part] * n for part in parts), settings=settings) for n in (1, 4))
+    relative = float(parts[0].attrs["u_systematic_relative"])
+    shared = {
+        "restitution": parts[2]["shared_u_restitution"].values,
+        "outgoing_speed": relative * parts[2]["outgoing_speed"].values,
+    }
+    for name, least in shared.items():
+        assert np.all(four[f"u_{name}"].values >= least)
+        assert np.all(four[f"u_{name}"].values < one[f"u_{name}"].values)
+        apart = one[f"u_{name}"].values ** 2 - four[f"u_{name}"].values ** 2
+        own = parts[2][f"u_{name}"].values ** 2 - parts[2][f"shared_u_{name}"].values ** 2
+        if name == "restitution":
+            np.testing.assert_allclose(apart, 0.75 * own, rtol=1e-6)
+
+
+def test_with_the_floor_stated_restitution_agrees_within_uncertainty(
+    measured: Measured,
+) -> None:
+    made, found = compared(measured, STATED)
+    assert float(found["nrmse"]) < 0.01
+    assert np.abs(z(found)).max() < 3.0
+    assert np.sqrt(np.mean(z(found) ** 2)) < 1.5
+    # The table's own uncertainty is part of it, and not all of it.
+    rigid, _ = compared(measured, None)
+    assert float(made["u_restitution"][0]) > 1.5 * float(rigid["u_restitution"][0])
+    assert float(made["u_restitution"][0]) < 1e-4
+    assert float(made["rigid_restitution"]) == pytest.approx(float(rigid["restitution"][0]))
+
+
+def test_without_the_floor_the_model_rebounds_too_fast(measured: Measured) -> None:
+    _, found = compared(measured, None)
+    difference = found["restitution_difference"].values
+    assert np.all(difference < 0.0)
+    assert difference.mean() == pytest.approx(-5e-4, abs=2e-4)
+
+
+def test_the_page_tells_the_phases_of_every_recording(processed_session: Path) -> None:
+    page = (processed_session / "labpipe/reports/drop.html").read_text("utf-8")
+    assert "Phases" in page
+    assert "static from" in page
+    assert page.count("still moving when the recording ends") >= 2  # 0.15 s are too short
+
+
+@pytest.mark.parametrize(
+    ("wrong", "at_least"),
+    [
+        ({"mass": Quantity(1.01, 5e-4, "kg")}, 0.03),  # twice as heavy; hardly felt: a ∝ m^0.2
+        ({"material": "nylon"}, 0.05),
+        ({"height": Quantity(1.575e-3, 5e-6, "m")}, 0.05),  # a twentieth too high
+    ],
+    ids=["mass", "material", "height"],
+)
+def test_a_wrong_input_shows_in_the_comparison(
+    measured: Measured, wrong: dict[str, object], at_least: float
+) -> None:
+    """The comparison can fail; with the right inputs it stays below 1 % (above)."""
+    settings, kept = measured
+    sphere = {k: v for k, v in wrong.items() if k != "height"}
+    changed = msgspec.structs.replace(
+        settings,
+        height=wrong.get("height", settings.height),
+        sphere=msgspec.structs.replace(settings.sphere, **sphere),
+    )
+    _, found = compared((changed, kept), STATED)
+    assert float(found["nrmse"]) > at_least
+
+
+def test_a_wrong_inclination_shows_in_the_comparison(
+    processed_session: Path, tmp_path: Path
+) -> None:
+    """30 instead of 12 degrees stretch every length by 13 %."""
+    folder = tmp_path / "session"
+    shutil.copytree(processed_session, folder)
+    record = folder / "calibration/laser.toml"
+    text = record.read_text("utf-8")
+    assert "12.00 ±" in text
+    record.write_text(text.replace("12.00 ±", "30.00 ±"), "utf-8")
+    outcome = process(folder, ["comparison"], ["drop"], jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    assert float(result(folder, "drop", "comparison")["nrmse"]) > 0.03

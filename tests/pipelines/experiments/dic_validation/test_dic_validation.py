@@ -1,0 +1,148 @@
+"""A film of the holder against the laser's drops: results against the truth of both."""
+
+import json
+import shutil
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labpipe import files, materials
+from labpipe.uncertainty import linear
+from pipelines.figures import make
+from pipelines.process import process, result
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import DropRig
+from pipelines.rig.film_front import FrontCamera
+from pipelines.rig.film_session import front_record, front_section, under_record, write_front
+from pipelines.rig.samples import drop_section, laser_record, session_head
+from tests.labpipe.report.conftest import assert_fit_to_read
+from tests.pipelines.asked import quantities
+
+CAMERA = FrontCamera(rows=72, columns=48, frame_rate=4000, duration=0.075, release=0.006)
+HEIGHT = 1.5e-3
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("film")
+    acrylic = materials.load("acrylic")
+    start = datetime(2024, 5, 14, 9, 30)
+    laser = write_drops(folder, "drop", DropRig(duration=0.1), acrylic, HEIGHT, 2, 5, start)
+    film = write_front(folder, "acrylic", HEIGHT, CAMERA, 9)
+    files.write_text(folder / "calibration/laser.toml", laser_record())
+    files.write_text(folder / "calibration/camera_front.toml", front_record())
+    text = session_head("Film (synthetic)") + drop_section("drop", laser, HEIGHT, "acrylic")
+    text += (
+        front_section(film, CAMERA, HEIGHT)
+        .replace("ptfe_1p5mm", "drop")
+        .replace("ptfe_film", "film")
+    )
+    files.write_text(folder / "session.toml", text)
+    outcome = process(folder, only=["film"], jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    return folder
+
+
+def truth(session: Path) -> dict:
+    return json.loads((session / "truth/acrylic_front.json").read_text())
+
+
+def test_the_track_is_the_true_one_within_its_own_uncertainty(session: Path) -> None:
+    found = result(session, "film", "track").isel(point=0)
+    known = truth(session)
+    expected = np.array(known["dy"])[found["frame"].values]
+    error = found["dy"].values - expected
+    assert np.abs(error).max() < 0.03
+    assert error.std() < 1.5 * float(found["u_dy"].median())
+
+
+def test_contact_is_found_to_a_tenth_of_a_frame(session: Path) -> None:
+    found = result(session, "film", "bounces")
+    gap = float(found["first_contact_time"]) - truth(session)["first_contact_time"]
+    assert abs(gap) < 0.1 / CAMERA.frame_rate
+
+
+def test_film_and_laser_agree_within_the_calibrations(session: Path) -> None:
+    found = result(session, "film", "comparison")
+    assert float(found["nrmse"]) < 0.02
+    allowed = 3 * float(np.hypot(found["u_gain"], found["expected_u_gain"]))
+    assert abs(float(found["gain"]) - 1) < allowed
+    z = found["restitution_difference"] / found["u_restitution_difference"]
+    assert np.all(np.abs(z) < 3.5)
+
+
+def test_the_page_shows_key_frames_and_counts_what_was_read(session: Path) -> None:
+    page = (session / "labpipe/reports/film.html").read_text("utf-8")
+    assert "Key frames with the tracked subsets" in page
+    assert "bytes read" in page
+    assert len(page.encode()) < 3_000_000
+
+
+def test_the_page_is_fit_to_read(session: Path, tmp_path: Path) -> None:
+    page = session / "labpipe/reports/film.html"
+    assert "Raw header of film/" in page.read_text("utf-8")
+    assert_fit_to_read(page, tmp_path)
+
+
+@pytest.mark.slow
+def test_the_figures_show_the_line_of_subsets(session: Path, tmp_path: Path) -> None:
+    outcomes = make.make(make.Shelf.of(tmp_path, session), make.chosen(["3.8", "D.1"]))
+    assert {o.state for o in outcomes} == {make.DRAWN}, [o.detail for o in outcomes]
+    assert "subsets of" in (tmp_path / "D.1.txt").read_text("utf-8")
+
+
+def test_a_wrong_pixel_size_shows_against_the_laser(session: Path, tmp_path: Path) -> None:
+    """The comparison can fail: 355 instead of 386 px in 30 mm make every length 9 % too large."""
+    folder = tmp_path / "session"
+    shutil.copytree(session, folder)
+    record = folder / "calibration/camera_front.toml"
+    text = record.read_text("utf-8")
+    assert "386 ±" in text
+    record.write_text(text.replace("386 ±", "355 ±"), "utf-8")
+    outcome = process(folder, ["comparison"], ["film"], jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    found = result(folder, "film", "comparison")
+    assert float(found["nrmse"]) > 0.03
+    assert float(found["gain"]) == pytest.approx(355 / 386, rel=0.02)
+
+
+def test_another_views_record_is_refused(session: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "session"
+    shutil.copytree(session, folder)
+    (folder / "calibration/camera_front.toml").write_text(under_record(), "utf-8")
+    outcome = process(folder, ["motion"], ["film"], jobs=0)
+    assert outcome.exit_code == 3  # bad input, and nothing else was asked for
+    assert "view" in outcome.failures[0].message
+
+
+@pytest.mark.slow
+def test_skipping_frames_at_rest_changes_nothing_that_is_kept(tmp_path: Path) -> None:
+    from pipelines.experiments.dic_validation.measured import track
+    from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
+
+    camera = FrontCamera(rows=56, columns=48, frame_rate=2000, duration=0.3, release=0.006)
+    film = tmp_path / write_front(tmp_path, "ptfe", 0.5e-3, camera, 3)
+    settings = DicValidation(
+        kind="dic_validation", film="f", camera="c",
+        tracking=Tracking(body=(23.5, 22.0), body_subset=31),
+    )  # fmt: skip
+    full = track(film, settings=settings, full=True)
+    short = track(film, settings=settings, full=False)
+    assert short.sizes["frame"] < 0.6 * full.sizes["frame"]
+    same = full.sel(frame=short["frame"])
+    assert np.abs(same["dy"] - short["dy"]).max() < 1e-3
+    work = json.loads(short.attrs["work"])
+    assert work["frames_read"] == short.sizes["frame"]
+    assert work["frames_total"] == full.sizes["frame"]
+    known = np.array(json.loads((tmp_path / "truth/ptfe_front.json").read_text())["dy"])
+    assert np.abs(full["dy"].values[:, 0] - known).max() < 0.03
+
+
+def test_scale_and_noise_stand_in_the_budgets(session: Path) -> None:
+    found = quantities(session, "film")
+    for quantity in found.values():
+        budget = linear(quantity.model, quantity.inputs)
+        assert budget.u > 0.0
+        assert all(row["u"] > 0.0 for row in budget.rows if row["source"] != "measured")

@@ -1,0 +1,338 @@
+"""From a rheometer export to a master curve: the truth is found, wrong settings are refused."""
+
+import json
+import warnings
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from instruments import anton_paar
+from labpipe.errors import ConfigError, InputError
+from labpipe.materials import Prony
+from labpipe.schema import check
+from labpipe.units import Quantity
+from pipelines.experiments.dma import _glass_transition, _material_files, model
+from pipelines.experiments.dma import measured as dma
+from pipelines.experiments.dma.settings import Dma, Fit
+from pipelines.experiments.shared.material_choice import resolve
+from pipelines.experiments.shared.settings import MaterialChoice
+from pipelines.process import open_session, process
+from pipelines.rig.dma import SOLIDS, Protocol, write_dma
+from pipelines.rig.samples import SAMPLES, dma_section, session_head
+from pipelines.session import SCHEMAS, write_session_file
+
+SMALL = Protocol(
+    temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0),
+    frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()),
+)
+
+
+def settings_for(name: str, **changes: object) -> Dma:
+    solid = SOLIDS[name]
+    table = Dma(
+        kind="dma", rheometer=["x.csv"], mode=solid.mode, nu=Quantity(solid.nu, 0.0, "1"),
+        T_ref=Quantity(solid.T_ref, 0.0, "degC"),
+    )  # fmt: skip
+    return msgspec.structs.replace(table, **changes)
+
+
+@pytest.fixture(scope="module")
+def ptfe(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ptfe")
+    export = write_dma(folder, "ptfe", SOLIDS["ptfe"], SMALL, 3)
+    truth = json.loads((folder / "truth/ptfe.json").read_text("utf-8"))
+    return dma.readings(folder / export, settings=settings_for("ptfe")), truth
+
+
+@pytest.fixture(scope="module")
+def curve(ptfe):
+    settings = settings_for("ptfe")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sweeps = dma.gathered([ptfe[0]], settings=settings)
+        return model.master_curve(sweeps, settings=settings)
+
+
+def test_the_sweeps_hold_the_true_moduli_within_the_noise(ptfe):
+    found = dma.sweeps(ptfe[0], "tension", 0.46)
+    assert found.sizes == {"temperature": 5, "frequency": 9}
+    check(found, SCHEMAS["sweeps"])
+    T, f = np.meshgrid(found.temperature, found.frequency, indexing="ij")
+    true = SOLIDS["ptfe"].modulus(f, T)
+    assert np.sqrt(np.mean((found.storage.values / true.real - 1) ** 2)) < 0.015
+    assert np.sqrt(np.mean((found.loss.values / true.imag - 1) ** 2)) < 0.03
+
+
+def test_the_master_curve_lies_on_the_truth(ptfe, curve):
+    """Noise is 1 % and 2 %; shifts were found to 0.02, moduli to 0.5 % and 2 % (rms)."""
+    check(curve, SCHEMAS["master_curve"])
+    truth = ptfe[1]
+    np.testing.assert_allclose(curve.log10_aT, truth["log10_aT"], atol=0.08)
+    f = np.array(truth["frequency"])
+    covered = curve["reduced_frequency"].values
+    inside = (f >= covered[0]) & (f <= covered[-1])
+    solid = Prony(float(curve.E_relaxed), curve.E.values, curve.rho.values, nu=float(curve.nu))
+    found = solid.complex_modulus(2 * np.pi * f[inside])
+    storage = found.real / np.array(truth["storage"])[inside] - 1
+    loss = found.imag / np.array(truth["loss"])[inside] - 1
+    assert np.sqrt(np.mean(storage**2)) < 0.01
+    assert np.sqrt(np.mean(loss**2)) < 0.03
+
+
+def test_another_experiment_can_take_the_material(curve):
+    solid = resolve(MaterialChoice(material_from="experiment:ptfe"), None, curve)
+    assert solid.nu == 0.46
+    assert solid.E_relaxed == float(curve.E_relaxed)
+    np.testing.assert_array_equal(solid.rho, curve.rho)
+
+
+def test_the_same_sweeps_give_the_same_bytes(ptfe):
+    settings = settings_for("ptfe", fit=Fit(vertical="none", delay="off"))
+    sweeps = dma.gathered([ptfe[0]], settings=settings)
+    first, second = (model.master_curve(sweeps, settings=settings) for _ in range(2))
+    assert first.identical(second)
+
+
+def test_shear_becomes_tension_by_the_declared_poisson_ratio(ptfe):
+    as_tension = dma.sweeps(ptfe[0], "tension", 0.46)
+    as_shear = dma.sweeps(ptfe[0], "shear", 0.46)
+    np.testing.assert_allclose(as_shear.storage, 2 * 1.46 * as_tension.storage, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("mode", "nu"), [("pull", 0.3), ("shear", 0.7), ("shear", -0.1)])
+def test_a_wrong_mode_or_poisson_ratio_is_refused(ptfe, mode, nu):
+    with pytest.raises(InputError):
+        dma.sweeps(ptfe[0], mode, nu)
+
+
+def make(intervals):
+    return anton_paar.assemble(
+        [
+            anton_paar.make_interval("test", "sweep", number, [
+                anton_paar.make_column("Frequency", "[Hz]", frequency),
+                anton_paar.make_column("Temperature", "[°C]", temperature),
+                anton_paar.make_column("Storage Modulus", "[Pa]", np.full(len(frequency), 1e9)),
+                anton_paar.make_column("Loss Modulus", "[Pa]", np.full(len(frequency), 1e8)),
+                anton_paar.make_column("Status", "", status),
+            ])
+            for number, (frequency, temperature, status) in enumerate(intervals, 1)
+        ]
+    )  # fmt: skip
+
+
+def test_ragged_frequencies_are_padded_and_temperatures_sorted():
+    found = dma.sweeps(
+        make([([1.0, 2.0, 4.0], [30.0, 30.1, 30.2], [""] * 3),
+              ([4.0, 8.0001, 16.0, 1.0], [10.0] * 4, [""] * 4)]),
+        "tension", 0.3,
+    )  # fmt: skip
+    np.testing.assert_allclose(found.temperature, [10.0, 30.1])
+    np.testing.assert_allclose(found.frequency, [1, 2, 4, 8.0001, 16])
+    assert np.isnan(found.storage.values).tolist() == [
+        [False, True, False, False, False], [False, False, False, True, True],
+    ]  # fmt: skip
+
+
+def test_one_table_over_many_temperatures_is_cut_where_the_temperature_steps():
+    f = [1.0, 2.0, 4.0] * 2
+    found = dma.sweeps(make([(f, [20.0] * 3 + [40.0] * 3, [""] * 6)]), "tension", 0.3)
+    assert found.sizes == {"temperature": 2, "frequency": 3}
+
+
+def test_points_without_torque_are_left_out_and_said():
+    data = make([([1.0, 2.0, 4.0, 8.0], [20.0] * 4, ["", "ME-,taD", "", ""])])
+    with pytest.warns(UserWarning, match="1 of 4 points are left out"):
+        found = dma.sweeps(data, "tension", 0.3)
+    assert int(np.isnan(found.storage).sum()) == 1
+
+
+def test_a_missing_temperature_is_asked_for():
+    data = make([([1.0, 2.0, 4.0], [20.0] * 3, [""] * 3)]).drop_vars("temperature")
+    with pytest.raises(InputError, match="no column for: temperature"):
+        dma.sweeps(data, "tension", 0.3)
+
+
+def test_an_export_without_a_sweep_is_refused():
+    data = make([([1.0] * 9, np.arange(0, 90, 10.0).tolist(), [""] * 9)])
+    with pytest.raises(InputError, match="no isothermal frequency sweep"):
+        dma.sweeps(data, "tension", 0.3)
+
+
+def test_the_glass_transition_lies_at_the_maximum_of_the_true_curve():
+    solid, T = SOLIDS["nylon"], np.arange(-40.0, 121.0, 2.0)
+    fine = np.linspace(-40, 120, 8001)
+    true = solid.modulus(np.ones(fine.size), fine)
+    noise = np.random.default_rng(4)
+    measured = solid.modulus(np.ones(T.size), T)
+    ramp = _glass_transition.Ramp(
+        1.0, T, measured.real * np.exp(0.01 * noise.standard_normal(T.size)),
+        measured.imag * np.exp(0.02 * noise.standard_normal(T.size)),
+    )  # fmt: skip
+    found = _glass_transition.transitions([ramp])
+    peak = fine[np.argmax(true.imag / true.real)]
+    assert abs(float(found.T_peak[0]) - peak) < max(3 * float(found.u_T_peak[0]), 2.0)
+    assert abs(float(found.T_loss[0]) - fine[np.argmax(true.imag)]) < 5.0
+
+
+def test_no_transition_is_said_where_there_is_none(ptfe):
+    solid, T = SOLIDS["peek"], np.arange(-40.0, 121.0, 2.0)
+    measured = solid.modulus(np.ones(T.size), T)
+    found = _glass_transition.transitions(
+        [_glass_transition.Ramp(1.0, T, measured.real, measured.imag)]
+    )
+    assert np.isnan(found.T_peak).all()
+    kept = ptfe[0].isel(sample=slice(0, 0)).assign_attrs(tests="[]")
+    assert "absent" in dma.temperature_sweep([kept], settings=settings_for("ptfe")).attrs
+
+
+def test_fewer_terms_keep_the_moduli(curve):
+    reduced = _material_files.fewest_terms(curve, 0.01)
+    assert reduced.E.size < curve.sizes["term"] / 1.5
+    omega = 2 * np.pi * curve["reduced_frequency"].values
+    full = Prony(float(curve.E_relaxed), curve.E.values, curve.rho.values, nu=0.46)
+    few = Prony(reduced.relaxed, reduced.E, reduced.rho, nu=0.46)
+    ratio = few.complex_modulus(omega) / full.complex_modulus(omega)
+    assert np.sqrt(np.mean(np.abs(ratio - 1) ** 2)) < 0.015
+
+
+def test_exports_hold_relative_moduli_that_sum_below_one(curve):
+    reduced = _material_files.fewest_terms(curve)
+    law = json.loads(curve.attrs["law"])
+    text = _material_files.abaqus(reduced, law, 20.0, "ptfe")
+    rows = text.split("TIME=PRONY\n")[1].split("*")[0].split()
+    shares = [float(x.strip(",")) for x in rows[::3]]
+    assert len(shares) == reduced.E.size
+    assert 0 < sum(shares) < 1
+    assert _material_files.ansys(reduced, law, 20.0).count("TBDATA") >= 2 * len(shares)
+    assert json.loads(_material_files.as_json(curve, reduced))["nu"] == 0.46
+
+
+def test_the_table_for_a_spreadsheet_holds_every_term_and_shift(curve):
+    reduced = _material_files.fewest_terms(curve)
+    terms, shifts = _material_files.as_csv(curve, reduced).split("\n\n")
+    rows = [line.split(",") for line in terms.splitlines() if line.startswith("full,")]
+    assert float(rows[0][3]) == pytest.approx(float(curve.E_relaxed), rel=1e-7)
+    np.testing.assert_allclose([float(r[3]) for r in rows[1:]], curve.E, rtol=1e-7)
+    np.testing.assert_allclose([float(r[2]) for r in rows[1:]], curve.rho, rtol=1e-7)
+    assert terms.count("reduced,") == reduced.E.size + 1
+    found = np.array([line.split(",") for line in shifts.splitlines()[1:]], dtype=float)
+    np.testing.assert_allclose(found[:, 1], curve.log10_aT, rtol=1e-7)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    solid = SOLIDS["ptfe"]
+    export = write_dma(tmp_path, "ptfe", solid, SMALL, 3)
+    text = session_head("one material") + dma_section("ptfe", export, solid)
+    (tmp_path / "session.toml").write_text(text, "utf-8")
+    return tmp_path
+
+
+def test_a_session_is_processed_to_a_page_with_every_section(session):
+    result = process(session, jobs=0)
+    assert not result.failures
+    page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
+    for title in ("Master curve", "Shift factors", "Spectrum",
+                  "Consistency of storage and loss modulus",
+                  "Residuals by temperature", "Temperature sweep", "For Abaqus",
+                  "Methods text, to paste", "synthetic data"):  # fmt: skip
+        assert title in page
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('mode = "tension"', 'mode = "pull"'),
+        ('mode = "tension"', ""),
+        ('nu = "0.46"', 'nu = "0.7"'),
+        ('nu = "0.46"', ""),
+        ('T_ref = "20 degC"', 'T_ref = "20 mm"'),
+        ('T_ref = "20 degC"', 'T_reference = "20 degC"'),
+        ("dma/ptfe.csv", "dma/other.csv"),
+    ],
+)
+def test_wrong_settings_are_refused_with_their_line(session, old, new):
+    path = session / "session.toml"
+    text = path.read_text("utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), "utf-8")
+    with pytest.raises(ConfigError):
+        open_session(session)
+
+
+def test_a_reference_far_outside_is_refused_with_what_to_do(ptfe):
+    settings = settings_for("ptfe", T_ref=Quantity(300.0, 0.0, "degC"))
+    sweeps = dma.gathered([ptfe[0]], settings=settings)
+    with pytest.raises(InputError, match="outside the measured"):
+        model.master_curve(sweeps, settings=settings)
+
+
+def test_a_scan_proposes_the_experiment_and_asks_for_the_mode(session):
+    (session / "session.toml").unlink()
+    found = write_session_file(session)
+    assert found.experiments == ["ptfe"]
+    assert len(found.gaps) == 2
+    assert 'kind = "dma"' in found.path.read_text("utf-8")
+
+
+def test_the_sample_holds_five_materials(tmp_path):
+    names = SAMPLES["dma"].write(tmp_path, False)
+    assert len(names) == 5
+    assert set(open_session(tmp_path).experiments) == set(names)
+
+
+HARMONIC = """
+[experiments.punch]
+kind = "harmonic"
+mach1 = "punch.txt"
+
+[experiments.punch.punch]
+radius = "2 mm"
+period = "8 mm"
+depth = "6 mm"
+
+[experiments.punch.substrate]
+material_from = "{name}"
+"""
+
+
+@pytest.mark.parametrize("name", ["ptfe", "experiment:ptfe"])
+def test_another_experiment_names_the_material_with_or_without_prefix(session, name):
+    (session / "punch.txt").write_text("x", "utf-8")
+    with (session / "session.toml").open("a", encoding="utf-8") as stream:
+        stream.write(HARMONIC.format(name=name))
+    opened = open_session(session)
+    assert opened.experiments["punch"].settings.substrate.material_from == "experiment:ptfe"
+
+
+def test_a_material_of_an_unknown_experiment_is_refused(session):
+    (session / "punch.txt").write_text("x", "utf-8")
+    with (session / "session.toml").open("a", encoding="utf-8") as stream:
+        stream.write(HARMONIC.format(name="pfte"))
+    with pytest.raises(ConfigError, match="ptfe"):
+        open_session(session)
+
+
+def test_one_temperature_gives_a_page_that_claims_no_shift_law(session):
+    solid = SOLIDS["ptfe"]
+    write_dma(session, "ptfe", solid, Protocol(temperatures=(20.0,), ramp=(0.0, 5.0)), 1)
+    path = session / "session.toml"
+    path.write_text(path.read_text("utf-8").replace('T_ref = "20 degC"\n', ""), "utf-8")
+    assert not process(session, jobs=0).failures
+    page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
+    assert "a single temperature determines no shift" in page
+    assert "One temperature only" in page
+
+
+def test_an_export_without_temperature_gives_a_page_with_the_reason(session):
+    made = make([([1.0, 2.0, 4.0], [20.0] * 3, [""] * 3)])
+    text = anton_paar.encode(made).decode("utf-16").replace("Temperature", "Some Other")
+    (session / "dma/ptfe.csv").write_bytes(text.encode("utf-16"))
+    assert {f.task.stage for f in process(session, jobs=0).failures} == {
+        "sweeps",
+        "temperature_sweep",
+    }
+    page = (session / "labpipe/reports/ptfe.html").read_text("utf-8")
+    assert "no column for: temperature" in page

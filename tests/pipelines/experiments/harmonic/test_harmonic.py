@@ -1,0 +1,200 @@
+"""Harmonic indentation: hold, loops, work, eq. (2.31) and detachment against the rig's truth."""
+
+import json
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe import contact, files, materials
+from labpipe.materials import Prony
+from labpipe.units import Quantity
+from pipelines.experiments.harmonic import comparison, model, theory
+from pipelines.experiments.harmonic import measured as harmonic
+from pipelines.process import open_session, process, result
+from pipelines.rig.indentation_session import cell_record, oscillation_section
+from pipelines.rig.indentations import Harmonic, Specimen, write_harmonic
+from pipelines.rig.relaxations import TESTER
+from pipelines.rig.session_text import NOTE, session_head
+
+START = datetime(2024, 5, 14, 9, 30)
+PROTOCOL = Harmonic(hold=5.0, frequencies=(1.0, 2.0), cycles=6)
+
+
+def write(folder: Path, protocol: Harmonic, seed: int, **changes: Any) -> None:
+    specimen = Specimen(materials.load("nbr"))
+    write_harmonic(folder, "nbr", specimen, protocol, replace(TESTER, **changes), seed, START)
+    files.write_text(folder / "calibration/load_cell.toml", cell_record(NOTE))
+    text = session_head("Harmonic (synthetic)") + oscillation_section("nbr", specimen)
+    files.write_text(folder / "session.toml", text + "elements = 512\n")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("harmonic")
+    write(folder, PROTOCOL, 31)
+    outcome = process(folder, jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    return folder
+
+
+def truth(session: Path) -> dict[str, Any]:
+    return json.loads((session / "truth/nbr.json").read_text())
+
+
+def settings(session: Path) -> Any:
+    return open_session(session).experiments["nbr"].settings
+
+
+def stage(session: Path, name: str) -> xr.Dataset:
+    return result(session, "nbr", name)
+
+
+def test_the_hold_before_the_oscillations_is_measured(session: Path) -> None:
+    found, known = stage(session, "hold"), truth(session)
+    assert abs(float(found["depth"][0]) - known["mean"]) < 3 * float(found["u_depth"][0])
+    # the truth is the last force of the hold, the plateau a mean that still falls
+    gap = float(found["plateau_force"][0]) - known["plateau_force"]
+    assert abs(gap) < 3 * float(found["u_plateau_force"][0]) + 0.1
+    assert float(found["duration"][0]) == pytest.approx(PROTOCOL.hold, rel=0.02)
+
+
+def test_work_and_stiffness_are_the_true_ones(session: Path) -> None:
+    found = stage(session, "oscillations")
+    for i, row in enumerate(truth(session)["oscillations"]):
+        for name in ("storage_stiffness", "loss_stiffness", "work_per_cycle"):
+            gap = float(found[name][i]) - row[name]
+            assert abs(gap) < 3 * float(found[f"u_{name}"][i]), name
+
+
+def test_the_delay_of_the_record_narrows_the_loss(session: Path) -> None:
+    loads = stage(session, "loads")
+    chosen = settings(session)
+    blind = harmonic.oscillations(loads.assign_attrs(filter_delay="null"), settings=chosen)
+    known = stage(session, "oscillations")
+    assert (known["u_loss_stiffness"] < 0.3 * blind["u_loss_stiffness"]).all()
+    np.testing.assert_allclose(known["loss_stiffness"], blind["loss_stiffness"], rtol=0.02)
+
+
+def test_the_work_of_the_theory_is_that_of_the_equation(session: Path) -> None:
+    """Eq. (2.31) with the fitted amplitude at the mean indentation; a few per cent above loops."""
+    found, table = stage(session, "theory"), stage(session, "oscillations")
+    rubber = materials.load("nbr")
+    for i in range(found.sizes["oscillation"]):
+        known = contact.dissipated_work(
+            rubber, float(table["frequency"][i]), float(table["amplitude"][i]),
+            float(found["mean_indentation"][i]), 2e-3, 8e-3, 18e-3,
+        )  # fmt: skip
+        assert float(found["dissipated_work"][i]) == pytest.approx(float(known), rel=1e-12)
+    gap = found["work_difference"].values / table["work_per_cycle"].values
+    assert np.abs(gap).max() < 0.04
+
+
+def test_dimensionless_numbers_follow_their_definitions(session: Path) -> None:
+    found, table = stage(session, "theory"), stage(session, "oscillations")
+    relaxed = float(materials.load("nbr").E_relaxed)
+    np.testing.assert_allclose(
+        found["dimensionless_frequency"], table["frequency"] * 1.56e-10, rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        found["dimensionless_work_measured"],
+        table["work_per_cycle"] / (relaxed * 8e-3 * 2e-3 * 18e-3), rtol=1e-12,
+    )  # fmt: skip
+    np.testing.assert_allclose(found["dimensionless_amplitude"], table["amplitude"] / 2e-3)
+    np.testing.assert_allclose(found["dimensionless_mean"], 0.05, rtol=0.01)
+
+
+def test_without_a_characteristic_time_it_is_the_shortest_of_the_material(session: Path) -> None:
+    chosen = msgspec.structs.replace(settings(session), characteristic_time=None)
+    parts = (stage(session, name) for name in ("oscillations", "loops", "model"))
+    found = theory.theory(*parts, None, None, settings=chosen)
+    shortest = materials.load("nbr").creep_terms()[1].min()
+    assert float(found["characteristic_time"]) == pytest.approx(float(shortest))
+
+
+def test_contact_is_kept_at_a_small_amplitude(session: Path) -> None:
+    assert (stage(session, "loops")["contact_loss"] == 0).all()
+    assert (stage(session, "model")["contact_loss"] == 0).all()
+    found = stage(session, "theory")
+    assert (found["tapping_amplitude"] > 4 * PROTOCOL.amplitude).all()
+
+
+def test_the_model_of_the_right_material_agrees(session: Path) -> None:
+    assert float(stage(session, "comparison")["nrmse"].max()) < 0.015
+
+
+def modelled(session: Path, chosen: Any) -> xr.Dataset:
+    loads, table = stage(session, "loads"), stage(session, "oscillations")
+    made = model.model(loads, table, None, None, settings=chosen)
+    return comparison.comparison(loads, table, made, settings=chosen)
+
+
+def test_a_material_a_tenth_too_stiff_shows(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rubber = materials.load("nbr")
+    stiff = Prony(
+        float(rubber.E_relaxed) * 1.1, np.asarray(rubber.E) * 1.1, rubber.rho, nu=rubber.nu
+    )
+    monkeypatch.setattr(model, "resolve", lambda *_: stiff)
+    assert float(modelled(session, settings(session))["nrmse"].min()) > 0.2
+
+
+@pytest.mark.slow
+def test_a_first_touch_two_micrometres_off_shows(session: Path) -> None:
+    touch = truth(session)["surface"] + 2e-6
+    chosen = msgspec.structs.replace(settings(session), contact=Quantity(touch, 1e-7, "m"))
+    assert float(modelled(session, chosen)["nrmse"].min()) > 0.04
+
+
+def test_an_elastic_material_dissipates_nothing(
+    session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rubber = materials.load("nbr")
+    elastic = Prony(float(rubber.E_relaxed), [], [], nu=rubber.nu)
+    monkeypatch.setattr(model, "resolve", lambda *_: elastic)
+    found = modelled(session, settings(session))
+    table = stage(session, "oscillations")
+    z = found["work_per_cycle_difference"] / found["u_work_per_cycle_difference"]
+    assert float(z.min()) > 5
+    np.testing.assert_allclose(
+        found["work_per_cycle_difference"], table["work_per_cycle"], rtol=0.05
+    )
+
+
+def test_an_untared_file_cannot_tell_contact(session: Path) -> None:
+    loads = stage(session, "loads").assign_attrs(is_tared=0)
+    found = harmonic.loops(loads, stage(session, "oscillations"), settings=settings(session))
+    assert np.isnan(found["contact_loss"]).all()
+
+
+@pytest.fixture(scope="module")
+def tapping(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An amplitude above the mean indentation: the punch leaves the rubber in every cycle."""
+    folder = tmp_path_factory.mktemp("tapping")
+    protocol = replace(PROTOCOL, mean=30e-6, amplitude=40e-6, frequencies=(1.0,))
+    write(folder, protocol, 32)
+    outcome = process(folder, jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    return folder
+
+
+@pytest.mark.slow
+def test_detachment_is_detected_as_long_as_it_lasts(tapping: Path) -> None:
+    lost = float(stage(tapping, "loops")["contact_loss"][0])
+    simulated = float(stage(tapping, "model")["contact_loss"][0])
+    assert lost == pytest.approx(truth(tapping)["oscillations"][0]["contact_loss"], abs=0.05)
+    assert simulated == pytest.approx(lost, abs=0.05)
+    assert lost > 0.2
+    found = stage(tapping, "theory")
+    assert float(found["tapping_amplitude"][0]) < 40e-6
+    page = (tapping / "labpipe/reports/nbr.html").read_text("utf-8")
+    assert "contact is lost in part of the cycle at 0.996 Hz" in page
+    assert "beyond the tapping front" in page
+
+
+def test_the_model_agrees_through_detachment(tapping: Path) -> None:
+    assert float(stage(tapping, "comparison")["nrmse"].max()) < 0.02

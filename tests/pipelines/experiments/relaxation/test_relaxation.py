@@ -1,0 +1,377 @@
+"""Relaxation tests: forces, depth and moduli against the rig's truth, and the model beside them."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.signal import lfilter
+
+from labpipe import files, materials
+from labpipe.errors import ConfigError, InputError
+from labpipe.materials import Prony
+from labpipe.uncertainty import linear
+from labpipe.units import Quantity
+from pipelines.experiments.relaxation import comparison, model
+from pipelines.experiments.relaxation import measured as relaxation
+from pipelines.experiments.shared import mach1_readings, ramps_and_holds
+from pipelines.experiments.shared.punch_model import Geometry, elastic_force
+from pipelines.experiments.shared.punch_settings import IndentationModel, Punch
+from pipelines.process import open_session, process, result
+from pipelines.rig.indentation_session import cell_record, relaxation_section
+from pipelines.rig.indentations import Specimen
+from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+from pipelines.rig.session_text import NOTE, session_head
+from tests.pipelines.asked import quantities
+
+START = datetime(2024, 5, 14, 9, 30)
+SAMPLES = Path(__file__).parents[4] / "../shared/samples/mach1"
+DEPTHS = (0.1e-3, 0.3e-3)
+PUNCH = Punch(
+    radius=Quantity(2e-3, 0.0, "m"), period=Quantity(8e-3, 0.0, "m"),
+    depth=Quantity(6e-3, 0.0, "m"), tips=3,
+)  # fmt: skip
+
+
+def write(folder: Path, protocol: Relaxation, seed: int, **changes: Any) -> None:
+    specimen = Specimen(materials.load("nbr"))
+    tester = replace(TESTER, **changes)
+    names = write_relaxation(folder, "nbr", specimen, protocol, tester, seed, START)
+    files.write_text(folder / "calibration/load_cell.toml", cell_record(NOTE))
+    text = session_head("Relaxation (synthetic)") + relaxation_section("nbr", names, specimen)
+    text += "elements = 512\n"
+    files.write_text(folder / "session.toml", text)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("relaxation")
+    write(folder, Relaxation(depths=DEPTHS, hold=30.0), 3)
+    outcome = process(folder, jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    return folder
+
+
+def truth(session: Path, depth: float) -> dict[str, float]:
+    return json.loads((session / f"truth/nbr_{depth * 1e6:.0f}um.json").read_text())
+
+
+def settings(session: Path) -> Any:
+    return open_session(session).experiments["nbr"].settings
+
+
+def files_of(session: Path) -> list[str]:
+    return list(settings(session).mach1)
+
+
+def test_depth_peak_and_plateau_are_the_true_ones(session: Path) -> None:
+    found = result(session, "nbr", "tests")
+    for i, depth in enumerate(DEPTHS):
+        known = truth(session, depth)
+        assert abs(float(found["depth"][i]) - depth) < 3 * float(found["u_depth"][i])
+        for ours, theirs in (("plateau_force", "plateau_force"),
+                             ("peak_force_unfiltered", "peak_force")):  # fmt: skip
+            gap = float(found[ours][i]) - known[theirs]
+            assert abs(gap) < 3 * float(found[f"u_{ours}"][i]), ours
+        # the filter hides some of the peak
+        assert float(found["peak_force"][i]) < known["peak_force"]
+        assert float(found["speed"][i]) == pytest.approx(1e-3, rel=1e-3)
+
+
+def test_the_modulus_is_the_plateau_over_the_elastic_force_of_the_true_depth(
+    session: Path,
+) -> None:
+    found = result(session, "nbr", "tests")
+    chosen = settings(session)
+    geometry = Geometry.of(chosen.punch, chosen.substrate, chosen.model, 0.5)
+    for i, depth in enumerate(DEPTHS):
+        area = float(elastic_force(np.array([depth]), geometry)[0])
+        known = truth(session, depth)["plateau_force"] / area
+        gap = float(found["reduced_modulus"][i]) - known
+        assert abs(gap) < 3 * float(found["u_reduced_modulus"][i])
+    low, high = found["reduced_modulus"].values.min(), found["reduced_modulus"].values.max()
+    assert low <= float(found["mean_reduced_modulus"]) <= high
+    assert float(found["mean_relaxed_modulus"]) == pytest.approx(
+        0.75 * float(found["mean_reduced_modulus"])
+    )
+
+
+def test_the_modulus_by_the_printed_equation_is_that_of_a_cosine() -> None:
+    """Rows of the thesis: 12.40, 30.90, 54.81 N belong to 10.14 MPa at 0.1, 0.2, 0.3 mm."""
+    cosine = Geometry.of(PUNCH, None, IndentationModel(profile="cosine"), None)
+    found = 10.14e6 * elastic_force(np.array([0.1e-3, 0.2e-3, 0.3e-3]), cosine)
+    # the modulus is printed to four digits
+    np.testing.assert_allclose(found, [12.40, 30.90, 54.81], rtol=5e-4)
+
+
+def test_the_relaxation_modulus_follows_from_the_force_alone(session: Path) -> None:
+    rubber = materials.load("nbr")
+    for name in files_of(session):
+        found = result(session, "nbr", "curves", name)
+        lag = found["elapsed"].values
+        inside = (lag > 0.05) & (lag < 20.0)
+        known = np.asarray(rubber.relaxation(lag)) / (1 - float(rubber.nu) ** 2)
+        ratio = found["relaxation_modulus"].values / known
+        assert np.abs(ratio[inside] - 1).max() < 0.01
+
+
+def test_the_model_of_the_right_material_agrees_in_every_part(session: Path) -> None:
+    found = result(session, "nbr", "tests")
+    for part in ("ramp", "early", "late", "all"):
+        assert float(found[f"nrmse_{part}"].max()) < 0.01, part
+
+
+def compared(session: Path, changed: Any = None) -> xr.Dataset:
+    """Model and compare the shallow test again, with other settings."""
+    chosen = settings(session) if changed is None else changed
+    name = files_of(session)[0]
+    loads, ramps = (result(session, "nbr", stage, name) for stage in ("loads", "ramps"))
+    if chosen.contact is not None:
+        ramps["contact_position"] = ramps["contact_position"] * 0 + chosen.contact.value
+    made = model.model(loads, ramps, None, None, settings=chosen)
+    return comparison.comparison(loads, ramps, made, settings=chosen)
+
+
+def stiffer(factor: float) -> Callable[..., Prony]:
+    rubber = materials.load("nbr")
+    return lambda *_: Prony(
+        float(rubber.E_relaxed) * factor, np.asarray(rubber.E) * factor, rubber.rho, nu=rubber.nu
+    )
+
+
+def test_a_material_a_tenth_too_stiff_shows(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(model, "resolve", stiffer(1.1))
+    assert float(compared(session)["nrmse_all"][0]) > 0.05
+
+
+def test_a_material_without_its_relaxation_shows_in_the_early_part(
+    session: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rubber = materials.load("nbr")
+    monkeypatch.setattr(
+        model, "resolve", lambda *_: Prony(float(rubber.E_relaxed), [], [], nu=rubber.nu)
+    )
+    found = compared(session)
+    assert float(found["nrmse_early"][0]) > 0.08
+    assert float(found["peak_force_difference"][0]) > 5.0
+
+
+def test_a_first_touch_five_micrometres_off_shows(session: Path) -> None:
+    touch = truth(session, DEPTHS[0])["surface"] + 5e-6
+    changed = msgspec.structs.replace(settings(session), contact=Quantity(touch, 1e-7, "m"))
+    assert float(compared(session, changed)["nrmse_all"][0]) > 0.03
+
+
+@pytest.mark.parametrize(("radius", "at_least"), [(2.2e-3, 0.015), (2.6e-3, 0.03)])
+def test_a_wrong_tip_radius_shows(session: Path, radius: float, at_least: float) -> None:
+    """The force hardly hangs on the radius: a tenth shows as 2 %, only a third as more than 3."""
+    punch = settings(session).punch
+    other = msgspec.structs.replace(punch, radius=Quantity(radius, 0.0, "m"))
+    changed = msgspec.structs.replace(settings(session), punch=other)
+    assert float(compared(session, changed)["nrmse_all"][0]) > at_least
+
+
+def test_without_a_punch_the_forces_are_reported_and_the_reason_is_told(
+    session: Path, tmp_path: Path
+) -> None:
+    text = (session / "session.toml").read_text("utf-8")
+    bare = text[: text.index("[experiments.nbr.punch]")]
+    for name in files_of(session):
+        files.write_bytes(tmp_path / name, (session / name).read_bytes())
+    files.write_text(tmp_path / "session.toml", bare)
+    outcome = process(tmp_path, jobs=0)
+    assert outcome.exit_code == 0, [o.message for o in outcome.failures]
+    found = result(tmp_path, "nbr", "tests")
+    assert "reduced_modulus" not in found
+    assert (found["peak_force"] > found["plateau_force"]).all()
+    page = (tmp_path / "labpipe/reports/nbr.html").read_text("utf-8")
+    assert "names no punch" in page
+
+
+def test_the_report_shows_moduli_and_errors(session: Path) -> None:
+    page = (session / "labpipe/reports/nbr.html").read_text("utf-8")
+    for text in ("relaxed modulus", "nRMSE early", "Lee and Radok", "synthetic"):
+        assert text in page
+
+
+def test_mistakes_in_the_settings_are_told_with_their_lines(session: Path, tmp_path: Path) -> None:
+    text = (session / "session.toml").read_text("utf-8")
+    for name in files_of(session):
+        files.write_bytes(tmp_path / name, (session / name).read_bytes())
+    wrong = text.replace('radius = "2 ± 0.002 mm"', 'radius = "2 s"').replace("tips = 3", "tip = 3")
+    files.write_text(tmp_path / "session.toml", wrong)
+    with pytest.raises(ConfigError) as caught:
+        open_session(tmp_path)
+    told = " ".join(map(str, caught.value.problems))
+    assert 'did you mean "tips"' in told
+    assert "expected a length" in told
+
+
+# --- ramps and holds ------------------------------------------------------------------------
+
+
+def history(*moves: tuple[float, float], rate: float = 100.0) -> xr.Dataset:
+    """One block of ramps (travel in m) with holds (s) at 1 mm/s, and a force of 1 N/mm."""
+    position, segment = [np.zeros(1)], [np.zeros(1)]
+    for number, (travel, hold) in enumerate(moves):
+        count = max(1, round(abs(travel) / 1e-3 * rate))
+        start = position[-1][-1]
+        ramp = start + travel * np.arange(1, count + 1) / count
+        part = np.concatenate([ramp, np.full(round(hold * rate), start + travel)])
+        position.append(part)
+        segment.append(np.full(part.size, number))
+    z = np.concatenate(position)
+    attrs = {"units": "m", "long_name": "position"}
+    return xr.Dataset(
+        {
+            "position_z": ("sample", z, attrs),
+            "force": ("sample", z * 1e3, {"units": "N", "long_name": "force"}),
+            "function": ("block_index", ["Stress Relaxation"]),
+        },
+        coords={
+            "time": ("sample", np.arange(z.size) / rate),
+            "block": ("sample", np.zeros(z.size, dtype=int)),
+            "segment": ("sample", np.concatenate(segment)),
+        },
+    )
+
+
+def test_every_ramp_of_a_block_is_found() -> None:
+    found = ramps_and_holds.find(history((0.1e-3, 5.0), (0.2e-3, 4.0), (0.05e-3, 3.0)))
+    np.testing.assert_allclose([h.held for h in found], [0.1e-3, 0.3e-3, 0.35e-3])
+    np.testing.assert_allclose([h.start for h in found], [0.0, 0.1e-3, 0.3e-3], atol=1e-12)
+    np.testing.assert_allclose([h.last - h.end for h in found], [5.0, 4.0, 3.0], atol=0.03)
+    np.testing.assert_allclose([h.speed for h in found], 1e-3, rtol=1e-6)
+
+
+def test_a_file_without_relaxation_names_what_it_holds() -> None:
+    other = history((0.1e-3, 5.0)).assign(function=("block_index", ["Sinusoid"]))
+    with pytest.raises(InputError, match="no Stress Relaxation block; its blocks are: Sinusoid"):
+        ramps_and_holds.find(other)
+
+
+def test_a_block_in_which_nothing_moves_is_refused() -> None:
+    with pytest.raises(InputError, match="there is no ramp"):
+        ramps_and_holds.find(history((0.0, 5.0)))
+
+
+def test_a_ramp_that_is_not_held_is_refused() -> None:
+    with pytest.raises(InputError, match="moves on"):
+        ramps_and_holds.find(history((2e-3, 0.05)))
+
+
+def test_a_missing_reading_is_refused() -> None:
+    spoilt = history((0.1e-3, 5.0))
+    spoilt["force"][200] = np.nan
+    with pytest.raises(InputError, match="missing"):
+        ramps_and_holds.find(spoilt)
+
+
+@pytest.mark.skipif(not SAMPLES.is_dir(), reason="the shared samples are not beside the checkout")
+def test_the_three_ramps_of_a_real_file() -> None:
+    chosen = relaxation.Relaxation(kind="relaxation", mach1=["a.txt"])
+    readings = relaxation.readings(SAMPLES / "stress_relaxation_3_ramps.txt", settings=chosen)
+    with pytest.warns(UserWarning, match="begins in contact"):
+        loads = relaxation.loads(readings, None, settings=chosen)
+    with pytest.warns(UserWarning, match="no modulus|not relaxed"):
+        found = relaxation.ramps(loads, settings=chosen)
+    assert found.sizes["ramp"] == 3
+    np.testing.assert_allclose(found["travel"], 39.3e-6, atol=0.3e-6)
+    np.testing.assert_allclose(found["speed"], 0.7e-6, rtol=0.05)
+    assert (found["peak_force"] > found["plateau_force"]).all()
+    assert np.isnan(found["depth"]).all()
+
+
+def test_the_uncertainty_of_a_plateau_is_that_of_its_noise() -> None:
+    """A falling force leaves nothing in it: 0.02 N over 400 readings are 0.001 N."""
+    made = history((0.1e-3, 40.0))
+    noise = np.random.default_rng(1).normal(0.0, 0.02, made.sizes["sample"])
+    made["force"] = made["force"] * 0 + 13.5 - 0.01 * made["time"].values + noise
+    level = ramps_and_holds.plateau(made, ramps_and_holds.find(made)[0], 60.0)
+    assert level.end - level.begin == pytest.approx(4.0, abs=0.02)
+    assert level.u == pytest.approx(0.001, rel=0.2)
+
+
+def test_budget_of_the_modulus_is_that_of_the_table(session: Path) -> None:
+    found = quantities(session, "nbr")
+    table = result(session, "nbr", "tests")
+    for i in range(len(DEPTHS)):
+        made = found[f"relaxed reduced modulus, test {i + 1}"]
+        budget = linear(made.model, made.inputs)
+        assert budget.value == pytest.approx(float(table["reduced_modulus"][i]), rel=1e-9)
+        assert budget.u == pytest.approx(float(table["u_reduced_modulus"][i]), rel=0.05)
+        peak = found[f"largest force before the filter, test {i + 1}"]
+        assert linear(peak.model, peak.inputs).u == pytest.approx(
+            float(table["u_peak_force_unfiltered"][i]), rel=1e-3
+        )
+
+
+def test_a_plateau_is_free_of_the_lag_of_the_filter(session: Path) -> None:
+    """A Butterworth filter of order 3 delays a slow force by 2 / (2 pi 20 Hz)."""
+    loads = result(session, "nbr", "loads", files_of(session)[0])
+    bare = loads.assign_attrs(filter_delay="null")
+    assert mach1_readings.filter_delay(bare).value == pytest.approx(2 / (40 * np.pi), rel=1e-3)
+    hold = ramps_and_holds.find(loads)[0]
+    falling = loads.assign(force=50.0 - 0.5 * loads["time"])
+    late = ramps_and_holds.mean_force(falling, hold, 10.0, 20.0)
+    delay = mach1_readings.filter_delay(loads)
+    assert late.lag == pytest.approx(0.5 * delay.value, rel=1e-6)
+    time = loads["time"].values[hold.rows]
+    middle = float(time[(time >= 10.0) & (time <= 20.0)].mean())
+    assert late.force == pytest.approx(50.0 - 0.5 * (middle + delay.value), abs=1e-9)
+    assert late.u_lag == pytest.approx(0.5 * delay.u, rel=1e-6)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.6])
+def test_the_uncertainty_of_a_bin_is_that_of_its_noise(memory: float) -> None:
+    """What falls within a bin is no noise, and neighbours that are alike count as fewer."""
+    rng = np.random.default_rng(5)
+    made = history((0.1e-3, 60.0))
+    time = made["time"].values
+    hold = ramps_and_holds.find(made)[0]
+    fall = 8.0 * np.maximum(time - hold.begin, 0.005) ** -0.2
+    edges = np.geomspace(0.1, 60.0, 20)
+    since = time[hold.rows] - hold.end
+    exact = ramps_and_holds.binned(since, fall[hold.rows], edges)[1]
+    scores = []
+    for _ in range(20):
+        noise = lfilter([np.sqrt(1 - memory**2)], [1, -memory], rng.normal(0.0, 0.01, time.size))
+        loads = made.assign(force=("sample", fall + noise), u_force=("sample", 0.0 * time + 0.01))
+        force = loads["force"].values[hold.rows]
+        u = ramps_and_holds.u_of_means(since, force, edges, ramps_and_holds.noise(loads, hold), 0.0)
+        scores.append((ramps_and_holds.binned(since, force, edges)[1] - exact) / u)
+    square = np.mean(np.square(scores), axis=0)
+    # the scatter of a mean of a few that are alike is less than that of one
+    assert square[5:].mean() == pytest.approx(1.0, abs=0.25)
+    assert square.max() < 2.0
+
+
+def test_a_bin_that_trembles_keeps_its_own_scatter() -> None:
+    rng = np.random.default_rng(6)
+    time = np.arange(1, 3001) / 100.0
+    values = 5.0 + rng.normal(0.0, 0.01, time.size)
+    trembling = (time > 2.0) & (time <= 4.0)
+    values[trembling] += 0.1 * np.sin(2 * np.pi * 7.3 * time[trembling])
+    u = ramps_and_holds.u_of_means(time, values, np.array([0.5, 2.005, 4.005, 30.0]),
+                         ramps_and_holds.Noise(0.01, 1.0), 0.0)  # fmt: skip
+    np.testing.assert_allclose(u[[0, 2]], [0.01 / np.sqrt(151), 0.01 / np.sqrt(2600)], rtol=0.05)
+    assert u[1] == pytest.approx(0.1 / np.sqrt(2) / np.sqrt(200), rel=0.1)
+
+
+def test_a_bin_belongs_to_the_mean_time_of_its_readings(session: Path) -> None:
+    name = files_of(session)[0]
+    curves, loads = (result(session, "nbr", stage, name) for stage in ("curves", "loads"))
+    found = ramps_and_holds.find(loads)[0]
+    since = loads["time"].values[found.rows] - found.end
+    single = curves["time_spread"].values[0] == 0.0
+    assert single.sum() >= 3
+    at = curves["mean_time"].values[0][single]
+    np.testing.assert_allclose(np.abs(since[:, None] - at).min(axis=0), 0.0, atol=1e-9)
+    off = curves["mean_time"].values[0] / curves["lag"].values - 1
+    assert 0.01 < np.abs(off).max() < 0.1

@@ -1,0 +1,33 @@
+"""The graph: every stage can be imported, fits its neighbours."""
+
+import importlib
+import inspect
+
+import pytest
+
+from labpipe.workflow.graph import ordered
+from pipelines.experiments import KINDS
+
+STAGES = [(kind, stage) for kind, entry in KINDS.items() for stage in entry.stages]
+IDS = [f"{kind}/{stage.name}" for kind, stage in STAGES]
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_the_stages_of_a_kind_fit_together(kind: str) -> None:
+    ordered(KINDS[kind].stages, KINDS[kind].settings)
+
+
+@pytest.mark.parametrize(("kind", "stage"), STAGES, ids=IDS)
+def test_a_stage_s_function_takes_what_the_graph_hands_it(kind: str, stage: object) -> None:
+    module, name = stage.function.split(":")
+    parameters = inspect.signature(getattr(importlib.import_module(module), name)).parameters
+    positional = [p for p in parameters.values() if p.kind is p.POSITIONAL_OR_KEYWORD]
+    assert len(positional) == len(stage.inputs)
+    assert "settings" in parameters
+    assert ("context" in parameters) == stage.context
+    assert ("full" in parameters) == stage.shortcuts
+
+
+@pytest.mark.parametrize(("kind", "stage"), STAGES, ids=IDS)
+def test_a_named_schema_exists(kind: str, stage: object) -> None:
+    assert stage.schema is None or stage.schema in {s.name for s in KINDS[kind].schemas}

@@ -1,0 +1,202 @@
+import contextlib
+import io
+import json
+import shutil
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from labpipe import files, materials
+from labpipe.errors import UsageError
+from labpipe.identification import moduli, sample
+from labpipe.units import Quantity
+from labpipe.workflow.session import Experiment
+from pipelines.cli import main
+from pipelines.experiments import KINDS
+from pipelines.experiments.shared.settings import Plate
+from pipelines.identify import Wish, identify, material_name
+from pipelines.rig.indentation_session import cell_record, relaxation_section
+from pipelines.rig.indentations import Specimen
+from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+from pipelines.rig.samples import session_head
+from pipelines.session import derive, needed, opened, plan
+
+DROP = KINDS["ball_drop"].evidence
+
+
+@pytest.fixture(scope="module")
+def rubber(processed_session: Path, tmp_path_factory: pytest.TempPathFactory):
+    """What the harmonic indentation of the small session tells, by the command line."""
+    folder = tmp_path_factory.mktemp("identified") / "session"
+    shutil.copytree(processed_session, folder)
+    (folder / "laser/drop_2.csv").unlink()  # what is lost elsewhere is of no concern here
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pipelines.identify._identify.sample", lambda known: sample(known, 60))
+        with pytest.raises(SystemExit) as left, contextlib.redirect_stdout(said):
+            main(["identify", str(folder), "-e", "nbr", "--sampler", "rto", "--json"])
+    assert left.value.code == 0
+    files.write_text(folder / "said.json", said.getvalue())
+    return folder
+
+
+def test_indentation_finds_the_rigs_modulus_where_it_oscillated(rubber: Path) -> None:
+    found = files.read_dataset(rubber / "labpipe/identify_nbr.nc")
+    truth = materials.load("nbr").complex_modulus(2 * np.pi * found["frequency"].values)
+    known = found["is_determined"].values == 1
+    assert known.any()
+    for name, exact in (("storage", truth.real), ("loss_factor", truth.imag / truth.real)):
+        gap = np.log(found[name].values / exact) / found[f"u_ln_{name}"].values
+        assert np.abs(gap[known]).max() < 3
+
+
+def test_indentation_alone_does_not_claim_the_long_time_modulus(rubber: Path) -> None:
+    found = files.read_dataset(rubber / "labpipe/identify_nbr.nc")
+    assert str(found["verdict"].values[0]) == "only an upper limit"
+    assert float(found["high"][0]) > materials.load("nbr").E_relaxed
+    page = (rubber / "labpipe/identify_nbr.html").read_text(encoding="utf-8")
+    assert "not identifiable from these experiments" in page
+    assert "Synthetic data" in page
+
+
+def test_draws_of_the_posterior_stand_beside_the_normal_approximation(rubber: Path) -> None:
+    found = files.read_dataset(rubber / "labpipe/identify_nbr.nc")
+    known = found["is_determined"].values == 1
+    for name in ("storage", "loss_factor"):
+        assert (found[f"drawn_{name}_low"] < found[name]).values[known].all()
+        assert (found[f"drawn_{name}_high"] > found[name]).values[known].all()
+    page = (rubber / "labpipe/identify_nbr.html").read_text(encoding="utf-8")
+    assert "of 60 draws" in page
+    assert "unknowns of the spectrum" in page
+
+
+def test_result_is_a_material_again(rubber: Path) -> None:
+    found = files.read_dataset(rubber / "labpipe/identify_nbr.nc")
+    solid = materials.Prony(
+        float(found["E_relaxed"]), found["E"].values, found["rho"].values, nu=float(found["nu"])
+    )
+    at = found["frequency"].values
+    made = solid.complex_modulus(2 * np.pi * at).real
+    # the curve is that of all structures of the spectrum, the series that of one
+    assert (np.abs(np.log(made / found["storage"])) <= 3 * found["u_ln_storage"]).all()
+    assert float(found["structure_probability"].sum()) == pytest.approx(1.0)
+
+
+def test_document_names_the_unknowns_with_verdicts(rubber: Path) -> None:
+    (document,) = json.loads((rubber / "said.json").read_text(encoding="utf-8"))
+    assert document["E_relaxed"]["verdict"] == "only an upper limit"
+    verdicts = {row["name"]: row["verdict"] for row in document["unknowns"]}
+    assert verdicts["level"] == "determined by the data"
+    assert verdicts["filter"] in {"determined by the data", "known from the prior only"}
+    assert document["frequency_range"][0] == pytest.approx(1.0, rel=0.02)
+
+
+def test_moduli_outside_the_data_are_never_called_determined(rubber: Path) -> None:
+    found = files.read_dataset(rubber / "labpipe/identify_nbr.nc")
+    known = found["frequency"].values[found["is_determined"].values == 1]
+    assert known.min() >= float(found["lowest_frequency"])
+    assert known.max() <= float(found["highest_frequency"])
+
+
+def test_drop_becomes_evidence_without_the_scatter_of_its_heights(processed_session: Path) -> None:
+    results = opened(processed_session)
+    proof = derive(results, results.experiments["drop"], DROP, name="drop", impacts=2)
+    evidence = proof.build(np.array([1e-3]))
+    touch, duration = evidence.groups
+    assert touch.name == "time of touch"
+    assert touch.u.max() < 2e-5
+    assert duration.values.min() > 5e-4
+    names = {p.name for p in proof.unknowns}
+    assert {"drop height", "drop trigger", "pulse shape"} <= names
+    # what all durations share is in that unknown, not in the noise of each
+    stated = results.result("drop", "repeats")["u_contact_duration"].values[: duration.u.size]
+    assert np.allclose(duration.u**2 + evidence.model.shared**2, stated**2)
+    # the true material predicts what was seen, within height and readings
+    given = {p.name: p.mean for p in proof.unknowns}
+    model = replace(evidence.model, rtol=1e-4)
+    predicted = model.refined(materials.load("acrylic"), given)
+    assert np.abs(predicted / evidence.values - 1).max() < 0.03
+
+
+@pytest.mark.slow
+def test_relaxations_at_two_depths_are_one_material(tmp_path: Path) -> None:
+    solid = materials.load("nbr")
+    specimen = Specimen(solid)
+    held = Relaxation((0.1e-3, 0.2e-3), 20.0)
+    names = write_relaxation(tmp_path, "hold", specimen, held, TESTER, 5, datetime(2024, 5, 14))
+    files.write_text(tmp_path / "calibration/load_cell.toml", cell_record("synthetic"))
+    text = session_head("Two depths (synthetic)") + relaxation_section("hold", names, specimen)
+    files.write_text(tmp_path / "session.toml", text)
+    (found,) = identify(tmp_path, Wish())
+    first, second = found.known.fit.problem.evidence[0].groups
+    assert first.name != second.name
+    curve = moduli(found.known, np.array([0.02, 0.1]))
+    truth = solid.complex_modulus(2 * np.pi * curve.frequency)
+    assert curve.is_determined.all()
+    assert (np.abs(np.log(curve.storage / truth.real)) < 3 * curve.u_ln_storage).all()
+    assert curve.u_ln_storage.max() < 0.02
+    assert found.relaxed is not None
+    assert found.relaxed.low < solid.E_relaxed < found.relaxed.high
+
+
+def test_drop_on_a_plate_is_told_by_the_plate(processed_session: Path) -> None:
+    results = opened(processed_session)
+    experiment = results.experiments["drop"]
+    stated = Plate(
+        mass=Quantity(30.0, 0.04, "kg"), frequency=Quantity(180.0, 0.1, "Hz"),
+        damping_ratio=Quantity(0.03, 1e-4, "1"),
+    )  # fmt: skip
+    settings = msgspec.structs.replace(experiment.settings, plate=stated)
+    changed = replace(experiment, settings=settings)
+    proof = derive(results, changed, DROP, name="drop", impacts=2)
+    model = proof.build(np.array([1e-3])).model
+    assert model.plate.frequency == 180.0
+    assert model.names["plate"] == "mass of the plate"
+    (mass,) = (p for p in proof.unknowns if p.name == "mass of the plate")
+    assert (mass.mean, mass.sd) == (30.0, 0.04)
+
+
+def test_plate_and_material_of_others_are_processed_too(processed_session: Path) -> None:
+    session = plan(processed_session).session
+    experiment = session.experiments["drop"]
+    own = needed(session, experiment, DROP)
+    assert own == ["drop/bounces", "drop/repeats"]
+    others = {kind: Experiment(kind, kind, None, {}) for kind in ("plate_vibration", "dma")}
+    session = replace(session, experiments={**session.experiments, **others})
+    settings = msgspec.structs.replace(
+        experiment.settings, plate_from="experiment:plate_vibration",
+        sphere=msgspec.structs.replace(
+            experiment.settings.sphere, material=None, material_from="experiment:dma"
+        ),
+    )  # fmt: skip
+    found = needed(session, replace(experiment, settings=settings), DROP)
+    assert found == [*own, "plate_vibration/plate", "dma/master_curve"]
+
+
+def test_unknown_experiment_is_named(processed_session: Path) -> None:
+    with pytest.raises(UsageError, match="there is no experiment steel"):
+        identify(processed_session, Wish(("steel",)))
+
+
+def test_prior_without_a_rheometer_is_refused(processed_session: Path) -> None:
+    with pytest.raises(UsageError, match="there are: none"):
+        identify(processed_session, Wish(("nbr",), prior="dma", with_profile=False))
+
+
+def test_prior_without_a_rheometer_is_refused_by_its_name(processed_session: Path) -> None:
+    with pytest.raises(UsageError, match='no rheometer experiment "paper"; known are: none'):
+        identify(processed_session, Wish(("nbr",), prior="paper", with_profile=False))
+
+
+def test_another_temperature_is_another_material(processed_session: Path) -> None:
+    experiment = plan(processed_session).session.experiments["drop"]
+    assert material_name(experiment) == "acrylic"
+    sphere = msgspec.structs.replace(
+        experiment.settings.sphere, temperature=Quantity(39, 0, "degC")
+    )
+    warm = replace(experiment, settings=msgspec.structs.replace(experiment.settings, sphere=sphere))
+    assert material_name(warm) == "acrylic at 39 degC"

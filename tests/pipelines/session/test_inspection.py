@@ -1,0 +1,118 @@
+"""What `inspect` says of every kind of file, and the picture that it writes."""
+
+from datetime import datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from instruments import keyence
+from instruments.keyence._markers import Status
+from labpipe.errors import SourceError, UsageError
+from labpipe.frames import ArrayFrames
+from pipelines.session import describe, write_sheet
+from pipelines.session._contact_sheet import strip
+from pipelines.session._inspection import film
+
+SAMPLES = Path(__file__).parents[3] / "../shared/samples"
+FILMS = Path(__file__).parents[3] / "sample_data/films"
+needs_films = pytest.mark.skipif(not FILMS.is_dir(), reason="the sample films are not here")
+
+
+def test_a_laser_export_with_columns_sampling_and_states(tmp_path: Path) -> None:
+    readings = np.full(1000, 1e-3)
+    readings[100:110] = 9e-3
+    made = keyence.make_recording(
+        {1: readings}, cycle="50 us", start=datetime(2024, 5, 14), measuring_range=5e-3
+    )
+    keyence.write(tmp_path / "a.csv", made)
+    found = describe(tmp_path / "a.csv")
+    assert (found["reader"], found["kind"]) == ("keyence", "table")
+    assert (found["interval"], found["rate"], found["duration"]) == (
+        "5e-05 s", "20000 Hz", "0.04995 s",
+    )  # fmt: skip
+    out1 = next(row for row in found["variables"] if row["name"] == "out1")
+    assert (out1["units"], out1["min"], out1["max"], out1["invalid"]) == ("m", 1e-3, 1e-3, 10)
+    assert found["problems"] == ["out1: 10 of 1000 readings are invalid (10 RANGEOVER_P)"]
+    assert Status.RANGEOVER_P == 1
+
+
+def test_a_mach1_file_has_no_problem_for_what_its_header_does_not_state(
+    small_session: Path,
+) -> None:
+    found = describe(small_session / "mach1/nbr.txt")
+    assert found["problems"] == []
+    assert found["rate"] == "100 Hz"
+    function = next(row for row in found["variables"] if row["name"] == "function")
+    assert "Sinusoid" in function["values"]
+
+
+@needs_films
+def test_records_sessions_results_and_pictures_are_known(
+    processed_session: Path, tmp_path: Path
+) -> None:
+    record = describe(processed_session / "calibration/laser.toml")
+    assert (record["kind"], record["of"]) == ("record", "laser")
+    assert "12 ± 0.1 deg" in record["inclination"]
+    session = describe(processed_session / "session.toml")
+    assert session["experiments"] == "drop (ball_drop), nbr (harmonic)"
+    stored = next((processed_session / "labpipe/store").glob("??/*.nc"))
+    assert describe(stored)["kind"] == "result"
+    picture = describe(FILMS / "calibration/ruler_under.png")
+    assert picture["kind"] == "picture"
+    broken = tmp_path / "calibration.toml"
+    broken.write_text('kind = "laser"\n')
+    assert any("missing" in line for line in describe(broken)["problems"])
+    (tmp_path / "session.toml").write_text("labpipe = 1\n")
+    assert "no experiment" in describe(tmp_path / "session.toml")["problems"][0]
+
+
+def test_a_damaged_picture_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_bytes(b"\x89PNG\r\n\x1a\nnothing")
+    with pytest.raises(SourceError, match="is no whole picture"):
+        describe(tmp_path / "a.png")
+
+
+@needs_films
+def test_a_film_tells_missing_frames_and_its_strip_reads_only_what_it_shows(
+    tmp_path: Path,
+) -> None:
+    path = FILMS / "film/ptfe_front.cine"
+    found = describe(path)
+    assert (found["frames"], found["image"], found["problems"]) == (552, "64 × 144 px", [])
+    write_sheet(path, tmp_path / "strip.png")
+    image = cv2.imread(str(tmp_path / "strip.png"), cv2.IMREAD_GRAYSCALE)
+    assert image is not None
+    assert image.shape == (540, 8 * 246 - 6)
+    images = np.zeros((20, 4, 8), np.uint8)
+    gap = film(ArrayFrames(images, time=np.r_[np.arange(10.0), np.arange(15.0, 25.0)]))
+    assert gap["problems"] == ["frames are missing: the longest step is 6 s"]
+
+
+def test_the_strip_shows_levels_and_leaves_damaged_frames_grey() -> None:
+    class Damaged(ArrayFrames):
+        @property
+        def valid(self) -> np.ndarray:
+            return np.array([True, False, True])
+
+    images = np.stack([np.full((4, 8), v, np.uint8) for v in (10, 99, 110)])
+    sheet = strip(Damaged(images, levels=(10.0, 110.0)))
+    assert sheet.shape == (120, 3 * 246 - 6)
+    assert [int(sheet[60, x]) for x in (100, 346, 592, 243)] == [0, 128, 255, 255]
+
+
+def test_a_table_is_drawn_and_a_wrong_target_is_refused(
+    small_session: Path, tmp_path: Path
+) -> None:
+    source = small_session / "laser/drop_1.csv"
+    write_sheet(source, tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(UsageError, match=r"written as \.png"):
+        write_sheet(source, tmp_path / "a.jpg")
+
+
+@pytest.mark.skipif(not SAMPLES.is_dir(), reason="the public sample files are not here")
+def test_uneven_sampling_of_a_rheometer_is_no_problem() -> None:
+    found = describe(SAMPLES / "rheocompass/multiple_relaxation.csv")
+    assert (found["interval"], found["problems"]) == ("uneven", [])

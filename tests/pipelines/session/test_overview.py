@@ -1,0 +1,130 @@
+"""The page of a session: states, numbers and pictures of all experiments, made again on change."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pipelines.cli import main
+from pipelines.experiments import KINDS
+from pipelines.process import STAGES, open_session, process
+from pipelines.session import PAGE, write_overview
+from pipelines.session._overview import _chart
+
+
+def page(folder: Path) -> str:
+    return (folder / "labpipe" / PAGE).read_text("utf-8")
+
+
+def test_every_experiment_is_there_with_link_state_and_picture(processed_session: Path) -> None:
+    text = page(processed_session)
+    for name in ("drop", "nbr"):
+        assert f'<a href="reports/{name}.html">{name}</a>' in text
+    assert len(re.findall(r'src="data:image/png;base64,', text)) == 2
+    assert "first restitution" in text
+    assert "largest contact radius" not in text  # no experiment has one
+    assert "synthetic data" in text
+
+
+def test_the_page_is_written_again_only_after_a_change(session_copy: Path) -> None:
+    path = session_copy / "labpipe" / PAGE
+    before = path.stat().st_mtime_ns, path.read_bytes()
+    write_overview(open_session(session_copy), STAGES)
+    assert (path.stat().st_mtime_ns, path.read_bytes()) == before
+    toml = session_copy / "session.toml"
+    toml.write_text(toml.read_text("utf-8").replace('height = "1.5', 'height = "1.6'), "utf-8")
+    write_overview(open_session(session_copy), STAGES)
+    assert re.search(r"\d+ of \d+ steps to do or failed", page(session_copy))
+
+
+def test_a_failed_experiment_is_marked_and_the_other_kept(session_copy: Path) -> None:
+    path = session_copy / "laser/drop_2.csv"
+    path.write_bytes(path.read_bytes()[:-200].replace(b"+", b"x", 1))
+    assert process(session_copy, jobs=0).exit_code == 1
+    text = page(session_copy)
+    assert "steps to do or failed" in text
+    assert '<a href="reports/drop.html">drop</a>' in text
+
+
+def test_it_leads_to_the_comparison_once_there_is_one(
+    session_copy: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "compare.html" not in page(session_copy)
+    with pytest.raises(SystemExit):
+        main(["compare", str(session_copy), "--jobs", "0"])
+    capsys.readouterr()
+    assert '<a href="compare.html">Measurement against model</a>' in page(session_copy)
+    compared = (session_copy / "labpipe/compare.html").read_text("utf-8")
+    assert '<a href="index.html">All experiments of this session</a>' in compared
+
+
+def test_a_page_older_than_its_results_is_not_called_failed(
+    session_copy: Path,
+) -> None:
+    kind = {
+        name: tuple(replace(s, parameters=()) if s.name == "report" else s for s in stages)
+        for name, stages in STAGES.items()
+    }
+    write_overview(open_session(session_copy), kind)
+    text = page(session_copy)
+    assert "page out of date" in text
+    assert "failed" not in text
+
+
+def test_every_kind_has_a_key_number_and_a_picture() -> None:
+    for kind in KINDS.values():
+        assert kind.picture is not None, kind.name
+        assert kind.key_numbers, kind.name
+
+
+@pytest.mark.parametrize(
+    ("kind", "stage"),
+    [(kind.name, kind.picture.stage) for kind in KINDS.values()]
+    + [(kind.name, number.stage) for kind in KINDS.values() for number in kind.key_numbers],
+)
+def test_key_numbers_and_pictures_name_stages_that_exist(kind: str, stage: str) -> None:
+    assert stage in {s.name for s in STAGES[kind]}
+
+
+def test_where_kinds_are_many_each_has_a_table_with_its_own_numbers(session_copy: Path) -> None:
+    toml = session_copy / "session.toml"
+    text = toml.read_text("utf-8")
+    assert "<h2>Experiments</h2>" in page(session_copy)
+    film = 'film = "laser/drop_1.csv"\ncamera = "calibration/laser.toml"\n'
+    table = 'rheometer = ["laser/drop_1.csv"]\nmode = "shear"\nnu = "0.35"\n'
+    text += f'\n[experiments.front]\nkind = "dic_validation"\n{film}'
+    text += '\n[experiments.melt]\nkind = "dma"\n' + table
+    toml.write_text(text, "utf-8")
+    write_overview(open_session(session_copy), STAGES)
+    found = page(session_copy)
+    titles = re.findall("<h2>(.*?)</h2>", found)
+    assert titles[:4] == ["Ball drop", "Harmonic", "Camera against laser", "DMA"]
+    assert "2 of 4 experiments done" in found
+    assert found.count('class="data sortable index"') == 4
+    drop = found[found.index("<h2>Ball drop") : found.index("<h2>Harmonic")]
+    assert "first restitution" in drop
+    assert "storage stiffness" not in drop
+
+
+def test_a_gap_in_a_curve_stays_a_gap_in_its_picture() -> None:
+    y = [1.0, 2.0, np.nan, 3.0, 4.0]
+    drawn = _chart(xr.Dataset({"a": ("x", y)}, coords={"x": np.arange(5.0)}), "x", "a", "linear")
+    assert drawn is not None
+    assert np.isnan(drawn.series[0].y).tolist() == [False, False, True, False, False]
+    empty = xr.Dataset({"a": ("x", [1.0, np.nan])}, coords={"x": [0.0, 1.0]})
+    assert _chart(empty, "x", "a", "linear") is None
+
+
+def test_a_damaged_result_leaves_its_cell_empty(session_copy: Path) -> None:
+    for victim in (session_copy / "labpipe/store").glob("??/*.nc"):
+        data = bytearray(victim.read_bytes())
+        data[len(data) // 2] ^= 0x10
+        victim.write_bytes(bytes(data))
+    (session_copy / "labpipe" / PAGE).unlink()
+    write_overview(open_session(session_copy), STAGES)
+    text = page(session_copy)
+    assert "first restitution" not in text
+    assert "data:image/png" not in text

@@ -1,0 +1,253 @@
+"""A session from files to reports: results against truth, and what a second run does."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labpipe.errors import ConfigError, InputError, SourceError
+from pipelines.process import check_store, export, open_session, plan, process, report, result
+from pipelines.session import compare
+
+
+def truth(folder: Path, name: str) -> dict:
+    return json.loads((folder / f"truth/{name}.json").read_text())
+
+
+def test_every_experiment_has_a_report_and_every_result_can_be_opened(
+    processed_session: Path,
+) -> None:
+    for name in ("drop", "nbr"):
+        page = (processed_session / f"labpipe/reports/{name}.html").read_text("utf-8")
+        assert "synthetic" in page
+        assert len(page.encode()) <= 3_000_000
+    assert result(processed_session, "drop", "repeats").sizes["repeat"] == 2
+    assert check_store(processed_session) == []
+
+
+def test_first_contact_and_restitution_are_the_true_ones(processed_session: Path) -> None:
+    for i in (1, 2):
+        found = result(processed_session, "drop", "bounces", f"laser/drop_{i}.csv")
+        known = truth(processed_session, f"drop_{i}")
+        two_samples = 2 * 50e-6
+        assert abs(float(found["first_contact_time"]) - known["first_contact_time"]) < two_samples
+        count = min(found.sizes["impact"], len(known["restitution"]))
+        assert count >= 3
+        z = found["restitution"].values[:count] - np.array(known["restitution"][:count])
+        assert np.all(np.abs(z) < 3.5 * found["u_restitution"].values[:count])
+
+
+def test_oscillations_are_the_true_ones(processed_session: Path) -> None:
+    found = result(processed_session, "nbr", "oscillations")
+    known = truth(processed_session, "nbr")["oscillations"]
+    for i, row in enumerate(known):
+        assert float(found["frequency"][i]) == pytest.approx(row["frequency"], rel=1e-5)
+        for name in ("storage_stiffness", "loss_stiffness", "work_per_cycle"):
+            gap = float(found[name][i]) - row[name]
+            assert abs(gap) < 2 * float(found[f"u_{name}"][i]), name
+
+
+def test_the_model_made_with_the_right_material_agrees(processed_session: Path) -> None:
+    assert float(result(processed_session, "drop", "comparison")["nrmse"]) < 0.03
+    assert float(result(processed_session, "nbr", "comparison")["nrmse"].max()) < 0.03
+
+
+@pytest.mark.slow
+def test_a_wrong_height_or_material_shows_in_the_comparison(session_copy: Path) -> None:
+    """The comparison can fail: 10 % of height, or rubber for plastic, are clearly worse."""
+    path = session_copy / "session.toml"
+    text = path.read_text("utf-8")
+    path.write_text(text.replace('"1.5 ± 0.005 mm"', '"1.65 ± 0.005 mm"'), "utf-8")
+    process(session_copy, ["comparison"], ["drop"], jobs=0)
+    assert float(result(session_copy, "drop", "comparison")["nrmse"]) > 0.06
+    path.write_text(text.replace('material = "acrylic"', 'material = "ptfe"'), "utf-8")
+    process(session_copy, ["comparison"], ["drop"], jobs=0)
+    assert float(result(session_copy, "drop", "comparison")["nrmse"]) > 0.1
+
+
+def test_a_wrong_inclination_shows_in_the_comparison(session_copy: Path) -> None:
+    """18 degrees too much scale the displacement by 13 %."""
+    path = session_copy / "calibration/laser.toml"
+    text = path.read_text("utf-8")
+    path.write_text(text.replace('"12.00 ± 0.10 deg"', '"30.00 ± 0.10 deg"'), "utf-8")
+    process(session_copy, ["comparison"], ["drop"], jobs=0)
+    assert float(result(session_copy, "drop", "comparison")["nrmse"]) > 0.05
+
+
+def test_a_second_run_does_nothing(session_copy: Path) -> None:
+    assert plan(session_copy).to_run == ()
+    outcome = process(session_copy, jobs=0)
+    assert {o.state for o in outcome.outcomes} == {"cached"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reruns", "keeps"),
+    [
+        pytest.param('radius = "9.525', 'radius = "9.526', {"model", "comparison", "report"},
+         {"readings", "displacement", "bounces", "velocity", "repeats"}, marks=pytest.mark.slow),
+        ('height = "1.5', 'height = "1.501', {"displacement", "bounces", "model", "report"},
+         {"readings"}),
+    ],
+)  # fmt: skip
+def test_a_changed_setting_reruns_only_what_stands_behind_it(
+    session_copy: Path, old: str, new: str, reruns: set[str], keeps: set[str]
+) -> None:
+    path = session_copy / "session.toml"
+    path.write_text(path.read_text("utf-8").replace(old, new), "utf-8")
+    to_run = {row.stage for row in plan(session_copy).to_run if row.experiment == "drop"}
+    assert reruns <= to_run
+    assert not keeps & to_run
+    outcome = process(session_copy, only=["drop"], jobs=0)
+    done = {o.task.stage for o in outcome.outcomes if o.state == "done"}
+    assert done == to_run  # the plan said so beforehand
+
+
+def test_one_changed_recording_reruns_only_its_own_steps(session_copy: Path) -> None:
+    path = session_copy / "laser/drop_2.csv"
+    lines = path.read_bytes().split(b"\r\n")
+    lines[-2] = lines[-3].replace(lines[-3].split(b",")[0], lines[-2].split(b",")[0])
+    path.write_bytes(b"\r\n".join(lines))
+    rows = plan(session_copy).to_run
+    assert {row.recording for row in rows if row.recording} == {"laser/drop_2.csv"}
+    assert any("laser/drop_2.csv changed" in row.reason for row in rows)
+
+
+@pytest.mark.slow
+def test_a_broken_recording_fails_its_experiment_and_no_other(session_copy: Path) -> None:
+    path = session_copy / "laser/drop_2.csv"
+    path.write_bytes(path.read_bytes()[:-200].replace(b"+", b"x", 1))
+    (session_copy / "session.toml").write_text(
+        (session_copy / "session.toml").read_text("utf-8").replace("tips = 3", "tips = 2"), "utf-8"
+    )
+    outcome = process(session_copy, jobs=0)
+    assert outcome.exit_code == 1
+    failed = {o.task.experiment for o in outcome.failures}
+    assert failed == {"drop"}
+    assert "drop_2.csv" in outcome.failures[0].message
+    page = (session_copy / "labpipe/reports/drop.html").read_text("utf-8")
+    assert "drop_2.csv" in page  # the report is there and says what went wrong
+    assert outcome.reports["nbr"].is_file()
+
+
+def test_the_wrong_and_the_expired_record_are_refused(session_copy: Path) -> None:
+    path = session_copy / "calibration/laser.toml"
+    text = path.read_text("utf-8")
+    path.write_text(text.replace("2025-04-30", "2024-05-10"), "utf-8")
+    outcome = process(session_copy, only=["drop"], jobs=0)
+    assert any("expired" in o.message for o in outcome.failures)
+    path.write_text(text.replace("LK-G5001", "IL-1000"), "utf-8")
+    outcome = process(session_copy, only=["drop"], jobs=0)
+    assert any("IL-1000" in o.message for o in outcome.failures)
+
+
+def test_the_inclination_is_recovered_from_the_drop_height(session_copy: Path) -> None:
+    path = session_copy / "session.toml"
+    section = "\n[experiments.drop.analysis]\ninclination_from_height = true\n"
+    path.write_text(path.read_text("utf-8") + section, "utf-8")
+    process(session_copy, ["displacement"], ["drop"], jobs=0)
+    for i in (1, 2):
+        found = result(session_copy, "drop", "displacement", f"laser/drop_{i}.csv")
+        known = truth(session_copy, f"drop_{i}")["inclination"]
+        assert abs(float(found["inclination"]) - known) < 2.5 * float(found["u_inclination"])
+        assert "inclination_of_record" in found.attrs
+
+
+def test_the_thesis_velocity_is_a_choice(session_copy: Path) -> None:
+    path = session_copy / "session.toml"
+    section = '\n[experiments.drop.analysis]\nvelocity = "thesis"\nwindow = "0.5 ms"\n'
+    path.write_text(path.read_text("utf-8") + section, "utf-8")
+    process(session_copy, ["velocity"], ["drop"], jobs=0)
+    found = result(session_copy, "drop", "velocity", "laser/drop_1.csv")
+    assert found.attrs["method"] == "thesis"
+
+
+@pytest.mark.slow
+def test_two_workers_give_the_bytes_of_this_process(
+    small_session: Path, processed_session: Path, tmp_path: Path
+) -> None:
+    import shutil
+
+    folder = tmp_path / "session"
+    shutil.copytree(small_session, folder)
+    assert process(folder, jobs=2).exit_code == 0
+    here, by_two = (
+        {p.name: p.read_bytes() for part in ("reports", "store") for p in files_in(root, part)}
+        for root in (processed_session, folder)
+    )
+    assert here == by_two
+    assert any(name.endswith(".html") for name in by_two)
+
+
+def files_in(session: Path, part: str) -> list[Path]:
+    found = (session / "labpipe" / part).rglob("*")
+    return [path for path in found if path.suffix in {".html", ".nc"}]
+
+
+def test_raw_files_are_never_touched(small_session: Path, processed_session: Path) -> None:
+    for path in small_session.rglob("*"):
+        if path.is_file():
+            twin = processed_session / path.relative_to(small_session)
+            assert twin.read_bytes() == path.read_bytes()
+
+
+def test_a_folder_without_session_is_told_what_to_do(tmp_path: Path) -> None:
+    with pytest.raises(SourceError, match="labpipe init"):
+        open_session(tmp_path)
+
+
+def test_all_mistakes_of_a_session_come_at_once_with_lines(session_copy: Path) -> None:
+    path = session_copy / "session.toml"
+    text = path.read_text("utf-8")
+    text = text.replace('height = "1.5 ± 0.005 mm"', 'hieght = "1.5 mm"')
+    text = text.replace('mass = "505.0 ± 0.5 g"', 'mass = "505 mm"')
+    text = text.replace('kind = "harmonic"', 'kind = "harmonics"')
+    path.write_text(text, "utf-8")
+    with pytest.raises(ConfigError) as caught:
+        open_session(session_copy)
+    said = "\n".join(caught.value.problems)
+    assert 'did you mean "height"' in said
+    assert "mass" in said
+    assert 'did you mean "harmonic"' in said
+    assert all(":" in p for p in caught.value.problems)
+    assert len(caught.value.problems) >= 3
+
+
+def test_a_result_that_is_out_of_date_is_not_handed_out(session_copy: Path) -> None:
+    path = session_copy / "session.toml"
+    path.write_text(path.read_text("utf-8").replace('radius = "9.525', 'radius = "9.6'), "utf-8")
+    with pytest.raises(InputError, match="labpipe process"):
+        result(session_copy, "drop", "model")
+
+
+def test_a_lost_recording_fails_its_experiment_alone(session_copy: Path) -> None:
+    (session_copy / "laser/drop_2.csv").unlink()
+    done = process(session_copy, jobs=0)
+    assert done.exit_code == 1
+    assert {o.experiment for o in done.failures} == {"drop"}
+    assert "drop_2.csv" in done.failures[0].message
+    assert (session_copy / "labpipe/reports/nbr.html").is_file()
+    rows = {row.experiment: row.state for row in plan(session_copy).rows}
+    assert rows["nbr"] == "cached"
+    assert "drop_2.csv" in compare(session_copy, jobs=0).failed["drop"]
+    assert check_store(session_copy) == []
+    assert report(session_copy, "nbr").path.is_file()
+    assert export(session_copy, only=["nbr"]).paths
+
+
+def test_a_missing_recording_is_a_mistake_before_anything_was_processed(
+    session_copy: Path,
+) -> None:
+    shutil.rmtree(session_copy / "labpipe")
+    (session_copy / "laser/drop_2.csv").unlink()
+    with pytest.raises(ConfigError, match="there is no file"):
+        process(session_copy, jobs=0)
+
+
+def test_other_mistakes_are_told_beside_a_lost_recording(session_copy: Path) -> None:
+    (session_copy / "laser/drop_2.csv").unlink()
+    path = session_copy / "session.toml"
+    path.write_text(path.read_text("utf-8").replace("505.0", "-505.0", 1), "utf-8")
+    with pytest.raises(ConfigError, match=r"(?s)there is no file.*must be|must be.*no file"):
+        process(session_copy, jobs=0)

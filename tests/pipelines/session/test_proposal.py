@@ -1,0 +1,206 @@
+"""From a pile of files to a first session.toml."""
+
+import shutil
+from datetime import UTC, datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from instruments import phantom
+from instruments.phantom._writer import Recording
+from labpipe import files, materials
+from labpipe.errors import ConfigError, UsageError
+from pipelines.experiments.dma.proposal import mode_line
+from pipelines.experiments.shared.proposals import without_repeat
+from pipelines.process import open_session
+from pipelines.rig.indentations import Specimen
+from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
+from pipelines.rig.session_text import laser_record
+from pipelines.rig.static_loading import StaticRig, write_static
+from pipelines.session import describe, write_session_file
+
+START = datetime(2024, 5, 14, 9, 30)
+
+
+@pytest.fixture
+def pile(small_session: Path, tmp_path: Path) -> Path:
+    for source, name in (
+        ("laser/drop_1.csv", "acrylic 7mm rep1.csv"),
+        ("laser/drop_2.csv", "acrylic 7mm rep2.csv"),
+        ("mach1/nbr.txt", "punch on nbr.txt"),
+        ("calibration/laser.toml", "laser.toml"),
+    ):
+        shutil.copy(small_session / source, tmp_path / name)
+    (tmp_path / "notes.txt").write_text("nothing of an instrument")
+    return tmp_path
+
+
+def test_instruments_are_recognised_and_repeats_grouped(pile: Path) -> None:
+    found = write_session_file(pile)
+    text = found.path.read_text("utf-8")
+    assert found.experiments == ["acrylic_7mm", "punch_on_nbr"]
+    assert '"acrylic 7mm rep1.csv",\n  "acrylic 7mm rep2.csv"' in text
+    assert 'height = "7 mm"' in text
+    assert 'material = "acrylic"' in text
+    assert 'calibration = "laser.toml"' in text
+
+
+def test_every_gap_is_listed_and_refused_until_it_is_filled(pile: Path) -> None:
+    found = write_session_file(pile)
+    assert len(found.gaps) == 2  # radius and mass
+    with pytest.raises(ConfigError) as caught:
+        open_session(pile)
+    assert len(caught.value.problems) == 2
+    text = found.path.read_text("utf-8")
+    filled = text.replace('"FILL mm"', '"9.525 mm"').replace('"FILL g"', '"505 g"')
+    found.path.write_text(filled, "utf-8")
+    assert set(open_session(pile).experiments) == {"acrylic_7mm", "punch_on_nbr"}
+
+
+def test_a_session_file_is_not_overwritten_unasked(pile: Path) -> None:
+    write_session_file(pile)
+    with pytest.raises(UsageError, match="--force"):
+        write_session_file(pile)
+    write_session_file(pile, replace=True)
+
+
+def test_a_folder_without_known_files_is_told_so(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text("hello")
+    with pytest.raises(UsageError, match="no file of a known instrument"):
+        write_session_file(tmp_path)
+
+
+def test_what_inspect_knows_init_names_with_the_reason(tmp_path: Path) -> None:
+    run = tmp_path / "session/run"
+    run.mkdir(parents=True)
+    for frame in range(3):
+        head = "SUBSET_ID,COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y,SIGMA\n"
+        (run / f"DICe_solution_{frame:02d}.txt").write_text(head + "0,1,1,0.5,0.5,0.01\n")
+    (tmp_path / "session/film").mkdir()
+    picture = cv2.imencode(".png", np.zeros((8, 8), np.uint8))[1].tobytes()
+    (tmp_path / "session/film/frame_1.png").write_bytes(picture)
+    assert describe(run / "DICe_solution_00.txt")["reader"] == "dice"
+    with pytest.raises(UsageError, match="no experiment is proposed") as caught:
+        write_session_file(tmp_path / "session")
+    _, images, solutions = str(caught.value).splitlines()
+    assert "run/ (displacement field of DICe)" in solutions
+    assert "no kind of experiment begins from them" in solutions
+    assert "film/ (film exported as images): images hold no time" in images
+    assert not (tmp_path / "session/session.toml").exists()
+
+
+def test_a_laser_on_the_plate_is_told_by_its_name(small_session: Path, tmp_path: Path) -> None:
+    shutil.copy(small_session / "laser/drop_1.csv", tmp_path / "plate acrylic 7mm 1.csv")
+    shutil.copy(small_session / "laser/drop_2.csv", tmp_path / "plate acrylic 7mm 2.csv")
+    shutil.copy(small_session / "calibration/laser.toml", tmp_path / "laser_plate.toml")
+    text = write_session_file(tmp_path).path.read_text("utf-8")
+    filled = text.replace('"FILL mm"', '"9.525 mm"').replace('"FILL g"', '"505 g"')
+    (tmp_path / "session.toml").write_text(filled, "utf-8")
+    (experiment,) = open_session(tmp_path).experiments.values()
+    assert experiment.kind == "plate_vibration"
+    assert len(experiment.settings.drops[0].laser) == 2
+
+
+def test_a_relaxation_is_proposed_and_what_no_experiment_takes_is_named(pile: Path) -> None:
+    text = (pile / "punch on nbr.txt").read_text("latin-1").replace("Sinusoid", "Stress Relaxation")
+    (pile / "hold.txt").write_text(text, "latin-1")
+    rows = "1\t50\t62589\t1.25E+05\r\n\t2\t31.5\t50000\t9.9E+04"
+    sweep = (
+        "Project:\tP\r\n\r\nTest:\tT\r\n\r\nResult:\tR\r\n\r\nInterval and data points:\t1\t2\r\n"
+        "Interval data:\tPoint No.\tAngular Frequency\tStorage Modulus\tLoss Modulus\r\n"
+        f"\t\t\t\t\r\n\t\t[rad/s]\t[Pa]\t[Pa]\r\n\t{rows}\r\n"
+    )
+    (pile / "sweep.csv").write_bytes(sweep.encode("utf-16"))
+    found = write_session_file(pile)
+    assert "hold" in found.experiments
+    assert 'kind = "relaxation"\nmach1 = ["hold.txt"]' in found.path.read_text("utf-8")
+    assert found.unused == [
+        "sweep.csv (rheometer export): it holds no moduli over frequency and temperature; add it "
+        "by hand"
+    ]
+
+
+def test_relaxations_to_several_depths_are_one_experiment(tmp_path: Path) -> None:
+    specimen = Specimen(materials.load("nbr"))
+    protocol = Relaxation(depths=(0.1e-3, 0.2e-3), hold=2.0)
+    write_relaxation(tmp_path, "rubber", specimen, protocol, TESTER, 1, START)
+    write_session_file(tmp_path)
+    (experiment,) = open_session(tmp_path).experiments.values()
+    assert experiment.name == "rubber"
+    assert experiment.kind == "relaxation"
+    assert experiment.settings.mach1 == ["mach1/rubber_100um.txt", "mach1/rubber_200um.txt"]
+
+
+def test_slow_readings_of_a_laser_are_a_static_loading(tmp_path: Path) -> None:
+    write_static(tmp_path, "ptfe_static", StaticRig(), materials.load("ptfe"), 1, START)
+    files.write_text(tmp_path / "laser.toml", laser_record())
+    found = write_session_file(tmp_path)
+    text = found.path.read_text("utf-8")
+    assert 'material = "ptfe"' in text
+    filled = text.replace('"FILL mm"', '"9.525 mm"')
+    for mass in ("0.5 kg", "2.5 kg"):
+        filled = filled.replace('"FILL kg"', f'"{mass}"', 1)
+    found.path.write_text(filled, "utf-8")
+    (experiment,) = open_session(tmp_path).experiments.values()
+    assert experiment.kind == "static_loading"
+    assert len(experiment.settings.loads) == 2
+
+
+@pytest.fixture
+def filmed(small_session: Path, tmp_path: Path) -> Path:
+    """A drop by the laser, and a film of three frames from the front."""
+    frames = np.full((3, 8, 16), 90, dtype=np.uint8)
+    day = int(START.replace(tzinfo=UTC).timestamp())
+    recording = Recording(frame_rate=4000, exposure=5e-5, bits=8, trigger=day)
+    phantom.write(
+        tmp_path / "acrylic_front.cine", frames, frames.shape, np.arange(3) / 4000, recording
+    )
+    shutil.copy(small_session / "laser/drop_1.csv", tmp_path / "acrylic_7mm_1.csv")
+    return tmp_path
+
+
+def test_a_film_is_laid_beside_the_only_drop_of_its_material(filmed: Path) -> None:
+    text = write_session_file(filmed).path.read_text("utf-8")
+    assert 'laser_experiment = "acrylic_7mm"' in text
+    shutil.copy(filmed / "acrylic_7mm_1.csv", filmed / "acrylic_5mm_1.csv")
+    text = write_session_file(filmed, replace=True).path.read_text("utf-8")
+    assert '# laser_experiment = "NAME"' in text
+
+
+def test_the_record_of_a_camera_knows_the_day_of_its_film_and_is_named_in_questions(
+    filmed: Path,
+) -> None:
+    asked: list[str] = []
+    write_session_file(filmed, ask=lambda gap: asked.append(gap.question))
+    text = (filmed / "calibration/camera_front.toml").read_text("utf-8")
+    assert "valid_from = 2024-05-14" in text
+    about_camera = [q for q in asked if q.startswith("calibration of camera front: ")]
+    assert [q.split(": ")[1].split(" (")[0] for q in about_camera] == [
+        "who", "how", "reference length", "pixel length"
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("ptfe_tension", 'mode = "tension"  # proposed from the file name'),
+        ("ptfe", 'mode = "FILL"  # tension, bending, shear or torsion; the file does not say it'),
+    ],
+)
+def test_the_mode_of_a_rheometer_is_proposed_from_the_name(name: str, line: str) -> None:
+    assert mode_line(name) == line
+
+
+@pytest.mark.parametrize(
+    ("name", "stem"),
+    [
+        ("laser/drop_r1.csv", "laser/drop"),
+        ("acrylic_7mm_rep3.csv", "acrylic_7mm"),
+        ("rubber_2.csv", "rubber"),  # its last letter is not the r of a repeat
+        ("run1.csv", "run1"),
+    ],
+)
+def test_repeats_are_told_by_their_last_number(name: str, stem: str) -> None:
+    assert without_repeat(name) == stem
