@@ -57,8 +57,15 @@ _STAGES = (
         summary="measurement against model",
     ),
     Stage(
+        "judgement", "pipelines.experiments.ball_drop.checks:judgement",
+        ("readings", "displacement", "bounces", "repeats", "model", "comparison"), ("*",),
+        context=True, tolerant=True,
+        summary="is it believable, does the model agree?",
+    ),
+    Stage(
         "report", "pipelines.experiments.ball_drop.page:page",
-        ("readings", "displacement", "velocity", "bounces", "repeats", "model", "comparison"),
+        ("judgement", "readings", "displacement", "velocity", "bounces", "repeats", "model",
+         "comparison"),
         ("*",), output="page", context=True,
         summary="write the page",
     ),
