@@ -13,7 +13,7 @@ import xarray as xr
 
 from calibration.record import CameraRecord, CameraValues, Record, require
 from labpipe.errors import CalibrationError, InputError
-from labpipe.uncertainty import Source, combined, table
+from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
 
 __all__ = ["image_scale", "motion", "pixel_size"]
@@ -95,10 +95,10 @@ def image_scale(
         message = f'record "{record.id}" holds no values of a camera'
         raise CalibrationError(message)
     size, sources = _size(record.values)
-    total = combined(sources)
+    total = combined_uncertainty(sources)
     checked |= {
         "view": record.view,
-        "budget": table(sources),
+        "budget": budget_rows(sources),
         "tilt": None if record.values.tilt is None else record.values.tilt.value,
     }
     return Quantity(size.value, total, "m/px"), checked

@@ -23,7 +23,7 @@ from calibration import quiet
 from calibration.record import LaserRecord, LaserValues, Record, require
 from calibration.time_base import TimeBase, corrected, time_base
 from labpipe.errors import CalibrationError, InputError
-from labpipe.uncertainty import Source, beyond, combined, table
+from labpipe.uncertainty import Source, budget_rows, combined_uncertainty, excess_uncertainty
 from labpipe.units import Quantity
 
 __all__ = ["displacement", "inclination_from_drop", "reading"]
@@ -223,7 +223,7 @@ def _sources(
     largest = float(finite[np.argmax(np.abs(finite))]) if finite.size else 0.0
     unit_text = str(variable.attrs["units"])
     rounding = step / math.sqrt(12)
-    noise = beyond(at_rest.noise, rounding)
+    noise = excess_uncertainty(at_rest.noise, rounding)
     sources = [
         Source("noise of a sample", 0.0, noise, unit_text, factor, "random"),
         Source("rounding of the display", 0.0, rounding, unit_text, factor, "random"),
@@ -264,8 +264,8 @@ def _attributes(
         "zero_window": json.dumps(window),
         "u_inclination_relative": by_value["inclination"],
         "u_systematic_relative": math.hypot(*by_value.values()),
-        "u_largest": combined(sources),
-        "budget": json.dumps(table(sources)),
+        "u_largest": combined_uncertainty(sources),
+        "budget": json.dumps(budget_rows(sources)),
         "time_base": json.dumps(base._asdict()),
         "calibration": json.dumps(checked, ensure_ascii=False),
     }

@@ -19,7 +19,7 @@ from scipy import signal
 from calibration import quiet
 from calibration.record import LoadCellRecord, LoadCellValues, Record, require
 from labpipe.errors import CalibrationError, InputError
-from labpipe.uncertainty import Source, beyond, combined, table
+from labpipe.uncertainty import Source, budget_rows, combined_uncertainty, excess_uncertainty
 from labpipe.units import Quantity
 
 __all__ = ["FilterLag", "declared_filter", "filter_lag", "force"]
@@ -115,8 +115,8 @@ def force(
             "noise": at_rest.noise,
             "resolution": step,
             "tared": int(zero is not None),
-            "u_largest": combined(sources),
-            "budget": json.dumps(table(sources)),
+            "u_largest": combined_uncertainty(sources),
+            "budget": json.dumps(budget_rows(sources)),
             "filter": json.dumps(declared_filter(readings.attrs)),
             "calibration": json.dumps(checked, ensure_ascii=False),
         },
@@ -203,7 +203,7 @@ def _sources(
     finite = pressed[np.isfinite(pressed)]
     largest = float(finite[np.argmax(np.abs(finite))]) if finite.size else 0.0
     rounding = step / math.sqrt(12)
-    noise = beyond(at_rest.noise, rounding)
+    noise = excess_uncertainty(at_rest.noise, rounding)
     factor = sign * gain.value
     sources = [
         Source("noise of a sample", 0.0, noise, "N", factor, "random"),

@@ -1,4 +1,4 @@
-"""One room per instrument: bytes to Dataset, and back.
+"""Instruments: recognising, reading and writing their files; one package each.
 
 :func:`read` tells the instrument from the content of a file, never from its name. Each room is a
 package whose face defines one :class:`Instrument`; :data:`OURS` lists them in the order in which
@@ -146,7 +146,7 @@ def _identify(path: Path) -> Instrument:
 
 
 def _is_from(plugin: Plugin[Instrument], head: bytes, path: Path) -> bool:
-    """Ask a plug-in; one that fails is told, once, and does not know the file."""
+    """Ask a plug-in; a failing one is reported once and counts as not knowing the file."""
     try:
         return plugin.found is not None and bool(plugin.found.sniff(head, path))
     except Exception as error:  # somebody else's code may raise anything
@@ -167,7 +167,7 @@ def _head(path: Path) -> bytes:
         if not stat.S_ISREG(mode):
             raise SourceError(
                 path, f"is {_SPECIAL.get(stat.S_IFMT(mode), 'no regular file')}, expected a file",
-                hint="Write what comes from it into a file first.",
+                hint="Save its output to a file first.",
             )  # fmt: skip
         with path.open("rb") as stream:
             return stream.read(HEAD_BYTES)
@@ -280,7 +280,7 @@ def read_table(
 
 
 def _read(reader: Instrument, path: Path, options: Any) -> "xr.Dataset | FrameSource":
-    """Read a file; what a plug-in raises that is no error of ours is told as its fault."""
+    """Read a file; an exception of a plug-in that is not ours is reported as its fault."""
     try:
         found: xr.Dataset | FrameSource = reader.read(path, options)
     except LabpipeError:
@@ -290,7 +290,7 @@ def _read(reader: Instrument, path: Path, options: Any) -> "xr.Dataset | FrameSo
             raise
         raise SourceError(
             path, f'the plug-in "{reader.name}" failed: {type(error).__name__}: {error}',
-            hint="Tell who maintains it; `labpipe doctor` says which distribution it is of.",
+            hint="Report it to its maintainer; `labpipe doctor` names the distribution.",
         ) from error  # fmt: skip
     return found
 

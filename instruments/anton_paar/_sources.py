@@ -1,4 +1,4 @@
-"""Rows of cells from a text file or a workbook of any size that is allowed."""
+"""Rows of cells from a text file or a workbook, within a size limit."""
 
 import csv
 import re

@@ -1,4 +1,4 @@
-"""What an image file says of itself, read before a decoder sees it.
+"""Headers of image files, checked before decoding.
 
 A few bytes can declare an image of any size; sizes are therefore checked against limits and
 against the file first. Only what the films of a laboratory need is accepted: grey PNG and TIFF.

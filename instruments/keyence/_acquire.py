@@ -1,4 +1,4 @@
-"""Record a running sensor into a file of the session folder, with its real times beside it."""
+"""Record a running sensor into a file of the session folder, and its actual times into another."""
 
 import json
 import re

@@ -1,8 +1,8 @@
-"""A recording on the way to its file: what a killed one leaves, one line of JSON per reading.
+"""Journal of a recording in progress, from which an interrupted one is recovered; JSON lines.
 
 The first line says how the controller's numbers are to be read; then follow readings ``[slot, time
 s, round trip s, [numbers], [states]]`` and, when they changed, the counts of what went wrong. A
-last line without its end is one that the kill cut short: it is left out and told.
+last line without its end is one that the kill cut short: it is left out and reported.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Ask a running Keyence controller for its readings over TCP.
+"""Poll a running Keyence controller for its readings over TCP.
 
 Two protocols, as far as they are publicly documented: the binary one of the LK-G5000 (port 24687)
 and the ASCII one of the IL series behind a DL-EN1 unit. A controller sends whole numbers; where
@@ -119,7 +119,7 @@ class Connection:
         try:
             return self._ask(self, self._outputs)
         except TimeoutError:
-            message = f"no whole answer within {self._timeout:g} s"
+            message = f"no complete answer within {self._timeout:g} s"
             raise SourceError(self.address, message) from None
         except OSError as error:
             message = f"the connection broke: {error.strerror or error}"
@@ -185,7 +185,7 @@ def _ask_lk(connection: Connection, outputs: tuple[int, ...]) -> Reading:
     # What stands before the values is not documented, so an answer is told by them: outputs that
     # are not used are invalid, the others fit their display.
     if sum(_state(n) != Status.SUSPECT for n in every) < len(every) // 2:
-        message = f"found the answer {reply[:12]!r}…, in which no readings are"
+        message = f"found the answer {reply[:12]!r}…, which holds no readings"
         raise ProtocolError(
             connection.address, message,
             hint="Something else may answer at this port; compare address and port.",

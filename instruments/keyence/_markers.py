@@ -1,4 +1,4 @@
-"""What Keyence sensors write when they have no reading: one table, and the layout of numbers.
+"""Markers that Keyence sensors write for missing readings, and the layout of numbers.
 
 The names of the states are those of Keyence's own library (LKIF2): VALID, RANGEOVER_P,
 RANGEOVER_N, WAITING, ALARM, INVALID; SUSPECT is ours, for tokens whose meaning is not documented.

@@ -1,4 +1,4 @@
-"""Record a running Keyence controller: even time slots, a ring between asking and keeping.
+"""Record a running Keyence controller in even time slots, through a ring buffer.
 
 Readings are asked for at even times ``k × interval`` after the start. A slot whose reading did not
 come (late, lost, connection broken) stays empty and is counted; nothing is filled in. So the

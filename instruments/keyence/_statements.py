@@ -1,4 +1,4 @@
-"""What a Keyence header says, checked against what the caller says: cycle, units, counts, start.
+"""Settings in a Keyence header, checked against the options: cycle, units, counts, start.
 
 Nothing is guessed: what neither of them says is asked for, and a contradiction is refused.
 """

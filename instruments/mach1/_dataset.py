@@ -1,4 +1,4 @@
-"""Mach-1 blocks to one Dataset in SI, and everything that the blocks say of themselves as JSON."""
+"""Mach-1 blocks to one Dataset in SI, with the metadata of the blocks as JSON."""
 
 import json
 import math
@@ -117,7 +117,7 @@ def _block_variables(blocks: Sequence[Block]) -> dict[str, Any]:
         ),
         "compression_sign": over_blocks(
             [_compression_sign(block) for block in blocks],
-            "sign of compression in force_z, 0 when the header does not tell",
+            "sign of compression in force_z, 0 when the header does not state it",
         ),
         "is_complete": over_blocks(
             [int(block.is_complete) for block in blocks], "1 when the block is ended in the file"

@@ -1,4 +1,4 @@
-"""What a Phantom .cine file says of itself before its first image.
+"""Header of a Phantom .cine file.
 
 Layout (little-endian, from the vendor's description of the format): CINEFILEHEADER at 0,
 BITMAPINFOHEADER at 44, SETUP after it, tagged blocks, the table of image offsets, images.
@@ -79,7 +79,7 @@ def read_header(window: Window) -> Header:
         raise SourceError(
             window.path,
             'does not begin with "CI": not a Phantom .cine file',
-            hint="Hand over the .cine itself, not a sidecar or an export.",
+            hint="Give the .cine file itself, not a sidecar or an export.",
         )
     _require_grey(window, window.integer("H", 4, "Compression"))
     version = window.integer("H", 6, "Version")

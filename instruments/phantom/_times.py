@@ -1,4 +1,4 @@
-"""The time axis of a .cine film, from its time stamps and never from its frame rate.
+"""The time axis of a .cine film, from its time stamps rather than its frame rate.
 
 The frame rate of the header ignores decimation and the camera's own rounding. Stamps are 64-bit
 counts of 2⁻³² s; they are subtracted as integers, because seconds since 1970 as floats are only

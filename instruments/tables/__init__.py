@@ -1,4 +1,4 @@
-"""Plain tables of a dynamic mechanical analysis, as other analysers and papers hand them on."""
+"""Plain tables of a dynamic mechanical analysis, as other software exports them."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict

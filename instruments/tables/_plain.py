@@ -161,7 +161,7 @@ def _short_rows(
     if short:
         warnings.warn(
             f"{path}: {listed(short)}: {len(short)} of {len(lines)} rows hold fewer than "
-            f"{width} cells; which are lost is not known, so these rows are marked invalid",
+            f"{width} cells; it is unknown which are missing, so these rows are marked invalid",
             stacklevel=3,
         )
     return is_short

@@ -18,9 +18,9 @@ from scipy.optimize import brentq
 from scipy.stats import chi2
 
 from labpipe.errors import InputError, LabpipeError
-from labpipe.identification._problem import Corrections, Misfit, Problem, split
+from labpipe.identification._problem import Corrections, Misfit, Problem, split_by_group
 from labpipe.identification._tangent import Surrogate, Tangent
-from labpipe.uncertainty import variance
+from labpipe.uncertainty import propagated_variance
 
 Array = NDArray[np.float64]
 Misfits = dict[tuple[str, str], Misfit]
@@ -67,7 +67,7 @@ class Fit:
         What the separate starts led to, with every number uncertain by another per cent.
     evaluations, differentiations : int
         Times all models were run, and their derivatives.
-    is_settled : bool
+    is_converged : bool
         Corrections and misfits do not change any more.
     tangent : Tangent, optional
         Derivatives of the models at ``xi``, where they were made.
@@ -81,7 +81,7 @@ class Fit:
     costs_from_starts: tuple[float, ...]
     evaluations: int
     differentiations: int
-    is_settled: bool
+    is_converged: bool
     tangent: Tangent | None = None
 
     def differentiated(self) -> "Fit":
@@ -129,24 +129,24 @@ def fit(
     say = progress or _silent
     xi, costs = _begun(objective, start, say)
     misfits: Misfits = {}
-    is_settled, looks, decrease = False, 0, _ROUGH
+    is_converged, looks, decrease = False, 0, _ROUGH
     for round_ in range(_ROUNDS):
         say(f"fit with corrections, round {round_ + 1}")
         objective.renew(problem.corrections(xi), misfits)
         before, xi = xi, objective.minimised(xi, decrease, is_near=round_ > 0)
         moved = float(np.max(np.abs(xi - before) / np.sqrt(np.diag(objective.covariance(xi)))))
-        is_settled = decrease == _EXACT and moved < _SETTLED
+        is_converged = decrease == _EXACT and moved < _SETTLED
         decrease = _EXACT if moved < _NEAR else _ROUGH
-        if not is_settled and round_ < _PATIENCE:
+        if not is_converged and round_ < _PATIENCE:
             continue  # what corrections still explain is no discrepancy
         found = objective.new_misfits(xi) if with_misfit and looks < _LOOKS else misfits
         looks += 1
-        if is_settled and _is_alike(found, misfits):
+        if is_converged and _is_alike(found, misfits):
             break
         misfits = found
     return Fit(
         problem, xi, objective.corrections, objective.misfits, objective.cost(xi), costs,
-        objective.evaluations, objective.differentiated, is_settled,
+        objective.evaluations, objective.differentiated, is_converged,
     )  # fmt: skip
 
 
@@ -303,7 +303,7 @@ class Objective:
         deviations = np.concatenate([
             self.deviations(i) for i in range(len(self.problem.evidence))
         ])  # fmt: skip
-        given = self.problem.given(surrogate.at)
+        given = self.problem.nuisance_values(surrogate.at)
         weight = np.concatenate([
             e.weight(ratio, given)[0]
             for e, ratio in zip(self.problem.evidence, self.corrections, strict=True)
@@ -328,11 +328,11 @@ class Objective:
         """Estimate the discrepancy of every group that the stated uncertainties do not explain."""
         rows, covariance = self.data_jacobian(xi), self.covariance(xi)
         predicted = self.problem.predictions(xi, self.corrections)
-        used = variance(rows, covariance)
+        used = propagated_variance(rows, covariance)
         found: Misfits = {}
         first = 0
         for each, numbers in zip(self.problem.evidence, predicted, strict=True):
-            for group, part in zip(each.groups, split(each, numbers), strict=True):
+            for group, part in zip(each.groups, split_by_group(each, numbers), strict=True):
                 leverage = float(used[first : first + part.size].sum())
                 first += part.size
                 freedom = max(part.size - leverage, 1.0)

@@ -15,9 +15,9 @@ from scipy.stats import norm
 from labpipe.identification._evidence import Group
 from labpipe.identification._fit import Fit, Objective, laplace
 from labpipe.identification._linear import modulus_basis
-from labpipe.identification._problem import Misfit, split
+from labpipe.identification._problem import Misfit, split_by_group
 from labpipe.identification._spectra import Spectrum
-from labpipe.uncertainty import carried, spread
+from labpipe.uncertainty import propagated_covariance, propagated_u
 
 Array = NDArray[np.float64]
 
@@ -93,9 +93,9 @@ class Posterior:
         at = float(self.fit.xi[number])
         return parameter.value(at), parameter.value(at - reach), parameter.value(at + reach)
 
-    def carried(self, by_xi: Array) -> Array:
+    def covariance_of(self, by_xi: Array) -> Array:
         """Return the covariance of quantities from their derivatives (quantity, parameter)."""
-        return carried(by_xi, self.covariance)
+        return propagated_covariance(by_xi, self.covariance)
 
 
 def posterior(found: Fit) -> Posterior:
@@ -125,7 +125,7 @@ class Moduli:
         Most probable.
     u_ln_storage, u_ln_loss_factor : array (n,)
         Standard deviations of their natural logarithms.
-    open_ln_storage, open_ln_loss_factor : array (n,)
+    structure_ln_storage, structure_ln_loss_factor : array (n,)
         What the structure of the spectrum adds to the fit's own, in quadrature.
     prior_ln_storage, prior_ln_loss_factor : array (n,)
         Those of the prior.
@@ -140,8 +140,8 @@ class Moduli:
     loss_factor: Array
     u_ln_storage: Array
     u_ln_loss_factor: Array
-    open_ln_storage: Array
-    open_ln_loss_factor: Array
+    structure_ln_storage: Array
+    structure_ln_loss_factor: Array
     prior_ln_storage: Array
     prior_ln_loss_factor: Array
     derivatives: Array
@@ -176,7 +176,7 @@ def moduli(known: Posterior, frequency: Array) -> Moduli:
     problem, xi = known.fit.problem, known.fit.xi
     omega = 2.0 * np.pi * frequency
     logarithms, by_xi = ln_moduli(problem.spectrum, xi, omega)
-    u = own = np.sqrt(np.diag(known.carried(by_xi)))
+    u = own = np.sqrt(np.diag(known.covariance_of(by_xi)))
     if known.structures:
         weights = np.array([one.weight for one in known.structures])
         told = [_told(one, omega) for one in known.structures]
@@ -187,7 +187,7 @@ def moduli(known: Posterior, frequency: Array) -> Moduli:
     half, added = frequency.size, np.sqrt(np.maximum(u**2 - own**2, 0.0))
     return Moduli(
         frequency, np.exp(logarithms[:half]), np.exp(logarithms[half:]), u[:half], u[half:],
-        added[:half], added[half:], prior[0], prior[1], by_xi, frequencies(known),
+        added[:half], added[half:], prior[0], prior[1], by_xi, informative_range(known),
     )  # fmt: skip
 
 
@@ -207,10 +207,10 @@ def ln_moduli(spectrum: Spectrum, xi: Array, omega: Array) -> tuple[Array, Array
 def _told(one: Structure, omega: Array) -> tuple[Array, Array]:
     """Return logarithms (2 n,) of storage modulus and loss factor with standard deviations."""
     values, by_xi = ln_moduli(one.spectrum, one.xi, omega)
-    return values, spread(by_xi, one.covariance)
+    return values, propagated_u(by_xi, one.covariance)
 
 
-def frequencies(known: Posterior) -> tuple[float, float]:
+def informative_range(known: Posterior) -> tuple[float, float]:
     """Return the lowest and highest frequency in Hz of which the observations tell."""
     windows = [each.model.window for each in known.fit.problem.evidence]
     longest, shortest = max(w[1] for w in windows), min(w[0] for w in windows)
@@ -264,15 +264,15 @@ class Band:
         return float(np.sum(((self.group.values - self.predicted) / self.group.u) ** 2))
 
 
-def bands(known: Posterior) -> tuple[Band, ...]:
+def predictive_bands(known: Posterior) -> tuple[Band, ...]:
     """Return what the identified material predicts for every group, with its band."""
     found = known.fit
     problem = found.problem
     predicted = problem.predictions(found.xi, found.corrections)
-    u = spread(known.sensitivity, known.covariance)
+    u = propagated_u(known.sensitivity, known.covariance)
     made, first = [], 0
     for each, numbers in zip(problem.evidence, predicted, strict=True):
-        for group, part in zip(each.groups, split(each, numbers), strict=True):
+        for group, part in zip(each.groups, split_by_group(each, numbers), strict=True):
             misfit = found.misfits.get((each.name, group.name), Misfit())
             deviation = misfit.deviation(group, group.values)
             own = u[first : first + part.size] * deviation

@@ -81,7 +81,7 @@ class Problem:
         """How many unknowns the material has."""
         return len(self.spectrum.parameters)
 
-    def given(self, xi: Array) -> dict[str, float]:
+    def nuisance_values(self, xi: Array) -> dict[str, float]:
         """Return the nuisances' values at standard coordinates (parameter,)."""
         own = xi[self.n_material :].tolist()
         return {p.name: p.value(x) for p, x in zip(self.nuisances, own, strict=True)}
@@ -101,12 +101,12 @@ class Problem:
 
     def corrections(self, xi: Array) -> Corrections:
         """Return ratios (n,) of the fuller models to the fast ones; None where there is none."""
-        solid, given = self.material(xi), self.given(xi)
+        solid, given = self.material(xi), self.nuisance_values(xi)
         return tuple(_ratio(e, solid, given) for e in self.evidence)
 
     def predictions(self, xi: Array, corrections: Corrections) -> list[Array]:
         """Return the numbers (n,) of every experiment."""
-        solid, given = self.material(xi), self.given(xi)
+        solid, given = self.material(xi), self.nuisance_values(xi)
         found = []
         for each, ratio in zip(self.evidence, corrections, strict=True):
             numbers = each.model.predict(solid, given)
@@ -114,7 +114,7 @@ class Problem:
         return found
 
 
-def split(evidence: Evidence, numbers: Array) -> list[Array]:
+def split_by_group(evidence: Evidence, numbers: Array) -> list[Array]:
     """Cut the numbers of an experiment into those of its groups (along the first axis)."""
     ends = np.cumsum([g.values.size for g in evidence.groups])
     return list(np.split(numbers, ends[:-1]))

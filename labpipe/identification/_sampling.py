@@ -64,7 +64,7 @@ class Sample:
         return float(1.0 / np.sum(self.weights**2))
 
     @property
-    def is_good(self) -> bool:
+    def is_reliable(self) -> bool:
         """Whether weights are equal enough, and few draws failed."""
         asked = len(self.draws) + self.failed
         return bool(self.effective >= _LEAST_SHARE * asked)
@@ -74,9 +74,9 @@ class Sample:
         """Whether the draws may be believed, in a sentence."""
         asked = len(self.draws) + self.failed
         said = f"effective sample size {self.effective:.0f} of {asked} draws; {self.failed} failed"
-        return said if self.is_good else f"use the draws with care: {said}"
+        return said if self.is_reliable else f"use the draws with care: {said}"
 
-    def spread(self, values: Array) -> tuple[Array, Array]:
+    def mean_and_sd(self, values: Array) -> tuple[Array, Array]:
         """Return mean and standard deviation (n,) of values (draw, n)."""
         mean = self.weights @ values
         return mean, np.sqrt(self.weights @ (values - mean) ** 2)
@@ -163,7 +163,7 @@ def _answer(
     return None
 
 
-def drawn_moduli(drawn: Sample, known: Posterior, curve: Moduli) -> tuple[Array, Array]:
+def sampled_moduli(drawn: Sample, known: Posterior, curve: Moduli) -> tuple[Array, Array]:
     """Return storage modulus [Pa] and loss factor (draw, frequency) of every draw.
 
     Draws follow the most probable structure of the spectrum; what the others say is added as
@@ -184,7 +184,7 @@ def drawn_moduli(drawn: Sample, known: Posterior, curve: Moduli) -> tuple[Array,
     storage, loss = (terms @ part.T for part in bases)
     own, _ = ln_moduli(spectrum, known.fit.xi, omega)
     told = np.log(np.concatenate([curve.storage, curve.loss_factor]))
-    added = np.concatenate([curve.open_ln_storage, curve.open_ln_loss_factor])
+    added = np.concatenate([curve.structure_ln_storage, curve.structure_ln_loss_factor])
     noise = np.random.default_rng(_SEED + 1).standard_normal((len(terms), told.size))
     factors = np.exp(told - own + added * noise)
     half = omega.size

@@ -264,7 +264,7 @@ class SmoothSpectrum:
         xi[1] = parameters[1].coordinate(2.0 / np.pi * log(10.0) * loss * modulus)
         return xi
 
-    def like(self, solid: Prony) -> Array:
+    def coordinates_of(self, solid: Prony) -> Array:
         """Return coordinates of a spectrum that goes as that of another series does."""
         weight = np.log(np.maximum(solid.E, _LEAST)) - np.log(np.gradient(np.log10(solid.rho)))
         own = np.interp(np.log(self.rho), np.log(solid.rho), weight) + np.log(self._widths)
@@ -321,9 +321,9 @@ class RoughSpectrum:
         """Return a flat spectrum without lumps."""
         return np.append(self.smooth.start(modulus, loss), np.zeros(self.rho.size))
 
-    def like(self, solid: Prony) -> Array:
+    def coordinates_of(self, solid: Prony) -> Array:
         """Return coordinates of a spectrum without lumps that goes as another series does."""
-        return np.append(self.smooth.like(solid), np.zeros(self.rho.size))
+        return np.append(self.smooth.coordinates_of(solid), np.zeros(self.rho.size))
 
 
 def _variance(lasting: Array) -> Array:

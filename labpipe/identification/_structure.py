@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 Rebuilt = Callable[[Array], tuple[Evidence, ...]]
 
 SMOOTH, SPACED, ROUGH = "smooth", "one term per decade", "rough"
-BEFORE = {SMOOTH: 0.5, SPACED: 0.25, ROUGH: 0.25}
+STRUCTURE_PRIORS = {SMOOTH: 0.5, SPACED: 0.25, ROUGH: 0.25}
 """Probabilities before the data."""
 _PLACES = 24
 """Of a series with one term per decade: a tenth of a decade would show in forces of 0.2 %."""
@@ -131,10 +131,10 @@ def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, .
         ]
 
     fine = relaxation_times(*data, per_decade=_ROUGH_PER_DECADE)
-    step, before = 1.0 / _PLACES, BEFORE[SPACED] / _PLACES
+    step, before = 1.0 / _PLACES, STRUCTURE_PRIORS[SPACED] / _PLACES
     made = _weighed(found, rebuilt, begin, [
-        _Candidate(SMOOTH, on(relaxation_times(*data)), BEFORE[SMOOTH]),
-        _Candidate(ROUGH, RoughSpectrum(on(fine)), BEFORE[ROUGH]),
+        _Candidate(SMOOTH, on(relaxation_times(*data)), STRUCTURE_PRIORS[SMOOTH]),
+        _Candidate(ROUGH, RoughSpectrum(on(fine)), STRUCTURE_PRIORS[ROUGH]),
         *spaced(step * np.arange(_PLACES, dtype=float), before),
     ])  # fmt: skip
     for _ in range(_FINER):
@@ -173,7 +173,7 @@ def _weighed(
     tangent = _Anywhere.at(found, rebuilt, [each.spectrum.rho for each in candidates])
     made = []
     for each in candidates:
-        surrogate = tangent.surrogate(each.spectrum, each.spectrum.like(begin))
+        surrogate = tangent.surrogate(each.spectrum, each.spectrum.coordinates_of(begin))
         xi, cost = surrogate.lowest(_LEAST_DAMPING, None, _BOUND)
         covariance, size = laplace(surrogate.jacobian(xi))
         logarithm = log(each.before) - cost - 0.5 * size
@@ -233,7 +233,7 @@ class _Anywhere:
         objective = Objective.of(found)
         base = objective.surrogate(xi)
         rho = np.unique(np.concatenate([*times, problem.spectrum.rho]))
-        solid, given = problem.material(xi), problem.given(xi)
+        solid, given = problem.material(xi), problem.nuisance_values(xi)
         rows = []
         for number, (each, ratio) in enumerate(zip(rebuilt(rho), found.corrections, strict=True)):
             weight, _ = each.weight(ratio, given)

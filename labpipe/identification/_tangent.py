@@ -41,7 +41,7 @@ class Tangent:
     @classmethod
     def at(cls, problem: Problem, xi: Array) -> "Tangent":
         """Differentiate every model at standard coordinates (parameter,)."""
-        solid, given = problem.material(xi), problem.given(xi)
+        solid, given = problem.material(xi), problem.nuisance_values(xi)
         place = {p.name: i for i, p in enumerate(problem.nuisances)}
         by_terms, by_values, numbers = [], [], []
         for each in problem.evidence:
@@ -64,7 +64,7 @@ class Tangent:
         corrections : tuple of array or None
             Ratios of the fuller models to the fast ones.
         """
-        given = self.problem.given(xi)
+        given = self.problem.nuisance_values(xi)
         place = {p.name: i for i, p in enumerate(self.problem.nuisances)}
         by_terms, by_values = [], []
         parts = zip(self.problem.evidence, corrections, self.by_terms, self.by_values,
@@ -210,7 +210,7 @@ class Surrogate:
 
     def values(self, xi: Array) -> Array:
         """Return the nuisances (nuisance,) in their units at a point."""
-        return np.array(list(self.problem.given(xi).values()))
+        return np.array(list(self.problem.nuisance_values(xi).values()))
 
 
 def _least(rows: Array, rest: Array, stiff: Array, pull: Array) -> Array:

@@ -18,7 +18,7 @@ def budget_table(
     Parameters
     ----------
     rows : sequence of mapping
-        As :func:`labpipe.uncertainty.table` makes them.
+        As :func:`labpipe.uncertainty.budget_rows` makes them.
     caption : str
         What the budget is of.
     unit : str

@@ -40,7 +40,7 @@ class Lag:
     n: int
 
 
-def from_event(record: xr.DataArray, event: float) -> xr.DataArray:
+def timed_from_event(record: xr.DataArray, event: float) -> xr.DataArray:
     """Count time from an event.
 
     Parameters
@@ -67,7 +67,7 @@ def from_event(record: xr.DataArray, event: float) -> xr.DataArray:
     return shifted
 
 
-def at_times(record: xr.DataArray, time: Array) -> xr.DataArray:
+def interpolated_at(record: xr.DataArray, time: Array) -> xr.DataArray:
     """Interpolate linearly; NaN outside the record and next to unread samples.
 
     Parameters

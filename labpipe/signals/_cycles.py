@@ -122,7 +122,7 @@ def _edge(t: Array, x: Array, extent: float) -> tuple[float, float]:
     return float(t[off[0] - 1]), float(np.mean(x[: off[0]]))
 
 
-def loops(
+def hysteresis_loops(
     time: ArrayLike,
     position: ArrayLike,
     force: ArrayLike,
@@ -168,7 +168,7 @@ def loops(
     --------
     >>> time = np.arange(0.0, 10.0, 0.02)
     >>> angle = 2 * np.pi * time
-    >>> found = loops(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1), 1.0)
+    >>> found = hysteresis_loops(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1), 1.0)
     >>> round(float(found.mean_work / (np.pi * 2e-4 * np.sin(0.1))), 3)
     1.0
     """

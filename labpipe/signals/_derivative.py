@@ -222,8 +222,9 @@ def _warn_of_fast_motion(residual: Array, extent: float, known: Noise) -> None:
         return
     if line > _LINE_SHARE * float(np.sum(power)):
         text = (
-            f"velocity: {100 * line / float(np.sum(power)):.0f} % of what was taken for noise is "
-            f"one frequency, {peak / len(residual):.3f} of the sampling rate: motion too fast for "
+            f"velocity: {100 * line / float(np.sum(power)):.0f} % of the estimated noise power "
+            f"is at one frequency, {peak / len(residual):.3f} of the sampling rate: motion too "
+            f"fast for "
             "this sampling is missing from the velocity and its uncertainty"
         )
         warnings.warn(text, UserWarning, stacklevel=4)

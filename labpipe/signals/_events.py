@@ -27,7 +27,7 @@ from labpipe.signals._turns import (
     find_turns,
     flights_after,
 )
-from labpipe.uncertainty import spread
+from labpipe.uncertainty import propagated_u
 
 Array = NDArray[np.float64]
 
@@ -274,7 +274,7 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> xr.Dataset:
         for name in _LABELS:
             value, gradient = _combined(name, impact.value, direction)
             u, u_shape = (
-                float(spread(gradient, covariance))
+                float(propagated_u(gradient, covariance))
                 for covariance in (impact.covariance, impact.shape_covariance)
             )
             columns[name].append((value, u, u_shape))
@@ -345,7 +345,7 @@ def _add_release(
     except np.linalg.LinAlgError as error:
         message = (
             f"{len(t)} readings of the fall before the first touch at {impact.value[0]:.6g} s do "
-            "not tell when it began"
+            f"not determine when it began"
         )
         raise InputError(message) from error
     begin = speed / fall_rate
@@ -361,12 +361,12 @@ def _add_release(
         )
         warnings.warn(text, UserWarning, stacklevel=3)
     quantities = {
-        "release_time": (release, float(spread(by_arc, covariance)), "s", "release"),
+        "release_time": (release, float(propagated_u(by_arc, covariance)), "s", "release"),
         "first_contact_time": (float(impact.value[0]), u_touch, "s", "first contact"),
         "contact_level": (direction * impact.value[4], u_level, "m", "displacement at first touch"),
         "drop_height": (
             float(drop),
-            float(np.hypot(spread(drop_by_arc, covariance), u_level)),
+            float(np.hypot(propagated_u(drop_by_arc, covariance), u_level)),
             "m",
             "height of the fall",
         ),

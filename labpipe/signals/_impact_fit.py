@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
 from scipy.optimize import least_squares
 
-from labpipe.uncertainty import carried
+from labpipe.uncertainty import propagated_covariance
 
 Array = NDArray[np.float64]
 
@@ -197,8 +197,8 @@ def fit_impact(
     value, gradient = _outputs(p, scale)
     value[:2] += reference
     value[4:7] += height
-    output_covariance = carried(gradient, covariance)
-    of_shape = carried(gradient, of_shape)
+    output_covariance = propagated_covariance(gradient, covariance)
+    of_shape = propagated_covariance(gradient, of_shape)
     unread = _unread_contact(time, float(value[0]), float(value[1]))
     if unread is not None:
         output_covariance = output_covariance + _of_unread(value, unread[1] - unread[0])

@@ -180,7 +180,7 @@ def agreement(first: ArrayLike, second: ArrayLike, n_effective: float | None = N
     )  # fmt: skip
 
 
-def determination(measured: ArrayLike, model: ArrayLike) -> float:
+def coefficient_of_determination(measured: ArrayLike, model: ArrayLike) -> float:
     """Return R², the share of the measurement's variance that the model explains.
 
     One minus residual over total sum of squares, about the measurement's mean; negative for a
@@ -188,7 +188,7 @@ def determination(measured: ArrayLike, model: ArrayLike) -> float:
 
     Examples
     --------
-    >>> determination([0.0, 1.0, 2.0], [0.0, 1.0, 2.0])
+    >>> coefficient_of_determination([0.0, 1.0, 2.0], [0.0, 1.0, 2.0])
     1.0
     """
     a, b = _pairs(measured, model)

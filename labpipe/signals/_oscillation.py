@@ -19,7 +19,7 @@ from scipy.optimize import minimize_scalar
 from labpipe.errors import InputError
 from labpipe.signals._readings import checked_times, is_constant, refuse_infinite
 from labpipe.signals._residuals import parameter_covariance
-from labpipe.uncertainty import spread
+from labpipe.uncertainty import propagated_u
 
 Array = NDArray[np.float64]
 
@@ -360,9 +360,9 @@ def _described(
         frequency=frequency,
         u_frequency=0.0 if fixed else float(u[-1]),
         amplitude=amplitude,
-        u_amplitude=float(spread(along, covariance[pair])),
+        u_amplitude=float(propagated_u(along, covariance[pair])),
         phase=float(np.arctan2(cosines[0], sines[0])),
-        u_phase=float(spread(across, covariance[pair])) / amplitude,
+        u_phase=float(propagated_u(across, covariance[pair])) / amplitude,
         offset=float(trend[0]),
         u_offset=float(u_trend[0]),
         drift=float(trend[1]) if trend_order else 0.0,

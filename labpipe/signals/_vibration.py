@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from labpipe.errors import InputError
 from labpipe.signals._oscillation import readings_of, strongest_line
 from labpipe.signals._residuals import parameter_covariance
-from labpipe.uncertainty import spread
+from labpipe.uncertainty import propagated_u
 
 Array = NDArray[np.float64]
 
@@ -124,7 +124,7 @@ def damped_oscillation(
 
     def u_of(gradient: Array) -> float:
         # The spectrum of a short residual is known to a fifth at best; the larger one is stated.
-        return float(max(spread(gradient, c) for c in covariances))
+        return float(max(propagated_u(gradient, c) for c in covariances))
 
     omega, amplitude = 2 * np.pi * frequency, float(np.hypot(sine, cosine))
     natural = float(np.hypot(omega, rate))

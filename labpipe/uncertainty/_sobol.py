@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from math import inf, sqrt
 from typing import TYPE_CHECKING, Any
 
-from labpipe.uncertainty._linear import Input, Model, linear
+from labpipe.uncertainty._linear import Input, Model, linear_budget
 
 if TYPE_CHECKING:
     import numpy as np
@@ -39,7 +39,7 @@ def sobol(model: Model, inputs: Mapping[str, Input]) -> dict[str, Indices]:
     Parameters
     ----------
     model, inputs
-        As for :func:`linear`; inputs are normal.
+        As for :func:`linear_budget`; inputs are normal.
     """
     import numpy as np
     from scipy.stats import norm, sobol_indices
@@ -47,7 +47,7 @@ def sobol(model: Model, inputs: Mapping[str, Input]) -> dict[str, Indices]:
     uncertain = [name for name, given in inputs.items() if given.u > 0.0]
     best = {name: given.value for name, given in inputs.items()}
     centre = float(model(**best))
-    scale = linear(model, inputs).u or 1.0
+    scale = linear_budget(model, inputs).u or 1.0
 
     def spread(columns: "Array") -> "Array":
         # around its best value and in its own uncertainty: differences of large numbers are noise
@@ -67,7 +67,7 @@ def sobol(model: Model, inputs: Mapping[str, Input]) -> dict[str, Indices]:
     }
 
 
-def to_halve(shares: Mapping[str, float]) -> tuple[tuple[str, ...], float]:
+def inputs_to_halve(shares: Mapping[str, float]) -> tuple[tuple[str, ...], float]:
     """Say which inputs must be better known to halve an uncertainty, and by how much.
 
     Parameters
@@ -83,7 +83,7 @@ def to_halve(shares: Mapping[str, float]) -> tuple[tuple[str, ...], float]:
 
     Examples
     --------
-    >>> names, factor = to_halve({"inclination": 0.9, "noise": 0.1})
+    >>> names, factor = inputs_to_halve({"inclination": 0.9, "noise": 0.1})
     >>> names, round(factor, 2)
     (('inclination',), 2.45)
     """

@@ -92,7 +92,8 @@ def tree(top: str, search: Sequence[str] | None = None) -> Tree:
                     (entry.name.removesuffix(e) for e in _ENDINGS if entry.name.endswith(e)), ""
                 )
                 module = name if stem == "__init__" else f"{name}.{stem}" if stem else ""
-                found.setdefault(module, {})[entry.path] = _stamp(entry.stat())
+                with contextlib.suppress(FileNotFoundError):  # a link to nothing
+                    found.setdefault(module, {})[entry.path] = _stamp(entry.stat())
     return found
 
 

@@ -262,7 +262,7 @@ def _trial(
     seconds = clock.perf_counter() - started
     found = moduli(known, frequency)
     exact = solid.complex_modulus(2.0 * np.pi * frequency)
-    bounds = np.sqrt(np.diag(known.carried(found.derivatives)))
+    bounds = np.sqrt(np.diag(known.covariance_of(found.derivatives)))
     deviation, width, bound = {}, {}, {}
     names = [f" at {f:.3g} Hz" for f in frequency] if frequency.size > 1 else [" of the contact"]
     for i, at in enumerate(names):

@@ -10,9 +10,9 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
+from pipelines.bench.stability_inputs import Floats, Random, laid_out, with_gaps
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
 from pipelines.bench.stability_signals import record_of
-from pipelines.bench.stability_wild import Floats, Random, laid_out, with_gaps
 
 _GRAVITY = 9.81
 #: Points of the integral of one contact.

@@ -17,8 +17,8 @@ from calibration.camera import pixel_size
 from calibration.record import LaserRecord, LaserValues, LoadCellRecord, LoadCellValues
 from calibration.time_base import corrected, filter_delay, time_base
 from labpipe.units import Quantity
+from pipelines.bench.stability_inputs import Floats, Random, laid_out, with_gaps
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
-from pipelines.bench.stability_wild import Floats, Random, laid_out, with_gaps
 
 _DAY = date(2024, 5, 14)
 #: Samples at rest before the motion, all of them evidence of the zero.
@@ -172,5 +172,5 @@ FAMILIES: Mapping[str, tuple[Case, int]] = {
     "laser": (laser, 250),
     "load cell": (load_cell, 200),
     "camera and clock": (camera_and_clock, 400),
-    "calibration that is none": (calibration_that_is_none, 300),
+    "invalid calibration": (calibration_that_is_none, 300),
 }

@@ -17,8 +17,14 @@ from labpipe.contact.line import GeneralContact, dissipation, line_kernel, weste
 from labpipe.contact.memory import Creep, advance, history, step_weights
 from labpipe.contact.sphere import hertz, ting
 from labpipe.materials import Prony
+from pipelines.bench.stability_inputs import (
+    Floats,
+    Random,
+    below_zero,
+    extreme_material,
+    extreme_times,
+)
 from pipelines.bench.stability_outcome import Case, Outcome, worst
-from pipelines.bench.stability_wild import Floats, Random, below_zero, wild_material, wild_times
 
 _QUADRATURE = np.polynomial.legendre.leggauss(12)
 
@@ -28,8 +34,8 @@ _QUADRATURE = np.polynomial.legendre.leggauss(12)
 
 def memory_of_a_spring(random: Random) -> Outcome:
     """Compare, for loads linear in time, the recursion with the hereditary integral."""
-    creep = Creep.of(wild_material(random))
-    time = wild_times(random, int(random.integers(2, 25)))
+    creep = Creep.of(extreme_material(random))
+    time = extreme_times(random, int(random.integers(2, 25)))
     load = random.uniform(0.0, 1.0, time.size)
     memory, past = creep.rest(1), np.array([0.0])
     weights = step_weights(creep, 0.0)
@@ -71,7 +77,7 @@ def _mean_creep(lag: Floats, span: Floats) -> Floats:
 
 def relaxation_of_a_sphere(random: Random) -> Outcome:
     """Step and hold: the force is the elastic one times E(t)/E(0), at any time."""
-    material = wild_material(random, 20)
+    material = extreme_material(random, 20)
     radius = 10 ** random.uniform(-4, 0)
     depth = radius * 10 ** random.uniform(-8, -2)
     time = np.concatenate([[0.0], np.sort(10 ** random.uniform(-12, 6, 12))])
@@ -88,7 +94,7 @@ def relaxation_of_a_sphere(random: Random) -> Outcome:
 
 def rise_and_fall(random: Random) -> Outcome:
     """One triangle or half sine of approach against Ting's integral."""
-    material = wild_material(random, 8)
+    material = extreme_material(random, 8)
     radius = 10 ** random.uniform(-4, 0)
     depth = radius * 10 ** random.uniform(-7, -2)
     span = 10 ** random.uniform(-6, 4)
@@ -140,8 +146,8 @@ def elastic_line(random: Random) -> Outcome:
 
 def line_history(random: Random) -> Outcome:
     """Press by a hostile history: second law, no negative pressure, finer steps agree."""
-    material = wild_material(random, 30)
-    time = wild_times(random, int(random.integers(2, 7)))
+    material = extreme_material(random, 30)
+    time = extreme_times(random, int(random.integers(2, 7)))
     thickness = float(random.choice([np.inf, 1e-3]))
     deepest = min(10 ** random.uniform(-6, -3.2), 0.3 * thickness)
     depth = deepest * random.uniform(-0.5, 1.0, time.size)
@@ -169,8 +175,8 @@ def line_history(random: Random) -> Outcome:
 
 def line_loads(random: Random) -> Outcome:
     """Push by a hostile history of load; pressing by the approach found gives the load again."""
-    material = wild_material(random, 12)
-    time = wild_times(random, int(random.integers(2, 6)))
+    material = extreme_material(random, 12)
+    time = extreme_times(random, int(random.integers(2, 6)))
     radius, period = 2e-3, 8e-3
     # The softest answer stays far from full contact.
     softest = float(Creep.of(material).compliance(float(time[-1])))
@@ -189,7 +195,8 @@ def line_loads(random: Random) -> Outcome:
         (miss / 1e-6, "a first load that is missed by 1e-6 of the largest"),
         (below_zero(np.diff(pushed.dissipated_energy.values, prepend=0.0)),
          "dissipation that falls"),
-        (0.0 if np.all(np.isfinite(depth)) or jumps.size else np.inf, "an approach that is none"),
+        (0.0 if np.all(np.isfinite(depth)) or jumps.size else np.inf, "an approach that is not "
+                                                                      "finite"),
     )  # fmt: skip
 
 
@@ -242,7 +249,7 @@ def inverse_closed_forms(random: Random) -> Outcome:
 
 def harmonic_work(random: Random) -> Outcome:
     """Dissipated work is not negative and the tapping front falls with the frequency."""
-    material = wild_material(random)
+    material = extreme_material(random)
     frequency = np.sort(10 ** random.uniform(-9, 12, 30))
     geometry = (1e-4 * random.uniform(0.01, 3.0), 2e-3, 8e-3)
     work = dissipation.dissipated_work(material, frequency, 1e-6, *geometry)
@@ -255,7 +262,7 @@ def harmonic_work(random: Random) -> Outcome:
     )
 
 
-# -- input that is none ----------------------------------------------------------------------------
+# -- invalid input ----------------------------------------------------------------------------
 
 _BAD = (np.nan, np.inf, -np.inf, -1.0, 0.0)
 _SOLID = Prony(2e9, [2e9], [0.5e-3], nu=0.35)
@@ -333,5 +340,5 @@ FAMILIES: Mapping[str, tuple[Case, int]] = {
     "any profile": (any_profile, 300),
     "closed forms": (inverse_closed_forms, 350),
     "harmonic work": (harmonic_work, 200),
-    "input that is none": (input_that_is_none, 600),
+    "invalid input": (input_that_is_none, 600),
 }

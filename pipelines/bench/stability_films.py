@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from labpipe import imaging
 from pipelines.bench.contact_radius import Scene, make_image
+from pipelines.bench.stability_inputs import Floats, Random, laid_out
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
-from pipelines.bench.stability_wild import Floats, Random, laid_out
 
 Film = NDArray[Any]
 
@@ -149,7 +149,7 @@ def film_that_is_none(random: Random) -> Outcome:
     if fault in ("NaN", "infinite") and not found["valid"].values.all():
         bad = ~np.isfinite(film).all(axis=(1, 2))
         told = found["valid"].values[:, 0] & bad
-        return Outcome(np.inf if told.any() else 0.0, "a displacement from pixels that are none")
+        return Outcome(np.inf if told.any() else 0.0, "a displacement from invalid pixels")
     return Outcome(np.inf, f"a film with the fault: {fault}")
 
 
@@ -237,8 +237,8 @@ def optics_that_are_none(random: Random) -> Outcome:
 FAMILIES: Mapping[str, tuple[Case, int]] = {
     "moved pattern": (moved_pattern, 150),
     "film without pattern": (film_without_pattern, 120),
-    "film that is none": (film_that_is_none, 200),
+    "invalid film": (film_that_is_none, 200),
     "seen contact": (seen_contact, 12),
     "no contact": (no_contact, 12),
-    "optics that are none": (optics_that_are_none, 200),
+    "invalid optics": (optics_that_are_none, 200),
 }

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from labpipe import materials
 from labpipe.materials import Prony
+from pipelines.bench.stability_inputs import Floats, Random, laid_out
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
-from pipelines.bench.stability_wild import Floats, Random, laid_out
 
 Complexes = NDArray[np.complex128]
 
 
-def _wild_terms(random: Random, most: int = 60) -> tuple[float, Floats, Floats]:
+def _extreme_terms(random: Random, most: int = 60) -> tuple[float, Floats, Floats]:
     """Draw E_relaxed, weights over twelve decades, times over thirty, some of them equal."""
     count = int(random.integers(0, most + 1))
     relaxed = 10 ** random.uniform(0, 13)
@@ -40,7 +40,7 @@ def _modulus(relaxed: float, weight: Floats, time: Floats, omega: Floats) -> Com
 
 def modulus_and_compliance(random: Random) -> Outcome:
     """E* from the terms, J* its inverse; creep terms give the same, and the way back."""
-    relaxed, weight, time = _wild_terms(random)
+    relaxed, weight, time = _extreme_terms(random)
     material = Prony(relaxed, laid_out(random, weight), laid_out(random, time), nu=0.3)
     omega = 10 ** random.uniform(-15, 20, 12)
     exact = _modulus(relaxed, weight, time, omega)
@@ -71,7 +71,7 @@ def _relative(found: Complexes, exact: Complexes) -> float:
 
 def creep_and_relaxation(random: Random) -> Outcome:
     """E falls, J rises, their product stays below one, and both meet their limits."""
-    relaxed, weight, time = _wild_terms(random)
+    relaxed, weight, time = _extreme_terms(random)
     material = Prony(relaxed, weight, time, nu=float(random.uniform(-0.9, 0.5)))
     t = np.concatenate([[0.0], np.sort(10 ** random.uniform(-20, 14, 40))])
     E, J = material.relaxation(t), material.creep(t)
@@ -88,7 +88,7 @@ def creep_and_relaxation(random: Random) -> Outcome:
 
 def shifted_material(random: Random) -> Outcome:
     """Shift in time as in frequency, and scale the stiffness as the modulus."""
-    relaxed, weight, time = _wild_terms(random, 20)
+    relaxed, weight, time = _extreme_terms(random, 20)
     material = Prony(relaxed, weight, time)
     a, b = 10 ** random.uniform(-12, 12), 10 ** random.uniform(-3, 3)
     omega = 10 ** random.uniform(-8, 8, 8)
@@ -211,7 +211,7 @@ def shift_factors(random: Random) -> Outcome:
     error = np.abs(a - (shift - shift[at]))
     return worst(
         (float(np.max(error / (8.0 * u + 0.02))), "a shift by 8 u and 0.02 decades"),
-        (0.0 if np.isfinite(a).all() else np.inf, "a shift that is none"),
+        (0.0 if np.isfinite(a).all() else np.inf, "a shift that is not finite"),
     )
 
 
@@ -230,8 +230,8 @@ FAMILIES: Mapping[str, tuple[Case, int]] = {
     "modulus and compliance": (modulus_and_compliance, 300),
     "creep and relaxation": (creep_and_relaxation, 300),
     "shifted material": (shifted_material, 150),
-    "material that is none": (material_that_is_none, 500),
+    "invalid material": (material_that_is_none, 500),
     "Kramers and Kronig": (kramers_kronig, 40),
     "shift factors": (shift_factors, 6),
-    "sweeps that are none": (sweeps_that_are_none, 150),
+    "invalid sweeps": (sweeps_that_are_none, 150),
 }

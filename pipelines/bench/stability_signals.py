@@ -12,8 +12,8 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
+from pipelines.bench.stability_inputs import Floats, Random, laid_out, with_gaps
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
-from pipelines.bench.stability_wild import Floats, Random, laid_out, with_gaps
 
 #: Readings from which a record knows its own noise well.
 _MANY = 30
@@ -144,7 +144,7 @@ def record_that_is_none(random: Random) -> Outcome:
         "lag": lambda: signals.lag(record, whole),
         "lag of the second": lambda: signals.lag(whole, record),
         "repeats": lambda: signals.combine_repeats([whole, record], [0.0, 0.0]),
-        "at_times": lambda: signals.at_times(record, np.linspace(0.2, 0.8, 9)),
+        "at_times": lambda: signals.interpolated_at(record, np.linspace(0.2, 0.8, 9)),
     }
     name = str(random.choice(list(calls)))
     if fault == "unit" and name in ("fit_sinusoid", "damped_oscillation", "at_times", "lag",
@@ -315,7 +315,7 @@ def agreement_of_two(random: Random) -> Outcome:
     return worst(
         (abs(found.bias - bias) / (floor * size), "a bias by 1e-9"),
         (abs(signals.nrmse(a, b) - rms / extent) / floor, "a normalised error by 1e-9"),
-        (abs(signals.determination(a, b) - 1.0 + math.fsum(d * d) / total)
+        (abs(signals.coefficient_of_determination(a, b) - 1.0 + math.fsum(d * d) / total)
          * total / math.fsum(d * d) / floor, "R² by 1e-9"),
         (0.0 if 1.0 <= found.n_effective <= 2.0 * d.size else np.inf, "impossibly many samples"),
     )  # fmt: skip
@@ -327,7 +327,7 @@ def figures_of_nothing(random: Random) -> Outcome:
     a, b = random.standard_normal((2, count))
     calls: Mapping[str, Callable[[Floats, Floats], object]] = {
         "nrmse": signals.nrmse,
-        "determination": signals.determination,
+        "determination": signals.coefficient_of_determination,
         "agreement": signals.agreement,
     }
     name = str(random.choice(list(calls)))
@@ -351,12 +351,12 @@ FAMILIES: Mapping[str, tuple[Case, int]] = {
     "velocity of a polynomial": (velocity_of_a_polynomial, 40),
     "velocity, scaled": (velocity_scaled, 60),
     "velocity of rest": (velocity_of_rest, 150),
-    "record that is none": (record_that_is_none, 450),
+    "invalid record": (record_that_is_none, 450),
     "sinusoid": (sinusoid, 150),
     "stiffness and lag": (stiffness_and_lag, 100),
     "decay": (decay, 60),
     "lag of two": (lag_of_two, 40),
     "repeats": (repeats, 100),
     "agreement of two": (agreement_of_two, 300),
-    "figures of nothing": (figures_of_nothing, 200),
+    "agreement of invalid input": (figures_of_nothing, 200),
 }

@@ -133,10 +133,10 @@ def heating_rows(
     import numpy as np
 
     from labpipe.contact import self_heating
-    from labpipe.contact.beyond import MATTERS
+    from labpipe.contact.beyond import NOTICEABLE
 
     estimate = self_heating(found, material, thermal, temperature)
-    over = np.flatnonzero(np.abs(estimate.dataset["modulus_change"].values) >= MATTERS)
+    over = np.flatnonzero(np.abs(estimate.dataset["modulus_change"].values) >= NOTICEABLE)
     since = f" from impact {over[0] + 1} on" if over.size else ""
     return {
         "self-heating": (f"{estimate.verdict}{since}", ""),

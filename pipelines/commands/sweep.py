@@ -21,7 +21,7 @@ from pipelines.commands.options import cluster_option, echo, echo_json, json_opt
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
               help="Seed of the draws.")  # fmt: skip
 @click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path),
-              help="netCDF file; the page lies beside it.")  # fmt: skip
+              help="netCDF file; the page is written beside it.")  # fmt: skip
 @click.option("--jobs", "-j", type=click.IntRange(min=0), default=1, show_default=True,
               help="Local processes; 0 for one per processor.")  # fmt: skip
 @cluster_option

@@ -64,7 +64,7 @@ def collision_model(inputs: Inputs | None) -> Drawing:
                 "2.0e-5 m' is a depth; taken as the update rule says, every overlap beyond 20 µm "
                 "stays, and the sphere hardly bounces: the printed agreement requires a larger one."
             ),
-            **(inputs.told(laser) if inputs is not None and measured else {}),
+            **(inputs.data_note(laser) if inputs is not None and measured else {}),
         ),
         figure,
     )

@@ -110,7 +110,7 @@ def phases(inputs: Inputs) -> Drawing:
                 f"{hertz[1]:.0f} µm; the film at rest shows {rest:.1f} ± {u_rest:.1f} µm."
             ),
             difference="the thesis prints neither the times of the phases nor the radii.",
-            **inputs.told(
+            **inputs.data_note(
                 f"the laser recordings {drop} and the film {film}. A film of reduced size is "
                 "dense around the first three impacts and at rest only."
             ),
@@ -157,7 +157,7 @@ def four_heights(inputs: Inputs) -> Drawing:
             "first contact.",
             computed="each film is aligned with the laser's record at first contact only.",
             difference="the thesis prints no numbers here.",
-            **inputs.told(
+            **inputs.data_note(
                 "mean of the laser recordings and the radius fitted to the interference fringes; "
                 "between the bursts around the impacts a film of reduced size has few frames."
             ),
@@ -204,7 +204,7 @@ def spots(inputs: Inputs) -> Drawing:
                 "the printed caption gives 2.17 mm per pixel; 2.17 µm is meant. The radii are not "
                 "printed."
             ),
-            **inputs.told(f"frames of the film {name}, {size:.3f} µm per pixel."),
+            **inputs.data_note(f"frames of the film {name}, {size:.3f} µm per pixel."),
         ),
         figure,
     )
@@ -277,7 +277,7 @@ def heated(inputs: Inputs) -> Drawing:
                 "the thesis prints no radii; it says that the heated contact is larger in every "
                 "impact and at rest, and forms earlier. Our numbers are given above."
             ),
-            **inputs.told(f"the films {pair[0][0]} and {pair[1][0]}."),
+            **inputs.data_note(f"the films {pair[0][0]} and {pair[1][0]}."),
         ),
         figure,
     )

@@ -67,7 +67,7 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
                 f"the mean of the repeats: {'; '.join(notes)}."
             ),
             difference="the printed figures give no number for the agreement.",
-            **inputs.told(
+            **inputs.data_note(
                 f"bands: mean of {number} laser recordings per height, plus and minus two "
                 "standard deviations over the repeats."
             ),

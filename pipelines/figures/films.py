@@ -55,7 +55,7 @@ def laser_and_film(inputs: Inputs) -> Drawing:
                 "the thesis gives no number for the agreement. First contact is printed as 0.04 s "
                 "from release (37.8 ms by free fall); here time counts from first contact."
             ),
-            **inputs.told(f"the film {name} and the laser recordings {drop}."),
+            **inputs.data_note(f"the film {name} and the laser recordings {drop}."),
         ),
         figure,
     )
@@ -88,7 +88,7 @@ def contact_radius(inputs: Inputs) -> Drawing:
             "the largest radius.",
             computed=f"simulated drops; largest radius, film minus model: {'; '.join(notes)}.",
             difference="the thesis gives no number for the agreement.",
-            **inputs.told("contact radius from the interference fringes of films."),
+            **inputs.data_note("contact radius from the interference fringes of films."),
         ),
         figure,
     )

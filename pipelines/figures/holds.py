@@ -81,7 +81,9 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
                 "cell's filter."
             ),
             difference=f"{'; '.join(notes)}. The peak is as attenuated by the filter.",
-            **inputs.told(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
+            **inputs.data_note(
+                f"the Mach-1 recordings of {name}, thinned to equal steps of log time."
+            ),
         ),
         figure,
     )
@@ -208,7 +210,7 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
                 "the thesis prints the loads and times, not the radii. The first load is held 3 "
                 "min by section 3.1 and 2.55 min by 3.3.4 (as minutes and seconds, 2 min 55 s)."
             ),
-            **inputs.told(f"the laser's approach of {name}, a reading every few seconds."),
+            **inputs.data_note(f"the laser's approach of {name}, a reading every few seconds."),
         ),
         figure,
     )

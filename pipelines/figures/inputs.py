@@ -66,7 +66,7 @@ class Inputs:
         """The word for the data: ``synthetic`` or ``measured``."""
         return "synthetic" if self.is_synthetic else "measured"
 
-    def told(self, text: str) -> dict[str, str]:
+    def data_note(self, text: str) -> dict[str, str]:
         """Return ``text`` as the caption's entry that fits the data's origin."""
         return {self.origin: text}
 

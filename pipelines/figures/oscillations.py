@@ -69,7 +69,7 @@ def loops(inputs: Inputs) -> Drawing:
                 f"{100 * np.nanmax(error):.2f} % over {error.size} frequencies."
             ),
             difference="f tau_0 = 0.78e-10 is 0.5 Hz; no number is printed for the agreement.",
-            **inputs.told("force and displacement of the Mach-1 tester, force tared."),
+            **inputs.data_note("force and displacement of the Mach-1 tester, force tared."),
         ),
         figure,
     )
@@ -183,7 +183,7 @@ def dissipated_work(inputs: Inputs) -> Drawing:
                 "the printed legend says the simulation is 'based on Eq. 2.31'; it is not, the two "
                 "are independent."
             ),
-            **inputs.told(f"work of the mean loops at {frequency.size} frequencies."),
+            **inputs.data_note(f"work of the mean loops at {frequency.size} frequencies."),
         ),
         figure,
     )

@@ -99,7 +99,7 @@ def falling_line(inputs: Inputs) -> Drawing:
                 "the printed line 'progressively deforms upon impact'; the holder is far too "
                 "stiff for that at these scales: the line moves as a rigid body."
             ),
-            **inputs.told(f"the film {name}, {len(time)} frames were tracked."),
+            **inputs.data_note(f"the film {name}, {len(time)} frames were tracked."),
         ),
         figure,
     )
@@ -121,7 +121,7 @@ def reference_frame(inputs: Inputs) -> Drawing:
                 "on the body."
             ),
             difference="the thesis prints neither the number nor the size of its subsets here.",
-            **inputs.told(f"the first frame of the film {name}."),
+            **inputs.data_note(f"the first frame of the film {name}."),
         ),
         figure,
     )

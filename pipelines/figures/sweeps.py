@@ -87,7 +87,7 @@ def master_curve(
                 "standard uncertainties."
             ),
             difference=difference + (f"; {note}." if note else "."),
-            **inputs.told(f"isothermal frequency sweeps of {name}."),
+            **inputs.data_note(f"isothermal frequency sweeps of {name}."),
         ),
         figure,
     )

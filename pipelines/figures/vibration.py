@@ -57,7 +57,7 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
                 f"materials and heights (here: probability {chance:.2f} of so large a difference "
                 "by chance) and that the amplitude grows with the height."
             ),
-            **inputs.told(
+            **inputs.data_note(
                 f"{int(table['n'].sum())} recordings of the laser on the plate ({name})."
             ),
         ),

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from labpipe.identification import Moduli, drawn_moduli, moduli
+from labpipe.identification import Moduli, moduli, sampled_moduli
 from labpipe.report import quantity
 from pipelines.identify._identify import Identified
 from pipelines.identify._result import dataset
@@ -50,7 +50,7 @@ class MainQuantities:
             return np.empty((0, len(self.names)))
         problem, draws = found.known.fit.problem, found.drawn.draws
         relaxed = problem.parameters[0]
-        storage, loss = drawn_moduli(found.drawn, found.known, self.curve)
+        storage, loss = sampled_moduli(found.drawn, found.known, self.curve)
         first = np.log10([relaxed.value(x) for x in draws[:, 0].tolist()])
         return np.column_stack([first, storage / 1e6, loss, draws[:, list(self.numbers[1:])]])
 
@@ -82,9 +82,9 @@ def main_quantities(found: Identified) -> MainQuantities:
     by_xi[1:] = curve.derivatives * np.array([[at / 1e6], [loss]])
     chosen = _related(found, by_xi[1:])
     by_xi = np.vstack([by_xi, np.eye(xi.size)[chosen]])
-    covariance = known.carried(by_xi)
-    covariance[1, 1] += (at / 1e6 * curve.open_ln_storage[0]) ** 2
-    covariance[2, 2] += (loss * curve.open_ln_loss_factor[0]) ** 2
+    covariance = known.covariance_of(by_xi)
+    covariance[1, 1] += (at / 1e6 * curve.structure_ln_storage[0]) ** 2
+    covariance[2, 2] += (loss * curve.structure_ln_loss_factor[0]) ** 2
     centre = [np.log10(parameters[0].value(float(xi[0]))), at / 1e6, loss, *xi[chosen]]
     where = quantity(frequency, "Hz")
     names = ("lg E_relaxed\n/ Pa", f"E′ / MPa\nat {where}", f"tan δ\nat {where}")
@@ -100,7 +100,7 @@ def _related(found: Identified, by_xi: Array) -> list[int]:
     parameters = known.fit.problem.parameters
     own = [i for i, p in enumerate(parameters) if p.is_nuisance]
     shared = by_xi @ known.covariance[:, own]
-    shared /= np.sqrt(np.diag(known.carried(by_xi)))[:, None] * known.sd[own]
+    shared /= np.sqrt(np.diag(known.covariance_of(by_xi)))[:, None] * known.sd[own]
     order = np.argsort(-np.max(np.abs(shared), axis=0), kind="stable")[:_NUISANCES]
     return sorted(own[i] for i in order.tolist())
 

@@ -103,7 +103,7 @@ class _Group:
 
     experiments: list[Experiment] = field(default_factory=list)
     prior: Experiment | None = None
-    told: list[MaterialEvidence] = field(default_factory=list)
+    contributions: list[MaterialEvidence] = field(default_factory=list)
 
 
 def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = None,
@@ -154,7 +154,7 @@ def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = 
     for material, group in groups.items():
         own = _gather(results, group, wish.impacts)
         remarks += own
-        if group.told:
+        if group.contributions:
             names = ", ".join(e.name for e in group.experiments)
             tell(f"{material}: {names}")
             found.append(_identified(results, material, group, wish, own, tell))
@@ -165,16 +165,16 @@ def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = 
 
 
 def _gather(results: Results, group: _Group, impacts: int) -> list[str]:
-    """Take what the experiments tell; return why some cannot."""
+    """Collect the data of the experiments; return why some have none."""
     remarks, able = [], []
     for experiment in group.experiments:
-        told = derive(results, experiment, _evidence(experiment), name=experiment.name,
-                      impacts=impacts)  # fmt: skip
-        if isinstance(told, str):
-            remarks.append(f"{experiment.name}: {told}")
+        contribution = derive(results, experiment, _evidence(experiment), name=experiment.name,
+                              impacts=impacts)  # fmt: skip
+        if isinstance(contribution, str):
+            remarks.append(f"{experiment.name}: {contribution}")
             continue
         able.append(experiment)
-        group.told.append(told)
+        group.contributions.append(contribution)
     group.experiments = able or group.experiments
     return remarks
 
@@ -223,12 +223,16 @@ def _processed(folder: str | Path, groups: Iterable[_Group], jobs: int) -> Resul
 def _identified(
     results: Results, material: str, group: _Group, wish: Wish, remarks: list[str], say: Say
 ) -> Identified:
-    told, before = list(group.told), None
+    contributions, before = list(group.contributions), None
     if group.prior is not None:
-        told.append(derive(results, group.prior, known_before(group.prior), name=group.prior.name,
-                           temperature=temperature_of(group.experiments[0])))  # fmt: skip
-    data = min(each.window[0] for each in told), max(each.window[1] for each in told)
-    nu = told[0].nu
+        contributions.append(
+            derive(results, group.prior, known_before(group.prior), name=group.prior.name,
+                   temperature=temperature_of(group.experiments[0])))  # fmt: skip
+    data = (
+        min(each.window[0] for each in contributions),
+        max(each.window[1] for each in contributions),
+    )
+    nu = contributions[0].nu
     spectrum = (
         SmoothSpectrum(relaxation_times(*data), nu)
         if wish.spectrum == "smooth"
@@ -236,12 +240,12 @@ def _identified(
     )
 
     def rebuilt(rho: Array) -> tuple[Evidence, ...]:
-        return tuple(each.build(rho) for each in told)
+        return tuple(each.build(rho) for each in contributions)
 
-    nuisances = {unknown.name: unknown for each in told for unknown in each.unknowns}
+    nuisances = {unknown.name: unknown for each in contributions for unknown in each.unknowns}
     problem = Problem(spectrum, rebuilt(spectrum.rho), tuple(nuisances.values()))
     known = infer(problem, rebuilt, progress=say)
-    if not known.fit.is_settled:
+    if not known.fit.is_converged:
         warnings.warn(f"{material}: the fit did not converge; use its intervals with care",
                       UserWarning, stacklevel=2)  # fmt: skip
     relaxed = None

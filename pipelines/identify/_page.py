@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.identification import BEFORE, bands, frequencies, moduli
+from labpipe.identification import STRUCTURE_PRIORS, informative_range, moduli, predictive_bands
 from labpipe.identification import Band as Prediction
 from labpipe.report import (
     Band,
@@ -25,7 +25,7 @@ from labpipe.report import (
     Table,
     quantity,
 )
-from labpipe.uncertainty import spread
+from labpipe.uncertainty import propagated_u
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
 from pipelines.identify._corner import corner, main_quantities
@@ -117,7 +117,7 @@ def statements(found: Identified) -> list[str]:
             texts.append(
                 f"{parameter.name} lies {abs(away):.1f} standard deviations from what is stated"
             )
-    if not known.fit.is_settled:
+    if not known.fit.is_converged:
         texts.append("the fit did not converge; use the intervals with care")
     return [*texts, *found.remarks]
 
@@ -198,7 +198,10 @@ def _structure(found: Identified) -> tuple[Block, ...]:
     chances = structure(found)
     if not chances:
         return ()
-    rows = [(name, 100.0 * BEFORE[name], 100.0 * chances.get(name, 0.0)) for name in BEFORE]
+    rows = [
+        (name, 100.0 * STRUCTURE_PRIORS[name], 100.0 * chances.get(name, 0.0))
+        for name in STRUCTURE_PRIORS
+    ]
     return (
         Table(
             (Column("structure of the spectrum"), Column("before the data", "%", digits=2),
@@ -214,7 +217,7 @@ def _structure(found: Identified) -> tuple[Block, ...]:
 
 
 def _fits(found: Identified) -> tuple[Block, ...]:
-    made = bands(found.known)
+    made = predictive_bands(found.known)
     rows = [
         (
             b.evidence, b.group.name, b.group.values.size, b.chi_square / b.group.values.size,
@@ -334,10 +337,10 @@ def _spectrum(found: Identified) -> Block:
     spectrum, n = known.fit.problem.spectrum, known.fit.problem.n_material
     xi = known.fit.xi[:n]
     slopes = spectrum.slopes(xi)[1:]
-    u = spread(slopes, known.covariance[:n, :n])
+    u = propagated_u(slopes, known.covariance[:n, :n])
     weight = np.exp(spectrum.log_terms(xi)[1:]) / np.gradient(np.log10(spectrum.rho))
     wide = np.exp(np.minimum(_REACH * u, np.log(1e3)))
-    low, high = (0.5 / np.pi / f for f in reversed(frequencies(known)))
+    low, high = (0.5 / np.pi / f for f in reversed(informative_range(known)))
     return LineChart(
         "Relaxation spectrum", "relaxation time / s", "modulus per decade / Pa",
         (
@@ -353,8 +356,8 @@ def _draws(found: Identified) -> tuple[Block, ...]:
     if found.drawn is None:
         return ()
     drawn, shown = found.drawn, main_quantities(found)
-    kind: Literal["ok", "warning"] = "ok" if drawn.is_good else "warning"
-    mean, spread = drawn.spread(shown.drawn(found))
+    kind: Literal["ok", "warning"] = "ok" if drawn.is_reliable else "warning"
+    mean, spread = drawn.mean_and_sd(shown.drawn(found))
     rows = [
         (name.replace("\n", " "), centre, u, m, s, (m - centre) / u, s / u)
         for name, centre, u, m, s in zip(

@@ -8,7 +8,14 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from labpipe.identification import DETERMINED, Moduli, bands, drawn_moduli, frequencies, moduli
+from labpipe.identification import (
+    DETERMINED,
+    Moduli,
+    informative_range,
+    moduli,
+    predictive_bands,
+    sampled_moduli,
+)
 from pipelines.identify._identify import Identified
 
 Array = NDArray[np.float64]
@@ -39,7 +46,7 @@ def dataset(found: Identified) -> xr.Dataset:
     """
     known = found.known
     solid = known.fit.problem.material(known.fit.xi)
-    low, high = frequencies(known)
+    low, high = informative_range(known)
     count = int(np.log10(high / low * _BEYOND**2) * _PER_DECADE)
     curve = moduli(known, np.geomspace(low / _BEYOND, high * _BEYOND, count))
     table: dict[str, Any] = {
@@ -53,13 +60,18 @@ def dataset(found: Identified) -> xr.Dataset:
     for name, values, units, text in (
         ("storage", curve.storage, "Pa", "storage modulus"),
         ("u_ln_storage", curve.u_ln_storage, "1", "standard deviation of its logarithm"),
-        ("open_ln_storage", curve.open_ln_storage, "1", "contribution of the unknown structure"),
+        (
+            "open_ln_storage",
+            curve.structure_ln_storage,
+            "1",
+            "contribution of the unknown structure",
+        ),
         ("prior_ln_storage", curve.prior_ln_storage, "1", "the same, of the prior"),
         ("loss_factor", curve.loss_factor, "1", "loss factor"),
         ("u_ln_loss_factor", curve.u_ln_loss_factor, "1", "standard deviation of its logarithm"),
         (
             "open_ln_loss_factor",
-            curve.open_ln_loss_factor,
+            curve.structure_ln_loss_factor,
             "1",
             "contribution of the unknown structure",
         ),
@@ -91,7 +103,7 @@ def _drawn(found: Identified, curve: Moduli) -> dict[str, Any]:
     problem, drawn = found.known.fit.problem, found.drawn
     values = [[p.value(x) for p, x in zip(problem.parameters, xi, strict=True)]
               for xi in drawn.draws.tolist()]  # fmt: skip
-    storage, loss_factor = drawn_moduli(drawn, found.known, curve)
+    storage, loss_factor = sampled_moduli(drawn, found.known, curve)
     ends = np.array([0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL])
     table = {}
     for name, dimension, numbers, units in (
@@ -155,7 +167,7 @@ def _parameters(found: Identified) -> dict[str, Any]:
 
 
 def _observations(found: Identified) -> dict[str, Any]:
-    made = bands(found.known)
+    made = predictive_bands(found.known)
     names = [f"{b.evidence}: {b.group.name}" for b in made for _ in range(b.group.values.size)]
     columns = {
         "observed": ([b.group.values for b in made], "observed"),
@@ -184,7 +196,7 @@ def _attributes(found: Identified) -> dict[str, Any]:
         "experiments": json.dumps([e.name for e in fit.problem.evidence]),
         "cost": fit.cost,
         "costs_from_starts": json.dumps(list(fit.costs_from_starts)),
-        "is_settled": int(fit.is_settled),
+        "is_settled": int(fit.is_converged),
         "discrepancies": json.dumps(misfits),
         "n_determined": found.known.n_determined,
         "remarks": json.dumps(list(found.remarks), ensure_ascii=False),
@@ -215,7 +227,7 @@ def document(found: Identified) -> dict[str, Any]:
         "structure": structure(found),
         "combinations_determined": found.known.n_determined,
         "frequency_range": [float(made["lowest_frequency"]), float(made["highest_frequency"])],
-        "is_settled": found.known.fit.is_settled,
+        "is_settled": found.known.fit.is_converged,
         "discrepancies": json.loads(made.attrs["discrepancies"]),
         "sampler": made.attrs["sampler"],
         "remarks": list(found.remarks),

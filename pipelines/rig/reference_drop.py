@@ -362,7 +362,7 @@ def _handed_out(
     if not len(asked):
         return None
     if len(shots) != len(asked):
-        message = f"{len(asked)} states were asked for, {len(shots)} lie in the simulated time"
+        message = f"{len(asked)} states were requested, {len(shots)} lie in the simulated time"
         raise InputError(message)
     u, approach, edge = (np.array(part) for part in zip(*shots, strict=True))
     half = 0.5 * float(position[1] - position[0])

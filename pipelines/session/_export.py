@@ -179,7 +179,7 @@ def _frame_times(frames: Any) -> "xr.Dataset":
     variables: dict[str, Any] = {
         "time": ("frame", frames.time, {"units": "s", "long_name": "time from the trigger"}),
         "valid": ("frame", frames.valid.astype(np.int8),
-                  {"units": "1", "long_name": "1 where the frame is whole"}),
+                  {"units": "1", "long_name": "1 where the frame is complete"}),
     }  # fmt: skip
     if frames.exposure is not None:
         attrs = {"units": "s", "long_name": "exposure time"}

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labpipe.errors import InputError, UsageError
-from labpipe.uncertainty import Budget, Indices, MonteCarlo, agrees, linear, monte_carlo, sobol
+from labpipe.uncertainty import (
+    Budget,
+    Indices,
+    MonteCarlo,
+    intervals_agree,
+    linear_budget,
+    monte_carlo,
+    sobol,
+)
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.budget_blocks import coverage_factor
 from pipelines.experiments.shared.budget_quantity import Quantity
@@ -94,9 +102,9 @@ def examine(folder: str | Path, wanted: str | None = None) -> list[Examined]:
 
 def examined(experiment: str, quantity: Quantity) -> Examined:
     """Propagate one quantity in all three ways."""
-    budget = linear(quantity.model, quantity.inputs)
+    budget = linear_budget(quantity.model, quantity.inputs)
     drawn = monte_carlo(quantity.model, quantity.inputs)
     return Examined(
-        experiment, quantity, budget, drawn, agrees(budget, drawn),
+        experiment, quantity, budget, drawn, intervals_agree(budget, drawn),
         sobol(quantity.model, quantity.inputs),
     )  # fmt: skip

@@ -13,7 +13,7 @@ from labpipe.report import (
     Table,
     shown_source,
 )
-from labpipe.uncertainty import to_halve
+from labpipe.uncertainty import inputs_to_halve
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared import budget_blocks as budget_drawing
 from pipelines.experiments.shared.budget_blocks import half_width, overview
@@ -65,7 +65,7 @@ def advice(found: Examined) -> str:
     """Say what to measure better to halve the uncertainty."""
     if found.budget.u == 0.0:
         return "no input is uncertain"
-    names, factor = to_halve(total_shares(found))
+    names, factor = inputs_to_halve(total_shares(found))
     return _known_better(names, factor)
 
 
@@ -95,7 +95,7 @@ def answer(found: Sequence[Examined]) -> str:
     """Say in one sentence what to measure better, and then whether both ways say so."""
     parts = []
     for name, group in families(found).items():
-        names, factor = to_halve(mean_shares(group))
+        names, factor = inputs_to_halve(mean_shares(group))
         parts.append(f"of the {name}, {_known_better(names, factor)}")
     first = f"To halve the uncertainty {'; '.join(parts)}." if parts else "Nothing is uncertain."
     return f"{first} {agreement(found)}"
@@ -132,7 +132,7 @@ def answers(found: Sequence[Examined]) -> tuple[Block, ...]:
             name, len(group), _spread(group),
             ", ".join(f"{shown_source(n)} {100.0 * shares[n]:.0f} %" for n in order[:3]
                       if shares[n] >= 0.01),
-            _known_better(*to_halve(shares)),
+            _known_better(*inputs_to_halve(shares)),
         ))  # fmt: skip
     table = Table(
         (

@@ -19,7 +19,7 @@ from pipelines.sweeps.parameters import (
 def adhesion(point: Mapping[str, Value]) -> Outputs:
     """Pull-off of a sphere after Maugis, with the relaxed modulus."""
     from labpipe import contact
-    from labpipe.contact.beyond import cohesive_stress, lost_energy, transition
+    from labpipe.contact.beyond import cohesive_stress, lost_energy, maugis_parameter
 
     number, material = numbers(point), solid(point)
     modulus = material.factor("contact") * material.E_relaxed
@@ -30,7 +30,7 @@ def adhesion(point: Mapping[str, Value]) -> Outputs:
         "pull_off_jkr": contact.pull_off(*sphere),
         "radius_at_no_load": float(contact.jkr_at_force(0.0, *sphere).contact_radius),
         "tabor": contact.tabor(*sphere, number["distance"]),
-        "transition": transition(*sphere, stress),
+        "transition": maugis_parameter(*sphere, stress),
         "lost_energy": lost_energy(*sphere),
     }
 

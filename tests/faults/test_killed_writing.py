@@ -74,7 +74,7 @@ def make_journal(folder: Path) -> None:
     started = datetime(2026, 5, 14, 12, tzinfo=UTC)
     samples = [Sample(n, n * 1e-3 + 1e-4, 1e-4, Reading((n,), (Status.VALID,))) for n in range(300)]
     text = journals.first_line(journals.Head(SETUP, started, 0.25)) + journals.lines(
-        samples, Tally(1, 1, "no whole answer within 1 s", 0)
+        samples, Tally(1, 1, "no complete answer within 1 s", 0)
     )
     (folder / "a.csv.recording").write_text(text)
 

@@ -92,14 +92,14 @@ STEPS: dict[str, tuple[Callable[[], Columns], Callable[..., object]]] = {
     "repeats": (fall, lambda t, y: signals.combine_repeats([record(t, y)] * 2, [0.0, 0.01])),
     "compare": (fall, lambda t, y: signals.compare(record(t, y), record(t, y[::-1]))),
     "agreement": (wave, signals.agreement),
-    "determination": (wave, signals.determination),
+    "determination": (wave, signals.coefficient_of_determination),
     "nrmse": (wave, signals.nrmse),
     "sinusoid": (wave, signals.fit_sinusoid),
     "common fit": (indented, signals.common_fit),
     "window": (wave, signals.active_window),
-    "loops": (indented, lambda t, x, f: signals.loops(t, x, f, 1.0)),
+    "loops": (indented, lambda t, x, f: signals.hysteresis_loops(t, x, f, 1.0)),
     "vibration": (ring, signals.damped_oscillation),
-    "ringing": (ring, lambda t, y: signals.ringing(t, y, longest_blow=4e-3, shortest_pause=0.05)),
+    "ringing": (ring, lambda t, y: signals.ringing(t, y, longest_impact=4e-3, shortest_pause=0.05)),
     "first touch": (approach, first_touch),
 }
 

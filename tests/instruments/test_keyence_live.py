@@ -65,18 +65,18 @@ def test_an_answer_that_comes_byte_by_byte_is_put_together(protocol: str) -> Non
         (LK_G5000, "short", "closed the connection after 58 bytes"),
         (LK_G5000, "garbage", "found an answer of 120 bytes, expected 116"),
         (LK_G5000, "long", "bytes, expected 116|bytes without an end"),
-        (LK_G5000, "random", "in which no readings are\n  Something else may answer"),
-        (LK_G5000, "http", r"found the answer b'HTTP/1.1 400'…, in which no readings are"),
-        (LK_G5000, "silent", "no whole answer within 0.2 s"),
-        (LK_G5000, "slow", "no whole answer within 0.2 s"),
-        (DL_EN1, "http", "found the answer|bytes without an end|no whole answer"),
-        (DL_EN1, "slow", "no whole answer within 0.2 s"),
+        (LK_G5000, "random", "which holds no readings\n  Something else may answer"),
+        (LK_G5000, "http", r"found the answer b'HTTP/1.1 400'…, which holds no readings"),
+        (LK_G5000, "silent", "no complete answer within 0.2 s"),
+        (LK_G5000, "slow", "no complete answer within 0.2 s"),
+        (DL_EN1, "http", "found the answer|bytes without an end|no complete answer"),
+        (DL_EN1, "slow", "no complete answer within 0.2 s"),
         (DL_EN1, "close", "closed the connection"),
         (DL_EN1, "short", "closed the connection"),
         (DL_EN1, "garbage", 'found the answer "\\?!", expected for example "M0,\\+000012345"'),
         (DL_EN1, "long", "bytes without an end"),
         (DL_EN1, "error", 'the error "ER,M0,022"'),
-        (DL_EN1, "silent", "no whole answer within 0.2 s"),
+        (DL_EN1, "silent", "no complete answer within 0.2 s"),
     ],
 )
 def test_every_fault_is_an_error_that_names_the_controller(
@@ -86,7 +86,7 @@ def test_every_fault_is_an_error_that_names_the_controller(
         with pytest.raises(SourceError, match=words) as caught:
             ask(made, timeout=0.2)
         assert caught.value.path == f"127.0.0.1:{made.port}"
-        is_late = "no whole answer" in str(caught.value)
+        is_late = "no complete answer" in str(caught.value)
         assert type(caught.value) is (SourceError if is_late else ProtocolError)
 
 
@@ -99,7 +99,7 @@ def test_a_number_that_no_display_shows_is_no_reading() -> None:
 def test_random_answers_of_the_right_length_are_never_readings() -> None:
     with emulator(LK_G5000, lambda n: [1], dict.fromkeys(range(200), "random")) as made:
         for _ in range(200):
-            with pytest.raises(ProtocolError, match="no readings are"):
+            with pytest.raises(ProtocolError, match="holds no readings"):
                 ask(made)
 
 
@@ -107,7 +107,7 @@ def test_patience_ends_although_bytes_trickle_in() -> None:
     """One byte after the other comes, but no reading; the recording is given up all the same."""
     with emulator(LK_G5000, lambda n: [1], dict.fromkeys(range(99), "slow"), delay=0.1) as made:
         rec = recorder(made, interval=0.02, patience=0.4, timeout=0.2)
-        with pytest.raises(SourceError, match=r"silent for 0.4 s\n  Last error: .*no whole answer"):
+        with pytest.raises(SourceError, match=r"silent for 0.4 s\n  Last error: .*complete answer"):
             rec.record(60.0)
     assert rec.kept == []
     assert rec.tally.errors >= 1
@@ -208,7 +208,7 @@ def test_a_controller_that_stays_silent_ends_the_recording_and_keeps_what_came(
         rec = recorder(made, timeout=0.1)
         with pytest.raises(SourceError, match=r"silent for 0\.5 s") as caught:
             record(tmp_path / "a.csv", rec.setup, rec.connect, 60.0, patience=0.5)
-    assert "no whole answer" in str(caught.value)
+    assert "no complete answer" in str(caught.value)
     assert instruments.read(tmp_path / "a.csv").sizes["time"] >= 10
 
 

@@ -11,7 +11,14 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from labpipe.errors import InputError, LabpipeError
-from labpipe.identification import Evidence, Parameter, Posterior, frequencies, moduli, split
+from labpipe.identification import (
+    Evidence,
+    Parameter,
+    Posterior,
+    informative_range,
+    moduli,
+    split_by_group,
+)
 from labpipe.materials import Prony
 from labpipe.workflow.results import Results
 from pipelines.experiments import KINDS
@@ -133,17 +140,17 @@ def _compared(truth: Truth, folder: Path, found: Identified, wish: Wish) -> dict
         "evidence": _at_the_truth(results, names, truth.solid, exact, wish.impacts),
         "relaxed": _relaxed(found, truth.solid.E_relaxed),
         "misfits": {f"{e}: {g}": m.relative for (e, g), m in known.fit.misfits.items()},
-        "is_settled": known.fit.is_settled,
+        "is_settled": known.fit.is_converged,
     }
 
 
 def _moduli(known: Posterior, solid: Prony) -> dict[str, Score | None]:
     """Compare moduli at set places of the data's own frequencies."""
-    low, high = frequencies(known)
+    low, high = informative_range(known)
     curve = moduli(known, low * (high / low) ** np.array(PLACES))
     exact = solid.complex_modulus(2.0 * np.pi * curve.frequency)
     # without what is stated for structure that no data resolve: the bound of van Trees
-    bound = np.sqrt(np.diag(known.carried(curve.derivatives)))
+    bound = np.sqrt(np.diag(known.covariance_of(curve.derivatives)))
     made: dict[str, Score | None] = {}
     for part, (text, value, u, prior, true) in enumerate((
         ("storage modulus", curve.storage, curve.u_ln_storage, curve.prior_ln_storage, exact.real),
@@ -298,6 +305,6 @@ def _at_the_truth(
         numbers = evidence.model.refined(solid, exact)
         if numbers is None:
             numbers = evidence.model.predict(solid, exact)
-        for group, part in zip(evidence.groups, split(evidence, numbers), strict=True):
+        for group, part in zip(evidence.groups, split_by_group(evidence, numbers), strict=True):
             made[f"{name}: {group.name}"] = ((group.values - part) / group.u).tolist()
     return made

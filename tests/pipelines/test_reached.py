@@ -5,7 +5,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
+from types import CodeType, FrameType
 from typing import Any
 
 import pytest
@@ -22,18 +22,15 @@ _IMPORTING = {"lazily"}
 
 def ran_in_stages(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, set[tuple[str, str]]]:
     """Process a session and return module and name of every function of ours, by stage."""
-    ran: dict[str, set[tuple[str, str]]] = defaultdict(set)
+    codes: dict[str, set[CodeType]] = defaultdict(set)
     imported = worker._import
 
     def watched(task: Task) -> Callable[..., Any]:
         function = imported(task)
 
         def look(frame: FrameType, event: str, argument: object) -> None:
-            place = Path(frame.f_code.co_filename)
-            if event == "call" and place.suffix == ".py" and place.is_relative_to(ROOT):
-                module = ".".join(place.relative_to(ROOT).with_suffix("").parts)
-                name = frame.f_code.co_qualname
-                ran[task.stage.function].add((module.removesuffix(".__init__"), name))
+            if event == "call":
+                codes[task.stage.function].add(frame.f_code)
 
         def call(*arguments: Any, **keywords: Any) -> Any:
             sys.setprofile(look)
@@ -46,7 +43,17 @@ def ran_in_stages(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, se
 
     monkeypatch.setattr(worker, "_import", watched)
     assert process.process(folder, jobs=0).exit_code == 0
-    return ran
+    return {
+        function: {(_module(found), found.co_qualname) for found in ours if _module(found)}
+        for function, ours in codes.items()
+    }
+
+
+def _module(found: CodeType) -> str:
+    place = Path(found.co_filename)
+    if place.suffix != ".py" or not place.is_relative_to(ROOT):
+        return ""
+    return ".".join(place.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
 @pytest.mark.slow

@@ -104,7 +104,7 @@ def test_a_wrong_axis_is_refused(name: str, text: str, message: str) -> None:
 def test_uncertain_parameters_need_draws_and_draws_need_them() -> None:
     with pytest.raises(UsageError, match="radius has an uncertainty: give the number of draws"):
         design("drop", [], {"radius": "9.5 ± 0.1 mm"})
-    with pytest.raises(UsageError, match="draws of what"):
+    with pytest.raises(UsageError, match="nothing to draw: give a fixed parameter an uncertainty"):
         design("drop", [], {"radius": "9.5 mm"}, draws=3)
     with pytest.raises(UsageError, match="height is given twice"):
         design("drop", [axis("drop", "height", "1 mm")], {"height": "2 mm"})

@@ -173,7 +173,7 @@ def cohesive_stress(work: float, equilibrium_distance: float = EQUILIBRIUM_DISTA
     return _STRONGEST * work / equilibrium_distance
 
 
-def transition(radius: float, reduced_modulus: float, work: float, stress: float) -> float:
+def maugis_parameter(radius: float, reduced_modulus: float, work: float, stress: float) -> float:
     """Maugis's parameter λ = σ₀ (9R/(2πwE*²))^{1/3}, which is 1.16 μ.
 
     Parameters
@@ -221,7 +221,7 @@ def maugis(
     True
     """
     a = _checked(contact_radius, radius, reduced_modulus, work)
-    rate = transition(radius, reduced_modulus, work, stress)
+    rate = maugis_parameter(radius, reduced_modulus, work, stress)
     if not np.all(a > 0.0):
         message = f"contact_radius is {a} m; Maugis's theory needs more than 0"
         raise InputError(message)
@@ -265,7 +265,7 @@ def pull_off(
     if theory != "maugis":
         message = f'theory "{theory}" is unknown; use "jkr", "dmt" or "maugis"'
         raise InputError(message)
-    rate = transition(
+    rate = maugis_parameter(
         radius, reduced_modulus, work, cohesive_stress(work) if stress is None else stress
     )
 

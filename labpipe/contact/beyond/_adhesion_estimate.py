@@ -19,7 +19,7 @@ WORK_OF_ADHESION = 0.05
 """J/m2; of a clean smooth polymer on glass or sapphire, the most to expect. Roughness and dust
 take away most of it."""
 
-MATTERS = 1e-3
+NOTICEABLE = 1e-3
 """Share of the impact's force or energy from which adhesion is said to matter: about what a
 measured restitution is good to."""
 
@@ -129,5 +129,5 @@ def adhesion_in_impact(
         force_share=shares[0],
         energy_share=shares[1],
         sticking_speed=float(np.sqrt(2.0 * lost / mass)),
-        verdict="negligible" if max(shares) < MATTERS else "may matter",
+        verdict="negligible" if max(shares) < NOTICEABLE else "may matter",
     )

@@ -32,7 +32,7 @@ from labpipe.materials import Material, Thermal
 
 Array = NDArray[np.float64]
 
-MATTERS = 0.01
+NOTICEABLE = 0.01
 """Relative change of |E*| from which heating is said to matter: 0.4 % of an impact's force."""
 
 
@@ -179,9 +179,9 @@ def self_heating(
     change = float(changes[np.argmax(np.abs(changes))])
     largest = _modulus_change(material, temperature, float(adiabatic[-1]), omega)
     verdict = "may matter"
-    if abs(largest) < MATTERS:
+    if abs(largest) < NOTICEABLE:
         verdict = "negligible"
-    elif abs(change) >= MATTERS:
+    elif abs(change) >= NOTICEABLE:
         verdict = "matters"
     columns = {
         "bulk_rise": (bulk, "temperature rise of the contact's hemisphere by one impact"),

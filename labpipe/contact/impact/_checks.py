@@ -1,4 +1,4 @@
-"""What a drop may be asked for: every value is checked before anything is computed."""
+"""Checks of the arguments of a drop, before anything is computed."""
 
 from math import isfinite
 from typing import Literal, get_args

@@ -35,7 +35,7 @@ _SERIES = {
     "potential_energy": ("J", "potential energy of the sphere, 0 at first touch"),
     "stored_energy": ("J", "energy held elastically by the material"),
     "dissipated_energy": ("J", "energy dissipated so far"),
-    "numerical_energy": ("J", "energy mislaid by the discretisation so far"),
+    "numerical_energy": ("J", "numerical energy error so far"),
     "plate_displacement": ("m", "displacement of the plate, downwards"),
     "plate_energy": ("J", "kinetic and elastic energy of the plate"),
 }
@@ -50,7 +50,7 @@ _ROWS = {
     "peak_contact_radius": ("m", "largest contact radius"),
     "peak_approach": ("m", "largest approach"),
     "energy_dissipated": ("J", "energy dissipated during the contact"),
-    "energy_stored": ("J", "energy still held by the dent at lift-off"),
+    "energy_stored": ("J", "elastic energy remaining in the dent at lift-off"),
 }
 _SCALARS = {
     "sphere_radius": ("m", "radius of the sphere"),
@@ -178,8 +178,8 @@ def _maps(run: DropRun, setting: Setting) -> dict[str, xr.DataArray]:
     }
 
 
-def mislaid_energy(run: DropRun, setting: Setting) -> float:
-    """Largest energy that the discretisation mislaid, relative to that of the drop."""
+def energy_error(run: DropRun, setting: Setting) -> float:
+    """Largest numerical energy error of the discretisation, relative to the energy of the drop."""
     values = columns(run.segments, run.body, None)
     return float(np.abs(_ledger(values, setting)["numerical_energy"]).max()) / _energy_scale(
         values, setting
@@ -283,7 +283,7 @@ def _ledger(values: Columns, setting: Setting) -> dict[str, Array]:
 def _identity_error(
     run: DropRun, values: Columns, ledger: dict[str, Array], setting: Setting
 ) -> float:
-    """How far what the discretisation mislaid is from the trapezoid of the force less the work.
+    """Deviation of the numerical energy error from the trapezoid of the force less the work.
 
     The largest deviation relative to the energy of the drop, up to rest, where the motion has no
     inertia any more; average acceleration leaves rounding.

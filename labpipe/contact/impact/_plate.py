@@ -1,4 +1,4 @@
-"""The substrate as a damped oscillator: what the sphere lands on may move.
+"""The substrate as a damped oscillator: the plate under the sphere may vibrate.
 
 The plate under the sapphire rings after an impact (thesis, appendix B). Its lowest mode is one mass
 on a spring and a dashpot; its displacement ``u`` is positive downwards and 0 at rest::

@@ -90,7 +90,7 @@ def simulate(
     geometry = _geometry(request, value if control == "displacement" else None)
     values = value if control == "displacement" else value / request.depth
     settings = (creep, control, rtol, "energy" in outputs)
-    reason = "as asked for" if solver != "auto" else _why_general(geometry)
+    reason = "as requested" if solver != "auto" else _why_general(geometry)
     if solver == "springs" or not reason:
         run = _spring_run(geometry, values, settings)
         try:
@@ -341,6 +341,6 @@ def _dataset(
 
 def _energy_error(rows: dict[str, Array]) -> float:
     """Largest numerical energy error of the time steps, relative to the largest energy."""
-    mislaid = rows["work_done"] - rows["stored_energy"] - rows["dissipated_energy"]
+    error = rows["work_done"] - rows["stored_energy"] - rows["dissipated_energy"]
     largest = max(float(np.abs(rows[name]).max()) for name in ("work_done", "stored_energy"))
-    return float(np.abs(mislaid).max()) / max(largest, np.finfo(float).tiny)
+    return float(np.abs(error).max()) / max(largest, np.finfo(float).tiny)

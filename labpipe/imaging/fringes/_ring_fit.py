@@ -19,7 +19,7 @@ from labpipe.imaging.fringes._interference import (
     ring_limits,
     table_distances,
 )
-from labpipe.uncertainty import beyond
+from labpipe.uncertainty import excess_uncertainty
 
 Floats = NDArray[np.float64]
 Image32 = NDArray[np.float32]
@@ -182,7 +182,7 @@ class RingFit:
     def misfit(self) -> float:
         """Residual beyond the noise as a share of the modulation [1]."""
         modulation = abs(float(self.parameters[Parameter.MODULATION]))
-        excess = beyond(self.residual, self.noise)
+        excess = excess_uncertainty(self.residual, self.noise)
         return excess / max(modulation, 1e-12)
 
 

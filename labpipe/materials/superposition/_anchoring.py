@@ -15,7 +15,7 @@ from labpipe.materials.spectrum import TERMS_PER_DECADE
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._reweighting import Superposition
 from labpipe.materials.superposition._shift_law import fit_law
-from labpipe.uncertainty import carried
+from labpipe.uncertainty import propagated_covariance
 
 Array = NDArray[np.float64]
 
@@ -66,7 +66,9 @@ def anchor_at(points: Points, found: Superposition) -> Anchor:
         offset = trend[-1] + float(share @ deviation)
         interpolation = _interpolation_error(model.temperature, deviation, model.T_ref)
         moves = moves - share @ moves
-    covariance = carried(moves, found.covariance) if model.size else np.zeros((count, count))
+    covariance = (
+        propagated_covariance(moves, found.covariance) if model.size else np.zeros((count, count))
+    )
     if found.probe is not None:
         groups = found.probe.groups - (found.probe.groups @ share)[:, None]
         covariance = covariance + (groups.T * found.probe.variance) @ groups

@@ -52,7 +52,7 @@ from labpipe.materials.superposition._shift_law import fit_law
 from labpipe.materials.superposition._shift_parameters import OuterModel, expected_shifts
 from labpipe.materials.superposition._step_search import Probe, probe_steps
 from labpipe.materials.superposition._vertical_law import Vertical
-from labpipe.uncertainty import carried
+from labpipe.uncertainty import propagated_covariance
 
 Array = NDArray[np.float64]
 
@@ -273,7 +273,7 @@ def _walked(
 ) -> Probe:
     """Walk the loose steps, every residual counting for one over the length of its run."""
     moves = current.model.directions(current.fit.state)[0]
-    known = carried(moves, current.covariance)
+    known = propagated_covariance(moves, current.covariance)
     weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
     weight = weight / np.sqrt(length)
     return probe_steps(points, weight, current.fit, current.model, known, may_move)

@@ -22,7 +22,7 @@ from labpipe.materials.superposition._tables import (
     predictions,
     terms_of,
 )
-from labpipe.uncertainty import spread
+from labpipe.uncertainty import propagated_u
 
 Array = NDArray[np.float64]
 
@@ -221,7 +221,7 @@ def _u_ln_bT(found: Superposition) -> Array:
         return np.zeros(found.model.temperature.size)
     rows = found.model.directions(found.fit.state)[1]
     rows[:, found.model.level_slice] = 0.0
-    return spread(rows, found.covariance)
+    return propagated_u(rows, found.covariance)
 
 
 def _laws(model: OuterModel, log10_aT: Array, covariance: Array) -> dict[str, ShiftLaw]:

@@ -19,7 +19,7 @@ from labpipe.materials.superposition._noise import Noise, Scatter, next_noise
 from labpipe.materials.superposition._shift_parameters import OuterModel, expected_shifts
 from labpipe.materials.superposition._step_search import Probe
 from labpipe.materials.superposition._vertical_law import Vertical
-from labpipe.uncertainty import variance
+from labpipe.uncertainty import propagated_variance
 
 Array = NDArray[np.float64]
 
@@ -161,14 +161,14 @@ def _covariance_and_noise(
     freedom (its leverage); so a noise ratio comes out right even when one modulus dominates.
     """
     inverse = np.asarray(np.linalg.pinv(fit.normal, hermitian=True))
-    leverage = variance(fit.rows, inverse)
+    leverage = propagated_variance(fit.rows, inverse)
     covariance = np.empty((0, 0))
     if model.size:
         change = sensitivity(points, fit, model)
         normal, _ = outer_problem(points, fit, model)
         covariance = np.asarray(np.linalg.pinv(normal, hermitian=True))
         followed = change - fit.rows @ (inverse @ (fit.rows.T @ change))
-        leverage += variance(followed, covariance)
+        leverage += propagated_variance(followed, covariance)
     half = points.omega.size
     factors = []
     for part in (slice(0, half), slice(half, None)):

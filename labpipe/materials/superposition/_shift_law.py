@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from labpipe.errors import InputError
-from labpipe.uncertainty import spread
+from labpipe.uncertainty import propagated_u
 
 Array = NDArray[np.float64]
 LawName = Literal["wlf", "arrhenius"]
@@ -80,7 +80,7 @@ class ShiftLaw:
     def u_log10_aT(self, temperature: ArrayLike) -> Array:
         """Return the standard uncertainty of log10 a_T from the parameters' covariance."""
         slope = law_slopes(self.name, self.parameters, np.asarray(temperature, float), self.T_ref)
-        return spread(slope, self.covariance)
+        return propagated_u(slope, self.covariance)
 
     @property
     def C1(self) -> float:
@@ -103,7 +103,7 @@ class ShiftLaw:
         """Standard uncertainty of C₁."""
         m, q = self.parameters if self.name == "wlf" else (np.nan, np.nan)
         slope = np.array([1.0 / q, -m / q**2])
-        return float(spread(slope, self.covariance)) if self.name == "wlf" else np.nan
+        return float(propagated_u(slope, self.covariance)) if self.name == "wlf" else np.nan
 
     @property
     def u_C2(self) -> float:

@@ -10,7 +10,7 @@ from labpipe.materials.superposition._anchoring import Anchor
 from labpipe.materials.superposition._joint_fit import Fit, Points, evaluate, sensitivity
 from labpipe.materials.superposition._reweighting import Superposition
 from labpipe.materials.superposition._sweep_data import SweepData
-from labpipe.uncertainty import variance
+from labpipe.uncertainty import propagated_variance
 
 Array = NDArray[np.float64]
 
@@ -182,7 +182,7 @@ def _from_spectrum(fit: Fit, design: Array, value: Array) -> Array:
     used = design[:, fit.solution.coefficient > 0]
     covariance = np.linalg.pinv(fit.normal, hermitian=True)
     moved = design @ fit.solution.coefficient - value
-    return variance(used, covariance) + moved**2
+    return propagated_variance(used, covariance) + moved**2
 
 
 def _from_outer(
@@ -204,4 +204,4 @@ def _from_outer(
     slope = np.gradient(value, np.log10(frequency)) if frequency.size > 1 else np.zeros(1)
     reference = anchor.share @ model.directions(fit.state)[0]
     by_parameter += slope[:, None] * reference
-    return variance(by_parameter, found.covariance)
+    return propagated_variance(by_parameter, found.covariance)

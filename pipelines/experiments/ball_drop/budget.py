@@ -15,7 +15,7 @@ from pipelines.experiments.shared.budget_quantity import (
     Array,
     Quantity,
     clock,
-    of_model,
+    model_quantity,
     repeats,
     summed,
 )
@@ -54,7 +54,7 @@ def quantities(
     for i in range(min(IMPACTS, *(b.sizes["impact"] for b in made))):
         yield from _restitution(made, i)
     if model is not None and model.sizes["impact"] and "budget" in model.attrs:
-        yield of_model(
+        yield model_quantity(
             "restitution of the model, impact 1", float(model["restitution"][0]), "1",
             json.loads(model.attrs["budget"]),
             ("mass", "radius", "height", "Poisson's ratio", "temperature"),

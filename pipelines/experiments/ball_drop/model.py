@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labpipe import contact
 from labpipe.materials import Prony
-from labpipe.uncertainty import Source, table
+from labpipe.uncertainty import Source, budget_rows
 from labpipe.units import Quantity
 from pipelines.experiments.ball_drop.measured import padded
 from pipelines.experiments.ball_drop.settings import BallDrop
@@ -139,5 +139,5 @@ def _with_uncertainty(
         for key, (given, by) in slopes.items()
         if made.sizes["impact"] and given.u > 0.0
     ]
-    made.attrs["budget"] = json.dumps(table(sources))
+    made.attrs["budget"] = json.dumps(budget_rows(sources))
     return made

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input, beyond
+from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.budget_quantity import (
     IMPACTS,
     MEASURED,
     Quantity,
-    of_model,
+    model_quantity,
 )
 
 _NO_LASER = ("inclination, filter lag", "there is no laser and no filter")
@@ -40,7 +40,7 @@ def quantities(
         sampling = float(impacts["peak_sampling"][i])
         inputs = {
             MEASURED: Input(radius / size, 0.0, "px"), "pixel_size": Input(size, u_size, "m/px"),
-            "noise": Input(0.0, beyond(u, total * radius, sampling), "m"),
+            "noise": Input(0.0, excess_uncertainty(u, total * radius, sampling), "m"),
             "sampling": Input(0.0, sampling, "m"),
         } | {n: Input(0.0, share * radius, "m") for n, share in shares.items()
              if n != "pixel_size"}  # fmt: skip
@@ -52,7 +52,7 @@ def quantities(
             inputs, _UNDER, "largest contact radius",
         )  # fmt: skip
     if model is not None and model.sizes["impact"] and "budget" in model.attrs:
-        yield of_model(
+        yield model_quantity(
             "largest contact radius of the model, impact 1",
             float(model["peak_contact_radius"][0]), "m", json.loads(model.attrs["budget"]),
             ("mass", "radius", "height", "Poisson's ratio", "temperature"),

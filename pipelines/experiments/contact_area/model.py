@@ -9,7 +9,7 @@ import xarray as xr
 from labpipe import contact
 from labpipe.contact.sphere import hertz
 from labpipe.materials import Prony
-from labpipe.uncertainty import Source, combined, table
+from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from pipelines.experiments.contact_area._peaks import WINDOW
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.material_choice import resolve, variations
@@ -50,12 +50,12 @@ def model(
         s._replace(sensitivity=s.sensitivity * float(largest[0]))
         for s in _relative_sources(settings, material_file, fitted, solid, made)
     ] if largest.size else []  # fmt: skip
-    relative = combined(sources) / float(largest[0]) if sources else 0.0
+    relative = combined_uncertainty(sources) / float(largest[0]) if sources else 0.0
     made["u_peak_contact_radius"] = (
         "impact", relative * largest,
         {"units": "m", "long_name": "standard uncertainty from height, body and material: peak"},
     )  # fmt: skip
-    made.attrs["budget"] = json.dumps(table(sources))
+    made.attrs["budget"] = json.dumps(budget_rows(sources))
     weight = sphere.mass.value * gravity
     for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
         reduced = float(modulus) / (1 - float(solid.nu) ** 2)

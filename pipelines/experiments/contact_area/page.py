@@ -25,7 +25,7 @@ from labpipe.report import (
     share_bars,
     value_with_uncertainty,
 )
-from labpipe.uncertainty import Source, table
+from labpipe.uncertainty import Source, budget_rows
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.settings import ContactArea
@@ -198,7 +198,7 @@ def _shares(one: xr.Dataset, where: str) -> Bars:
     """Draw what each source has in the variance of the radius in one frame."""
     parts = {text: float(one["systematic_part"].sel(source=n)) for n, text in _SOURCES.items()}
     parts["noise and misfit of the frame"] = float(one["u_radius"])
-    rows = table([Source(text, 0.0, u, "m", 1.0) for text, u in parts.items()])
+    rows = budget_rows([Source(text, 0.0, u, "m", 1.0) for text, u in parts.items()])
     return share_bars(rows, f"Share of the variance, {where}")
 
 

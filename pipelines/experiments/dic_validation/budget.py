@@ -7,7 +7,7 @@ from math import isfinite
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input, beyond
+from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.budget_quantity import (
     MEASURED,
@@ -58,7 +58,7 @@ def quantities(
 
 def _against_laser(comparison: xr.Dataset, film: float) -> Iterator[Quantity]:
     """Yield mean difference and ratio of scales; both calibrations act on either."""
-    laser = beyond(float(comparison["expected_u_gain"]), film)
+    laser = excess_uncertainty(float(comparison["expected_u_gain"]), film)
     mean = float(comparison["film"].mean()), float(comparison["laser"].mean())
     yield Quantity(
         "mean of film minus laser", "m",

@@ -22,11 +22,11 @@ def comparison(
         return xr.Dataset(attrs={"note": "no laser experiment is named"})
     start = float(bounces["first_contact_time"])
     level = float(bounces["contact_level"])
-    film = signals.from_event(
+    film = signals.timed_from_event(
         (motion["displacement"] - level).assign_attrs(motion["displacement"].attrs), start
     )
     reference = laser["displacement_mean"].dropna("time")
-    seen = signals.at_times(reference, film["time"].values)
+    seen = signals.interpolated_at(reference, film["time"].values)
     both = np.isfinite(film.values) & np.isfinite(seen.values)
     film, seen = film[both], seen[both].assign_coords(time=film["time"][both])
     made = signals.compare(film, seen)

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.uncertainty import spread
+from labpipe.uncertainty import propagated_u
 
 Array = NDArray[np.float64]
 
@@ -168,9 +168,9 @@ def _summit(x: Array, y: Array, degree: int) -> tuple[float, float] | None:
     gradient = np.array([k * top ** (k - 1) if k else 0.0 for k in range(degree, -1, -1)])
     curvature = float(np.polyval(bend, top))
     rows = np.array([k * (k - 1) * top ** max(k - 2, 0) for k in range(degree, -1, -1)])
-    if abs(curvature) < _SIGNIFICANT * spread(rows, covariance):
+    if abs(curvature) < _SIGNIFICANT * propagated_u(rows, covariance):
         return None
-    return top, float(spread(gradient, covariance)) / abs(curvature)
+    return top, float(propagated_u(gradient, covariance)) / abs(curvature)
 
 
 def _crest(T: Array, smooth: Array, top: int, edge: int) -> NDArray[np.bool_]:

@@ -6,7 +6,7 @@ from math import cos, pi, sin
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input, beyond
+from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.budget_quantity import NOTHING_FALLS, TESTS, Quantity
@@ -50,12 +50,12 @@ def _of_cycle(
     lag = mach1_readings.force_lag(loads, float(at["frequency"])) if is_corrected else None
     of_filter = (0.0, 0.0) if lag is None else (lag.u_gain / lag.gain, lag.u_phase)
     cell = relative_gain(loads)
-    noise = beyond(float(at["u_force_amplitude"]), cell * force, of_filter[0] * force)
+    noise = excess_uncertainty(float(at["u_force_amplitude"]), cell * force, of_filter[0] * force)
     return {
         "force_amplitude": Input(force, noise, "N"),
         "amplitude": Input(amplitude, float(at["u_amplitude"]), "m"),
         "phase": Input(float(np.arctan2(loss, storage)),
-                       beyond(float(at["u_phase_lag"]), of_filter[1]), "rad"),
+                       excess_uncertainty(float(at["u_phase_lag"]), of_filter[1]), "rad"),
         "filter_lag": Input(0.0, of_filter[1], "rad"),
         "filter_gain": Input(1.0, of_filter[0]), "gain": Input(1.0, cell),
     }, Input(0.0, float(at["work_sd"]) / np.sqrt(n), "J",

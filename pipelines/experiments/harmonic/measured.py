@@ -165,7 +165,9 @@ def _oscillation(
     fit = common_fit(
         time[used], position[used], force[used], frequency, response=response, resolutions=steps
     )
-    cut = signals.loops(time, position, force, fit.position.frequency, start=begin, end=end)
+    cut = signals.hysteresis_loops(
+        time, position, force, fit.position.frequency, start=begin, end=end
+    )
     areas = cut["work"].values
     u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase if lag else 0.0))
     cell = float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])

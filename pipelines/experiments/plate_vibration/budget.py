@@ -6,7 +6,7 @@ from math import cos, isfinite
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input, beyond
+from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.plate_vibration.settings import FallingBody, PlateVibration
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, clock
 
@@ -45,7 +45,7 @@ def _ringing(
     stated = min(float(1.0 / np.sqrt(np.sum(1.0 / own**2))), total)
     inputs = {MEASURED: Input(mean, 0.0, unit), "noise": Input(0.0, stated, unit)}
     time = clock(moved) if name == "natural_frequency" else Input(1.0, 0.0)
-    scatter = beyond(total, stated, time.u * mean)
+    scatter = excess_uncertainty(total, stated, time.u * mean)
     inputs["repeatability"] = Input(0.0, scatter, unit, max(values.size - 1.0, 1.0))
     if time.u:
         inputs["clock"] = time
@@ -68,7 +68,7 @@ def _modal_mass(
     tilt = Input(angle, float(moved["u_inclination"]), "rad")
     shared = mass * np.array([gain, np.tan(angle) * tilt.u, ball.mass.u / ball.mass.value])
     by_height, count = _by_heights(settings, plate)
-    rest = beyond(float(plate["u_mass"]), *map(float, shared), by_height)
+    rest = excess_uncertainty(float(plate["u_mass"]), *map(float, shared), by_height)
     return Quantity(
         "modal mass", "kg",
         lambda measured, gain, inclination, mass_of_sphere, heights, repeatability: (

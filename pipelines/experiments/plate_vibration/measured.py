@@ -53,7 +53,7 @@ def ringing(displacement: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset
     moved = displacement["displacement"]
     found = signals.ringing(
         moved["time"].values, moved.values, noise=float(displacement.attrs["noise"]),
-        longest_blow=settings.blow.longest.value, shortest_pause=settings.blow.pause.value,
+        longest_impact=settings.blow.longest.value, shortest_pause=settings.blow.pause.value,
     )  # fmt: skip
     fit = found.fit
     relative = float(displacement.attrs["u_systematic_relative"])

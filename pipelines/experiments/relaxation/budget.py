@@ -7,7 +7,7 @@ from math import isfinite
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input, beyond
+from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared.budget_quantity import (
     MEASURED,
@@ -69,7 +69,7 @@ def _modulus(
     whole = _area(at, geometry, {})
     shape = reported / (force / whole)
     gain, tare, lag = relative_gain(loads), float(loads["u_tare"]), float(ramps["u_plateau_lag"][0])
-    noise = beyond(float(ramps["u_plateau_force"][0]), tare, gain * force, lag)
+    noise = excess_uncertainty(float(ramps["u_plateau_force"][0]), tare, gain * force, lag)
     touch = float(ramps["u_contact_position"])
     # A contact area goes about as powers of depth and dimensions: one look instead of thousands.
     best = {"tip_radius": geometry.radius.value, "period": geometry.period.value,
@@ -91,7 +91,7 @@ def _modulus(
         "tare": Input(0.0, tare, "N"), "gain": Input(1.0, gain),
         "unfinished": Input(0.0, float(ramps["unfinished"][0]), "N"),
         "filter_lag": Input(0.0, lag, "N"), "first_touch": Input(0.0, touch, "m"),
-        "stage": Input(0.0, beyond(float(ramps["u_depth"][0]), touch), "m"),
+        "stage": Input(0.0, excess_uncertainty(float(ramps["u_depth"][0]), touch), "m"),
         "tip_radius": Input(geometry.radius.value, geometry.radius.u, "m"),
         "period": Input(geometry.period.value, geometry.period.u, "m"),
         "tip_length": Input(geometry.depth.value, geometry.depth.u, "m"),
@@ -102,7 +102,7 @@ def _peak(name: str, loads: xr.Dataset, curves: xr.Dataset) -> Quantity:
     force = float(curves["peak_force_unfiltered"][0])
     gain, tare = relative_gain(loads), float(loads["u_tare"])
     lag = float(curves["peak_filter_part"][0])
-    noise = beyond(float(curves["u_peak_force_unfiltered"][0]), tare, gain * force, lag)
+    noise = excess_uncertainty(float(curves["u_peak_force_unfiltered"][0]), tare, gain * force, lag)
     return Quantity(
         name, "N",
         lambda measured, noise, tare, gain, filter_lag: (

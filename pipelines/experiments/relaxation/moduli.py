@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from labpipe.errors import InputError
-from labpipe.uncertainty import Row, Source, beyond, combined, table
+from labpipe.uncertainty import Row, Source, budget_rows, combined_uncertainty, excess_uncertainty
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.material_choice import resolve
@@ -143,7 +143,9 @@ def _modulus(
     )  # fmt: skip
     gain = float(np.nan_to_num(float(loads["u_gain"])))
     tare = float(loads["u_tare"])
-    noise = beyond(float(at["u_plateau_force"]), ramps_and_holds.systematic(loads, force))
+    noise = excess_uncertainty(
+        float(at["u_plateau_force"]), ramps_and_holds.systematic(loads, force)
+    )
     of_force = value / force
     sources = [
         Source("noise of the plateau", force, noise, "N", of_force, "random"),
@@ -161,11 +163,11 @@ def _modulus(
     own = [s for s in sources if s.source not in shared]
     row = {
         "reduced_modulus": value,
-        "u_reduced_modulus": combined(sources),
-        "reduced_modulus_own_part": combined(own),
+        "u_reduced_modulus": combined_uncertainty(sources),
+        "reduced_modulus_own_part": combined_uncertainty(own),
         "reduced_modulus_cosine": force / float(elastic_force(np.array([depth]), cosine)[0]),
     }
-    return row, table(sources)
+    return row, budget_rows(sources)
 
 
 def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geometry) -> xr.Dataset:

@@ -17,7 +17,14 @@ from labpipe.report import (
     shown_source,
     value_with_uncertainty,
 )
-from labpipe.uncertainty import Budget, MonteCarlo, agrees, apart, linear, monte_carlo
+from labpipe.uncertainty import (
+    Budget,
+    MonteCarlo,
+    interval_difference,
+    intervals_agree,
+    linear_budget,
+    monte_carlo,
+)
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
 
 _MANY = 1000.0  # degrees of freedom: beyond, Student's law is the normal one
@@ -43,7 +50,7 @@ def section(experiment: str, quantities: Iterable[Quantity]) -> tuple[Section, .
     """
     found: list[Propagated] = []
     for each in quantities:
-        budget = linear(each.model, each.inputs)
+        budget = linear_budget(each.model, each.inputs)
         if isfinite(budget.value) and isfinite(budget.u):
             found.append((each, budget, monte_carlo(each.model, each.inputs, draws=_DRAWS)))
     if not found:
@@ -139,13 +146,13 @@ def half_width(budget: Budget, unit: str) -> str:
 
 def compared(budget: Budget, drawn: MonteCarlo) -> str:
     """Say whether the linear interval stands, or by which share of its half width it does not."""
-    if agrees(budget, drawn):
+    if intervals_agree(budget, drawn):
         return "agree"
-    return f"differ by {100.0 * apart(budget, drawn) / budget.expanded():.0f} %"
+    return f"differ by {100.0 * interval_difference(budget, drawn) / budget.expanded():.0f} %"
 
 
 def _reason(budget: Budget, drawn: MonteCarlo) -> str:
-    if agrees(budget, drawn):
+    if intervals_agree(budget, drawn):
         return ""
     if isfinite(budget.degrees_of_freedom):
         return (

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.uncertainty import Input, Model, beyond
+from labpipe.uncertainty import Input, Model, excess_uncertainty
 
 Array = NDArray[np.float64]
 
@@ -71,7 +71,9 @@ def repeats(values: Array, own: Array) -> tuple[Input, Input]:
     if n < 2:
         return Input(0.0, stated), Input(0.0, 0.0)
     scatter = float(np.std(values, ddof=1) / sqrt(n))
-    return Input(0.0, stated), Input(0.0, beyond(scatter, stated), degrees_of_freedom=n - 1)
+    return Input(0.0, stated), Input(
+        0.0, excess_uncertainty(scatter, stated), degrees_of_freedom=n - 1
+    )
 
 
 def clock(displacement: xr.Dataset) -> Input:
@@ -84,7 +86,7 @@ def summed(**inputs: float) -> float:
     return sum(inputs.values())
 
 
-def of_model(
+def model_quantity(
     name: str, value: float, unit: str, rows: Sequence[Mapping[str, Any]], asked: Sequence[str]
 ) -> Quantity:
     """Return what a model gave, of which only the sensitivities are known.
@@ -94,7 +96,7 @@ def of_model(
     name, unit : str
     value : float
     rows : sequence of mapping
-        As :func:`labpipe.uncertainty.table` makes them.
+        As :func:`labpipe.uncertainty.budget_rows` makes them.
     asked : sequence of str
         Inputs of the model; those without a row are stated as exact.
     """

@@ -7,7 +7,7 @@ from typing import Protocol
 import xarray as xr
 
 from labpipe.identification import Parameter
-from labpipe.uncertainty import combined
+from labpipe.uncertainty import combined_uncertainty
 from pipelines.experiments.shared import ramps_and_holds
 from pipelines.experiments.shared.material_choice import resolve
 from pipelines.experiments.shared.material_evidence import nuisance
@@ -62,7 +62,7 @@ def of_punch(
     nu = float(resolve(settings.substrate, file, fitted).nu)
     geometry = Geometry.of(settings.punch, settings.substrate, settings.model, nu)
     unknowns, factors = [], []
-    relative = combined(relative_sources(depth, 0.0, geometry))
+    relative = combined_uncertainty(relative_sources(depth, 0.0, geometry))
     gain = ramps_and_holds.relative_gain(loads)
     for name, sd, text in (
         ("punch", relative, "effect of the punch's dimensions on the force"),

@@ -16,7 +16,7 @@ from labpipe import contact
 from labpipe.contact.line import westergaard
 from labpipe.errors import InputError
 from labpipe.materials import Prony
-from labpipe.uncertainty import Source, combined
+from labpipe.uncertainty import Source, combined_uncertainty
 from labpipe.units import Quantity
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
@@ -141,7 +141,9 @@ def simulated(
     moved = np.interp(time, time[kept], run(shift)["force"].values)
     u_touch = np.abs(moved - force) * touch.u / shift
     deepest = float(depth.max())
-    relative = combined(relative_sources(deepest, 0.0, geometry)) if deepest > 0 else 0.0
+    relative = (
+        combined_uncertainty(relative_sources(deepest, 0.0, geometry)) if deepest > 0 else 0.0
+    )
     attrs = {key: str(made.attrs[key]) for key in ("solver", "solver_reason", "datum")}
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result

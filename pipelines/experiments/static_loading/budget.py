@@ -8,8 +8,8 @@ from math import cos, sqrt
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input, beyond
-from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, of_model
+from labpipe.uncertainty import Input, excess_uncertainty
+from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, model_quantity
 from pipelines.experiments.static_loading.settings import StaticLoading
 
 _BOTH = (
@@ -32,10 +32,12 @@ def quantities(
     gain = Input(1.0, float(displacement["u_gain"]) / float(displacement["gain"]))
     tilt = Input(angle, float(displacement["u_inclination"]), "rad")
     by_loads = float(steps["touch_part_of_loads"])
-    touch = Input(0.0, beyond(float(steps["u_touch"]), by_loads), "m")
+    touch = Input(0.0, excess_uncertainty(float(steps["u_touch"]), by_loads), "m")
     drift = Input(0.0, settings.steps.drift.value, "m")
     scale = depth * float(np.hypot(gain.u, np.tan(angle) * tilt.u))
-    noise = beyond(float(approach["u_level_approach"][-1]), scale, touch.u, by_loads, drift.u)
+    noise = excess_uncertainty(
+        float(approach["u_level_approach"][-1]), scale, touch.u, by_loads, drift.u
+    )
 
     def moved(measured: float, gain: float, inclination: float, noise: float, drift: float,
               first_touch: float, mass_of_the_loads: float) -> float:  # fmt: skip
@@ -56,7 +58,7 @@ def quantities(
             {"radius": Input(ball.value, ball.u, "m"), **inputs}, asked,
         )  # fmt: skip
     if model is not None and "budget" in model.attrs:
-        found = of_model(
+        found = model_quantity(
             "contact radius of the model under the last load",
             float(model["contact_radius"][-1]), "m", json.loads(model.attrs["budget"]),
             ("radius", "Poisson's ratio", "temperature"),

@@ -125,7 +125,7 @@ def _budget(
     Inclination and gain scale the approach alone: the way from the sensor's zero cancels.
     """
     angle, gain = float(displacement["inclination"]), float(displacement["gain"])
-    return uncertainty.table([
+    return uncertainty.budget_rows([
         Source("noise of a reading", 0.0, float(steps["noise"]), "m", 1.0, "random"),
         Source("first touch", float(steps["touch"]), float(steps["u_touch"]), "m", -1.0,
                "systematic"),

@@ -49,7 +49,7 @@ def model(
     spread = relative_force[np.maximum(held, 0)]
     size = radius.u / radius.value
     softer = _softer(settings, material_file, fitted, solid, float(time[-1]))
-    of_material = uncertainty.combined(softer)
+    of_material = uncertainty.combined_uncertainty(softer)
     table: dict[str, Any] = {}
     for name, power in (("approach", 2 / 3), ("contact_radius", 1 / 3)):
         values = np.interp(time, made["time"].values, made[name].values)
@@ -91,7 +91,7 @@ def model(
             "load": steps["load"],
             "elapsed": steps["elapsed"],
         },
-        attrs={"work": json.dumps(work), "budget": json.dumps(uncertainty.table(sources))},
+        attrs={"work": json.dumps(work), "budget": json.dumps(uncertainty.budget_rows(sources))},
     )
 
 

@@ -15,7 +15,7 @@ from labpipe.contact import (
     pull_off,
     tabor,
 )
-from labpipe.contact.beyond._adhesion import cohesive_stress, lost_energy, regime, transition
+from labpipe.contact.beyond._adhesion import cohesive_stress, lost_energy, maugis_parameter, regime
 from labpipe.contact.beyond._adhesive_mdr import slope_of
 from labpipe.contact.sphere.hertz import static_load
 from labpipe.errors import InputError
@@ -85,7 +85,7 @@ def test_the_work_of_a_state_is_the_work_of_adhesion() -> None:
 def test_maugis_agrees_with_the_springs_that_know_nothing_of_his_formulas(rate: float) -> None:
     """Closed form against quadrature over one-dimensional springs: measured 2e-13 and less."""
     stress = stress_of(rate)
-    assert transition(R, E, W, stress) == pytest.approx(rate, rel=1e-13)
+    assert maugis_parameter(R, E, W, stress) == pytest.approx(rate, rel=1e-13)
     closed = maugis(RADII, R, E, W, stress)
     springs = adhesive_indentation(slope_of("parabola", R), RADII, E, W, stress)
     scale = np.pi * W * R
@@ -121,7 +121,7 @@ def test_pull_off_runs_from_dmt_to_jkr_as_the_published_fit() -> None:
 
 
 def test_tabor_and_maugis_parameters_are_in_the_ratio_of_the_published_potential() -> None:
-    rate = transition(R, E, W, cohesive_stress(W))
+    rate = maugis_parameter(R, E, W, cohesive_stress(W))
     assert rate / tabor(R, E, W) == pytest.approx(1.157, abs=5e-4)
     assert [regime(m) for m in (0.01, 1.0, 30.0)] == ["DMT", "Maugis", "JKR"]
 

@@ -8,11 +8,11 @@ from labpipe.identification import (
     FractionalSpectrum,
     Problem,
     SmoothSpectrum,
-    bands,
     fit,
     moduli,
     modulus_evidence,
     posterior,
+    predictive_bands,
     profile,
     relaxation_times,
 )
@@ -93,11 +93,11 @@ def test_discrepancy_shows_and_widens_the_answer(known) -> None:
 
 def test_noise_as_stated_shows_no_discrepancy(known) -> None:
     assert known.fit.misfits == {}
-    assert known.fit.is_settled
+    assert known.fit.is_converged
 
 
 def test_residuals_of_the_band_are_those_of_the_stated_noise(known) -> None:
-    (band,) = bands(known)
+    (band,) = predictive_bands(known)
     assert np.sqrt(np.mean(band.residual**2)) == pytest.approx(1.0, abs=0.35)
     assert (band.u_predicted < band.group.u * 4).all()
 

@@ -20,7 +20,7 @@ from labpipe.identification import (
     relaxation_times,
 )
 from labpipe.identification._spectra import material, one_per_decade
-from labpipe.identification._structure import BEFORE, ROUGH, SMOOTH, SPACED
+from labpipe.identification._structure import ROUGH, SMOOTH, SPACED, STRUCTURE_PRIORS
 from labpipe.materials import Prony
 from tests.labpipe.identification.holds import RUBBER, exact_force, history
 
@@ -51,7 +51,7 @@ def held(solid: Prony, seed: int, *, hidden: float = 0.0):
 
 
 def chances(known) -> dict[str, float]:
-    return {n: sum(s.weight for s in known.structures if s.name == n) for n in BEFORE}
+    return {n: sum(s.weight for s in known.structures if s.name == n) for n in STRUCTURE_PRIORS}
 
 
 def deviations(known, solid: Prony) -> np.ndarray:
@@ -84,7 +84,7 @@ def test_place_of_the_terms_is_found(spaced) -> None:
 
 def test_smooth_spectrum_is_recognised() -> None:
     known = infer(*held(RUBBER, 4))
-    assert chances(known)[SMOOTH] > BEFORE[SMOOTH]
+    assert chances(known)[SMOOTH] > STRUCTURE_PRIORS[SMOOTH]
     assert np.abs(deviations(known, RUBBER)).max() < 3
 
 
@@ -103,7 +103,7 @@ def test_wave_that_no_relaxation_makes_stays_a_discrepancy() -> None:
 
 
 def test_chances_sum_to_one_and_begin_as_stated(spaced) -> None:
-    assert sum(BEFORE.values()) == pytest.approx(1.0)
+    assert sum(STRUCTURE_PRIORS.values()) == pytest.approx(1.0)
     assert sum(s.weight for s in spaced.structures) == pytest.approx(1.0)
     assert spaced.structures[0].weight == max(s.weight for s in spaced.structures)
 
@@ -156,12 +156,12 @@ def test_candidates_begin_as_the_spectrum_that_was_found() -> None:
     smooth = SmoothSpectrum(relaxation_times(1e-2, 1e2), 0.5)
     xi = 0.5 * np.cos(np.arange(len(smooth.parameters)))
     solid = material(smooth, smooth.log_terms(xi))
-    assert np.allclose(smooth.like(solid), xi)
+    assert np.allclose(smooth.coordinates_of(solid), xi)
     omega = np.geomspace(1e-1, 1e1, 5)
     exact = solid.complex_modulus(omega)
     for spectrum in (
         SmoothSpectrum(one_per_decade(1e-2, 1e2, 0.3), 0.5),
         RoughSpectrum(SmoothSpectrum(relaxation_times(1e-2, 1e2, per_decade=8), 0.5)),
     ):
-        made = material(spectrum, spectrum.log_terms(spectrum.like(solid)))
+        made = material(spectrum, spectrum.log_terms(spectrum.coordinates_of(solid)))
         assert np.abs(made.complex_modulus(omega) / exact - 1).max() < 0.06

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labpipe.errors import InputError
-from labpipe.signals import at_times, from_event, lag
+from labpipe.signals import interpolated_at, lag, timed_from_event
 
 
 def record(time, values):
@@ -63,15 +63,17 @@ def test_gaps_are_bridged():
 
 def test_time_counts_from_the_event():
     time = np.arange(5.0)
-    shifted = from_event(record(time, time), 2.5)
+    shifted = timed_from_event(record(time, time), 2.5)
     np.testing.assert_array_equal(shifted["time"], time - 2.5)
     assert shifted.attrs["units"] == "m"
     with pytest.raises(InputError, match="was not found"):
-        from_event(record(time, time), np.nan)
+        timed_from_event(record(time, time), np.nan)
 
 
 def test_values_outside_the_record_are_unknown():
-    found = at_times(record(np.arange(3.0), np.array([0.0, 2.0, 4.0])), np.array([-1.0, 0.5, 3.0]))
+    found = interpolated_at(
+        record(np.arange(3.0), np.array([0.0, 2.0, 4.0])), np.array([-1.0, 0.5, 3.0])
+    )
     np.testing.assert_array_equal(found, [np.nan, 1.0, np.nan])
 
 

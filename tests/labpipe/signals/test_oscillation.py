@@ -7,7 +7,13 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from labpipe.errors import InputError
-from labpipe.signals import active_window, common_fit, damped_oscillation, fit_sinusoid, loops
+from labpipe.signals import (
+    active_window,
+    common_fit,
+    damped_oscillation,
+    fit_sinusoid,
+    hysteresis_loops,
+)
 
 MACH1 = Path(__file__).parents[3] / "../shared/samples/mach1/dynamic_5_sinusoid_blocks.txt"
 
@@ -205,7 +211,7 @@ def test_loop_area_is_that_of_the_ellipse_at_any_phase_and_sampling():
     for n_per_cycle in (9, 25, 500):
         time = np.arange(0.0, 12.3, 1 / n_per_cycle)
         angle = 2 * np.pi * time + 0.7
-        found = loops(time, 1e-4 * np.sin(angle), 2 * np.sin(angle + 0.2), 1.0)
+        found = hysteresis_loops(time, 1e-4 * np.sin(angle), 2 * np.sin(angle + 0.2), 1.0)
         expected = np.pi * 2e-4 * np.sin(0.2)
         tolerance = 5e-3 if n_per_cycle == 9 else 1e-4
         assert float(found.mean_work) == pytest.approx(expected, rel=tolerance)
@@ -217,7 +223,7 @@ def test_drift_does_not_open_the_loop():
     time = np.arange(0.0, 10.0, 0.01)
     angle = 2 * np.pi * time
     force = 2 * np.sin(angle + 0.1) - 0.05 * time + 20
-    found = loops(time, 1e-4 * np.sin(angle), force, 1.0)
+    found = hysteresis_loops(time, 1e-4 * np.sin(angle), force, 1.0)
     np.testing.assert_allclose(found.work, np.pi * 2e-4 * np.sin(0.1), rtol=1e-3)
     np.testing.assert_allclose(np.diff(found.mean_force), -0.05, rtol=1e-3)
 
@@ -227,7 +233,7 @@ def test_scatter_of_the_work_over_cycles():
     time = np.arange(0.0, 40.0, 0.01)
     angle = 2 * np.pi * time
     force = 2 * np.sin(angle + 0.1) + 0.02 * random.standard_normal(4000)
-    found = loops(time, 1e-4 * np.sin(angle), force, 1.0)
+    found = hysteresis_loops(time, 1e-4 * np.sin(angle), force, 1.0)
     expected = np.pi * 2e-4 * np.sin(0.1)
     assert abs(float(found.mean_work) - expected) < 3 * float(found.u_mean_work)
     assert float(found.sd_work) == pytest.approx(np.pi * 1e-4 * 0.02 * np.sqrt(2 / 100), rel=0.3)
@@ -237,7 +243,7 @@ def test_growing_first_cycles_are_transient():
     time = np.arange(0.0, 20.0, 0.01)
     envelope = 1 - 0.3 * np.exp(-time)
     wave = envelope * np.sin(2 * np.pi * time)
-    found = loops(time, 1e-4 * wave, 2 * wave, 1.0)
+    found = hysteresis_loops(time, 1e-4 * wave, 2 * wave, 1.0)
     assert found.is_transient.values[:3].all()
     assert not found.is_transient.values[4:].any()
     assert float(found.n_cycles) == (~found.is_transient).sum()
@@ -270,9 +276,9 @@ def test_no_motion_and_too_few_cycles_are_refused():
     with pytest.raises(InputError, match="leave none"):
         active_window(time, np.sin(2 * np.pi * 0.2 * time), skip_cycles=1)
     with pytest.raises(InputError, match="whole cycle"):
-        loops(time, np.sin(time), np.sin(time), 0.05)
+        hysteresis_loops(time, np.sin(time), np.sin(time), 0.05)
     with pytest.raises(InputError, match="unread samples"):
-        loops(time, np.full(1000, np.nan), np.sin(time), 1.0)
+        hysteresis_loops(time, np.full(1000, np.nan), np.sin(time), 1.0)
 
 
 def real_blocks():
@@ -303,7 +309,7 @@ def test_real_frequencies_and_amplitudes_differ_from_the_header():
         fit = common_fit(time[part], 1e-3 * position[part], 9.80665e-3 * force[part])
         below.append(100 * (1 - fit.position.frequency / nominal))
         above.append(100 * (1e3 * fit.position.amplitude / 0.0469 - 1))
-        found = loops(
+        found = hysteresis_loops(
             time, 1e-3 * position, 9.80665e-3 * force, fit.position.frequency,
             start=window.steady_start, end=window.steady_end,
         )  # fmt: skip
@@ -324,7 +330,7 @@ def test_cycles_are_counted_at_any_frequency(frequency):
     fit = fit_sinusoid(time, np.sin(angle), frequency)
     assert fit.n_cycles == pytest.approx(10.0, abs=1e-6)
     assert fit.n_samples == time.size
-    found = loops(time, np.sin(angle), np.sin(angle + 0.1), frequency)
+    found = hysteresis_loops(time, np.sin(angle), np.sin(angle + 0.1), frequency)
     assert found.sizes["cycle"] == 10
 
 

@@ -10,7 +10,7 @@ NOISE = 2e-7
 F0, ZETA = 180.0, 0.03
 OMEGA = 2 * np.pi * F0
 DAMPED = OMEGA * np.sqrt(1 - ZETA**2)
-SURE = {"longest_blow": 4e-3, "shortest_pause": 15e-3}
+SURE = {"longest_impact": 4e-3, "shortest_pause": 15e-3}
 
 
 def ring(time: np.ndarray, at: float, amplitude: float) -> np.ndarray:
@@ -86,9 +86,9 @@ def test_what_is_no_ringing_is_refused_with_the_reason(change, says: str) -> Non
 
 def test_impossible_bounds_are_refused() -> None:
     time, moved = record()
-    with pytest.raises(InputError, match="longest blow"):
-        ringing(time, moved, longest_blow=20e-3, shortest_pause=15e-3)
+    with pytest.raises(InputError, match="longest impact"):
+        ringing(time, moved, longest_impact=20e-3, shortest_pause=15e-3)
     with pytest.raises(InputError, match="cycles"):
-        ringing(time, moved, longest_blow=4e-3, shortest_pause=6e-3)
+        ringing(time, moved, longest_impact=4e-3, shortest_pause=6e-3)
     with pytest.raises(InputError, match="direction"):
         ringing(time, moved, direction=0, **SURE)

@@ -209,6 +209,13 @@ def test_a_file_changed_under_a_running_program_is_refused(toys: Path) -> None:
         made.refuse_changed(modules)
 
 
+def test_a_plug_in_counts_where_any_instrument_may_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    function = "pipelines.experiments.shared.laser_readings:read_laser"
+    assert "toy_vibrometer" not in Code().behind(function).modules
+    monkeypatch.syspath_prepend(ROOT / "tests/plugins/toy_instrument")
+    assert "toy_vibrometer" in Code().behind(function).modules
+
+
 # --- the packages themselves --------------------------------------------------------------------
 
 

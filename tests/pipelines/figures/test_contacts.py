@@ -27,7 +27,7 @@ class Results:
     def of_kind(self, kind: str) -> dict[str, Any]:
         return {n: s for n, s in self.experiments.items() if s.kind == kind}
 
-    def told(self, text: str) -> dict[str, str]:
+    def data_note(self, text: str) -> dict[str, str]:
         return {"synthetic": text}
 
     def result(self, name: str, stage: str, recording: str | None = None) -> xr.Dataset:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from labpipe import files, materials
-from labpipe.uncertainty import linear
+from labpipe.uncertainty import linear_budget
 from pipelines.figures import make
 from pipelines.process import process, result
 from pipelines.rig.fall import Body
@@ -147,5 +147,5 @@ def test_budgets_are_those_of_the_results(session: Path) -> None:
         ("largest contact radius, impact 1", made["u_peak_radius"]),
         ("largest contact radius of the model, impact 1", model["u_peak_contact_radius"]),
     ):
-        budget = linear(found[name].model, found[name].inputs)
+        budget = linear_budget(found[name].model, found[name].inputs)
         assert budget.u == pytest.approx(float(u[0]), rel=1e-3)

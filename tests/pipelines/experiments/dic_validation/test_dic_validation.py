@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from labpipe import files, materials
-from labpipe.uncertainty import linear
+from labpipe.uncertainty import linear_budget
 from pipelines.figures import make
 from pipelines.process import process, result
 from pipelines.rig.drops import write_drops
@@ -143,6 +143,6 @@ def test_skipping_frames_at_rest_changes_nothing_that_is_kept(tmp_path: Path) ->
 def test_scale_and_noise_stand_in_the_budgets(session: Path) -> None:
     found = quantities(session, "film")
     for quantity in found.values():
-        budget = linear(quantity.model, quantity.inputs)
+        budget = linear_budget(quantity.model, quantity.inputs)
         assert budget.u > 0.0
         assert all(row["u"] > 0.0 for row in budget.rows if row["source"] != "measured")

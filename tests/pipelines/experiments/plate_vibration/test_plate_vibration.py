@@ -10,7 +10,7 @@ import pytest
 
 from labpipe import files, materials
 from labpipe.errors import ConfigError
-from labpipe.uncertainty import linear
+from labpipe.uncertainty import linear_budget
 from pipelines.figures import make
 from pipelines.process import open_session, process, result
 from pipelines.rig.drops import write_drops
@@ -161,9 +161,9 @@ def test_the_clock_stands_in_the_natural_frequency(session: Path) -> None:
     found = quantities(session, "plate")
     table = result(session, "plate", "table")
     made = found["natural frequency"]
-    budget = linear(made.model, made.inputs)
+    budget = linear_budget(made.model, made.inputs)
     assert budget.u == pytest.approx(float(table["u_plate_natural_frequency"]), rel=1e-6)
     assert budget.u > 5e-5 * float(table["plate_natural_frequency"])
     mass = found["modal mass"]
     whole = float(result(session, "plate", "plate")["u_mass"])
-    assert linear(mass.model, mass.inputs).u == pytest.approx(whole, rel=1e-3)
+    assert linear_budget(mass.model, mass.inputs).u == pytest.approx(whole, rel=1e-3)

@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from labpipe import files, materials
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
-from labpipe.uncertainty import linear
+from labpipe.uncertainty import linear_budget
 from labpipe.units import Quantity
 from pipelines.experiments.relaxation import comparison, model
 from pipelines.experiments.relaxation import measured as relaxation
@@ -303,11 +303,11 @@ def test_budget_of_the_modulus_is_that_of_the_table(session: Path) -> None:
     table = result(session, "nbr", "tests")
     for i in range(len(DEPTHS)):
         made = found[f"relaxed reduced modulus, test {i + 1}"]
-        budget = linear(made.model, made.inputs)
+        budget = linear_budget(made.model, made.inputs)
         assert budget.value == pytest.approx(float(table["reduced_modulus"][i]), rel=1e-9)
         assert budget.u == pytest.approx(float(table["u_reduced_modulus"][i]), rel=0.05)
         peak = found[f"largest force before the filter, test {i + 1}"]
-        assert linear(peak.model, peak.inputs).u == pytest.approx(
+        assert linear_budget(peak.model, peak.inputs).u == pytest.approx(
             float(table["u_peak_force_unfiltered"][i]), rel=1e-3
         )
 

@@ -16,7 +16,7 @@ import xarray as xr
 from labpipe import files, materials
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
-from labpipe.uncertainty import linear
+from labpipe.uncertainty import linear_budget
 from labpipe.units import Quantity, quantity
 from pipelines.experiments.static_loading import comparison, load_steps, model
 from pipelines.experiments.static_loading import measured as static_loading
@@ -284,6 +284,6 @@ def test_budgets_are_those_of_the_results(session: Path) -> None:
         ("contact radius of the model under the last load", model["contact_radius"],
          model["u_contact_radius"]),
     ):  # fmt: skip
-        budget = linear(found[name].model, found[name].inputs)
+        budget = linear_budget(found[name].model, found[name].inputs)
         assert budget.value == pytest.approx(float(value[-1]), rel=1e-9)
         assert budget.u == pytest.approx(float(u[-1]), rel=0.02)
