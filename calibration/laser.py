@@ -25,6 +25,7 @@ from calibration.time_base import TimeBase, corrected, time_base
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty, excess_uncertainty
 from labpipe.units import Quantity
+from labpipe.variables import described, variable
 
 __all__ = ["displacement", "inclination_from_drop", "reading"]
 
@@ -91,9 +92,7 @@ def displacement(
     if direction not in (1, -1):
         message = f"direction must be 1 or -1, found {direction}"
         raise InputError(message)
-    checked = require(
-        record, "laser", readings.attrs, measured=measured, ignore_validity=ignore_validity
-    )
+    checked = require(record, "laser", readings.attrs, measured=measured, ignore_validity=ignore_validity)
     values = _values(record)
     raw, stated_step, gain = _raw(readings, output, values)
     angle = inclination or values.inclination
@@ -114,29 +113,22 @@ def displacement(
     return xr.Dataset(
         {
             "displacement": _over_time(moved, "m", "displacement along the motion"),
-            "u_displacement": _over_time(
-                np.where(is_valid, spread, np.nan), "m", "random standard uncertainty"
-            ),
+            "u_displacement": _over_time(np.where(is_valid, spread, np.nan), "m", "random standard uncertainty"),
             "displacement_raw": _over_time(along, "m", "displacement along the line of sight"),
             "valid": _over_time(is_valid, "1", "whether there is a reading"),
             **_scalar("inclination", angle, "angle of the line of sight to the motion"),
             **_scalar("gain", gain, "true over displayed, along the line of sight"),
-            **_scalar(
-                "zero",
-                Quantity(at_rest.level, at_rest.u_level, unit_of_reading),
-                "reading that is zero",
-            ),
+            **_scalar("zero", Quantity(at_rest.level, at_rest.u_level, unit_of_reading), "reading that is zero"),
         },
         coords={
-            "time": (
+            "time": variable(
                 "time",
                 corrected(time, base, float(readings.attrs["sampling_interval"])),
-                {"units": "s", "long_name": "time from the first point, filter delay removed"},
+                "s",
+                "time from the first point, filter delay removed",
             )
         },
-        attrs=_attributes(
-            readings, output, direction, checked, base, at_rest, step, angle, sources
-        ),
+        attrs=_attributes(readings, output, direction, checked, base, at_rest, step, angle, sources),
     )
 
 
@@ -147,9 +139,7 @@ def _values(record: Record) -> LaserValues:
     return record.values
 
 
-def _raw(
-    readings: xr.Dataset, output: str, values: LaserValues
-) -> tuple[NDArray[np.float64], float | None, Quantity]:
+def _raw(readings: xr.Dataset, output: str, values: LaserValues) -> tuple[NDArray[np.float64], float | None, Quantity]:
     """Return the readings, the step of their display, and the gain to a length."""
     if output not in readings:
         outputs = ", ".join(name for name in map(str, readings) if name.startswith("out"))
@@ -176,11 +166,7 @@ def _product(a: Quantity, b: Quantity) -> Quantity:
 
 
 def _is_valid(
-    readings: xr.Dataset,
-    output: str,
-    raw: NDArray[np.float64],
-    gain: Quantity,
-    values: LaserValues,
+    readings: xr.Dataset, output: str, raw: NDArray[np.float64], gain: Quantity, values: LaserValues
 ) -> NDArray[np.bool_]:
     is_valid = np.isfinite(raw)
     state = output.replace("out", "status")
@@ -272,17 +258,14 @@ def _attributes(
 
 
 def _over_time(values: NDArray[Any], units: str, long_name: str) -> tuple[Any, ...]:
-    return "time", values, {"units": units, "long_name": long_name}
+    return "time", values, described(units, long_name)
 
 
 def _scalar(name: str, quantity: Quantity, long_name: str) -> dict[str, Any]:
     def one(value: float, text: str) -> tuple[Any, ...]:
-        return (), value, {"units": quantity.si, "long_name": text}
+        return variable((), value, quantity.si, text)
 
-    return {
-        name: one(quantity.value, long_name),
-        f"u_{name}": one(quantity.u, f"standard uncertainty: {long_name}"),
-    }
+    return {name: one(quantity.value, long_name), f"u_{name}": one(quantity.u, f"standard uncertainty: {long_name}")}
 
 
 def reading(

@@ -21,6 +21,7 @@ from calibration.record import LoadCellRecord, LoadCellValues, Record, require
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty, excess_uncertainty
 from labpipe.units import Quantity
+from labpipe.variables import described, variable
 
 __all__ = ["FilterLag", "declared_filter", "filter_lag", "force"]
 
@@ -81,9 +82,7 @@ def force(
     values: LoadCellValues | None = None
     if record is not None:
         attrs = readings.attrs | {"sensor": _cell_name(readings.attrs)}
-        checked = require(
-            record, "load_cell", attrs, measured=measured, ignore_validity=ignore_validity
-        )
+        checked = require(record, "load_cell", attrs, measured=measured, ignore_validity=ignore_validity)
         values = _values(record)
     gain = values.scale if values else _UNKNOWN
     raw = np.asarray(readings[name].values, dtype=float)
@@ -122,8 +121,8 @@ def force(
         },
     )
     for key, (value, u, unit_text, long_name) in scalars.items():
-        result[key] = ((), value, {"units": unit_text, "long_name": long_name})
-        attrs = {"units": unit_text, "long_name": f"standard uncertainty: {long_name}"}
+        result[key] = variable((), value, unit_text, long_name)
+        attrs = described(unit_text, f"standard uncertainty: {long_name}")
         result[f"u_{key}"] = ((), u, attrs)
     return result
 
@@ -132,7 +131,7 @@ _KEPT = ("source", "start", "header", "function", "block_number", "work")
 
 
 def _over(dimension: str, values: NDArray[Any], units: str, long_name: str) -> tuple[Any, ...]:
-    return dimension, values, {"units": units, "long_name": long_name}
+    return dimension, values, described(units, long_name)
 
 
 def _values(record: Record) -> LoadCellValues:
@@ -249,10 +248,7 @@ _NOTE = (
 
 
 def filter_lag(
-    frequency: float,
-    order: int = 3,
-    cutoff: float = 20.0,
-    measured_delay: Quantity | None = None,
+    frequency: float, order: int = 3, cutoff: float = 20.0, measured_delay: Quantity | None = None
 ) -> FilterLag:
     """Return amplitude and lag of the load cell's low-pass at one frequency.
 
@@ -293,9 +289,7 @@ def filter_lag(
     if measured_delay is not None:
         turn = 2 * math.pi * frequency
         phase, u_phase = turn * measured_delay.value, turn * measured_delay.u
-        return FilterLag(
-            gains[0], u_gain, phase, u_phase, measured_delay.value, "delay measured, see the record"
-        )
+        return FilterLag(gains[0], u_gain, phase, u_phase, measured_delay.value, "delay measured, see the record")
     delay = phases[0] / (2 * math.pi * frequency)
     return FilterLag(gains[0], u_gain, phases[0], _edge(phases[0], phases), delay, _NOTE)
 
@@ -304,11 +298,7 @@ def _poles(order: int) -> list[NDArray[np.complex128]]:
     """Poles of Butterworth, Bessel and equal real poles, all 1/√2 at the angular frequency 1."""
     # n equal real poles have amplitude 1/√2 at the cutoff when each lies this much higher.
     higher = 1.0 / math.sqrt(2.0 ** (1.0 / order) - 1.0)
-    return [
-        signal.buttap(order)[1],
-        signal.besselap(order, norm="mag")[1],
-        np.full(order, -higher, dtype=complex),
-    ]
+    return [signal.buttap(order)[1], signal.besselap(order, norm="mag")[1], np.full(order, -higher, dtype=complex)]
 
 
 def _response(poles: NDArray[np.complex128], ratio: float) -> tuple[float, float]:

@@ -57,9 +57,7 @@ __all__ = [
 OURS = (MACH1, PHANTOM, ANTON_PAAR, PLAIN_TABLE, DICE, IMAGE_STACK, KEYENCE)
 
 
-class Options(
-    KeyenceOptions, Mach1Options, AntonPaarOptions, TableOptions, ImageOptions, DiceOptions
-):
+class Options(KeyenceOptions, Mach1Options, AntonPaarOptions, TableOptions, ImageOptions, DiceOptions):
     """Every option of :func:`read`; each instrument takes those of its own ``Options``."""
 
 
@@ -127,9 +125,7 @@ def _identify(path: Path) -> Instrument:
     head = _head(path)
     if path.suffix == ".recording":
         raise SourceError(
-            path,
-            "this is an unfinished recording",
-            hint=f"Finish it with `labpipe acquire recover {path}`.",
+            path, "this is an unfinished recording", hint=f"Finish it with `labpipe acquire recover {path}`."
         )
     for each in OURS:
         if each.sniff(head, path):
@@ -166,21 +162,17 @@ def _head(path: Path) -> bytes:
             return b""
         if not stat.S_ISREG(mode):
             raise SourceError(
-                path, f"is {_SPECIAL.get(stat.S_IFMT(mode), 'no regular file')}, expected a file",
+                path,
+                f"is {_SPECIAL.get(stat.S_IFMT(mode), 'no regular file')}, expected a file",
                 hint="Save its output to a file first.",
-            )  # fmt: skip
+            )
         with path.open("rb") as stream:
             return stream.read(HEAD_BYTES)
     except OSError as error:
         raise _unopened(path, error) from None
 
 
-_SPECIAL = {
-    stat.S_IFIFO: "a named pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
+_SPECIAL = {stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
 
 
 def _unopened(path: Path, error: OSError) -> SourceError:
@@ -240,9 +232,7 @@ def read(
     return result
 
 
-def read_table(
-    path: str | os.PathLike[str], content: Content, usual: str, **options: Unpack[Options]
-) -> "xr.Dataset":
+def read_table(path: str | os.PathLike[str], content: Content, usual: str, **options: Unpack[Options]) -> "xr.Dataset":
     """Read a file of whichever instrument, for an experiment that needs a table of some content.
 
     Parameters
@@ -289,9 +279,10 @@ def _read(reader: Instrument, path: Path, options: Any) -> "xr.Dataset | FrameSo
         if reader in OURS:
             raise
         raise SourceError(
-            path, f'the plug-in "{reader.name}" failed: {type(error).__name__}: {error}',
+            path,
+            f'the plug-in "{reader.name}" failed: {type(error).__name__}: {error}',
             hint="Report it to its maintainer; `labpipe doctor` names the distribution.",
-        ) from error  # fmt: skip
+        ) from error
     return found
 
 

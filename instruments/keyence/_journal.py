@@ -84,10 +84,7 @@ def first_line(head: Head) -> str:
 def lines(samples: Sequence[Sample], tally: Tally | None = None) -> str:
     """Write readings, and counts where they changed."""
     written = [
-        json.dumps(
-            [s.slot, s.at, s.round_trip, s.reading.counts, [int(x) for x in s.reading.states]]
-        )
-        for s in samples
+        json.dumps([s.slot, s.at, s.round_trip, s.reading.counts, [int(x) for x in s.reading.states]]) for s in samples
     ]
     written += [] if tally is None else [json.dumps(asdict(tally))]
     return "\n".join(written) + "\n"

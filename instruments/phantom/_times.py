@@ -176,9 +176,7 @@ def _impossible(ticks: NDArray[np.int64], interval: float) -> NDArray[np.bool_]:
     return bad
 
 
-def _split(
-    frames: NDArray[np.int64], seconds: NDArray[np.float64], longest: float
-) -> list[NDArray[np.int64]]:
+def _split(frames: NDArray[np.int64], seconds: NDArray[np.float64], longest: float) -> list[NDArray[np.int64]]:
     """Part frames where the step to the next is longer than it may be."""
     return np.split(frames, np.flatnonzero(np.diff(seconds[frames]) > longest) + 1)
 

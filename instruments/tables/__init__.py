@@ -9,9 +9,7 @@ from labpipe.lazy import lazily
 if TYPE_CHECKING:
     from instruments.tables._plain import read
 else:
-    _HOMES = {
-        "read": "_plain",
-    }
+    _HOMES = {"read": "_plain"}
     __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = ["INSTRUMENT", "Options", "read"]

@@ -10,12 +10,7 @@ from labpipe.identification._drops import Bounces, DropModel, drop_evidence
 from labpipe.identification._evidence import Evidence, Group, LinearModel
 from labpipe.identification._fit import Fit, fit
 from labpipe.identification._joined import JoinedModel
-from labpipe.identification._linear import (
-    force_evidence,
-    lee_radok_basis,
-    modulus_evidence,
-    stiffness_evidence,
-)
+from labpipe.identification._linear import force_evidence, lee_radok_basis, modulus_evidence, stiffness_evidence
 from labpipe.identification._parameters import Parameter
 from labpipe.identification._posterior import (
     DETERMINED,
@@ -31,12 +26,7 @@ from labpipe.identification._posterior import (
 from labpipe.identification._problem import Misfit, Problem, split_by_group
 from labpipe.identification._profiles import Profile, profile
 from labpipe.identification._sampling import Sample, sample, sampled_moduli
-from labpipe.identification._spectra import (
-    FractionalSpectrum,
-    RoughSpectrum,
-    SmoothSpectrum,
-    relaxation_times,
-)
+from labpipe.identification._spectra import FractionalSpectrum, RoughSpectrum, SmoothSpectrum, relaxation_times
 from labpipe.identification._structure import STRUCTURE_PRIORS, infer
 
 __all__ = [

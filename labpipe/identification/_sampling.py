@@ -20,15 +20,13 @@ doi:10.1137/140964023.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import LabpipeError
 from labpipe.identification._fit import Objective
 from labpipe.identification._linear import modulus_basis
 from labpipe.identification._posterior import Moduli, Posterior, ln_moduli
 from labpipe.identification._tangent import Surrogate
-
-Array = NDArray[np.float64]
 
 _SEED = 20  # fixed: the same draws every time
 _DRAWS = 600
@@ -54,8 +52,8 @@ class Sample:
         Draws that have no answer.
     """
 
-    draws: Array
-    weights: Array
+    draws: Floats
+    weights: Floats
     failed: int
 
     @property
@@ -76,12 +74,12 @@ class Sample:
         said = f"effective sample size {self.effective:.0f} of {asked} draws; {self.failed} failed"
         return said if self.is_reliable else f"use the draws with care: {said}"
 
-    def mean_and_sd(self, values: Array) -> tuple[Array, Array]:
+    def mean_and_sd(self, values: Floats) -> tuple[Floats, Floats]:
         """Return mean and standard deviation (n,) of values (draw, n)."""
         mean = self.weights @ values
         return mean, np.sqrt(self.weights @ (values - mean) ** 2)
 
-    def quantiles(self, values: Array, shares: Array) -> Array:
+    def quantiles(self, values: Floats, shares: Floats) -> Floats:
         """Return quantiles (share, n) of values (draw, n)."""
         made = np.empty((shares.size, values.shape[1]))
         for i, column in enumerate(values.T):
@@ -114,29 +112,23 @@ def sample(known: Posterior, draws: int = _DRAWS) -> Sample:
     surrogate = Objective.of(found).surrogate(found.xi)
     base = np.linalg.qr(_rows(surrogate, found.xi)[1])[0]
     rng = np.random.default_rng(_SEED)
-    made = [
-        _answer(surrogate, base, found.xi, rng.standard_normal(found.xi.size)) for _ in range(draws)
-    ]
+    made = [_answer(surrogate, base, found.xi, rng.standard_normal(found.xi.size)) for _ in range(draws)]
     kept = [one for one in made if one is not None]
     if not kept:
         message = "every draw of the posterior failed; use --sampler laplace"
         raise LabpipeError(message)
     logarithms = np.array([weight for _, weight in kept])
     weights = np.exp(logarithms - logarithms.max())
-    return Sample(
-        np.array([xi for xi, _ in kept]), weights / weights.sum(), draws - len(kept)
-    )  # fmt: skip
+    return Sample(np.array([xi for xi, _ in kept]), weights / weights.sum(), draws - len(kept))
 
 
-def _rows(surrogate: Surrogate, xi: Array) -> tuple[Array, Array]:
+def _rows(surrogate: Surrogate, xi: Floats) -> tuple[Floats, Floats]:
     """Return residuals with those of the prior, and their derivative."""
     rest, slopes = surrogate.rows(xi)
     return np.concatenate([rest, xi]), np.vstack([slopes, np.eye(xi.size)])
 
 
-def _answer(
-    surrogate: Surrogate, base: Array, start: Array, noise: Array
-) -> tuple[Array, float] | None:
+def _answer(surrogate: Surrogate, base: Floats, start: Floats, noise: Floats) -> tuple[Floats, float] | None:
     """Return the draw of some noise and the logarithm of its weight; None where there is none."""
     xi = start
     rows, slopes = _rows(surrogate, xi)
@@ -163,7 +155,7 @@ def _answer(
     return None
 
 
-def sampled_moduli(drawn: Sample, known: Posterior, curve: Moduli) -> tuple[Array, Array]:
+def sampled_moduli(drawn: Sample, known: Posterior, curve: Moduli) -> tuple[Floats, Floats]:
     """Return storage modulus [Pa] and loss factor (draw, frequency) of every draw.
 
     Draws follow the most probable structure of the spectrum; what the others say is added as

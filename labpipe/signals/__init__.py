@@ -14,12 +14,7 @@ from labpipe.signals._metrics import (
     nrmse,
 )
 from labpipe.signals._noise import estimate_noise, quantisation_step
-from labpipe.signals._oscillation import (
-    CommonFit,
-    Sinusoid,
-    common_fit,
-    fit_sinusoid,
-)
+from labpipe.signals._oscillation import CommonFit, Sinusoid, common_fit, fit_sinusoid
 from labpipe.signals._repeats import combine_repeats
 from labpipe.signals._ringing import Ringing, ringing
 from labpipe.signals._vibration import Damped, damped_oscillation

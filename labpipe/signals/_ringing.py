@@ -9,15 +9,14 @@ predicts the next block to within the noise.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._noise import difference_sigma
 from labpipe.signals._oscillation import readings_of, strongest_line
 from labpipe.signals._readings import LEAST
 from labpipe.signals._vibration import Damped, damped_oscillation
-
-Array = NDArray[np.float64]
 
 _QUIET = 0.05  # of the record's beginning that is at rest before anything happens
 _WANDERING = 3.0  # times the noise, a spread of the beginning that is motion
@@ -155,13 +154,10 @@ def ringing(
     )
 
 
-def _with_choice(t: Array, y: Array, stretch: slice, frequency: float, blow: float) -> Damped:
+def _with_choice(t: Floats, y: Floats, stretch: slice, frequency: float, blow: float) -> Damped:
     """Fit the stretch; the uncertainties hold what other ends of it would have changed."""
     half = _BLOCK_READINGS // 2
-    others = (
-        slice(stretch.start + half, stretch.stop),
-        slice(stretch.start, stretch.stop - _BLOCK_READINGS),
-    )
+    others = (slice(stretch.start + half, stretch.stop), slice(stretch.start, stretch.stop - _BLOCK_READINGS))
     fits = [damped_oscillation(t[s], y[s], frequency, blow) for s in (stretch, *others)]
     fit = fits[0]
 
@@ -177,7 +173,7 @@ def _with_choice(t: Array, y: Array, stretch: slice, frequency: float, blow: flo
     )
 
 
-def _onset(t: Array, y: Array, sigma: float) -> int:
+def _onset(t: Floats, y: Floats, sigma: float) -> int:
     """First reading of the first two blocks in a row that have moved."""
     count = len(y) // _ONSET_READINGS
     means = y[: count * _ONSET_READINGS].reshape(count, -1).mean(axis=1)
@@ -192,9 +188,7 @@ def _onset(t: Array, y: Array, sigma: float) -> int:
     return int(found[0]) * _ONSET_READINGS
 
 
-def _seed(
-    t: Array, y: Array, onset: int, longest_impact: float, shortest_pause: float
-) -> tuple[int, int]:
+def _seed(t: Floats, y: Floats, onset: int, longest_impact: float, shortest_pause: float) -> tuple[int, int]:
     """Stretch that is certainly free: after the longest impact, before the shortest pause."""
     low, high = np.searchsorted(t, t[onset] + np.array([longest_impact, shortest_pause]))
     if high >= len(t):
@@ -221,7 +215,7 @@ def _seed(
     return int(low), int(high)
 
 
-def _grown(t: Array, y: Array, sigma: float, seed: tuple[int, int]) -> tuple[int, int]:
+def _grown(t: Floats, y: Floats, sigma: float, seed: tuple[int, int]) -> tuple[int, int]:
     """Extend the seed on both sides while the fit predicts the next block; give a block back.
 
     The impact fades out like the force of a contact, below the noise before it ends: towards it two
@@ -246,7 +240,7 @@ def _grown(t: Array, y: Array, sigma: float, seed: tuple[int, int]) -> tuple[int
 class _Prediction:
     """Foretell a block from a stretch; fit again only when the stretch has grown much."""
 
-    def __init__(self, t: Array, y: Array, sigma: float) -> None:
+    def __init__(self, t: Floats, y: Floats, sigma: float) -> None:
         self.t, self.y, self.sigma = t, y, sigma
         self.fit: Damped | None = None
         self.size = 0

@@ -21,20 +21,9 @@ from labpipe.uncertainty._linear import (
     propagated_u,
     propagated_variance,
 )
-from labpipe.uncertainty._monte_carlo import (
-    MonteCarlo,
-    interval_difference,
-    intervals_agree,
-    monte_carlo,
-)
+from labpipe.uncertainty._monte_carlo import MonteCarlo, interval_difference, intervals_agree, monte_carlo
 from labpipe.uncertainty._sobol import Indices, inputs_to_halve, sobol
-from labpipe.uncertainty._sources import (
-    Row,
-    Source,
-    budget_rows,
-    combined_uncertainty,
-    excess_uncertainty,
-)
+from labpipe.uncertainty._sources import Row, Source, budget_rows, combined_uncertainty, excess_uncertainty
 
 __all__ = [
     "Budget",

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from labpipe.arrays import Floats
+
     Covariance = NDArray[np.floating[Any]]
 
 Model = Callable[..., float]
@@ -115,12 +116,10 @@ def linear_budget(model: Model, inputs: Mapping[str, Input]) -> Budget:
     u = combined_uncertainty(list(sources.values()))
     # Welch-Satterthwaite; infinite when every input's are
     weights = sum(sources[n].contribution ** 4 / g.degrees_of_freedom for n, g in inputs.items())
-    return Budget(
-        value, u, u**4 / weights if weights else inf, tuple(budget_rows([*sources.values()]))
-    )
+    return Budget(value, u, u**4 / weights if weights else inf, tuple(budget_rows([*sources.values()])))
 
 
-def propagated_variance(slopes: "Array", covariance: "Covariance") -> "Array":
+def propagated_variance(slopes: "Floats", covariance: "Covariance") -> "Floats":
     """Return the variances of results from their derivatives and the covariance behind them.
 
     Parameters
@@ -143,17 +142,17 @@ def propagated_variance(slopes: "Array", covariance: "Covariance") -> "Array":
     >>> float(propagated_variance(np.array([1.0, -1.0]), np.array([[5.0, 4.0], [4.0, 5.0]])))
     2.0
     """
-    found: Array = ((slopes @ covariance) * slopes).sum(axis=-1).clip(min=0.0)
+    found: Floats = ((slopes @ covariance) * slopes).sum(axis=-1).clip(min=0.0)
     return found
 
 
-def propagated_u(slopes: "Array", covariance: "Covariance") -> "Array":
+def propagated_u(slopes: "Floats", covariance: "Covariance") -> "Floats":
     """Return the standard uncertainties (...) of results; see :func:`propagated_variance`."""
-    found: Array = propagated_variance(slopes, covariance) ** 0.5
+    found: Floats = propagated_variance(slopes, covariance) ** 0.5
     return found
 
 
-def propagated_covariance(slopes: "Array", covariance: "Covariance") -> "Array":
+def propagated_covariance(slopes: "Floats", covariance: "Covariance") -> "Floats":
     """Return the covariance (n, n) of results from their derivatives (n, p) and that of inputs."""
-    found: Array = slopes @ covariance @ slopes.T
+    found: Floats = slopes @ covariance @ slopes.T
     return found

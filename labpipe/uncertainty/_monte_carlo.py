@@ -30,9 +30,7 @@ class MonteCarlo:
     draws: int = _DRAWS
 
 
-def monte_carlo(
-    model: Model, inputs: Mapping[str, Input], *, level: float = 0.95, draws: int = _DRAWS
-) -> MonteCarlo:
+def monte_carlo(model: Model, inputs: Mapping[str, Input], *, level: float = 0.95, draws: int = _DRAWS) -> MonteCarlo:
     """Propagate distributions: normal, or Student's where degrees of freedom are finite.
 
     Parameters
@@ -50,16 +48,9 @@ def monte_carlo(
     columns = {}
     for name, given in inputs.items():
         freedom = given.degrees_of_freedom
-        shape = (
-            generator.standard_t(freedom, draws)
-            if isfinite(freedom)
-            else generator.standard_normal(draws)
-        )
+        shape = generator.standard_t(freedom, draws) if isfinite(freedom) else generator.standard_normal(draws)
         columns[name] = (given.value + given.u * shape).tolist()
-    made = np.array([
-        model(**dict(zip(columns, row, strict=True)))
-        for row in zip(*columns.values(), strict=True)
-    ])  # fmt: skip
+    made = np.array([model(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)])
     low, high = np.quantile(made, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
     return MonteCarlo(float(made.mean()), float(made.std(ddof=1)), float(low), float(high), draws)
 

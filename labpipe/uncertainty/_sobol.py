@@ -15,10 +15,7 @@ from typing import TYPE_CHECKING, Any
 from labpipe.uncertainty._linear import Input, Model, linear_budget
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from labpipe.arrays import Floats
 
 _SEED = 9  # fixed: the same answer every time
 _POINTS = 1024  # a power of two, as the sequence wants
@@ -49,7 +46,7 @@ def sobol(model: Model, inputs: Mapping[str, Input]) -> dict[str, Indices]:
     centre = float(model(**best))
     scale = linear_budget(model, inputs).u or 1.0
 
-    def spread(columns: "Array") -> "Array":
+    def spread(columns: "Floats") -> "Floats":
         # around its best value and in its own uncertainty: differences of large numbers are noise
         rows = columns.T.tolist()
         made = [model(**best | dict(zip(uncertain, row, strict=True))) for row in rows]
@@ -58,13 +55,9 @@ def sobol(model: Model, inputs: Mapping[str, Input]) -> dict[str, Indices]:
     if len(uncertain) < 2:  # scipy's estimator wants two
         return {name: Indices(1.0, 1.0) for name in uncertain}
     dists: list[Any] = [norm(inputs[name].value, inputs[name].u) for name in uncertain]
-    found = sobol_indices(func=spread, n=_POINTS, dists=dists,
-                          rng=np.random.default_rng(_SEED))  # fmt: skip
+    found = sobol_indices(func=spread, n=_POINTS, dists=dists, rng=np.random.default_rng(_SEED))
     first, total = np.ravel(found.first_order), np.ravel(found.total_order)
-    return {
-        name: Indices(float(a), float(b))
-        for name, a, b in zip(uncertain, first, total, strict=True)
-    }
+    return {name: Indices(float(a), float(b)) for name, a, b in zip(uncertain, first, total, strict=True)}
 
 
 def inputs_to_halve(shares: Mapping[str, float]) -> tuple[tuple[str, ...], float]:

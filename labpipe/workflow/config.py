@@ -141,9 +141,7 @@ class Checker:
         written = (*self.origins.get(nearest, nearest), *place[len(nearest) :])
         self.document.report(written, message)
 
-    def structure(
-        self, kind: type[msgspec.Struct], value: Any, place: toml_lines.Path, partial: bool = False
-    ) -> Any:
+    def structure(self, kind: type[msgspec.Struct], value: Any, place: toml_lines.Path, partial: bool = False) -> Any:
         """Convert a table; with ``partial``, required fields may be missing."""
         if not isinstance(value, dict):
             self.report(place, f"expected a table, found {found(value)}")
@@ -215,10 +213,7 @@ class Checker:
             self.report(place, f"expected {len(arguments)} items, found {len(value)}")
             return _BAD
         of = arguments if is_fixed else (arguments[0],) * len(value)
-        items = [
-            self.value(t, v, (*place, i), partial)
-            for i, (t, v) in enumerate(zip(of, value, strict=True))
-        ]
+        items = [self.value(t, v, (*place, i), partial) for i, (t, v) in enumerate(zip(of, value, strict=True))]
         if _is_file(of[0] if of else None):
             self._refuse_repeated(value, place)
         if any(item is _BAD for item in items):

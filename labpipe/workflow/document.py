@@ -121,15 +121,20 @@ def _syntax_problem(path: Path, text: str, message: str) -> str:
 
 
 _SYNTAX = (
-    ("Illegal character '\\n'", "a text is not closed; expected a quotation mark before the "
-     "line ends"),
-    ("Expected newline or end of document", "expected the end of the line after a value; a text "
-     "stands in quotation marks, a date reads 2026-01-31, a list stands in brackets"),
-    ("Invalid value", "expected a value: a text in quotation marks, a number, true, false, a date "
-     "such as 2026-01-31, or a list in brackets"),
+    ("Illegal character '\\n'", "a text is not closed; expected a quotation mark before the line ends"),
+    (
+        "Expected newline or end of document",
+        "expected the end of the line after a value; a text "
+        "stands in quotation marks, a date reads 2026-01-31, a list stands in brackets",
+    ),
+    (
+        "Invalid value",
+        "expected a value: a text in quotation marks, a number, true, false, a date "
+        "such as 2026-01-31, or a list in brackets",
+    ),
     ("Expected '=' after a key", "expected = after the name of a key"),
     ("Invalid statement", "expected a key, a table in brackets, or a remark after #"),
-)  # fmt: skip
+)
 """What tomllib says, and what a person can make of it."""
 
 

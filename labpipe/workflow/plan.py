@@ -170,10 +170,7 @@ def make_plan(
 
 
 def wanted_tasks(
-    session: Session,
-    tasks: Mapping[TaskId, Task],
-    targets: Iterable[str] | None,
-    only: Iterable[str] | None,
+    session: Session, tasks: Mapping[TaskId, Task], targets: Iterable[str] | None, only: Iterable[str] | None
 ) -> frozenset[TaskId]:
     """Pick the tasks that targets and experiments name; one name may stand alone.
 
@@ -222,9 +219,7 @@ def _state(session: Session, store: Store, task: Task, key: Key) -> str:
     return state
 
 
-def _needed(
-    tasks: Mapping[TaskId, Task], wanted: Set[TaskId], states: Mapping[TaskId, str]
-) -> set[TaskId]:
+def _needed(tasks: Mapping[TaskId, Task], wanted: Set[TaskId], states: Mapping[TaskId, str]) -> set[TaskId]:
     """Tasks that must run: the wanted ones without a result, and what those need."""
     needed: set[TaskId] = set()
     waiting = [name for name in wanted if states[name] != "stored"]
@@ -243,11 +238,7 @@ def _needed(
 
 
 def _row(
-    store: Store,
-    task: Task,
-    keys: Mapping[TaskId, Key],
-    states: Mapping[TaskId, str],
-    needed: set[TaskId],
+    store: Store, task: Task, keys: Mapping[TaskId, Key], states: Mapping[TaskId, str], needed: set[TaskId]
 ) -> Row:
     if task.id not in needed:
         changed = keys[task.id].kept

@@ -282,13 +282,7 @@ def run_all(
 
 
 def open_result(
-    session: Session,
-    stages: Stages,
-    experiment: str,
-    stage: str,
-    recording: str | None = None,
-    *,
-    full: bool = False,
+    session: Session, stages: Stages, experiment: str, stage: str, recording: str | None = None, *, full: bool = False
 ) -> "xr.Dataset":
     """Return an up-to-date stored result without running anything.
 
@@ -513,9 +507,7 @@ class _State:
         for name in reversed(waiting):  # the plan lists inputs first
             for needed in waiting[name]:
                 behind[needed] = max(behind[needed], size[name] + behind[name])
-        return dict(
-            sorted(waiting.items(), key=lambda item: size[item[0]] + behind[item[0]], reverse=True)
-        )
+        return dict(sorted(waiting.items(), key=lambda item: size[item[0]] + behind[item[0]], reverse=True))
 
     def skip_rest(self) -> None:
         """Account for what a stop after the first failure left undone."""

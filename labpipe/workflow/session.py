@@ -58,11 +58,7 @@ class Session:
 
     def _repr_html_(self) -> str:
         rows = [
-            (
-                e.name,
-                e.kind.replace("_", " "),
-                ", ".join(_file_names(msgspec.to_builtins(e.settings))),
-            )
+            (e.name, e.kind.replace("_", " "), ", ".join(_file_names(msgspec.to_builtins(e.settings))))
             for e in self.experiments.values()
         ]
         remarks = [f"recorded by {self.operator}"] if self.operator else []
@@ -81,13 +77,9 @@ def html_table(caption: str, titles: Sequence[str], rows: Iterable[Sequence[obje
 </tr></tbody></table>'
     """
     head = "".join(f"<th>{html.escape(title)}</th>" for title in titles)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>"
-        for row in rows
-    )
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
     return (
-        f"<table><caption>{html.escape(caption)}</caption><thead><tr>{head}</tr></thead>"
-        f"<tbody>{body}</tbody></table>"
+        f"<table><caption>{html.escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     )
 
 
@@ -119,9 +111,7 @@ class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     synthetic: bool = False
 
 
-def load(
-    path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wait: bool = False
-) -> Session:
+def load(path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wait: bool = False) -> Session:
     """Read a session folder's ``session.toml``.
 
     Parameters
@@ -154,16 +144,12 @@ def load(
     document = parse(source)
     _check_version(document)
     root = source.parent.resolve()
-    head = Checker(document, root).structure(
-        _SessionTable, document.tree.get("session", {}), ("session",)
-    )
+    head = Checker(document, root).structure(_SessionTable, document.tree.get("session", {}), ("session",))
     for key in document.tree.keys() - _TOP_LEVEL:
         document.report((key,), f"unknown key{suggest(key, _TOP_LEVEL)}")
     experiments = _Experiments(document, root, kinds, may_wait).all()
     document.finish()
-    return Session(
-        root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments
-    )
+    return Session(root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments)
 
 
 _TOP_LEVEL = {"labpipe", "session", "defaults", "experiments"}
@@ -230,9 +216,7 @@ class _Experiments:
         checker = Checker(self.document, self.root, may_wait=self.may_wait)
         checker.structure(self.kinds[kind], table, place, partial=True)
 
-    def _one(
-        self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str]
-    ) -> Experiment | None:
+    def _one(self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str]) -> Experiment | None:
         place = ("experiments", name)
         kind = table.get("kind")
         if kind is None:
@@ -332,10 +316,7 @@ def _merge(
 
 
 def _note(
-    node: Any,
-    written: toml_lines.Path,
-    place: toml_lines.Path,
-    origins: dict[toml_lines.Path, toml_lines.Path],
+    node: Any, written: toml_lines.Path, place: toml_lines.Path, origins: dict[toml_lines.Path, toml_lines.Path]
 ) -> None:
     origins[place] = written
     pairs: Any = node.items() if isinstance(node, dict) else ()

@@ -231,9 +231,7 @@ class _Run:
         seconds, processor = begun.until_now()
         return Outcome(*task.id, DONE, key, seconds=seconds, processor_seconds=processor)
 
-    def _failed(
-        self, task: Task, error: Exception, text: str, code: int, begun: "_Clock"
-    ) -> Outcome:
+    def _failed(self, task: Task, error: Exception, text: str, code: int, begun: "_Clock") -> Outcome:
         details = "".join(traceback.format_exception(error))
         seconds, processor = begun.until_now()
         return Outcome(
@@ -300,9 +298,7 @@ class _Run:
         function = _import(task)
         self._refuse_changed(task, key)
         arguments = [self._argument(task, argument) for argument in task.arguments]
-        keywords: dict[str, Any] = {
-            "settings": self.job.session.experiments[task.id.experiment].settings
-        }
+        keywords: dict[str, Any] = {"settings": self.job.session.experiments[task.id.experiment].settings}
         if task.stage.context:
             keywords["context"] = self._context(task)
         if task.stage.shortcuts:
@@ -443,9 +439,7 @@ class _Run:
                 for name in behind
                 if name in self.failures
             ),
-            inputs=tuple(
-                RawFile(**entry) for entry in provenance.raw_files(keys[name] for name in behind)
-            ),
+            inputs=tuple(RawFile(**entry) for entry in provenance.raw_files(keys[name] for name in behind)),
             provenance=provenance.of_task(self.job.program, self.plan.tasks, keys, task.id),
             kept=tuple(
                 Kept(_stage_name(task, name), name.recording, changed)

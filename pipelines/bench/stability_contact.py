@@ -17,13 +17,7 @@ from labpipe.contact.line import GeneralContact, dissipation, line_kernel, weste
 from labpipe.contact.memory import Creep, advance, history, step_weights
 from labpipe.contact.sphere import hertz, ting
 from labpipe.materials import Prony
-from pipelines.bench.stability_inputs import (
-    Floats,
-    Random,
-    below_zero,
-    extreme_material,
-    extreme_times,
-)
+from pipelines.bench.stability_inputs import Floats, Random, below_zero, extreme_material, extreme_times
 from pipelines.bench.stability_outcome import Case, Outcome, worst
 
 _QUADRATURE = np.polynomial.legendre.leggauss(12)
@@ -81,9 +75,7 @@ def relaxation_of_a_sphere(random: Random) -> Outcome:
     radius = 10 ** random.uniform(-4, 0)
     depth = radius * 10 ** random.uniform(-8, -2)
     time = np.concatenate([[0.0], np.sort(10 ** random.uniform(-12, 6, 12))])
-    found = contact.press_sphere(
-        material, radius, time, np.full(13, depth), springs=24, rtol=1e-4
-    ).force.values
+    found = contact.press_sphere(material, radius, time, np.full(13, depth), springs=24, rtol=1e-4).force.values
     exact = found[0] * material.relaxation(time) / material.E_unrelaxed
     errors = np.abs(found / exact - 1.0)
     return worst(
@@ -129,9 +121,8 @@ def elastic_line(random: Random) -> Outcome:
     solid = Prony(modulus, [], [], nu=nu)
     options: dict[str, Any] = {"profile": profile, "elements": 256}
     pressed = contact.indent(
-        solid, radius, period, 1.0, [0.0], [float(exact.displacement)],
-        outputs=("pressure",), **options,
-    )  # fmt: skip
+        solid, radius, period, 1.0, [0.0], [float(exact.displacement)], outputs=("pressure",), **options
+    )
     pushed = contact.indent_load(solid, radius, period, 1.0, [0.0], [float(exact.force)], **options)
     force = abs(float(pressed.force[0]) / float(exact.force) - 1.0)
     width = abs(float(pressed.contact_half_width[0]) / period - share) * 256
@@ -155,22 +146,23 @@ def line_history(random: Random) -> Outcome:
 
     def run(rtol: float) -> Any:
         return contact.indent(
-            material, 2e-3, 8e-3, 1.0, time, depth, profile, thickness, 128,
-            rtol=rtol, outputs=("energy", "pressure"),
-        )  # fmt: skip
+            material, 2e-3, 8e-3, 1.0, time, depth, profile, thickness, 128, rtol=rtol, outputs=("energy", "pressure")
+        )
 
     found, finer = run(1e-3), run(1e-5)
     force = found.force.values
     scale = max(float(force.max()), 1e-300)
     heat = found.dissipated_energy.values
     return worst(
-        (float(np.abs(finer.force.values - force).max()) / scale / 5e-3,
-         "difference to a hundredfold tolerance 5e-3 of the peak"),
+        (
+            float(np.abs(finer.force.values - force).max()) / scale / 5e-3,
+            "difference to a hundredfold tolerance 5e-3 of the peak",
+        ),
         (below_zero(found.pressure.values), "a pressure below zero"),
         (below_zero(force), "a force below zero"),
         (below_zero(np.diff(heat, prepend=0.0)), "dissipation that falls"),
         (0.0 if np.all(np.isfinite(force)) else np.inf, "a force that is no number"),
-    )  # fmt: skip
+    )
 
 
 def line_loads(random: Random) -> Outcome:
@@ -187,17 +179,13 @@ def line_loads(random: Random) -> Outcome:
     )
     depth = pushed.displacement.values
     jumps = time[np.flatnonzero(np.diff(time) == 0.0)]
-    first = contact.indent(
-        material, radius, period, 1.0, time[:1], depth[:1], elements=128, rtol=1e-5
-    )
+    first = contact.indent(material, radius, period, 1.0, time[:1], depth[:1], elements=128, rtol=1e-5)
     miss = abs(float(first.force[0]) - load[0]) / max(float(load.max()), 1e-300)
     return worst(
         (miss / 1e-6, "a first load that is missed by 1e-6 of the largest"),
-        (below_zero(np.diff(pushed.dissipated_energy.values, prepend=0.0)),
-         "dissipation that falls"),
-        (0.0 if np.all(np.isfinite(depth)) or jumps.size else np.inf, "an approach that is not "
-                                                                      "finite"),
-    )  # fmt: skip
+        (below_zero(np.diff(pushed.dissipated_energy.values, prepend=0.0)), "dissipation that falls"),
+        (0.0 if np.all(np.isfinite(depth)) or jumps.size else np.inf, "an approach that is not finite"),
+    )
 
 
 def any_profile(random: Random) -> Outcome:
@@ -207,9 +195,7 @@ def any_profile(random: Random) -> Outcome:
     thickness = float(random.choice([np.inf, 1e-3, 1e-4]))
     x = 2.0 * pi * np.arange(n) / n
     tips = int(random.integers(1, 4))
-    heights = (1.0 - roughness) * np.cos(tips * x + random.uniform(0, 6)) + roughness * (
-        random.random(n)
-    )
+    heights = (1.0 - roughness) * np.cos(tips * x + random.uniform(0, 6)) + roughness * (random.random(n))
     heights = 1e-4 * (heights - heights.min())
     kernel = line_kernel(8e-3, n, thickness, float(random.uniform(0.0, 0.4999)))
     approach = float(random.uniform(0.02, 0.97)) * float(heights.mean())
@@ -218,10 +204,12 @@ def any_profile(random: Random) -> Outcome:
     size = float(np.ptp(heights))
     return worst(
         (-float(gap.min()) / size / 1e-9, "a penetration of 1e-9 of the roughness"),
-        (float(np.abs(gap[answer.load > 0.0]).max(initial=0.0)) / size / 1e-9,
-         "a gap in the contact of 1e-9 of the roughness"),
+        (
+            float(np.abs(gap[answer.load > 0.0]).max(initial=0.0)) / size / 1e-9,
+            "a gap in the contact of 1e-9 of the roughness",
+        ),
         (below_zero(answer.load), "a pressure below zero"),
-    )  # fmt: skip
+    )
 
 
 # -- closed forms ----------------------------------------------------------------------------------
@@ -241,10 +229,9 @@ def inverse_closed_forms(random: Random) -> Outcome:
     again = hertz.static_approach(sphere.approach, radius, reduced)
     return worst(
         (abs(float(by_depth.force / state.force) - 1.0) / 1e-6, "force by the approach 1e-6"),
-        (abs(float(by_force.displacement / state.displacement) - 1.0) / 1e-6,
-         "approach by the force 1e-6"),
+        (abs(float(by_force.displacement / state.displacement) - 1.0) / 1e-6, "approach by the force 1e-6"),
         (abs(float(again.force) / load - 1.0) / 1e-12, "Hertz there and back 1e-12"),
-    )  # fmt: skip
+    )
 
 
 def harmonic_work(random: Random) -> Outcome:
@@ -267,22 +254,35 @@ def harmonic_work(random: Random) -> Outcome:
 _BAD = (np.nan, np.inf, -np.inf, -1.0, 0.0)
 _SOLID = Prony(2e9, [2e9], [0.5e-3], nu=0.35)
 _DROP: Mapping[str, float] = {
-    "radius": 0.01, "mass": 0.5, "height": 1e-3, "duration": 0.02, "gravity": 9.81, "rtol": 1e-3,
+    "radius": 0.01,
+    "mass": 0.5,
+    "height": 1e-3,
+    "duration": 0.02,
+    "gravity": 9.81,
+    "rtol": 1e-3,
     "ring_width": 1e-5,
-}  # fmt: skip
-_INDENT: Mapping[str, float] = {
-    "tip_radius": 2e-3, "period": 8e-3, "depth": 1.0, "thickness": 1e-3, "rtol": 1e-3,
-}  # fmt: skip
+}
+_INDENT: Mapping[str, float] = {"tip_radius": 2e-3, "period": 8e-3, "depth": 1.0, "thickness": 1e-3, "rtol": 1e-3}
 _COLLISION: Mapping[str, float] = {
-    "radius": 0.01, "mass": 0.5, "height": 1e-3, "duration": 0.02, "gravity": 9.81,
-    "youngs_modulus": 3e9, "nu": 0.3, "damping": 1e4, "yield_depth": 1e-5,
+    "radius": 0.01,
+    "mass": 0.5,
+    "height": 1e-3,
+    "duration": 0.02,
+    "gravity": 9.81,
+    "youngs_modulus": 3e9,
+    "nu": 0.3,
+    "damping": 1e4,
+    "yield_depth": 1e-5,
     "unloading_multiplier": 2.0,
-}  # fmt: skip
+}
 #: Values that are no mistake although they stand in the list of bad ones.
 _LEGAL = {
-    ("drop", "height", 0.0), ("indent", "thickness", np.inf), ("collision", "nu", 0.0),
-    ("collision", "damping", 0.0), ("collision", "yield_depth", np.inf),
-}  # fmt: skip
+    ("drop", "height", 0.0),
+    ("indent", "thickness", np.inf),
+    ("collision", "nu", 0.0),
+    ("collision", "damping", 0.0),
+    ("collision", "yield_depth", np.inf),
+}
 
 
 def input_that_is_none(random: Random) -> Outcome:

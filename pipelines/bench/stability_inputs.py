@@ -1,11 +1,10 @@
 """Random generators of extreme cases."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials import Prony
 
-Floats = NDArray[np.float64]
 Random = np.random.Generator
 
 

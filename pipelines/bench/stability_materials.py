@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import materials
+from labpipe.arrays import Complexes
 from labpipe.materials import Prony
 from pipelines.bench.stability_inputs import Floats, Random, laid_out
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
-
-Complexes = NDArray[np.complex128]
 
 
 def _extreme_terms(random: Random, most: int = 60) -> tuple[float, Floats, Floats]:
@@ -102,8 +100,7 @@ _BAD = (np.nan, np.inf, -np.inf, -1.0, 0.0)
 
 def material_that_is_none(random: Random) -> Outcome:
     """Terms that break thermodynamics, or are no numbers, and times that are none."""
-    fault = str(random.choice(["E", "rho", "relaxed", "nu", "lengths", "creep", "time", "omega",
-                               "shift"]))  # fmt: skip
+    fault = str(random.choice(["E", "rho", "relaxed", "nu", "lengths", "creep", "time", "omega", "shift"]))
     weight, time = 10 ** random.uniform(3, 9, 4), 10 ** random.uniform(-6, 3, 4)
     bad, place = float(random.choice(_BAD)), int(random.integers(0, 4))
     relaxed, nu = 1e6, 0.3
@@ -155,9 +152,7 @@ def kramers_kronig(random: Random) -> Outcome:
     loss = exact.imag * (float(random.choice([0.2, 5.0])) if wrong else 1.0)
     order = random.permutation(frequency.size)
     with silently():
-        found = materials.kramers_kronig(
-            frequency[order], (exact.real * factor[0])[order], (loss * factor[1])[order]
-        )
+        found = materials.kramers_kronig(frequency[order], (exact.real * factor[0])[order], (loss * factor[1])[order])
     is_told = found.verdict != "pass" if wrong else found.verdict != "fail"
     return Outcome(0.0 if is_told else np.inf, f"{'wrong' if wrong else 'right'}: {found.verdict}")
 
@@ -169,9 +164,7 @@ def _sweeps(random: Random, fault: str = "") -> tuple[Any, Floats]:
     temperature = 20.0 + 10.0 * np.arange(count)
     shift = -np.cumsum(np.concatenate([[0.0], random.uniform(0.4, 1.0, count - 1)]))
     frequency = np.logspace(-1.0, 1.0, 8)
-    exact = np.stack([
-        _modulus(relaxed, weight, time, 2 * np.pi * frequency * 10**s) for s in shift
-    ])  # fmt: skip
+    exact = np.stack([_modulus(relaxed, weight, time, 2 * np.pi * frequency * 10**s) for s in shift])
     noise = 10 ** random.uniform(-4, -2)
     storage = exact.real * (1.0 + noise * random.standard_normal(exact.shape))
     loss = exact.imag * (1.0 + noise * random.standard_normal(exact.shape))
@@ -194,10 +187,12 @@ def _sweeps(random: Random, fault: str = "") -> tuple[Any, Floats]:
     dims = ("temperature", "frequency")
     units = {"units": "kPa" if fault == "unit" else "Pa"}
     sweeps = xr.Dataset(
-        {"storage": (dims, laid_out(random, storage[order]), units),
-         "loss": (dims, laid_out(random, loss[order]), units)},
+        {
+            "storage": (dims, laid_out(random, storage[order]), units),
+            "loss": (dims, laid_out(random, loss[order]), units),
+        },
         coords={"temperature": temperature[order], "frequency": frequency},
-    )  # fmt: skip
+    )
     return sweeps, shift[order]
 
 
@@ -217,8 +212,7 @@ def shift_factors(random: Random) -> Outcome:
 
 def sweeps_that_are_none(random: Random) -> Outcome:
     """Moduli, frequencies and temperatures that are none."""
-    fault = str(random.choice(["infinite", "negative", "no loss", "nothing", "frequency",
-                               "temperature", "unit"]))  # fmt: skip
+    fault = str(random.choice(["infinite", "negative", "no loss", "nothing", "frequency", "temperature", "unit"]))
     sweeps, _ = _sweeps(random, fault)
     with silently():
         materials.master_curve(sweeps)

@@ -22,8 +22,7 @@ _EPS32, _EPS64 = float(np.finfo(np.float32).eps), float(np.finfo(float).eps)
 
 def record_of(time: Floats, values: Floats, units: str = "m") -> xr.DataArray:
     """Label a record."""
-    return xr.DataArray(values, {"time": time}, ["time"], name="displacement",
-                        attrs={"units": units})  # fmt: skip
+    return xr.DataArray(values, {"time": time}, ["time"], name="displacement", attrs={"units": units})
 
 
 def uneven_times(random: Random, count: int, spread: float = 1.0) -> Floats:
@@ -147,8 +146,7 @@ def record_that_is_none(random: Random) -> Outcome:
         "at_times": lambda: signals.interpolated_at(record, np.linspace(0.2, 0.8, 9)),
     }
     name = str(random.choice(list(calls)))
-    if fault == "unit" and name in ("fit_sinusoid", "damped_oscillation", "at_times", "lag",
-                                    "lag of the second"):  # fmt: skip
+    if fault == "unit" and name in ("fit_sinusoid", "damped_oscillation", "at_times", "lag", "lag of the second"):
         return Outcome(0.0, "")  # any quantity will do
     if fault in ("nothing", "one") and name in ("repeats", "at_times"):
         return Outcome(0.0, "")  # what was not read stays NaN
@@ -186,12 +184,16 @@ def sinusoid(random: Random) -> Outcome:
     turned = math.remainder(found.phase - middle, 2 * math.pi)
     span = float(time[-1] - time[0])
     return worst(
-        (abs(found.amplitude / amplitude - 1.0)
-         / (7.0 * found.u_amplitude / amplitude + floor), "an amplitude by 7 uncertainties"),
+        (
+            abs(found.amplitude / amplitude - 1.0) / (7.0 * found.u_amplitude / amplitude + floor),
+            "an amplitude by 7 uncertainties",
+        ),
         (abs(turned) / (7.0 * found.u_phase + floor), "a phase by 7 uncertainties"),
-        (abs(found.frequency - frequency) * span / (7.0 * found.u_frequency * span + floor),
-         "a frequency by 7 uncertainties"),
-    )  # fmt: skip
+        (
+            abs(found.frequency - frequency) * span / (7.0 * found.u_frequency * span + floor),
+            "a frequency by 7 uncertainties",
+        ),
+    )
 
 
 def stiffness_and_lag(random: Random) -> Outcome:
@@ -209,11 +211,12 @@ def stiffness_and_lag(random: Random) -> Outcome:
     storage, loss = stiffness * math.cos(lag), stiffness * math.sin(lag)
     return worst(
         (abs(found.phase_lag - lag) / (7.0 * found.u_phase_lag + floor), "a lag by 7 u"),
-        (abs(found.storage_stiffness - storage)
-         / (7.0 * found.u_storage_stiffness + floor * stiffness), "storage by 7 u"),
-        (abs(found.loss_stiffness - loss)
-         / (7.0 * found.u_loss_stiffness + floor * stiffness), "loss by 7 u"),
-    )  # fmt: skip
+        (
+            abs(found.storage_stiffness - storage) / (7.0 * found.u_storage_stiffness + floor * stiffness),
+            "storage by 7 u",
+        ),
+        (abs(found.loss_stiffness - loss) / (7.0 * found.u_loss_stiffness + floor * stiffness), "loss by 7 u"),
+    )
 
 
 def decay(random: Random) -> Outcome:
@@ -230,11 +233,12 @@ def decay(random: Random) -> Outcome:
     values += share * amplitude * random.standard_normal(time.size)
     found = signals.damped_oscillation(laid_out(random, time), with_gaps(random, values))
     return worst(
-        (abs(found.frequency / frequency - 1.0)
-         / (8.0 * found.u_frequency / frequency + 1e-6), "a frequency by 8 uncertainties"),
-        (abs(found.damping_ratio - ratio) / (8.0 * found.u_damping_ratio + 1e-6),
-         "a damping by 8 uncertainties"),
-    )  # fmt: skip
+        (
+            abs(found.frequency / frequency - 1.0) / (8.0 * found.u_frequency / frequency + 1e-6),
+            "a frequency by 8 uncertainties",
+        ),
+        (abs(found.damping_ratio - ratio) / (8.0 * found.u_damping_ratio + 1e-6), "a damping by 8 uncertainties"),
+    )
 
 
 # -- several records -------------------------------------------------------------------------------
@@ -258,9 +262,7 @@ def lag_of_two(random: Random) -> Outcome:
     b = gain * (motion((second - late) / span) + random.uniform(-100.0, 100.0))
     b += abs(gain) * share * random.standard_normal(second.size)
     begin = span * float(random.choice([0.0, 1e3]))
-    found = signals.lag(
-        record_of(first + begin, laid_out(random, a)), record_of(second + begin, b), 0.3 * span
-    )
+    found = signals.lag(record_of(first + begin, laid_out(random, a)), record_of(second + begin, b), 0.3 * span)
     return worst(
         (abs(found.lag - late) / (8.0 * found.u_lag + 2e-4 * span), "a lag by 8 u, 2e-4 of it all"),
         (abs(found.gain / gain - 1.0) / (8.0 * found.u_gain / abs(gain) + 2e-3), "a gain by 2e-3"),
@@ -315,10 +317,15 @@ def agreement_of_two(random: Random) -> Outcome:
     return worst(
         (abs(found.bias - bias) / (floor * size), "a bias by 1e-9"),
         (abs(signals.nrmse(a, b) - rms / extent) / floor, "a normalised error by 1e-9"),
-        (abs(signals.coefficient_of_determination(a, b) - 1.0 + math.fsum(d * d) / total)
-         * total / math.fsum(d * d) / floor, "R² by 1e-9"),
+        (
+            abs(signals.coefficient_of_determination(a, b) - 1.0 + math.fsum(d * d) / total)
+            * total
+            / math.fsum(d * d)
+            / floor,
+            "R² by 1e-9",
+        ),
         (0.0 if 1.0 <= found.n_effective <= 2.0 * d.size else np.inf, "impossibly many samples"),
-    )  # fmt: skip
+    )
 
 
 def figures_of_nothing(random: Random) -> Outcome:

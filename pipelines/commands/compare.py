@@ -5,14 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pipelines.commands.options import (
-    echo,
-    echo_json,
-    jobs_option,
-    json_option,
-    keep_option,
-    session_argument,
-)
+from pipelines.commands.options import echo, echo_json, jobs_option, json_option, keep_option, session_argument
 from pipelines.session import COMPARISON_PAGE
 
 if TYPE_CHECKING:
@@ -48,8 +41,14 @@ def compare(session: Path, jobs: int, keep: bool, as_json: bool) -> None:
     files.write_text(page, render(opened, found))
     write_overview(opened, process.STAGES)
     if as_json:
-        echo_json({"page": str(page), "rows": [row.document() for row in found.rows],
-                   "failed": found.failed, "absent": found.absent})  # fmt: skip
+        echo_json(
+            {
+                "page": str(page),
+                "rows": [row.document() for row in found.rows],
+                "failed": found.failed,
+                "absent": found.absent,
+            }
+        )
     else:
         for row in found.rows:
             echo(line(row))

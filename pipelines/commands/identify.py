@@ -23,11 +23,7 @@ STEM = "identify_"
     metavar="NAME",
     help="Only these experiments; by default all that can identify a material. Repeatable.",
 )
-@click.option(
-    "--prior",
-    metavar="dma|NAME",
-    help="Use the moduli of the session's rheometer experiment as prior.",
-)
+@click.option("--prior", metavar="dma|NAME", help="Use the moduli of the session's rheometer experiment as prior.")
 @click.option(
     "--spectrum",
     type=click.Choice(["smooth", "fractional"]),
@@ -43,9 +39,7 @@ STEM = "identify_"
     help="Number of bounces of a drop that are evaluated.",
 )
 @click.option(
-    "--no-profile",
-    is_flag=True,
-    help="Do not examine whether the data determine the long-time modulus (faster).",
+    "--no-profile", is_flag=True, help="Do not examine whether the data determine the long-time modulus (faster)."
 )
 @click.option(
     "--sampler",
@@ -56,9 +50,17 @@ STEM = "identify_"
 )
 @jobs_option
 @json_option
-def identify(session: Path, experiments: tuple[str, ...], prior: str | None, spectrum: str,
-             impacts: int, no_profile: bool, sampler: str, jobs: int, as_json: bool,
-             ) -> None:  # fmt: skip
+def identify(
+    session: Path,
+    experiments: tuple[str, ...],
+    prior: str | None,
+    spectrum: str,
+    impacts: int,
+    no_profile: bool,
+    sampler: str,
+    jobs: int,
+    as_json: bool,
+) -> None:
     r"""Identify the viscoelastic materials of the experiments in SESSION, with credible intervals.
 
     Drops, contact films, relaxations and harmonic indentations of one material are fitted

@@ -38,19 +38,26 @@ def sensitivity(session: Path, which: str | None, as_json: bool) -> None:
         pages.append(str(page))
     rows = [
         {
-            "experiment": e.experiment, "quantity": e.quantity.name, "unit": e.quantity.unit,
-            "value": e.budget.value, "u": e.budget.u, "expanded": e.budget.expanded(),
-            "coverage_factor": e.coverage_factor, "monte_carlo_agrees": e.is_linear,
+            "experiment": e.experiment,
+            "quantity": e.quantity.name,
+            "unit": e.quantity.unit,
+            "value": e.budget.value,
+            "u": e.budget.u,
+            "expanded": e.budget.expanded(),
+            "coverage_factor": e.coverage_factor,
+            "monte_carlo_agrees": e.is_linear,
             "total_indices": {name: i.total for name, i in e.indices.items()},
             "to_halve": advice(e),
         }
         for e in found
-    ]  # fmt: skip
+    ]
     if as_json:
         echo_json({"pages": pages, "quantities": rows})
         return
     for row in rows:
-        echo(f"{row['experiment']}, {row['quantity']}: {row['value']:.5g} ± {row['u']:.2g} "
-             f"{row['unit']}; to halve it: {row['to_halve']}")  # fmt: skip
+        echo(
+            f"{row['experiment']}, {row['quantity']}: {row['value']:.5g} ± {row['u']:.2g} "
+            f"{row['unit']}; to halve it: {row['to_halve']}"
+        )
     for path in pages:
         echo(f"page: {path}")

@@ -31,8 +31,7 @@ _STATE_WIDTH = 10
 @click.command()
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--force", is_flag=True, help="Replace a session.toml that is already there.")
-@click.option("--ask/--no-ask", default=None,
-              help="Ask for what no file contains; default: ask at a terminal.")  # fmt: skip
+@click.option("--ask/--no-ask", default=None, help="Ask for what no file contains; default: ask at a terminal.")
 @json_option
 def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
     r"""Scan FOLDER and write a commented session.toml.
@@ -53,11 +52,13 @@ def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
     if as_json:
         echo_json(
             {
-                "path": str(found.path), "experiments": found.experiments,
-                "to_fill": found.gaps, "records": [str(p) for p in found.records],
+                "path": str(found.path),
+                "experiments": found.experiments,
+                "to_fill": found.gaps,
+                "records": [str(p) for p in found.records],
                 "unused": found.unused,
             }
-        )  # fmt: skip
+        )
         return
     echo(f"wrote {found.path} with {len(found.experiments)} experiment(s)")
     for path in found.records:
@@ -82,15 +83,11 @@ class _Asker:
         from pipelines.session import checked
 
         if not self.has_begun:
-            click.echo("Not in the files: please answer. Enter alone leaves it open, Ctrl-C "
-                       "writes nothing.",
-                       err=True)  # fmt: skip
+            click.echo("Not in the files: please answer. Enter alone leaves it open, Ctrl-C writes nothing.", err=True)
             self.has_begun = True
         while True:
             default = self.last.get(gap.sort, "")
-            answer = click.prompt(
-                printable(gap.question), default=default, show_default=bool(default), err=True
-            )
+            answer = click.prompt(printable(gap.question), default=default, show_default=bool(default), err=True)
             if not answer.strip():
                 return None
             try:
@@ -118,14 +115,7 @@ _FULL = click.option("--full", is_flag=True, help="Without shortcuts: read and s
 @_FULL
 @keep_option
 @json_option
-def plan(
-    session: Path,
-    targets: tuple[str, ...],
-    only: tuple[str, ...],
-    full: bool,
-    keep: bool,
-    as_json: bool,
-) -> None:
+def plan(session: Path, targets: tuple[str, ...], only: tuple[str, ...], full: bool, keep: bool, as_json: bool) -> None:
     r"""Say what `process` would run, and why; nothing is computed.
 
     \b
@@ -151,8 +141,13 @@ def plan(
 
 
 @click.command()
-@click.argument("sessions", nargs=-1, required=True, metavar="SESSION...",
-                type=click.Path(exists=True, file_okay=False, path_type=Path))  # fmt: skip
+@click.argument(
+    "sessions",
+    nargs=-1,
+    required=True,
+    metavar="SESSION...",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+)
 @_TO
 @_ONLY
 @_FULL
@@ -187,26 +182,29 @@ def process(
 
     folders = list({folder.resolve(): folder for folder in sessions}.values())
     with watching(enabled=not as_json) as progress:
-        ended = dict(verbs.process_all(
-            folders, _split(targets), _split(only), jobs=jobs, cluster=cluster,
-            full=full, keep=keep, fail_fast=fail_fast, progress=progress,
-        ))  # fmt: skip
+        ended = dict(
+            verbs.process_all(
+                folders,
+                _split(targets),
+                _split(only),
+                jobs=jobs,
+                cluster=cluster,
+                full=full,
+                keep=keep,
+                fail_fast=fail_fast,
+                progress=progress,
+            )
+        )
     if len(folders) == 1 and isinstance(error := ended[folders[0]], LabpipeError):
         raise error
-    judged = {
-        folder: verbs.verdicts_of(done)
-        for folder, done in ended.items()
-        if not isinstance(done, LabpipeError)
-    }
+    judged = {folder: verbs.verdicts_of(done) for folder, done in ended.items() if not isinstance(done, LabpipeError)}
     codes = {done.exit_code for done in ended.values()}
     if any(found.is_impossible for found in judged.values()):
         codes = (codes - {0}) | {1}
     code = _common_code(codes)
     ended = {folder: ended[folder] for folder in folders if folder in ended}
     if as_json:
-        documents = [
-            as_document(done, folder, judged.get(folder)) for folder, done in ended.items()
-        ]
+        documents = [as_document(done, folder, judged.get(folder)) for folder, done in ended.items()]
         echo_json(documents[0] if len(folders) == 1 else {"sessions": documents, "exit_code": code})
     else:
         for folder, done in ended.items():
@@ -229,9 +227,7 @@ def _common_code(codes: set[int]) -> int:
     return codes.pop() if len(codes) == 1 else 1
 
 
-def as_document(
-    outcome: "RunResult | LabpipeError", folder: Path, judged: "Verdicts | None" = None
-) -> dict[str, Any]:
+def as_document(outcome: "RunResult | LabpipeError", folder: Path, judged: "Verdicts | None" = None) -> dict[str, Any]:
     """Return a run, or why there was none, as one JSON document."""
     if isinstance(outcome, LabpipeError):
         return {"session": str(folder), **error_document(outcome)}

@@ -20,10 +20,21 @@ from pipelines.cli import cli
 from pipelines.commands.options import echo, echo_json, json_option
 
 _LIBRARIES = (
-    "numpy", "scipy", "pandas", "xarray", "netCDF4", "matplotlib", "opencv-python-headless",
-    "numba", "click", "rich", "jinja2", "msgspec", "openpyxl",
+    "numpy",
+    "scipy",
+    "pandas",
+    "xarray",
+    "netCDF4",
+    "matplotlib",
+    "opencv-python-headless",
+    "numba",
+    "click",
+    "rich",
+    "jinja2",
+    "msgspec",
+    "openpyxl",
     "threadpoolctl",
-)  # fmt: skip
+)
 _ROOM_WANTED = 2_000_000_000  # bytes; a session with films writes less than this
 
 
@@ -56,8 +67,7 @@ def _too_old(versions: dict[str, str]) -> list[str]:
             continue
         if _numbers(versions[match[1]]) < _numbers(match[2]):
             found.append(
-                f"{match[1]} is {versions[match[1]]}, needed is {match[2]} or newer; "
-                f"pip install --upgrade {match[1]}"
+                f"{match[1]} is {versions[match[1]]}, needed is {match[2]} or newer; pip install --upgrade {match[1]}"
             )
     return found
 
@@ -82,11 +92,7 @@ def name_clashes() -> list[str]:
 
 
 def _problems(folder: Path, versions: dict[str, str]) -> list[str]:
-    found = [
-        f"{name} is not installed; pip install {name}"
-        for name, text in versions.items()
-        if text == "missing"
-    ]
+    found = [f"{name} is not installed; pip install {name}" for name, text in versions.items() if text == "missing"]
     found += _too_old(versions)
     if (mistake := _write_test(folder)) is not None:
         found.append(mistake)
@@ -122,9 +128,7 @@ def _session_problems(folder: Path) -> tuple[list[str], list[str]]:
 
 
 @click.command()
-@click.argument(
-    "folder", default=".", type=click.Path(exists=True, file_okay=False, path_type=Path)
-)
+@click.argument("folder", default=".", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @json_option
 def doctor(folder: Path, as_json: bool) -> None:
     r"""Check the installation, the disk, and the results of a session.
@@ -146,10 +150,16 @@ def doctor(folder: Path, as_json: bool) -> None:
         warnings.simplefilter("ignore", PluginWarning)  # they are listed here
         plugins = _plugins()
     if as_json:
-        echo_json({
-            "versions": versions, "plugins": plugins, "free_bytes": free, "problems": problems,
-            "session_problems": mistakes, "damaged_results": damaged,
-        })  # fmt: skip
+        echo_json(
+            {
+                "versions": versions,
+                "plugins": plugins,
+                "free_bytes": free,
+                "problems": problems,
+                "session_problems": mistakes,
+                "damaged_results": damaged,
+            }
+        )
     else:
         for name, version in versions.items():
             echo(f"{name:24}{version}")

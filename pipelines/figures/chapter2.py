@@ -26,9 +26,7 @@ _RTOL = 1e-3  # of a dot of figure 2.6; 1e-4 moves none by more than 0.1 %
 _FRONT_FREQUENCIES = (1e-1, 1e2, 1e4, 1e6, 1e8, 1e9)
 
 
-def oscillation(
-    mean: float, amplitude: float, frequency: float, cycles: int, per_cycle: int
-) -> tuple[Array, Array]:
+def oscillation(mean: float, amplitude: float, frequency: float, cycles: int, per_cycle: int) -> tuple[Array, Array]:
     """Return times and displacements of ramp, rest and oscillation, the thesis's protocol.
 
     Parameters
@@ -52,9 +50,8 @@ def _cycle(rubber: Prony, amplitude: float, frequency: float) -> tuple[float, fl
     samples = 80
     time, moved = oscillation(_MEAN, amplitude, frequency, 2, samples)
     made = contact.indent(
-        rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, profile="cosine", elements=256,
-        rtol=_RTOL, outputs=("energy",),
-    )  # fmt: skip
+        rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, profile="cosine", elements=256, rtol=_RTOL, outputs=("energy",)
+    )
     force, lost = made["force"].values, made["dissipated_energy"].values
     rest = force[-2 * samples - 1]
     return float(force[-samples:].min() / rest), float(lost[-1] - lost[-samples - 1])
@@ -91,15 +88,16 @@ def dissipation_map() -> Drawing:
         first, second = axes[0]
         _map_panel(figure, first, x, amplitude / TIP_RADIUS, field)
         first.loglog(
-            x_spots, found / TIP_RADIUS, label="front, simulated",
-            **line_arguments("measured", style="points"),
-        )  # fmt: skip
+            x_spots, found / TIP_RADIUS, label="front, simulated", **line_arguments("measured", style="points")
+        )
         _section_panel(second, x, frequency, rubber)
         scale = (rubber, TIP_RADIUS, PERIOD, DEPTH)
         second.loglog(
-            x_spots, dissipation.dimensionless_work(simulated, *scale), label="simulated",
+            x_spots,
+            dissipation.dimensionless_work(simulated, *scale),
+            label="simulated",
             **line_arguments("measured", style="points"),
-        )  # fmt: skip
+        )
         for name, place in zip("ab", axes[0], strict=True):
             letter(place, name)
             place.legend(loc="upper right" if name == "a" else "lower left")
@@ -150,9 +148,7 @@ def _section_panel(axes: Any, x: Array, frequency: Array, rubber: Prony) -> None
     scaled = dissipation.dimensionless_work(work, rubber, TIP_RADIUS, PERIOD, DEPTH)
     touching = contact.tapping_amplitude(rubber, frequency, *geometry) >= _AMPLITUDE
     look = line_arguments("reference") | {"color": "black"}
-    axes.loglog(
-        x[touching], scaled[touching], label="eq. (2.31), contact", **(look | {"linestyle": "-"})
-    )
+    axes.loglog(x[touching], scaled[touching], label="eq. (2.31), contact", **(look | {"linestyle": "-"}))
     axes.loglog(x[~touching], scaled[~touching], label="eq. (2.31), tapping", **look)
     axes.set(ylabel="work $\\tilde W$ (1)", ylim=(scaled.min() / 30, scaled.max() * 2))
 
@@ -163,9 +159,8 @@ def tapping_cycle() -> Drawing:
     samples, frequency = 80, 2.0
     time, moved = oscillation(0.25 * TIP_RADIUS, 0.15 * TIP_RADIUS, frequency, 3, samples)
     made = contact.indent(
-        rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, profile="circle", elements=512,
-        outputs=("pressure", "surface"),
-    )  # fmt: skip
+        rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, profile="circle", elements=512, outputs=("pressure", "surface")
+    )
     last = made.isel(time=slice(-samples - 1, None))
     x = made["x"].values
     near = np.abs(x) < 0.95 * TIP_RADIUS

@@ -66,8 +66,10 @@ def contact_radius(inputs: Inputs) -> Drawing:
     chosen = sorted(inputs.experiments, key=lambda n: inputs.experiments[n].height.value)
     chosen = chosen[:_MOST_HEIGHTS]
     notes = []
-    with panels(len(chosen), _IMPACTS, width=2, aspect=0.1 + 0.26 * len(chosen),
-                sharex="all", sharey="row") as (figure, axes):  # fmt: skip
+    with panels(len(chosen), _IMPACTS, width=2, aspect=0.1 + 0.26 * len(chosen), sharex="all", sharey="row") as (
+        figure,
+        axes,
+    ):
         for row, name in enumerate(chosen):
             made = inputs.result(name, "comparison")
             _impact_row(axes[row], made, inputs.result(name, "model"), inputs.origin)
@@ -84,8 +86,7 @@ def contact_radius(inputs: Inputs) -> Drawing:
         legend_above(figure, axes[0, 0])
     return Drawing(
         Caption(
-            "Contact radius of the first impacts (left to right) at each drop height, t_p = 0 at "
-            "the largest radius.",
+            "Contact radius of the first impacts (left to right) at each drop height, t_p = 0 at the largest radius.",
             computed=f"simulated drops; largest radius, film minus model: {'; '.join(notes)}.",
             difference="the thesis gives no number for the agreement.",
             **inputs.data_note("contact radius from the interference fringes of films."),
@@ -98,8 +99,9 @@ def _impact_row(places: Any, made: Any, model: Any, origin: str) -> None:
     for number, place in enumerate(places, start=1):
         inside = made["impact_number"].values == number
         t = made["since_peak"].values[inside] * 1e3
-        place.plot(t, made["film"].values[inside] * 1e6, label=f"film, {origin}",
-                   **line_arguments("measured", style="points"))  # fmt: skip
+        place.plot(
+            t, made["film"].values[inside] * 1e6, label=f"film, {origin}", **line_arguments("measured", style="points")
+        )
         since, radius = around_peak(model, float(made["model_peak_time"][number - 1]))
         place.plot(since, radius, label="model", **line_arguments("model"))
         place.set_ylim(bottom=0.0)

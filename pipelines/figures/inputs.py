@@ -125,9 +125,7 @@ def _fits(need: Need, name: str, experiment: Experiment) -> bool:
     return need.material in re.split(r"[^a-z]+", words)
 
 
-def result_keys(
-    plan: "Plan", session: Session | None, needs: Iterable[Need]
-) -> dict[str, str | None]:
+def result_keys(plan: "Plan", session: Session | None, needs: Iterable[Need]) -> dict[str, str | None]:
     """Return the content key of every result that a figure reads; None where a file is missing."""
     return {
         str(task): key.value

@@ -32,11 +32,7 @@ class Comparison:
 
 
 def compare(
-    folder: str | Path,
-    *,
-    jobs: int = 1,
-    keep: bool | None = None,
-    progress: "Callable[[Event], None] | None" = None,
+    folder: str | Path, *, jobs: int = 1, keep: bool | None = None, progress: "Callable[[Event], None] | None" = None
 ) -> Comparison:
     """Compare measurement and model of every experiment; what is missing is processed first.
 
@@ -62,9 +58,7 @@ def compare(
         if (derived := KINDS[experiment.kind].rows) is not None
     }
     wanted = [
-        target
-        for name, derived in able.items()
-        for target in needed(session, session.experiments[name], derived)
+        target for name, derived in able.items() for target in needed(session, session.experiments[name], derived)
     ]
     failed: dict[str, str] = {}
     if wanted:
@@ -98,10 +92,12 @@ def _kept(plan: Plan, experiment: str) -> tuple[str, ...]:
 def labelled(row: Row, experiment: Experiment) -> Row:
     """Say of a row which experiment it is of and, where it does not, of what and how."""
     return replace(
-        row, experiment=experiment.name, kind=experiment.kind,
+        row,
+        experiment=experiment.name,
+        kind=experiment.kind,
         material=row.material or _material(experiment),
         condition=row.condition or _condition(experiment),
-    )  # fmt: skip
+    )
 
 
 def _material(experiment: Experiment) -> str:

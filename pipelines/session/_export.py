@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe import files
 from labpipe.errors import InputError, SourceError, UsageError
+from labpipe.variables import described, variable
 from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import READY
 from labpipe.workflow.plan import plan as make_plan
@@ -83,9 +84,7 @@ class Target:
         return path
 
 
-def export_results(
-    results: Results, stages: Iterable[str], experiments: Iterable[str], target: Target
-) -> Exported:
+def export_results(results: Results, stages: Iterable[str], experiments: Iterable[str], target: Target) -> Exported:
     """Write the stored results of a session that are up to date.
 
     Parameters
@@ -177,12 +176,11 @@ def _frame_times(frames: Any) -> "xr.Dataset":
     import xarray as xr
 
     variables: dict[str, Any] = {
-        "time": ("frame", frames.time, {"units": "s", "long_name": "time from the trigger"}),
-        "valid": ("frame", frames.valid.astype(np.int8),
-                  {"units": "1", "long_name": "1 where the frame is complete"}),
-    }  # fmt: skip
+        "time": variable("frame", frames.time, "s", "time from the trigger"),
+        "valid": variable("frame", frames.valid.astype(np.int8), "1", "1 where the frame is complete"),
+    }
     if frames.exposure is not None:
-        attrs = {"units": "s", "long_name": "exposure time"}
+        attrs = described("s", "exposure time")
         values = np.broadcast_to(np.asarray(frames.exposure, float), frames.time.shape)
         variables["exposure"] = ("frame", values, attrs)
     rows, columns = frames.shape[1:]

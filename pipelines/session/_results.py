@@ -43,9 +43,7 @@ def derive(results: Results, experiment: Experiment, derived: Derived, **keyword
     return call(*results.values(found), settings=experiment.settings, **keywords)
 
 
-def result(
-    folder: str | Path, experiment: str, stage: str, recording: str | None = None
-) -> "xr.Dataset":
+def result(folder: str | Path, experiment: str, stage: str, recording: str | None = None) -> "xr.Dataset":
     """Return one stored result of a processed session.
 
     Parameters
@@ -104,9 +102,6 @@ def results(folder: str | Path, experiment: str) -> "xr.DataTree":
                 node += f"/{row.recording.replace('/', '_') if is_taken else stem}"
             found[node] = known.result(*row.task)
     if not found:
-        message = (
-            f"{experiment} has no result that is up to date; run: labpipe process {folder} "
-            f"--only {experiment}"
-        )
+        message = f"{experiment} has no result that is up to date; run: labpipe process {folder} --only {experiment}"
         raise InputError(message)
     return xr.DataTree.from_dict(found, name=experiment)

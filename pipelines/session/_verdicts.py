@@ -83,9 +83,8 @@ class Verdicts:
 
 
 def verdict(
-    folder: str | Path, targets: Iterable[str] | None = None, only: Iterable[str] | None = None,
-    *, jobs: int = 1,
-) -> Verdicts:  # fmt: skip
+    folder: str | Path, targets: Iterable[str] | None = None, only: Iterable[str] | None = None, *, jobs: int = 1
+) -> Verdicts:
     """Judge a session: is each record believable, and does the model agree.
 
     Parameters
@@ -121,15 +120,11 @@ def verdicts_of(run: "RunResult") -> Verdicts:
         failed = Failed(outcome.stage, outcome.recording, outcome.message)
         failures.setdefault(outcome.experiment, []).append(failed)
     results = opened(session.root, names or None)
-    found = [
-        _one(session, results, session.experiments[name], failures.get(name, ())) for name in names
-    ]
+    found = [_one(session, results, session.experiments[name], failures.get(name, ())) for name in names]
     return Verdicts(session.root, _with_duplicates(session, tuple(found)))
 
 
-def _one(
-    session: Session, results: Results, experiment: Experiment, failures: Iterable[Failed]
-) -> Verdict:
+def _one(session: Session, results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:
     failed = tuple(failures)
     state = "failed" if failed else "done"
     kind = experiment.kind
@@ -138,12 +133,20 @@ def _one(
         return Verdict(experiment.name, kind, state, "unknown", "none")
     result = _stored(results, experiment)
     if result is None:
-        given = [_tolerant(results, a) for a in arguments(
-            session, STAGES, experiment, stage.inputs)]  # fmt: skip
+        given = [_tolerant(results, a) for a in arguments(session, STAGES, experiment, stage.inputs)]
         context = Context(
-            experiment.name, kind, session.title, session.operator, session.notes,
-            session.synthetic, (), (), failed, (), {},
-        )  # fmt: skip
+            experiment.name,
+            kind,
+            session.title,
+            session.operator,
+            session.notes,
+            session.synthetic,
+            (),
+            (),
+            failed,
+            (),
+            {},
+        )
         made = function(stage.function)(*given, settings=experiment.settings, context=context)
         result = made
     from labpipe.judging import from_json
@@ -151,9 +154,15 @@ def _one(
     judged: Judgement = from_json(result.attrs["judgement"])
     findings = tuple(_placed(session, experiment, f) for f in judged.findings)
     return Verdict(
-        experiment.name, kind, state, judged.believable, str(result.attrs["model"]),
-        findings, judged.n_made, judged.causes,
-    )  # fmt: skip
+        experiment.name,
+        kind,
+        state,
+        judged.believable,
+        str(result.attrs["model"]),
+        findings,
+        judged.n_made,
+        judged.causes,
+    )
 
 
 def _stored(results: Results, experiment: Experiment) -> "xr.Dataset | None":
@@ -237,6 +246,8 @@ def _added(verdict: Verdict, more: Iterable["Finding"]) -> Verdict:
         return verdict
     worse: Mapping[str, str] = {"yes": "doubtful", "unknown": "doubtful"}
     return replace(
-        verdict, believable=worse.get(verdict.believable, verdict.believable),
-        findings=(*verdict.findings, *extra), checks=verdict.checks + 1,
-    )  # fmt: skip
+        verdict,
+        believable=worse.get(verdict.believable, verdict.believable),
+        findings=(*verdict.findings, *extra),
+        checks=verdict.checks + 1,
+    )

@@ -3,11 +3,4 @@
 from pipelines.sweeps.grid import Axis, Design, axis, design
 from pipelines.sweeps.run import Swept, sweep
 
-__all__ = [
-    "Axis",
-    "Design",
-    "Swept",
-    "axis",
-    "design",
-    "sweep",
-]
+__all__ = ["Axis", "Design", "Swept", "axis", "design", "sweep"]

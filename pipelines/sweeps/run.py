@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
+from labpipe.variables import described, variable
 from labpipe.workflow.code import Code
 from labpipe.workflow.engines import Died, Engine, Serial, side_by_side
 from pipelines.simulator_inputs import material
@@ -58,11 +59,7 @@ class Swept:
 
 
 def sweep(
-    plan: Design,
-    out: str | Path,
-    engine: Engine | None = None,
-    *,
-    progress: Callable[[float], None] | None = None,
+    plan: Design, out: str | Path, engine: Engine | None = None, *, progress: Callable[[float], None] | None = None
 ) -> Swept:
     """Simulate every point of a design.
 
@@ -177,9 +174,7 @@ class _Results:
     def __init__(self, plan: Design) -> None:
         self.plan = plan
         self.is_known = np.zeros(plan.count, dtype=bool)
-        self.values = {
-            name: np.full(plan.count, np.nan) for name in SIMULATORS[plan.simulator].outputs
-        }
+        self.values = {name: np.full(plan.count, np.nan) for name in SIMULATORS[plan.simulator].outputs}
         self.problems: dict[int, str] = {}
 
     @property
@@ -256,33 +251,31 @@ def _kept(parts: Path, key: str, size: int) -> list[Outcome] | None:
     return None if any(isinstance(one, str) for one in outcome) else outcome
 
 
-def _dataset(
-    plan: Design, values: Mapping[str, NDArray[np.float64]], reasons: Mapping[int, str]
-) -> "xr.Dataset":
+def _dataset(plan: Design, values: Mapping[str, NDArray[np.float64]], reasons: Mapping[int, str]) -> "xr.Dataset":
     import xarray as xr
 
     simulator = SIMULATORS[plan.simulator]
     variables: dict[str, Any] = {
-        name: (plan.dims, values[name].reshape(plan.shape), {"units": unit, "long_name": text})
+        name: variable(plan.dims, values[name].reshape(plan.shape), unit, text)
         for name, (unit, text) in simulator.outputs.items()
     }
     problems = np.full(plan.count, "", dtype=object)
     for point, reason in reasons.items():
         problems[point] = reason
-    variables["problem"] = (
-        plan.dims, problems.reshape(plan.shape),
-        {"units": "1", "long_name": "Why a point has no result; empty when it has"},
-    )  # fmt: skip
+    variables["problem"] = variable(
+        plan.dims, problems.reshape(plan.shape), "1", "Why a point has no result; empty when it has"
+    )
     coordinates: dict[str, Any] = {
-        axis.name: (
-            axis.name, np.array(axis.values),
-            {"units": simulator.parameters[axis.name].unit or "1",
-             "long_name": axis.name.replace("_", " ").capitalize()},
+        axis.name: variable(
+            axis.name,
+            np.array(axis.values),
+            simulator.parameters[axis.name].unit or "1",
+            axis.name.replace("_", " ").capitalize(),
         )
         for axis in plan.axes
-    }  # fmt: skip
+    }
     for name, draws in plan.drawn.items():
-        labels = {"units": simulator.parameters[name].unit, "long_name": f"Drawn {name}"}
+        labels = described(simulator.parameters[name].unit, f"Drawn {name}")
         coordinates[name] = (DRAW, np.array(draws), labels)
     attributes: dict[str, Any] = {
         "simulator": plan.simulator,

@@ -188,8 +188,11 @@ def test_root_holds_nothing_beyond_the_agreed_layout() -> None:
         pytest.skip("only git knows what belongs to the project, and it is not here")
     listed = subprocess.run(
         ["git", "-c", "safe.directory=*", "ls-files", "-z"],  # also in a clone of another user
-        cwd=ROOT, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     found = {name.split("/")[0] for name in listed.stdout.split("\0") if name}
     agreed = {*PACKAGES, "tests", "sample_data", "pyproject.toml", "README.md", "LICENSE"}
     assert {name for name in found if not name.startswith(".")} == agreed

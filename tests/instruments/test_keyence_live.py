@@ -12,16 +12,7 @@ import pytest
 import instruments
 from instruments.keyence._live import DL_EN1, LK_G5000, Connection, ProtocolError, Reading
 from instruments.keyence._markers import Status
-from instruments.keyence._recorder import (
-    Recorder,
-    Ring,
-    Sample,
-    Setup,
-    Trigger,
-    recording,
-    stamps,
-    timing,
-)
+from instruments.keyence._recorder import Recorder, Ring, Sample, Setup, Trigger, recording, stamps, timing
 from labpipe.errors import InputError, SourceError
 from tests.instruments.keyence_emulator import emulator
 
@@ -47,9 +38,7 @@ def test_the_ascii_protocol_reads_values_and_markers() -> None:
     with emulator(DL_EN1, lambda n: values) as made:
         found = ask(made, (1, 2, 3, 4, 5))
     assert found.counts == tuple(values)
-    assert found.states == (
-        Status.VALID, Status.ALARM, Status.RANGEOVER_P, Status.RANGEOVER_N, Status.INVALID,
-    )  # fmt: skip
+    assert found.states == (Status.VALID, Status.ALARM, Status.RANGEOVER_P, Status.RANGEOVER_N, Status.INVALID)
 
 
 @pytest.mark.parametrize("protocol", [LK_G5000, DL_EN1])
@@ -79,9 +68,7 @@ def test_an_answer_that_comes_byte_by_byte_is_put_together(protocol: str) -> Non
         (DL_EN1, "silent", "no complete answer within 0.2 s"),
     ],
 )
-def test_every_fault_is_an_error_that_names_the_controller(
-    protocol: str, fault: str, words: str
-) -> None:
+def test_every_fault_is_an_error_that_names_the_controller(protocol: str, fault: str, words: str) -> None:
     with emulator(protocol, lambda n: [1], {0: fault}) as made:
         with pytest.raises(SourceError, match=words) as caught:
             ask(made, timeout=0.2)
@@ -130,9 +117,13 @@ def test_nobody_at_the_address_is_told() -> None:
 
 @pytest.mark.parametrize(
     ("protocol", "outputs", "words"),
-    [("lk-g3000", (1,), "unknown protocol"), (LK_G5000, (13,), "from 1 to 12"),
-     (DL_EN1, (), "from 1 to 16"), (DL_EN1, (1, 1), "different numbers")],
-)  # fmt: skip
+    [
+        ("lk-g3000", (1,), "unknown protocol"),
+        (LK_G5000, (13,), "from 1 to 12"),
+        (DL_EN1, (), "from 1 to 16"),
+        (DL_EN1, (1, 1), "different numbers"),
+    ],
+)
 def test_what_does_not_exist_is_refused(protocol: str, outputs: tuple, words: str) -> None:
     with pytest.raises(InputError, match=words):
         Connection(protocol, "127.0.0.1", 1, outputs)
@@ -144,11 +135,7 @@ def test_what_does_not_exist_is_refused(protocol: str, outputs: tuple, words: st
 def recorder(made, interval=0.01, patience=2.0, timeout=0.3, outputs=(1,)) -> Recorder:
     count = len(outputs)
     setup = Setup(outputs, (4,) * count, ("mm",) * count, interval, "LK-G5001")
-    return Recorder(
-        setup,
-        lambda: Connection(made.protocol, "127.0.0.1", made.port, outputs, timeout),
-        patience,
-    )
+    return Recorder(setup, lambda: Connection(made.protocol, "127.0.0.1", made.port, outputs, timeout), patience)
 
 
 @pytest.mark.parametrize("protocol", [LK_G5000, DL_EN1])
@@ -198,9 +185,7 @@ def test_a_late_answer_empties_the_slots_it_missed() -> None:
     assert rec.tally.errors == 0
 
 
-def test_a_controller_that_stays_silent_ends_the_recording_and_keeps_what_came(
-    tmp_path: Path,
-) -> None:
+def test_a_controller_that_stays_silent_ends_the_recording_and_keeps_what_came(tmp_path: Path) -> None:
     from instruments.keyence import record
 
     faults = dict.fromkeys(range(10, 10_000), "silent")

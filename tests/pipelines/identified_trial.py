@@ -8,17 +8,9 @@ from typing import Any
 import msgspec
 import numpy as np
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
 from labpipe.errors import InputError, LabpipeError
-from labpipe.identification import (
-    Evidence,
-    Parameter,
-    Posterior,
-    informative_range,
-    moduli,
-    split_by_group,
-)
+from labpipe.identification import Evidence, Parameter, Posterior, informative_range, moduli, split_by_group
 from labpipe.materials import Prony
 from labpipe.workflow.results import Results
 from pipelines.experiments import KINDS
@@ -27,8 +19,6 @@ from pipelines.identify import Identified, Wish, identify
 from pipelines.rig.indentations import Specimen
 from pipelines.session import derive, opened
 from tests.pipelines.random_sessions import DEPTH, Truth, recorded, write
-
-Array = NDArray[np.float64]
 
 _PULSE = "pulse shape"  # no number of the rig: a real pulse is none of the fitted shapes
 _REACH = 1.96  # standard deviations to a limit of 95 %
@@ -152,15 +142,21 @@ def _moduli(known: Posterior, solid: Prony) -> dict[str, Score | None]:
     # without what is stated for structure that no data resolve: the bound of van Trees
     bound = np.sqrt(np.diag(known.covariance_of(curve.derivatives)))
     made: dict[str, Score | None] = {}
-    for part, (text, value, u, prior, true) in enumerate((
-        ("storage modulus", curve.storage, curve.u_ln_storage, curve.prior_ln_storage, exact.real),
-        ("loss factor", curve.loss_factor, curve.u_ln_loss_factor, curve.prior_ln_loss_factor,
-         exact.imag / exact.real),
-    )):  # fmt: skip
+    for part, (text, value, u, prior, true) in enumerate(
+        (
+            ("storage modulus", curve.storage, curve.u_ln_storage, curve.prior_ln_storage, exact.real),
+            (
+                "loss factor",
+                curve.loss_factor,
+                curve.u_ln_loss_factor,
+                curve.prior_ln_loss_factor,
+                exact.imag / exact.real,
+            ),
+        )
+    ):
         error = np.log(value / true) / u
         for i, place in enumerate(PLACES):
-            score = Score(float(error[i]), float(u[i]), float(bound[part * len(PLACES) + i]),
-                          float(prior[i]))  # fmt: skip
+            score = Score(float(error[i]), float(u[i]), float(bound[part * len(PLACES) + i]), float(prior[i]))
             made[f"{text} at {place:.0%}"] = score if curve.is_determined[i] else None
     return made
 

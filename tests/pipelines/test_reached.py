@@ -57,9 +57,7 @@ def _module(found: CodeType) -> str:
 
 
 @pytest.mark.slow
-def test_what_runs_is_what_is_reached(
-    small_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_runs_is_what_is_reached(small_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(small_session, tmp_path / "session")
     ran = ran_in_stages(tmp_path / "session", monkeypatch)
     assert len(ran) > 10

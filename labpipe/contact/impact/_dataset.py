@@ -11,16 +11,9 @@ from labpipe.contact.impact._line_springs import Profile
 from labpipe.contact.impact._motion import Body, Counts, Snapshot, Springs, counted
 from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._thesis_scheme import ThesisRun
-from labpipe.contact.impact._trajectory import (
-    Columns,
-    Contact,
-    Flight,
-    Segment,
-    columns,
-    peak,
-    record_columns,
-)
+from labpipe.contact.impact._trajectory import Columns, Contact, Flight, Segment, columns, peak, record_columns
 from labpipe.contact.memory import Array, Condensed
+from labpipe.variables import described, variable
 
 # Maps reach so far beyond the largest contact radius, with so many points.
 _MAP_REACH, _MAP_POINTS = 1.25, 201
@@ -103,11 +96,7 @@ class DropRun:
 
 
 def dataset(
-    run: DropRun,
-    setting: Setting,
-    times: Array | None,
-    rigid_restitution: float | None,
-    seconds: float,
+    run: DropRun, setting: Setting, times: Array | None, rigid_restitution: float | None, seconds: float
 ) -> xr.Dataset:
     """Assemble the Dataset that :func:`labpipe.contact.drop` returns.
 
@@ -161,16 +150,11 @@ def _maps(run: DropRun, setting: Setting) -> dict[str, xr.DataArray]:
     surface = [run.springs.surface(s.displacement, radius) for s in run.snapshots]
     time = np.array([s.time for s in run.snapshots]) + setting.fall_time
     coords = {
-        "map_time": ("map_time", time, {"units": "s", "long_name": "time since the release"}),
-        "r": ("r", radius, {"units": "m", "long_name": "distance from the axis"}),
+        "map_time": variable("map_time", time, "s", "time since the release"),
+        "r": variable("r", radius, "m", "distance from the axis"),
     }
     return {
-        name: xr.DataArray(
-            np.array(values),
-            dims=("map_time", "r"),
-            coords=coords,
-            attrs={"units": units, "long_name": long_name},
-        )
+        name: xr.DataArray(np.array(values), dims=("map_time", "r"), coords=coords, attrs=described(units, long_name))
         for name, values, units, long_name in (
             ("pressure", pressure, "Pa", "contact pressure"),
             ("surface", surface, "m", "displacement of the surface, into the sphere"),
@@ -181,9 +165,7 @@ def _maps(run: DropRun, setting: Setting) -> dict[str, xr.DataArray]:
 def energy_error(run: DropRun, setting: Setting) -> float:
     """Largest numerical energy error of the discretisation, relative to the energy of the drop."""
     values = columns(run.segments, run.body, None)
-    return float(np.abs(_ledger(values, setting)["numerical_energy"]).max()) / _energy_scale(
-        values, setting
-    )
+    return float(np.abs(_ledger(values, setting)["numerical_energy"]).max()) / _energy_scale(values, setting)
 
 
 def _energy_scale(values: Columns, setting: Setting) -> float:
@@ -192,9 +174,7 @@ def _energy_scale(values: Columns, setting: Setting) -> float:
     return setting.mass * setting.gravity * max(setting.height, deepest)
 
 
-def thesis_dataset(
-    run: ThesisRun, setting: Setting, times: Array | None, seconds: float
-) -> xr.Dataset:
+def thesis_dataset(run: ThesisRun, setting: Setting, times: Array | None, seconds: float) -> xr.Dataset:
     """Assemble the same Dataset, without a ledger, from the thesis's scheme."""
     time = run.time + setting.fall_time
     inside = time <= setting.duration * (1.0 + 1e-12)
@@ -212,10 +192,7 @@ def thesis_dataset(
         height = setting.height - 0.5 * setting.gravity * fall**2
         zero = np.zeros_like(fall)
         before = {"displacement": height, "velocity": -setting.gravity * fall, "approach": -height}
-        series = {
-            name: np.concatenate([before.get(name, zero), values])
-            for name, values in series.items()
-        }
+        series = {name: np.concatenate([before.get(name, zero), values]) for name, values in series.items()}
         time = np.concatenate([fall, time])
     if times is not None:
         series = {name: np.interp(times, time, values) for name, values in series.items()}
@@ -252,14 +229,9 @@ def _assemble(
     ):
         for name, value in values.items():
             units, long_name = names[name]
-            variables[name] = (dims, value, {"units": units, "long_name": long_name})
-    attrs = {
-        "solver": setting.solver,
-        "profile": setting.profile,
-        "rtol": setting.rtol,
-        "work": json.dumps(work),
-    }
-    clock = ("time", time, {"units": "s", "long_name": "time since the release"})
+            variables[name] = variable(dims, value, units, long_name)
+    attrs = {"solver": setting.solver, "profile": setting.profile, "rtol": setting.rtol, "work": json.dumps(work)}
+    clock = variable("time", time, "s", "time since the release")
     return xr.Dataset(variables, coords={"time": clock}, attrs=attrs)
 
 
@@ -280,9 +252,7 @@ def _ledger(values: Columns, setting: Setting) -> dict[str, Array]:
     }
 
 
-def _identity_error(
-    run: DropRun, values: Columns, ledger: dict[str, Array], setting: Setting
-) -> float:
+def _identity_error(run: DropRun, values: Columns, ledger: dict[str, Array], setting: Setting) -> float:
     """Deviation of the numerical energy error from the trapezoid of the force less the work.
 
     The largest deviation relative to the energy of the drop, up to rest, where the motion has no

@@ -14,23 +14,11 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.contact.impact._checks import Solver, checked, checked_times
-from labpipe.contact.impact._dataset import (
-    DropRun,
-    Setting,
-    dataset,
-    energy_error,
-    thesis_dataset,
-)
+from labpipe.contact.impact._dataset import DropRun, Setting, dataset, energy_error, thesis_dataset
 from labpipe.contact.impact._line_springs import Profile
 from labpipe.contact.impact._motion import AnnularContactError
 from labpipe.contact.impact._plate import Plate
-from labpipe.contact.impact._setup import (
-    ALL_SHORTCUTS,
-    MARGIN,
-    Effort,
-    Shortcuts,
-    scales,
-)
+from labpipe.contact.impact._setup import ALL_SHORTCUTS, MARGIN, Effort, Shortcuts, scales
 from labpipe.contact.impact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.impact._trajectory import Contact, Flight
 from labpipe.contact.memory import Array, Creep, CreepMaterial
@@ -151,9 +139,7 @@ def drop(
     of its error.
     """
     started = perf_counter()
-    setting = checked(
-        Setting(radius, mass, height, duration, solver, profile, rtol, gravity, plate)
-    )
+    setting = checked(Setting(radius, mass, height, duration, solver, profile, rtol, gravity, plate))
     wanted = None if times is None else checked_times("times", times, duration)
     looks = None if maps is None else checked_times("maps", maps, duration)
     creep = Creep.of(material)
@@ -186,11 +172,7 @@ def drop(
 
 
 def _refined(
-    setting: Setting,
-    creep: Creep,
-    effort: Effort,
-    looks: Array | None,
-    observe: Callable[[float], None] | None,
+    setting: Setting, creep: Creep, effort: Effort, looks: Array | None, observe: Callable[[float], None] | None
 ) -> tuple[DropRun, float]:
     """Simulate, and again more finely when the first run says that it was too coarse.
 

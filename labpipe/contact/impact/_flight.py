@@ -55,12 +55,7 @@ def time_to_touch(velocity: float, gravity: float, dent: Array, rate: Array) -> 
 
 
 def time_to_touch_plate(
-    velocity: float,
-    gravity: float,
-    dent: Array,
-    rate: Array,
-    plate: Plate,
-    state: PlateState,
+    velocity: float, gravity: float, dent: Array, rate: Array, plate: Plate, state: PlateState
 ) -> float:
     """As :func:`time_to_touch` from lift-off, above a plate that rings: the first touch.
 

@@ -96,11 +96,7 @@ class LineSprings:
 
 
 def line_springs(
-    radius_of_sphere: float,
-    reach: float,
-    core: float,
-    per_radius: float,
-    profile: Profile = "parabola",
+    radius_of_sphere: float, reach: float, core: float, per_radius: float, profile: Profile = "parabola"
 ) -> LineSprings:
     """Lay springs along the line.
 

@@ -90,10 +90,7 @@ def factors(n_rings: int) -> Factors:
         _factor_block(matrix[start:stop, start:stop], lower[start:stop, start:stop])
         corner = matrix[start:stop, start:stop]
         matrix[start:stop, stop:] = solve_triangular(
-            lower[start:stop, start:stop],
-            matrix[start:stop, stop:],
-            lower=True,
-            unit_diagonal=True,
+            lower[start:stop, start:stop], matrix[start:stop, stop:], lower=True, unit_diagonal=True
         )
         below = solve_triangular(corner, matrix[stop:, start:stop].T, trans="T").T
         lower[stop:, start:stop] = below
@@ -180,9 +177,7 @@ class RingSprings:
         return ring_springs(self.radius_of_sphere, radius, self.width, self.profile)
 
 
-def ring_springs(
-    radius_of_sphere: float, reach: float, width: float, profile: Profile = "parabola"
-) -> RingSprings:
+def ring_springs(radius_of_sphere: float, reach: float, width: float, profile: Profile = "parabola") -> RingSprings:
     """Cover a disc with rings and turn them into springs.
 
     Parameters

@@ -39,11 +39,7 @@ _REST_RANGE = (1e-5, 1e-3)
 
 
 def _stepper(
-    setting: Setting,
-    creep: Creep,
-    expected: Scales,
-    effort: Effort,
-    observe: Callable[[float], None] | None,
+    setting: Setting, creep: Creep, expected: Scales, effort: Effort, observe: Callable[[float], None] | None
 ) -> Stepper:
     if expected.radius > setting.radius:
         message = (
@@ -71,9 +67,7 @@ def _stillness(setting: Setting, expected: Scales, effort: Effort) -> Stillness:
     tolerance = min(max(effort.rtol, _REST_RANGE[0]), _REST_RANGE[1])
     plate_period = 1.0 / setting.plate.frequency if setting.plate else 0.0
     return Stillness(
-        tolerance if effort.shortcuts.rest else 0.0,
-        max(expected.rest_period, plate_period),
-        expected.rest_speed,
+        tolerance if effort.shortcuts.rest else 0.0, max(expected.rest_period, plate_period), expected.rest_speed
     )
 
 
@@ -170,12 +164,7 @@ def _at_release(setting: Setting) -> Motion:
 
 
 def _bounce(
-    stepper: Stepper,
-    reach: float,
-    end: float,
-    segments: list[Segment],
-    effort: Effort,
-    first_contact_only: bool,
+    stepper: Stepper, reach: float, end: float, segments: list[Segment], effort: Effort, first_contact_only: bool
 ) -> tuple[float, float]:
     """Alternate contacts and flights; return the last touch and the start of rest, or NaN."""
     now = stepper.now

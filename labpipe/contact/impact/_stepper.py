@@ -247,14 +247,7 @@ class Stepper:
     def _many_steps(self, stop: float) -> int:
         """Take compiled steps of the table's lengths; return why they ended."""
         filled, outcome = kernel.steps(
-            self.now,
-            self._pace,
-            self.rules,
-            self._table,
-            stop,
-            self.block,
-            self.counts,
-            self._batch,
+            self.now, self._pace, self.rules, self._table, stop, self.block, self.counts, self._batch
         )
         if filled:
             self._keep(self._batch[:filled].copy())
@@ -288,11 +281,7 @@ class Stepper:
 
     def _one_step(self, dt: float, *, releases: bool) -> int:
         table = step_table(self.creep_law, np.array([dt]))
-        return int(
-            kernel.one_step(
-                self.now, self._pace, self.rules, table, 0, self.block, self.counts, releases
-            )
-        )
+        return int(kernel.one_step(self.now, self._pace, self.rules, table, 0, self.block, self.counts, releases))
 
     def _tabulated(self, dt: float) -> float:
         """Return the longest length of the table's series that is not longer than ``dt`` [s]."""

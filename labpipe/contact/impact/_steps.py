@@ -190,20 +190,13 @@ def _remember(table: StepTable, i: int, block: Block) -> tuple[float, float]:
 
 
 @compiled(fastmath=_FAST)
-def _move_on(
-    now: Motion, rules: Rules, table: StepTable, i: int, block: Block, approach: float
-) -> bool:
+def _move_on(now: Motion, rules: Rules, table: StepTable, i: int, block: Block, approach: float) -> bool:
     """Bring springs, memory and ledger to the end of a step; false unless the inner ones carry.
 
     The work on the springs is ``int q dw``, exact for the loads as they are assumed in the step.
     """
     compliance, jump = table.compliance[i], table.jump[i]
-    load, new, before, after = (
-        block.load,
-        block.new_load,
-        block.displacement,
-        block.new_displacement,
-    )
+    load, new, before, after = (block.load, block.new_load, block.displacement, block.new_displacement)
     loaded = 0
     for j in range(load.size):
         new[j] = max(approach - block.reach[j], 0.0) / compliance
@@ -301,14 +294,7 @@ def _error(now: Motion, pace: Pace, rules: Rules, acceleration: float, dt: float
 
 @compiled()
 def one_step(
-    now: Motion,
-    pace: Pace,
-    rules: Rules,
-    table: StepTable,
-    i: int,
-    block: Block,
-    counts: Counts,
-    releases: bool,
+    now: Motion, pace: Pace, rules: Rules, table: StepTable, i: int, block: Block, counts: Counts, releases: bool
 ) -> int:
     """Try one step.
 
@@ -386,14 +372,7 @@ def rests(now: Motion, pace: Pace, rules: Rules) -> bool:
 
 @compiled()
 def steps(
-    now: Motion,
-    pace: Pace,
-    rules: Rules,
-    table: StepTable,
-    until: float,
-    block: Block,
-    counts: Counts,
-    trail: Trail,
+    now: Motion, pace: Pace, rules: Rules, table: StepTable, until: float, block: Block, counts: Counts, trail: Trail
 ) -> tuple[int, int]:
     """Step on as long as steps come from the table.
 
@@ -436,9 +415,7 @@ def steps(
 
 
 @compiled()
-def creep_step(
-    now: Motion, rules: Rules, table: StepTable, i: int, block: Block, counts: Counts
-) -> int:
+def creep_step(now: Motion, rules: Rules, table: StepTable, i: int, block: Block, counts: Counts) -> int:
     """Sink in under the weight alone for one step.
 
     Returns ACCEPTED, OUTGROWN, or REJECTED: the surface would flow further in this step than the

@@ -143,9 +143,7 @@ def drop_thesis(
     return ThesisRun(time, position, velocity, force, contact, solves, products)
 
 
-def _active_set(
-    matrix: Array, compliance: float, overlap: Array, active: NDArray[np.bool_]
-) -> tuple[Array, int]:
+def _active_set(matrix: Array, compliance: float, overlap: Array, active: NDArray[np.bool_]) -> tuple[Array, int]:
     """Pressures (ring,) in Pa that press an overlap (ring,) [m] away, and the solves it took."""
     active = active if active.any() else overlap > 0.0
     # Rounding must not let a ring on the edge enter and leave for ever.

@@ -165,12 +165,7 @@ def _of_contact(contact: Contact, times: Array, body: Body) -> Columns:
     motion = CubicHermiteSpline(steps.time, steps.position, steps.velocity)(inside)
     acceleration = body.gravity - steps.force / body.mass
     speed = CubicHermiteSpline(steps.time, steps.velocity, acceleration)(inside)
-    return result._replace(
-        time=times,
-        position=motion,
-        velocity=speed,
-        approach=motion - result.plate_displacement,
-    )
+    return result._replace(time=times, position=motion, velocity=speed, approach=motion - result.plate_displacement)
 
 
 def peak(time: Array, values: Array) -> float:

@@ -115,11 +115,7 @@ class FilmWindow:
         if box != self._box:
             left, right, top, bottom = box
             is_whole = box == self.whole
-            self._part = (
-                self._frames
-                if is_whole
-                else self._frames.roi(slice(top, bottom), slice(left, right))
-            )
+            self._part = self._frames if is_whole else self._frames.roi(slice(top, bottom), slice(left, right))
             self._box = box
         image = self._part[index]
         self.frames_read += 1

@@ -175,9 +175,7 @@ def _cut(
     chosen: NDArray[np.int64],
 ) -> Subsets:
     """Cut the subsets of chosen points."""
-    return cut_subsets(
-        grey, gradient_x, gradient_y, centres[chosen], half[chosen], is_rigid[chosen]
-    )
+    return cut_subsets(grey, gradient_x, gradient_y, centres[chosen], half[chosen], is_rigid[chosen])
 
 
 def _reference_status(

@@ -9,11 +9,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats, Integers
 from labpipe.compilation import compiled
 from labpipe.imaging.dic._spline import LANES, Image32
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Result codes of the solver.
 SOLVED, LEFT_WINDOW, NOT_CONVERGED, NO_TEXTURE = 0, 1, 2, 3
@@ -30,14 +28,7 @@ FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 @compiled(nogil=True, fastmath=FAST)
 def _sample_row(
-    coefficients: Image32,
-    order: int,
-    x: float,
-    y: float,
-    step_x: float,
-    step_y: float,
-    width: int,
-    result: Image32,
+    coefficients: Image32, order: int, x: float, y: float, step_x: float, step_y: float, width: int, result: Image32
 ) -> None:
     """Interpolate a row of pixels whose positions advance by (1 + step_x, step_y).
 
@@ -117,9 +108,7 @@ def _sample_cubic(
 
 
 @compiled(nogil=True, fastmath=FAST)
-def _quintic_weights(
-    t: np.float32,
-) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
+def _quintic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
     """Quintic B-spline at t + 2, t + 1, t, 1 - t, 2 - t, 3 - t."""
     one = np.float32(1.0)
     s = one - t
@@ -245,9 +234,7 @@ def compose_with_inverse(p: Floats, step: Floats, is_rigid: bool) -> None:
 
 
 @compiled(nogil=True)
-def _is_inside(
-    x: float, y: float, half: float, p: Floats, window: tuple[float, float, float, float]
-) -> bool:
+def _is_inside(x: float, y: float, half: float, p: Floats, window: tuple[float, float, float, float]) -> bool:
     """Whether the four corners of the moved subset lie in the window."""
     for sj in (-1.0, 1.0):
         for si in (-1.0, 1.0):

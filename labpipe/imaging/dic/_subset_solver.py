@@ -15,30 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats, Integers
 from labpipe.compilation import compiled
 from labpipe.imaging.dic._spline import LANES, PADDING, Image32
-from labpipe.imaging.dic._subset_kernel import (
-    FAST,
-    LEFT_WINDOW,
-    NO_TEXTURE,
-    NOT_CONVERGED,
-    SOLVED,
-    solve_subsets,
-)
+from labpipe.imaging.dic._subset_kernel import FAST, LEFT_WINDOW, NO_TEXTURE, NOT_CONVERGED, SOLVED, solve_subsets
 
-__all__ = [
-    "LEFT_WINDOW",
-    "NOT_CONVERGED",
-    "NO_TEXTURE",
-    "SOLVED",
-    "Solution",
-    "Subsets",
-    "cut_subsets",
-    "solve",
-]
+__all__ = ["LEFT_WINDOW", "NOT_CONVERGED", "NO_TEXTURE", "SOLVED", "Solution", "Subsets", "cut_subsets", "solve"]
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Error that may be left by stopping (px): a tenth of the least noise of a large subset.
 DEFAULT_TOLERANCE = 5e-5
@@ -261,11 +244,7 @@ def _cut(
 
 @compiled(nogil=True)
 def _scatter(
-    first: tuple[np.float32, ...],
-    second: tuple[np.float32, ...],
-    i: float,
-    moments: Floats,
-    normal: Floats,
+    first: tuple[np.float32, ...], second: tuple[np.float32, ...], i: float, moments: Floats, normal: Floats
 ) -> None:
     """Add a row's sums, taken with 1, j, j², to those of the six steepest-descent images.
 

@@ -86,9 +86,7 @@ def _of_record(fall: Fall, moved: xr.Dataset, settings: BallDrop) -> list[Check]
         fall_checks.restitution(fall),
         fall_checks.apexes(fall),
         fall_checks.flights_alike(fall, gravity),
-        fall_checks.contact_duration(
-            fall, sphere.radius.value, sphere.mass.value, _contact_modulus(settings)
-        ),
+        fall_checks.contact_duration(fall, sphere.radius.value, sphere.mass.value, _contact_modulus(settings)),
         fall_checks.rest_level(fall, _sag(settings)),
         fall_checks.held_readings(fall.name, time, raw, float(moved.attrs["resolution"])),
         fall_checks.hum(fall.name, time[still], raw[still], float(moved.attrs["noise"])),
@@ -121,15 +119,12 @@ def _inputs(model: xr.Dataset | None, repeats: xr.Dataset | None) -> dict[str, Q
     return {
         str(name): Quantity(float(value), float(u), "")
         for name, value, u in zip(
-            model["slope_input"].values, model["input_value"].values, model["input_u"].values,
-            strict=True,
+            model["slope_input"].values, model["input_value"].values, model["input_u"].values, strict=True
         )
-    } | {SCALE: Quantity(1.0, relative, "1")}  # fmt: skip
+    } | {SCALE: Quantity(1.0, relative, "1")}
 
 
-def _causes(
-    settings: BallDrop, readings: Sequence[xr.Dataset], moved: Sequence[xr.Dataset]
-) -> Iterator[Cause]:
+def _causes(settings: BallDrop, readings: Sequence[xr.Dataset], moved: Sequence[xr.Dataset]) -> Iterator[Cause]:
     g, fall, v = "free-fall acceleration", "height of the fall", "speed of the first impact"
     duration = "duration of the first contact"
     if readings:
@@ -140,37 +135,48 @@ def _causes(
         given = settings.keyence.cycle is not None
         yield Cause(
             {g: -2.0, v: -1.0, duration: 1.0},
-            times_over("the sampling interval", interval, "s", "" if line is None or given else
-                       f"line {line} of {file}"),
+            times_over(
+                "the sampling interval", interval, "s", "" if line is None or given else f"line {line} of {file}"
+            ),
             _INTERVALS,
-            file="" if given else file, line=None if given else line,
+            file="" if given else file,
+            line=None if given else line,
             setting="keyence.cycle" if given else "",
-        )  # fmt: skip
+        )
         unit_line = line_of(header, "unit", "単位")
         yield Cause(
             {g: 1.0, fall: 1.0, v: 0.5},
-            lambda k: f"lengths come out {k:.4g} times too large: the unit or display factor of "
-            f"{file} is not what it says" + (f" (line {unit_line})" if unit_line else ""),
-            (*_UNITS, *_GAINS), file=file, line=unit_line,
-        )  # fmt: skip
+            lambda k: (
+                f"lengths come out {k:.4g} times too large: the unit or display factor of "
+                f"{file} is not what it says" + (f" (line {unit_line})" if unit_line else "")
+            ),
+            (*_UNITS, *_GAINS),
+            file=file,
+            line=unit_line,
+        )
     if moved:
         angle = float(moved[0]["inclination"])
         yield Cause(
             {g: 1.0, fall: 1.0, v: 0.5},
-            lambda k: f"the inclination of {angle * 180 / pi:.3g}° in {settings.calibration} makes "
-            f"lengths {k:.4g} times too large: it is wrong, is its complement, or was corrected "
-            "twice",
+            lambda k: (
+                f"the inclination of {angle * 180 / pi:.3g}° in {settings.calibration} makes "
+                f"lengths {k:.4g} times too large: it is wrong, is its complement, or was corrected "
+                "twice"
+            ),
             tuple(fall_checks.usual_angles(angle)),
-            file=settings.calibration, setting="values.inclination",
-        )  # fmt: skip
+            file=settings.calibration,
+            setting="values.inclination",
+        )
     yield Cause(
         {fall: -1.0},
         times_over("the drop height", settings.height.value, "m", "height in session.toml"),
-        (10.0, 0.1, 2.0, 0.5), setting="height",
-    )  # fmt: skip
+        (10.0, 0.1, 2.0, 0.5),
+        setting="height",
+    )
     yield Cause(
         {duration: -0.4},
-        times_over("the moving mass", settings.sphere.mass.value, "kg",
-                   "sphere.mass in session.toml"),
-        (1e3, 1e-3, 100.0, 0.01, 10.0, 0.1), only_usual=True, setting="sphere.mass",
-    )  # fmt: skip
+        times_over("the moving mass", settings.sphere.mass.value, "kg", "sphere.mass in session.toml"),
+        (1e3, 1e-3, 100.0, 0.01, 10.0, 0.1),
+        only_usual=True,
+        setting="sphere.mass",
+    )

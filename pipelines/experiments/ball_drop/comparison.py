@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
+from labpipe.variables import variable
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
 
@@ -43,23 +44,25 @@ def _bounces_compared(repeats: xr.Dataset, model: xr.Dataset, first: float) -> x
             (f"{name}_model", b, "model"),
             (f"{name}_difference", a - b, "measured minus model"),
         ):
-            table[key] = ("impact", values, {"units": units, "long_name": f"{name}, {text}"})
-        table[f"u_{name}_difference"] = (
-            "impact", u, {"units": units, "long_name": f"standard uncertainty: {name} difference"},
-        )  # fmt: skip
+            table[key] = variable("impact", values, units, f"{name}, {text}")
+        table[f"u_{name}_difference"] = variable("impact", u, units, f"standard uncertainty: {name} difference")
     return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
 
 
-def rows(
-    comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop
-) -> Iterator[Row]:
+def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) -> Iterator[Row]:
     """Yield the rows of ``compare``: the curve, and what each impact shows."""
     del settings
     n = int(repeats.sizes["repeat"])
     relative = float(repeats.attrs["u_systematic_relative"])
     mean_size = float(np.abs(repeats["displacement_mean"]).mean())
-    yield row("displacement", "m", n, nrmse=comparison["nrmse"], difference=comparison["bias"],
-              u_difference=relative * mean_size)  # fmt: skip
+    yield row(
+        "displacement",
+        "m",
+        n,
+        nrmse=comparison["nrmse"],
+        difference=comparison["bias"],
+        u_difference=relative * mean_size,
+    )
     shown = min(IMPACTS, comparison.sizes["impact"])
     for i in range(shown):
         yield _event(f"restitution, impact {i + 1}", "1", ("restitution",) * 2, i, repeats, model)
@@ -90,15 +93,20 @@ def _event(
     expected, u_expected = float(model[theirs][impact]), float(model[f"u_{theirs}"][impact])
     slopes = {
         str(name): -float(slope)
-        for name, slope in zip(
-            model["slope_input"].values, model[f"slope_{theirs}"].values[:, impact], strict=True
-        )
+        for name, slope in zip(model["slope_input"].values, model[f"slope_{theirs}"].values[:, impact], strict=True)
         if np.isfinite(slope)
     }
     if is_length:
         slopes[SCALE] = measured
     return row(
-        title, unit, int(repeats["n_repeats"][impact]), slopes=slopes,
-        measured=measured, u_measured=u_measured, model=expected, u_model=u_expected,
-        difference=measured - expected, u_difference=np.hypot(u_measured, u_expected),
-    )  # fmt: skip
+        title,
+        unit,
+        int(repeats["n_repeats"][impact]),
+        slopes=slopes,
+        measured=measured,
+        u_measured=u_measured,
+        model=expected,
+        u_model=u_expected,
+        difference=measured - expected,
+        u_difference=np.hypot(u_measured, u_expected),
+    )

@@ -11,11 +11,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import instruments
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.variables import variable
 from pipelines.experiments.dma import _glass_transition
 from pipelines.experiments.dma.settings import Dma, Mode
-
-Array = NDArray[np.float64]
 
 _NEEDED = ("frequency", "temperature", "storage_modulus", "loss_modulus")
 _SAME_FREQUENCY = 1e-3  # relative; exports round to four or five digits
@@ -28,9 +28,13 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
     """Read one export, of a rheometer or as a plain table."""
     options = settings.export
     return instruments.read_table(
-        path, "sweep", "anton_paar", encoding=options.encoding, decimal=options.decimal,
+        path,
+        "sweep",
+        "anton_paar",
+        encoding=options.encoding,
+        decimal=options.decimal,
         allow_incomplete=options.allow_incomplete,
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +44,7 @@ class _Run:
     dataset: xr.Dataset
     rows: NDArray[np.intp]
 
-    def values(self, name: str) -> Array:
+    def values(self, name: str) -> Floats:
         """Return one variable of the run."""
         return np.asarray(self.dataset[name].values[self.rows], dtype=float)
 
@@ -145,9 +149,7 @@ def _isothermal(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[_Run
     return found
 
 
-def _split_by_temperature(
-    rows: NDArray[np.intp], temperature: Array, tolerance: float
-) -> list[NDArray[np.intp]]:
+def _split_by_temperature(rows: NDArray[np.intp], temperature: Floats, tolerance: float) -> list[NDArray[np.intp]]:
     """Cut a table where the temperature leaves the mean of the points before."""
     runs: list[list[int]] = []
     total = 0.0
@@ -191,29 +193,24 @@ def _tabulated(
     total = sum(good.size for good in trusted)
     if excluded:
         warnings.warn(
-            f"{excluded} of {total} points are left out: invalid, clipped, torque too small, or "
-            f"excluded by skip_first",
+            f"{excluded} of {total} points are left out: invalid, clipped, torque too small, or excluded by skip_first",
             stacklevel=3,
         )
     temperature = [run.values("temperature") for run in runs]
     dims = ("temperature", "frequency")
     return xr.Dataset(
         {
-            "storage": (dims, storage, {"units": "Pa", "long_name": "storage modulus, tension"}),
-            "loss": (dims, loss, {"units": "Pa", "long_name": "loss modulus, tension"}),
-            "temperature_spread": (
-                "temperature",
-                [float(np.ptp(t)) for t in temperature],
-                {"units": "K", "long_name": "range of the temperature within a sweep"},
+            "storage": variable(dims, storage, "Pa", "storage modulus, tension"),
+            "loss": variable(dims, loss, "Pa", "loss modulus, tension"),
+            "temperature_spread": variable(
+                "temperature", [float(np.ptp(t)) for t in temperature], "K", "range of the temperature within a sweep"
             ),
         },
         coords={
-            "temperature": (
-                "temperature",
-                [float(t.mean()) for t in temperature],
-                {"units": "degC", "long_name": "measured mean temperature"},
+            "temperature": variable(
+                "temperature", [float(t.mean()) for t in temperature], "degC", "measured mean temperature"
             ),
-            "frequency": ("frequency", levels, {"units": "Hz", "long_name": "frequency"}),
+            "frequency": variable("frequency", levels, "Hz", "frequency"),
         },
         attrs={
             "mode": mode,
@@ -225,7 +222,7 @@ def _tabulated(
     )
 
 
-def _columns(frequencies: Sequence[Array]) -> tuple[Array, list[NDArray[np.intp]]]:
+def _columns(frequencies: Sequence[Floats]) -> tuple[Floats, list[NDArray[np.intp]]]:
     """Return the union of frequencies, and the column of every point.
 
     Frequencies that agree within rounding share a column; a frequency that one sweep holds twice
@@ -257,9 +254,13 @@ def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     """Gather the isothermal sweeps of all exports."""
     options = settings.sweeps
     made = sweeps(
-        readings, settings.mode, settings.nu.value, tolerance=options.tolerance,
-        fewest=options.fewest, skip_first=options.skip_first,
-    )  # fmt: skip
+        readings,
+        settings.mode,
+        settings.nu.value,
+        tolerance=options.tolerance,
+        fewest=options.fewest,
+        skip_first=options.skip_first,
+    )
     u_factor = 2.0 * settings.nu.u if settings.mode in ("shear", "torsion") else 0.0
     made.attrs["u_modulus_factor"] = u_factor
     return made
@@ -276,14 +277,14 @@ def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Datase
             if run.rows.size and _is_ramp(run):
                 ramps.append(
                     _glass_transition.Ramp(
-                        float(np.median(run.values("frequency"))), run.values("temperature"),
-                        factor * run.values("storage_modulus"), factor * run.values("loss_modulus"),
+                        float(np.median(run.values("frequency"))),
+                        run.values("temperature"),
+                        factor * run.values("storage_modulus"),
+                        factor * run.values("loss_modulus"),
                     )
-                )  # fmt: skip
+                )
     if not ramps:
-        return xr.Dataset(
-            attrs={"absent": "the exports hold no temperature sweep at one frequency"}
-        )
+        return xr.Dataset(attrs={"absent": "the exports hold no temperature sweep at one frequency"})
     return _glass_transition.transitions(ramps)
 
 
@@ -291,7 +292,5 @@ def _is_ramp(run: _Run) -> bool:
     frequency, temperature = run.values("frequency"), run.values("temperature")
     spread = float(np.ptp(frequency)) / float(np.median(frequency))
     return bool(
-        spread < _ONE_FREQUENCY
-        and np.ptp(temperature) >= _LEAST_RAMP
-        and temperature.size >= _glass_transition.FEWEST
+        spread < _ONE_FREQUENCY and np.ptp(temperature) >= _LEAST_RAMP and temperature.size >= _glass_transition.FEWEST
     )

@@ -17,14 +17,7 @@ from labpipe.report import (
     shown_source,
     value_with_uncertainty,
 )
-from labpipe.uncertainty import (
-    Budget,
-    MonteCarlo,
-    interval_difference,
-    intervals_agree,
-    linear_budget,
-    monte_carlo,
-)
+from labpipe.uncertainty import Budget, MonteCarlo, interval_difference, intervals_agree, linear_budget, monte_carlo
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
 
 _MANY = 1000.0  # degrees of freedom: beyond, Student's law is the normal one
@@ -57,40 +50,44 @@ def section(experiment: str, quantities: Iterable[Quantity]) -> tuple[Section, .
         return ()
     largest = [budget.rows[0] for _, budget, _ in found]
     table = overview(
-        found, "largest source",
+        found,
+        "largest source",
         [f"{shown_source(r['source'])}, {100.0 * r['share']:.0f} %" for r in largest],
         "After the GUM; repeats are type A with Student's quantile. To see which input to "
         f"measure better: labpipe sensitivity SESSION {experiment}.",
-    )  # fmt: skip
+    )
     folded = (Details(each[0].name, blocks=blocks(*each)) for each in found)
     return (Section("Uncertainty budgets", (table, *folded)),)
 
 
-def overview(
-    found: Sequence[Propagated], last: str, texts: Sequence[str], caption: str = ""
-) -> Table:
+def overview(found: Sequence[Propagated], last: str, texts: Sequence[str], caption: str = "") -> Table:
     """Return one line for each quantity, which ends with a text under a heading of its own."""
     rows = [
         (
-            each.name, value_with_uncertainty(budget.value, budget.u, each.unit),
-            half_width(budget, each.unit), coverage_factor(budget),
-            _number(budget.degrees_of_freedom), compared(budget, drawn), text,
+            each.name,
+            value_with_uncertainty(budget.value, budget.u, each.unit),
+            half_width(budget, each.unit),
+            coverage_factor(budget),
+            _number(budget.degrees_of_freedom),
+            compared(budget, drawn),
+            text,
         )
         for (each, budget, drawn), text in zip(found, texts, strict=True)
-    ]  # fmt: skip
+    ]
     columns = (
-        Column("quantity"), Column("value"), Column("expanded uncertainty, 95 %"),
-        Column("coverage factor", digits=3), Column("degrees of freedom"),
-        Column("linear and Monte Carlo"), Column(last),
-    )  # fmt: skip
+        Column("quantity"),
+        Column("value"),
+        Column("expanded uncertainty, 95 %"),
+        Column("coverage factor", digits=3),
+        Column("degrees of freedom"),
+        Column("linear and Monte Carlo"),
+        Column(last),
+    )
     return Table(columns, rows, caption=caption, sortable=False)
 
 
 def blocks(
-    found: Quantity,
-    budget: Budget,
-    drawn: MonteCarlo,
-    columns: Mapping[str, Mapping[str, Any]] | None = None,
+    found: Quantity, budget: Budget, drawn: MonteCarlo, columns: Mapping[str, Mapping[str, Any]] | None = None
 ) -> tuple[Block, ...]:
     """Return one budget as text, table and bars.
 
@@ -119,9 +116,7 @@ def blocks(
     return Paragraph(text), *_table(found, budget, columns or {}), *_others(found)
 
 
-def _table(
-    found: Quantity, budget: Budget, columns: Mapping[str, Mapping[str, Any]]
-) -> tuple[Block, ...]:
+def _table(found: Quantity, budget: Budget, columns: Mapping[str, Mapping[str, Any]]) -> tuple[Block, ...]:
     """Return the uncertain inputs as table and bars, the largest first."""
     rows = [row for row in budget.rows if row["u"] > 0.0]
     freedom = {n: _number(g.degrees_of_freedom) for n, g in found.inputs.items()}
@@ -159,10 +154,7 @@ def _reason(budget: Budget, drawn: MonteCarlo) -> str:
             " of the half width, as repeats are few: effective degrees of freedom only "
             "approximate the Student distribution of one input; use the Monte Carlo interval"
         )
-    return (
-        " of the half width, as the result is nonlinear within the uncertainty; use the Monte "
-        "Carlo interval"
-    )
+    return " of the half width, as the result is nonlinear within the uncertainty; use the Monte Carlo interval"
 
 
 def coverage_factor(budget: Budget) -> float:

@@ -13,11 +13,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.uncertainty import Input, Model, excess_uncertainty
-
-Array = NDArray[np.float64]
 
 IMPACTS = 3
 """Impacts that are shown; the thesis analyses the first three."""
@@ -26,14 +24,22 @@ TESTS = 3
 """Depths or frequencies of an indentation that are shown."""
 
 ASKED = (
-    "inclination", "pixel size", "zero", "noise", "sampling", "filter lag", "mass", "radius",
-    "height", "Poisson's ratio", "temperature", "repeatability",
-)  # fmt: skip
+    "inclination",
+    "pixel size",
+    "zero",
+    "noise",
+    "sampling",
+    "filter lag",
+    "mass",
+    "radius",
+    "height",
+    "Poisson's ratio",
+    "temperature",
+    "repeatability",
+)
 """Inputs that every budget is asked about."""
 
-NOTHING_FALLS = (
-    ("inclination, pixel size, mass, height", "there is no laser, no camera, and nothing falls"),
-)
+NOTHING_FALLS = (("inclination, pixel size, mass, height", "there is no laser, no camera, and nothing falls"),)
 """What does not act on an indentation, and why."""
 
 MEASURED = "measured"
@@ -64,16 +70,14 @@ class Quantity:
     family: str = ""
 
 
-def repeats(values: Array, own: Array) -> tuple[Input, Input]:
+def repeats(values: Floats, own: Floats) -> tuple[Input, Input]:
     """Return what repeats state of themselves, averaged, and their scatter beyond it."""
     n = values.size
     stated = float(np.sqrt(np.mean(own**2)) / sqrt(n))
     if n < 2:
         return Input(0.0, stated), Input(0.0, 0.0)
     scatter = float(np.std(values, ddof=1) / sqrt(n))
-    return Input(0.0, stated), Input(
-        0.0, excess_uncertainty(scatter, stated), degrees_of_freedom=n - 1
-    )
+    return Input(0.0, stated), Input(0.0, excess_uncertainty(scatter, stated), degrees_of_freedom=n - 1)
 
 
 def clock(displacement: xr.Dataset) -> Input:

@@ -97,9 +97,7 @@ def row(
     >>> row("restitution", "1", 3, measured=0.8, u_measured=float("nan")).u_measured
     """
     plain: dict[str, Any] = {name: _plain(value) for name, value in values.items()}
-    return Row(
-        "", "", material, condition, quantity, unit, n, against, slopes=slopes or {}, **plain
-    )
+    return Row("", "", material, condition, quantity, unit, n, against, slopes=slopes or {}, **plain)
 
 
 def _plain(value: Any) -> float | None:

@@ -60,9 +60,7 @@ class Fall:
 
 def shown(value: float, u: float, unit: str) -> str:
     """Write a value with its uncertainty."""
-    return (
-        value_with_uncertainty(value, u, unit) if isfinite(u) and u > 0 else quantity(value, unit)
-    )
+    return value_with_uncertainty(value, u, unit) if isfinite(u) and u > 0 else quantity(value, unit)
 
 
 def acceleration(fall: Fall, gravity: Quantity) -> Check:
@@ -79,9 +77,8 @@ def acceleration(fall: Fall, gravity: Quantity) -> Check:
         f"{'' if abs(ratio - 1) > 0.05 else ' is expected'}"
     )
     return compared(
-        name, law, message, seen, u, gravity.value, gravity.u,
-        allowance=GUIDE * gravity.value, file=fall.name,
-    )  # fmt: skip
+        name, law, message, seen, u, gravity.value, gravity.u, allowance=GUIDE * gravity.value, file=fall.name
+    )
 
 
 def height(fall: Fall, given: Quantity | None) -> Check:
@@ -92,9 +89,7 @@ def height(fall: Fall, given: Quantity | None) -> Check:
     seen, own = fall.value("drop_height")
     u = hypot(own, seen * fall.relative)
     message = f"{fall.name}: the body fell {shown(seen, u, 'm')}, stated are {shown(*given)}"
-    return compared(
-        name, law, message, seen, u, given.value, given.u, file="", setting="height"
-    )  # fmt: skip
+    return compared(name, law, message, seen, u, given.value, given.u, file="", setting="height")
 
 
 def speed(fall: Fall, gravity: Quantity) -> Check:
@@ -107,9 +102,16 @@ def speed(fall: Fall, gravity: Quantity) -> Check:
     u = hypot(own, seen * hypot(0.5 * fall.relative, _CLOCK))
     message = f"{fall.name}: {shown(seen, u, 'm/s')} seen, {quantity(expected, 'm/s')} expected"
     return compared(
-        name, law, message, seen, u, expected, 0.5 * expected * u_h / h if h > 0 else nan,
-        allowance=GUIDE * expected, file=fall.name,
-    )  # fmt: skip
+        name,
+        law,
+        message,
+        seen,
+        u,
+        expected,
+        0.5 * expected * u_h / h if h > 0 else nan,
+        allowance=GUIDE * expected,
+        file=fall.name,
+    )
 
 
 def restitution(fall: Fall) -> Check:
@@ -121,25 +123,15 @@ def restitution(fall: Fall) -> Check:
         return not_made(name, law, "a bounce")
     beyond = np.where(known, (np.abs(values - 0.5) - 0.5) / np.where(u > 0, u, 1.0), -np.inf)
     worst = int(np.argmax(beyond))
-    message = (
-        f"{fall.name}: e = {shown(float(values[worst]), float(u[worst]), '1')} "
-        f"at impact {worst + 1}"
-    )
-    return bounded(
-        name, law, message, float(values[worst]), float(u[worst]),
-        at_least=0.0, at_most=1.0, file=fall.name,
-    )  # fmt: skip
+    message = f"{fall.name}: e = {shown(float(values[worst]), float(u[worst]), '1')} at impact {worst + 1}"
+    return bounded(name, law, message, float(values[worst]), float(u[worst]), at_least=0.0, at_most=1.0, file=fall.name)
 
 
 def apexes(fall: Fall) -> Check:
     """Hold the heights of all flights against their order."""
     name, law = "heights of the rebounds", "no flight is higher than the one before it"
-    heights = np.concatenate([
-        [float(fall.bounces["drop_height"])], fall.bounces["apex_height"].values
-    ])  # fmt: skip
-    u = np.concatenate([
-        [float(fall.bounces["u_drop_height"])], fall.bounces["u_apex_height"].values
-    ])  # fmt: skip
+    heights = np.concatenate([[float(fall.bounces["drop_height"])], fall.bounces["apex_height"].values])
+    u = np.concatenate([[float(fall.bounces["u_drop_height"])], fall.bounces["u_apex_height"].values])
     rises, u_rises = np.diff(heights), np.hypot(u[1:], u[:-1])
     known = np.isfinite(rises) & np.isfinite(u_rises) & (u_rises > 0)
     if not known.any():
@@ -150,9 +142,7 @@ def apexes(fall: Fall) -> Check:
         f"{fall.name}: after impact {worst + 1} the body rises to "
         f"{quantity(float(heights[worst + 1]), 'm')} after {quantity(float(heights[worst]), 'm')}"
     )
-    return bounded(
-        name, law, message, float(rises[worst]), float(u_rises[worst]), at_most=0.0, file=fall.name
-    )
+    return bounded(name, law, message, float(rises[worst]), float(u_rises[worst]), at_most=0.0, file=fall.name)
 
 
 def flights_alike(fall: Fall, gravity: Quantity) -> Check:
@@ -180,14 +170,20 @@ def flights_alike(fall: Fall, gravity: Quantity) -> Check:
         f"its speeds say {quantity(float(said[worst]), 's')}"
     )
     return compared(
-        name, law, message, float(lasts[worst]), float(u[worst]), float(said[worst]), 0.0,
-        allowance=0.01 * float(lasts[worst]), factor=False, file=fall.name,
-    )  # fmt: skip
+        name,
+        law,
+        message,
+        float(lasts[worst]),
+        float(u[worst]),
+        float(said[worst]),
+        0.0,
+        allowance=0.01 * float(lasts[worst]),
+        factor=False,
+        file=fall.name,
+    )
 
 
-def contact_duration(
-    fall: Fall, radius: float, mass: float, contact_modulus: float | None
-) -> Check:
+def contact_duration(fall: Fall, radius: float, mass: float, contact_modulus: float | None) -> Check:
     """Hold the first contact's duration against Hertz for the stated sphere.
 
     t = 2.868 (m^2 / (R E*^2 v))^(1/5), Johnson, Contact Mechanics (1985), eq. (11.24).
@@ -205,10 +201,16 @@ def contact_duration(
     if contact_modulus is None:
         message = f"{fall.name}: {shown(seen, own, 's')}"
         return bounded(
-            name, law, message, np.log(seen).item(), max(own / seen, 0.05),
+            name,
+            law,
+            message,
+            np.log(seen).item(),
+            max(own / seen, 0.05),
             at_least=np.log(hertz(_PLAUSIBLE[1])).item(),
-            at_most=np.log(hertz(_PLAUSIBLE[0])).item(), is_law=False, file=fall.name,
-        )  # fmt: skip
+            at_most=np.log(hertz(_PLAUSIBLE[0])).item(),
+            is_law=False,
+            file=fall.name,
+        )
     expected = hertz(contact_modulus)
     message = (
         f"{fall.name}: {shown(seen, own, 's')} seen, about {quantity(expected, 's')} expected "
@@ -231,9 +233,8 @@ def rest_level(fall: Fall, sag: float) -> Check:
     gap, u = rest - touch, hypot(u_rest, u_touch)
     message = f"{fall.name}: rest lies {shown(gap, u, 'm')} from first touch"
     return compared(
-        name, law, message, gap, u, -sag, sag, allowance=max(deepest, 3 * sag), factor=False,
-        file=fall.name,
-    )  # fmt: skip
+        name, law, message, gap, u, -sag, sag, allowance=max(deepest, 3 * sag), factor=False, file=fall.name
+    )
 
 
 def held_readings(name: str, time: np.ndarray, reading: np.ndarray, resolution: float) -> Check:
@@ -255,10 +256,14 @@ def held_readings(name: str, time: np.ndarray, reading: np.ndarray, resolution: 
     if longest >= _FLAT and is_moving:
         text = f"{name}: {longest + 1} equal readings in a row from {at}, in the middle of motion"
         return stated(
-            title, law, text, "impossible", file=name,
+            title,
+            law,
+            text,
+            "impossible",
+            file=name,
             cause="the sensor was out of its range or held its last value: the impact is not "
             "measured there; move the sensor or choose a larger range",
-        )  # fmt: skip
+        )
     text = f"{name}: no clipped readings" + (f", {lost} invalid" if lost else "")
     return stated(title, law, text, None, file=name)
 
@@ -275,10 +280,7 @@ def _longest_run(flags: np.ndarray) -> tuple[int, int]:
 
 def hum(name: str, time: np.ndarray, reading: np.ndarray, noise: float) -> Check:
     """Look for a line of the mains in the part of a record where the body is still."""
-    title, law = (
-        "noise of the record",
-        "noise of a sensor has no line at the frequency of the mains",
-    )
+    title, law = ("noise of the record", "noise of a sensor has no line at the frequency of the mains")
     if time.size < 200:
         return not_made(title, law, "a part of the record in which the body is still")
     interval = float(np.median(np.diff(time)))
@@ -296,9 +298,13 @@ def hum(name: str, time: np.ndarray, reading: np.ndarray, noise: float) -> Check
             text = f"{name}: hum of {quantity(amplitude, 'm')} at {line:g} Hz"
             level = "note" if amplitude < 20 * max(noise, 1e-12) else "doubtful"
             return stated(
-                title, law, text, level, file=name,  # type: ignore[arg-type]
+                title,
+                law,
+                text,
+                level,
+                file=name,  # type: ignore[arg-type]
                 cause="mains hum: ground the sensor, or average over one period",
-            )  # fmt: skip
+            )
     return stated(title, law, f"{name}: no line of the mains", None, file=name)
 
 
@@ -331,10 +337,20 @@ def repeats_alike(falls: Sequence[Fall], quantities: Sequence[tuple[str, str, st
             f"{falls[worst].name}: {shown(float(values[worst]), float(u[worst]), unit)}, the other "
             f"repeats {quantity(float(np.median(values[others])), unit)}"
         )
-        found.append(compared(
-            name, law, message, float(values[worst]), float(scale[worst]), centre, 0.0,
-            allowance=0.02 * abs(centre), factor=False, file=falls[worst].name,
-        ))  # fmt: skip
+        found.append(
+            compared(
+                name,
+                law,
+                message,
+                float(values[worst]),
+                float(scale[worst]),
+                centre,
+                0.0,
+                allowance=0.02 * abs(centre),
+                factor=False,
+                file=falls[worst].name,
+            )
+        )
     return found
 
 

@@ -25,17 +25,9 @@ from labpipe.judging import (
     stated,
     to_json,
 )
-from labpipe.report import (
-    Block,
-    Column,
-    Details,
-    Notice,
-    Section,
-    Table,
-    quantity,
-    value_with_uncertainty,
-)
+from labpipe.report import Block, Column, Details, Notice, Section, Table, quantity, value_with_uncertainty
 from labpipe.units import Quantity
+from labpipe.variables import variable
 from labpipe.workflow.context import Context
 from pipelines.experiments.shared.comparison_rows import Row
 
@@ -127,15 +119,10 @@ def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> Any:
 
 
 def _dataset(
-    judged: Judgement,
-    found: Agreement | None,
-    names: Sequence[str],
-    smallest: Any,
-    relative: Any,
-    could_notice: bool,
+    judged: Judgement, found: Agreement | None, names: Sequence[str], smallest: Any, relative: Any, could_notice: bool
 ) -> xr.Dataset:
     def number(value: float, text: str) -> tuple[tuple[()], float, dict[str, str]]:
-        return (), value, {"units": "1", "long_name": text}
+        return variable((), value, "1", text)
 
     known = found or Agreement(np.nan, 0, np.nan, np.nan)
     return xr.Dataset(
@@ -145,16 +132,8 @@ def _dataset(
             "degrees_of_freedom": number(float(known.degrees_of_freedom), "degrees of freedom"),
             "p": number(known.p, "probability of a larger chi square"),
             "largest_deviation": number(known.largest, "largest deviation of a row, in u"),
-            "detectable": (
-                "input",
-                relative,
-                {"units": "1", "long_name": "smallest relative error that would have shown"},
-            ),
-            "detectable_error": (
-                "input",
-                smallest,
-                {"units": "1", "long_name": "the same in SI units of the input"},
-            ),
+            "detectable": variable("input", relative, "1", "smallest relative error that would have shown"),
+            "detectable_error": variable("input", smallest, "1", "the same in SI units of the input"),
         },
         coords={"input": np.array(list(names), dtype=str)},
         attrs={
@@ -207,9 +186,7 @@ def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
 def _compared(row: Row) -> str:
     measured = value_with_uncertainty(row.measured or 0.0, row.u_measured or 0.0, row.unit)
     model = value_with_uncertainty(row.model or 0.0, row.u_model or 0.0, row.unit)
-    return (
-        f"{row.quantity} {measured} measured, {model} expected, {abs(row.deviation or 0.0):.1f} u"
-    )
+    return f"{row.quantity} {measured} measured, {model} expected, {abs(row.deviation or 0.0):.1f} u"
 
 
 def _counted(judged: Judgement) -> str:
@@ -233,12 +210,11 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
             "error" if f.level == "impossible" else "warning" if f.level == "doubtful" else "info",
             f"{f.check}: {f.message}" + (f". Probable cause: {f.cause}" if f.cause else ""),
         )
-        for f in judged.findings[1:] if judged.believable in ("impossible", "doubtful")
-    ]  # fmt: skip
+        for f in judged.findings[1:]
+        if judged.believable in ("impossible", "doubtful")
+    ]
     if result.sizes["input"]:
-        blocks.append(
-            Details("What this comparison could have noticed", blocks=(_noticed(result),))
-        )
+        blocks.append(Details("What this comparison could have noticed", blocks=(_noticed(result),)))
     blocks.append(Details(f"Checks of the record ({_counted(judged)})", blocks=(_checked(judged),)))
     return tuple(blocks)
 
@@ -246,15 +222,12 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
 def _noticed(result: xr.Dataset) -> Table:
     rows = [
         (str(name), f"{value:.2g}" if np.isfinite(value) and value < 1 else "cannot tell")
-        for name, value in zip(
-            result["input"].values, result["detectable"].values, strict=True
-        )
-    ]  # fmt: skip
+        for name, value in zip(result["input"].values, result["detectable"].values, strict=True)
+    ]
     return Table(
         (Column("input"), Column("smallest relative error that would have shown")),
         rows,
-        caption="With 95 % probability at the 5 % level, all other inputs held at their "
-        "uncertainty.",
+        caption="With 95 % probability at the 5 % level, all other inputs held at their uncertainty.",
     )
 
 
@@ -263,9 +236,7 @@ def _checked(judged: Judgement) -> Table:
     for check in judged.checks:
         answer = check.level or ("passed" if check.is_made else "not made")
         margin = f"{check.margin:+.1f} u" if np.isfinite(check.margin) else ""
-        rows.append(
-            (check.name, answer, margin, check.message or f"needs {check.needs}", check.law)
-        )
+        rows.append((check.name, answer, margin, check.message or f"needs {check.needs}", check.law))
     columns = ("check", "answer", "margin", "what was seen", "law")
     return Table(tuple(Column(name) for name in columns), rows)
 

@@ -40,9 +40,7 @@ def test_jkr_holds_its_published_numbers() -> None:
     parted = jkr((np.pi * W * R**2 / (8 * E)) ** (1 / 3), R, E, W)
     assert float(parted.force) == pytest.approx(-5 / 6 * scale, rel=1e-13)
     free = jkr_at_force(0.0, R, E, W)
-    assert float(free.contact_radius) ** 3 == pytest.approx(
-        9 * np.pi * W * R**2 / (2 * E), rel=1e-6, abs=0.0
-    )
+    assert float(free.contact_radius) ** 3 == pytest.approx(9 * np.pi * W * R**2 / (2 * E), rel=1e-6, abs=0.0)
     assert float(jkr(free.contact_radius, R, E, W).force) == pytest.approx(0.0, abs=1e-12 * scale)
     assert pull_off(R, E, W) == pytest.approx(1.5 * scale, rel=rounding(10))
 
@@ -50,9 +48,7 @@ def test_jkr_holds_its_published_numbers() -> None:
 def test_a_load_gives_the_stable_contact_that_carries_it() -> None:
     loads = np.array([-1.49, -1.0, 0.0, 3.0, 1e4]) * np.pi * W * R
     found = jkr_at_force(loads, R, E, W)
-    np.testing.assert_allclose(
-        jkr(found.contact_radius, R, E, W).force, loads, rtol=1e-9, atol=1e-12
-    )
+    np.testing.assert_allclose(jkr(found.contact_radius, R, E, W).force, loads, rtol=1e-9, atol=1e-12)
     assert np.all(np.diff(found.contact_radius) > 0.0)
 
 
@@ -159,9 +155,7 @@ def test_a_cone_parts_at_the_published_force(slope: float) -> None:
 
 def test_a_flat_end_parts_at_kendalls_force() -> None:
     state = adhesive_indentation(slope_of("flat", 1.0), [2e-3], E, W)
-    assert float(-state.force[0]) == pytest.approx(
-        np.sqrt(8.0 * np.pi * E * W * 8e-9), rel=rounding(50)
-    )
+    assert float(-state.force[0]) == pytest.approx(np.sqrt(8.0 * np.pi * E * W * 8e-9), rel=rounding(50))
 
 
 def test_an_exact_sphere_without_adhesion_is_the_closed_form_of_sneddon() -> None:

@@ -57,10 +57,12 @@ def chances(known) -> dict[str, float]:
 def deviations(known, solid: Prony) -> np.ndarray:
     found = moduli(known, FREQUENCY)
     truth = solid.complex_modulus(2 * np.pi * FREQUENCY)
-    return np.concatenate([
-        np.log(found.storage / truth.real) / found.u_ln_storage,
-        np.log(found.loss_factor / (truth.imag / truth.real)) / found.u_ln_loss_factor,
-    ])  # fmt: skip
+    return np.concatenate(
+        [
+            np.log(found.storage / truth.real) / found.u_ln_storage,
+            np.log(found.loss_factor / (truth.imag / truth.real)) / found.u_ln_loss_factor,
+        ]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -111,8 +113,7 @@ def test_chances_sum_to_one_and_begin_as_stated(spaced) -> None:
 def test_moduli_are_mean_and_spread_over_the_structures(spaced) -> None:
     apart = []
     for weight in (1.0, 0.0, 0.25):
-        two = [replace(s, weight=w) for s, w in zip(spaced.structures[:2], (weight, 1 - weight),
-                                                   strict=True)]  # fmt: skip
+        two = [replace(s, weight=w) for s, w in zip(spaced.structures[:2], (weight, 1 - weight), strict=True)]
         apart.append(moduli(replace(spaced, structures=tuple(two)), FREQUENCY))
     one, other, mixed = apart
     for name in ("storage", "loss_factor"):
@@ -139,8 +140,7 @@ def test_basis_of_other_times_is_refused() -> None:
 def test_drop_knows_terms_of_times_that_are_not_the_materials() -> None:
     solid = Prony(2e9, [2e8, 2e8, 2e8], [1e-4, 1e-3, 1e-1], nu=0.35)
     touches = np.array([1, 2])
-    model = DropModel(9.525e-3, 0.505, 1.5e-3, 9.81, touches, touches, np.empty(0, int), 0.08,
-                      1e-3, {}, rtol=1e-4)  # fmt: skip
+    model = DropModel(9.525e-3, 0.505, 1.5e-3, 9.81, touches, touches, np.empty(0, int), 0.08, 1e-3, {}, rtol=1e-4)
     rho = np.array([1e-8, 1e-7, 3e-5, 4e-4, 2e-3, 1e5])
     made = model.by_times(solid, {}, rho)
     size = np.abs(made[:, 3:6]).max(axis=1, keepdims=True)

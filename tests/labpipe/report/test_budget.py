@@ -19,9 +19,7 @@ def test_values_have_prefixes_and_a_temperature_is_uncertain_by_kelvin() -> None
 
 
 def test_a_formula_s_rows_have_no_kind_and_further_columns_follow() -> None:
-    made = linear_budget(
-        lambda tip_radius: 2.0 * tip_radius, {"tip_radius": Input(2e-3, 1e-6, "m")}
-    )
+    made = linear_budget(lambda tip_radius: 2.0 * tip_radius, {"tip_radius": Input(2e-3, 1e-6, "m")})
     shown, _ = budget_table(made.rows, "Budget", "m", {"freedom": {"tip_radius": "∞"}})
     assert isinstance(shown, Table)
     assert [column.title for column in shown.columns][-2:] == ["contribution", "freedom"]

@@ -9,9 +9,7 @@ from labpipe.signals import interpolated_at, lag, timed_from_event
 
 
 def record(time, values):
-    return xr.DataArray(
-        values, {"time": time}, dims="time", name="displacement", attrs={"units": "m"}
-    )
+    return xr.DataArray(values, {"time": time}, dims="time", name="displacement", attrs={"units": "m"})
 
 
 def motion(time):
@@ -71,9 +69,7 @@ def test_time_counts_from_the_event():
 
 
 def test_values_outside_the_record_are_unknown():
-    found = interpolated_at(
-        record(np.arange(3.0), np.array([0.0, 2.0, 4.0])), np.array([-1.0, 0.5, 3.0])
-    )
+    found = interpolated_at(record(np.arange(3.0), np.array([0.0, 2.0, 4.0])), np.array([-1.0, 0.5, 3.0]))
     np.testing.assert_array_equal(found, [np.nan, 1.0, np.nan])
 
 

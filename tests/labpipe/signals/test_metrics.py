@@ -5,20 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labpipe.errors import InputError
-from labpipe.signals import (
-    agreement,
-    coefficient_of_determination,
-    compare,
-    independent_count,
-    nrmse,
-)
+from labpipe.signals import agreement, coefficient_of_determination, compare, independent_count, nrmse
 
 
 def curve(values, units="m"):
     time = np.arange(len(values), dtype=float)
-    return xr.DataArray(
-        np.array(values, float), {"time": time}, dims="time", attrs={"units": units}
-    )
+    return xr.DataArray(np.array(values, float), {"time": time}, dims="time", attrs={"units": units})
 
 
 @given(scale=st.floats(1e-6, 1e6), shift=st.floats(-1e3, 1e3), error=st.floats(0.01, 10.0))
@@ -37,9 +29,7 @@ def test_infinite_values_are_refused_not_left_out(measure):
 
 
 def test_unread_pairs_are_left_out():
-    assert nrmse([0.0, np.nan, 2.0, 4.0], [0.0, 1.0, np.nan, 2.0]) == pytest.approx(
-        np.sqrt(2.0) / 4.0
-    )
+    assert nrmse([0.0, np.nan, 2.0, 4.0], [0.0, 1.0, np.nan, 2.0]) == pytest.approx(np.sqrt(2.0) / 4.0)
 
 
 def test_comparison_states_bias_and_largest_difference_with_sign():

@@ -7,13 +7,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from labpipe.errors import InputError
-from labpipe.signals import (
-    active_window,
-    common_fit,
-    damped_oscillation,
-    fit_sinusoid,
-    hysteresis_loops,
-)
+from labpipe.signals import active_window, common_fit, damped_oscillation, fit_sinusoid, hysteresis_loops
 
 MACH1 = Path(__file__).parents[3] / "../shared/samples/mach1/dynamic_5_sinusoid_blocks.txt"
 
@@ -82,8 +76,7 @@ def test_rounding_is_told_where_it_repeats_in_every_cycle():
         offset, phase = random.uniform(0, step), random.uniform(-3, 3)
         curve = np.sin(2 * np.pi * 0.0998 * time + phase) + offset
         fit = fit_sinusoid(time, step * np.round(curve / step), 0.1, resolution=step)
-        z.append([(fit.amplitude - 1) / fit.u_amplitude,
-                  (fit.frequency - 0.0998) / fit.u_frequency])  # fmt: skip
+        z.append([(fit.amplitude - 1) / fit.u_amplitude, (fit.frequency - 0.0998) / fit.u_frequency])
     spread = np.sqrt(np.mean(np.square(z), axis=0))
     assert np.all((spread > 0.75) & (spread < 1.3)), spread
 
@@ -117,12 +110,7 @@ def test_stiffness_and_lag_of_a_lossy_solid(lag):
     time = np.arange(0.0, 20.0, 0.01)
     angle = 2 * np.pi * 0.5 * time
     position = 1e-4 * np.sin(angle) + 1e-8 * random.standard_normal(2000)
-    force = (
-        2.0 * np.sin(angle + lag)
-        + 5
-        - 0.1 * np.log1p(time / 5)
-        + 1e-3 * random.standard_normal(2000)
-    )
+    force = 2.0 * np.sin(angle + lag) + 5 - 0.1 * np.log1p(time / 5) + 1e-3 * random.standard_normal(2000)
     fit = common_fit(time, position, force)
     assert fit.phase_lag == pytest.approx(lag, abs=4 * fit.u_phase_lag)
     assert fit.u_phase_lag < 1e-3
@@ -297,9 +285,7 @@ def real_blocks():
     return blocks
 
 
-@pytest.mark.skipif(
-    not MACH1.exists(), reason="the shared sample files are not beside the checkout"
-)
+@pytest.mark.skipif(not MACH1.exists(), reason="the shared sample files are not beside the checkout")
 def test_real_frequencies_and_amplitudes_differ_from_the_header():
     # Counted by hand: frequency 0.16, 0.11, 0.28, 0.48, 0.84 % below, amplitude 0.6-3.6 % above.
     below, above = [], []
@@ -310,9 +296,13 @@ def test_real_frequencies_and_amplitudes_differ_from_the_header():
         below.append(100 * (1 - fit.position.frequency / nominal))
         above.append(100 * (1e3 * fit.position.amplitude / 0.0469 - 1))
         found = hysteresis_loops(
-            time, 1e-3 * position, 9.80665e-3 * force, fit.position.frequency,
-            start=window.steady_start, end=window.steady_end,
-        )  # fmt: skip
+            time,
+            1e-3 * position,
+            9.80665e-3 * force,
+            fit.position.frequency,
+            start=window.steady_start,
+            end=window.steady_end,
+        )
         assert found.sizes["cycle"] in (17, 18)
         ellipse = np.pi * fit.position.amplitude * fit.force.amplitude * np.sin(fit.phase_lag)
         assert float(found.mean_work) == pytest.approx(ellipse, rel=0.01)
@@ -350,10 +340,7 @@ def test_strong_damping_and_its_uncertainty():
     found = []
     for phase in (0.0, 1.6):
         ring = 1e-5 * np.exp(-zeta * natural * time) * np.sin(damped * time + phase)
-        fits = [
-            damped_oscillation(time, ring + 2e-8 * random.standard_normal(400), 100.0)
-            for _ in range(14)
-        ]
+        fits = [damped_oscillation(time, ring + 2e-8 * random.standard_normal(400), 100.0) for _ in range(14)]
         ratios = np.array([fit.damping_ratio for fit in fits])
         found.append(np.std(ratios) / np.mean([fit.u_damping_ratio for fit in fits]))
         assert ratios.mean() == pytest.approx(zeta, rel=2e-2)

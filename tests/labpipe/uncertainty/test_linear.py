@@ -21,10 +21,7 @@ from labpipe.uncertainty import (
 
 
 def test_gum_end_gauge_style_sum_and_product():
-    found = linear_budget(
-        lambda a, b, c: a * b + c,
-        {"a": Input(2.0, 0.1), "b": Input(5.0, 0.2), "c": Input(1.0, 0.3)},
-    )
+    found = linear_budget(lambda a, b, c: a * b + c, {"a": Input(2.0, 0.1), "b": Input(5.0, 0.2), "c": Input(1.0, 0.3)})
     assert found.value == 11.0
     assert found.u == pytest.approx(sqrt(0.5**2 + 0.4**2 + 0.3**2))
     assert [row["source"] for row in found.rows] == ["a", "b", "c"]
@@ -43,17 +40,13 @@ def test_propagation_agrees_with_the_exact_derivatives(reading, angle, u_reading
         lambda reading, angle: reading / cos(angle),
         {"reading": Input(reading, u_reading, "m"), "angle": Input(angle, u_angle, "rad")},
     )
-    by_hand = sqrt(
-        (u_reading / cos(angle)) ** 2 + (reading * sin(angle) / cos(angle) ** 2 * u_angle) ** 2
-    )
+    by_hand = sqrt((u_reading / cos(angle)) ** 2 + (reading * sin(angle) / cos(angle) ** 2 * u_angle) ** 2)
     assert found.u == pytest.approx(by_hand, rel=1e-5)  # over one u the cosine bends a little
     assert sum(row["share"] for row in found.rows) == pytest.approx(1.0)
 
 
 def test_a_formula_and_its_sensitivities_make_the_same_budget():
-    found = linear_budget(
-        lambda a, b: 3.0 * a - b, {"a": Input(1.0, 0.1, "m"), "b": Input(2.0, 0.4, "m")}
-    )
+    found = linear_budget(lambda a, b: 3.0 * a - b, {"a": Input(1.0, 0.1, "m"), "b": Input(2.0, 0.4, "m")})
     sources = [Source("a", 1.0, 0.1, "m", 3.0), Source("b", 2.0, 0.4, "m", -1.0)]
     assert found.u == pytest.approx(combined_uncertainty(sources))
     for ours, stated in zip(found.rows, budget_rows(sources), strict=True):
@@ -90,10 +83,7 @@ def test_what_was_not_found_has_no_value():
 
 
 def test_budget_shares_add_up_largest_first():
-    sources = [
-        Source("a", 1.0, 1.0, "m", 1.0, "random"),
-        Source("b", 1.0, 1.0, "m", -2.0, "random"),
-    ]
+    sources = [Source("a", 1.0, 1.0, "m", 1.0, "random"), Source("b", 1.0, 1.0, "m", -2.0, "random")]
     rows = budget_rows(sources)
     assert [row["source"] for row in rows] == ["b", "a"]
     assert [row["share"] for row in rows] == pytest.approx([0.8, 0.2])
@@ -119,21 +109,15 @@ def test_variances_are_the_diagonal_of_the_covariance_of_the_results():
     generator = np.random.default_rng(3)
     root, slopes = generator.normal(size=(4, 4)), generator.normal(size=(3, 4))
     covariance = root @ root.T
-    assert propagated_variance(slopes, covariance) == pytest.approx(
-        np.diag(propagated_covariance(slopes, covariance))
-    )
-    assert propagated_u(slopes[1], covariance) ** 2 == pytest.approx(
-        propagated_variance(slopes, covariance)[1]
-    )
+    assert propagated_variance(slopes, covariance) == pytest.approx(np.diag(propagated_covariance(slopes, covariance)))
+    assert propagated_u(slopes[1], covariance) ** 2 == pytest.approx(propagated_variance(slopes, covariance)[1])
 
 
 def test_covariance_of_parameters_is_what_draws_of_them_make_of_the_results():
     covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
     slopes = np.array([[1.0, -2.0], [0.5, 3.0]])
     drawn = np.random.default_rng(4).multivariate_normal([0.0, 0.0], covariance, 40000) @ slopes.T
-    assert np.cov(drawn.T) == pytest.approx(
-        propagated_covariance(slopes, covariance), rel=0.05, abs=0.1
-    )
+    assert np.cov(drawn.T) == pytest.approx(propagated_covariance(slopes, covariance), rel=0.05, abs=0.1)
 
 
 def test_what_rounding_makes_of_no_variance_is_nothing():

@@ -2,14 +2,7 @@ from math import exp, isinf, pi, sin, sqrt
 
 import pytest
 
-from labpipe.uncertainty import (
-    Input,
-    inputs_to_halve,
-    intervals_agree,
-    linear_budget,
-    monte_carlo,
-    sobol,
-)
+from labpipe.uncertainty import Input, inputs_to_halve, intervals_agree, linear_budget, monte_carlo, sobol
 
 
 def product(a: float, b: float) -> float:

@@ -64,9 +64,7 @@ def test_a_fitting_answer(key: str, unit: str, answer: str, written: str) -> Non
         ("when", "", "14.05.2024", 'expected a day such as 2024-05-14, found "14.05.2024"'),
     ],
 )
-def test_an_answer_that_does_not_fit_says_what_would(
-    key: str, unit: str, answer: str, words: str
-) -> None:
+def test_an_answer_that_does_not_fit_says_what_would(key: str, unit: str, answer: str, words: str) -> None:
     with pytest.raises(InputError) as caught:
         checked(Gap(1, "t", key, unit, ""), answer)
     assert words in str(caught.value)
@@ -123,14 +121,11 @@ def test_a_missing_record_is_proposed_with_the_days_of_the_recordings(pile: Path
 
 
 def test_answered_questions_make_a_session_that_processes(pile: Path) -> None:
-    answers = ["9.525 cubits", "9.525 ± 0.005", "505 ± 0.5", "A. Person", "micrometer",
-               "12.0 ± 0.1"]  # fmt: skip
+    answers = ["9.525 cubits", "9.525 ± 0.005", "505 ± 0.5", "A. Person", "micrometer", "12.0 ± 0.1"]
     text = write_session_file(pile).path.read_text("utf-8")
     asked = [gap.key for gap in gaps(text)]
     assert asked == ["radius", "mass"]
-    done = CliRunner().invoke(
-        init, [str(pile), "--force", "--ask"], input="\n".join(answers) + "\n"
-    )
+    done = CliRunner().invoke(init, [str(pile), "--force", "--ask"], input="\n".join(answers) + "\n")
     assert done.exit_code == 0, done.output
     assert "cubits" in done.output
     assert "to fill in" not in done.output

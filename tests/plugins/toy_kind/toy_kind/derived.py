@@ -16,10 +16,12 @@ from toy_kind.settings import RingingBar
 def rows(comparison: xr.Dataset, *, settings: RingingBar) -> Iterator[Row]:
     """Yield the one row of ``compare``."""
     yield row(
-        "frequency", "Hz", int(comparison.attrs["recordings"]),
+        "frequency",
+        "Hz",
+        int(comparison.attrs["recordings"]),
         condition=f"sag {settings.sag.value * 1e3:g} mm",
         **{str(name): value for name, value in comparison.data_vars.items()},
-    )  # fmt: skip
+    )
 
 
 def quantities(comparison: xr.Dataset, *, settings: RingingBar) -> Iterator[Quantity]:
@@ -30,9 +32,7 @@ def quantities(comparison: xr.Dataset, *, settings: RingingBar) -> Iterator[Quan
         "noise": Input(0.0, float(comparison["u_measured"]), "Hz"),
     }
     inert = (("mass, height, temperature", "they do not enter a frequency that was measured"),)
-    yield Quantity(
-        "frequency of the bar", "Hz", lambda measured, noise: measured + noise, inputs, inert
-    )
+    yield Quantity("frequency of the bar", "Hz", lambda measured, noise: measured + noise, inputs, inert)
 
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
