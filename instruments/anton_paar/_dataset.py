@@ -195,14 +195,14 @@ def intervals_of(dataset: xr.Dataset) -> list[Interval]:
         It has another form.
     """
     try:
-        described = json.loads(dataset.attrs["tests"])
-        stops = np.cumsum([entry["rows"] for entry in described])
+        stated = json.loads(dataset.attrs["tests"])
+        stops = np.cumsum([entry["rows"] for entry in stated])
         if not len(stops) or int(stops[-1]) != dataset.sizes["sample"]:
             message = "the attribute tests does not fit the samples"
             raise InputError(message)
         return [
             _interval(dataset.isel(sample=slice(int(stop) - entry["rows"], int(stop))), entry)
-            for entry, stop in zip(described, stops, strict=True)
+            for entry, stop in zip(stated, stops, strict=True)
         ]
     except KeyError as error:
         message = f"not a Dataset of this reader: {error} is missing"
@@ -211,18 +211,18 @@ def intervals_of(dataset: xr.Dataset) -> list[Interval]:
 
 def _interval(part: xr.Dataset, entry: dict[str, Any]) -> Interval:
     columns = []
-    for described in entry["columns"]:
-        variable = part[described["name"]]
-        is_text = variable.dtype.kind not in "fiu"
-        values = [str(v) for v in variable.values] if is_text else variable.values.astype(float)
+    for stated in entry["columns"]:
+        values_of = part[stated["name"]]
+        is_text = values_of.dtype.kind not in "fiu"
+        values = [str(v) for v in values_of.values] if is_text else values_of.values.astype(float)
         columns.append(
             Column(
-                described["name"],
-                described["header"],
-                described["unit"],
-                "" if is_text else variable.attrs["units"],
+                stated["name"],
+                stated["header"],
+                stated["unit"],
+                "" if is_text else values_of.attrs["units"],
                 values,
-                described.get("sub_label", ""),
+                stated.get("sub_label", ""),
             )
         )
     return Interval(

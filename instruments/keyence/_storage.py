@@ -285,9 +285,9 @@ def _assemble(
 
 def _status_counts(variables: Mapping[str, Any]) -> dict[str, dict[str, int]]:
     counts = {}
-    for name, variable in variables.items():
+    for name, column in variables.items():
         if name.startswith("status"):
-            found = np.bincount(variable[1], minlength=len(Status))
+            found = np.bincount(column[1], minlength=len(Status))
             counts[name] = {state.name: int(found[state]) for state in Status if found[state]}
     return counts
 

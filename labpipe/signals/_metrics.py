@@ -4,6 +4,7 @@ The thesis compares by eye; these are the figures that it lacks.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -93,7 +94,7 @@ def compare(measured: xr.DataArray, model: xr.DataArray) -> xr.Dataset:
     difference = a - b
     label = measured.attrs.get("long_name", str(measured.name))
 
-    def scalar(value: float, unit: str, text: str) -> tuple[tuple[()], float, dict[str, str]]:
+    def scalar(value: float, unit: str, text: str) -> Any:
         return variable((), value, unit, text)
 
     residual = np.asarray(measured.values - model.values, float)

@@ -146,10 +146,7 @@ def _sphere(quick: bool, has_peer: bool) -> Suite:
 def _sphere_pressure(per_radius: int, kind: str) -> tuple[Floats, Floats]:
     """Radii over the contact's and pressures over the peak, both (point,); setup included."""
     springs: Springs
-    if kind == "rings":
-        springs = ring_springs(1.0, 1.2, 1.0 / per_radius)
-    else:
-        springs = line_springs(1.0, 1.2, 0.25, per_radius)
+    springs = ring_springs(1.0, 1.2, 1.0 / per_radius) if kind == "rings" else line_springs(1.0, 1.2, 0.25, per_radius)
     gap = springs.gap
     n = springs.covering(1.1)
     load = np.maximum(1.0 - gap[:n], 0.0)

@@ -10,7 +10,8 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
-from pipelines.bench.stability_inputs import Floats, Random, laid_out, with_gaps
+from labpipe.arrays import Floats
+from pipelines.bench.stability_inputs import Random, laid_out, with_gaps
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
 from pipelines.bench.stability_signals import record_of
 

@@ -16,8 +16,9 @@ import calibration
 from calibration.camera import pixel_size
 from calibration.record import LaserRecord, LaserValues, LoadCellRecord, LoadCellValues
 from calibration.time_base import corrected, filter_delay, time_base
+from labpipe.arrays import Floats
 from labpipe.units import Quantity
-from pipelines.bench.stability_inputs import Floats, Random, laid_out, with_gaps
+from pipelines.bench.stability_inputs import Random, laid_out, with_gaps
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
 
 _DAY = date(2024, 5, 14)

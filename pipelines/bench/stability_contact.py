@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from labpipe import contact
+from labpipe.arrays import Floats
 from labpipe.contact.line import GeneralContact, dissipation, line_kernel, westergaard
 from labpipe.contact.memory import Creep, advance, history, step_weights
 from labpipe.contact.sphere import hertz, ting
 from labpipe.materials import Prony
-from pipelines.bench.stability_inputs import Floats, Random, below_zero, extreme_material, extreme_times
+from pipelines.bench.stability_inputs import Random, below_zero, extreme_material, extreme_times
 from pipelines.bench.stability_outcome import Case, Outcome, worst
 
 _QUADRATURE = np.polynomial.legendre.leggauss(12)

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe import imaging
+from labpipe.arrays import Floats
 from pipelines.bench.contact_radius import Scene, make_image
-from pipelines.bench.stability_inputs import Floats, Random, laid_out
+from pipelines.bench.stability_inputs import Random, laid_out
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
 
 Film = NDArray[Any]
@@ -69,7 +70,7 @@ def moved_pattern(random: Random) -> Outcome:
             _as_camera(random, film, kind),
             points,
             int(random.choice([15, 21, 25])),
-            str(random.choice(["rigid", "affine"])),
+            str(random.choice(["rigid", "affine"])),  # type: ignore[arg-type]
             int(random.choice([3, 5])),  # type: ignore[arg-type]
         )
     return _motion(found, shifts, floor=0.03)

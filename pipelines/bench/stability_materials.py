@@ -11,9 +11,9 @@ import numpy as np
 import xarray as xr
 
 from labpipe import materials
-from labpipe.arrays import Complexes
+from labpipe.arrays import Complexes, Floats
 from labpipe.materials import Prony
-from pipelines.bench.stability_inputs import Floats, Random, laid_out
+from pipelines.bench.stability_inputs import Random, laid_out
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
 
 

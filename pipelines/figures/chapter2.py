@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from labpipe import contact, materials
+from labpipe.arrays import Floats
 from labpipe.contact.line import dissipation
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Array, Caption, Drawing, decades, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, decades, letter, panels
 
 TIP_RADIUS, PERIOD, TIP_DEPTH, TIPS = 2e-3, 8e-3, 6e-3, 3
 DEPTH = TIPS * TIP_DEPTH
@@ -26,7 +27,7 @@ _RTOL = 1e-3  # of a dot of figure 2.6; 1e-4 moves none by more than 0.1 %
 _FRONT_FREQUENCIES = (1e-1, 1e2, 1e4, 1e6, 1e8, 1e9)
 
 
-def oscillation(mean: float, amplitude: float, frequency: float, cycles: int, per_cycle: int) -> tuple[Array, Array]:
+def oscillation(mean: float, amplitude: float, frequency: float, cycles: int, per_cycle: int) -> tuple[Floats, Floats]:
     """Return times and displacements of ramp, rest and oscillation, the thesis's protocol.
 
     Parameters
@@ -130,7 +131,7 @@ def dissipation_map() -> Drawing:
     )
 
 
-def _map_panel(figure: Any, axes: Any, x: Array, y: Array, field: Any) -> None:
+def _map_panel(figure: Any, axes: Any, x: Floats, y: Floats, field: Any) -> None:
     work = np.log10(field["dimensionless_work"].values.T)
     levels = np.arange(np.floor(np.nanmin(work)), np.ceil(np.nanmax(work)) + 0.5, 0.5)
     shown = axes.contourf(x, y, work, levels=levels, cmap="cividis")
@@ -142,7 +143,7 @@ def _map_panel(figure: Any, axes: Any, x: Array, y: Array, field: Any) -> None:
     axes.grid(visible=False)
 
 
-def _section_panel(axes: Any, x: Array, frequency: Array, rubber: Prony) -> None:
+def _section_panel(axes: Any, x: Floats, frequency: Floats, rubber: Prony) -> None:
     geometry = (_MEAN, TIP_RADIUS, PERIOD)
     work = contact.dissipated_work(rubber, frequency, _AMPLITUDE, *geometry, DEPTH)
     scaled = dissipation.dimensionless_work(work, rubber, TIP_RADIUS, PERIOD, DEPTH)
@@ -205,7 +206,7 @@ def tapping_cycle() -> Drawing:
     )
 
 
-def _state_panel(axes: Any, state: Any, near: Any, tip: Array, *, is_right: bool) -> Any:
+def _state_panel(axes: Any, state: Any, near: Any, tip: Floats, *, is_right: bool) -> Any:
     x = state["x"].values * 1e3
     axes.plot(x, state["pressure"].values / 1e6, **line_arguments("measured"))
     axes.set_xlim(-2.0, 2.0)

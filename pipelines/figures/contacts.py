@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 
 from labpipe import signals
+from labpipe.arrays import Floats
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Array, Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
 from pipelines.figures.films import around_peak
 from pipelines.figures.inputs import Inputs, is_heated, temperature_of
 
@@ -18,7 +19,7 @@ _SHADES = {"bouncing": "#dceaf5", "vibration": "#fbe9d3", "static": "#e4efe4"}
 _LETTERS = "abcd"
 
 
-def _since_contact(inputs: Inputs, film: str) -> Array:
+def _since_contact(inputs: Inputs, film: str) -> Floats:
     """Return the times of a film's frames in ms from first contact, which falls between two frames.
 
     The largest radius of the first impact is seen well; the simulation tells how long after first

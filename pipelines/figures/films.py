@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from labpipe.arrays import Floats
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Array, Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs, referred
 
 _IMPACTS = 3
@@ -107,7 +108,7 @@ def _impact_row(places: Any, made: Any, model: Any, origin: str) -> None:
         place.set_ylim(bottom=0.0)
 
 
-def around_peak(model: Any, peak: float) -> tuple[Array, Array]:
+def around_peak(model: Any, peak: float) -> tuple[Floats, Floats]:
     """Return the simulated contact around one largest radius: time in ms, radius in µm.
 
     Parameters

@@ -5,12 +5,13 @@ from typing import Any
 import numpy as np
 
 from labpipe import contact, materials
+from labpipe.arrays import Floats
 from labpipe.contact.line import westergaard
 from labpipe.contact.sphere import hertz
 from labpipe.report import line_arguments
 from pipelines.figures.chapter2 import DEPTH, PERIOD, TIP_RADIUS
 from pipelines.figures.chapter3 import GRAVITY, SPHERE_RADIUS
-from pipelines.figures.drawing import Array, Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _PRINTED = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
@@ -81,7 +82,7 @@ def _printed(depth: float) -> str:
     return ""
 
 
-def _log_thinned(since: Array) -> Array:
+def _log_thinned(since: Floats) -> Floats:
     """Choose samples at about equal steps of log time."""
     wanted = np.geomspace(since[0], since[-1], _DRAWN_POINTS)
     return np.unique(np.searchsorted(since, wanted).clip(0, len(since) - 1))
@@ -133,7 +134,7 @@ def _computed_relaxation() -> Drawing:
     )
 
 
-def _depth_axis(axes: Any, time: Array, moved: Array, *, is_last: bool) -> Any:
+def _depth_axis(axes: Any, time: Floats, moved: Floats, *, is_last: bool) -> Any:
     other = axes.twinx()
     other.semilogx(time, moved, label="indentation (right axis)", **line_arguments("reference"))
     other.set_ylim(0.0, 0.42)
@@ -267,7 +268,7 @@ def _computed_loading() -> Drawing:
     )
 
 
-def _circles(axes: Any, radii: Array) -> None:
+def _circles(axes: Any, radii: Floats) -> None:
     """Draw the contact circles side by side, in µm."""
     from matplotlib.patches import Circle
 

@@ -167,8 +167,8 @@ def dissipated_work(inputs: Inputs) -> Drawing:
                 capsize=2,
                 markersize=size,
                 zorder=4 if role == "measured" else 3,
-                **line_arguments(role, style=style),
-            )  # type: ignore[arg-type]
+                **line_arguments(role, style=style),  # type: ignore[arg-type]
+            )
         axes.set(xlabel="frequency $\\tilde f = f\\tau_0$ ($10^{-10}$)", ylabel="dissipated work $\\tilde W$ (1)")
         axes.set_ylim(bottom=0.0)
         legend_above(figure, axes)

@@ -31,6 +31,8 @@ GROUND = {
     "text",
     "numbers",
     "binary",
+    "arrays",
+    "variables",
     "compilation",
     "lazy",
     "uncertainty",

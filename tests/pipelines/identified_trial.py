@@ -213,10 +213,7 @@ def true_value(name: str, truth: Truth, results: Results, experiments: list[str]
     """
     owner = next((e for e in experiments if name.startswith(f"{e} ")), "")
     role = name.removeprefix(f"{owner} ") if owner else name
-    if truth.kind == "drop":
-        found = _of_drop(role, truth, results)
-    else:
-        found = _of_indentation(role, owner, truth, results)
+    found = _of_drop(role, truth, results) if truth.kind == "drop" else _of_indentation(role, owner, truth, results)
     if found is None:
         message = f"the truth of the unknown {name} is not known; teach it to this comparison"
         raise InputError(message)

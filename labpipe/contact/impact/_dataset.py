@@ -7,12 +7,13 @@ from math import nan, sqrt
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.contact.impact._line_springs import Profile
 from labpipe.contact.impact._motion import Body, Counts, Snapshot, Springs, counted
 from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._thesis_scheme import ThesisRun
 from labpipe.contact.impact._trajectory import Columns, Contact, Flight, Segment, columns, peak, record_columns
-from labpipe.contact.memory import Array, Condensed
+from labpipe.contact.memory import Condensed
 from labpipe.variables import described, variable
 
 # Maps reach so far beyond the largest contact radius, with so many points.
@@ -96,7 +97,7 @@ class DropRun:
 
 
 def dataset(
-    run: DropRun, setting: Setting, times: Array | None, rigid_restitution: float | None, seconds: float
+    run: DropRun, setting: Setting, times: Floats | None, rigid_restitution: float | None, seconds: float
 ) -> xr.Dataset:
     """Assemble the Dataset that :func:`labpipe.contact.drop` returns.
 
@@ -174,7 +175,7 @@ def _energy_scale(values: Columns, setting: Setting) -> float:
     return setting.mass * setting.gravity * max(setting.height, deepest)
 
 
-def thesis_dataset(run: ThesisRun, setting: Setting, times: Array | None, seconds: float) -> xr.Dataset:
+def thesis_dataset(run: ThesisRun, setting: Setting, times: Floats | None, seconds: float) -> xr.Dataset:
     """Assemble the same Dataset, without a ledger, from the thesis's scheme."""
     time = run.time + setting.fall_time
     inside = time <= setting.duration * (1.0 + 1e-12)
@@ -208,9 +209,9 @@ def thesis_dataset(run: ThesisRun, setting: Setting, times: Array | None, second
 
 
 def _assemble(
-    time: Array,
-    series: dict[str, Array],
-    rows: dict[str, Array],
+    time: Floats,
+    series: dict[str, Floats],
+    rows: dict[str, Floats],
     scalars: dict[str, float],
     setting: Setting,
     work: dict[str, int | float],
@@ -235,7 +236,7 @@ def _assemble(
     return xr.Dataset(variables, coords={"time": clock}, attrs=attrs)
 
 
-def _ledger(values: Columns, setting: Setting) -> dict[str, Array]:
+def _ledger(values: Columns, setting: Setting) -> dict[str, Floats]:
     """Energies over time; ``numerical`` closes the sum."""
     kinetic = 0.5 * setting.mass * values.velocity**2
     potential = -setting.mass * setting.gravity * values.position
@@ -252,7 +253,7 @@ def _ledger(values: Columns, setting: Setting) -> dict[str, Array]:
     }
 
 
-def _identity_error(run: DropRun, values: Columns, ledger: dict[str, Array], setting: Setting) -> float:
+def _identity_error(run: DropRun, values: Columns, ledger: dict[str, Floats], setting: Setting) -> float:
     """Deviation of the numerical energy error from the trapezoid of the force less the work.
 
     The largest deviation relative to the energy of the drop, up to rest, where the motion has no
@@ -267,7 +268,7 @@ def _identity_error(run: DropRun, values: Columns, ledger: dict[str, Array], set
     return float(deviation.max()) / scale
 
 
-def _series(values: Columns, ledger: dict[str, Array], *, has_plate: bool) -> dict[str, Array]:
+def _series(values: Columns, ledger: dict[str, Floats], *, has_plate: bool) -> dict[str, Floats]:
     series = {
         "displacement": -values.position,
         "velocity": -values.velocity,
@@ -282,7 +283,7 @@ def _series(values: Columns, ledger: dict[str, Array], *, has_plate: bool) -> di
     return series
 
 
-def _rows(run: DropRun, setting: Setting) -> dict[str, Array]:
+def _rows(run: DropRun, setting: Setting) -> dict[str, Floats]:
     """One row per contact that ended in a flight."""
     rows = []
     for contact, following in zip(run.segments, run.segments[1:], strict=False):
@@ -311,7 +312,7 @@ def _rows(run: DropRun, setting: Setting) -> dict[str, Array]:
     return dict(zip(_ROWS, table.T, strict=True))
 
 
-def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Array]:
+def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Floats]:
     """Rows as far as steps of equal length can tell: a contact is a run of steps with force."""
     loaded = np.concatenate([[0], (run.force > 0.0).astype(int), [0]])
     starts = np.flatnonzero(np.diff(loaded) == 1).tolist()

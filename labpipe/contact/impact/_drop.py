@@ -13,6 +13,7 @@ from time import perf_counter
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.contact.impact._checks import Solver, checked, checked_times
 from labpipe.contact.impact._dataset import DropRun, Setting, dataset, energy_error, thesis_dataset
 from labpipe.contact.impact._line_springs import Profile
@@ -21,7 +22,7 @@ from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._setup import ALL_SHORTCUTS, MARGIN, Effort, Shortcuts, scales
 from labpipe.contact.impact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.impact._trajectory import Contact, Flight
-from labpipe.contact.memory import Array, Creep, CreepMaterial
+from labpipe.contact.memory import Creep, CreepMaterial
 from labpipe.errors import InputError
 
 # Progress is told at steps of this part of the duration.
@@ -172,7 +173,7 @@ def drop(
 
 
 def _refined(
-    setting: Setting, creep: Creep, effort: Effort, looks: Array | None, observe: Callable[[float], None] | None
+    setting: Setting, creep: Creep, effort: Effort, looks: Floats | None, observe: Callable[[float], None] | None
 ) -> tuple[DropRun, float]:
     """Simulate, and again more finely when the first run says that it was too coarse.
 

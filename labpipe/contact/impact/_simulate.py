@@ -10,6 +10,7 @@ from math import ceil, nan, sqrt
 
 import numpy as np
 
+from labpipe.arrays import Floats
 from labpipe.contact.impact._dataset import DropRun, Setting
 from labpipe.contact.impact._flight import time_to_touch, time_to_touch_plate
 from labpipe.contact.impact._motion import MOTION, Body, Motion, Stillness, motion
@@ -26,7 +27,7 @@ from labpipe.contact.impact._setup import (
 )
 from labpipe.contact.impact._stepper import Stepper
 from labpipe.contact.impact._trajectory import Contact, Flight, Segment
-from labpipe.contact.memory import Array, Condensed, Creep, condense
+from labpipe.contact.memory import Condensed, Creep, condense
 from labpipe.errors import InputError
 
 # Terms may be folded away or frozen where that costs this part of rtol.
@@ -89,7 +90,7 @@ def simulate(
     setting: Setting,
     creep: Creep,
     effort: Effort,
-    looks: Array | None,
+    looks: Floats | None,
     observe: Callable[[float], None] | None,
     *,
     first_contact_only: bool = False,

@@ -14,10 +14,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from labpipe.arrays import Floats
 from labpipe.compilation import compiled
 from labpipe.contact.impact._motion import Counts, Motion, Trail
 from labpipe.contact.impact._step_table import StepTable
-from labpipe.contact.memory import Array
 
 # How a step, or a run of them, ends.
 ACCEPTED, REJECTED, OUTGROWN, ANNULAR, LIFTED, RELEASED, LAST, OFF_TABLE, RESTING, FULL = range(10)
@@ -84,20 +84,20 @@ class Block(NamedTuple):
     ``1/C``. ``reach`` is the approach that would leave each spring unloaded.
     """
 
-    gap: Array
-    weight: Array
-    position: Array
-    last_weight: Array
-    total: Array
+    gap: Floats
+    weight: Floats
+    position: Floats
+    last_weight: Floats
+    total: Floats
     edge_bias: float
-    memory: Array
-    inverse: Array
-    load: Array
-    displacement: Array
-    reach: Array
-    moments: Array
-    new_load: Array
-    new_displacement: Array
+    memory: Floats
+    inverse: Floats
+    load: Floats
+    displacement: Floats
+    reach: Floats
+    moments: Floats
+    new_load: Floats
+    new_displacement: Floats
 
 
 @compiled()

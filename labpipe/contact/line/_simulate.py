@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -290,13 +290,13 @@ _PER_DEPTH = ("force", "work_done", "stored_energy", "dissipated_energy")
 def _dataset(
     run: _Run, rows: dict[str, Floats], request: Request, time: Floats, kernel: LineKernel, reason: str
 ) -> xr.Dataset:
-    variables: dict[str, tuple[tuple[str, ...], Floats, dict[str, str]]] = {}
+    variables: dict[str, Any] = {}
     for name, values in rows.items():
         units, text = _VARIABLES[name]
         dims = ("time", "x") if values.ndim == 2 else ("time",)
         scaled = values * request.depth if name in _PER_DEPTH else values
         variables[name] = variable(dims, scaled, units, text)
-    coordinates: dict[str, tuple[str, Floats, dict[str, str]]] = {}
+    coordinates: dict[str, Any] = {}
     coordinates["time"] = variable("time", time, "s", "Time")
     if any(values.ndim == 2 for values in rows.values()):
         first = -(kernel.elements // 2)

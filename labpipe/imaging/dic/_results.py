@@ -3,7 +3,7 @@
 import json
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,7 +167,7 @@ def make_dataset(
         "dy": ("px", "displacement downwards"),
         "rotation": ("rad", "rotation from x towards y"),
     }
-    variables: dict[str, tuple[tuple[str, str], NDArray[np.generic], dict[str, object]]] = {}
+    variables: dict[str, Any] = {}
     dims = ("frame", "point")
     for k, (name, (units, text)) in enumerate(texts.items()):
         attrs: dict[str, object] = described(units, text)

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.arrays import Floats
-from labpipe.imaging.dic._spline import Image32
+from labpipe.arrays import Floats, Floats32
 
 #: Least half width of a template in the full image (px): smaller ones are found everywhere.
 _TEMPLATE = 32
@@ -50,12 +49,12 @@ class Seed:
 class Pyramid:
     """An image and its reduced copy; ``factor`` full pixels make one reduced pixel."""
 
-    image: Image32
-    small: Image32
+    image: Floats32
+    small: Floats32
     factor: int
 
 
-def make_pyramid(image: Image32) -> Pyramid:
+def make_pyramid(image: Floats32) -> Pyramid:
     """Blur and reduce an image, by 4 where it is large enough.
 
     Parameters

@@ -7,12 +7,12 @@ from math import cos
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.uncertainty import Input
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.budget_quantity import (
     IMPACTS,
     MEASURED,
-    Array,
     Quantity,
     clock,
     model_quantity,
@@ -86,7 +86,7 @@ def _speed(made: list[xr.Dataset], moved: xr.Dataset) -> Quantity:
     )
 
 
-def _along(made: list[xr.Dataset], moved: xr.Dataset, name: str, unit: str) -> tuple[dict[str, Input], Array]:
+def _along(made: list[xr.Dataset], moved: xr.Dataset, name: str, unit: str) -> tuple[dict[str, Input], Floats]:
     """Return the inputs of what goes with the scale of the laser, and the repeats."""
     tilt = Input(float(moved["inclination"]), float(moved["u_inclination"]), "rad")
     gain = Input(float(moved["gain"]), float(moved["u_gain"]))
@@ -131,5 +131,5 @@ def _pulse_shape(made: list[xr.Dataset], name: str, impact: int) -> Input:
     return Input(0.0, float(np.sqrt(np.mean(shared**2))))
 
 
-def _first(made: list[xr.Dataset], name: str) -> Array:
+def _first(made: list[xr.Dataset], name: str) -> Floats:
     return np.array([float(np.atleast_1d(b[name].values)[0]) for b in made])

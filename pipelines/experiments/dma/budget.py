@@ -6,10 +6,11 @@ from math import inf, isfinite, pi, sqrt, tan
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.report import quantity
 from labpipe.uncertainty import Input
 from pipelines.experiments.dma.settings import Dma
-from pipelines.experiments.shared.budget_quantity import MEASURED, Array, Quantity, summed
+from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, summed
 
 _ABSENT = (
     (
@@ -87,7 +88,7 @@ def _temperature(sweeps: xr.Dataset, at: float) -> float:
     return float(sweeps["temperature_spread"][number]) / sqrt(12.0 * count)
 
 
-def _slope(levels: Array, shifts: Array, at: int) -> float:
+def _slope(levels: Floats, shifts: Floats, at: int) -> float:
     """Return decades per K by the neighbours."""
     order = np.argsort(levels)
     if order.size < 2:
@@ -136,7 +137,7 @@ def _product(measured: float, **factors: float) -> float:
     return made
 
 
-def still_falls(frequency: Array, loss: Array) -> float:
+def still_falls(frequency: Floats, loss: Floats) -> float:
     """Return how far [Pa] the storage modulus falls beyond the slow end, if the loss goes on so.
 
     A loss that falls as the power m of the frequency belongs to a storage modulus that lies

@@ -8,7 +8,7 @@ import xarray as xr
 
 from labpipe import signals
 from labpipe.arrays import Floats
-from pipelines.experiments.plate_vibration.measured import described
+from labpipe.variables import described
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.comparison_rows import Row, row
 

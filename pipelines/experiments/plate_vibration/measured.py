@@ -131,11 +131,6 @@ def _groups(ringing: list[xr.Dataset], settings: PlateVibration) -> list[list[xr
     return [[next(remaining) for _ in drops.laser] for drops in settings.drops]
 
 
-def described(units: str, text: str) -> dict[str, str]:
-    """Return the attributes of a variable."""
-    return described(units, text)
-
-
 def _text(text: str) -> dict[str, str]:
     return described("1", text)
 

@@ -10,7 +10,8 @@ from labpipe import contact, materials
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials import Prony
-from pipelines.experiments.plate_vibration.measured import NAMES, described, drops_label, scalar, weighted_mean
+from labpipe.variables import described
+from pipelines.experiments.plate_vibration.measured import NAMES, drops_label, scalar, weighted_mean
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 
 _COVERED = 6e-3  # s of simulation after first touch: any contact ends before

@@ -7,9 +7,10 @@ from math import isfinite
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.relaxation.settings import Relaxation
-from pipelines.experiments.shared.budget_quantity import MEASURED, NOTHING_FALLS, TESTS, Array, Quantity
+from pipelines.experiments.shared.budget_quantity import MEASURED, NOTHING_FALLS, TESTS, Quantity
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
 from pipelines.experiments.shared.ramps_and_holds import relative_gain
 
@@ -132,11 +133,11 @@ def _power(area: Callable[[float], float]) -> float:
     return float(np.log(area(1.0 + _STEP) / area(1.0 - _STEP)) / np.log((1 + _STEP) / (1 - _STEP)))
 
 
-def _with_tip(at: Array, geometry: Geometry, name: str, by: float) -> float:
+def _with_tip(at: Floats, geometry: Geometry, name: str, by: float) -> float:
     return _area(at, geometry, {name: by})
 
 
-def _area(at: Array, geometry: Geometry, by: dict[str, float]) -> float:
+def _area(at: Floats, geometry: Geometry, by: dict[str, float]) -> float:
     """Return the elastic force over reduced modulus, with dimensions of the tip changed."""
     sizes = {
         name: given.value * by.get(key, 1.0)

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from scipy import stats
 
-from labpipe.judging import Check, bounded, compared, not_made, stated
+from labpipe.judging import Check, Level, bounded, compared, not_made, stated
 from labpipe.report import quantity, value_with_uncertainty
 from labpipe.units import Quantity
 
@@ -296,14 +296,9 @@ def hum(name: str, time: np.ndarray, reading: np.ndarray, noise: float) -> Check
         if np.exp(-height) * near.size < _SURE:
             amplitude = 2 * sqrt(float(power[near].max())) / (0.5 * x.size)
             text = f"{name}: hum of {quantity(amplitude, 'm')} at {line:g} Hz"
-            level = "note" if amplitude < 20 * max(noise, 1e-12) else "doubtful"
+            level: Level = "note" if amplitude < 20 * max(noise, 1e-12) else "doubtful"
             return stated(
-                title,
-                law,
-                text,
-                level,
-                file=name,  # type: ignore[arg-type]
-                cause="mains hum: ground the sensor, or average over one period",
+                title, law, text, level, file=name, cause="mains hum: ground the sensor, or average over one period"
             )
     return stated(title, law, f"{name}: no line of the mains", None, file=name)
 

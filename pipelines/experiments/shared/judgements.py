@@ -121,7 +121,7 @@ def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> Any:
 def _dataset(
     judged: Judgement, found: Agreement | None, names: Sequence[str], smallest: Any, relative: Any, could_notice: bool
 ) -> xr.Dataset:
-    def number(value: float, text: str) -> tuple[tuple[()], float, dict[str, str]]:
+    def number(value: float, text: str) -> Any:
         return variable((), value, "1", text)
 
     known = found or Agreement(np.nan, 0, np.nan, np.nan)

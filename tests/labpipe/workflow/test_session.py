@@ -85,6 +85,8 @@ def test_a_mistake_in_the_defaults_is_reported_once_at_its_own_line(tmp_path: Pa
     assert len(found) == 3
 
 
+_SECOND = "[experiments.b]\nkind = 'drop'\nlaser = []\nsphere.radius = '1 mm'\n"
+
 WRONG = {
     "[session]\ntitel = 'x'": 'session.titel: unknown key; did you mean "title"',
     "[session]\ntitle = 3": "session.title: expected text in quotation marks, found 3",
@@ -105,8 +107,8 @@ WRONG = {
     '[experiments."b\\n"]\nkind = "dma"\nsweep = "dma.txt"': "control character",
     f"[experiments.{'b' * 201}]\nkind = 'dma'\nsweep = 'dma.txt'": "longer than 200 bytes",
     "[experiments]\nb = 3": "expected a table, found 3",
-    "[experiments.b]\nkind = 'drop'\nlaser = []\nsphere.radius = '1 mm'\nmaterial = 'aa'": 'experiments.b.material: there is no experiment "aa"; did you mean "a"',
-    "[experiments.b]\nkind = 'drop'\nlaser = []\nsphere.radius = '1 mm'\nmaterial = 'b'": "experiments.b.material: an experiment cannot refer to itself",
+    f"{_SECOND}material = 'aa'": 'experiments.b.material: there is no experiment "aa"; did you mean "a"',
+    f"{_SECOND}material = 'b'": "experiments.b.material: an experiment cannot refer to itself",
 }
 
 
