@@ -58,6 +58,9 @@ class Stage:
         :class:`labpipe.workflow.context.Context`; the result then depends on the session's title,
         operator and notes too, and a page is called even when something before it failed (an
         input that is missing for that reason is None).
+    tolerant : bool
+        Whether it is called like that without being a page. What rests on failures is handed on to
+        the page of the same run and not kept.
     shortcuts : bool
         Whether the function takes the keyword ``full`` (bool) and gives a different result by it.
     imports : tuple of str
@@ -75,6 +78,7 @@ class Stage:
     output: str = "dataset"
     summary: str = ""
     context: bool = False
+    tolerant: bool = False
     shortcuts: bool = False
     imports: tuple[str, ...] = ()
 

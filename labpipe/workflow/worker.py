@@ -190,6 +190,7 @@ class _Run:
     retried: frozenset[TaskId]
     failures: dict[TaskId, str]
     stopped: bool = field(default=False)
+    passed: dict[TaskId, Any] = field(default_factory=dict)
 
     def all(self) -> None:
         for row in self.plan.rows:
@@ -213,7 +214,7 @@ class _Run:
             return Outcome(*task.id, SKIPPED, message="stopped after the first failure")
         missing = self._missing(task)
         is_page = task.stage.output == "page" and task.stage.context
-        if missing and not is_page:
+        if missing and not (is_page or task.stage.tolerant):
             return Outcome(*task.id, SKIPPED, message=f"{missing[0]} gave no result")
         self.emit("started", task.id)
         begun = _Clock.now()
@@ -272,7 +273,7 @@ class _Run:
             return key.value
         if key.problem:
             raise InputError(key.problem)
-        if not is_page and key.value is None:
+        if not is_page and key.value is None and not task.stage.tolerant:
             raise StageError(*task.id[:2], "an input has no key; run again")
         self._require_space(task)
         result, caught = self._call(task, key)
@@ -280,6 +281,9 @@ class _Run:
         if is_page and (failed or key.value is None):
             # Not stored: the page of an experiment that failed is made again in every run.
             self._publish(task, self._text(task, result))
+            return None
+        if task.stage.tolerant and (failed or key.value is None):
+            self.passed[task.id] = result
             return None
         if is_page:
             record = self.store.write(key.ingredients, self._text(task, result), warnings=caught)
@@ -335,6 +339,8 @@ class _Run:
 
     def _input(self, task: Task, name: TaskId) -> Any:
         value = self.plan.keys[name].value
+        if name in self.passed:
+            return self.passed[name]
         if name in self.failures or value is None:
             return None
         result = self._read(task, value)

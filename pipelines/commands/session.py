@@ -23,7 +23,7 @@ from pipelines.session import PAGE
 
 if TYPE_CHECKING:
     from labpipe.workflow.runner import RunResult
-    from pipelines.session import Gap
+    from pipelines.session import Gap, Verdicts
 
 _STATE_WIDTH = 10
 
@@ -197,16 +197,20 @@ def process(
         )
     if len(folders) == 1 and isinstance(error := ended[folders[0]], LabpipeError):
         raise error
-    code = _common_code({done.exit_code for done in ended.values()})
+    judged = {folder: verbs.verdicts_of(done) for folder, done in ended.items() if not isinstance(done, LabpipeError)}
+    codes = {done.exit_code for done in ended.values()}
+    if any(found.is_impossible for found in judged.values()):
+        codes = (codes - {0}) | {1}
+    code = _common_code(codes)
     ended = {folder: ended[folder] for folder in folders if folder in ended}
     if as_json:
-        documents = [as_document(done, folder) for folder, done in ended.items()]
+        documents = [as_document(done, folder, judged.get(folder)) for folder, done in ended.items()]
         echo_json(documents[0] if len(folders) == 1 else {"sessions": documents, "exit_code": code})
     else:
         for folder, done in ended.items():
             if len(folders) > 1:
                 echo(f"{folder}:")
-            summarise(done)
+            summarise(done, judged.get(folder))
     click.get_current_context().exit(code)
 
 
@@ -223,7 +227,7 @@ def _common_code(codes: set[int]) -> int:
     return codes.pop() if len(codes) == 1 else 1
 
 
-def as_document(outcome: "RunResult | LabpipeError", folder: Path) -> dict[str, Any]:
+def as_document(outcome: "RunResult | LabpipeError", folder: Path, judged: "Verdicts | None" = None) -> dict[str, Any]:
     """Return a run, or why there was none, as one JSON document."""
     if isinstance(outcome, LabpipeError):
         return {"session": str(folder), **error_document(outcome)}
@@ -239,12 +243,13 @@ def as_document(outcome: "RunResult | LabpipeError", folder: Path) -> dict[str, 
             }
             for o in outcome.outcomes
         ],
+        "experiments": [] if judged is None else judged.document(),
         "reports": {name: str(path) for name, path in outcome.reports.items()},
-        "exit_code": outcome.exit_code,
+        "exit_code": max(outcome.exit_code, int(judged is not None and judged.is_impossible)),
     }
 
 
-def summarise(outcome: "RunResult | LabpipeError") -> None:
+def summarise(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = None) -> None:
     """Say how a run ended and where its reports are."""
     if isinstance(outcome, LabpipeError):
         report_error(outcome, wants_json=False)
@@ -255,6 +260,12 @@ def summarise(outcome: "RunResult | LabpipeError") -> None:
     echo(", ".join(f"{n} {state}" for state, n in sorted(count.items())) or "nothing to do")
     for o in outcome.failures:
         click.echo(f"failed: {o.task}: {o.message}", err=True)
+    for one in () if judged is None else judged.experiments:
+        told = "; ".join(f.message for f in one.findings if f.level != "note")
+        model = f", model: {one.model}" if one.model != "none" else ""
+        echo(f"{one.experiment}: believable: {one.believable}{model}{told and f' ({told})'}")
+        for cause in one.causes[:1]:
+            echo(f"  probable cause: {cause}")
     for path in outcome.reports.values():
         echo(f"report: {path}")
     if (overview := outcome.session.folder / PAGE).is_file():

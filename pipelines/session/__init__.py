@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from pipelines.session._sensitivity import Examined, examine
     from pipelines.session._sensitivity_page import advice
     from pipelines.session._sensitivity_page import render as sensitivity_page
+    from pipelines.session._verdicts import Verdict, Verdicts, verdict, verdicts_of
 
 __all__ = [
     "CATALOGUE",
@@ -40,6 +41,8 @@ __all__ = [
     "Exported",
     "Gap",
     "Scan",
+    "Verdict",
+    "Verdicts",
     "advice",
     "catalogue",
     "check_store",
@@ -62,6 +65,8 @@ __all__ = [
     "result",
     "results",
     "sensitivity_page",
+    "verdict",
+    "verdicts_of",
     "watch",
     "write_overview",
     "write_session_file",
@@ -69,6 +74,10 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Verdict": "_verdicts",
+    "Verdicts": "_verdicts",
+    "verdict": "_verdicts",
+    "verdicts_of": "_verdicts",
     "CATALOGUE": "_catalogue:FILE",
     "COMPARISON_PAGE": "_overview:COMPARISON_PAGE",
     "Catalogued": "_catalogue:Catalogued",

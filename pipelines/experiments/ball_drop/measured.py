@@ -21,7 +21,8 @@ from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.laser_readings import read_laser
 
 _SPEEDS = ("incoming_speed", "outgoing_speed")
-_PER_IMPACT = ("restitution", "touch_time", "incoming_speed", "outgoing_speed", "contact_duration")
+_LENGTHS = (*_SPEEDS, "penetration")  # that go with the scale of length
+_PER_IMPACT = ("restitution", "touch_time", *_LENGTHS, "contact_duration")
 
 
 def readings(path: Path, *, settings: BallDrop) -> xr.Dataset:
@@ -126,9 +127,12 @@ def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
         own = np.array([padded(b[f"u_{name}"].values, count) for b in bounces])
         n = np.isfinite(values).sum(axis=0)
         mean = np.nanmean(values, axis=0)
-        shape = np.array([padded(b[f"shared_u_{name}"].values, count) for b in bounces])
+        of_shape = f"shared_u_{name}"
+        shape = np.array(
+            [padded(b[of_shape].values if of_shape in b else 0.0 * b[name].values, count) for b in bounces]
+        )
         shared = np.nanmean(shape**2, axis=0)
-        if name in _SPEEDS:
+        if name in _LENGTHS:
             shared = shared + (relative * mean) ** 2
         # scatter between repeats, but never less than what each repeat states of itself
         scatter = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1))

@@ -23,7 +23,17 @@ _CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twen
 _COARSE = 1e-3  # tolerance of the simulations by which sensitivities are found
 _OF_PLATE = "plate "
 _LEAST_CHANGE = 1e-3  # relative change of an input by which a sensitivity is found
-_UNCERTAIN = ("restitution", "impact_time", "peak_force", "peak_contact_radius")
+_UNCERTAIN = (
+    "restitution",
+    "impact_time",
+    "peak_force",
+    "peak_contact_radius",
+    "contact_duration",
+    "peak_approach",
+    "impact_speed",
+)
+_MODULUS = "modulus"
+_STIFFER = 0.01  # relative change of the modulus by which its sensitivity is found
 
 
 def model(
@@ -83,6 +93,8 @@ def model(
             slopes[key] = given, _slopes(off, reference, change, count)
     for key, (given, change, other) in solids.items():
         slopes[key] = given, _slopes(simulate(other, coarse, None), reference, change, count)
+    stiffer = simulate(solid.scaled(1.0 + _STIFFER), coarse, None)
+    slopes[_MODULUS] = Quantity(1.0, 0.0, "1"), _slopes(stiffer, reference, _STIFFER, count)
     made = _with_uncertainty(made, slopes)
     made.attrs["plate"] = json.dumps(None if substrate is None else asdict(substrate))
     work = json.loads(made.attrs["work"])
@@ -113,10 +125,24 @@ def _with_uncertainty(made: xr.Dataset, slopes: Mapping[str, tuple[Quantity, dic
             made[name].attrs["units"],
             f"standard uncertainty from {', '.join(slopes)}: {name}",
         )
+    made = made.assign_coords(slope_input=np.array(list(slopes), dtype=str))
+    given = [quantity for quantity, _ in slopes.values()]
+    for name, values, text in (
+        ("input_value", [q.value for q in given], "value of an input of the model, SI"),
+        ("input_u", [q.u for q in given], "standard uncertainty of an input of the model, SI"),
+    ):
+        made[name] = variable("slope_input", values, "1", text)
+    for name in _UNCERTAIN:
+        made[f"slope_{name}"] = variable(
+            ("slope_input", "impact"),
+            np.array([by[name] for _, by in slopes.values()]),
+            made[name].attrs["units"],
+            f"change per SI unit of input: {name}",
+        )
     sources = [
         Source.of(key, given, float(np.nan_to_num(by["restitution"][0])))
         for key, (given, by) in slopes.items()
-        if made.sizes["impact"]
+        if made.sizes["impact"] and given.u > 0.0
     ]
     made.attrs["budget"] = json.dumps(budget_rows(sources))
     return made

@@ -21,8 +21,10 @@ from labpipe.report import (
 from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop._charts import motion
 from pipelines.experiments.ball_drop.budget import quantities
+from pipelines.experiments.ball_drop.comparison import rows as compared_rows
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared.judgements import verdict_section
 
 _RIGID_FLOOR = (
     "The model assumes a rigid floor. A real floor takes up energy: a floor of mass M lowers the "
@@ -33,6 +35,7 @@ _RIGID_FLOOR = (
 
 
 def page(
+    judgement: xr.Dataset | None,
     readings: list[xr.Dataset | None] | None,
     displacement: list[xr.Dataset | None] | None,
     velocity: list[xr.Dataset | None] | None,
@@ -47,7 +50,12 @@ def page(
     """Write the page; a step that failed leaves its section out and its error in."""
     del velocity
     moved = pages.present(displacement)
+    rows = []
+    if repeats is not None and model is not None and comparison is not None:
+        rows = list(compared_rows(comparison, repeats, model, settings=settings))
     sections = [_summary(settings, repeats, model, comparison, context)]
+    if (verdict := verdict_section(judgement, rows)) is not None:
+        sections.insert(0, verdict)
     if repeats is not None:
         sections += [motion(repeats, model, comparison), _bounces(repeats, comparison)]
     if pages.present(bounces):
