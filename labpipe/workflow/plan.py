@@ -7,9 +7,9 @@ from typing import Any
 from labpipe import files
 from labpipe.errors import SourceError, UsageError
 from labpipe.units import Quantity
+from labpipe.workflow._keys import Key, code_changes, make_keys
 from labpipe.workflow.context import code_changed
 from labpipe.workflow.fields import show, suggest
-from labpipe.workflow.keys import Key, code_changes, make_keys
 from labpipe.workflow.session import Session, html_table
 from labpipe.workflow.store import Last, Store
 from labpipe.workflow.tasks import Stages, Task, TaskId, ancestors, spell_out
@@ -72,7 +72,7 @@ class Plan:
 
         Steps that run side by side count one after the other.
         """
-        from labpipe.workflow.log import last_seconds
+        from labpipe.workflow._log import last_seconds
 
         known = last_seconds(self.session) if self.to_run else {}
         found = [known[row.task] for row in self.to_run if row.task in known]

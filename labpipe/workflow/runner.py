@@ -14,15 +14,15 @@ from labpipe import files
 from labpipe.errors import InputError, LabpipeError, StorageError
 from labpipe.schema import Schema
 from labpipe.workflow import engines, provenance
+from labpipe.workflow._ledger import LedgerRow, summarise
+from labpipe.workflow._log import LOG
+from labpipe.workflow._worker import DONE, FAILED, SKIPPED, WORK, Job, Outcome, check_schemas
 from labpipe.workflow.engines import Call, Crew, Died
-from labpipe.workflow.ledger import LedgerRow, summarise
-from labpipe.workflow.log import LOG
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name, wanted_tasks
 from labpipe.workflow.results import Results, read
 from labpipe.workflow.session import Session, html_table
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, TaskId, spell_out
-from labpipe.workflow.worker import DONE, FAILED, SKIPPED, WORK, Job, Outcome, check_schemas
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _TRIES = 2
 """Workers that a task may kill before it has failed."""
 
-_IMPORTS = ("numpy", "xarray", "netCDF4", "labpipe.netcdf", "labpipe.workflow.worker")
+_IMPORTS = ("numpy", "xarray", "netCDF4", "labpipe.netcdf", "labpipe.workflow._worker")
 """What every worker needs."""
 
 _IMPORTS_TO_DRAW = (

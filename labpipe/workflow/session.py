@@ -17,7 +17,7 @@ import msgspec
 
 from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.files import safe_join
-from labpipe.workflow import toml_lines
+from labpipe.workflow import _toml_lines
 from labpipe.workflow.config import Checker
 from labpipe.workflow.document import Document, dotted, parse
 from labpipe.workflow.fields import REFERENCE, found, suggest
@@ -229,7 +229,7 @@ class _Experiments:
             return None
         has_field = any(f.encode_name == "kind" for f in msgspec.structs.fields(self.kinds[kind]))
         own = {key: value for key, value in table.items() if key != "kind" or has_field}
-        origins: dict[toml_lines.Path, toml_lines.Path] = {}
+        origins: dict[_toml_lines.Path, _toml_lines.Path] = {}
         merged = _merge(defaults.get(kind, {}), ("defaults", kind), own, place, place, origins)
         checker = Checker(self.document, self.root, origins, self.may_wait)
         settings = checker.structure(self.kinds[kind], merged, place)
@@ -267,7 +267,7 @@ class _Experiments:
         return "it begins with a full stop" if name.startswith(".") else None
 
     def _check_references(
-        self, name: str, node: Any, place: toml_lines.Path, names: list[str], checker: Checker
+        self, name: str, node: Any, place: _toml_lines.Path, names: list[str], checker: Checker
     ) -> None:
         """Every text "experiment:NAME" must name another experiment of this session."""
         pairs: Any = ()
@@ -293,11 +293,11 @@ def _folded(name: str) -> str:
 
 def _merge(
     base: Any,
-    base_place: toml_lines.Path,
+    base_place: _toml_lines.Path,
     over: Any,
-    over_place: toml_lines.Path,
-    place: toml_lines.Path,
-    origins: dict[toml_lines.Path, toml_lines.Path],
+    over_place: _toml_lines.Path,
+    place: _toml_lines.Path,
+    origins: dict[_toml_lines.Path, _toml_lines.Path],
 ) -> Any:
     """Lay one table over another, key by key, and note where each value was written."""
     origins[place] = over_place
@@ -316,7 +316,7 @@ def _merge(
 
 
 def _note(
-    node: Any, written: toml_lines.Path, place: toml_lines.Path, origins: dict[toml_lines.Path, toml_lines.Path]
+    node: Any, written: _toml_lines.Path, place: _toml_lines.Path, origins: dict[_toml_lines.Path, _toml_lines.Path]
 ) -> None:
     origins[place] = written
     pairs: Any = node.items() if isinstance(node, dict) else ()
