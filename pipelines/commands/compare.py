@@ -45,6 +45,7 @@ def compare(session: Path, jobs: int, keep: bool, as_json: bool) -> None:
             {
                 "page": str(page),
                 "rows": [row.document() for row in found.rows],
+                "experiments": list(found.experiments),
                 "failed": found.failed,
                 "absent": found.absent,
             }
@@ -52,6 +53,12 @@ def compare(session: Path, jobs: int, keep: bool, as_json: bool) -> None:
     else:
         for row in found.rows:
             echo(line(row))
+        for whole in found.experiments:
+            if whole["p"] is not None:
+                echo(
+                    f"{whole['experiment']:24} {whole['model']}: chi square {whole['chi2']:.1f} with "
+                    f"{whole['degrees_of_freedom']} degrees of freedom, p = {whole['p']:.2g}"
+                )
         for name, why in (found.failed | found.absent).items():
             echo(f"{name}: {why}")
         echo(f"page: {page}")

@@ -64,8 +64,8 @@ def demo(dest: Path, as_json: bool) -> None:
     with watching(enabled=not as_json) as progress:
         outcome = verbs.process(dest, jobs=2, progress=progress)
     if as_json:
-        echo_json(as_document(outcome, dest))
+        echo_json(as_document(outcome, dest, verbs.verdicts_of(outcome)))
     else:
         echo(f"synthetic session: {dest}")
-        summarise(outcome)
+        summarise(outcome, verbs.verdicts_of(outcome))
     click.get_current_context().exit(outcome.exit_code)

@@ -8,12 +8,13 @@ radius, the work of a cycle) its two values and their difference with its uncert
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from labpipe.workflow.plan import Plan
 from labpipe.workflow.session import Experiment
-from pipelines.experiments import KINDS
+from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.judgements import compared
 from pipelines.session._opening import reopen_session
 from pipelines.session._processing import process
 from pipelines.session._results import derive, needed, opened
@@ -24,11 +25,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """All rows of a session, and the experiments that failed or compare nothing, with reasons."""
+    """All rows of a session, and the experiments that failed or compare nothing, with reasons.
+
+    ``experiments`` says of each that is judged as a whole how its chi square came out, and the
+    smallest error of each input that it would have shown.
+    """
 
     rows: tuple[Row, ...]
     failed: dict[str, str]
     absent: dict[str, str]
+    experiments: tuple[dict[str, Any], ...] = ()
 
 
 def compare(
@@ -60,6 +66,8 @@ def compare(
     wanted = [
         target for name, derived in able.items() for target in needed(session, session.experiments[name], derived)
     ]
+    judged = [n for n in able if any(s.name == JUDGEMENT for s in KINDS[session.experiments[n].kind].stages)]
+    wanted += [f"{name}/{JUDGEMENT}" for name in judged]
     failed: dict[str, str] = {}
     if wanted:
         names = {target.split("/")[0] for target in wanted}
@@ -80,7 +88,8 @@ def compare(
         rows += [replace(row, kept=kept) for row in found]
         if not found:
             absent[name] = "it has no model: session.toml names nothing to simulate"
-    return Comparison(tuple(rows), failed, absent)
+    whole = [{"experiment": name, **compared(results.result(name, JUDGEMENT))} for name in judged if name not in failed]
+    return Comparison(tuple(rows), failed, absent, tuple(whole))
 
 
 def _kept(plan: Plan, experiment: str) -> tuple[str, ...]:
