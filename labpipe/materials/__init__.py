@@ -3,11 +3,13 @@
 from labpipe.materials._kraus import Kraus
 from labpipe.materials.library import (
     Material,
+    Solid,
     Thermal,
     describe,
     load,
     load_file,
     read_material,
+    solid,
     thermal,
 )
 from labpipe.materials.prony import (
@@ -52,6 +54,7 @@ __all__ = [
     "Relaxation",
     "Retardation",
     "ShiftLaw",
+    "Solid",
     "Thermal",
     "arrhenius",
     "compress",
@@ -72,6 +75,7 @@ __all__ = [
     "read_sweeps",
     "relaxation_from_creep",
     "shift_at",
+    "solid",
     "solve_by_cross_validation",
     "standard_linear_solid",
     "thermal",

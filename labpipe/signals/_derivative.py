@@ -18,6 +18,7 @@ from labpipe.errors import InputError
 from labpipe.signals._noise import Noise, estimate_noise, is_spike
 from labpipe.signals._readings import checked_times, refuse_infinite
 from labpipe.signals._smoothing import Smooth, evaluate, smooth
+from labpipe.units import Measure, si
 
 Array = NDArray[np.float64]
 Method = Literal["spline", "thesis", "difference"]
@@ -37,7 +38,7 @@ def velocity(
     *,
     breaks: ArrayLike | None = None,
     releases: ArrayLike | None = None,
-    noise: float | None = None,
+    noise: Measure | None = None,
     window: int = THESIS_WINDOW,
 ) -> xr.DataArray:
     """Differentiate a displacement record.
@@ -57,7 +58,7 @@ def velocity(
         jump. A few per cent better than letting the spline find the contacts.
     releases : array (k,), optional [s]
         Spline only: times at which the acceleration itself may jump (a release, a hard stop).
-    noise : float, optional [m]
+    noise : float or text with a unit, optional [m]
         Standard deviation of the samples' white noise. Default: estimated from the record.
     window : int
         Thesis only: number of samples; an even number is reduced by one, as ``smooth`` does.
@@ -104,6 +105,7 @@ def velocity(
     -4.9
     """
     time, values = checked_record(displacement)
+    noise = None if noise is None else si(noise, "m", "noise")
     if noise is not None and not (np.isfinite(noise) and noise >= 0.0):
         message = f"noise must be a standard deviation in m, >= 0; found {noise}"
         raise InputError(message)

@@ -13,7 +13,7 @@ from time import perf_counter
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from labpipe.contact.impact._checks import Solver, checked, checked_times
+from labpipe.contact.impact._checks import Solver, checked, checked_times, warn_of_millimetres
 from labpipe.contact.impact._dataset import (
     DropRun,
     Setting,
@@ -33,8 +33,10 @@ from labpipe.contact.impact._setup import (
 )
 from labpipe.contact.impact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.impact._trajectory import Contact, Flight
-from labpipe.contact.memory import Array, Creep, CreepMaterial
+from labpipe.contact.memory import Array, Creep
 from labpipe.errors import InputError
+from labpipe.materials import Solid, solid
+from labpipe.units import Measure, si
 
 # Progress is told at steps of this part of the duration.
 _PROGRESS_EVERY = 0.01
@@ -44,16 +46,16 @@ _ENERGY_LIMIT, _REFINEMENT, _FINEST = 5.0, 10.0, 1e-6
 
 
 def drop(
-    material: CreepMaterial,
-    radius: float,
-    mass: float,
-    height: float,
-    duration: float,
+    material: Solid,
+    radius: Measure,
+    mass: Measure,
+    height: Measure,
+    duration: Measure,
     solver: Solver = "mdr",
     profile: Profile = "parabola",
     rtol: float = 1e-4,
     *,
-    gravity: float = 9.81,
+    gravity: Measure = 9.81,
     plate: Plate | None = None,
     times: ArrayLike | None = None,
     maps: ArrayLike | None = None,
@@ -66,10 +68,13 @@ def drop(
 ) -> xr.Dataset:
     """Drop a viscoelastic sphere on a rigid flat.
 
+    Lengths, mass and times are numbers in SI or texts with a unit, ``"9.525 mm"``.
+
     Parameters
     ----------
-    material : labpipe.materials.Prony
-        Of the sphere (or of the flat, if the sphere is the rigid one).
+    material : labpipe.materials.Prony, or str
+        Of the sphere (or of the flat, if the sphere is the rigid one); a name or a file as
+        :func:`labpipe.materials.solid` takes it.
     radius : float [m]
         Of the sphere.
     mass : float [kg]
@@ -135,6 +140,11 @@ def drop(
         A value is out of range; the contact would be wider than the sphere; the material damps so
         little that ``max_steps`` do not reach ``duration``.
 
+    Warns
+    -----
+    UserWarning
+        The radius looks like millimetres; or the result is less accurate than asked for.
+
     Examples
     --------
     >>> from labpipe.materials import Prony
@@ -151,6 +161,10 @@ def drop(
     of its error.
     """
     started = perf_counter()
+    warn_of_millimetres(radius, mass, height)
+    material, gravity = solid(material), si(gravity, "m/s2", "gravity")
+    radius, mass = si(radius, "m", "radius"), si(mass, "kg", "mass")
+    height, duration = si(height, "m", "height"), si(duration, "s", "duration")
     setting = checked(
         Setting(radius, mass, height, duration, solver, profile, rtol, gravity, plate)
     )

@@ -23,6 +23,7 @@ from labpipe.materials.superposition._shift_law import LawName
 from labpipe.materials.superposition._shift_parameters import Horizontal, OuterModel
 from labpipe.materials.superposition._sweep_data import SweepData, read_sweeps
 from labpipe.materials.superposition._vertical_law import VERTICAL_SIZE, Vertical
+from labpipe.units import Measure, si
 
 Array = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ _SAME_TEMPERATURE = 1.0
 
 def master_curve(
     sweeps: xr.Dataset,
-    T_ref: float | None = None,
+    T_ref: Measure | None = None,
     law: LawName | None = None,
     *,
     vertical: Literal["auto", "none", "rho_T", "linear", "quadratic"] = "auto",
@@ -54,7 +55,7 @@ def master_curve(
     sweeps : Dataset
         ``storage`` and ``loss`` [Pa] over ``temperature`` [degC] and ``frequency`` [Hz]; NaN
         where a sweep has no point. Any order; repeated temperatures keep a shift each.
-    T_ref : float, optional [degC]
+    T_ref : float or text with a unit, optional [degC]
         Reference temperature within the measured range (a law may reach beyond); default the
         middle isotherm. It need not be one of the temperatures.
     law : {None, "wlf", "arrhenius"}
@@ -106,6 +107,7 @@ def master_curve(
     Golub & Pereyra, Inverse Problems 19 (2003) R1, doi:10.1088/0266-5611/19/2/201.
     """
     data = read_sweeps(sweeps)
+    T_ref = None if T_ref is None else si(T_ref, "degC", "T_ref")
     _check_options(law, vertical, delay, levels, noise_ratio)
     given = None if shifts is None else _given_shifts(shifts, sweeps, data)
     reference = _reference(data.temperature, T_ref)
