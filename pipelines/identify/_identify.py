@@ -106,8 +106,9 @@ class _Group:
     told: list[MaterialEvidence] = field(default_factory=list)
 
 
-def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = None,
-             jobs: int = 1) -> list[Identified]:  # fmt: skip
+def identify_materials(
+    folder: str | Path, wish: Wish | None = None, *, say: Say | None = None, jobs: int = 1
+) -> list[Identified]:
     """Identify every material on which a session holds experiments.
 
     Parameters
@@ -134,7 +135,7 @@ def identify(folder: str | Path, wish: Wish | None = None, *, say: Say | None = 
 
     Examples
     --------
-    >>> (found,) = identify("my-session", Wish(("acrylic_1p5mm",)))  # doctest: +SKIP
+    >>> (found,) = identify_materials("my-session", Wish(("acrylic_1p5mm",)))  # doctest: +SKIP
     >>> found.relaxed.verdict  # doctest: +SKIP
     'only an upper limit'
     """

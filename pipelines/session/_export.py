@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe import files
 from labpipe.errors import InputError, SourceError, UsageError
+from labpipe.notebook import html_table, text_table
 from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import READY
 from labpipe.workflow.plan import plan as make_plan
@@ -31,6 +32,17 @@ class Exported:
 
     paths: tuple[Path, ...]
     left_out: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        return text_table(f"{len(self.paths)} files", self._rows)
+
+    def _repr_html_(self) -> str:
+        return html_table(f"{len(self.paths)} files", ("", ""), self._rows)
+
+    @property
+    def _rows(self) -> list[tuple[str, str]]:
+        written = [("written", str(path)) for path in self.paths]
+        return written + [("left out", line) for line in self.left_out]
 
 
 @dataclass(frozen=True, slots=True)

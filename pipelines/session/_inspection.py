@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import ConfigError, LabpipeError, SourceError
+from labpipe.notebook import html_table
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -22,6 +23,96 @@ _KNOWN = (
 _LOOK, _SHOWN = 4096, 60  # bytes of an unknown file that are looked at, characters that are shown
 _IRREGULAR = 0.01
 """Of the median interval: a step that differs by more is worth telling."""
+
+
+class Inspected(dict[str, Any]):
+    """What is known of a file: a mapping that shows itself."""
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines())
+
+    def _repr_html_(self) -> str:
+        known = [(k.replace("_", " "), _shown(v)) for k, v in self._apart()]
+        columns = [(r["name"], f"{_span(r)} {r['units']}".strip()) for r in self._columns()]
+        problems = [("problem", line) for line in self["problems"]]
+        return html_table(str(self["file"]), ("", ""), [*known[1:], *columns, *problems])
+
+    def lines(self) -> list[str]:
+        """Say it as lines of text."""
+        found = [f"{key.replace('_', ' '):20}{_shown(value)}" for key, value in self._apart()]
+        rows = self._columns()
+        width = max((len(row["name"]) for row in rows), default=0) + 2
+        for row in rows:
+            invalid = f", {row['invalid']} invalid" if row["invalid"] else ""
+            name = f" ({row['long_name']})" if row["long_name"] not in ("", row["name"]) else ""
+            head = f"  {row['name']:{width}}{row['units']:8}"
+            found.append(f"{head}{_span(row)}{invalid}{name}")
+        return found + [f"problem: {line}" for line in self["problems"] or ["none found"]]
+
+    def _apart(self) -> list[tuple[str, Any]]:
+        return [(k, v) for k, v in self.items() if k not in ("variables", "problems")]
+
+    def _columns(self) -> list[dict[str, Any]]:
+        return list(self.get("variables", []))
+
+
+def _shown(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _span(row: dict[str, Any]) -> str:
+    if "values" in row:
+        return ", ".join(row["values"])
+    return "no value" if row["min"] is None else f"{row['min']:.6g} … {row['max']:.6g}"
+
+
+def inspect(
+    file: str | Path,
+    *,
+    out: str | Path | None = None,
+    instrument: str | None = None,
+    **options: Any,
+) -> Inspected:
+    """Say what any file is, what it holds, and what is wrong with it.
+
+    Parameters
+    ----------
+    file : path-like
+        Readings, a film or the folder of an image stack, a calibration record, session.toml, a
+        result, a picture.
+    out : path-like, optional
+        Draw it into this .png: frames of a film, columns of a table.
+    instrument : str, optional
+        What wrote the file, where it does not say so.
+    **options
+        What the file leaves unsaid, as for :func:`instruments.read`: ``cycle="50 us"``.
+
+    Returns
+    -------
+    Inspected
+        A mapping: ``file``, ``reader``, ``kind``, what there is to say of that kind, and
+        ``problems``. A table's columns are in ``variables``.
+
+    Raises
+    ------
+    SourceError
+        The file is not known or cannot be read.
+    UsageError
+        The picture is not called .png.
+
+    Examples
+    --------
+    >>> inspect("my-session/laser/drop_1.csv")["reader"]  # doctest: +SKIP
+    'keyence'
+    """
+    reading = options if instrument is None else options | {"instrument": instrument}
+    found = Inspected(describe(Path(file), reading))
+    if out is not None:
+        from pipelines.session._contact_sheet import write_sheet
+
+        write_sheet(Path(file), Path(out), reading)
+        found["picture"] = str(out)
+    return found
 
 
 def describe(file: Path, options: dict[str, Any] | None = None) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from pipelines.experiments.shared.settings import MaterialChoice
 from pipelines.process import open_session, process
 from pipelines.rig.dma import SOLIDS, Protocol, write_dma
 from pipelines.rig.samples import SAMPLES, dma_section, session_head
-from pipelines.session import SCHEMAS, write_session_file
+from pipelines.session import SCHEMAS, init
 
 SMALL = Protocol(
     temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0),
@@ -271,7 +271,7 @@ def test_a_reference_far_outside_is_refused_with_what_to_do(ptfe):
 
 def test_a_scan_proposes_the_experiment_and_asks_for_the_mode(session):
     (session / "session.toml").unlink()
-    found = write_session_file(session)
+    found = init(session)
     assert found.experiments == ["ptfe"]
     assert len(found.gaps) == 2
     assert 'kind = "dma"' in found.path.read_text("utf-8")

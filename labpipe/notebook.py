@@ -1,0 +1,51 @@
+"""How an object shows itself: a table for a notebook, and the same as text for a terminal."""
+
+import html
+from collections.abc import Iterable, Sequence
+
+_MOST_ROWS = 30
+"""Rows of a text; what is longer is counted."""
+
+
+def html_table(caption: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Write a small table for a notebook; every text is escaped.
+
+    Examples
+    --------
+    >>> html_table("a < b", ("x",), [(1,)])
+    '<table><caption>a &lt; b</caption><thead><tr><th>x</th></tr></thead><tbody><tr><td>1</td>\
+</tr></tbody></table>'
+    """
+    head = "".join(f"<th>{html.escape(title)}</th>" for title in titles)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>"
+        for row in rows
+    )
+    return (
+        f"<table><caption>{html.escape(caption)}</caption><thead><tr>{head}</tr></thead>"
+        f"<tbody>{body}</tbody></table>"
+    )
+
+
+def text_table(caption: str, rows: Iterable[Sequence[object]]) -> str:
+    """Write a caption and rows below it, their columns aligned; control characters are left out.
+
+    Examples
+    --------
+    >>> print(text_table("two files", [("a.csv", 1), ("long.csv", 2)]))
+    two files
+      a.csv     1
+      long.csv  2
+    """
+    cells = [[_plain(cell) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = [
+        "  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip()
+        for row in cells[:_MOST_ROWS]
+    ]
+    more = [f"  and {len(cells) - _MOST_ROWS} more"] if len(cells) > _MOST_ROWS else []
+    return "\n".join([_plain(caption), *lines, *more])
+
+
+def _plain(cell: object) -> str:
+    return "".join(c for c in str(cell) if c.isprintable())
