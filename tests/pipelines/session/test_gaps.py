@@ -129,7 +129,7 @@ def test_answered_questions_make_a_session_that_processes(pile: Path) -> None:
     asked = [gap.key for gap in gaps(text)]
     assert asked == ["radius", "mass"]
     done = CliRunner().invoke(
-        init, [str(pile), "--force", "--ask"], input="\n".join(answers) + "\n"
+        command, [str(pile), "--force", "--ask"], input="\n".join(answers) + "\n"
     )
     assert done.exit_code == 0, done.output
     assert "cubits" in done.output
