@@ -5,6 +5,8 @@ Three estimators: ``"spline"`` (default, see :mod:`._smoothing`), ``"thesis"``
 alone).
 """
 
+from __future__ import annotations
+
 import json
 import warnings
 from typing import Literal

@@ -7,6 +7,8 @@ no numerical library. :mod:`pipelines.figures.make` decides what to draw and wri
 draw. :mod:`pipelines.figures.check` compares the thesis's printed numbers with ours.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -171,8 +173,8 @@ def figures(
     session: str | Path | None = None,
     out: str | Path = "figures",
     jobs: int = 1,
-    progress: "Callable[[Outcome], None] | None" = None,
-) -> "Made":
+    progress: Callable[[Outcome], None] | None = None,
+) -> Made:
     """Draw the figures of the thesis by number: PDF, SVG, PNG and a caption each.
 
     Parameters

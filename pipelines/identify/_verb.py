@@ -1,5 +1,7 @@
 """The verb identify: the materials of a session, each with its page and its file."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path

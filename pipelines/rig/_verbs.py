@@ -1,5 +1,7 @@
 """The verbs sample and demo: synthetic sessions, opened or processed."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -56,8 +58,8 @@ def demo(
     folder: str | Path = "labpipe-demo",
     *,
     jobs: int = 2,
-    progress: "Callable[[Event], None] | None" = None,
-) -> "RunResult":
+    progress: Callable[[Event], None] | None = None,
+) -> RunResult:
     """Write a synthetic session and process it.
 
     Parameters

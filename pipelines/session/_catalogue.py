@@ -5,6 +5,8 @@ there, and it can be thrown away: everything in it stands in the sessions. A ses
 only when its plan says that something changed.
 """
 
+from __future__ import annotations
+
 import hashlib
 import os
 import sqlite3
@@ -79,7 +81,7 @@ class Catalogued:
     unchanged: tuple[str, ...]
     removed: tuple[str, ...]
     problems: dict[str, str]
-    table: "pd.DataFrame" = field(repr=False)
+    table: pd.DataFrame = field(repr=False)
 
     def __repr__(self) -> str:
         return f"{self._caption}\n{self.table}"
@@ -155,7 +157,7 @@ def query(
     columns: Sequence[str] = (),
     *,
     table: str = "experiments",
-) -> "pd.DataFrame":
+) -> pd.DataFrame:
     """Select rows of a catalogue.
 
     Parameters
@@ -359,7 +361,7 @@ def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> 
         entry.insert(connection)
 
 
-def _values(dataset: "xr.Dataset") -> Iterator[tuple[str, int, float, float | None, str]]:
+def _values(dataset: xr.Dataset) -> Iterator[tuple[str, int, float, float | None, str]]:
     """Numbers of short variables: name, position, value, standard uncertainty, unit."""
     import numpy as np
 
@@ -401,7 +403,7 @@ class _Entry:
         else:
             self.cells[name] = files.canonical(msgspec.to_builtins(value))
 
-    def add_key_numbers(self, kind: str, stage: str, dataset: "xr.Dataset") -> None:
+    def add_key_numbers(self, kind: str, stage: str, dataset: xr.Dataset) -> None:
         """Add the numbers that the session's page shows of this kind of experiment."""
         found: dict[str, tuple[int, float, float | None, str]] = {}
         for name, *rest in _values(dataset):

@@ -5,6 +5,8 @@ A curve gives its normalised root-mean-square error and bias, an event (a restit
 radius, the work of a cycle) its two values and their difference with its uncertainty.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +33,7 @@ def compare(
     *,
     jobs: int = 1,
     keep: bool | None = None,
-    progress: "Callable[[Event], None] | None" = None,
+    progress: Callable[[Event], None] | None = None,
 ) -> Comparison:
     """Compare measurement and model of every experiment of a session, on one page.
 

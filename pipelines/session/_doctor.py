@@ -1,5 +1,7 @@
 """The verb doctor: the installation, the disk, and the results of a session, checked."""
 
+from __future__ import annotations
+
 import importlib.metadata
 import platform
 import re

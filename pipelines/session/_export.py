@@ -1,5 +1,7 @@
 """Results and raw files for other programs: which ones, under which names, in which format."""
 
+from __future__ import annotations
+
 import json
 import re
 from collections.abc import Iterable
@@ -59,7 +61,7 @@ class Target:
             message = f'unknown format "{self.format}"; expected one of {", ".join(FORMATS)}'
             raise UsageError(message)
 
-    def write(self, name: str, dataset: "xr.Dataset", remarks: dict[str, str]) -> list[Path]:
+    def write(self, name: str, dataset: xr.Dataset, remarks: dict[str, str]) -> list[Path]:
         """Write one Dataset under a name; return the files.
 
         Raises
@@ -149,7 +151,7 @@ def export_results(
     return Exported(tuple(paths), left_out)
 
 
-def _name(row: "Row") -> str:
+def _name(row: Row) -> str:
     parts = [row.experiment, row.stage]
     if row.recording is not None:
         parts.append(re.sub(r"[^\w.-]+", "_", Path(row.recording).with_suffix("").as_posix()))
@@ -183,7 +185,7 @@ def export_file(path: Path, target: Target, options: dict[str, Any]) -> Exported
     return Exported(tuple(target.write(path.stem, dataset, remarks)), ())
 
 
-def _frame_times(frames: Any) -> "xr.Dataset":
+def _frame_times(frames: Any) -> xr.Dataset:
     """Return what a film says beside its pixels: time, exposure and state of every frame."""
     import numpy as np
     import xarray as xr

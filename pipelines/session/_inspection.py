@@ -3,6 +3,8 @@
 Readings of every instrument, films, calibration records, session.toml, results and pictures.
 """
 
+from __future__ import annotations
+
 import json
 import warnings
 from pathlib import Path
@@ -201,7 +203,7 @@ def _with_a_look(file: Path, error: SourceError) -> SourceError:
     return SourceError(file, error.message, hint=hint)
 
 
-def table(dataset: "xr.Dataset") -> dict[str, Any]:
+def table(dataset: xr.Dataset) -> dict[str, Any]:
     """Describe readings: header, sampling, and every column with unit and range."""
     columns = [
         _column(str(name), variable)
@@ -219,7 +221,7 @@ def table(dataset: "xr.Dataset") -> dict[str, Any]:
     }
 
 
-def _column(name: str, variable: "xr.Variable") -> dict[str, Any]:
+def _column(name: str, variable: xr.Variable) -> dict[str, Any]:
     import numpy as np
 
     row: dict[str, Any] = {
@@ -242,7 +244,7 @@ def _column(name: str, variable: "xr.Variable") -> dict[str, Any]:
     return row
 
 
-def _sampling(dataset: "xr.Dataset") -> tuple[dict[str, Any], list[str]]:
+def _sampling(dataset: xr.Dataset) -> tuple[dict[str, Any], list[str]]:
     """Say how the time axis runs: points, interval, rate, duration, and where it is uneven."""
     import numpy as np
 
@@ -272,7 +274,7 @@ def _sampling(dataset: "xr.Dataset") -> tuple[dict[str, Any], list[str]]:
     return found, problems
 
 
-def _reading_problems(dataset: "xr.Dataset", columns: list[dict[str, Any]]) -> list[str]:
+def _reading_problems(dataset: xr.Dataset, columns: list[dict[str, Any]]) -> list[str]:
     found = []
     states = json.loads(dataset.attrs.get("status_counts", "{}"))
     longest = max(dataset.sizes.values(), default=0)
@@ -289,7 +291,7 @@ def _reading_problems(dataset: "xr.Dataset", columns: list[dict[str, Any]]) -> l
     return found
 
 
-def film(frames: "FrameSource") -> dict[str, Any]:
+def film(frames: FrameSource) -> dict[str, Any]:
     """Describe a film: size, times, exposure, levels, damaged frames."""
     import numpy as np
 

@@ -1,5 +1,7 @@
 """Plan a session, process it, watch it, show its reports, check its store."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,8 +54,8 @@ def process(
     full: bool = False,
     keep: bool | None = False,
     fail_fast: bool = False,
-    progress: "Callable[[Event], None] | None" = None,
-) -> "RunResult":
+    progress: Callable[[Event], None] | None = None,
+) -> RunResult:
     """Compute what a session lacks, and write its reports.
 
     Parameters
@@ -102,8 +104,8 @@ def process_all(
     full: bool = False,
     keep: bool | None = False,
     fail_fast: bool = False,
-    progress: "Callable[[Event], None] | None" = None,
-) -> "Generator[tuple[Path, RunResult | LabpipeError]]":
+    progress: Callable[[Event], None] | None = None,
+) -> Generator[tuple[Path, RunResult | LabpipeError]]:
     """Process many sessions, their experiments side by side.
 
     Parameters
@@ -170,7 +172,7 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
     """
     from pipelines.session._arrivals import missing_part
 
-    def run_one(session: Session, name: str) -> "RunResult":
+    def run_one(session: Session, name: str) -> RunResult:
         from labpipe.workflow.runner import run
 
         done = run(session, STAGES, only=[name], jobs=jobs, schemas=SCHEMAS)
@@ -181,7 +183,7 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
     return Watcher(Path(folder), SETTINGS, STAGES, missing_part, run_one, settling)
 
 
-def report(folder: str | Path, experiment: str) -> "Report":
+def report(folder: str | Path, experiment: str) -> Report:
     """Return the report of an experiment; a notebook shows it.
 
     Parameters

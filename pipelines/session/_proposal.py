@@ -6,6 +6,8 @@ general. What no file tells is asked for, or written as a gap; the session is re
 line, until it is filled. A calibration record that is missing is proposed as a file of its own.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Results of a processed session: one, all of an experiment, or values derived from them."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,7 +47,7 @@ def derive(results: Results, experiment: Experiment, derived: Derived, **keyword
 
 def result(
     folder: str | Path, experiment: str, stage: str, recording: str | None = None
-) -> "xr.Dataset":
+) -> xr.Dataset:
     """Return one stored result of a processed session.
 
     Parameters
@@ -67,7 +69,7 @@ def result(
     return open_result(reopen_session(folder), STAGES, experiment, stage, recording)
 
 
-def results(folder: str | Path, experiment: str) -> "xr.DataTree":
+def results(folder: str | Path, experiment: str) -> xr.DataTree:
     """Return all results of an experiment that are up to date, as one tree.
 
     Parameters

@@ -1,5 +1,7 @@
 """The verb sensitivity: budgets of the main quantities, and what to measure better."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,5 +1,7 @@
 """The verb sweep: a map of the simulator, its netCDF file and its page."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from pathlib import Path
 

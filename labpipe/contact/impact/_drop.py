@@ -4,6 +4,8 @@ The bounces are simulated in :mod:`._simulate`, which is imported by the first d
 only: its steps are compiled, and loading the compiler takes a second.
 """
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace

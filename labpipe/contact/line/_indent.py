@@ -7,6 +7,8 @@ Taylor, K. S. Pister, G. L. Goudreau, 1970, https://doi.org/10.1002/nme.16200201
 (:mod:`labpipe.contact.springs`).
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -25,6 +25,8 @@ References
 .. [2] O. R. Walton, R. L. Braun, J. Rheol. 30 (1986) 949, https://doi.org/10.1122/1.549893.
 """
 
+from __future__ import annotations
+
 import json
 import warnings
 

@@ -5,6 +5,8 @@ loading of thesis chapter 3 (a weight put down, further weights added), creep un
 prescribed approaches as in instrumented indentation.
 """
 
+from __future__ import annotations
+
 import json
 from typing import Literal
 

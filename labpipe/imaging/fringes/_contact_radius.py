@@ -1,5 +1,7 @@
 """Radius of the contact between a sphere and a flat, from a film of its interference fringes."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
@@ -33,7 +35,7 @@ def contact_radius(
     u_sphere_radius: Measure = 0.0,
     u_wavelength: Measure = 0.0,
     u_phase: float = 0.0,
-) -> "xr.Dataset":
+) -> xr.Dataset:
     """Measure the radius of a contact in every frame of a film.
 
     Lengths and times are numbers in SI or texts with a unit, ``"4.1 um"``, ``"633 nm"``.

@@ -5,6 +5,8 @@ read with :func:`load_file`. Statuses are ``measured``, ``datasheet`` and ``esti
 here are no measurement of the thesis's specimens, and a page that uses them says so.
 """
 
+from __future__ import annotations
+
 import math
 import tomllib
 from dataclasses import dataclass

@@ -9,6 +9,8 @@ determine is said: the standard deviation of every shift, the overlap of every p
 of the starts, the Kramers-Kronig verdict, and which terms lie outside the covered window.
 """
 
+from __future__ import annotations
+
 from typing import Literal
 
 import numpy as np
