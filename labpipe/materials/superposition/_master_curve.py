@@ -24,6 +24,7 @@ from labpipe.materials.superposition._result import MasterCurve, assembled
 from labpipe.materials.superposition._shift_law import LawName
 from labpipe.materials.superposition._shift_parameters import Horizontal, OuterModel
 from labpipe.materials.superposition._sweep_data import SweepData, read_sweeps
+from labpipe.materials.superposition._sweep_readings import Mode, gather_sweeps
 from labpipe.materials.superposition._vertical_law import VERTICAL_SIZE, Vertical
 from labpipe.units import Measure, si
 
@@ -49,6 +50,7 @@ def master_curve(
     shifts: ArrayLike | None = None,
     refine: bool = True,
     nu: float = 0.5,
+    mode: Mode = "tension",
 ) -> MasterCurve:
     """Shift isothermal sweeps onto one curve and fit its spectrum, all at once.
 
@@ -56,7 +58,9 @@ def master_curve(
     ----------
     sweeps : Dataset
         ``storage`` and ``loss`` [Pa] over ``temperature`` [degC] and ``frequency`` [Hz]; NaN
-        where a sweep has no point. Any order; repeated temperatures keep a shift each.
+        where a sweep has no point. Any order; repeated temperatures keep a shift each. Or the
+        readings of a rheometer's export, whose isothermal sweeps are gathered first
+        (:func:`labpipe.materials.gather_sweeps`).
     T_ref : float or text with a unit, optional [degC]
         Reference temperature within the measured range (a law may reach beyond); default the
         middle isotherm. It need not be one of the temperatures.
@@ -81,6 +85,8 @@ def master_curve(
         Use hand-set shifts as the start of the fit (True) or as they are (False).
     nu : float
         Poisson's ratio of the material, handed on to ``prony``.
+    mode : {"tension", "bending", "shear", "torsion"}
+        What was loaded, where readings are given; shear moduli become E = 2 (1 + ν) G.
 
     Returns
     -------
@@ -108,6 +114,8 @@ def master_curve(
     ----------
     Golub & Pereyra, Inverse Problems 19 (2003) R1, doi:10.1088/0266-5611/19/2/201.
     """
+    if "storage_modulus" in sweeps:
+        sweeps = gather_sweeps(sweeps, mode, nu)
     data = read_sweeps(sweeps)
     T_ref = None if T_ref is None else si(T_ref, "degC", "T_ref")
     _check_options(law, vertical, delay, levels, noise_ratio)
