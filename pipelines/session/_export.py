@@ -221,7 +221,7 @@ def export(
         A session folder, or a file (or folder of images) of a known instrument.
     format : {"csv", "nc", "mat", "json"}
         Of the files; csv has one table per set of dimensions, with a row of units.
-    only, stages : iterable of str, optional
+    only, stages : str or iterable of str, optional
         Experiments and steps of a session; all by default.
     out : path-like, optional
         Folder; default ``SESSION/labpipe/export``, or the current one for a raw file.
@@ -241,6 +241,10 @@ def export(
         No wanted result is up to date.
     UsageError
         A name is unknown, or a file is there and may not be replaced.
+
+    Examples
+    --------
+    >>> export("my-session", "mat", only="acrylic_7mm", stages="bounces")  # doctest: +SKIP
     """
     from pipelines.session._opening import STAGES, reopen_session
 
@@ -254,9 +258,14 @@ def export(
     session = reopen_session(place)
     ours = session.folder / FOLDER
     target = Target(Path(out) if out else ours, format, replace or out is None)
-    names, experiments = tuple(stages), tuple(only or ())
+    names, experiments = _names(stages), _names(only or ())
     made = make_plan(session, STAGES, names or None, experiments or None, keep=None)
     return export_results(Results(made), names, experiments, target)
+
+
+def _names(given: str | Iterable[str]) -> tuple[str, ...]:
+    """Take one name for a list of one, not for its letters."""
+    return (given,) if isinstance(given, str) else tuple(given)
 
 
 def _is_unknown_folder(place: Path) -> bool:
