@@ -24,7 +24,7 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         titles = ("experiment", "condition", "quantity", "measured", "model", "agreement")
-        return html_table(f"{len(self.rows)} comparisons, {self.page}", titles, self._cells)
+        return html_table(f"{len(self.rows)} comparisons, {self.page.name}", titles, self._cells)
 
     @property
     def _cells(self) -> list[tuple[str, ...]]:

@@ -36,14 +36,19 @@ class Exported:
     left_out: tuple[str, ...]
 
     def __repr__(self) -> str:
-        return text_table(f"{len(self.paths)} files", self._rows)
+        return text_table(self._caption, self._rows)
 
     def _repr_html_(self) -> str:
-        return html_table(f"{len(self.paths)} files", ("", ""), self._rows)
+        return html_table(self._caption, ("", ""), self._rows)
+
+    @property
+    def _caption(self) -> str:
+        folders = dict.fromkeys(path.parent.name for path in self.paths)
+        return f"{len(self.paths)} files in {', '.join(folders)}"
 
     @property
     def _rows(self) -> list[tuple[str, str]]:
-        written = [("written", str(path)) for path in self.paths]
+        written = [("written", path.name) for path in self.paths]
         return written + [("left out", line) for line in self.left_out]
 
 

@@ -40,6 +40,23 @@ def plan(
         Plan for a run without shortcuts.
     keep : bool or None
         Take results of earlier code as they are; with None, those that an earlier run took.
+
+    Returns
+    -------
+    Plan
+        One row per step: up to date, or to be run and why.
+
+    Raises
+    ------
+    UsageError
+        A stage or an experiment is unknown.
+    ConfigError, SourceError
+        The session cannot be opened.
+
+    Examples
+    --------
+    >>> plan("my-session", "velocity").summary  # doctest: +SKIP
+    '4 of 12 steps would run'
     """
     return make_plan(reopen_session(folder), STAGES, targets, only, full=full, keep=keep)
 
@@ -84,6 +101,18 @@ def process(
     RunResult
         Outcome of every task, the ledger, and the reports by experiment. The page of the whole
         session is ``FOLDER/labpipe/index.html``.
+
+    Raises
+    ------
+    UsageError
+        A stage or an experiment is unknown.
+    ConfigError, SourceError
+        The session cannot be opened; an experiment that fails is told in the result instead.
+
+    Examples
+    --------
+    >>> done = process("my-session", only="acrylic_7mm", jobs=4)  # doctest: +SKIP
+    >>> done.failures, done.reports["acrylic_7mm"]  # doctest: +SKIP
     """
     ((_, done),) = process_all(
         [folder], targets, only, jobs=jobs, cluster=cluster,
@@ -193,10 +222,19 @@ def report(folder: str | Path, experiment: str) -> Report:
     experiment : str
         Its name.
 
+    Returns
+    -------
+    Report
+        ``path`` is the page, ``html`` its text.
+
     Raises
     ------
     InputError
         There is none yet.
+
+    Examples
+    --------
+    >>> report("my-session", "acrylic_7mm")  # doctest: +SKIP
     """
     from labpipe.report import Report
     from labpipe.workflow.plan import page_name

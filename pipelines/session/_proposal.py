@@ -68,6 +68,11 @@ def init(
     ask : callable, optional
         Returns the answer to a question that no file answers, or None to leave it open.
 
+    Returns
+    -------
+    Scan
+        The file, its experiments, and what is to fill in.
+
     Raises
     ------
     UsageError

@@ -59,10 +59,22 @@ def result(
     recording : str, optional
         The file, for stages that run once per recording.
 
+    Returns
+    -------
+    Dataset
+        In SI; ``u_x`` is the standard uncertainty of ``x``.
+
     Raises
     ------
+    UsageError
+        There is no such experiment or stage; the message names the nearest.
     InputError
-        The result is missing or out of date.
+        The result is missing or out of date, or there is one for each recording: the message
+        names them.
+
+    Examples
+    --------
+    >>> result("my-session", "acrylic_7mm", "repeats")["restitution"]  # doctest: +SKIP
     """
     from labpipe.workflow.runner import open_result
 
@@ -91,6 +103,10 @@ def results(folder: str | Path, experiment: str) -> xr.DataTree:
         There is none.
     UsageError
         There is no such experiment.
+
+    Examples
+    --------
+    >>> results("my-session", "acrylic_7mm")["repeats"]  # doctest: +SKIP
     """
     import xarray as xr
 

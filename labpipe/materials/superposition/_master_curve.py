@@ -113,6 +113,11 @@ def master_curve(
     References
     ----------
     Golub & Pereyra, Inverse Problems 19 (2003) R1, doi:10.1088/0266-5611/19/2/201.
+
+    Examples
+    --------
+    >>> curve = master_curve(lp.read("acrylic.csv"), "20 °C", law="wlf")  # doctest: +SKIP
+    >>> curve.at(39.0).relaxation(1e-3)  # doctest: +SKIP
     """
     if "storage_modulus" in sweeps:
         sweeps = gather_sweeps(sweeps, mode, nu)
