@@ -13,8 +13,9 @@ import xarray as xr
 
 from calibration.record import CameraRecord, CameraValues, Record, require
 from labpipe.errors import CalibrationError, InputError
-from labpipe.uncertainty import Source, combined, table
+from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.units import Quantity
+from labpipe.variables import variable
 
 __all__ = ["image_scale", "motion", "pixel_size"]
 
@@ -46,24 +47,15 @@ def pixel_size(reference_length: Quantity, pixel_length: Quantity) -> Quantity:
     (0.07772, 0.39)
     """
     if not (0.0 < reference_length.value < math.inf and 0.0 < pixel_length.value < math.inf):
-        message = (
-            "lengths must be positive and finite, found "
-            f"{reference_length.value} m and {pixel_length.value} px"
-        )
+        message = f"lengths must be positive and finite, found {reference_length.value} m and {pixel_length.value} px"
         raise InputError(message)
     value = reference_length.value / pixel_length.value
-    relative = math.hypot(
-        reference_length.u / reference_length.value, pixel_length.u / pixel_length.value
-    )
+    relative = math.hypot(reference_length.u / reference_length.value, pixel_length.u / pixel_length.value)
     return Quantity(value, value * relative, "m/px")
 
 
 def image_scale(
-    record: Record,
-    view: str,
-    *,
-    measured: str | date | None = None,
-    ignore_validity: bool = False,
+    record: Record, view: str, *, measured: str | date | None = None, ignore_validity: bool = False
 ) -> tuple[Quantity, dict[str, Any]]:
     """Return the scale of a view from its record.
 
@@ -88,17 +80,15 @@ def image_scale(
     CalibrationError
         The record is of another kind, view or time.
     """
-    checked = require(
-        record, "camera", {}, measured=measured, view=view, ignore_validity=ignore_validity
-    )
+    checked = require(record, "camera", {}, measured=measured, view=view, ignore_validity=ignore_validity)
     if not isinstance(record, CameraRecord):
         message = f'record "{record.id}" holds no values of a camera'
         raise CalibrationError(message)
     size, sources = _size(record.values)
-    total = combined(sources)
+    total = combined_uncertainty(sources)
     checked |= {
         "view": record.view,
-        "budget": table(sources),
+        "budget": budget_rows(sources),
         "tilt": None if record.values.tilt is None else record.values.tilt.value,
     }
     return Quantity(size.value, total, "m/px"), checked
@@ -120,19 +110,12 @@ def _size(values: CameraValues) -> tuple[Quantity, list[Source]]:
             Source.of("pixel distance", pixels, size.value / pixels.value),
         ]
     if values.out_of_plane is not None:
-        sources.append(
-            Source("out of plane", 0.0, values.out_of_plane.u, "1", size.value, "systematic")
-        )
+        sources.append(Source("out of plane", 0.0, values.out_of_plane.u, "1", size.value, "systematic"))
     return size, sources
 
 
 def motion(
-    track: xr.Dataset,
-    record: Record,
-    *,
-    view: str,
-    measured: str | date | None = None,
-    ignore_validity: bool = False,
+    track: xr.Dataset, record: Record, *, view: str, measured: str | date | None = None, ignore_validity: bool = False
 ) -> xr.Dataset:
     """Turn displacements in pixels into metres, upwards positive.
 
@@ -171,18 +154,12 @@ def motion(
     for axis, sign, text in (("x", 1.0, "to the right"), ("y", -1.0, "upwards")):
         moved = sign * size.value * track[f"d{axis}"]
         random = size.value * track[f"u_d{axis}"]
-        result[f"displacement_{axis}"] = moved.assign_attrs(
-            units="m", long_name=f"displacement {text}"
-        )
+        result[f"displacement_{axis}"] = moved.assign_attrs(units="m", long_name=f"displacement {text}")
         result[f"u_displacement_{axis}"] = random.assign_attrs(
             units="m", long_name=f"standard uncertainty (random): displacement {text}"
         )
-    result["pixel_size"] = ((), size.value, {"units": "m/px", "long_name": "length of one pixel"})
-    result["u_pixel_size"] = (
-        (),
-        size.u,
-        {"units": "m/px", "long_name": "standard uncertainty: length of one pixel"},
-    )
+    result["pixel_size"] = variable((), size.value, "m/px", "length of one pixel")
+    result["u_pixel_size"] = variable((), size.u, "m/px", "standard uncertainty: length of one pixel")
     result.attrs["u_systematic_relative"] = size.u / size.value
     result.attrs["budget"] = json.dumps(checked.pop("budget"))
     result.attrs["calibration"] = json.dumps(checked, ensure_ascii=False)

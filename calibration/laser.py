@@ -19,12 +19,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from calibration import quiet
+from calibration import _quiet
 from calibration.record import LaserRecord, LaserValues, Record, require
 from calibration.time_base import TimeBase, corrected, time_base
 from labpipe.errors import CalibrationError, InputError
-from labpipe.uncertainty import Source, beyond, combined, table
+from labpipe.uncertainty import Source, budget_rows, combined_uncertainty, excess_uncertainty
 from labpipe.units import Quantity
+from labpipe.variables import described, variable
 
 __all__ = ["displacement", "inclination_from_drop", "reading"]
 
@@ -91,16 +92,14 @@ def displacement(
     if direction not in (1, -1):
         message = f"direction must be 1 or -1, found {direction}"
         raise InputError(message)
-    checked = require(
-        record, "laser", readings.attrs, measured=measured, ignore_validity=ignore_validity
-    )
+    checked = require(record, "laser", readings.attrs, measured=measured, ignore_validity=ignore_validity)
     values = _values(record)
     raw, stated_step, gain = _raw(readings, output, values)
     angle = inclination or values.inclination
     base = time_base(readings.attrs, values.time_base, averaging)
     is_valid = _is_valid(readings, output, raw, gain, values)
     used = np.where(is_valid, raw, np.nan)
-    step = quiet.resolution_of(used, stated_step)
+    step = _quiet.resolution_of(used, stated_step)
     time = readings["time"].values
     at_rest = _zero(time, used, zero, step, base.averaging)
     factor = direction * gain.value / math.cos(angle.value)
@@ -114,29 +113,22 @@ def displacement(
     return xr.Dataset(
         {
             "displacement": _over_time(moved, "m", "displacement along the motion"),
-            "u_displacement": _over_time(
-                np.where(is_valid, spread, np.nan), "m", "random standard uncertainty"
-            ),
+            "u_displacement": _over_time(np.where(is_valid, spread, np.nan), "m", "random standard uncertainty"),
             "displacement_raw": _over_time(along, "m", "displacement along the line of sight"),
             "valid": _over_time(is_valid, "1", "whether there is a reading"),
             **_scalar("inclination", angle, "angle of the line of sight to the motion"),
             **_scalar("gain", gain, "true over displayed, along the line of sight"),
-            **_scalar(
-                "zero",
-                Quantity(at_rest.level, at_rest.u_level, unit_of_reading),
-                "reading that is zero",
-            ),
+            **_scalar("zero", Quantity(at_rest.level, at_rest.u_level, unit_of_reading), "reading that is zero"),
         },
         coords={
-            "time": (
+            "time": variable(
                 "time",
                 corrected(time, base, float(readings.attrs["sampling_interval"])),
-                {"units": "s", "long_name": "time from the first point, filter delay removed"},
+                "s",
+                "time from the first point, filter delay removed",
             )
         },
-        attrs=_attributes(
-            readings, output, direction, checked, base, at_rest, step, angle, sources
-        ),
+        attrs=_attributes(readings, output, direction, checked, base, at_rest, step, angle, sources),
     )
 
 
@@ -147,9 +139,7 @@ def _values(record: Record) -> LaserValues:
     return record.values
 
 
-def _raw(
-    readings: xr.Dataset, output: str, values: LaserValues
-) -> tuple[NDArray[np.float64], float | None, Quantity]:
+def _raw(readings: xr.Dataset, output: str, values: LaserValues) -> tuple[NDArray[np.float64], float | None, Quantity]:
     """Return the readings, the step of their display, and the gain to a length."""
     if output not in readings:
         outputs = ", ".join(name for name in map(str, readings) if name.startswith("out"))
@@ -176,11 +166,7 @@ def _product(a: Quantity, b: Quantity) -> Quantity:
 
 
 def _is_valid(
-    readings: xr.Dataset,
-    output: str,
-    raw: NDArray[np.float64],
-    gain: Quantity,
-    values: LaserValues,
+    readings: xr.Dataset, output: str, raw: NDArray[np.float64], gain: Quantity, values: LaserValues
 ) -> NDArray[np.bool_]:
     is_valid = np.isfinite(raw)
     state = output.replace("out", "status")
@@ -198,19 +184,19 @@ def _zero(
     zero: tuple[float, float] | Quantity | float | None,
     step: float,
     averaging: int,
-) -> quiet.Quiet:
+) -> _quiet.Quiet:
     if zero is None:
-        return quiet.from_start(time, used, resolution=step, correlated=averaging)
+        return _quiet.from_start(time, used, resolution=step, correlated=averaging)
     if isinstance(zero, Quantity):
-        return quiet.given(used, zero.value, zero.u, resolution=step)
+        return _quiet.given(used, zero.value, zero.u, resolution=step)
     if isinstance(zero, tuple):
-        return quiet.in_window(time, used, zero, resolution=step, correlated=averaging)
-    return quiet.given(used, float(zero), 0.0, resolution=step)
+        return _quiet.in_window(time, used, zero, resolution=step, correlated=averaging)
+    return _quiet.given(used, float(zero), 0.0, resolution=step)
 
 
 def _sources(
     moved: NDArray[np.float64],
-    at_rest: quiet.Quiet,
+    at_rest: _quiet.Quiet,
     step: float,
     angle: Quantity,
     gain: Quantity,
@@ -223,7 +209,7 @@ def _sources(
     largest = float(finite[np.argmax(np.abs(finite))]) if finite.size else 0.0
     unit_text = str(variable.attrs["units"])
     rounding = step / math.sqrt(12)
-    noise = beyond(at_rest.noise, rounding)
+    noise = excess_uncertainty(at_rest.noise, rounding)
     sources = [
         Source("noise of a sample", 0.0, noise, unit_text, factor, "random"),
         Source("rounding of the display", 0.0, rounding, unit_text, factor, "random"),
@@ -243,7 +229,7 @@ def _attributes(
     direction: int,
     checked: dict[str, Any],
     base: TimeBase,
-    at_rest: quiet.Quiet,
+    at_rest: _quiet.Quiet,
     step: float,
     angle: Quantity,
     sources: list[Source],
@@ -264,25 +250,22 @@ def _attributes(
         "zero_window": json.dumps(window),
         "u_inclination_relative": by_value["inclination"],
         "u_systematic_relative": math.hypot(*by_value.values()),
-        "u_largest": combined(sources),
-        "budget": json.dumps(table(sources)),
+        "u_largest": combined_uncertainty(sources),
+        "budget": json.dumps(budget_rows(sources)),
         "time_base": json.dumps(base._asdict()),
         "calibration": json.dumps(checked, ensure_ascii=False),
     }
 
 
 def _over_time(values: NDArray[Any], units: str, long_name: str) -> tuple[Any, ...]:
-    return "time", values, {"units": units, "long_name": long_name}
+    return "time", values, described(units, long_name)
 
 
 def _scalar(name: str, quantity: Quantity, long_name: str) -> dict[str, Any]:
     def one(value: float, text: str) -> tuple[Any, ...]:
-        return (), value, {"units": quantity.si, "long_name": text}
+        return variable((), value, quantity.si, text)
 
-    return {
-        name: one(quantity.value, long_name),
-        f"u_{name}": one(quantity.u, f"standard uncertainty: {long_name}"),
-    }
+    return {name: one(quantity.value, long_name), f"u_{name}": one(quantity.u, f"standard uncertainty: {long_name}")}
 
 
 def reading(

@@ -16,11 +16,12 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import signal
 
-from calibration import quiet
+from calibration import _quiet
 from calibration.record import LoadCellRecord, LoadCellValues, Record, require
 from labpipe.errors import CalibrationError, InputError
-from labpipe.uncertainty import Source, beyond, combined, table
+from labpipe.uncertainty import Source, budget_rows, combined_uncertainty, excess_uncertainty
 from labpipe.units import Quantity
+from labpipe.variables import described, variable
 
 __all__ = ["FilterLag", "declared_filter", "filter_lag", "force"]
 
@@ -81,9 +82,7 @@ def force(
     values: LoadCellValues | None = None
     if record is not None:
         attrs = readings.attrs | {"sensor": _cell_name(readings.attrs)}
-        checked = require(
-            record, "load_cell", attrs, measured=measured, ignore_validity=ignore_validity
-        )
+        checked = require(record, "load_cell", attrs, measured=measured, ignore_validity=ignore_validity)
         values = _values(record)
     gain = values.scale if values else _UNKNOWN
     raw = np.asarray(readings[name].values, dtype=float)
@@ -91,7 +90,7 @@ def force(
     if values and values.capacity:
         is_valid &= np.abs(np.nan_to_num(raw)) <= values.capacity.value
     used = np.where(is_valid, raw, np.nan)
-    step = quiet.resolution_of(used, None)
+    step = _quiet.resolution_of(used, None)
     at_rest = _tare(readings, used, zero, step)
     pressed = sign * gain.value * (used - at_rest.level) + 0.0  # no negative zeros
     spread = np.where(is_valid, gain.value * at_rest.noise, np.nan)
@@ -115,15 +114,15 @@ def force(
             "noise": at_rest.noise,
             "resolution": step,
             "tared": int(zero is not None),
-            "u_largest": combined(sources),
-            "budget": json.dumps(table(sources)),
+            "u_largest": combined_uncertainty(sources),
+            "budget": json.dumps(budget_rows(sources)),
             "filter": json.dumps(declared_filter(readings.attrs)),
             "calibration": json.dumps(checked, ensure_ascii=False),
         },
     )
     for key, (value, u, unit_text, long_name) in scalars.items():
-        result[key] = ((), value, {"units": unit_text, "long_name": long_name})
-        attrs = {"units": unit_text, "long_name": f"standard uncertainty: {long_name}"}
+        result[key] = variable((), value, unit_text, long_name)
+        attrs = described(unit_text, f"standard uncertainty: {long_name}")
         result[f"u_{key}"] = ((), u, attrs)
     return result
 
@@ -132,7 +131,7 @@ _KEPT = ("source", "start", "header", "function", "block_number", "work")
 
 
 def _over(dimension: str, values: NDArray[Any], units: str, long_name: str) -> tuple[Any, ...]:
-    return dimension, values, {"units": units, "long_name": long_name}
+    return dimension, values, described(units, long_name)
 
 
 def _values(record: Record) -> LoadCellValues:
@@ -173,28 +172,28 @@ def _tare(
     used: NDArray[np.float64],
     zero: str | tuple[float, float] | Quantity | float | None,
     step: float,
-) -> quiet.Quiet:
+) -> _quiet.Quiet:
     time = readings["time"].values
     first = slice(None)
     if "block" in readings.coords and "sample" in readings.dims and time.size:
         first = slice(0, int(np.sum(readings["block"].values == readings["block"].values[0])))
     if zero is None:
-        return quiet.given(used, 0.0, 0.0, resolution=step)
+        return _quiet.given(used, 0.0, 0.0, resolution=step)
     if isinstance(zero, Quantity):
-        return quiet.given(used, zero.value, zero.u, resolution=step)
+        return _quiet.given(used, zero.value, zero.u, resolution=step)
     if isinstance(zero, tuple):
-        return quiet.in_window(time[first], used[first], zero, resolution=step)
+        return _quiet.in_window(time[first], used[first], zero, resolution=step)
     if isinstance(zero, str):
         if zero != "start":
             message = f'zero must be "start", a window, a force or None, found "{zero}"'
             raise InputError(message)
-        return quiet.from_start(time[first], used[first], resolution=step)
-    return quiet.given(used, float(zero), 0.0, resolution=step)
+        return _quiet.from_start(time[first], used[first], resolution=step)
+    return _quiet.given(used, float(zero), 0.0, resolution=step)
 
 
 def _sources(
     pressed: NDArray[np.float64],
-    at_rest: quiet.Quiet,
+    at_rest: _quiet.Quiet,
     step: float,
     gain: Quantity,
     values: LoadCellValues | None,
@@ -203,7 +202,7 @@ def _sources(
     finite = pressed[np.isfinite(pressed)]
     largest = float(finite[np.argmax(np.abs(finite))]) if finite.size else 0.0
     rounding = step / math.sqrt(12)
-    noise = beyond(at_rest.noise, rounding)
+    noise = excess_uncertainty(at_rest.noise, rounding)
     factor = sign * gain.value
     sources = [
         Source("noise of a sample", 0.0, noise, "N", factor, "random"),
@@ -249,10 +248,7 @@ _NOTE = (
 
 
 def filter_lag(
-    frequency: float,
-    order: int = 3,
-    cutoff: float = 20.0,
-    measured_delay: Quantity | None = None,
+    frequency: float, order: int = 3, cutoff: float = 20.0, measured_delay: Quantity | None = None
 ) -> FilterLag:
     """Return amplitude and lag of the load cell's low-pass at one frequency.
 
@@ -293,9 +289,7 @@ def filter_lag(
     if measured_delay is not None:
         turn = 2 * math.pi * frequency
         phase, u_phase = turn * measured_delay.value, turn * measured_delay.u
-        return FilterLag(
-            gains[0], u_gain, phase, u_phase, measured_delay.value, "delay measured, see the record"
-        )
+        return FilterLag(gains[0], u_gain, phase, u_phase, measured_delay.value, "delay measured, see the record")
     delay = phases[0] / (2 * math.pi * frequency)
     return FilterLag(gains[0], u_gain, phases[0], _edge(phases[0], phases), delay, _NOTE)
 
@@ -304,11 +298,7 @@ def _poles(order: int) -> list[NDArray[np.complex128]]:
     """Poles of Butterworth, Bessel and equal real poles, all 1/√2 at the angular frequency 1."""
     # n equal real poles have amplitude 1/√2 at the cutoff when each lies this much higher.
     higher = 1.0 / math.sqrt(2.0 ** (1.0 / order) - 1.0)
-    return [
-        signal.buttap(order)[1],
-        signal.besselap(order, norm="mag")[1],
-        np.full(order, -higher, dtype=complex),
-    ]
+    return [signal.buttap(order)[1], signal.besselap(order, norm="mag")[1], np.full(order, -higher, dtype=complex)]
 
 
 def _response(poles: NDArray[np.complex128], ratio: float) -> tuple[float, float]:

@@ -217,11 +217,7 @@ class CameraRecord(Record, frozen=True, forbid_unknown_fields=True, kw_only=True
 
 
 #: Every kind of record.
-KINDS: dict[str, type[Record]] = {
-    "camera": CameraRecord,
-    "laser": LaserRecord,
-    "load_cell": LoadCellRecord,
-}
+KINDS: dict[str, type[Record]] = {"camera": CameraRecord, "laser": LaserRecord, "load_cell": LoadCellRecord}
 
 
 def load_record(path: str | os.PathLike[str]) -> Record:
@@ -349,16 +345,12 @@ def _plain(text: str) -> str:
 
 def _other_sensor(record: Record, found: str, expected: str) -> CalibrationError:
     return CalibrationError(
-        f'record "{record.id}" calibrates {expected}, the readings come from {found}; '
-        "take the record of that sensor"
+        f'record "{record.id}" calibrates {expected}, the readings come from {found}; take the record of that sensor'
     )
 
 
 def _check_validity(
-    record: Record,
-    attrs: Mapping[str, Any],
-    measured: str | date | None,
-    ignore_validity: bool,
+    record: Record, attrs: Mapping[str, Any], measured: str | date | None, ignore_validity: bool
 ) -> str:
     day = _day(measured if measured is not None else str(attrs.get("start", "")))
     if day is None:

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, optimize, signal
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.units import Quantity
-
-Array = NDArray[np.float64]
 
 _FEWEST_LINES = 4  # a pitch with an honest uncertainty needs a few lines
 _BANDS = 8  # pieces of the image in which the lines are located, for the tilt
@@ -38,7 +37,7 @@ class Ruler:
 
     pitch: Quantity
     tilt: Quantity
-    lines: Array
+    lines: Floats
     residual: float
 
 
@@ -88,15 +87,11 @@ def graduations(image: NDArray[np.generic], *, axis: str = "x", dark: bool = Tru
     number = np.rint((at_middle - at_middle[0]) / np.median(np.diff(at_middle)))
     fit, covariance = np.polyfit(number, at_middle, 1, cov=True)
     residual = at_middle - np.polyval(fit, number)
-    pitch = Quantity(
-        float(fit[0] * np.cos(tilt)), float(np.sqrt(covariance[0, 0]) * np.cos(tilt)), "px"
-    )
-    return Ruler(
-        pitch, Quantity(tilt, float(u_drift), "rad"), at_middle, float(residual.std(ddof=2))
-    )
+    pitch = Quantity(float(fit[0] * np.cos(tilt)), float(np.sqrt(covariance[0, 0]) * np.cos(tilt)), "px")
+    return Ruler(pitch, Quantity(tilt, float(u_drift), "rad"), at_middle, float(residual.std(ddof=2)))
 
 
-def _lines(profile: Array) -> Array:
+def _lines(profile: Floats) -> Floats:
     """Find equally strong maxima of a profile and their centroids."""
     smooth = ndimage.gaussian_filter1d(profile, 1.0)
     flat = smooth - ndimage.percentile_filter(smooth, 50, size=max(31, profile.size // 8))
@@ -121,7 +116,7 @@ def _lines(profile: Array) -> Array:
     return _near(profile, peaks.astype(float), typical / 2)
 
 
-def _near(profile: Array, centres: Array, half: float) -> Array:
+def _near(profile: Floats, centres: Floats, half: float) -> Floats:
     """Refine every centre to the centroid of the profile above its own ground."""
     reach = max(2, int(half * 0.8))
     refined = np.array(centres, float)
@@ -136,7 +131,7 @@ def _near(profile: Array, centres: Array, half: float) -> Array:
     return refined
 
 
-def _slope(x: Array, y: Array) -> tuple[float, float]:
+def _slope(x: Floats, y: Floats) -> tuple[float, float]:
     """Return the common slope of several lines y(x), shape (x, line), and its standard error."""
     per_line = (x @ y) / (x @ x)
     count = per_line.size
@@ -144,9 +139,8 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
 
 
 def edge_distance(
-    image: NDArray[np.generic], start: tuple[float, float], end: tuple[float, float], *,
-    width: int = 9,
-) -> Quantity:  # fmt: skip
+    image: NDArray[np.generic], start: tuple[float, float], end: tuple[float, float], *, width: int = 9
+) -> Quantity:
     """Measure the distance of two edges, for example those of the holder, along a line.
 
     Parameters
@@ -190,7 +184,7 @@ def edge_distance(
     return Quantity(float(distance.mean()), float(distance.std(ddof=1) / np.sqrt(width)), "px")
 
 
-def _edge(position: Array, profile: Array) -> float:
+def _edge(position: Floats, profile: Floats) -> float:
     """Locate one edge by a smooth step (tanh) fitted to the profile."""
     gradient = np.abs(np.gradient(ndimage.gaussian_filter1d(profile, 2.0), position))
     guess = float(position[np.argmax(gradient)])
@@ -200,7 +194,7 @@ def _edge(position: Array, profile: Array) -> float:
         message = "no edge stands out of the noise; move the line or improve the light"
         raise InputError(message)
 
-    def step(x: Array, centre: float, blur: float, left: float, right: float) -> Array:
+    def step(x: Floats, centre: float, blur: float, left: float, right: float) -> Floats:
         return left + (right - left) * 0.5 * (1 + np.tanh((x - centre) / blur))
 
     fit, _ = optimize.curve_fit(step, position, profile, p0=(guess, 1.5, low, high), maxfev=2000)

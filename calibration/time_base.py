@@ -70,11 +70,7 @@ def filter_delay(averaging: int, cycle: float) -> float:
     return (averaging - 1) / 2 * cycle
 
 
-def time_base(
-    attrs: Mapping[str, Any],
-    deviation: Quantity | None = None,
-    averaging: int | None = None,
-) -> TimeBase:
+def time_base(attrs: Mapping[str, Any], deviation: Quantity | None = None, averaging: int | None = None) -> TimeBase:
     """Settle the time base of a record.
 
     Parameters

@@ -1,4 +1,4 @@
-"""One room per instrument: bytes to Dataset, and back.
+"""Instruments: recognising, reading and writing their files; one package each.
 
 :func:`read` tells the instrument from the content of a file, never from its name. Each room is a
 package whose face defines one :class:`Instrument`; :data:`OURS` lists them in the order in which
@@ -59,9 +59,7 @@ __all__ = [
 OURS = (MACH1, PHANTOM, ANTON_PAAR, PLAIN_TABLE, DICE, IMAGE_STACK, KEYENCE)
 
 
-class Options(
-    KeyenceOptions, Mach1Options, AntonPaarOptions, TableOptions, ImageOptions, DiceOptions
-):
+class Options(KeyenceOptions, Mach1Options, AntonPaarOptions, TableOptions, ImageOptions, DiceOptions):
     """Every option of :func:`read`; each instrument takes those of its own ``Options``."""
 
 
@@ -129,9 +127,7 @@ def _identify(path: Path) -> Instrument:
     head = _head(path)
     if path.suffix == ".recording":
         raise SourceError(
-            path,
-            "this is an unfinished recording",
-            hint=f"Finish it with `labpipe acquire recover {path}`.",
+            path, "this is an unfinished recording", hint=f"Finish it with `labpipe acquire recover {path}`."
         )
     for each in OURS:
         if each.sniff(head, path):
@@ -148,7 +144,7 @@ def _identify(path: Path) -> Instrument:
 
 
 def _is_from(plugin: Plugin[Instrument], head: bytes, path: Path) -> bool:
-    """Ask a plug-in; one that fails is told, once, and does not know the file."""
+    """Ask a plug-in; a failing one is reported once and counts as not knowing the file."""
     try:
         return plugin.found is not None and bool(plugin.found.sniff(head, path))
     except Exception as error:  # somebody else's code may raise anything
@@ -168,21 +164,17 @@ def _head(path: Path) -> bytes:
             return b""
         if not stat.S_ISREG(mode):
             raise SourceError(
-                path, f"is {_SPECIAL.get(stat.S_IFMT(mode), 'no regular file')}, expected a file",
-                hint="Write what comes from it into a file first.",
-            )  # fmt: skip
+                path,
+                f"is {_SPECIAL.get(stat.S_IFMT(mode), 'no regular file')}, expected a file",
+                hint="Save its output to a file first.",
+            )
         with path.open("rb") as stream:
             return stream.read(HEAD_BYTES)
     except OSError as error:
         raise _unopened(path, error) from None
 
 
-_SPECIAL = {
-    stat.S_IFIFO: "a named pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
+_SPECIAL = {stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device"}
 
 
 def _unopened(path: Path, error: OSError) -> SourceError:
@@ -291,9 +283,10 @@ def _read(reader: Instrument, path: Path, options: Any) -> xr.Dataset | FrameSou
         if reader in OURS:
             raise
         raise SourceError(
-            path, f'the plug-in "{reader.name}" failed: {type(error).__name__}: {error}',
-            hint="Tell who maintains it; `labpipe doctor` says which distribution it is of.",
-        ) from error  # fmt: skip
+            path,
+            f'the plug-in "{reader.name}" failed: {type(error).__name__}: {error}',
+            hint="Report it to its maintainer; `labpipe doctor` names the distribution.",
+        ) from error
     return found
 
 

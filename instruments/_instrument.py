@@ -1,4 +1,4 @@
-"""What an instrument is: one object that tells its files, reads and writes them.
+"""Description of an instrument: one object that recognises, reads and writes its files.
 
 A room (a package below this one, or of another distribution) defines one. Its face is imported
 whenever a file is to be told, so it imports no numerical library: readers are named as

@@ -37,9 +37,7 @@ class Window:
             with path.open("rb") as file:
                 self._map = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         except ValueError:
-            raise SourceError(
-                path, "the file is empty", hint="Copy it again from the instrument."
-            ) from None
+            raise SourceError(path, "the file is empty", hint="Copy it again from the instrument.") from None
         except OSError as error:
             raise SourceError(path, f"cannot be opened: {error.strerror}") from None
         self.bytes: NDArray[np.uint8] = np.frombuffer(self._map, np.uint8)
@@ -106,8 +104,7 @@ class Window:
         if offset < 0 or length < 0 or offset + length > self.size:
             raise SourceError(
                 self.path,
-                f"{what} would need bytes {offset} to {offset + length}, "
-                f"but the file holds {self.size}",
+                f"{what} would need bytes {offset} to {offset + length}, but the file holds {self.size}",
                 offset=max(0, min(offset, self.size)),
                 hint="The file is truncated or damaged; copy it again from the camera.",
             )

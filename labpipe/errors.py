@@ -83,23 +83,11 @@ class SourceError(LabpipeError):
 
     def __reduce__(self) -> tuple[object, ...]:
         """Rebuild from the fields, so that the error survives a process boundary."""
-        return _rebuild_source_error, (
-            self.path,
-            self.message,
-            self.line,
-            self.column,
-            self.offset,
-            self.hint,
-        )
+        return _rebuild_source_error, (self.path, self.message, self.line, self.column, self.offset, self.hint)
 
 
 def _rebuild_source_error(
-    path: str,
-    message: str,
-    line: int | None,
-    column: int | None,
-    offset: int | None,
-    hint: str | None,
+    path: str, message: str, line: int | None, column: int | None, offset: int | None, hint: str | None
 ) -> SourceError:
     return SourceError(path, message, line=line, column=column, offset=offset, hint=hint)
 

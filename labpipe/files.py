@@ -331,9 +331,7 @@ def require_space(path: str | os.PathLike[str], needed: int) -> None:
         raise StorageError(message)
 
 
-def _replace(
-    path: Path, needed: int, fill: Callable[[Path], None], verify: Callable[[Path], None]
-) -> None:
+def _replace(path: Path, needed: int, fill: Callable[[Path], None], verify: Callable[[Path], None]) -> None:
     """Fill a temporary file beside ``path``, verify it, make it durable, and rename it."""
     # The temporary name is short whatever the final one is, so a 255-byte name still works.
     part = path.parent / f".{_machine()}-{os.getpid()}-{secrets.token_hex(4)}{PART_SUFFIX}"
@@ -427,9 +425,7 @@ def _free_or_none(path: Path) -> int | None:
 
 
 @contextlib.contextmanager
-def lock(
-    path: str | os.PathLike[str], *, shared: bool = False, wait: bool = True
-) -> Iterator[bool]:
+def lock(path: str | os.PathLike[str], *, shared: bool = False, wait: bool = True) -> Iterator[bool]:
     """Hold a lock of the operating system on a file while the block runs.
 
     The lock ends with its process, however that ends; the file stays and means nothing.
@@ -499,9 +495,7 @@ else:
 
 def canonical(value: Any) -> str:
     """JSON text that is the same for equal values: sorted keys, no spaces, NaN refused."""
-    return json.dumps(
-        value, sort_keys=True, ensure_ascii=False, separators=(",", ":"), allow_nan=False
-    )
+    return json.dumps(value, sort_keys=True, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
 
 
 def seal(value: Any) -> bytes:

@@ -96,9 +96,7 @@ class ArrayFrames(ShownFrames):
         self._images = images
         count = images.shape[0]
         self._time = np.arange(count, dtype=float) if time is None else np.asarray(time, float)
-        self._exposure = (
-            None if exposure is None else np.broadcast_to(np.asarray(exposure, float), (count,))
-        )
+        self._exposure = None if exposure is None else np.broadcast_to(np.asarray(exposure, float), (count,))
         if levels is None:
             is_integer = images.dtype.kind in "iu"
             levels = (0.0, float(np.iinfo(str(images.dtype)).max)) if is_integer else (0.0, 1.0)

@@ -102,6 +102,4 @@ def _is_direction(character: str) -> bool:
 
 
 def _printable(text: str) -> str:
-    return "".join(
-        f"\\u{ord(c):04x}" if unicodedata.category(c) in ("Cc", "Cs", "Cf") else c for c in text
-    )
+    return "".join(f"\\u{ord(c):04x}" if unicodedata.category(c) in ("Cc", "Cs", "Cf") else c for c in text)

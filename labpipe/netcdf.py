@@ -36,9 +36,7 @@ def prepare(dataset: xr.Dataset) -> xr.Dataset:
         if not isinstance(name, str):
             message = f"the name of a variable must be text, found {name!r}"
             raise InputError(message)
-        variables[name] = xr.Variable(
-            variable.dims, _storable(name, variable.values), _attributes(variable.attrs)
-        )
+        variables[name] = xr.Variable(variable.dims, _storable(name, variable.values), _attributes(variable.attrs))
     coordinates = {name: variables.pop(str(name)) for name in clean.coords}
     return xr.Dataset(variables, coordinates, _attributes(clean.attrs))
 
@@ -234,9 +232,7 @@ def _given(holder: Any) -> dict[str, Any]:
 
 
 def _load(path: Path) -> xr.Dataset:
-    with xr.open_dataset(
-        path, engine="netcdf4", decode_times=False, mask_and_scale=False, cache=False
-    ) as opened:
+    with xr.open_dataset(path, engine="netcdf4", decode_times=False, mask_and_scale=False, cache=False) as opened:
         dataset = opened.load()
     for name, variable in dataset.variables.items():
         if variable.dtype.kind == "O":  # older releases of xarray return text as objects
@@ -255,7 +251,6 @@ def _check_sizes(path: Path, handle: netCDF4.Dataset) -> None:
     allowed = actual * (_LARGEST_RATIO if is_compressed else 1) + _SLACK
     if declared > allowed:
         message = (
-            f"{path}: damaged: it declares {declared} bytes of data but is {actual} bytes long; "
-            "delete it and run again"
+            f"{path}: damaged: it declares {declared} bytes of data but is {actual} bytes long; delete it and run again"
         )
         raise StoreError(message)

@@ -80,10 +80,7 @@ def separators(cells: Iterable[str]) -> Separators:
 def _evidence(cell: str) -> tuple[Separators, ...] | None:
     """Return what a cell proves; () when it may be read in two ways; None when it says nothing."""
     has_comma, has_dot = "," in cell, "." in cell
-    if (
-        not (has_comma or has_dot)
-        or not cell.strip("+-").replace(",", "").replace(".", "").isdigit()
-    ):
+    if not (has_comma or has_dot) or not cell.strip("+-").replace(",", "").replace(".", "").isdigit():
         return None
     sign, other = (",", ".") if has_comma else (".", ",")
     if has_comma and has_dot:

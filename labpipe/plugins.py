@@ -55,9 +55,7 @@ class Plugin(Generic[T]):
         return Plugin(self.name, self.distribution, None, problem)
 
 
-def survey(
-    entries: "Iterable[EntryPoint]", expected: type[T], taken: Sequence[str] = ()
-) -> tuple[Plugin[T], ...]:
+def survey(entries: "Iterable[EntryPoint]", expected: type[T], taken: Sequence[str] = ()) -> tuple[Plugin[T], ...]:
     """Load every entry point of a group.
 
     Parameters
@@ -94,9 +92,7 @@ def tell(plugins: Iterable[Plugin[T]]) -> None:
 
 
 def _distribution(entry: "EntryPoint") -> str:
-    return "an unknown distribution" if entry.dist is None else (
-        f"{entry.dist.name} {entry.dist.version}"
-    )  # fmt: skip
+    return "an unknown distribution" if entry.dist is None else (f"{entry.dist.name} {entry.dist.version}")
 
 
 def _loaded(entry: "EntryPoint", expected: type[T]) -> Plugin[T]:

@@ -49,17 +49,11 @@ def check(dataset: "xr.Dataset", schema: Schema) -> "xr.Dataset":
         if tuple(map(str, found.dims)) != expected.dims:
             problems.append(f'"{name}" has dimensions {found.dims}, expected {expected.dims}')
         if found.attrs.get("units", "") != expected.units:
-            problems.append(
-                f'"{name}" is in "{found.attrs.get("units", "")}", expected "{expected.units}"'
-            )
+            problems.append(f'"{name}" is in "{found.attrs.get("units", "")}", expected "{expected.units}"')
     for name in map(str, dataset.data_vars):
         attrs = dataset[name].attrs
         is_number = dataset[name].dtype.kind in "fiu"
-        problems += [
-            f'"{name}" carries no {key}'
-            for key in ("units", "long_name")
-            if is_number and key not in attrs
-        ]
+        problems += [f'"{name}" carries no {key}' for key in ("units", "long_name") if is_number and key not in attrs]
         if name.startswith("u_") and name[2:] not in dataset.variables:
             problems.append(f'"{name}" stands without "{name[2:]}"')
     if problems:

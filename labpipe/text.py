@@ -124,9 +124,7 @@ class TextFile:
 
 
 def survey(
-    path: str | os.PathLike[str],
-    declared: Sequence[str] = ("cp1252",),
-    limits: Limits | None = None,
+    path: str | os.PathLike[str], declared: Sequence[str] = ("cp1252",), limits: Limits | None = None
 ) -> TextFile:
     """Settle the codec of a text file and whether it is complete, without keeping its text.
 
@@ -367,13 +365,7 @@ def parse_row(
 
 
 def check_width(
-    line: str,
-    cells: Sequence[str],
-    n_columns: int,
-    delimiter: str,
-    *,
-    path: str | os.PathLike[str],
-    line_number: int,
+    line: str, cells: Sequence[str], n_columns: int, delimiter: str, *, path: str | os.PathLike[str], line_number: int
 ) -> None:
     """Refuse a row with missing or additional cells."""
     if len(cells) == n_columns:
@@ -390,17 +382,9 @@ def check_width(
     )
 
 
-def not_a_number(
-    cell: str, *, path: str | os.PathLike[str], line_number: int, column: int
-) -> SourceError:
+def not_a_number(cell: str, *, path: str | os.PathLike[str], line_number: int, column: int) -> SourceError:
     """Make the error for a cell that should be a number."""
     hint = "Correct the cell, or export the file again."
     if "," in cell and is_number(cell.replace(",", ".", 1)):
         hint = 'If the comma is the decimal sign, give decimal=","; it is not guessed here.'
-    return SourceError(
-        path,
-        f"found {shorten(cell)}, expected a number",
-        line=line_number,
-        column=column,
-        hint=hint,
-    )
+    return SourceError(path, f"found {shorten(cell)}, expected a number", line=line_number, column=column, hint=hint)

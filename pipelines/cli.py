@@ -40,9 +40,7 @@ COMMANDS: dict[str, Command] = {
     "compare": Command(f"{_HOME}.compare:compare", "Compare measurement and model on one page."),
     "catalogue": Command(f"{_HOME}.catalogue:catalogue", "List many sessions as one table."),
     "identify": Command(f"{_HOME}.identify:identify", "Identify the material of the experiments."),
-    "sensitivity": Command(
-        f"{_HOME}.sensitivity:sensitivity", "Show which inputs limit each uncertainty."
-    ),
+    "sensitivity": Command(f"{_HOME}.sensitivity:sensitivity", "Show which inputs limit each uncertainty."),
     "figures": Command(f"{_HOME}.figures:figures", "Draw the thesis's figures by number."),
     "simulate": Command(f"{_HOME}.simulate:simulate", "Run the bundled simulator alone."),
     "sweep": Command(f"{_HOME}.sweep:sweep", "Map the simulator over its parameters."),

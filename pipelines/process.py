@@ -13,6 +13,8 @@ from pipelines.session import (
     report,
     result,
     results,
+    verdict,
+    verdicts_of,
     watch,
 )
 
@@ -29,5 +31,7 @@ __all__ = [
     "report",
     "result",
     "results",
+    "verdict",
+    "verdicts_of",
     "watch",
 ]

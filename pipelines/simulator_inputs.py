@@ -47,10 +47,7 @@ def thermal_of(name: str, heat_capacity: float | None, conductivity: float | Non
     capacity = heat_capacity or (known.heat_capacity if known else None)
     conducts = conductivity or (known.conductivity if known else None)
     if density is None or capacity is None or conducts is None:
-        message = (
-            f"{name}: self-heating needs a density (in the file), a heat capacity and a "
-            "conductivity, all three"
-        )
+        message = f"{name}: self-heating needs a density (in the file), a heat capacity and a conductivity, all three"
         raise InputError(message)
     return Thermal(density, capacity, conducts)
 
@@ -63,14 +60,7 @@ def _of_library(name: str) -> "Material":
 
 
 def ramp_hold_oscillation(
-    mean: float,
-    amplitude: float,
-    frequency: float,
-    cycles: int,
-    *,
-    hold: float,
-    ramp: float,
-    per_cycle: int,
+    mean: float, amplitude: float, frequency: float, cycles: int, *, hold: float, ramp: float, per_cycle: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Sample a punch that presses in, holds, then oscillates.
 

@@ -87,9 +87,8 @@ def _is_workbook(path: Path) -> bool:
     try:
         with zipfile.ZipFile(path) as archive:
             names = [
-                n for n in archive.namelist()
-                if n == "xl/sharedStrings.xml" or n.startswith("xl/worksheets/sheet1")
-            ]  # fmt: skip
+                n for n in archive.namelist() if n == "xl/sharedStrings.xml" or n.startswith("xl/worksheets/sheet1")
+            ]
             for name in names:
                 with archive.open(name) as stream:
                     text = stream.read(16 * HEAD_BYTES).decode("utf-8", errors="replace")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from instruments.anton_paar import _words as words
 from instruments.anton_paar._values import Column, Interval
 from labpipe.errors import InputError
+from labpipe.variables import described, variable
 
 DEVICE = "Anton Paar rheometer"
 #: The loss factor that RheoCompass writes when it cannot tell one.
@@ -43,23 +44,21 @@ def assemble(intervals: Sequence[Interval], **attrs: Any) -> xr.Dataset:
             _put(variables, column, start, int(starts[-1]))
     tests, results = _numbered(intervals)
     coords = {
-        name: (_SAMPLE, np.repeat(np.asarray(values, dtype=np.int64), counts),
-               {"units": "1", "long_name": text})
+        name: variable(_SAMPLE, np.repeat(np.asarray(values, dtype=np.int64), counts), "1", text)
         for name, values, text in (
             ("test", tests, "number of the test, from 0"),
             ("result", results, "number of the result in its test, from 0"),
             ("interval", [i.number for i in intervals], "number of the interval, as in the file"),
         )
-    }  # fmt: skip
-    coords["point"] = (
-        _SAMPLE,
-        np.concatenate([i.point for i in intervals]),
-        {"units": "1", "long_name": "number of the point, 0 where the file gives none"},
+    }
+    coords["point"] = variable(
+        _SAMPLE, np.concatenate([i.point for i in intervals]), "1", "number of the point, 0 where the file gives none"
     )
-    variables["is_valid"] = (
+    variables["is_valid"] = variable(
         _SAMPLE,
         np.concatenate([i.is_valid for i in intervals]).astype(np.int8),
-        {"units": "1", "long_name": "0 where the instrument marked the point invalid"},
+        "1",
+        "0 where the instrument marked the point invalid",
     )
     dataset = xr.Dataset(variables, coords=coords)
     dataset.attrs = {
@@ -75,10 +74,8 @@ def _put(variables: dict[str, Any], column: Column, start: int, total: int) -> N
     """Write a column into its place."""
     if column.name not in variables:
         is_text = isinstance(column.values, list)
-        empty: NDArray[Any] = (
-            np.full(total, "", dtype=object) if is_text else np.full(total, np.nan)
-        )
-        attrs = {"units": "1" if is_text else column.si, "long_name": column.header}
+        empty: NDArray[Any] = np.full(total, "", dtype=object) if is_text else np.full(total, np.nan)
+        attrs = described("1" if is_text else column.si, column.header)
         variables[column.name] = (_SAMPLE, empty, attrs)
     array, attrs = variables[column.name][1], variables[column.name][2]
     is_text = isinstance(column.values, list)
@@ -109,9 +106,7 @@ def _numbered(intervals: Sequence[Interval]) -> tuple[list[int], list[int]]:
     return tests, results
 
 
-def _described(
-    intervals: Sequence[Interval], tests: Sequence[int], results: Sequence[int]
-) -> list[dict[str, Any]]:
+def _described(intervals: Sequence[Interval], tests: Sequence[int], results: Sequence[int]) -> list[dict[str, Any]]:
     """Return one entry per interval: names, counts, and the columns as they stand in the file."""
     return [
         {
@@ -124,13 +119,17 @@ def _described(
             "rows": int(interval.point.size),
             **({"sheet": interval.sheet} if interval.sheet else {}),
             "columns": [
-                {"name": c.name, "header": c.header, "unit": c.unit,
-                 **({"sub_label": c.sub_label} if c.sub_label else {})}
+                {
+                    "name": c.name,
+                    "header": c.header,
+                    "unit": c.unit,
+                    **({"sub_label": c.sub_label} if c.sub_label else {}),
+                }
                 for c in interval.columns
             ],
         }
         for interval, test, result in zip(intervals, tests, results, strict=True)
-    ]  # fmt: skip
+    ]
 
 
 def _unclipped(dataset: xr.Dataset) -> xr.Dataset:
@@ -152,10 +151,8 @@ def _unclipped(dataset: xr.Dataset) -> xr.Dataset:
         fresh = np.where(clipped & is_real, ratio, fresh)
     dataset = dataset.assign(
         loss_factor=(_SAMPLE, fresh, dataset["loss_factor"].attrs),
-        is_clipped=(
-            _SAMPLE,
-            clipped.astype(np.int8),
-            {"units": "1", "long_name": "1 where the file's loss factor is clipped at 20000"},
+        is_clipped=variable(
+            _SAMPLE, clipped.astype(np.int8), "1", "1 where the file's loss factor is clipped at 20000"
         ),
     )
     dataset.attrs["clipped_loss_factors"] = int(clipped.sum())
@@ -172,21 +169,21 @@ def _frequencies(dataset: xr.Dataset) -> xr.Dataset:
     absent = np.full(count, np.nan)
     from_omega = absent if omega is None else omega.values / (2 * np.pi)
     from_hertz = absent if hertz is None else hertz.values * (2 * np.pi)
-    dataset.attrs["derived"] = "frequency" if hertz is None else (
-        "angular_frequency" if omega is None else ""
-    )  # fmt: skip
+    dataset.attrs["derived"] = "frequency" if hertz is None else ("angular_frequency" if omega is None else "")
     return dataset.assign(
-        frequency=(
-            _SAMPLE, from_omega if hertz is None else np.where(
-                np.isnan(hertz.values), from_omega, hertz.values),
-            {"units": "Hz", "long_name": "Frequency"},
+        frequency=variable(
+            _SAMPLE,
+            from_omega if hertz is None else np.where(np.isnan(hertz.values), from_omega, hertz.values),
+            "Hz",
+            "Frequency",
         ),
-        angular_frequency=(
-            _SAMPLE, from_hertz if omega is None else np.where(
-                np.isnan(omega.values), from_hertz, omega.values),
-            {"units": "rad/s", "long_name": "Angular Frequency"},
+        angular_frequency=variable(
+            _SAMPLE,
+            from_hertz if omega is None else np.where(np.isnan(omega.values), from_hertz, omega.values),
+            "rad/s",
+            "Angular Frequency",
         ),
-    )  # fmt: skip
+    )
 
 
 def intervals_of(dataset: xr.Dataset) -> list[Interval]:
@@ -198,14 +195,14 @@ def intervals_of(dataset: xr.Dataset) -> list[Interval]:
         It has another form.
     """
     try:
-        described = json.loads(dataset.attrs["tests"])
-        stops = np.cumsum([entry["rows"] for entry in described])
+        stated = json.loads(dataset.attrs["tests"])
+        stops = np.cumsum([entry["rows"] for entry in stated])
         if not len(stops) or int(stops[-1]) != dataset.sizes["sample"]:
             message = "the attribute tests does not fit the samples"
             raise InputError(message)
         return [
             _interval(dataset.isel(sample=slice(int(stop) - entry["rows"], int(stop))), entry)
-            for entry, stop in zip(described, stops, strict=True)
+            for entry, stop in zip(stated, stops, strict=True)
         ]
     except KeyError as error:
         message = f"not a Dataset of this reader: {error} is missing"
@@ -214,22 +211,30 @@ def intervals_of(dataset: xr.Dataset) -> list[Interval]:
 
 def _interval(part: xr.Dataset, entry: dict[str, Any]) -> Interval:
     columns = []
-    for described in entry["columns"]:
-        variable = part[described["name"]]
-        is_text = variable.dtype.kind not in "fiu"
-        values = [str(v) for v in variable.values] if is_text else variable.values.astype(float)
+    for stated in entry["columns"]:
+        values_of = part[stated["name"]]
+        is_text = values_of.dtype.kind not in "fiu"
+        values = [str(v) for v in values_of.values] if is_text else values_of.values.astype(float)
         columns.append(
             Column(
-                described["name"], described["header"], described["unit"],
-                "" if is_text else variable.attrs["units"], values,
-                described.get("sub_label", ""),
+                stated["name"],
+                stated["header"],
+                stated["unit"],
+                "" if is_text else values_of.attrs["units"],
+                values,
+                stated.get("sub_label", ""),
             )
-        )  # fmt: skip
+        )
     return Interval(
-        entry["test_name"], entry["result_name"], entry["interval"], entry["declared"],
-        part["point"].values.astype(np.int64), part["is_valid"].values.astype(bool),
-        tuple(columns), sheet=entry.get("sheet", ""),
-    )  # fmt: skip
+        entry["test_name"],
+        entry["result_name"],
+        entry["interval"],
+        entry["declared"],
+        part["point"].values.astype(np.int64),
+        part["is_valid"].values.astype(bool),
+        tuple(columns),
+        sheet=entry.get("sheet", ""),
+    )
 
 
 def make_column(header: str, unit: str, values: Any) -> Column:
@@ -253,6 +258,11 @@ def make_interval(
     """Make an interval of valid points, numbered from 1."""
     count = len(columns[0].values)
     return Interval(
-        test, result, number, count if declared is None else declared,
-        np.arange(1, count + 1), np.ones(count, dtype=bool), tuple(columns),
-    )  # fmt: skip
+        test,
+        result,
+        number,
+        count if declared is None else declared,
+        np.arange(1, count + 1),
+        np.ones(count, dtype=bool),
+        tuple(columns),
+    )

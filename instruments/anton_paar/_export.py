@@ -84,9 +84,7 @@ def read(
         export, how = read_table(path, workbook_rows(path)), {"encoding": "xlsx"}
         _warn_of_project(export)
     else:
-        source = survey(
-            path, declared=(encoding,) if encoding else _CODECS, limits=limits or _LIMITS
-        )
+        source = survey(path, declared=(encoding,) if encoding else _CODECS, limits=limits or _LIMITS)
         _refuse_window_definition(source)
         sign = delimiter or delimiter_of(source)
         rows = _complete(source, text_rows(source, sign), allow_incomplete)
@@ -124,9 +122,7 @@ def _complete(source: TextFile, rows: Iterable[Row], allow: bool) -> Iterable[Ro
     for row in rows:
         if row.line == source.n_lines and not source.is_ended and allow:
             warnings.warn(
-                f"{source.path}:{row.line}: the last line is cut, it has no line end; it is "
-                "dropped",
-                stacklevel=4,
+                f"{source.path}:{row.line}: the last line is cut, it has no line end; it is dropped", stacklevel=4
             )
             return
         yield row
@@ -138,9 +134,7 @@ def _check_last(source: TextFile, export: Export, allow: bool) -> None:
         return
     last = export.intervals[-1]
     if last.rows and last.rows[-1].line == source.n_lines and _is_whole(last):
-        export.notes.append(
-            "the last line has no line end; its table is complete, but further ones may be lost"
-        )
+        export.notes.append("the last line has no line end; its table is complete, but further ones may be lost")
         return
     raise SourceError(
         source.path,

@@ -1,4 +1,4 @@
-"""Rows of cells from a text file or a workbook of any size that is allowed."""
+"""Rows of cells from a text file or a workbook, within a size limit."""
 
 import csv
 import re
@@ -20,10 +20,21 @@ _MOST_ROWS = 1_048_576  # of a sheet, what spreadsheets can hold
 
 # What a damaged workbook makes openpyxl, zipfile and expat raise.
 _DAMAGE = (
-    zipfile.BadZipFile, zlib.error, OSError, EOFError, KeyError, ValueError, TypeError,
-    IndexError, AttributeError, SyntaxError, NotImplementedError, RuntimeError, OverflowError,
+    zipfile.BadZipFile,
+    zlib.error,
+    OSError,
+    EOFError,
+    KeyError,
+    ValueError,
+    TypeError,
+    IndexError,
+    AttributeError,
+    SyntaxError,
+    NotImplementedError,
+    RuntimeError,
+    OverflowError,
     AssertionError,
-)  # fmt: skip
+)
 
 
 def delimiter_of(source: TextFile) -> str:

@@ -116,13 +116,9 @@ class _Reader:
         self.dangling = 0  # line of a label after the last table
         self.is_last_blank = False
 
-    def fail(
-        self, row: Row, message: str, hint: str = "", column: int | None = None
-    ) -> SourceError:
+    def fail(self, row: Row, message: str, hint: str = "", column: int | None = None) -> SourceError:
         where = f"sheet {row.sheet}: " if row.sheet else ""
-        return SourceError(
-            self.export.path, where + message, line=row.line, column=column, hint=hint
-        )
+        return SourceError(self.export.path, where + message, line=row.line, column=column, hint=hint)
 
     def take(self, row: Row) -> None:
         """Take one row in."""
@@ -139,9 +135,7 @@ class _Reader:
                 self.close()
             return
         if len(cells) > _MOST_COLUMNS:
-            raise self.fail(
-                row, f"found {len(cells)} cells, no table has more than {_MOST_COLUMNS}"
-            )
+            raise self.fail(row, f"found {len(cells)} cells, no table has more than {_MOST_COLUMNS}")
         if self._is_label(cells):
             self._label(row, cells)
         elif self.current is None:
@@ -169,9 +163,7 @@ class _Reader:
         if len(values) == 2 and len(numbers) == 2:
             self._begin(row, numbers[0], numbers[1])
         elif meaning == "header" and len(values) > 1:
-            self.export.notes.append(
-                f"line {row.line}: a table without the line that states its number of points"
-            )
+            self.export.notes.append(f"line {row.line}: a table without the line that states its number of points")
             self._header(self._begin(row, len(self._siblings()) + 1, None), row, cells)
         elif meaning == "interval" and len(values) == 1 and numbers:
             self.number = numbers[0]
@@ -182,19 +174,14 @@ class _Reader:
             self._named(row, meaning, cells[0], text)
 
     def _siblings(self) -> list[RawInterval]:
-        return [
-            i for i in self.export.intervals
-            if (i.sheet, i.test, i.result) == (self.sheet, self.test, self.result)
-        ]  # fmt: skip
+        return [i for i in self.export.intervals if (i.sheet, i.test, i.result) == (self.sheet, self.test, self.result)]
 
     def _named(self, row: Row, meaning: str | None, name: str, text: str) -> None:
         self.export.header.append(f"{name}\t{text}")
         if meaning == "project":
             self.export.projects += 1
             if self.export.projects == 2 and not row.sheet:
-                self.export.notes.append(
-                    f"line {row.line}: a second project begins; exports were joined"
-                )
+                self.export.notes.append(f"line {row.line}: a second project begins; exports were joined")
         elif meaning == "test":
             self.test, self.result, self.unknown = text, "", []
         elif meaning == "result":
@@ -208,13 +195,10 @@ class _Reader:
             self.test = self.unknown[-2] if len(self.unknown) > 1 else self.unknown[-1]
             self.result = self.result or (self.unknown[-1] if len(self.unknown) > 1 else "")
             self.export.notes.append(
-                f"line {row.line}: the labels above are in no known language; "
-                f"{shorten(self.test)} is taken as the test"
+                f"line {row.line}: the labels above are in no known language; {shorten(self.test)} is taken as the test"
             )
         self.unknown = []
-        self.current = RawInterval(
-            self.test, self.result, number, declared, row.line, self.sheet or ""
-        )
+        self.current = RawInterval(self.test, self.result, number, declared, row.line, self.sheet or "")
         self.expects = "header"
         return self.current
 
@@ -227,9 +211,10 @@ class _Reader:
             current.headers.pop()
         if len(current.headers) < 2 or any(_WHOLE.fullmatch(h) for h in headers):
             raise self.fail(
-                row, f"found {shorten(' '.join(cells))}, expected the names of the columns",
+                row,
+                f"found {shorten(' '.join(cells))}, expected the names of the columns",
                 "The lines of the table were changed; export the file again.",
-            )  # fmt: skip
+            )
         self.header_line = row.line
         self.expects = "units"
 
@@ -238,9 +223,7 @@ class _Reader:
         stated = [c for c in inside if c]
         if stated and not cells[0] and all(_BRACKETS.fullmatch(c) for c in stated):
             if len(inside) > len(current.headers):
-                raise self.fail(
-                    row, f"found {len(inside)} units for {len(current.headers)} columns"
-                )
+                raise self.fail(row, f"found {len(inside)} units for {len(current.headers)} columns")
             current.units = inside + [""] * (len(current.headers) - len(inside))
             self.expects = "data"
             return
@@ -266,17 +249,19 @@ class _Reader:
         filled = len(cells) - current.first
         if filled > width:
             raise self.fail(
-                row, f"found {filled} cells, expected {width}: {shorten(' '.join(cells))}",
+                row,
+                f"found {filled} cells, expected {width}: {shorten(' '.join(cells))}",
                 "A cell was added; compare the row with its neighbours.",
-            )  # fmt: skip
+            )
         inside = inside[:width]
         if not row.sheet and len(inside) < width:
             lost = current.headers[len(inside) :]
             if any(words.column_name(h) not in words.TEXT_COLUMNS for h in lost):
                 raise self.fail(
-                    row, f"found {len(inside)} cells, expected {width}: {shorten(' '.join(cells))}",
+                    row,
+                    f"found {len(inside)} cells, expected {width}: {shorten(' '.join(cells))}",
                     "A cell is missing; compare the row with its neighbours.",
-                )  # fmt: skip
+                )
         is_short = not row.sheet and len(inside) < width
         inside = inside + [None] * (width - len(inside))
         current.rows.append(Row(row.line, inside, row.sheet, is_short))
@@ -286,9 +271,10 @@ class _Reader:
         # Above the first table one number may be a remark; several are a row that lost its table.
         if numbers > (0 if self.export.intervals else 1):
             raise self.fail(
-                row, f"found {shorten(' '.join(cells))} outside a table",
+                row,
+                f"found {shorten(' '.join(cells))} outside a table",
                 "An empty line stands inside the table, or its header is lost.",
-            )  # fmt: skip
+            )
         self.export.header.append(" ".join(cells))
 
     def close(self) -> None:
@@ -328,13 +314,9 @@ class _Reader:
         last = self.dangling if self.current is None else 0
         self.close()
         if last:
-            self.export.notes.append(
-                f"line {last}: the file ends after a label, before its table: it is cut"
-            )
+            self.export.notes.append(f"line {last}: the file ends after a label, before its table: it is cut")
         elif self.is_last_blank and not self.sheet:
-            self.export.notes.append(
-                "the file ends with an empty line, as before a further table: it may be cut"
-            )
+            self.export.notes.append("the file ends with an empty line, as before a further table: it may be cut")
         if not any(i.rows for i in self.export.intervals):
             raise SourceError(
                 self.export.path,

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from instruments.anton_paar import _words as words
 from instruments.anton_paar._table import Cell, RawInterval, text_of
+from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
 from labpipe.text import DOT, Separators, not_a_number, plain_number, separators, shorten
-
-Array = NDArray[np.float64]
 
 #: What stands where there is no reading.
 _ABSENT = ("", "-", "--", "---", "*")
@@ -30,7 +29,7 @@ class Column:
     header: str
     unit: str
     si: str
-    values: Array | list[str]
+    values: Floats | list[str]
     sub_label: str = ""
 
 
@@ -135,10 +134,7 @@ def interpret(raw: RawInterval, signs: Separators, path: Path, findings: Finding
         if name not in ("time", "interval_time"):
             values[~valid] = np.nan
         columns.append(Column(name, plan.header, plan.unit, si, values, sub))
-    return Interval(
-        raw.test, raw.result, raw.number, raw.declared, point, valid, tuple(columns),
-        raw.line, raw.sheet,
-    )  # fmt: skip
+    return Interval(raw.test, raw.result, raw.number, raw.declared, point, valid, tuple(columns), raw.line, raw.sheet)
 
 
 def _plan(raw: RawInterval, path: Path, findings: Findings) -> list[_Plan]:
@@ -149,9 +145,11 @@ def _plan(raw: RawInterval, path: Path, findings: Findings) -> list[_Plan]:
         if not header:
             if has_cells or raw.units[index]:
                 raise SourceError(
-                    path, f"column {index + 1} has no name", line=raw.line + 1,
+                    path,
+                    f"column {index + 1} has no name",
+                    line=raw.line + 1,
                     hint="Its name was deleted; export the file again.",
-                )  # fmt: skip
+                )
             continue
         name = words.column_name(header) or words.slug(header)
         if header.endswith(","):
@@ -170,9 +168,7 @@ def _plan(raw: RawInterval, path: Path, findings: Findings) -> list[_Plan]:
     return plans
 
 
-def _points(
-    raw: RawInterval, index: int | None, path: Path
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _points(raw: RawInterval, index: int | None, path: Path) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     count = len(raw.rows)
     valid = np.array([not row.is_short for row in raw.rows], dtype=bool)
     if index is None:
@@ -187,9 +183,11 @@ def _points(
         if found is None or found[0] <= before:
             expected = f"a number above {before}" if found else "a point number"
             raise SourceError(
-                path, f"found {shorten(text)}, expected {expected}", line=row.line,
+                path,
+                f"found {shorten(text)}, expected {expected}",
+                line=row.line,
                 hint="Rows are missing, repeated or moved; export the file again.",
-            )  # fmt: skip
+            )
         point[i] = before = found[0]
         valid[i] &= found[1]
     return point, valid
@@ -212,8 +210,7 @@ def _unit(raw: RawInterval, plan: _Plan, path: Path) -> tuple[float, str]:
             return 1.0, plan.unit.strip("[] ")  # an unknown quantity keeps its own unit
         raise SourceError(
             path,
-            f"found the unit {shorten(plan.unit)} of {plan.header}, expected one of "
-            f"{' or '.join(known)}",
+            f"found the unit {shorten(plan.unit)} of {plan.header}, expected one of {' or '.join(known)}",
             line=raw.line + 1,
             hint="Correct the row of units, or export again.",
         ) from None
@@ -236,18 +233,14 @@ def _by_unit(name: str, si: str) -> str:
     return name
 
 
-def _numbers(
-    raw: RawInterval, plan: _Plan, signs: Separators, path: Path, findings: Findings
-) -> Array:
+def _numbers(raw: RawInterval, plan: _Plan, signs: Separators, path: Path, findings: Findings) -> Floats:
     values = np.full(len(raw.rows), np.nan)
     for i, row in enumerate(raw.rows):
         # A workbook may hold numbers as text, with a dot whatever the country.
         value = _number(row.cells[plan.index], (DOT, signs) if row.sheet else (signs,))
         if value is None:
             column = sum(len(text_of(c)) + 1 for c in row.cells[: plan.index]) + raw.first + 1
-            raise not_a_number(
-                text_of(row.cells[plan.index]), path=path, line_number=row.line, column=column
-            )
+            raise not_a_number(text_of(row.cells[plan.index]), path=path, line_number=row.line, column=column)
         values[i] = value
         findings.absent += int(np.isnan(value))
     return values

@@ -18,11 +18,9 @@ from labpipe.errors import InputError
 LANGUAGES: dict[str, tuple[str, str, str, str, str]] = {
     "en": ("Project:", "Test:", "Result:", "Interval and data points:", "Interval data:"),
     "de": ("Projekt:", "Versuch:", "Ergebnis:", "Abschnitt und Datenpunkte:", "Abschnittsdaten:"),
-    "fr": ("Projet:", "Test:", "Résultat:", "Intervalle et points de données:",
-           "Intervalle données:"),
-    "pt": ("Projeto:", "Teste:", "Resultado:", "Intervalo e ponto de dados:",
-           "Dados do intervalo:"),
-}  # fmt: skip
+    "fr": ("Projet:", "Test:", "Résultat:", "Intervalle et points de données:", "Intervalle données:"),
+    "pt": ("Projeto:", "Teste:", "Resultado:", "Intervalo e ponto de dados:", "Dados do intervalo:"),
+}
 _POINT = {"en": "Point No.", "de": "Punkt-Nr.", "fr": "Point No.", "pt": "No. do Ponto"}
 _INVALID = {"en": "(invalid)", "de": "(ungültig)", "fr": "(invalide)", "pt": "(inválido)"}
 
@@ -157,8 +155,5 @@ def write(
     StorageError
         The file cannot be written.
     """
-    data = encode(
-        dataset, encoding=encoding, delimiter=delimiter, decimal=decimal, language=language,
-        digits=digits,
-    )  # fmt: skip
+    data = encode(dataset, encoding=encoding, delimiter=delimiter, decimal=decimal, language=language, digits=digits)
     files.write_bytes(path, data)

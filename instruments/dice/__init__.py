@@ -9,10 +9,7 @@ from labpipe.lazy import lazily
 if TYPE_CHECKING:
     from instruments.dice._solutions import is_solution, read
 else:
-    _HOMES = {
-        "is_solution": "_solutions",
-        "read": "_solutions",
-    }
+    _HOMES = {"is_solution": "_solutions", "read": "_solutions"}
     __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = ["INSTRUMENT", "Options", "is_solution", "read"]

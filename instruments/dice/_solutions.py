@@ -17,9 +17,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe import files, text
+from labpipe.arrays import Floats
 from labpipe.errors import SourceError
-
-Array = NDArray[np.float64]
+from labpipe.variables import variable
 
 _FILE = re.compile(r"^DICe_solution_(-?\d+)\.txt$")
 _FIELDS = {
@@ -71,9 +71,7 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None) -> xr.Datase
     folder = path if path.is_dir() else path.parent
     found = [path] if path.is_file() else files.files_below(folder)
     numbered = sorted(
-        (int(match.group(1)), p)
-        for p in found
-        if p.parent == folder and (match := _FILE.match(p.name)) is not None
+        (int(match.group(1)), p) for p in found if p.parent == folder and (match := _FILE.match(p.name)) is not None
     )
     if not numbered:
         raise SourceError(path, "no file DICe_solution_<number>.txt is there")
@@ -81,17 +79,19 @@ def read(path: str | os.PathLike[str], *, fps: float | None = None) -> xr.Datase
     return _dataset(path, header, np.stack(tables), np.array([n for n, _ in numbered]), fps)
 
 
-def _tables(paths: Sequence[Path]) -> tuple[list[str], list[Array]]:
+def _tables(paths: Sequence[Path]) -> tuple[list[str], list[Floats]]:
     header: list[str] = []
-    tables: list[Array] = []
+    tables: list[Floats] = []
     for path in paths:
         names, table = _one(path)
         if tables and names != header:
-            raise SourceError(path, f"has the fields {', '.join(names)}, but {paths[0].name} has "
-                              f"{', '.join(header)}")  # fmt: skip
+            raise SourceError(path, f"has the fields {', '.join(names)}, but {paths[0].name} has {', '.join(header)}")
         if tables and table.shape != tables[0].shape:
-            raise SourceError(path, f"holds {len(table)} points, expected {len(tables[0])} as in "
-                              f"{paths[0].name}", hint="The file may be cut off.")  # fmt: skip
+            raise SourceError(
+                path,
+                f"holds {len(table)} points, expected {len(tables[0])} as in {paths[0].name}",
+                hint="The file may be cut off.",
+            )
         header = names
         places = [names.index(n) for n in ("COORDINATE_X", "COORDINATE_Y")]
         if tables and not np.allclose(table[:, places], tables[0][:, places], atol=1e-3):
@@ -100,7 +100,7 @@ def _tables(paths: Sequence[Path]) -> tuple[list[str], list[Array]]:
     return header, tables
 
 
-def _one(path: Path) -> tuple[list[str], Array]:
+def _one(path: Path) -> tuple[list[str], Floats]:
     """Read one file: preamble lines of stars, the header, one line per point."""
     surveyed = text.survey(path)
     with path.open(encoding=surveyed.encoding) as stream:
@@ -113,9 +113,11 @@ def _one(path: Path) -> tuple[list[str], Array]:
     missing = [name for name in _REQUIRED if name not in header]
     if missing:
         raise SourceError(
-            path, f"the fields {', '.join(missing)} are missing; found {', '.join(header)}",
-            line=start + 1, hint="Ask DICe for them in its output specification.",
-        )  # fmt: skip
+            path,
+            f"the fields {', '.join(missing)} are missing; found {', '.join(header)}",
+            line=start + 1,
+            hint="Ask DICe for them in its output specification.",
+        )
     rows = []
     for number, line in enumerate(lines[start + 1 :], start + 2):
         if not line.strip():
@@ -139,35 +141,30 @@ def _number(path: Path, cell: str, line: int, column: int) -> float:
     return value
 
 
-def _dataset(
-    path: Path, header: list[str], values: Array, frames: NDArray[np.int64], fps: float | None
-) -> xr.Dataset:
+def _dataset(path: Path, header: list[str], values: Floats, frames: NDArray[np.int64], fps: float | None) -> xr.Dataset:
     columns = {name: values[:, :, k] for k, name in enumerate(header)}
     valid = np.isfinite(columns["DISPLACEMENT_X"]) & np.isfinite(columns["DISPLACEMENT_Y"])
     if "SIGMA" in columns:
         valid &= columns["SIGMA"] >= 0
     variables: dict[str, Any] = {
-        name: (("frame", "point"), np.where(valid, columns[field], np.nan),
-               {"units": units, "long_name": label})
-        for field, (name, units, label) in _FIELDS.items() if field in columns
-    }  # fmt: skip
-    variables["valid"] = (
-        ("frame", "point"), valid, {"units": "1", "long_name": "whether there is a displacement"},
-    )  # fmt: skip
+        name: variable(("frame", "point"), np.where(valid, columns[field], np.nan), units, label)
+        for field, (name, units, label) in _FIELDS.items()
+        if field in columns
+    }
+    variables["valid"] = variable(("frame", "point"), valid, "1", "whether there is a displacement")
     coordinates: dict[str, Any] = {
-        "frame": ("frame", frames, {"units": "1", "long_name": "number in the file name"}),
-        "x": ("point", columns["COORDINATE_X"][0], {"units": "px", "long_name": "column"}),
-        "y": ("point", columns["COORDINATE_Y"][0], {"units": "px", "long_name": "row"}),
+        "frame": variable("frame", frames, "1", "number in the file name"),
+        "x": variable("point", columns["COORDINATE_X"][0], "px", "column"),
+        "y": variable("point", columns["COORDINATE_Y"][0], "px", "row"),
     }
     if fps is not None:
         time = (frames - frames[0]) / fps
-        coordinates["time"] = ("frame", time, {"units": "s", "long_name": "time"})
+        coordinates["time"] = variable("frame", time, "s", "time")
     lost = int((~valid).sum())
     if lost:
-        warnings.warn(f"{path.name}: {lost} of {valid.size} points failed in DICe and are NaN",
-                      UserWarning, stacklevel=4)  # fmt: skip
+        warnings.warn(
+            f"{path.name}: {lost} of {valid.size} points failed in DICe and are NaN", UserWarning, stacklevel=4
+        )
     known = {*_FIELDS, "COORDINATE_X", "COORDINATE_Y", "SUBSET_ID"}
     other = ", ".join(name for name in header if name not in known)
-    return xr.Dataset(
-        variables, coordinates, {"instrument": "DICe", "source": path.name, "other_fields": other}
-    )
+    return xr.Dataset(variables, coordinates, {"instrument": "DICe", "source": path.name, "other_fields": other})

@@ -9,11 +9,7 @@ from labpipe.lazy import lazily
 if TYPE_CHECKING:
     from instruments.images._stack import ImageFrames, VideoFrames, read
 else:
-    _HOMES = {
-        "ImageFrames": "_stack",
-        "VideoFrames": "_stack",
-        "read": "_stack",
-    }
+    _HOMES = {"ImageFrames": "_stack", "VideoFrames": "_stack", "read": "_stack"}
     __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = ["INSTRUMENT", "ImageFrames", "Options", "VideoFrames", "read"]
@@ -41,8 +37,5 @@ INSTRUMENT = Instrument(
     sniff=_sniff,
     reader="instruments.images:read",
     options=Options,
-    unproposed=(
-        "images hold no time; add the experiment by hand, with the folder or file as its film and "
-        "frame_rate"
-    ),
+    unproposed=("images hold no time; add the experiment by hand, with the folder or file as its film and frame_rate"),
 )

@@ -1,4 +1,4 @@
-"""What an image file says of itself, read before a decoder sees it.
+"""Headers of image files, checked before decoding.
 
 A few bytes can declare an image of any size; sizes are therefore checked against limits and
 against the file first. Only what the films of a laboratory need is accepted: grey PNG and TIFF.
@@ -17,18 +17,9 @@ MOST_PAGES = 1 << 20  # of one TIFF
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 _TIFF_SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 16: 8, 13: 4}
-_WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS = (
-    256,
-    257,
-    258,
-    262,
-    273,
-    277,
-    279,
-)
+_WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS = (256, 257, 258, 262, 273, 277, 279)
 _TILE_OFFSETS, _TILE_COUNTS = 324, 325
-_WANTED = (_WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS, _TILE_OFFSETS,
-           _TILE_COUNTS)  # fmt: skip
+_WANTED = (_WIDTH, _LENGTH, _BITS, _PHOTOMETRIC, _OFFSETS, _SAMPLES, _COUNTS, _TILE_OFFSETS, _TILE_COUNTS)
 
 
 class ImageHeader(NamedTuple):
@@ -69,9 +60,10 @@ def read_headers(path: Path) -> list[ImageHeader]:
     except OSError as error:
         raise SourceError(path, f"cannot be opened: {error.strerror}") from None
     raise SourceError(
-        path, f"is neither PNG nor TIFF: it starts with {head[:8]!r}",
+        path,
+        f"is neither PNG nor TIFF: it starts with {head[:8]!r}",
         hint="Export the film as PNG or TIFF images, or give the camera's own file.",
-    )  # fmt: skip
+    )
 
 
 def _png(path: Path, head: bytes, tail: bytes) -> ImageHeader:
@@ -80,9 +72,11 @@ def _png(path: Path, head: bytes, tail: bytes) -> ImageHeader:
     columns, rows, bits, colour = struct.unpack(">IIBB", head[16:26])
     if colour != 0:
         raise SourceError(
-            path, f"the PNG is of colour type {colour}, expected 0 (grey)", offset=25,
+            path,
+            f"the PNG is of colour type {colour}, expected 0 (grey)",
+            offset=25,
             hint="A colour image has no single intensity; export the film as grey.",
-        )  # fmt: skip
+        )
     _check_size(path, rows, columns, bits)
     fault = "" if tail == _PNG_END else "the PNG is cut off: its end mark is missing"
     return ImageHeader(rows, columns, bits, fault)
@@ -185,8 +179,7 @@ class _Tiff:
         size = _TIFF_SIZES.get(kind, 0)
         layout = {1: "B", 2: "H", 4: "I", 8: "Q"}.get(size)
         if layout is None or count == 0 or count * size > len(self.data):
-            raise SourceError(self.path, f"a TIFF field of type {kind} and {count} values",
-                              offset=entry)  # fmt: skip
+            raise SourceError(self.path, f"a TIFF field of type {kind} and {count} values", offset=entry)
         room, place = (8, entry + 12) if self.is_big else (4, entry + 8)
         if count * size > room:
             place = self.unpack("Q" if self.is_big else "I", place)
@@ -198,9 +191,11 @@ class _Tiff:
         bits, samples = tags.get(_BITS, [1])[0], tags.get(_SAMPLES, [1])[0]
         if samples != 1 or tags.get(_PHOTOMETRIC, [1])[0] not in (0, 1):
             raise SourceError(
-                self.path, f"a page has {samples} samples per pixel or a palette; expected grey",
-                offset=at, hint="A colour image has no single intensity; export the film as grey.",
-            )  # fmt: skip
+                self.path,
+                f"a page has {samples} samples per pixel or a palette; expected grey",
+                offset=at,
+                hint="A colour image has no single intensity; export the film as grey.",
+            )
         _check_size(self.path, rows, columns, bits)
         starts = tags.get(_OFFSETS) or tags.get(_TILE_OFFSETS, [])
         sizes = tags.get(_COUNTS) or tags.get(_TILE_COUNTS, [])

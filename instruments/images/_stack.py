@@ -23,9 +23,7 @@ from labpipe.frames import ShownFrames
 
 _SUFFIXES = (".png", ".tif", ".tiff")
 _NUMBER = re.compile(r"-?\d+(?=\D*$)")
-_NEEDS_RATE = (
-    "Images hold no time: give the camera's frame rate, fps=10000 (in session.toml: frame_rate)."
-)
+_NEEDS_RATE = "Images hold no time: give the camera's frame rate, fps=10000 (in session.toml: frame_rate)."
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,8 +221,7 @@ class ImageFrames(ShownFrames):
         index %= len(self)
         place = self._places[index]
         if fault := self._fault(index):
-            raise SourceError(place.path, fault,
-                              hint="Use the frames marked in `.valid`.")  # fmt: skip
+            raise SourceError(place.path, fault, hint="Use the frames marked in `.valid`.")
         image = _decode(place)
         expected = (place.header.rows, place.header.columns)
         if image is None or image.shape != expected:
@@ -240,11 +237,13 @@ class ImageFrames(ShownFrames):
         """Return a view of a rectangle; a compressed image is decoded whole all the same."""
         inner, across = self._rows[rows], self._columns[columns]
         return ImageFrames(
-            self._places, self._time, self._exposure,
+            self._places,
+            self._time,
+            self._exposure,
             slice(inner.start, inner.stop, inner.step),
             slice(across.start, across.stop, across.step),
             self._faults,
-        )  # fmt: skip
+        )
 
 
 def _decode(place: _Place) -> NDArray[Any] | None:
@@ -289,9 +288,7 @@ class VideoFrames(ShownFrames):
         self._video.set(cv2.CAP_PROP_POS_FRAMES, 0)
         if count < declared:
             warnings.warn(
-                f"{self._path.name}: {declared} frames are declared, {count} can be read",
-                UserWarning,
-                stacklevel=5,
+                f"{self._path.name}: {declared} frames are declared, {count} can be read", UserWarning, stacklevel=5
             )
         if not count:
             raise SourceError(self._path, "no frame of the video can be decoded")
@@ -343,8 +340,11 @@ class VideoFrames(ShownFrames):
             # codecs of grey video round the three channels apart by a level or two
             spread = int(np.ptp(part.astype(np.int16), axis=2).max())
             if spread > 4:
-                raise SourceError(self._path, f"frame {index} is in colour, expected grey",
-                                  hint="A colour film has no single intensity.")  # fmt: skip
+                raise SourceError(
+                    self._path,
+                    f"frame {index} is in colour, expected grey",
+                    hint="A colour film has no single intensity.",
+                )
             part = part[:, :, 1]
         return np.ascontiguousarray(part)
 

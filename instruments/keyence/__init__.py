@@ -11,14 +11,7 @@ from labpipe.text import Limits
 from labpipe.units import Quantity
 
 if TYPE_CHECKING:
-    from instruments.keyence._acquire import (
-        EMULATOR_ONLY,
-        Acquired,
-        check_units,
-        parse_trigger,
-        record,
-        recover,
-    )
+    from instruments.keyence._acquire import EMULATOR_ONLY, Acquired, check_units, parse_trigger, record, recover
     from instruments.keyence._header import KeyenceProfile
     from instruments.keyence._live import DL_EN1, LK_G5000, LK_PORT, Connection
     from instruments.keyence._markers import Status
@@ -72,8 +65,7 @@ __all__ = [
 ]
 
 _WORDS = re.compile(
-    r"keyence|\bLK-?[GHNS]|\bCL-?3|\bCL-?[PLHS]\d|\bIL-?\d|\bOUT ?\d|sampling (?:cycle|period)",
-    re.IGNORECASE,
+    r"keyence|\bLK-?[GHNS]|\bCL-?3|\bCL-?[PLHS]\d|\bIL-?\d|\bOUT ?\d|sampling (?:cycle|period)", re.IGNORECASE
 )
 
 

@@ -1,4 +1,4 @@
-"""Record a running sensor into a file of the session folder, with its real times beside it."""
+"""Record a running sensor into a file of the session folder, and its actual times into another."""
 
 import json
 import re
@@ -10,24 +10,14 @@ from typing import Any
 
 from instruments.keyence import _journal as journals
 from instruments.keyence._live import Connection
-from instruments.keyence._recorder import (
-    Recorder,
-    Sample,
-    Setup,
-    Tally,
-    Trigger,
-    recording,
-    stamps,
-    timing,
-)
+from instruments.keyence._recorder import Recorder, Sample, Setup, Tally, Trigger, recording, stamps, timing
 from instruments.keyence._writer import encode
 from labpipe import files
 from labpipe.errors import InputError, UsageError
 from labpipe.units import quantity, unit
 
 EMULATOR_ONLY = (
-    "The live protocols were tested against an emulator only; compare the first readings with the "
-    "controller's display."
+    "The live protocols were tested against an emulator only; compare the first readings with the controller's display."
 )
 _TRIGGER = re.compile(r"\s*out(\d+)\s*([<>])\s*(.+)", re.IGNORECASE)
 
@@ -151,9 +141,7 @@ def _saver(
     def save(samples: Sequence[Sample], tally: Tally) -> None:
         head = ""
         if not told and recorder.started is not None:
-            head = journals.first_line(
-                journals.Head(recorder.setup, recorder.started, duration, trigger)
-            )
+            head = journals.first_line(journals.Head(recorder.setup, recorder.started, duration, trigger))
         is_new = not told or told[-1] != tally
         append(head + journals.lines(samples, tally if is_new else None))
         told[:] = [replace(tally)]

@@ -170,8 +170,7 @@ def parse_header(path: Path, lines: Sequence[str], profile: KeyenceProfile) -> H
                 f"the first row has {n_columns} cells, its names are {len(names)}",
                 line=start + 1,
                 column=1,
-                hint="If the comma is the decimal sign, the delimiter must be another: "
-                'delimiter=";".',
+                hint='If the comma is the decimal sign, the delimiter must be another: delimiter=";".',
             )
         has_counter = _COUNTER.fullmatch(names[0]) is not None
         outputs, unit_texts = _outputs(path, names, names_at, has_counter)
@@ -264,12 +263,7 @@ def _outputs(
 
 
 def _units_below(
-    path: Path,
-    head: Sequence[str],
-    names_at: int,
-    delimiter: str,
-    has_counter: bool,
-    markers: tuple[Marker, ...],
+    path: Path, head: Sequence[str], names_at: int, delimiter: str, has_counter: bool, markers: tuple[Marker, ...]
 ) -> tuple[str, ...]:
     """Read a row of units under the names; nothing else may stand there."""
     units: tuple[str, ...] = ()

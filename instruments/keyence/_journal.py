@@ -1,8 +1,8 @@
-"""A recording on the way to its file: what a killed one leaves, one line of JSON per reading.
+"""Journal of a recording in progress, from which an interrupted one is recovered; JSON lines.
 
 The first line says how the controller's numbers are to be read; then follow readings ``[slot, time
 s, round trip s, [numbers], [states]]`` and, when they changed, the counts of what went wrong. A
-last line without its end is one that the kill cut short: it is left out and told.
+last line without its end is one that the kill cut short: it is left out and reported.
 """
 
 import json
@@ -84,10 +84,7 @@ def first_line(head: Head) -> str:
 def lines(samples: Sequence[Sample], tally: Tally | None = None) -> str:
     """Write readings, and counts where they changed."""
     written = [
-        json.dumps(
-            [s.slot, s.at, s.round_trip, s.reading.counts, [int(x) for x in s.reading.states]]
-        )
-        for s in samples
+        json.dumps([s.slot, s.at, s.round_trip, s.reading.counts, [int(x) for x in s.reading.states]]) for s in samples
     ]
     written += [] if tally is None else [json.dumps(asdict(tally))]
     return "\n".join(written) + "\n"

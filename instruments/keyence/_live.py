@@ -1,4 +1,4 @@
-"""Ask a running Keyence controller for its readings over TCP.
+"""Poll a running Keyence controller for its readings over TCP.
 
 Two protocols, as far as they are publicly documented: the binary one of the LK-G5000 (port 24687)
 and the ASCII one of the IL series behind a DL-EN1 unit. A controller sends whole numbers; where
@@ -78,9 +78,8 @@ class Connection:
     """
 
     def __init__(
-        self, protocol: str, host: str, port: int, outputs: Sequence[int] = (1,),
-        timeout: float = 1.0,
-    ) -> None:  # fmt: skip
+        self, protocol: str, host: str, port: int, outputs: Sequence[int] = (1,), timeout: float = 1.0
+    ) -> None:
         if protocol not in _READ:
             message = f'unknown protocol "{protocol}"; expected one of {", ".join(_READ)}'
             raise InputError(message)
@@ -119,7 +118,7 @@ class Connection:
         try:
             return self._ask(self, self._outputs)
         except TimeoutError:
-            message = f"no whole answer within {self._timeout:g} s"
+            message = f"no complete answer within {self._timeout:g} s"
             raise SourceError(self.address, message) from None
         except OSError as error:
             message = f"the connection broke: {error.strerror or error}"
@@ -134,10 +133,7 @@ class Connection:
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """End the connection."""
         self.close()
@@ -185,11 +181,10 @@ def _ask_lk(connection: Connection, outputs: tuple[int, ...]) -> Reading:
     # What stands before the values is not documented, so an answer is told by them: outputs that
     # are not used are invalid, the others fit their display.
     if sum(_state(n) != Status.SUSPECT for n in every) < len(every) // 2:
-        message = f"found the answer {reply[:12]!r}…, in which no readings are"
+        message = f"found the answer {reply[:12]!r}…, which holds no readings"
         raise ProtocolError(
-            connection.address, message,
-            hint="Something else may answer at this port; compare address and port.",
-        )  # fmt: skip
+            connection.address, message, hint="Something else may answer at this port; compare address and port."
+        )
     counts = tuple(every[n - 1] for n in outputs)
     return Reading(counts, tuple(map(_state, counts)))
 
@@ -222,8 +217,5 @@ def _ask_en1(connection: Connection, outputs: tuple[int, ...]) -> Reading:
     return Reading(counts, tuple(_EN1_MARKERS.get(n, Status.VALID) for n in counts))
 
 
-_READ: dict[str, Callable[[Connection, tuple[int, ...]], Reading]] = {
-    LK_G5000: _ask_lk,
-    DL_EN1: _ask_en1,
-}
+_READ: dict[str, Callable[[Connection, tuple[int, ...]], Reading]] = {LK_G5000: _ask_lk, DL_EN1: _ask_en1}
 PROTOCOLS = tuple(_READ)

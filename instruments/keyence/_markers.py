@@ -1,4 +1,4 @@
-"""What Keyence sensors write when they have no reading: one table, and the layout of numbers.
+"""Markers that Keyence sensors write for missing readings, and the layout of numbers.
 
 The names of the states are those of Keyence's own library (LKIF2): VALID, RANGEOVER_P,
 RANGEOVER_N, WAITING, ALARM, INVALID; SUSPECT is ours, for tokens whose meaning is not documented.
@@ -55,9 +55,7 @@ MARKERS: tuple[Marker, ...] = (
 _IL_NINES = re.compile(r"[+-](?:99\.999|999\.99|9999\.9)")
 
 #: Markers that also read as numbers; a row that holds one of them is looked at again as text.
-NUMERIC_MARKERS = (
-    -1048576.0, 100000000.0, 99999999.0, -99999999.0, -99999998.0, -999999.0, -9999.999, -999.9999,
-)  # fmt: skip
+NUMERIC_MARKERS = (-1048576.0, 100000000.0, 99999999.0, -99999999.0, -99999998.0, -999999.0, -9999.999, -999.9999)
 
 # All nines of up to seven digits before and after the decimal sign.
 NINES = tuple(10.0**whole - 10.0**-part for whole in range(1, 8) for part in range(8))
@@ -103,9 +101,7 @@ def _any_of(markers: tuple[Marker, ...]) -> re.Pattern[str]:
     return re.compile("|".join(f"(?:{marker.pattern})" for marker in markers), re.IGNORECASE)
 
 
-def marker_status(
-    cell: str, markers: tuple[Marker, ...] = MARKERS, column: Layout | None = None
-) -> Status | None:
+def marker_status(cell: str, markers: tuple[Marker, ...] = MARKERS, column: Layout | None = None) -> Status | None:
     """Look a cell up in the table of markers.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Record a running Keyence controller: even time slots, a ring between asking and keeping.
+"""Record a running Keyence controller in even time slots, through a ring buffer.
 
 Readings are asked for at even times ``k × interval`` after the start. A slot whose reading did not
 come (late, lost, connection broken) stays empty and is counted; nothing is filled in. So the
@@ -17,15 +17,14 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from instruments.keyence._live import Connection, Reading
 from instruments.keyence._markers import Layout, Status
 from instruments.keyence._writer import DEVICE, output_variables
+from labpipe.arrays import Floats
 from labpipe.errors import InputError, LabpipeError, SourceError
 from labpipe.units import unit
-
-Numbers = NDArray[np.float64]
+from labpipe.variables import variable
 
 _CELL_DIGITS = 6
 """Digits beside sign and decimal sign in a cell of a storage file."""
@@ -176,10 +175,7 @@ class Recorder:
     _stop: threading.Event = field(default_factory=threading.Event)
 
     def record(
-        self,
-        duration: float,
-        trigger: Trigger | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        self, duration: float, trigger: Trigger | None = None, progress: Callable[[int, int], None] | None = None
     ) -> None:
         """Record until the duration has passed, from the start or from the trigger.
 
@@ -249,9 +245,7 @@ class Recorder:
     def _is_over(self, duration: float, trigger: Trigger | None, now: float) -> bool:
         if trigger is None:
             return now >= duration
-        return self.trigger_slot is not None and (
-            now >= self.trigger_slot * self.setup.interval + duration
-        )
+        return self.trigger_slot is not None and (now >= self.trigger_slot * self.setup.interval + duration)
 
     def _keep(self, new: Sequence[Sample], trigger: Trigger | None) -> None:
         """Keep readings; while a trigger is awaited, only the last ones."""
@@ -370,7 +364,7 @@ def recording(setup: Setup, samples: Sequence[Sample], start: datetime) -> xr.Da
         counts[slots] = [s.reading.counts[place] for s in samples]
         status[slots] = [s.reading.states[place] for s in samples]
         step = 10.0 ** -setup.decimals[place]
-        shown: Numbers = np.where(status == Status.VALID, counts * step, np.nan)
+        shown: Floats = np.where(status == Status.VALID, counts * step, np.nan)
         written = _layout(shown, setup.decimals[place])
         shown = np.round(shown, written.decimals)
         variables |= output_variables(output, setup.units[place], shown, status, written)
@@ -385,11 +379,11 @@ def recording(setup: Setup, samples: Sequence[Sample], start: datetime) -> xr.Da
         "layout": "assumed",
     }
     times = np.arange(count) * setup.interval
-    coords = {"time": ("time", times, {"units": "s", "long_name": "time from the first point"})}
+    coords = {"time": variable("time", times, "s", "time from the first point")}
     return xr.Dataset(variables, coords=coords, attrs=attrs)
 
 
-def _layout(shown: Numbers, decimals: int) -> Layout:
+def _layout(shown: Floats, decimals: int) -> Layout:
     """Return the layout in which every reading fits its cell: digits before the sign come first."""
     largest = float(np.nanmax(np.abs(shown))) if np.isfinite(shown).any() else 0.0
     whole = max(1, len(f"{largest:.0f}"))

@@ -14,26 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.keyence._header import Header, KeyenceProfile, column_of, split_cells
-from instruments.keyence._markers import (
-    NINES,
-    NUMERIC_MARKERS,
-    Layout,
-    Status,
-    is_padded,
-    layout,
-    marker_status,
-)
+from instruments.keyence._markers import NINES, NUMERIC_MARKERS, Layout, Status, is_padded, layout, marker_status
 from labpipe.errors import InputError, SourceError
-from labpipe.text import (
-    DOT,
-    Separators,
-    check_width,
-    not_a_number,
-    parse_rows,
-    plain_number,
-    separators,
-    shorten,
-)
+from labpipe.text import DOT, Separators, check_width, not_a_number, parse_rows, plain_number, separators, shorten
 
 _BATCH = 1 << 13  # rows: markers come in runs, so a small batch keeps most of the file fast
 SAMPLE = 200  # rows from which delimiter, decimal sign and layout of the columns are learnt
@@ -121,9 +104,7 @@ def _learn(path: Path, header: Header, sample: Sequence[str], profile: KeyencePr
     return _Table(path, header, profile, signs, layouts, is_fixed)
 
 
-def _signs(
-    path: Path, header: Header, numbers: Sequence[str], profile: KeyenceProfile
-) -> Separators:
+def _signs(path: Path, header: Header, numbers: Sequence[str], profile: KeyenceProfile) -> Separators:
     if profile.decimal is not None:
         return Separators(profile.decimal, "")
     if header.delimiter == ",":
@@ -144,9 +125,7 @@ def _column_layout(cells: Sequence[str]) -> Layout | None:
     return most if others <= max(1, count // 20) and count > others else None
 
 
-def _read_batch(
-    table: _Table, lines: list[str], first_line: int
-) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+def _read_batch(table: _Table, lines: list[str], first_line: int) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
     header = table.header
     n_columns = len(header.outputs) + header.has_counter
     if '"' in lines[0]:
@@ -154,12 +133,7 @@ def _read_batch(
     if not table.fixed or _same_length(lines, header):
         try:
             values = parse_rows(
-                lines,
-                n_columns,
-                header.delimiter,
-                path=table.path,
-                first_line=first_line,
-                signs=table.signs,
+                lines, n_columns, header.delimiter, path=table.path, first_line=first_line, signs=table.signs
             )
         except SourceError:
             values = np.empty((0, n_columns))
@@ -226,13 +200,9 @@ def _read_row(table: _Table, line: str, line_number: int) -> tuple[list[float], 
     return values, states
 
 
-def _other_layout(
-    table: _Table, cell: str, index: int, line_number: int, column: int
-) -> SourceError:
+def _other_layout(table: _Table, cell: str, index: int, line_number: int, column: int) -> SourceError:
     known = table.layouts[index]
-    digits = (
-        f"{known.whole} digits before and {known.decimals} after the decimal sign" if known else ""
-    )
+    digits = f"{known.whole} digits before and {known.decimals} after the decimal sign" if known else ""
     return SourceError(
         table.path,
         f"found {shorten(cell)}, but every number of this column has {digits}",

@@ -1,4 +1,4 @@
-"""What a Keyence header says, checked against what the caller says: cycle, units, counts, start.
+"""Settings in a Keyence header, checked against the options: cycle, units, counts, start.
 
 Nothing is guessed: what neither of them says is asked for, and a contradiction is refused.
 """
@@ -56,9 +56,7 @@ def stated_units(path: Path, header: Header, given: Iterable[str] | None) -> tup
     return units
 
 
-def _contradiction(
-    path: Path, name: str, line: int | None, stated: object, given: object
-) -> SourceError:
+def _contradiction(path: Path, name: str, line: int | None, stated: object, given: object) -> SourceError:
     return SourceError(
         path,
         f"the file says {stated}, the option {name} says {given}",
@@ -86,11 +84,7 @@ def stated_cycle(path: Path, header: Header, given: str | float | None) -> float
         raise InputError(message)
     if "cycle" not in header.entries:
         if asked is None:
-            raise SourceError(
-                path,
-                "the file does not say its sampling cycle",
-                hint='Give it: cycle="50 us".',
-            )
+            raise SourceError(path, "the file does not say its sampling cycle", hint='Give it: cycle="50 us".')
         return asked
     line, cells, unit_text = header.entries["cycle"]
     text = f"{' '.join(cells)} {unit_text}".strip()
@@ -119,9 +113,7 @@ def _time(text: str) -> float | None:
     return seconds if _SHORTEST <= seconds <= _LONGEST else None
 
 
-def stated_storage(
-    path: Path, header: Header, given: int | None, cycle: float, *, is_cycle_given: bool
-) -> int:
+def stated_storage(path: Path, header: Header, given: int | None, cycle: float, *, is_cycle_given: bool) -> int:
     """Return how many samples one stored point stands for.
 
     Raises
@@ -168,9 +160,7 @@ def stated_count(path: Path, header: Header, meaning: str) -> int | None:
     line, cells, _ = header.entries[meaning]
     found = {cell for cell in cells if cell}
     if len(found) != 1 or not re.fullmatch(r"[0-9]{1,12}", next(iter(found))):
-        raise SourceError(
-            path, f"found {shorten(','.join(cells))}, expected one whole number", line=line
-        )
+        raise SourceError(path, f"found {shorten(','.join(cells))}, expected one whole number", line=line)
     return int(found.pop())
 
 

@@ -32,20 +32,12 @@ import xarray as xr
 from instruments.keyence._header import Header, KeyenceProfile, parse_header
 from instruments.keyence._markers import Status, layout, marker_status
 from instruments.keyence._rows import Rows, read_rows
-from instruments.keyence._statements import (
-    stated_count,
-    stated_cycle,
-    stated_start,
-    stated_storage,
-    stated_units,
-)
-from instruments.keyence._writer import (
-    DEVICE,
-    output_variables,
-)
+from instruments.keyence._statements import stated_count, stated_cycle, stated_start, stated_storage, stated_units
+from instruments.keyence._writer import DEVICE, output_variables
 from labpipe.errors import InputError, SourceError
 from labpipe.text import Limits, TextFile, shorten, survey
 from labpipe.units import Quantity, unit
+from labpipe.variables import variable
 
 _HEADER_LINES = 400  # above the first row of readings; a header is a few dozen lines at most
 
@@ -160,9 +152,7 @@ def _open(
         raise
 
 
-def _understand(
-    source: TextFile, profile: KeyenceProfile
-) -> tuple[Header, tuple[str, ...], Iterator[str]]:
+def _understand(source: TextFile, profile: KeyenceProfile) -> tuple[Header, tuple[str, ...], Iterator[str]]:
     stream = source.lines()
     head = list(islice(stream, _HEADER_LINES))
     header = parse_header(source.path, head, profile)
@@ -171,11 +161,7 @@ def _understand(
 
 
 def _complete_rows(
-    source: TextFile,
-    stream: Iterator[str],
-    header: Header,
-    profile: KeyenceProfile,
-    allow_incomplete: bool,
+    source: TextFile, stream: Iterator[str], header: Header, profile: KeyenceProfile, allow_incomplete: bool
 ) -> Iterator[str]:
     """Pass the rows on; leave blank lines at the end out; refuse or drop a cut last line."""
     number = header.n_lines
@@ -186,9 +172,7 @@ def _complete_rows(
             blank += 1
             continue
         if blank:
-            raise SourceError(
-                source.path, "an empty line between two rows", line=number - blank, column=1
-            )
+            raise SourceError(source.path, "an empty line between two rows", line=number - blank, column=1)
         is_last = number == source.n_lines and not source.is_ended
         if not is_last or _is_stated(source, header, line, number, profile):
             yield line
@@ -208,9 +192,7 @@ def _complete_rows(
 _ABOVE = 200  # rows with which the last one is compared
 
 
-def _is_stated(
-    source: TextFile, header: Header, line: str, number: int, profile: KeyenceProfile
-) -> bool:
+def _is_stated(source: TextFile, header: Header, line: str, number: int, profile: KeyenceProfile) -> bool:
     """Tell whether a last line without line end is complete: its row is the last one stated.
 
     Its last cell must also end like those above: a number that lost digits still reads as one.
@@ -228,9 +210,7 @@ def _is_stated(
     return found is not None and found.decimals > 0 and decimals == {found.decimals}
 
 
-def _check_count(
-    source: TextFile, header: Header, readings: Rows, profile: KeyenceProfile, allow: bool
-) -> None:
+def _check_count(source: TextFile, header: Header, readings: Rows, profile: KeyenceProfile, allow: bool) -> None:
     found = len(readings.values)
     if not found:
         raise SourceError(source.path, "there are no rows of readings", line=header.n_lines + 1)
@@ -282,22 +262,12 @@ def _check_counter(source: TextFile, header: Header, readings: Rows, allow: bool
 
 
 def _assemble(
-    source: TextFile,
-    header: Header,
-    unit_texts: Sequence[str],
-    readings: Rows,
-    profile: KeyenceProfile,
+    source: TextFile, header: Header, unit_texts: Sequence[str], readings: Rows, profile: KeyenceProfile
 ) -> xr.Dataset:
     path = source.path
     cycle = stated_cycle(path, header, profile.cycle)
-    factor = stated_storage(
-        path, header, profile.storage_factor, cycle, is_cycle_given=profile.cycle is not None
-    )
-    index = (
-        np.arange(len(readings.values))
-        if readings.counter is None
-        else readings.counter - readings.counter[0]
-    )
+    factor = stated_storage(path, header, profile.storage_factor, cycle, is_cycle_given=profile.cycle is not None)
+    index = np.arange(len(readings.values)) if readings.counter is None else readings.counter - readings.counter[0]
     time = index * (cycle * factor)
     variables: dict[str, Any] = {}
     for column, (output, text) in enumerate(zip(header.outputs, unit_texts, strict=True)):
@@ -309,26 +279,21 @@ def _assemble(
         variables |= output_variables(output, text, values, status, readings.layouts[column])
     attrs = _attributes(source, header, readings, cycle, factor, profile)
     attrs["status_counts"] = json.dumps(_status_counts(variables))
-    coords = {"time": ("time", time, {"units": "s", "long_name": "time from the first point"})}
+    coords = {"time": variable("time", time, "s", "time from the first point")}
     return xr.Dataset(variables, coords=coords, attrs=attrs)
 
 
 def _status_counts(variables: Mapping[str, Any]) -> dict[str, dict[str, int]]:
     counts = {}
-    for name, variable in variables.items():
+    for name, column in variables.items():
         if name.startswith("status"):
-            found = np.bincount(variable[1], minlength=len(Status))
+            found = np.bincount(column[1], minlength=len(Status))
             counts[name] = {state.name: int(found[state]) for state in Status if found[state]}
     return counts
 
 
 def _attributes(
-    source: TextFile,
-    header: Header,
-    readings: Rows,
-    cycle: float,
-    factor: int,
-    profile: KeyenceProfile,
+    source: TextFile, header: Header, readings: Rows, cycle: float, factor: int, profile: KeyenceProfile
 ) -> dict[str, Any]:
     averaging = stated_count(source.path, header, "averaging")
     stated = stated_count(source.path, header, "rows")

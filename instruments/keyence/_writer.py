@@ -13,6 +13,7 @@ from instruments.keyence._markers import Layout, Status
 from labpipe import files
 from labpipe.errors import InputError
 from labpipe.units import quantity, unit
+from labpipe.variables import described, variable
 
 DEVICE = "Keyence laser displacement sensor"
 
@@ -28,28 +29,20 @@ _TOKENS = {
 
 
 def output_variables(
-    output: int,
-    unit_text: str,
-    values: NDArray[np.float64],
-    status: NDArray[np.int8],
-    written: Layout | None,
+    output: int, unit_text: str, values: NDArray[np.float64], status: NDArray[np.int8], written: Layout | None
 ) -> dict[str, Any]:
     """Make the variables of one output: its readings in SI, and their states."""
     known = unit(unit_text)
-    attrs: dict[str, Any] = {
-        "units": known.si,
-        "long_name": f"OUT{output}",
-        "original_unit": unit_text,
-    }
+    attrs: dict[str, Any] = described(known.si, f"OUT{output}", original_unit=unit_text)
     if written is not None:
         attrs["decimals"] = written.decimals
         attrs["resolution"] = known.factor * 10.0**-written.decimals
-    flags = {
-        "units": "1",
-        "long_name": f"state of OUT{output}",
-        "flag_values": [int(state) for state in Status],
-        "flag_meanings": " ".join(state.name for state in Status),
-    }
+    flags = described(
+        "1",
+        f"state of OUT{output}",
+        flag_values=[int(state) for state in Status],
+        flag_meanings=" ".join(state.name for state in Status),
+    )
     return {
         f"out{output}": ("time", values * known.factor, attrs),
         f"status{output}": ("time", status.astype(np.int8), flags),
@@ -128,17 +121,11 @@ def make_recording(
         "averaging": averaging,
         "layout": "assumed",
     }
-    coords = {"time": ("time", time, {"units": "s", "long_name": "time from the first point"})}
+    coords = {"time": variable("time", time, "s", "time from the first point")}
     return xr.Dataset(variables, coords=coords, attrs=attrs)
 
 
-def encode(
-    dataset: xr.Dataset,
-    *,
-    encoding: str = "utf-8-sig",
-    delimiter: str = ",",
-    decimal: str = ".",
-) -> bytes:
+def encode(dataset: xr.Dataset, *, encoding: str = "utf-8-sig", delimiter: str = ",", decimal: str = ".") -> bytes:
     """Turn a Dataset of the form of :func:`read` into the bytes of a storage file.
 
     Parameters
@@ -189,9 +176,7 @@ def _original_unit(dataset: xr.Dataset, output: int) -> str:
     return str(attrs["original_unit"])
 
 
-def _header_lines(
-    dataset: xr.Dataset, outputs: Sequence[int], units: Sequence[str], delimiter: str
-) -> list[str]:
+def _header_lines(dataset: xr.Dataset, outputs: Sequence[int], units: Sequence[str], delimiter: str) -> list[str]:
     attrs = dataset.attrs
     cycle = f"{attrs['sampling_cycle'] * 1e6:.6g}us"
     pairs = [
@@ -222,8 +207,7 @@ def _written(dataset: xr.Dataset, output: int, original_unit: str) -> list[str]:
     too_long = next((cell for cell in cells if len(cell) > _WIDTH), None)
     if too_long is not None or "+0000nan" in cells:
         message = (
-            f"OUT{output}: {too_long or 'NaN with the state VALID'} does not fit the "
-            f"{_WIDTH} characters of a reading"
+            f"OUT{output}: {too_long or 'NaN with the state VALID'} does not fit the {_WIDTH} characters of a reading"
         )
         raise InputError(message)
     return cells

@@ -24,24 +24,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from instruments.mach1._lines import (
-    COPY_AGAIN,
-    END_DATA,
-    Cursor,
-    Options,
-    pair_of,
-    refuse_incomplete,
-    tag_of,
-)
+from instruments.mach1._lines import COPY_AGAIN, END_DATA, Cursor, Options, pair_of, refuse_incomplete, tag_of
 from labpipe.errors import InputError, SourceError
-from labpipe.text import (
-    Separators,
-    TextFile,
-    not_a_number,
-    parse_rows,
-    plain_number,
-    shorten,
-)
+from labpipe.text import Separators, TextFile, not_a_number, parse_rows, plain_number, shorten
 from labpipe.units import Unit, unit
 
 TITLE = "<Mach-1 File>"
@@ -87,9 +72,7 @@ _UNITS = {
     r"F[xyz]": {"N", "gf"},
     r"T[xyz]": {"N-mm", "N·mm"},
 }
-_DECLARED_UNITS = frozenset(
-    {"1", "s", "mm", "deg", "mm/s", "deg/s", "Hz", "N", "gf", "N/min", "gf/min"}
-)
+_DECLARED_UNITS = frozenset({"1", "s", "mm", "deg", "mm/s", "deg/s", "Hz", "N", "gf", "N/min", "gf/min"})
 _NOT_SET = frozenset({"", "None", "N/A"})
 _BATCH = 1 << 16  # rows parsed at a time: the text of a mapping file never is whole in memory
 
@@ -206,14 +189,10 @@ def _read_info(cursor: Cursor, options: Options) -> tuple[str, ...]:
     cursor.advance()
     while tag_of(cursor.line) != "END INFO":
         if cursor.line is None:
-            refuse_incomplete(
-                cursor, f"the file ends inside the header that opens on line {opened}", options
-            )
+            refuse_incomplete(cursor, f"the file ends inside the header that opens on line {opened}", options)
             return tuple(lines)
         if tag_of(cursor.line) or pair_of(cursor.line) is None:
-            raise cursor.error(
-                f"found {shorten(cursor.line)}, expected 'Key:', a tab and a value, or <END INFO>"
-            )
+            raise cursor.error(f"found {shorten(cursor.line)}, expected 'Key:', a tab and a value, or <END INFO>")
         _check_info(cursor, cursor.line, options)
         lines.append(cursor.line)
         cursor.advance()
@@ -230,9 +209,7 @@ def _check_info(cursor: Cursor, line: str, options: Options) -> None:
         raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
 
 
-def _read_block(
-    cursor: Cursor, function: str, info_lines: tuple[str, ...], options: Options
-) -> Block:
+def _read_block(cursor: Cursor, function: str, info_lines: tuple[str, ...], options: Options) -> Block:
     info = tuple(pair for pair in map(pair_of, info_lines) if pair)
     cursor.advance()
     lines: list[str] = []
@@ -244,16 +221,7 @@ def _read_block(
         if pair is None and function in RECORDING:
             raise cursor.error(f"found {shorten(line)}, expected 'Key:', a tab and a value")
         parameters += [_parameter(cursor, *pair, options)] if pair else []
-    block = Block(
-        function,
-        info_lines,
-        tuple(lines),
-        info,
-        tuple(parameters),
-        (),
-        np.empty((0, 0)),
-        has_data=False,
-    )
+    block = Block(function, info_lines, tuple(lines), info, tuple(parameters), (), np.empty((0, 0)), has_data=False)
     if tag_of(cursor.line) == "DATA":
         return _read_data(cursor, block, options)
     if cursor.line is None and (function not in SILENT or cursor.cut is not None):
@@ -275,8 +243,7 @@ def _parameter(cursor: Cursor, key: str, text: str, options: Options) -> Paramet
         raise not_a_number(text, path=cursor.source.path, line_number=cursor.number, column=column)
     if is_declared and unit_text not in _DECLARED_UNITS:
         raise cursor.error(
-            f"found the unit {shorten(unit_text)}, expected one of "
-            f"{', '.join(sorted(_DECLARED_UNITS))}",
+            f"found the unit {shorten(unit_text)}, expected one of {', '.join(sorted(_DECLARED_UNITS))}",
             column=len(name) + 3,
         )
     try:
@@ -303,28 +270,19 @@ def _read_data(cursor: Cursor, block: Block, options: Options) -> Block:
             cursor.advance()
             continue
         if cursor.line.startswith("<") or not columns:
-            raise cursor.error(
-                f"found {shorten(cursor.line)}, expected a row, {DIVIDER} or {END_DATA}"
-            )
+            raise cursor.error(f"found {shorten(cursor.line)}, expected a row, {DIVIDER} or {END_DATA}")
         starts.append((n_rows, cursor.number))
         part = _read_batch(cursor, len(columns), options)
         n_rows += len(part)
         parts.append(part)
     is_complete = cursor.line is not None
     if not is_complete:
-        refuse_incomplete(
-            cursor, f"the file ends inside <{block.function}>, expected {END_DATA}", options
-        )
+        refuse_incomplete(cursor, f"the file ends inside <{block.function}>, expected {END_DATA}", options)
     cursor.advance()
     values = np.concatenate(parts) if parts else np.empty((0, len(columns)))
     _check_time(cursor, values, starts, options)
     return replace(
-        block,
-        columns=columns,
-        values=values,
-        dividers=tuple(dividers),
-        has_data=True,
-        is_complete=is_complete,
+        block, columns=columns, values=values, dividers=tuple(dividers), has_data=True, is_complete=is_complete
     )
 
 
@@ -338,9 +296,7 @@ def _read_columns(cursor: Cursor) -> tuple[Column, ...]:
         columns.append(_column(cursor, cell, position))
         position += len(cell) + 1
     if columns[0].quantity != "Time":
-        raise cursor.error(
-            f"found {shorten(columns[0].header)}, expected 'Time, s' as first column"
-        )
+        raise cursor.error(f"found {shorten(columns[0].header)}, expected 'Time, s' as first column")
     quantities = [column.quantity for column in columns]
     twice = next((name for name in quantities if quantities.count(name) > 1), None)
     if twice is not None:
@@ -367,15 +323,11 @@ def _met_units(quantity: str) -> set[str] | None:
 def _column(cursor: Cursor, cell: str, position: int) -> Column:
     quantity, separator, unit_text = cell.strip('" ').rpartition(", ")
     if not separator:
-        raise cursor.error(
-            f"found {shorten(cell)}, expected a quantity, a comma and its unit", column=position
-        )
+        raise cursor.error(f"found {shorten(cell)}, expected a quantity, a comma and its unit", column=position)
     try:
         known = unit(unit_text)
     except InputError as error:
-        raise cursor.error(
-            _first_clause(error), column=position + len(quantity) + 2, hint=_UNITS_MET
-        ) from None
+        raise cursor.error(_first_clause(error), column=position + len(quantity) + 2, hint=_UNITS_MET) from None
     met = _met_units(quantity)
     if met is not None and unit_text not in met:
         raise cursor.error(
@@ -397,21 +349,11 @@ def _read_batch(cursor: Cursor, n_columns: int, options: Options) -> NDArray[np.
     if lines[0].endswith("\t"):  # a spreadsheet pads short rows with empty cells
         lines = [line.rstrip("\t") for line in lines]
     return parse_rows(
-        lines,
-        n_columns,
-        "\t",
-        path=cursor.source.path,
-        first_line=first,
-        signs=Separators(options.decimal, ""),
+        lines, n_columns, "\t", path=cursor.source.path, first_line=first, signs=Separators(options.decimal, "")
     )
 
 
-def _check_time(
-    cursor: Cursor,
-    values: NDArray[np.float64],
-    starts: list[tuple[int, int]],
-    options: Options,
-) -> None:
+def _check_time(cursor: Cursor, values: NDArray[np.float64], starts: list[tuple[int, int]], options: Options) -> None:
     """Refuse rows that repeat, go back, or are missing: time must be a grid from zero."""
     if not len(values):
         return

@@ -1,4 +1,4 @@
-"""Mach-1 blocks to one Dataset in SI, and everything that the blocks say of themselves as JSON."""
+"""Mach-1 blocks to one Dataset in SI, with the metadata of the blocks as JSON."""
 
 import json
 import math
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from instruments.mach1._blocks import DECLARED, Block, Column, Parameter
 from labpipe.errors import InputError
 from labpipe.numbers import is_number, shorten
+from labpipe.variables import described, variable
 
 DEVICE = "Biomomentum Mach-1"
 
@@ -60,7 +61,7 @@ def assemble(blocks: Sequence[Block], decimal: str = ".") -> xr.Dataset:
     dataset = xr.Dataset(
         {name: _variable(values, column) for name, (values, column) in columns.items()},
         coords={
-            "time": ("sample", time, {"units": "s", "long_name": "time within the block"}),
+            "time": variable("sample", time, "s", "time within the block"),
             "block": ("sample", np.repeat(np.arange(len(blocks)), counts), _label("block")),
             "segment": ("sample", _segments(blocks), _label("dividers so far in the block")),
         },
@@ -70,15 +71,11 @@ def assemble(blocks: Sequence[Block], decimal: str = ".") -> xr.Dataset:
 
 
 def _label(long_name: str, units: str = "1") -> dict[str, str]:
-    return {"units": units, "long_name": long_name}
+    return described(units, long_name)
 
 
 def _variable(values: NDArray[np.float64], column: Column) -> tuple[Any, ...]:
-    attrs = {
-        "units": column.unit.si,
-        "long_name": column.quantity,
-        "original_unit": column.unit_text,
-    }
+    attrs = described(column.unit.si, column.quantity, original_unit=column.unit_text)
     return "sample", values, attrs
 
 
@@ -98,8 +95,7 @@ def variable_name(quantity: str) -> str:
 
 def _segments(blocks: Sequence[Block]) -> NDArray[np.int64]:
     parts = [
-        np.searchsorted(np.asarray(block.dividers), np.arange(len(block.values)), side="right")
-        for block in blocks
+        np.searchsorted(np.asarray(block.dividers), np.arange(len(block.values)), side="right") for block in blocks
     ]
     return np.concatenate(parts).astype(np.int64)
 
@@ -112,12 +108,10 @@ def _block_variables(blocks: Sequence[Block]) -> dict[str, Any]:
         "function": ("block_index", np.array([block.function for block in blocks])),
         "start_time": ("block_index", np.array([start_of(block) for block in blocks])),
         "n_rows": over_blocks([len(block.values) for block in blocks], "rows of the block"),
-        "sampling_interval": over_blocks(
-            [_interval(block) for block in blocks], "sampling interval", "s"
-        ),
+        "sampling_interval": over_blocks([_interval(block) for block in blocks], "sampling interval", "s"),
         "compression_sign": over_blocks(
             [_compression_sign(block) for block in blocks],
-            "sign of compression in force_z, 0 when the header does not tell",
+            "sign of compression in force_z, 0 when the header does not state it",
         ),
         "is_complete": over_blocks(
             [int(block.is_complete) for block in blocks], "1 when the block is ended in the file"
@@ -169,10 +163,7 @@ def start_of(block: Block) -> str:
     microseconds = int((clock[4] or "0").ljust(6, "0"))
     month = MONTHS.index(date[1].title()) + 1
     try:
-        start = datetime(
-            int(date[3]), month, int(date[2]), int(clock[1]), int(clock[2]), int(clock[3]),
-            microseconds,
-        )  # fmt: skip
+        start = datetime(int(date[3]), month, int(date[2]), int(clock[1]), int(clock[2]), int(clock[3]), microseconds)
     except ValueError:
         return ""
     return start.isoformat(timespec="milliseconds")
@@ -194,9 +185,7 @@ def _file_attributes(blocks: Sequence[Block], decimal: str) -> dict[str, Any]:
 
 
 def _header_text(block: Block) -> str:
-    return "\n".join(
-        ["<INFO>", *block.info_lines, "<END INFO>", f"<{block.function}>", *block.parameter_lines]
-    )
+    return "\n".join(["<INFO>", *block.info_lines, "<END INFO>", f"<{block.function}>", *block.parameter_lines])
 
 
 def _describe(block: Block, decimal: str) -> dict[str, Any]:

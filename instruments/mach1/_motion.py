@@ -84,11 +84,7 @@ def read(
     dataset = assemble(blocks, decimal)
     n_rows = int(dataset.sizes["sample"])
     work = {"bytes_read": source.size, "blocks": len(blocks), "rows_read": n_rows}
-    dataset.attrs |= {
-        "source": Path(path).name,
-        "encoding": source.encoding,
-        "work": json.dumps(work),
-    }
+    dataset.attrs |= {"source": Path(path).name, "encoding": source.encoding, "work": json.dumps(work)}
     return dataset
 
 
@@ -124,9 +120,8 @@ def split_blocks(dataset: xr.Dataset) -> list[xr.Dataset]:
         part = dataset.isel(block_index=index, sample=slice(starts[index], starts[index + 1]))
         present = {column["variable"] for column in block["columns"]}
         absent = [
-            name for name, variable in part.data_vars.items()
-            if "sample" in variable.dims and name not in present
-        ]  # fmt: skip
+            name for name, variable in part.data_vars.items() if "sample" in variable.dims and name not in present
+        ]
         part = part.drop_vars([*absent, "block"]).swap_dims(sample="time")
         kept = {k: v for k, v in dataset.attrs.items() if k not in ("blocks", "header", "work")}
         part.attrs = kept | {
@@ -170,9 +165,7 @@ def _data_lines(dataset: xr.Dataset, block: Mapping[str, Any], rows: slice) -> l
     columns = block["columns"]
     if not columns:
         return []
-    values = np.column_stack(
-        [dataset[column["variable"]].values[rows] / column["factor"] for column in columns]
-    )
+    values = np.column_stack([dataset[column["variable"]].values[rows] / column["factor"] for column in columns])
     pattern = "\t".join(["%.6f"] * len(columns))
     lines = [pattern % tuple(row) for row in values.tolist()]
     for position in reversed(block["dividers"]):

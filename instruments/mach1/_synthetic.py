@@ -52,15 +52,17 @@ LOAD_CELLS = {
         2.317150,
         "2023-07-19",
         steps={
-            "Fx, N": 0.000600, "Fy, N": 0.000600, "Fz, N": 0.000850,
-            "Tx, N-mm": 0.006003, "Ty, N-mm": 0.006003, "Tz, N-mm": 0.006003,
+            "Fx, N": 0.000600,
+            "Fy, N": 0.000600,
+            "Fz, N": 0.000850,
+            "Tx, N-mm": 0.006003,
+            "Ty, N-mm": 0.006003,
+            "Tz, N-mm": 0.006003,
         },
     ),
     "25g": LoadCell("25g SN:0000000", "Single-axis", steps={"Fz, gf": 0.00125}),
-    "25kg": LoadCell(
-        "25kg SN:0000000", "Single-axis", 1.004174, 151.5, steps={"Fz, gf": 1.506261}
-    ),
-}  # fmt: skip
+    "25kg": LoadCell("25kg SN:0000000", "Single-axis", 1.004174, 151.5, steps={"Fz, gf": 1.506261}),
+}
 
 _STAGE_STEP = 1e-4  # mm, and a hundredth of it while the stage runs a sinusoid
 _SINUSOID_STAGE_STEP = 1e-6
@@ -121,9 +123,7 @@ def make_block(
     )
 
 
-def _header_pairs(
-    start: datetime, cell: LoadCell, images_folder: str | None
-) -> tuple[tuple[str, str], ...]:
+def _header_pairs(start: datetime, cell: LoadCell, images_folder: str | None) -> tuple[tuple[str, str], ...]:
     date = f"{_DAYS[start.weekday()]}, {MONTHS[start.month - 1]} {start.day:02d}, {start.year}"
     pairs = [
         ("Date", date),

@@ -15,12 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from instruments.phantom._header import Header, read_header
-from instruments.phantom._pixels import (
-    PACKED_GROUP,
-    decode,
-    linear_from_companded,
-    row_bytes,
-)
+from instruments.phantom._pixels import PACKED_GROUP, decode, linear_from_companded, row_bytes
 from instruments.phantom._times import TimeAxis, exposure_times, time_axis
 from labpipe.binary import Window
 from labpipe.errors import InputError, SourceError
@@ -67,13 +62,7 @@ class CineFrames(ShownFrames):
         The rectangle that is decoded; the whole image by default.
     """
 
-    def __init__(
-        self,
-        window: Window,
-        header: Header,
-        rows: slice = slice(None),
-        columns: slice = slice(None),
-    ) -> None:
+    def __init__(self, window: Window, header: Header, rows: slice = slice(None), columns: slice = slice(None)) -> None:
         self._window = window
         self._header = header
         self._rows = range(header.height)[rows]
@@ -116,9 +105,7 @@ class CineFrames(ShownFrames):
             axis = time_axis(self._header)
         except InputError as error:
             raise SourceError(
-                self.path,
-                str(error),
-                hint="The header is damaged; export the film again from the camera's software.",
+                self.path, str(error), hint="The header is damaged; export the film again from the camera's software."
             ) from None
         for text in axis.warnings:
             warnings.warn(text, UserWarning, stacklevel=3)

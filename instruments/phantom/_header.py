@@ -1,4 +1,4 @@
-"""What a Phantom .cine file says of itself before its first image.
+"""Header of a Phantom .cine file.
 
 Layout (little-endian, from the vendor's description of the format): CINEFILEHEADER at 0,
 BITMAPINFOHEADER at 44, SETUP after it, tagged blocks, the table of image offsets, images.
@@ -18,8 +18,11 @@ Packing = Literal["8", "16", "10-packed", "12-packed"]
 
 TAG_TIMES, TAG_EXPOSURES = 1002, 1003
 _PACKINGS: dict[tuple[int, int], Packing] = {
-    (8, 0): "8", (16, 0): "16", (16, 256): "10-packed", (16, 1024): "12-packed",
-}  # fmt: skip
+    (8, 0): "8",
+    (16, 0): "16",
+    (16, 256): "10-packed",
+    (16, 1024): "12-packed",
+}
 _BITS_OF_LEVELS = {2**bits: bits for bits in (8, 10, 12, 14, 16)}
 _LARGEST_SIDE = 1 << 15  # pixels; no sensor of this family is larger
 _MOST_BLOCKS = 1 << 10  # tagged blocks; a film has about five
@@ -79,7 +82,7 @@ def read_header(window: Window) -> Header:
         raise SourceError(
             window.path,
             'does not begin with "CI": not a Phantom .cine file',
-            hint="Hand over the .cine itself, not a sidecar or an export.",
+            hint="Give the .cine file itself, not a sidecar or an export.",
         )
     _require_grey(window, window.integer("H", 4, "Compression"))
     version = window.integer("H", 6, "Version")
@@ -102,22 +105,24 @@ def read_header(window: Window) -> Header:
     stamps, exposures, stated = _tags(window, setup_at + setup_length, table_at, count)
     room = (int(offsets.min()) - table_at) // offsets.dtype.itemsize
     if stated is not None and stated != count and stated == room:
-        _refuse(
-            window,
-            20,
-            f"ImageCount is {count}, but there are time stamps and offsets of {stated} images",
-        )
+        _refuse(window, 20, f"ImageCount is {count}, but there are time stamps and offsets of {stated} images")
     fractions = window.integer("I", 36, "TriggerTime")
     seconds = window.integer("I", 40, "TriggerTime")
     return Header(
         first_image=window.integer("i", 16, "FirstImageNo"),
-        count=count, width=width, height=height, packing=packing, bits=bits,
+        count=count,
+        width=width,
+        height=height,
+        packing=packing,
+        bits=bits,
         top_down=top_down or packing.endswith("packed"),
         image_bytes=image_bytes,
         trigger=(seconds << 32) | (fractions & ~3),
         offsets=offsets.astype(np.int64),
-        stamps=stamps, exposures=exposures, setup=setup,
-    )  # fmt: skip
+        stamps=stamps,
+        exposures=exposures,
+        setup=setup,
+    )
 
 
 def _refuse(window: Window, offset: int, message: str) -> NoReturn:
@@ -188,8 +193,7 @@ def _image_bytes(window: Window, bitmap: int, width: int, height: int, packing: 
         _refuse(
             window,
             bitmap + 20,
-            f"biSizeImage is {declared} bytes, but {width} × {height} px of this format "
-            f"need {expected}",
+            f"biSizeImage is {declared} bytes, but {width} × {height} px of this format need {expected}",
         )
     return expected
 
@@ -216,13 +220,20 @@ def _setup(window: Window, start: int) -> tuple[Setup, int]:
     shutter_ns, shutter_us = whole("I", 1568, 4), whole("I", 772, 4)
     shutter = shutter_ns * 1e-9 if shutter_ns else shutter_us * 1e-6 if shutter_us else None
     return Setup(
-        frame_rate=whole("I", 768, 4), decimation=number("f", 10388, 4), shutter=shutter,
-        black_level=whole("i", 5732, 4), white_level=whole("i", 5736, 4),
-        real_bits=whole("I", 896, 4), serial=whole("I", 743, 4),
-        software_version=whole("I", 800, 4), colour_filter=whole("I", 808, 4) or 0,
-        camera_model=text(10128, 256), lens=text(5740, 256), description=text(1596, 4096),
+        frame_rate=whole("I", 768, 4),
+        decimation=number("f", 10388, 4),
+        shutter=shutter,
+        black_level=whole("i", 5732, 4),
+        white_level=whole("i", 5736, 4),
+        real_bits=whole("I", 896, 4),
+        serial=whole("I", 743, 4),
+        software_version=whole("I", 800, 4),
+        colour_filter=whole("I", 808, 4) or 0,
+        camera_model=text(10128, 256),
+        lens=text(5740, 256),
+        description=text(1596, 4096),
         time_zone=whole("i", 804, 4),
-    ), length  # fmt: skip
+    ), length
 
 
 def _tags(

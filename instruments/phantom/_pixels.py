@@ -88,9 +88,7 @@ def pack12(pixels: NDArray[np.uint16]) -> NDArray[np.uint8]:
 def linear_from_companded() -> NDArray[np.uint16]:
     """Table of the 1,024 companded values in 12-bit linear levels (inverse Rec. 709)."""
     signal = (np.arange(1024) - _P10_BLACK) / (_P10_WHITE - _P10_BLACK)
-    light = np.where(
-        signal < 0.081, signal / 4.5, ((np.maximum(signal, 0.0) + 0.099) / 1.099) ** (1 / 0.45)
-    )
+    light = np.where(signal < 0.081, signal / 4.5, ((np.maximum(signal, 0.0) + 0.099) / 1.099) ** (1 / 0.45))
     linear = _LINEAR_BLACK + light * (_LINEAR_WHITE - _LINEAR_BLACK)
     table = np.clip(np.rint(linear), 0, 4095).astype(np.uint16)
     table.setflags(write=False)

@@ -1,4 +1,4 @@
-"""The time axis of a .cine film, from its time stamps and never from its frame rate.
+"""The time axis of a .cine film, from its time stamps rather than its frame rate.
 
 The frame rate of the header ignores decimation and the camera's own rounding. Stamps are 64-bit
 counts of 2⁻³² s; they are subtracted as integers, because seconds since 1970 as floats are only
@@ -176,9 +176,7 @@ def _impossible(ticks: NDArray[np.int64], interval: float) -> NDArray[np.bool_]:
     return bad
 
 
-def _split(
-    frames: NDArray[np.int64], seconds: NDArray[np.float64], longest: float
-) -> list[NDArray[np.int64]]:
+def _split(frames: NDArray[np.int64], seconds: NDArray[np.float64], longest: float) -> list[NDArray[np.int64]]:
     """Part frames where the step to the next is longer than it may be."""
     return np.split(frames, np.flatnonzero(np.diff(seconds[frames]) > longest) + 1)
 

@@ -105,11 +105,7 @@ def _packing(recording: Recording) -> Packing:
 
 
 def _chunks(
-    head: bytes,
-    images: Iterable[NDArray[np.integer]],
-    shape: tuple[int, int, int],
-    packing: Packing,
-    image_bytes: int,
+    head: bytes, images: Iterable[NDArray[np.integer]], shape: tuple[int, int, int], packing: Packing, image_bytes: int
 ) -> Iterator[bytes]:
     yield head
     written = 0
@@ -135,11 +131,7 @@ def _encode(image: NDArray[np.integer], packing: Packing) -> bytes:
 
 
 def _head(
-    shape: tuple[int, int, int],
-    time: NDArray[np.float64],
-    recording: Recording,
-    packing: Packing,
-    image_bytes: int,
+    shape: tuple[int, int, int], time: NDArray[np.float64], recording: Recording, packing: Packing, image_bytes: int
 ) -> bytes:
     count, height, width = shape
     ticks = np.rint(time / _UNIT).astype(np.int64)
@@ -155,15 +147,35 @@ def _head(
     offsets = first + np.arange(count, dtype="<i8") * (image_bytes + 8)
     file_header = struct.pack(
         "<2sHHHiIiIIIIII",
-        b"CI", 44, 0, 1, recording.first_image, count, recording.first_image, count,
-        44, _SETUP_AT, table_at, _FLAGS, recording.trigger,
-    )  # fmt: skip
+        b"CI",
+        44,
+        0,
+        1,
+        recording.first_image,
+        count,
+        recording.first_image,
+        count,
+        44,
+        _SETUP_AT,
+        table_at,
+        _FLAGS,
+        recording.trigger,
+    )
     compression = {"10-packed": 256, "12-packed": 1024}.get(packing, 0)
     bitmap = struct.pack(
         "<IiiHHIIiiII",
-        40, width, height, 1, 8 if packing == "8" else 16, compression, image_bytes,
-        _PITCH, _PITCH, 0, 2**recording.bits,
-    )  # fmt: skip
+        40,
+        width,
+        height,
+        1,
+        8 if packing == "8" else 16,
+        compression,
+        image_bytes,
+        _PITCH,
+        _PITCH,
+        0,
+        2**recording.bits,
+    )
     return file_header + bitmap + _setup(recording, shape) + blocks + offsets.tobytes()
 
 

@@ -1,4 +1,4 @@
-"""Plain tables of a dynamic mechanical analysis, as other analysers and papers hand them on."""
+"""Plain tables of a dynamic mechanical analysis, as other software exports them."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
@@ -9,9 +9,7 @@ from labpipe.lazy import lazily
 if TYPE_CHECKING:
     from instruments.tables._plain import read
 else:
-    _HOMES = {
-        "read": "_plain",
-    }
+    _HOMES = {"read": "_plain"}
     __getattr__ = lazily(__name__, _HOMES)
 
 __all__ = ["INSTRUMENT", "Options", "read"]

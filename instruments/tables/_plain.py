@@ -26,30 +26,28 @@ from numpy.typing import NDArray
 from instruments import anton_paar
 from instruments.anton_paar import Column, Interval, assemble
 from instruments.tables import _words
+from labpipe.arrays import Floats
 from labpipe.errors import InputError, SourceError
 from labpipe.numbers import listed
-from labpipe.text import (
-    Limits,
-    Separators,
-    TextFile,
-    not_a_number,
-    plain_number,
-    separators,
-    shorten,
-    survey,
-)
+from labpipe.text import Limits, Separators, TextFile, not_a_number, plain_number, separators, shorten, survey
 
 DEVICE = "plain table of a dynamic mechanical analysis"
 
-Array = NDArray[np.float64]
 
 _LIMITS = Limits(max_bytes=128 << 20)
 _ABSENT = ("", "-", "nan", "n/a", "na")
 _ZERO_CELSIUS = 273.15
 # What the canonical columns become beyond those of a rheometer.
-_SI_OF = {**anton_paar.SI_OF, "log10_aT": ("1",), "ln_aT": ("1",), "a_T": ("1",), "b_T": ("1",),
-          "set": ("1",), "temperature": ("degC", "K"),
-          "temperature_set": ("degC", "K")}  # fmt: skip
+_SI_OF = {
+    **anton_paar.SI_OF,
+    "log10_aT": ("1",),
+    "ln_aT": ("1",),
+    "a_T": ("1",),
+    "b_T": ("1",),
+    "set": ("1",),
+    "temperature": ("degC", "K"),
+    "temperature_set": ("degC", "K"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,9 +104,11 @@ def read(
     delimiter = _words.delimiter_of(lines[0][1]) if lines else ""
     if not delimiter:
         raise SourceError(
-            path, "the first line holds no headings separated by TAB, semicolon or comma", line=1,
+            path,
+            "the first line holds no headings separated by TAB, semicolon or comma",
+            line=1,
             hint="Begin with a row such as f,E_stor,E_loss,T and a row of units.",
-        )  # fmt: skip
+        )
     rows = [(number, _cells(line, delimiter)) for number, line in lines]
     head = _head(path, rows)
     is_short = _short_rows(path, lines[head.first :], len(head.names), delimiter)
@@ -127,12 +127,13 @@ def _lines(source: TextFile, allow_incomplete: bool) -> list[tuple[int, str]]:
         return found
     if not allow_incomplete:
         raise SourceError(
-            source.path, "the last line has no line end; it may be cut", line=source.n_lines,
+            source.path,
+            "the last line has no line end; it may be cut",
+            line=source.n_lines,
             hint="End the line if it is whole, or drop it with allow_incomplete=True.",
-        )  # fmt: skip
+        )
     warnings.warn(
-        f"{source.path}:{source.n_lines}: the last line is cut, it has no line end; it is dropped",
-        stacklevel=3,
+        f"{source.path}:{source.n_lines}: the last line is cut, it has no line end; it is dropped", stacklevel=3
     )
     return found[:-1]
 
@@ -145,9 +146,7 @@ def _cells(line: str, delimiter: str) -> list[str]:
     return cells
 
 
-def _short_rows(
-    path: Path, lines: Sequence[tuple[int, str]], width: int, delimiter: str
-) -> NDArray[np.bool_]:
+def _short_rows(path: Path, lines: Sequence[tuple[int, str]], width: int, delimiter: str) -> NDArray[np.bool_]:
     """Find rows that lost cells, in a table whose other rows are whole.
 
     Which cell was lost is not known: two numbers may have become one, and those behind it stand in
@@ -161,7 +160,7 @@ def _short_rows(
     if short:
         warnings.warn(
             f"{path}: {listed(short)}: {len(short)} of {len(lines)} rows hold fewer than "
-            f"{width} cells; which are lost is not known, so these rows are marked invalid",
+            f"{width} cells; it is unknown which are missing, so these rows are marked invalid",
             stacklevel=3,
         )
     return is_short
@@ -174,16 +173,20 @@ def _head(path: Path, rows: Sequence[tuple[int, list[str]]]) -> _Head:
     names = [_words.quantity(name) or anton_paar.slug(name) for name, _ in parts]
     if not _words.is_table(set(names)):
         raise SourceError(
-            path, f"found the columns {shorten(', '.join(headings))}, expected frequency, "
-            "temperature, storage and loss modulus, or temperature and log_aT", line=number,
+            path,
+            f"found the columns {shorten(', '.join(headings))}, expected frequency, "
+            "temperature, storage and loss modulus, or temperature and log_aT",
+            line=number,
             hint="Name the columns, for example f,E_stor,E_loss,T.",
-        )  # fmt: skip
+        )
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise SourceError(
-            path, f"two columns hold the same quantity: {', '.join(twice)}", line=number,
+            path,
+            f"two columns hold the same quantity: {', '.join(twice)}",
+            line=number,
             hint="Delete or rename one of them.",
-        )  # fmt: skip
+        )
     units = [unit for _, unit in parts]
     second = rows[1][1] if len(rows) > 1 else []
     # A unit may be "1"; but the first column always has one that is no number.
@@ -193,9 +196,7 @@ def _head(path: Path, rows: Sequence[tuple[int, list[str]]]) -> _Head:
     return _Head(names, headings, units, 1)
 
 
-def _signs(
-    path: Path, rows: Sequence[tuple[int, list[str]]], delimiter: str, decimal: str | None
-) -> Separators:
+def _signs(path: Path, rows: Sequence[tuple[int, list[str]]], delimiter: str, decimal: str | None) -> Separators:
     """Decide the decimal sign; between commas it can only be the dot."""
     if decimal is not None or delimiter == ",":
         return Separators(decimal or ".", "")
@@ -205,9 +206,7 @@ def _signs(
         raise SourceError(path, str(error)) from None
 
 
-def _values(
-    path: Path, rows: Sequence[tuple[int, list[str]]], head: _Head, signs: Separators
-) -> Array:
+def _values(path: Path, rows: Sequence[tuple[int, list[str]]], head: _Head, signs: Separators) -> Floats:
     """Return the numbers, NaN for an absent one."""
     width = len(head.names)
     if not rows:
@@ -216,9 +215,11 @@ def _values(
     for i, (number, cells) in enumerate(rows):
         if len(cells) > width:
             raise SourceError(
-                path, f"found {len(cells)} cells, expected {width}", line=number,
+                path,
+                f"found {len(cells)} cells, expected {width}",
+                line=number,
                 hint="A cell was added; compare the row with its neighbours.",
-            )  # fmt: skip
+            )
         for j, cell in enumerate(cells):
             if cell.casefold() in _ABSENT:
                 continue
@@ -230,12 +231,10 @@ def _values(
     return table
 
 
-def _columns(path: Path, head: _Head, values: Array, line: int) -> dict[str, Column]:
+def _columns(path: Path, head: _Head, values: Floats, line: int) -> dict[str, Column]:
     """Convert every column to SI by the unit that the file states."""
     found: dict[str, Column] = {}
-    for j, (name, heading, stated) in enumerate(
-        zip(head.names, head.headings, head.units, strict=True)
-    ):
+    for j, (name, heading, stated) in enumerate(zip(head.names, head.headings, head.units, strict=True)):
         wanted = _SI_OF.get(name)
         try:
             unit = anton_paar.unit_of(stated or "1")
@@ -249,10 +248,12 @@ def _columns(path: Path, head: _Head, values: Array, line: int) -> dict[str, Col
         si = si or (unit.si if unit else None)
         if unit is None or si is None or (wanted is not None and si not in wanted):
             raise SourceError(
-                path, f"{heading} is in {shorten(stated or 'no unit')}, expected a unit of "
-                f"{' or '.join(wanted or ('its own',))}", line=line + (head.first > 1),
+                path,
+                f"{heading} is in {shorten(stated or 'no unit')}, expected a unit of "
+                f"{' or '.join(wanted or ('its own',))}",
+                line=line + (head.first > 1),
                 hint="State the units in the second row, for example Hz, MPa, MPa, C.",
-            )  # fmt: skip
+            )
         column = values[:, j] * unit.factor
         if si == "K":
             column, si = column - _ZERO_CELSIUS, "degC"
@@ -296,18 +297,13 @@ def _warn_of_a_cut(path: Path, sizes: NDArray[np.intp]) -> bool:
     is_cut = sizes.size > 2 and bool((sizes[:-1] == usual).all()) and int(sizes[-1]) < usual
     if is_cut:
         warnings.warn(
-            f"{path}: the last set holds {sizes[-1]} rows, all others {usual}; the file may be cut",
-            stacklevel=4,
+            f"{path}: the last set holds {sizes[-1]} rows, all others {usual}; the file may be cut", stacklevel=4
         )
     return is_cut
 
 
 def _assembled(
-    path: Path,
-    source: TextFile,
-    columns: dict[str, Column],
-    is_whole: NDArray[np.bool_],
-    how: dict[str, str],
+    path: Path, source: TextFile, columns: dict[str, Column], is_whole: NDArray[np.bool_], how: dict[str, str]
 ) -> xr.Dataset:
     """Make one interval of every run of a set, or of the whole table."""
     count = len(next(iter(columns.values())).values)
@@ -317,24 +313,23 @@ def _assembled(
     kept = [column for name, column in columns.items() if name != "set"]
     intervals = [
         Interval(
-            path.stem, "table", number, None, np.arange(1, stop - start + 1),
+            path.stem,
+            "table",
+            number,
+            None,
+            np.arange(1, stop - start + 1),
             is_whole[order[start:stop]],
-            tuple(
-                Column(c.name, c.header, c.unit, c.si, np.asarray(c.values)[order[start:stop]])
-                for c in kept
-            ),
+            tuple(Column(c.name, c.header, c.unit, c.si, np.asarray(c.values)[order[start:stop]]) for c in kept),
         )
         for number, (start, stop) in enumerate(zip(starts, stops, strict=True), 1)
-    ]  # fmt: skip
+    ]
     dataset = assemble(
         intervals,
         source=path.name,
         encoding=source.encoding,
         header="",
         empty_cells=int(sum(np.isnan(np.asarray(c.values, dtype=float)).sum() for c in kept)),
-        work=json.dumps(
-            {"bytes_read": source.size, "rows_read": count, "intervals_read": len(intervals)}
-        ),
+        work=json.dumps({"bytes_read": source.size, "rows_read": count, "intervals_read": len(intervals)}),
         **how,
     )
     dataset.attrs |= {"instrument": DEVICE, "layout": "plain table"}

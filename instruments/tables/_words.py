@@ -24,7 +24,7 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
     "ln_aT": ("lnat",),
     "a_T": ("at",),
     "b_T": ("bt",),
-}  # fmt: skip
+}
 
 _NAME_OF = {symbol: name for name, symbols in SYMBOLS.items() for symbol in symbols}
 _UNIT_IN_HEADING = re.compile(r"^(.*\S)\s*[\[(]([^\])]*)[\])]$")

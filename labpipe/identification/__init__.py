@@ -10,12 +10,7 @@ from labpipe.identification._drops import Bounces, DropModel, drop_evidence
 from labpipe.identification._evidence import Evidence, Group, LinearModel
 from labpipe.identification._fit import Fit, fit
 from labpipe.identification._joined import JoinedModel
-from labpipe.identification._linear import (
-    force_evidence,
-    lee_radok_basis,
-    modulus_evidence,
-    stiffness_evidence,
-)
+from labpipe.identification._linear import force_evidence, lee_radok_basis, modulus_evidence, stiffness_evidence
 from labpipe.identification._parameters import Parameter
 from labpipe.identification._posterior import (
     DETERMINED,
@@ -23,25 +18,20 @@ from labpipe.identification._posterior import (
     Moduli,
     Posterior,
     Structure,
-    bands,
-    frequencies,
+    informative_range,
     moduli,
     posterior,
+    predictive_bands,
 )
-from labpipe.identification._problem import Misfit, Problem, split
+from labpipe.identification._problem import Misfit, Problem, split_by_group
 from labpipe.identification._profiles import Profile, profile
-from labpipe.identification._sampling import Sample, drawn_moduli, sample
-from labpipe.identification._spectra import (
-    FractionalSpectrum,
-    RoughSpectrum,
-    SmoothSpectrum,
-    relaxation_times,
-)
-from labpipe.identification._structure import BEFORE, infer
+from labpipe.identification._sampling import Sample, sample, sampled_moduli
+from labpipe.identification._spectra import FractionalSpectrum, RoughSpectrum, SmoothSpectrum, relaxation_times
+from labpipe.identification._structure import STRUCTURE_PRIORS, infer
 
 __all__ = [
-    "BEFORE",
     "DETERMINED",
+    "STRUCTURE_PRIORS",
     "Band",
     "Bounces",
     "DropModel",
@@ -61,20 +51,20 @@ __all__ = [
     "Sample",
     "SmoothSpectrum",
     "Structure",
-    "bands",
-    "drawn_moduli",
     "drop_evidence",
     "fit",
     "force_evidence",
-    "frequencies",
     "infer",
+    "informative_range",
     "lee_radok_basis",
     "moduli",
     "modulus_evidence",
     "posterior",
+    "predictive_bands",
     "profile",
     "relaxation_times",
     "sample",
-    "split",
+    "sampled_moduli",
+    "split_by_group",
     "stiffness_evidence",
 ]

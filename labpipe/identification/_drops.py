@@ -19,12 +19,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from labpipe import contact
+from labpipe.arrays import Floats
 from labpipe.contact.impact import Profile
 from labpipe.errors import InputError
 from labpipe.identification._evidence import Evidence, Given, Group
 from labpipe.materials import Prony
-
-Array = NDArray[np.float64]
 
 _CHANGE = 0.002  # of all moduli, a height or a mass, for central differences
 _ONE_SIDED = 5e-4
@@ -83,7 +82,7 @@ class DropModel:
     profile: Profile = "parabola"
     plate: contact.Plate | None = None
     rtol: float = 1e-4
-    shared: Array | None = None
+    shared: Floats | None = None
 
     @property
     def unknowns(self) -> tuple[str, ...]:
@@ -98,7 +97,7 @@ class DropModel:
         """
         return _RESOLVED * self.expected_duration, self.expected_duration
 
-    def predict(self, material: Prony, given: Given) -> Array:
+    def predict(self, material: Prony, given: Given) -> Floats:
         """Return touches [s], durations [s] and radii [m], one behind the other.
 
         An impact that does not happen any more counts as at the last one, with no contact.
@@ -106,25 +105,21 @@ class DropModel:
         height = self._value("height", self.height, given)
         return self._finished(self._run(material, height, given), given)
 
-    def derivatives(self, material: Prony, given: Given) -> tuple[Array, dict[str, Array]]:
+    def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
         """Return differences; see :meth:`Model.derivatives`."""
         height = self._value("height", self.height, given)
         at = self._run(material, height, given)
-        by_term = self._by_term(
-            material, material.rho, self._own_nodes(material.rho), height, given, at
-        )
+        by_term = self._by_term(material, material.rho, self._own_nodes(material.rho), height, given, at)
         moved = ["height", "plate"] if self.plate is None else ["height", "plate", "mass"]
         others = {
-            self.names[role]: self._central(material, self.names[role], given)
-            for role in moved
-            if role in self.names
+            self.names[role]: self._central(material, self.names[role], given) for role in moved if role in self.names
         }
         others = self._of_body(self._by_factor(material, height, given), at, given) | others
         factor = self._film(given)
         finished = {name: factor * column for name, column in others.items()}
         return factor[:, None] * by_term, finished | self._of_recording(at, given)
 
-    def _central(self, material: Prony, name: str, given: Given) -> Array:
+    def _central(self, material: Prony, name: str, given: Given) -> Floats:
         """Return the derivative (n,) by an unknown that changes the motion."""
         step = _CHANGE * given[name]
         ends = []
@@ -133,7 +128,7 @@ class DropModel:
             ends.append(self._run(material, self._value("height", self.height, changed), changed))
         return np.asarray((ends[0] - ends[1]) / (2.0 * step))
 
-    def by_times(self, material: Prony, given: Given, rho: Array) -> Array:
+    def by_times(self, material: Prony, given: Given, rho: Floats) -> Floats:
         """Return the derivatives by terms of any times; see :meth:`Model.by_times`."""
         height = self._value("height", self.height, given)
         at = self._run(material, height, given)
@@ -144,16 +139,14 @@ class DropModel:
         made = self._by_term(material, rho, chosen, height, given, at)
         return np.asarray(self._film(given)[:, None] * made)
 
-    def _own_nodes(self, rho: Array) -> Array:
+    def _own_nodes(self, rho: Floats) -> Floats:
         """Choose from the times of a material those whose derivatives are worth a run."""
         quickest = _VISCOUS * self.expected_duration
         first = max(int(np.searchsorted(rho, quickest, "right")) - 1, 0)
         moving = rho[first:][rho[first:] <= _FROZEN * self.last]
         return np.asarray(moving[_nodes(moving / self.expected_duration)])
 
-    def _by_term(
-        self, material: Prony, rho: Array, nodes: Array, height: float, given: Given, at: Array
-    ) -> Array:
+    def _by_term(self, material: Prony, rho: Floats, nodes: Floats, height: float, given: Given, at: Floats) -> Floats:
         """Return derivatives (n, 1 + term) by the long-time modulus and terms of times [1/Pa].
 
         A term that relaxes long after the record is stiffness to it, one that relaxes at once is
@@ -166,9 +159,7 @@ class DropModel:
         made[:, 1:] = made[:, :1]
         if not nodes.size:
             return made
-        columns = [
-            self._difference(material, time, scale, height, given, at) for time in nodes.tolist()
-        ]
+        columns = [self._difference(material, time, scale, height, given, at) for time in nodes.tolist()]
         inside = np.clip(rho, nodes[0], nodes[-1])
         is_moving = rho <= _FROZEN * self.last
         if len(columns) > 1:
@@ -180,9 +171,8 @@ class DropModel:
         return made
 
     def _difference(
-        self, material: Prony, time: float | None, scale: float, height: float, given: Given,
-        at: Array,
-    ) -> Array:  # fmt: skip
+        self, material: Prony, time: float | None, scale: float, height: float, given: Given, at: Floats
+    ) -> Floats:
         """Return the derivative (n,) by a term of a time, by the long-time modulus for None."""
         step = _ONE_SIDED * scale
         relaxed = material.E_relaxed + (step if time is None else 0.0)
@@ -194,7 +184,7 @@ class DropModel:
         changed = Prony(relaxed, terms, rho, nu=material.nu)
         return np.asarray((self._run(changed, height, given) - at) / step)
 
-    def _by_factor(self, material: Prony, height: float, given: Given) -> Array:
+    def _by_factor(self, material: Prony, height: float, given: Given) -> Floats:
         """Return the derivative (n,) by a common factor of all moduli.
 
         The sum of those by the terms would be a small difference of large ones.
@@ -204,13 +194,13 @@ class DropModel:
         ends = [self._run(material.scaled(1.0 + s * _CHANGE), height, given) for s in (1, -1)]
         return np.asarray((ends[0] - ends[1]) / (2.0 * _CHANGE))
 
-    def refined(self, material: Prony, given: Given) -> Array | None:
+    def refined(self, material: Prony, given: Given) -> Floats | None:
         """Return the numbers of an accurate run."""
         height = self._value("height", self.height, given)
         numbers = self._run(material, height, given, is_full=True)
         return self._finished(numbers, given)
 
-    def _of_body(self, by_factor: Array, at: Array, given: Given) -> dict[str, Array]:
+    def _of_body(self, by_factor: Floats, at: Floats, given: Given) -> dict[str, Floats]:
         """Return derivatives by mass and radius, from those of a factor of all moduli."""
         found = {}
         if "mass" in self.names:
@@ -220,7 +210,7 @@ class DropModel:
             found[self.names["radius"]] = by_radius / given[self.names["radius"]]
         return found
 
-    def _of_recording(self, at: Array, given: Given) -> dict[str, Array]:
+    def _of_recording(self, at: Floats, given: Given) -> dict[str, Floats]:
         found = {}
         if "trigger" in self.names:
             found[self.names["trigger"]] = -self._is_touch()
@@ -235,25 +225,25 @@ class DropModel:
         del given
         return 1.0, {}
 
-    def _finished(self, numbers: Array, given: Given) -> Array:
+    def _finished(self, numbers: Floats, given: Given) -> Floats:
         trigger, pulse = (self._value(role, 0.0, given) for role in ("trigger", "pulse"))
         read = pulse * self._by_pulse() - trigger * self._is_touch()
         return np.asarray(self._film(given) * numbers + read)
 
-    def _film(self, given: Given) -> Array:
+    def _film(self, given: Given) -> Floats:
         return np.asarray(self._value("pixel", 1.0, given) ** self._is_radius())
 
-    def _is_touch(self) -> Array:
+    def _is_touch(self) -> Floats:
         return np.asarray(np.arange(self._size) < self.touches.size, dtype=float)
 
-    def _by_pulse(self) -> Array:
+    def _by_pulse(self) -> Floats:
         """Return what one deviation of the pulse's shape adds to the numbers (n,)."""
         added, first = np.zeros(self._size), self.touches.size
         if self.shared is not None:
             added[first : first + self.durations.size] = self.shared
         return added
 
-    def _is_radius(self) -> Array:
+    def _is_radius(self) -> Floats:
         first = self.touches.size + self.durations.size
         return np.asarray(np.arange(self._size) >= first, dtype=float)
 
@@ -271,21 +261,28 @@ class DropModel:
         ratio = self.mass / self._value("mass", self.mass, given)
         return replace(self.plate, mass=self._value("plate", self.plate.mass, given) * ratio)
 
-    def _run(self, material: Prony, height: float, given: Given, *, is_full: bool = False) -> Array:
+    def _run(self, material: Prony, height: float, given: Given, *, is_full: bool = False) -> Floats:
         """Simulate with the best mass and radius and a material that makes up for them."""
         mass = self._value("mass", self.mass, given)
         radius = self._value("radius", self.radius, given)
         stiffened = material.scaled(self.mass / mass * sqrt(radius / self.radius))
-        needed = 1 + max((int(w.max()) for w in (self.touches, self.durations, self.radii)
-                          if w.size), default=0)  # fmt: skip
+        needed = 1 + max((int(w.max()) for w in (self.touches, self.durations, self.radii) if w.size), default=0)
         duration = sqrt(2.0 * height / self.gravity)
         duration += _MORE_TIME * self.last + 2.0 * self.expected_duration
         for _ in range(_TRIES):
             made = contact.drop(
-                stiffened, self.radius, self.mass, height, duration, "mdr", self.profile,
-                self.rtol if is_full else max(_FAST, self.rtol), gravity=self.gravity,
-                plate=self._plate(given), times=[0.0],
-            )  # fmt: skip
+                stiffened,
+                self.radius,
+                self.mass,
+                height,
+                duration,
+                "mdr",
+                self.profile,
+                self.rtol if is_full else max(_FAST, self.rtol),
+                gravity=self.gravity,
+                plate=self._plate(given),
+                times=[0.0],
+            )
             done = made.sizes["impact"] >= needed or np.isfinite(float(made["final_contact_time"]))
             if done:
                 break
@@ -295,19 +292,20 @@ class DropModel:
             message = "the sphere does not bounce: there is nothing to predict"
             raise InputError(message)
         lasted, radii = made["contact_duration"].values, made["peak_contact_radius"].values
-        return np.concatenate([
-            touch[np.minimum(self.touches, touch.size - 1)] - touch[0],
-            np.where(self.durations < touch.size, _at(lasted, self.durations), 0.0),
-            np.where(self.radii < touch.size, _at(radii, self.radii), 0.0)
-            * sqrt(radius / self.radius),
-        ])  # fmt: skip
+        return np.concatenate(
+            [
+                touch[np.minimum(self.touches, touch.size - 1)] - touch[0],
+                np.where(self.durations < touch.size, _at(lasted, self.durations), 0.0),
+                np.where(self.radii < touch.size, _at(radii, self.radii), 0.0) * sqrt(radius / self.radius),
+            ]
+        )
 
 
-def _at(values: Array, index: NDArray[np.int64]) -> Array:
+def _at(values: Floats, index: NDArray[np.int64]) -> Floats:
     return np.asarray(values[np.minimum(index, values.size - 1)])
 
 
-def _nodes(relative: Array) -> NDArray[np.int64]:
+def _nodes(relative: Floats) -> NDArray[np.int64]:
     """Choose from ascending times, in durations of a contact, where a derivative is worth a run."""
     is_dense = (relative >= _DENSE[0]) & (relative <= _DENSE[1])
     is_end = np.isin(np.arange(relative.size), (0, relative.size - 1))
@@ -330,13 +328,13 @@ class Bounces:
         The part of the durations that all share: the shape of the pulse that was fitted.
     """
 
-    touch: Array
-    u_touch: Array
-    duration: Array
-    u_duration: Array
-    radius: Array
-    u_radius: Array
-    shared_duration: Array | None = None
+    touch: Floats
+    u_touch: Floats
+    duration: Floats
+    u_duration: Floats
+    radius: Floats
+    u_radius: Floats
+    shared_duration: Floats | None = None
 
 
 def drop_evidence(name: str, seen: Bounces, model: DropModel) -> Evidence:
@@ -381,17 +379,16 @@ def drop_evidence(name: str, seen: Bounces, model: DropModel) -> Evidence:
     last = float(seen.touch[times].max()) if times.size else fall * max(int(radii.max()), 1)
     shared = None if seen.shared_duration is None else seen.shared_duration[lasted]
     full = replace(
-        model, touches=times, durations=lasted, radii=radii, last=last,
-        expected_duration=expected, shared=shared,
-    )  # fmt: skip
+        model, touches=times, durations=lasted, radii=radii, last=last, expected_duration=expected, shared=shared
+    )
     return Evidence(name, tuple(groups), full)
 
 
-def _seen(values: Array, u: Array) -> NDArray[np.int64]:
+def _seen(values: Floats, u: Floats) -> NDArray[np.int64]:
     return np.flatnonzero(np.isfinite(values) & np.isfinite(u) & (u > 0.0))
 
 
-def _expected_duration(observed: Array, model: DropModel) -> float:
+def _expected_duration(observed: Floats, model: DropModel) -> float:
     """Return the usual contact [s]; where none was timed, that of a millimetre's Hertz contact."""
     if observed.size:
         return float(np.median(observed))

@@ -10,12 +10,11 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 
-Array = NDArray[np.float64]
 Given = Mapping[str, float]
 
 
@@ -41,9 +40,9 @@ class Group:
     """
 
     name: str
-    values: Array
-    u: Array
-    axis: Array
+    values: Floats
+    u: Floats
+    axis: Floats
     units: str
     axis_name: str
     axis_units: str
@@ -72,11 +71,11 @@ class Model(Protocol):
         """Shortest and longest time in s of which the observations can tell."""
         ...
 
-    def predict(self, material: Prony, given: Given) -> Array:
+    def predict(self, material: Prony, given: Given) -> Floats:
         """Return the numbers (n,) of all groups, one behind the other."""
         ...
 
-    def derivatives(self, material: Prony, given: Given) -> tuple[Array, dict[str, Array]]:
+    def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
         """Return the derivatives by the terms (E_relaxed, E) and by the unknowns.
 
         Returns
@@ -85,7 +84,7 @@ class Model(Protocol):
         """
         ...
 
-    def by_times(self, material: Prony, given: Given, rho: Array) -> Array:
+    def by_times(self, material: Prony, given: Given, rho: Floats) -> Floats:
         """Return the derivatives by the long-time modulus and by terms of other relaxation times.
 
         Parameters
@@ -101,7 +100,7 @@ class Model(Protocol):
         """
         ...
 
-    def refined(self, material: Prony, given: Given) -> Array | None:
+    def refined(self, material: Prony, given: Given) -> Floats | None:
         """Return what a costlier, fuller model predicts (n,); None where there is none."""
         ...
 
@@ -131,16 +130,16 @@ class Evidence:
     is_prior: bool = False
 
     @property
-    def values(self) -> Array:
+    def values(self) -> Floats:
         """Observed numbers (n,) of all groups."""
         return np.concatenate([g.values for g in self.groups])
 
     @property
-    def u(self) -> Array:
+    def u(self) -> Floats:
         """Their own standard uncertainties (n,)."""
         return np.concatenate([g.u for g in self.groups])
 
-    def weight(self, ratio: Array | None, given: Given) -> tuple[Array, dict[str, Array]]:
+    def weight(self, ratio: Floats | None, given: Given) -> tuple[Floats, dict[str, Floats]]:
         """Return the correction (n,) that applies, and its derivatives by unknowns.
 
         Parameters
@@ -180,11 +179,11 @@ class LinearModel:
         The fuller model of :meth:`Model.refined`: takes material and given.
     """
 
-    basis: Array
+    basis: Floats
     window: tuple[float, float]
-    shifts: Mapping[str, Array] = field(default_factory=dict)
-    factors: Mapping[str, Array] = field(default_factory=dict)
-    offsets: Mapping[str, Array] = field(default_factory=dict)
+    shifts: Mapping[str, Floats] = field(default_factory=dict)
+    factors: Mapping[str, Floats] = field(default_factory=dict)
+    offsets: Mapping[str, Floats] = field(default_factory=dict)
     fuller: "Fuller | None" = None
 
     @property
@@ -192,12 +191,12 @@ class LinearModel:
         """Shifts, factors and offsets."""
         return (*self.shifts, *self.factors, *self.offsets)
 
-    def predict(self, material: Prony, given: Given) -> Array:
+    def predict(self, material: Prony, given: Given) -> Floats:
         """Return the numbers (n,)."""
         linear = self._factor(given) * (self._basis(given) @ _terms(material))
         return np.asarray(linear + self._offset(given))
 
-    def derivatives(self, material: Prony, given: Given) -> tuple[Array, dict[str, Array]]:
+    def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
         """Return exact derivatives; see :meth:`Model.derivatives`."""
         terms, factor = _terms(material), self._factor(given)
         basis = self._basis(given)
@@ -207,7 +206,7 @@ class LinearModel:
         others |= dict(self.offsets)
         return factor[:, None] * basis, others
 
-    def by_times(self, material: Prony, given: Given, rho: Array) -> Array:
+    def by_times(self, material: Prony, given: Given, rho: Floats) -> Floats:
         """Return the basis, which must have been made for these times.
 
         Raises
@@ -224,7 +223,7 @@ class LinearModel:
             raise InputError(message)
         return np.asarray(self._factor(given)[:, None] * self._basis(given))
 
-    def refined(self, material: Prony, given: Given) -> Array | None:
+    def refined(self, material: Prony, given: Given) -> Floats | None:
         """Return the fuller model's numbers, if there is one."""
         if self.fuller is None:
             return None
@@ -235,19 +234,19 @@ class LinearModel:
         del given
         return 1.0, {}
 
-    def _basis(self, given: Given) -> Array:
+    def _basis(self, given: Given) -> Floats:
         made = self.basis
         for name, shift in self.shifts.items():
             made = made + given[name] * shift
         return made
 
-    def _factor(self, given: Given) -> Array:
+    def _factor(self, given: Given) -> Floats:
         made = np.ones(len(self.basis))
         for name, where in self.factors.items():
             made = made * given[name] ** where
         return made
 
-    def _offset(self, given: Given) -> Array:
+    def _offset(self, given: Given) -> Floats:
         made = np.zeros(len(self.basis))
         for name, offset in self.offsets.items():
             made = made + given[name] * offset
@@ -257,10 +256,10 @@ class LinearModel:
 class Fuller(Protocol):
     """A fuller model of the linear numbers, without factors and offsets."""
 
-    def __call__(self, material: Prony, given: Given) -> Array:
+    def __call__(self, material: Prony, given: Given) -> Floats:
         """Return the numbers (n,)."""
         ...
 
 
-def _terms(material: Prony) -> Array:
+def _terms(material: Prony) -> Floats:
     return np.concatenate([[material.E_relaxed], material.E])

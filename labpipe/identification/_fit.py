@@ -13,16 +13,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError, LabpipeError
-from labpipe.identification._problem import Corrections, Misfit, Problem, split
+from labpipe.identification._problem import Corrections, Misfit, Problem, split_by_group
 from labpipe.identification._tangent import Surrogate, Tangent
-from labpipe.uncertainty import variance
+from labpipe.uncertainty import propagated_variance
 
-Array = NDArray[np.float64]
 Misfits = dict[tuple[str, str], Misfit]
 
 _BOUND = 6.0  # standard deviations of the prior: farther out it is not believed
@@ -67,21 +66,21 @@ class Fit:
         What the separate starts led to, with every number uncertain by another per cent.
     evaluations, differentiations : int
         Times all models were run, and their derivatives.
-    is_settled : bool
+    is_converged : bool
         Corrections and misfits do not change any more.
     tangent : Tangent, optional
         Derivatives of the models at ``xi``, where they were made.
     """
 
     problem: Problem
-    xi: Array
+    xi: Floats
     corrections: Corrections
     misfits: Misfits
     cost: float
     costs_from_starts: tuple[float, ...]
     evaluations: int
     differentiations: int
-    is_settled: bool
+    is_converged: bool
     tangent: Tangent | None = None
 
     def differentiated(self) -> "Fit":
@@ -92,7 +91,7 @@ class Fit:
 def fit(
     problem: Problem,
     *,
-    start: Array | None = None,
+    start: Floats | None = None,
     with_misfit: bool = True,
     progress: Callable[[str], None] | None = None,
 ) -> Fit:
@@ -129,30 +128,37 @@ def fit(
     say = progress or _silent
     xi, costs = _begun(objective, start, say)
     misfits: Misfits = {}
-    is_settled, looks, decrease = False, 0, _ROUGH
+    is_converged, looks, decrease = False, 0, _ROUGH
     for round_ in range(_ROUNDS):
         say(f"fit with corrections, round {round_ + 1}")
         objective.renew(problem.corrections(xi), misfits)
         before, xi = xi, objective.minimised(xi, decrease, is_near=round_ > 0)
         moved = float(np.max(np.abs(xi - before) / np.sqrt(np.diag(objective.covariance(xi)))))
-        is_settled = decrease == _EXACT and moved < _SETTLED
+        is_converged = decrease == _EXACT and moved < _SETTLED
         decrease = _EXACT if moved < _NEAR else _ROUGH
-        if not is_settled and round_ < _PATIENCE:
+        if not is_converged and round_ < _PATIENCE:
             continue  # what corrections still explain is no discrepancy
         found = objective.new_misfits(xi) if with_misfit and looks < _LOOKS else misfits
         looks += 1
-        if is_settled and _is_alike(found, misfits):
+        if is_converged and _is_alike(found, misfits):
             break
         misfits = found
     return Fit(
-        problem, xi, objective.corrections, objective.misfits, objective.cost(xi), costs,
-        objective.evaluations, objective.differentiated, is_settled,
-    )  # fmt: skip
+        problem,
+        xi,
+        objective.corrections,
+        objective.misfits,
+        objective.cost(xi),
+        costs,
+        objective.evaluations,
+        objective.differentiated,
+        is_converged,
+    )
 
 
 def _begun(
-    objective: "Objective", start: Array | None, say: Callable[[str], None]
-) -> tuple[Array, tuple[float, ...]]:
+    objective: "Objective", start: Floats | None, say: Callable[[str], None]
+) -> tuple[Floats, tuple[float, ...]]:
     """Return the lowest of the minima that the starts lead to, and the costs of all."""
     starts = [start] if start is not None else _starts(objective)
     ends = []
@@ -172,11 +178,7 @@ class Objective:
     """Residuals of a problem, divided by their deviations, with the prior as further rows."""
 
     def __init__(
-        self,
-        problem: Problem,
-        corrections: Corrections,
-        misfits: Misfits,
-        tangent: Tangent | None = None,
+        self, problem: Problem, corrections: Corrections, misfits: Misfits, tangent: Tangent | None = None
     ) -> None:
         self.problem = problem
         self.corrections = corrections
@@ -193,7 +195,7 @@ class Objective:
         """Take other corrections and misfits."""
         self.corrections, self.misfits = corrections, misfits
 
-    def residuals(self, xi: Array) -> Array:
+    def residuals(self, xi: Floats) -> Floats:
         """Return the rows (n + parameter,)."""
         self.evaluations += 1
         try:
@@ -206,45 +208,40 @@ class Objective:
         ]
         return np.concatenate([*rows, xi])
 
-    def deviations(self, number: int) -> Array:
+    def deviations(self, number: int) -> Floats:
         """Return the deviations (n,) of one experiment; those of a misfit go with the values."""
         evidence = self.problem.evidence[number]
-        parts = [
-            self.misfits.get((evidence.name, g.name), Misfit()).deviation(g, g.values)
-            for g in evidence.groups
-        ]
+        parts = [self.misfits.get((evidence.name, g.name), Misfit()).deviation(g, g.values) for g in evidence.groups]
         return np.concatenate(parts)
 
-    def data_jacobian(self, xi: Array) -> Array:
+    def data_jacobian(self, xi: Floats) -> Floats:
         """Return the derivative (n, parameter) of the predictions over their deviations.
 
         The last tangent's, which fits after :meth:`minimised` led here; a new one's at first.
         """
         return self._surrogate(xi, np.zeros(self._size)).jacobian(xi)
 
-    def _differentiate(self, xi: Array) -> Tangent:
+    def _differentiate(self, xi: Floats) -> Tangent:
         self.differentiated += 1
         self.tangent = Tangent.at(self.problem, xi)
         return self.tangent
 
-    def _surrogate(self, xi: Array, rest: Array) -> Surrogate:
+    def _surrogate(self, xi: Floats, rest: Floats) -> Surrogate:
         tangent = self.tangent or self._differentiate(xi)
-        deviations = np.concatenate([
-            self.deviations(i) for i in range(len(self.problem.evidence))
-        ])[:, None]  # fmt: skip
+        deviations = np.concatenate([self.deviations(i) for i in range(len(self.problem.evidence))])[:, None]
         by_terms, by_values = tangent.corrected(xi, self.corrections)
         return Surrogate(self.problem, xi, rest, by_terms / deviations, by_values / deviations)
 
-    def surrogate(self, xi: Array) -> Surrogate:
+    def surrogate(self, xi: Floats) -> Surrogate:
         """Return the surrogate around a point, by the models' derivatives there."""
         return self._surrogate(xi, self._height(xi)[1])
 
-    def cost(self, xi: Array) -> float:
+    def cost(self, xi: Floats) -> float:
         """Return half the sum of squares."""
         rows = self.residuals(xi)
         return 0.5 * float(rows @ rows)
 
-    def minimised(self, start: Array, decrease: float, *, is_near: bool = False) -> Array:
+    def minimised(self, start: Floats, decrease: float, *, is_near: bool = False) -> Floats:
         """Return the minimum from a start, up to a decrease of the cost that is not worth a step.
 
         Every step goes to the minimum of a surrogate. Where the models do not keep what it promises
@@ -295,23 +292,20 @@ class Objective:
                 is_fresh, learned = True, 0
         return xi
 
-    def _learn(self, surrogate: Surrogate, to: Array, found: Array) -> None:
+    def _learn(self, surrogate: Surrogate, to: Floats, found: Floats) -> None:
         """Mend the tangent by what a step really did."""
         if self.tangent is None or not np.any(to != surrogate.at):
             return
         promised, _ = surrogate.rows(to)
-        deviations = np.concatenate([
-            self.deviations(i) for i in range(len(self.problem.evidence))
-        ])  # fmt: skip
-        given = self.problem.given(surrogate.at)
-        weight = np.concatenate([
-            e.weight(ratio, given)[0]
-            for e, ratio in zip(self.problem.evidence, self.corrections, strict=True)
-        ])  # fmt: skip
+        deviations = np.concatenate([self.deviations(i) for i in range(len(self.problem.evidence))])
+        given = self.problem.nuisance_values(surrogate.at)
+        weight = np.concatenate(
+            [e.weight(ratio, given)[0] for e, ratio in zip(self.problem.evidence, self.corrections, strict=True)]
+        )
         missed = (promised - found) * deviations / weight
         self.tangent = self.tangent.learned(surrogate, to, missed)
 
-    def _height(self, xi: Array) -> tuple[float, Array]:
+    def _height(self, xi: Floats) -> tuple[float, Floats]:
         """Return the cost and the residuals (n,) of the data."""
         rows = self.residuals(xi)
         return 0.5 * float(rows @ rows), rows[: self._size]
@@ -320,19 +314,19 @@ class Objective:
     def _size(self) -> int:
         return sum(e.values.size for e in self.problem.evidence)
 
-    def covariance(self, xi: Array) -> Array:
+    def covariance(self, xi: Floats) -> Floats:
         """Return the covariance (parameter, parameter) of Laplace's approximation."""
         return laplace(self.data_jacobian(xi))[0]
 
-    def new_misfits(self, xi: Array) -> Misfits:
+    def new_misfits(self, xi: Floats) -> Misfits:
         """Estimate the discrepancy of every group that the stated uncertainties do not explain."""
         rows, covariance = self.data_jacobian(xi), self.covariance(xi)
         predicted = self.problem.predictions(xi, self.corrections)
-        used = variance(rows, covariance)
+        used = propagated_variance(rows, covariance)
         found: Misfits = {}
         first = 0
         for each, numbers in zip(self.problem.evidence, predicted, strict=True):
-            for group, part in zip(each.groups, split(each, numbers), strict=True):
+            for group, part in zip(each.groups, split_by_group(each, numbers), strict=True):
                 leverage = float(used[first : first + part.size].sum())
                 first += part.size
                 freedom = max(part.size - leverage, 1.0)
@@ -345,7 +339,7 @@ class Objective:
         return found
 
 
-def laplace(rows: Array) -> tuple[Array, float]:
+def laplace(rows: Floats) -> tuple[Floats, float]:
     """Return the inverse of ``rows.T @ rows + 1`` and the logarithm of its own determinant.
 
     By singular values: combinations may be known a million times better than others, and the
@@ -357,7 +351,7 @@ def laplace(rows: Array) -> tuple[Array, float]:
     return np.asarray((vectors.T / more) @ vectors), float(np.log(more).sum())
 
 
-def _misfit(rest: Array, u: Array, size: Array, freedom: float) -> Misfit | None:
+def _misfit(rest: Floats, u: Floats, size: Floats, freedom: float) -> Misfit | None:
     """Return the discrepancy that makes chi square what it should be; None where it is.
 
     Residuals that go in waves tell of one before they are large.
@@ -379,7 +373,7 @@ def _misfit(rest: Array, u: Array, size: Array, freedom: float) -> Misfit | None
     return Misfit(relative, neighbours(rest / np.hypot(u, relative * size)))
 
 
-def neighbours(normalised: Array) -> float:
+def neighbours(normalised: Floats) -> float:
     """Return the correlation of neighbouring residuals, 0 to 0.9; 0 where there are few."""
     if normalised.size < _FEWEST_FOR_CORRELATION:
         return 0.0
@@ -389,7 +383,7 @@ def neighbours(normalised: Array) -> float:
     return float(np.clip(value, 0.0, _HIGHEST_CORRELATION)) if value > chance else 0.0
 
 
-def _starts(objective: Objective) -> list[Array]:
+def _starts(objective: Objective) -> list[Floats]:
     """Scan moduli and losses, and return the best that lie apart."""
     tried = [_tried(objective, modulus, _LOSSES[0]) for modulus in _MODULI]
     best = _MODULI[int(np.argmin([cost for cost, _ in tried]))]
@@ -406,7 +400,7 @@ def _starts(objective: Objective) -> list[Array]:
             "check mass, radius, heights and depths"
         )
         raise LabpipeError(message)
-    kept: list[Array] = []
+    kept: list[Floats] = []
     for _, xi in tried:
         if all(np.linalg.norm(xi - other) > _APART for other in kept):
             kept.append(xi)
@@ -415,7 +409,7 @@ def _starts(objective: Objective) -> list[Array]:
     return kept
 
 
-def _tried(objective: Objective, modulus: float, loss: float) -> tuple[float, Array]:
+def _tried(objective: Objective, modulus: float, loss: float) -> tuple[float, Floats]:
     problem = objective.problem
     xi = np.zeros(len(problem.parameters))
     xi[: problem.n_material] = problem.spectrum.start(modulus, loss)

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.identification._evidence import Given, Model
 from labpipe.materials import Prony
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,23 +31,21 @@ class JoinedModel:
         windows = [part.window for part in self.parts]
         return min(w[0] for w in windows), max(w[1] for w in windows)
 
-    def predict(self, material: Prony, given: Given) -> Array:
+    def predict(self, material: Prony, given: Given) -> Floats:
         """Return the numbers (n,) of all parts."""
         return np.concatenate([part.predict(material, given) for part in self.parts])
 
-    def derivatives(self, material: Prony, given: Given) -> tuple[Array, dict[str, Array]]:
+    def derivatives(self, material: Prony, given: Given) -> tuple[Floats, dict[str, Floats]]:
         """Return the derivatives of all parts; see :meth:`Model.derivatives`."""
         made = [part.derivatives(material, given) for part in self.parts]
         sizes = [len(by_term) for by_term, _ in made]
         others = {
-            name: np.concatenate(
-                [own.get(name, np.zeros(n)) for (_, own), n in zip(made, sizes, strict=True)]
-            )
+            name: np.concatenate([own.get(name, np.zeros(n)) for (_, own), n in zip(made, sizes, strict=True)])
             for name in self.unknowns
         }
         return np.vstack([by_term for by_term, _ in made]), others
 
-    def by_times(self, material: Prony, given: Given, rho: Array) -> Array:
+    def by_times(self, material: Prony, given: Given, rho: Floats) -> Floats:
         """Return the derivatives of all parts; see :meth:`Model.by_times`."""
         return np.vstack([part.by_times(material, given, rho) for part in self.parts])
 

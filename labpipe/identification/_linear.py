@@ -8,15 +8,13 @@ modulus ``A``. Under a small oscillation about a mean depth it is ``K* = E*(omeg
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.identification._evidence import Evidence, Fuller, Group, LinearModel
 
-Array = NDArray[np.float64]
 
-
-def lee_radok_basis(time: Array, area: Array, rho: Array, nu: float) -> Array:
+def lee_radok_basis(time: Floats, area: Floats, rho: Floats, nu: float) -> Floats:
     """Return the force of a growing contact per Pa of each term of the relaxation modulus.
 
     Parameters
@@ -68,12 +66,12 @@ def lee_radok_basis(time: Array, area: Array, rho: Array, nu: float) -> Array:
 
 def force_evidence(
     name: str,
-    lag: Array,
-    force: Array,
-    u_force: Array,
-    basis: Array,
+    lag: Floats,
+    force: Floats,
+    u_force: Floats,
+    basis: Floats,
     *,
-    shifts: Mapping[str, Array] | None = None,
+    shifts: Mapping[str, Floats] | None = None,
     factors: tuple[str, ...] = (),
     offsets: tuple[str, ...] = (),
 ) -> Evidence:
@@ -93,14 +91,16 @@ def force_evidence(
         Unknowns that multiply every force, or are added to it (gain, punch; tare).
     """
     model = LinearModel(
-        basis, (float(lag.min()), float(lag.max())), dict(shifts or {}),
-        {f: np.ones(force.size) for f in factors}, {o: np.ones(force.size) for o in offsets},
-    )  # fmt: skip
-    return Evidence(name, (Group("force", force, u_force, lag, "N", "time since the ramp", "s"),),
-                    model)  # fmt: skip
+        basis,
+        (float(lag.min()), float(lag.max())),
+        dict(shifts or {}),
+        {f: np.ones(force.size) for f in factors},
+        {o: np.ones(force.size) for o in offsets},
+    )
+    return Evidence(name, (Group("force", force, u_force, lag, "N", "time since the ramp", "s"),), model)
 
 
-def modulus_basis(omega: Array, rho: Array) -> tuple[Array, Array]:
+def modulus_basis(omega: Floats, rho: Floats) -> tuple[Floats, Floats]:
     """Return storage and loss modulus (n, 1 + term) per Pa of each term."""
     x = omega[:, None] * rho
     loss = x / (1.0 + x * x)
@@ -110,16 +110,16 @@ def modulus_basis(omega: Array, rho: Array) -> tuple[Array, Array]:
 
 def stiffness_evidence(
     name: str,
-    frequency: Array,
-    storage: tuple[Array, Array],
-    loss: tuple[Array, Array],
-    slope: Array,
-    rho: Array,
+    frequency: Floats,
+    storage: tuple[Floats, Floats],
+    loss: tuple[Floats, Floats],
+    slope: Floats,
+    rho: Floats,
     nu: float,
     *,
-    slope_by: Mapping[str, Array] | None = None,
+    slope_by: Mapping[str, Floats] | None = None,
     factors: tuple[str, ...] = (),
-    offsets: Mapping[str, Array] | None = None,
+    offsets: Mapping[str, Floats] | None = None,
     fuller: Fuller | None = None,
 ) -> Evidence:
     """Take the dynamic stiffness of an oscillating punch as evidence.
@@ -150,19 +150,23 @@ def stiffness_evidence(
     twice = np.concatenate([slope, slope])
     shifts = {n: np.concatenate([d, d])[:, None] * reduced for n, d in (slope_by or {}).items()}
     model = LinearModel(
-        twice[:, None] * reduced, _window(omega), shifts,
-        {f: np.ones(twice.size) for f in factors}, dict(offsets or {}), fuller,
-    )  # fmt: skip
+        twice[:, None] * reduced,
+        _window(omega),
+        shifts,
+        {f: np.ones(twice.size) for f in factors},
+        dict(offsets or {}),
+        fuller,
+    )
     groups = _storage_and_loss("stiffness", "N/m", frequency, storage, loss)
     return Evidence(name, groups, model)
 
 
 def modulus_evidence(
     name: str,
-    frequency: Array,
-    storage: tuple[Array, Array],
-    loss: tuple[Array, Array],
-    rho: Array,
+    frequency: Floats,
+    storage: tuple[Floats, Floats],
+    loss: tuple[Floats, Floats],
+    rho: Floats,
     *,
     factors: tuple[str, ...] = (),
     is_prior: bool = True,
@@ -186,20 +190,13 @@ def modulus_evidence(
     """
     omega = 2.0 * np.pi * frequency
     basis = np.vstack(modulus_basis(omega, rho))
-    model = LinearModel(
-        basis, _window(omega), {},
-        {f: np.ones(len(basis)) for f in factors},
-    )  # fmt: skip
+    model = LinearModel(basis, _window(omega), {}, {f: np.ones(len(basis)) for f in factors})
     groups = _storage_and_loss("modulus", "Pa", frequency, storage, loss)
     return Evidence(name, groups, model, is_prior)
 
 
 def _storage_and_loss(
-    noun: str,
-    unit: str,
-    frequency: Array,
-    storage: tuple[Array, Array],
-    loss: tuple[Array, Array],
+    noun: str, unit: str, frequency: Floats, storage: tuple[Floats, Floats], loss: tuple[Floats, Floats]
 ) -> tuple[Group, ...]:
     return tuple(
         Group(f"{label} {noun}", values, u, frequency, unit, "frequency", "Hz")
@@ -207,6 +204,6 @@ def _storage_and_loss(
     )
 
 
-def _window(omega: Array) -> tuple[float, float]:
+def _window(omega: Floats) -> tuple[float, float]:
     """Return the times that frequencies tell of [s]."""
     return 1.0 / float(omega.max()), 1.0 / float(omega.min())

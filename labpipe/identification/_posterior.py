@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from labpipe.arrays import Floats
 from labpipe.identification._evidence import Group
 from labpipe.identification._fit import Fit, Objective, laplace
 from labpipe.identification._linear import modulus_basis
-from labpipe.identification._problem import Misfit, split
+from labpipe.identification._problem import Misfit, split_by_group
 from labpipe.identification._spectra import Spectrum
-from labpipe.uncertainty import carried, spread
-
-Array = NDArray[np.float64]
+from labpipe.uncertainty import propagated_covariance, propagated_u
 
 _DRAWS = 1000  # of the prior
 _SEED = 20  # fixed: the same answer every time
@@ -44,8 +43,8 @@ class Structure:
 
     name: str
     spectrum: Spectrum
-    xi: Array
-    covariance: Array
+    xi: Floats
+    covariance: Floats
     weight: float
 
 
@@ -70,10 +69,10 @@ class Posterior:
     """
 
     fit: Fit
-    covariance: Array
-    sensitivity: Array
-    singular_values: Array
-    combinations: Array
+    covariance: Floats
+    sensitivity: Floats
+    singular_values: Floats
+    combinations: Floats
     structures: tuple[Structure, ...] = ()
 
     @property
@@ -82,7 +81,7 @@ class Posterior:
         return int(np.sum(self.singular_values > 1.0))
 
     @property
-    def sd(self) -> Array:
+    def sd(self) -> Floats:
         """Standard deviations (parameter,) of the standard coordinates; 1 is the prior's."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
@@ -93,9 +92,9 @@ class Posterior:
         at = float(self.fit.xi[number])
         return parameter.value(at), parameter.value(at - reach), parameter.value(at + reach)
 
-    def carried(self, by_xi: Array) -> Array:
+    def covariance_of(self, by_xi: Floats) -> Floats:
         """Return the covariance of quantities from their derivatives (quantity, parameter)."""
-        return carried(by_xi, self.covariance)
+        return propagated_covariance(by_xi, self.covariance)
 
 
 def posterior(found: Fit) -> Posterior:
@@ -125,7 +124,7 @@ class Moduli:
         Most probable.
     u_ln_storage, u_ln_loss_factor : array (n,)
         Standard deviations of their natural logarithms.
-    open_ln_storage, open_ln_loss_factor : array (n,)
+    structure_ln_storage, structure_ln_loss_factor : array (n,)
         What the structure of the spectrum adds to the fit's own, in quadrature.
     prior_ln_storage, prior_ln_loss_factor : array (n,)
         Those of the prior.
@@ -135,16 +134,16 @@ class Moduli:
         Lowest and highest frequency of which the observations tell.
     """
 
-    frequency: Array
-    storage: Array
-    loss_factor: Array
-    u_ln_storage: Array
-    u_ln_loss_factor: Array
-    open_ln_storage: Array
-    open_ln_loss_factor: Array
-    prior_ln_storage: Array
-    prior_ln_loss_factor: Array
-    derivatives: Array
+    frequency: Floats
+    storage: Floats
+    loss_factor: Floats
+    u_ln_storage: Floats
+    u_ln_loss_factor: Floats
+    structure_ln_storage: Floats
+    structure_ln_loss_factor: Floats
+    prior_ln_storage: Floats
+    prior_ln_loss_factor: Floats
+    derivatives: Floats
     data: tuple[float, float]
 
     @property
@@ -159,7 +158,7 @@ class Moduli:
         return np.asarray(storage & loss & is_inside)
 
 
-def moduli(known: Posterior, frequency: Array) -> Moduli:
+def moduli(known: Posterior, frequency: Floats) -> Moduli:
     """Return storage modulus and loss factor with their uncertainties.
 
     Where structures were weighed, mean and standard deviation of the logarithms over all of them.
@@ -176,7 +175,7 @@ def moduli(known: Posterior, frequency: Array) -> Moduli:
     problem, xi = known.fit.problem, known.fit.xi
     omega = 2.0 * np.pi * frequency
     logarithms, by_xi = ln_moduli(problem.spectrum, xi, omega)
-    u = own = np.sqrt(np.diag(known.carried(by_xi)))
+    u = own = np.sqrt(np.diag(known.covariance_of(by_xi)))
     if known.structures:
         weights = np.array([one.weight for one in known.structures])
         told = [_told(one, omega) for one in known.structures]
@@ -186,12 +185,21 @@ def moduli(known: Posterior, frequency: Array) -> Moduli:
     prior = _prior_spread(spectrum_draws(known), modulus_basis(omega, problem.spectrum.rho))
     half, added = frequency.size, np.sqrt(np.maximum(u**2 - own**2, 0.0))
     return Moduli(
-        frequency, np.exp(logarithms[:half]), np.exp(logarithms[half:]), u[:half], u[half:],
-        added[:half], added[half:], prior[0], prior[1], by_xi, frequencies(known),
-    )  # fmt: skip
+        frequency,
+        np.exp(logarithms[:half]),
+        np.exp(logarithms[half:]),
+        u[:half],
+        u[half:],
+        added[:half],
+        added[half:],
+        prior[0],
+        prior[1],
+        by_xi,
+        informative_range(known),
+    )
 
 
-def ln_moduli(spectrum: Spectrum, xi: Array, omega: Array) -> tuple[Array, Array]:
+def ln_moduli(spectrum: Spectrum, xi: Floats, omega: Floats) -> tuple[Floats, Floats]:
     """Return logarithms (2 n,) of storage modulus and loss factor, and derivatives by ``xi``."""
     n = len(spectrum.parameters)
     terms = np.exp(spectrum.log_terms(xi[:n]))
@@ -204,27 +212,27 @@ def ln_moduli(spectrum: Spectrum, xi: Array, omega: Array) -> tuple[Array, Array
     return np.log(np.concatenate([storage, loss / storage])), by_xi
 
 
-def _told(one: Structure, omega: Array) -> tuple[Array, Array]:
+def _told(one: Structure, omega: Floats) -> tuple[Floats, Floats]:
     """Return logarithms (2 n,) of storage modulus and loss factor with standard deviations."""
     values, by_xi = ln_moduli(one.spectrum, one.xi, omega)
-    return values, spread(by_xi, one.covariance)
+    return values, propagated_u(by_xi, one.covariance)
 
 
-def frequencies(known: Posterior) -> tuple[float, float]:
+def informative_range(known: Posterior) -> tuple[float, float]:
     """Return the lowest and highest frequency in Hz of which the observations tell."""
     windows = [each.model.window for each in known.fit.problem.evidence]
     longest, shortest = max(w[1] for w in windows), min(w[0] for w in windows)
     return 0.5 / np.pi / longest, 0.5 / np.pi / shortest
 
 
-def spectrum_draws(known: Posterior) -> Array:
+def spectrum_draws(known: Posterior) -> Floats:
     """Return terms (draw, 1 + term) [Pa] drawn from the prior, the same ones every time."""
     spectrum = known.fit.problem.spectrum
     draws = np.random.default_rng(_SEED).standard_normal((_DRAWS, len(spectrum.parameters)))
     return np.exp([spectrum.log_terms(xi) for xi in draws])
 
 
-def _prior_spread(draws: Array, bases: Sequence[Array]) -> tuple[Array, Array]:
+def _prior_spread(draws: Floats, bases: Sequence[Floats]) -> tuple[Floats, Floats]:
     """Return half the width (n,) of the central 68 % of the logarithms."""
     storage, loss = (draws @ basis.T for basis in bases)
     ends = norm.cdf([-1.0, 1.0])
@@ -253,9 +261,9 @@ class Band:
 
     evidence: str
     group: Group
-    predicted: Array
-    u_predicted: Array
-    residual: Array
+    predicted: Floats
+    u_predicted: Floats
+    residual: Floats
     misfit: Misfit
 
     @property
@@ -264,15 +272,15 @@ class Band:
         return float(np.sum(((self.group.values - self.predicted) / self.group.u) ** 2))
 
 
-def bands(known: Posterior) -> tuple[Band, ...]:
+def predictive_bands(known: Posterior) -> tuple[Band, ...]:
     """Return what the identified material predicts for every group, with its band."""
     found = known.fit
     problem = found.problem
     predicted = problem.predictions(found.xi, found.corrections)
-    u = spread(known.sensitivity, known.covariance)
+    u = propagated_u(known.sensitivity, known.covariance)
     made, first = [], 0
     for each, numbers in zip(problem.evidence, predicted, strict=True):
-        for group, part in zip(each.groups, split(each, numbers), strict=True):
+        for group, part in zip(each.groups, split_by_group(each, numbers), strict=True):
             misfit = found.misfits.get((each.name, group.name), Misfit())
             deviation = misfit.deviation(group, group.values)
             own = u[first : first + part.size] * deviation

@@ -4,16 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.identification._evidence import Evidence, Group
 from labpipe.identification._parameters import Parameter
 from labpipe.identification._spectra import Spectrum, material
 from labpipe.materials import Prony
 
-Array = NDArray[np.float64]
-Corrections = tuple[Array | None, ...]
+Corrections = tuple[Floats | None, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +30,7 @@ class Misfit:
     relative: float = 0.0
     correlation: float = 0.0
 
-    def deviation(self, group: Group, predicted: Array) -> Array:
+    def deviation(self, group: Group, predicted: Floats) -> Floats:
         """Return the standard deviation (n,) by which residuals are divided."""
         widened = np.hypot(group.u, self.relative * np.abs(predicted))
         return np.asarray(widened * np.sqrt((1.0 + self.correlation) / (1.0 - self.correlation)))
@@ -81,12 +80,12 @@ class Problem:
         """How many unknowns the material has."""
         return len(self.spectrum.parameters)
 
-    def given(self, xi: Array) -> dict[str, float]:
+    def nuisance_values(self, xi: Floats) -> dict[str, float]:
         """Return the nuisances' values at standard coordinates (parameter,)."""
         own = xi[self.n_material :].tolist()
         return {p.name: p.value(x) for p, x in zip(self.nuisances, own, strict=True)}
 
-    def material(self, xi: Array) -> Prony:
+    def material(self, xi: Floats) -> Prony:
         """Return the material at standard coordinates (parameter,)."""
         return material(self.spectrum, self.spectrum.log_terms(xi[: self.n_material]))
 
@@ -99,14 +98,14 @@ class Problem:
         """Return that every fast model is taken as it is."""
         return tuple(None for _ in self.evidence)
 
-    def corrections(self, xi: Array) -> Corrections:
+    def corrections(self, xi: Floats) -> Corrections:
         """Return ratios (n,) of the fuller models to the fast ones; None where there is none."""
-        solid, given = self.material(xi), self.given(xi)
+        solid, given = self.material(xi), self.nuisance_values(xi)
         return tuple(_ratio(e, solid, given) for e in self.evidence)
 
-    def predictions(self, xi: Array, corrections: Corrections) -> list[Array]:
+    def predictions(self, xi: Floats, corrections: Corrections) -> list[Floats]:
         """Return the numbers (n,) of every experiment."""
-        solid, given = self.material(xi), self.given(xi)
+        solid, given = self.material(xi), self.nuisance_values(xi)
         found = []
         for each, ratio in zip(self.evidence, corrections, strict=True):
             numbers = each.model.predict(solid, given)
@@ -114,7 +113,7 @@ class Problem:
         return found
 
 
-def split(evidence: Evidence, numbers: Array) -> list[Array]:
+def split_by_group(evidence: Evidence, numbers: Floats) -> list[Floats]:
     """Cut the numbers of an experiment into those of its groups (along the first axis)."""
     ends = np.cumsum([g.values.size for g in evidence.groups])
     return list(np.split(numbers, ends[:-1]))
@@ -125,7 +124,7 @@ def count(evidence: Sequence[Evidence]) -> int:
     return sum(e.values.size for e in evidence)
 
 
-def _ratio(evidence: Evidence, solid: Prony, given: dict[str, float]) -> Array | None:
+def _ratio(evidence: Evidence, solid: Prony, given: dict[str, float]) -> Floats | None:
     fuller = evidence.model.refined(solid, given)
     if fuller is None:
         return None

@@ -18,14 +18,13 @@ from math import inf, isfinite
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
+from labpipe.arrays import Floats
 from labpipe.identification._fit import Objective
 from labpipe.identification._posterior import Posterior
 from labpipe.identification._tangent import Surrogate
 
-Array = NDArray[np.float64]
 Verdict = Literal["identified", "only an upper limit", "only a lower limit", "not identifiable"]
 
 _EDGE = 3.0  # standard coordinates: the prior holds nothing farther out
@@ -58,8 +57,8 @@ class Profile:
     """
 
     name: str
-    values: Array
-    rise: Array
+    values: Floats
+    rise: Floats
     low: float
     high: float
     verdict: Verdict
@@ -107,9 +106,7 @@ def profile(known: Posterior, number: int, level: float = 0.95) -> Profile:
     )
 
 
-def _side(
-    surrogate: Surrogate, known: Posterior, number: int, sign: float, limit: float
-) -> list[tuple[float, float]]:
+def _side(surrogate: Surrogate, known: Posterior, number: int, sign: float, limit: float) -> list[tuple[float, float]]:
     """Walk to one side until there is objection enough; returns places and heights."""
     longest = _LONGEST_STRIDE / known.fit.problem.parameters[number].sd
     stride = min(0.5 * float(known.sd[number]), longest, _PACE)
@@ -129,14 +126,14 @@ def _side(
     return found
 
 
-def _objection(surrogate: Surrogate, xi: Array) -> float:
+def _objection(surrogate: Surrogate, xi: Floats) -> float:
     """Half the sum of squares of the data, and of what is known of the experiments."""
     rest, _ = surrogate.rows(xi)
     own = xi[surrogate.problem.n_material :]
     return 0.5 * float(rest @ rest + own @ own)
 
 
-def _crossings(at: Array, rise: Array, limit: float) -> tuple[float, float]:
+def _crossings(at: Floats, rise: Floats, limit: float) -> tuple[float, float]:
     """Places left and right of the minimum where the rise passes the limit; infinite if nowhere."""
     least = int(np.argmin(rise))
     ends = []
@@ -146,9 +143,7 @@ def _crossings(at: Array, rise: Array, limit: float) -> tuple[float, float]:
         for i in side:
             if rise[i + step] > limit:
                 # the rise is about quadratic: interpolate its root
-                share = (np.sqrt(limit) - np.sqrt(rise[i])) / (
-                    np.sqrt(rise[i + step]) - np.sqrt(rise[i])
-                )
+                share = (np.sqrt(limit) - np.sqrt(rise[i])) / (np.sqrt(rise[i + step]) - np.sqrt(rise[i]))
                 place = float(at[i] + share * (at[i + step] - at[i]))
                 break
         ends.append(place)

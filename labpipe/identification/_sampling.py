@@ -20,15 +20,13 @@ doi:10.1137/140964023.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import LabpipeError
 from labpipe.identification._fit import Objective
 from labpipe.identification._linear import modulus_basis
 from labpipe.identification._posterior import Moduli, Posterior, ln_moduli
 from labpipe.identification._tangent import Surrogate
-
-Array = NDArray[np.float64]
 
 _SEED = 20  # fixed: the same draws every time
 _DRAWS = 600
@@ -54,8 +52,8 @@ class Sample:
         Draws that have no answer.
     """
 
-    draws: Array
-    weights: Array
+    draws: Floats
+    weights: Floats
     failed: int
 
     @property
@@ -64,7 +62,7 @@ class Sample:
         return float(1.0 / np.sum(self.weights**2))
 
     @property
-    def is_good(self) -> bool:
+    def is_reliable(self) -> bool:
         """Whether weights are equal enough, and few draws failed."""
         asked = len(self.draws) + self.failed
         return bool(self.effective >= _LEAST_SHARE * asked)
@@ -74,14 +72,14 @@ class Sample:
         """Whether the draws may be believed, in a sentence."""
         asked = len(self.draws) + self.failed
         said = f"effective sample size {self.effective:.0f} of {asked} draws; {self.failed} failed"
-        return said if self.is_good else f"use the draws with care: {said}"
+        return said if self.is_reliable else f"use the draws with care: {said}"
 
-    def spread(self, values: Array) -> tuple[Array, Array]:
+    def mean_and_sd(self, values: Floats) -> tuple[Floats, Floats]:
         """Return mean and standard deviation (n,) of values (draw, n)."""
         mean = self.weights @ values
         return mean, np.sqrt(self.weights @ (values - mean) ** 2)
 
-    def quantiles(self, values: Array, shares: Array) -> Array:
+    def quantiles(self, values: Floats, shares: Floats) -> Floats:
         """Return quantiles (share, n) of values (draw, n)."""
         made = np.empty((shares.size, values.shape[1]))
         for i, column in enumerate(values.T):
@@ -114,29 +112,23 @@ def sample(known: Posterior, draws: int = _DRAWS) -> Sample:
     surrogate = Objective.of(found).surrogate(found.xi)
     base = np.linalg.qr(_rows(surrogate, found.xi)[1])[0]
     rng = np.random.default_rng(_SEED)
-    made = [
-        _answer(surrogate, base, found.xi, rng.standard_normal(found.xi.size)) for _ in range(draws)
-    ]
+    made = [_answer(surrogate, base, found.xi, rng.standard_normal(found.xi.size)) for _ in range(draws)]
     kept = [one for one in made if one is not None]
     if not kept:
         message = "every draw of the posterior failed; use --sampler laplace"
         raise LabpipeError(message)
     logarithms = np.array([weight for _, weight in kept])
     weights = np.exp(logarithms - logarithms.max())
-    return Sample(
-        np.array([xi for xi, _ in kept]), weights / weights.sum(), draws - len(kept)
-    )  # fmt: skip
+    return Sample(np.array([xi for xi, _ in kept]), weights / weights.sum(), draws - len(kept))
 
 
-def _rows(surrogate: Surrogate, xi: Array) -> tuple[Array, Array]:
+def _rows(surrogate: Surrogate, xi: Floats) -> tuple[Floats, Floats]:
     """Return residuals with those of the prior, and their derivative."""
     rest, slopes = surrogate.rows(xi)
     return np.concatenate([rest, xi]), np.vstack([slopes, np.eye(xi.size)])
 
 
-def _answer(
-    surrogate: Surrogate, base: Array, start: Array, noise: Array
-) -> tuple[Array, float] | None:
+def _answer(surrogate: Surrogate, base: Floats, start: Floats, noise: Floats) -> tuple[Floats, float] | None:
     """Return the draw of some noise and the logarithm of its weight; None where there is none."""
     xi = start
     rows, slopes = _rows(surrogate, xi)
@@ -163,7 +155,7 @@ def _answer(
     return None
 
 
-def drawn_moduli(drawn: Sample, known: Posterior, curve: Moduli) -> tuple[Array, Array]:
+def sampled_moduli(drawn: Sample, known: Posterior, curve: Moduli) -> tuple[Floats, Floats]:
     """Return storage modulus [Pa] and loss factor (draw, frequency) of every draw.
 
     Draws follow the most probable structure of the spectrum; what the others say is added as
@@ -184,7 +176,7 @@ def drawn_moduli(drawn: Sample, known: Posterior, curve: Moduli) -> tuple[Array,
     storage, loss = (terms @ part.T for part in bases)
     own, _ = ln_moduli(spectrum, known.fit.xi, omega)
     told = np.log(np.concatenate([curve.storage, curve.loss_factor]))
-    added = np.concatenate([curve.open_ln_storage, curve.open_ln_loss_factor])
+    added = np.concatenate([curve.structure_ln_storage, curve.structure_ln_loss_factor])
     noise = np.random.default_rng(_SEED + 1).standard_normal((len(terms), told.size))
     factors = np.exp(told - own + added * noise)
     half = omega.size

@@ -37,13 +37,11 @@ from math import ceil, log, log10
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.identification._parameters import Parameter
 from labpipe.materials import Prony
-
-Array = NDArray[np.float64]
 
 _POLYMER = log(1e8)
 _WIDE = log(100.0)
@@ -71,7 +69,7 @@ class Spectrum(Protocol):
     """What a family of spectra offers."""
 
     @property
-    def rho(self) -> Array:
+    def rho(self) -> Floats:
         """Relaxation times (term,) in s, ascending."""
         ...
 
@@ -85,28 +83,26 @@ class Spectrum(Protocol):
         """The unknowns, in the order of their coordinates."""
         ...
 
-    def log_terms(self, xi: Array) -> Array:
+    def log_terms(self, xi: Floats) -> Floats:
         """Return ln of (E_relaxed, E_1, ..., E_n) in Pa at standard coordinates (parameter,)."""
         ...
 
-    def slopes(self, xi: Array) -> Array:
+    def slopes(self, xi: Floats) -> Floats:
         """Return the derivative (1 + term, parameter) of the logarithms."""
         ...
 
-    def start(self, modulus: float, loss: float) -> Array:
+    def start(self, modulus: float, loss: float) -> Floats:
         """Return coordinates (parameter,) of about this modulus [Pa] and loss factor."""
         ...
 
 
-def material(spectrum: Spectrum, log_terms: Array) -> Prony:
+def material(spectrum: Spectrum, log_terms: Floats) -> Prony:
     """Return the Prony series of logarithmic terms (1 + term,)."""
     terms = np.exp(log_terms)
     return Prony(float(terms[0]), terms[1:], spectrum.rho, nu=spectrum.nu)
 
 
-def relaxation_times(
-    shortest: float, longest: float, horizon: float = _HORIZON, per_decade: int = _FINE
-) -> Array:
+def relaxation_times(shortest: float, longest: float, horizon: float = _HORIZON, per_decade: int = _FINE) -> Floats:
     """Choose relaxation times for data that reach from one time to another.
 
     Parameters
@@ -139,9 +135,7 @@ def relaxation_times(
     return np.asarray(10.0 ** np.concatenate([quick, fine, slow]))
 
 
-def one_per_decade(
-    shortest: float, longest: float, phase: float, horizon: float = _HORIZON
-) -> Array:
+def one_per_decade(shortest: float, longest: float, phase: float, horizon: float = _HORIZON) -> Floats:
     """Choose one relaxation time per decade, over the times of :func:`relaxation_times`.
 
     Parameters
@@ -174,7 +168,7 @@ class SmoothSpectrum:
     True
     """
 
-    rho: Array
+    rho: Floats
     nu: float
 
     def __post_init__(self) -> None:
@@ -183,7 +177,7 @@ class SmoothSpectrum:
             raise InputError(message)
 
     @cached_property
-    def _widths(self) -> Array:
+    def _widths(self) -> Floats:
         """Decades that belong to each term."""
         return np.asarray(np.gradient(np.log10(self.rho)))
 
@@ -192,43 +186,45 @@ class SmoothSpectrum:
         """Long-time modulus, level of the spectrum in its middle, and its changes."""
         middle = self.rho.size // 2
         level = Parameter(
-            "level", _POLYMER - log(10.0), _WIDE, "Pa",
-            f"weight per decade at {self.rho[middle]:.2g} s", is_log=True,
-        )  # fmt: skip
+            "level", _POLYMER - log(10.0), _WIDE, "Pa", f"weight per decade at {self.rho[middle]:.2g} s", is_log=True
+        )
         changes = [
             Parameter(
-                f"change {i + 1}", 0.0, sd, "1",
+                f"change {i + 1}",
+                0.0,
+                sd,
+                "1",
                 f"ln change of the spectrum, {self.rho[i]:.2g} to {self.rho[i + 1]:.2g} s, that "
                 f"is independent of the previous changes",
             )
             for i, sd in enumerate(np.diag(self._root).tolist())
-        ]  # fmt: skip
+        ]
         return (_relaxed_modulus(), level, *changes)
 
-    def log_terms(self, xi: Array) -> Array:
+    def log_terms(self, xi: Floats) -> Floats:
         """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
         terms = self._walk @ self._prior[0] + self._by_xi @ xi
         terms[1:] += np.log(self._widths)
         return np.asarray(terms)
 
     @cached_property
-    def _prior(self) -> tuple[Array, Array]:
+    def _prior(self) -> tuple[Floats, Floats]:
         return _means_and_deviations(self.parameters)
 
-    def slopes(self, xi: Array) -> Array:
+    def slopes(self, xi: Floats) -> Floats:
         """Return the derivative (1 + term, parameter); the map is linear."""
         del xi
         return self._by_xi
 
     @cached_property
-    def _by_xi(self) -> Array:
+    def _by_xi(self) -> Floats:
         """From standard coordinates to the logarithms (1 + term, parameter)."""
         mixed = np.diag(self._prior[1])
         mixed[2:, 2:] = self._root
         return np.asarray(self._walk @ mixed)
 
     @cached_property
-    def _root(self) -> Array:
+    def _root(self) -> Floats:
         """Root (change, change) of the covariance of the changes: integrals of a slope."""
         decades = np.log10(self.rho)
         lasting = np.diff(decades) / _TURN
@@ -240,7 +236,7 @@ class SmoothSpectrum:
         return np.asarray(scale * np.linalg.cholesky(covariance))
 
     @cached_property
-    def _walk(self) -> Array:
+    def _walk(self) -> Floats:
         """From E_relaxed, level and changes to the logarithms: sums away from the middle."""
         n, middle = self.rho.size, self.rho.size // 2
         walk = np.zeros((n + 1, n + 1))
@@ -253,7 +249,7 @@ class SmoothSpectrum:
                 walk[1 : i + 2, i + 2] = -1.0
         return walk
 
-    def start(self, modulus: float, loss: float) -> Array:
+    def start(self, modulus: float, loss: float) -> Floats:
         """Return a flat spectrum: the weight of a decade is 1.5 times loss factor and modulus.
 
         A constant weight H per ln(rho) has a loss modulus of pi H/2.
@@ -264,7 +260,7 @@ class SmoothSpectrum:
         xi[1] = parameters[1].coordinate(2.0 / np.pi * log(10.0) * loss * modulus)
         return xi
 
-    def like(self, solid: Prony) -> Array:
+    def coordinates_of(self, solid: Prony) -> Floats:
         """Return coordinates of a spectrum that goes as that of another series does."""
         weight = np.log(np.maximum(solid.E, _LEAST)) - np.log(np.gradient(np.log10(solid.rho)))
         own = np.interp(np.log(self.rho), np.log(solid.rho), weight) + np.log(self._widths)
@@ -286,7 +282,7 @@ class RoughSpectrum:
     smooth: SmoothSpectrum
 
     @property
-    def rho(self) -> Array:
+    def rho(self) -> Floats:
         """Relaxation times (term,) in s."""
         return self.smooth.rho
 
@@ -299,34 +295,33 @@ class RoughSpectrum:
     def parameters(self) -> tuple[Parameter, ...]:
         """Those of the smooth spectrum, then one per term."""
         lumps = (
-            Parameter(f"lump {i + 1}", 0.0, _LUMP, "1", f"ln of the term at {rho:.2g} s over the "
-                      "smooth spectrum")
+            Parameter(f"lump {i + 1}", 0.0, _LUMP, "1", f"ln of the term at {rho:.2g} s over the smooth spectrum")
             for i, rho in enumerate(self.rho.tolist())
-        )  # fmt: skip
+        )
         return (*self.smooth.parameters, *lumps)
 
-    def log_terms(self, xi: Array) -> Array:
+    def log_terms(self, xi: Floats) -> Floats:
         """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
         n = len(self.smooth.parameters)
         terms = self.smooth.log_terms(xi[:n])
         terms[1:] += _LUMP * xi[n:]
         return terms
 
-    def slopes(self, xi: Array) -> Array:
+    def slopes(self, xi: Floats) -> Floats:
         """Return the derivative (1 + term, parameter); the map is linear."""
         lumps = np.vstack([np.zeros(self.rho.size), _LUMP * np.eye(self.rho.size)])
         return np.hstack([self.smooth.slopes(xi), lumps])
 
-    def start(self, modulus: float, loss: float) -> Array:
+    def start(self, modulus: float, loss: float) -> Floats:
         """Return a flat spectrum without lumps."""
         return np.append(self.smooth.start(modulus, loss), np.zeros(self.rho.size))
 
-    def like(self, solid: Prony) -> Array:
+    def coordinates_of(self, solid: Prony) -> Floats:
         """Return coordinates of a spectrum without lumps that goes as another series does."""
-        return np.append(self.smooth.like(solid), np.zeros(self.rho.size))
+        return np.append(self.smooth.coordinates_of(solid), np.zeros(self.rho.size))
 
 
-def _variance(lasting: Array) -> Array:
+def _variance(lasting: Floats) -> Floats:
     """Return the variance of a slope's integral over a time, both in units of its memory."""
     return np.asarray(2.0 * (lasting + np.expm1(-lasting)))
 
@@ -345,7 +340,7 @@ class FractionalSpectrum:
         Prior of the characteristic time, within a factor of a thousand.
     """
 
-    rho: Array
+    rho: Floats
     nu: float
     centre: float
 
@@ -362,32 +357,29 @@ class FractionalSpectrum:
         return (
             _relaxed_modulus(),
             Parameter("strength", _POLYMER, _WIDE, "Pa", "strength of the dispersion", is_log=True),
-            Parameter("time", log(self.centre), log(1e3), "s", "time of the dispersion",
-                      is_log=True),
+            Parameter("time", log(self.centre), log(1e3), "s", "time of the dispersion", is_log=True),
             Parameter("order", log(0.25), log(2.0), "1", "fractional order", is_log=True),
-        )  # fmt: skip
+        )
 
-    def log_terms(self, xi: Array) -> Array:
+    def log_terms(self, xi: Floats) -> Floats:
         """Return ln of (E_relaxed, E_1, ..., E_n) in Pa."""
         means, sds = _means_and_deviations(self.parameters)
         relaxed, strength, time, order = means + sds * xi
         return self._terms(relaxed, strength, time, order)
 
-    def _terms(self, relaxed: float, strength: float, time: float, order: float) -> Array:
+    def _terms(self, relaxed: float, strength: float, time: float, order: float) -> Floats:
         alpha = min(np.exp(order), _STEEPEST)
         x = alpha * (np.log(self.rho) - time)
         shape = np.log(np.sin(np.pi * alpha) / (2.0 * np.pi))
         # ln(cosh x + cos) without overflow
         size = np.abs(x)
-        denominator = size + np.log(
-            0.5 * (1.0 + np.exp(-2.0 * size)) + np.cos(np.pi * alpha) * np.exp(-size)
-        )
+        denominator = size + np.log(0.5 * (1.0 + np.exp(-2.0 * size)) + np.cos(np.pi * alpha) * np.exp(-size))
         step = float(np.log(self.rho[1] / self.rho[0]))
         width = np.full(self.rho.size, step)
         width[[0, -1]] = 0.5 * step + 1.0 / alpha  # what lies beyond the grid falls as a power
         return np.concatenate([[relaxed], strength + shape - denominator + np.log(width)])
 
-    def slopes(self, xi: Array) -> Array:
+    def slopes(self, xi: Floats) -> Floats:
         """Return the derivative (1 + term, parameter), by central differences."""
         made = np.empty((self.rho.size + 1, xi.size))
         for k in range(xi.size):
@@ -396,7 +388,7 @@ class FractionalSpectrum:
             made[:, k] = (self.log_terms(xi + change) - self.log_terms(xi - change)) / 2.0 / _CHANGE
         return made
 
-    def start(self, modulus: float, loss: float) -> Array:
+    def start(self, modulus: float, loss: float) -> Floats:
         """Return a broad dispersion, with this loss factor at its middle."""
         parameters = self.parameters
         alpha = 0.25
@@ -410,7 +402,7 @@ _STEEPEST = 0.85  # a steeper dispersion is narrower than the grid
 _CHANGE = 1e-5
 
 
-def _means_and_deviations(parameters: tuple[Parameter, ...]) -> tuple[Array, Array]:
+def _means_and_deviations(parameters: tuple[Parameter, ...]) -> tuple[Floats, Floats]:
     return np.array([p.mean for p in parameters]), np.array([p.sd for p in parameters])
 
 

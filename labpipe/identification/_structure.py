@@ -28,24 +28,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.identification._evidence import Evidence
 from labpipe.identification._fit import Fit, Objective, fit, laplace
 from labpipe.identification._posterior import Posterior, Structure, posterior
 from labpipe.identification._problem import Problem
-from labpipe.identification._spectra import (
-    RoughSpectrum,
-    SmoothSpectrum,
-    one_per_decade,
-    relaxation_times,
-)
+from labpipe.identification._spectra import RoughSpectrum, SmoothSpectrum, one_per_decade, relaxation_times
 from labpipe.identification._tangent import Surrogate
 from labpipe.materials import Prony
 
-Array = NDArray[np.float64]
-Rebuilt = Callable[[Array], tuple[Evidence, ...]]
+Rebuilt = Callable[[Floats], tuple[Evidence, ...]]
 
 SMOOTH, SPACED, ROUGH = "smooth", "one term per decade", "rough"
-BEFORE = {SMOOTH: 0.5, SPACED: 0.25, ROUGH: 0.25}
+STRUCTURE_PRIORS = {SMOOTH: 0.5, SPACED: 0.25, ROUGH: 0.25}
 """Probabilities before the data."""
 _PLACES = 24
 """Of a series with one term per decade: a tenth of a decade would show in forces of 0.2 %."""
@@ -57,9 +52,7 @@ _LEAST_DAMPING, _BOUND = 1e-9, 6.0
 _NEGLIGIBLE = 1e-4  # probability of a candidate that is not kept
 
 
-def infer(
-    problem: Problem, rebuilt: Rebuilt, *, progress: Callable[[str], None] | None = None
-) -> Posterior:
+def infer(problem: Problem, rebuilt: Rebuilt, *, progress: Callable[[str], None] | None = None) -> Posterior:
     """Identify a material, whatever the structure of its spectrum.
 
     The fit is that of the most probable structure, which is asked for without any discrepancy:
@@ -122,21 +115,24 @@ def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, .
     data = min(w[0] for w in windows), max(w[1] for w in windows)
     nu = found.problem.spectrum.nu
 
-    def on(rho: Array) -> SmoothSpectrum:
+    def on(rho: Floats) -> SmoothSpectrum:
         return SmoothSpectrum(rho, nu)
 
     def spaced(places: NDArray[np.floating[Any]], before: float) -> list[_Candidate]:
-        return [
-            _Candidate(SPACED, on(one_per_decade(*data, p)), before, p) for p in places.tolist()
-        ]
+        return [_Candidate(SPACED, on(one_per_decade(*data, p)), before, p) for p in places.tolist()]
 
     fine = relaxation_times(*data, per_decade=_ROUGH_PER_DECADE)
-    step, before = 1.0 / _PLACES, BEFORE[SPACED] / _PLACES
-    made = _weighed(found, rebuilt, begin, [
-        _Candidate(SMOOTH, on(relaxation_times(*data)), BEFORE[SMOOTH]),
-        _Candidate(ROUGH, RoughSpectrum(on(fine)), BEFORE[ROUGH]),
-        *spaced(step * np.arange(_PLACES, dtype=float), before),
-    ])  # fmt: skip
+    step, before = 1.0 / _PLACES, STRUCTURE_PRIORS[SPACED] / _PLACES
+    made = _weighed(
+        found,
+        rebuilt,
+        begin,
+        [
+            _Candidate(SMOOTH, on(relaxation_times(*data)), STRUCTURE_PRIORS[SMOOTH]),
+            _Candidate(ROUGH, RoughSpectrum(on(fine)), STRUCTURE_PRIORS[ROUGH]),
+            *spaced(step * np.arange(_PLACES, dtype=float), before),
+        ],
+    )
     for _ in range(_FINER):
         best = max((m for m in made if m.asked.name == SPACED), key=lambda one: one.logarithm)
         if _share(made, best) < _ALONE:
@@ -144,9 +140,8 @@ def structures(found: Fit, rebuilt: Rebuilt, begin: Prony) -> tuple[Structure, .
         # precise readings know the place of the terms better than to a step
         step, before = step / _CUT, before / _CUT
         made = [one for one in made if one.asked.name != SPACED] + _weighed(
-            found, rebuilt, begin,
-            spaced(best.asked.place + step * np.arange(-_CUT, _CUT + 1.0), before),
-        )  # fmt: skip
+            found, rebuilt, begin, spaced(best.asked.place + step * np.arange(-_CUT, _CUT + 1.0), before)
+        )
     return _probable(made)
 
 
@@ -167,13 +162,11 @@ class _Weighed(NamedTuple):
     found: Structure
 
 
-def _weighed(
-    found: Fit, rebuilt: Rebuilt, begin: Prony, candidates: list[_Candidate]
-) -> list[_Weighed]:
+def _weighed(found: Fit, rebuilt: Rebuilt, begin: Prony, candidates: list[_Candidate]) -> list[_Weighed]:
     tangent = _Anywhere.at(found, rebuilt, [each.spectrum.rho for each in candidates])
     made = []
     for each in candidates:
-        surrogate = tangent.surrogate(each.spectrum, each.spectrum.like(begin))
+        surrogate = tangent.surrogate(each.spectrum, each.spectrum.coordinates_of(begin))
         xi, cost = surrogate.lowest(_LEAST_DAMPING, None, _BOUND)
         covariance, size = laplace(surrogate.jacobian(xi))
         logarithm = log(each.before) - cost - 0.5 * size
@@ -195,9 +188,7 @@ def _probable(made: list[_Weighed]) -> tuple[Structure, ...]:
     weights /= weights.sum()
     weights[weights < _NEGLIGIBLE] = 0.0
     weights /= weights.sum()
-    kept = [
-        replace(one.found, weight=float(w)) for one, w in zip(made, weights, strict=True) if w > 0.0
-    ]
+    kept = [replace(one.found, weight=float(w)) for one, w in zip(made, weights, strict=True) if w > 0.0]
     return tuple(sorted(kept, key=lambda one: -one.weight))
 
 
@@ -221,19 +212,19 @@ class _Anywhere:
     """
 
     found: Fit
-    rho: Array
-    rest: Array
-    by_terms: Array
-    by_values: Array
-    at_fit: Array
+    rho: Floats
+    rest: Floats
+    by_terms: Floats
+    by_values: Floats
+    at_fit: Floats
 
     @classmethod
-    def at(cls, found: Fit, rebuilt: Rebuilt, times: list[Array]) -> "_Anywhere":
+    def at(cls, found: Fit, rebuilt: Rebuilt, times: list[Floats]) -> "_Anywhere":
         problem, xi = found.problem, found.xi
         objective = Objective.of(found)
         base = objective.surrogate(xi)
         rho = np.unique(np.concatenate([*times, problem.spectrum.rho]))
-        solid, given = problem.material(xi), problem.given(xi)
+        solid, given = problem.material(xi), problem.nuisance_values(xi)
         rows = []
         for number, (each, ratio) in enumerate(zip(rebuilt(rho), found.corrections, strict=True)):
             weight, _ = each.weight(ratio, given)
@@ -244,7 +235,7 @@ class _Anywhere:
         own = by_terms[:, _columns(rho, problem.spectrum.rho)] @ terms
         return cls(found, rho, base.rest, by_terms, base.by_values, own)
 
-    def surrogate(self, spectrum: SmoothSpectrum | RoughSpectrum, material: Array) -> Surrogate:
+    def surrogate(self, spectrum: SmoothSpectrum | RoughSpectrum, material: Floats) -> Surrogate:
         """Return the surrogate of a candidate about some coordinates of its material."""
         problem, xi = self.found.problem, self.found.xi
         own = replace(problem, spectrum=spectrum)
@@ -254,6 +245,6 @@ class _Anywhere:
         return Surrogate(own, at, self.rest - (made - self.at_fit), by_terms, self.by_values)
 
 
-def _columns(rho: Array, own: Array) -> NDArray[np.int64]:
+def _columns(rho: Floats, own: Floats) -> NDArray[np.int64]:
     """Return the columns of E_relaxed and of some of the times."""
     return np.concatenate([[0], 1 + np.searchsorted(rho, own)])

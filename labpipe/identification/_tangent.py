@@ -10,12 +10,10 @@ logarithms would end after a factor of two.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from labpipe.arrays import Floats
 from labpipe.identification._problem import Corrections, Problem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +32,14 @@ class Tangent:
     """
 
     problem: Problem
-    by_terms: tuple[Array, ...]
-    by_values: tuple[Array, ...]
-    numbers: tuple[Array, ...]
+    by_terms: tuple[Floats, ...]
+    by_values: tuple[Floats, ...]
+    numbers: tuple[Floats, ...]
 
     @classmethod
-    def at(cls, problem: Problem, xi: Array) -> "Tangent":
+    def at(cls, problem: Problem, xi: Floats) -> "Tangent":
         """Differentiate every model at standard coordinates (parameter,)."""
-        solid, given = problem.material(xi), problem.given(xi)
+        solid, given = problem.material(xi), problem.nuisance_values(xi)
         place = {p.name: i for i, p in enumerate(problem.nuisances)}
         by_terms, by_values, numbers = [], [], []
         for each in problem.evidence:
@@ -54,7 +52,7 @@ class Tangent:
             numbers.append(each.model.predict(solid, given))
         return cls(problem, tuple(by_terms), tuple(by_values), tuple(numbers))
 
-    def corrected(self, xi: Array, corrections: Corrections) -> tuple[Array, Array]:
+    def corrected(self, xi: Floats, corrections: Corrections) -> tuple[Floats, Floats]:
         """Return the derivatives of the corrected predictions by terms, and by nuisances.
 
         Parameters
@@ -64,11 +62,10 @@ class Tangent:
         corrections : tuple of array or None
             Ratios of the fuller models to the fast ones.
         """
-        given = self.problem.given(xi)
+        given = self.problem.nuisance_values(xi)
         place = {p.name: i for i, p in enumerate(self.problem.nuisances)}
         by_terms, by_values = [], []
-        parts = zip(self.problem.evidence, corrections, self.by_terms, self.by_values,
-                    self.numbers, strict=True)  # fmt: skip
+        parts = zip(self.problem.evidence, corrections, self.by_terms, self.by_values, self.numbers, strict=True)
         for each, ratio, terms, values, numbers in parts:
             weight, by_share = each.weight(ratio, given)
             columns = weight[:, None] * values
@@ -78,7 +75,7 @@ class Tangent:
             by_values.append(columns)
         return np.vstack(by_terms), np.vstack(by_values)
 
-    def learned(self, surrogate: "Surrogate", to: Array, missed: Array) -> "Tangent":
+    def learned(self, surrogate: "Surrogate", to: Floats, missed: Floats) -> "Tangent":
         """Return the tangent that would have predicted a step (Broyden's rank-one update).
 
         Differences of a simulator are a little wrong along the valleys that the data leave open;
@@ -101,12 +98,8 @@ class Tangent:
         row = way / scale / float(np.sum((way / scale) ** 2)) / scale
         ends = np.cumsum([e.values.size for e in self.problem.evidence])[:-1]
         parts = np.split(missed, ends)
-        by_terms = tuple(
-            d + np.outer(m, row[: end.size]) for d, m in zip(self.by_terms, parts, strict=True)
-        )
-        by_values = tuple(
-            d + np.outer(m, row[end.size :]) for d, m in zip(self.by_values, parts, strict=True)
-        )
+        by_terms = tuple(d + np.outer(m, row[: end.size]) for d, m in zip(self.by_terms, parts, strict=True))
+        by_values = tuple(d + np.outer(m, row[end.size :]) for d, m in zip(self.by_values, parts, strict=True))
         return Tangent(self.problem, by_terms, by_values, self.numbers)
 
 
@@ -126,19 +119,19 @@ class Surrogate:
     """
 
     problem: Problem
-    at: Array
-    rest: Array
-    by_terms: Array
-    by_values: Array
+    at: Floats
+    rest: Floats
+    by_terms: Floats
+    by_values: Floats
 
-    def rows(self, xi: Array) -> tuple[Array, Array]:
+    def rows(self, xi: Floats) -> tuple[Floats, Floats]:
         """Return residuals (n,) of the data at a point, and their derivative (n, parameter)."""
         terms, start = self.terms(xi), self.terms(self.at)
         values, first = self.values(xi), self.values(self.at)
         moved = self.by_terms @ (terms - start) + self.by_values @ (values - first)
         return self.rest - moved, -self.jacobian(xi)
 
-    def jacobian(self, xi: Array) -> Array:
+    def jacobian(self, xi: Floats) -> Floats:
         """Return the derivative (n, parameter) of the predictions over their deviations."""
         n = self.problem.n_material
         slopes = self.terms(xi)[:, None] * self.problem.spectrum.slopes(xi[:n])
@@ -146,13 +139,8 @@ class Surrogate:
         return np.hstack([self.by_terms @ slopes, self.by_values * np.array(own)])
 
     def lowest(
-        self,
-        damping: float,
-        held: int | None,
-        bound: float,
-        begin: Array | None = None,
-        belief: float = 1.0,
-    ) -> tuple[Array, float]:
+        self, damping: float, held: int | None, bound: float, begin: Floats | None = None, belief: float = 1.0
+    ) -> tuple[Floats, float]:
         """Return where the surrogate's cost is least, and that cost.
 
         Parameters
@@ -200,20 +188,20 @@ class Surrogate:
                 break
         return xi, self._height(xi, rest, own, 0.0)
 
-    def _height(self, xi: Array, rest: Array, own: Array, damping: float) -> float:
+    def _height(self, xi: Floats, rest: Floats, own: Floats, damping: float) -> float:
         way = xi - self.at
         return 0.5 * float(rest @ rest + own * xi @ xi + damping * way @ way)
 
-    def terms(self, xi: Array) -> Array:
+    def terms(self, xi: Floats) -> Floats:
         """Return (E_relaxed, E) in Pa (1 + term,) at a point."""
         return np.exp(self.problem.spectrum.log_terms(xi[: self.problem.n_material]))
 
-    def values(self, xi: Array) -> Array:
+    def values(self, xi: Floats) -> Floats:
         """Return the nuisances (nuisance,) in their units at a point."""
-        return np.array(list(self.problem.given(xi).values()))
+        return np.array(list(self.problem.nuisance_values(xi).values()))
 
 
-def _least(rows: Array, rest: Array, stiff: Array, pull: Array) -> Array:
+def _least(rows: Floats, rest: Floats, stiff: Floats, pull: Floats) -> Floats:
     """Return the s that minimises |rest - rows s|² + |stiff s|² - 2 pull s.
 
     By the rows themselves: their product would lose what is known a million times less.

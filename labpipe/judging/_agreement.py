@@ -102,9 +102,7 @@ def model_verdict(found: Agreement | None, could_notice: bool) -> ModelVerdict:
     return "agrees" if found.p > _AGREES and could_notice else "undecided"
 
 
-def block_means(
-    residual: ArrayLike, u: ArrayLike, length: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def block_means(residual: ArrayLike, u: ArrayLike, length: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Thin a curve to blocks that are longer than its noise remembers.
 
     Parameters
@@ -124,13 +122,9 @@ def block_means(
     """
     r, s = np.asarray(residual, float), np.asarray(u, float)
     known = np.flatnonzero(np.isfinite(r) & np.isfinite(s))
-    parts = [
-        part for part in np.array_split(known, max(len(known) // max(length, 1), 1)) if len(part)
-    ]
+    parts = [part for part in np.array_split(known, max(len(known) // max(length, 1), 1)) if len(part)]
     means = np.array([r[part].mean() for part in parts])
     of_stated = np.array([np.sqrt(np.mean(s[part] ** 2) / len(part)) for part in parts])
-    of_scatter = np.array(
-        [r[part].std(ddof=1) / np.sqrt(len(part)) if len(part) > 1 else 0.0 for part in parts]
-    )
+    of_scatter = np.array([r[part].std(ddof=1) / np.sqrt(len(part)) if len(part) > 1 else 0.0 for part in parts])
     places = np.array([part[len(part) // 2] for part in parts], int)
     return means, np.maximum(of_stated, of_scatter), places

@@ -39,8 +39,8 @@ class Cause:
         Factors that the mistake usually has; empty when any is as likely.
     only_usual : bool
         No other factor is this mistake.
-    file, line
-        Where it stands.
+    file, line, setting
+        Where it stands, see :class:`Finding`.
     """
 
     effects: Mapping[str, float]
@@ -49,6 +49,7 @@ class Cause:
     only_usual: bool = False
     file: str = field(default="", kw_only=True)
     line: int | None = field(default=None, kw_only=True)
+    setting: str = field(default="", kw_only=True)
 
 
 @dataclass(frozen=True, slots=True)

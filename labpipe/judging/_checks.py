@@ -35,9 +35,12 @@ class Finding:
     cause : str
         The most likely mistake; empty when nothing singles one out.
     file : str
-        File of the session to look at; empty when the check belongs to none.
+        File of the session to look at, relative to it; empty for session.toml.
     line : int or None
-        Line of that file.
+        Line of that file, where it is known from its content.
+    setting : str
+        Dotted name in that file (``"sphere.radius"``; of session.toml below the experiment), from
+        which the line is found when the finding is shown: lines move, names do not.
     """
 
     check: str
@@ -46,6 +49,7 @@ class Finding:
     cause: str = ""
     file: str = ""
     line: int | None = None
+    setting: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +73,7 @@ class Check:
         would explain nothing. They tell causes apart.
     needs : str
         What would have to be stated or recorded for the check; empty when it was made.
-    cause, file, line
+    cause, file, line, setting
         As in :class:`Finding`, where the check itself knows them.
     """
 
@@ -84,6 +88,7 @@ class Check:
     cause: str = ""
     file: str = field(default="", kw_only=True)
     line: int | None = field(default=None, kw_only=True)
+    setting: str = field(default="", kw_only=True)
 
     @property
     def is_made(self) -> bool:
@@ -105,6 +110,7 @@ def compared(
     factor: bool = True,
     file: str = "",
     line: int | None = None,
+    setting: str = "",
 ) -> Check:
     """Hold two ways to the same quantity against each other.
 
@@ -123,7 +129,7 @@ def compared(
         Behind the uncertainty (few repeats: Student's distribution).
     factor : bool
         Whether a wrong factor could explain a difference.
-    file, line
+    file, line, setting
         See :class:`Finding`.
 
     Returns
@@ -157,6 +163,7 @@ def compared(
         hypot(u_seen / seen, hypot(u_expected, allowance / 2) / expected) if is_ratio else nan,
         file=file,
         line=line,
+        setting=setting,
     )
 
 
@@ -172,6 +179,7 @@ def bounded(
     is_law: bool = True,
     file: str = "",
     line: int | None = None,
+    setting: str = "",
 ) -> Check:
     """Hold a quantity against a law that knows no exception, such as 0 < e < 1.
 
@@ -185,7 +193,7 @@ def bounded(
         The law.
     is_law : bool
         False for a plausible range: beyond it a value is doubtful, never impossible.
-    file, line
+    file, line, setting
         See :class:`Finding`.
 
     Examples
@@ -202,7 +210,7 @@ def bounded(
         level = "impossible" if is_law else "doubtful"
     elif margin > DOUBTFUL:
         level = "doubtful"
-    return Check(name, law, message, level, margin, file=file, line=line)
+    return Check(name, law, message, level, margin, file=file, line=line, setting=setting)
 
 
 def stated(
@@ -214,9 +222,10 @@ def stated(
     cause: str = "",
     file: str = "",
     line: int | None = None,
+    setting: str = "",
 ) -> Check:
     """Return a check whose answer is plain, such as that two files hold the same bytes."""
-    return Check(name, law, message, level, cause=cause, file=file, line=line)
+    return Check(name, law, message, level, cause=cause, file=file, line=line, setting=setting)
 
 
 def not_made(name: str, law: str, needs: str) -> Check:

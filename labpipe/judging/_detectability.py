@@ -49,7 +49,5 @@ def detectable(sensitivities: ArrayLike, covariance: ArrayLike, power: float = 0
 
 def _noncentrality(degrees_of_freedom: int, power: float) -> float:
     limit = stats.chi2.isf(1 - _LIMIT, degrees_of_freedom)
-    found = brentq(
-        lambda x: stats.ncx2.sf(limit, degrees_of_freedom, x) - power, 1e-6, 1e3 + 10 * limit
-    )
+    found = brentq(lambda x: stats.ncx2.sf(limit, degrees_of_freedom, x) - power, 1e-6, 1e3 + 10 * limit)
     return float(found)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 from labpipe.judging._causes import Cause, explain
@@ -35,7 +35,7 @@ class Judgement:
     def findings(self) -> tuple[Finding, ...]:
         """What is wrong, the worst first."""
         found = [
-            Finding(c.name, c.level, c.message, c.cause, c.file, c.line)
+            Finding(c.name, c.level, c.message, c.cause, c.file, c.line, c.setting)
             for c in self.checks
             if c.level is not None
         ]
@@ -83,19 +83,9 @@ def judge(checks: Sequence[Check], causes: Sequence[Cause] = ()) -> Judgement:
 
 
 def _with_cause(check: Check, sentence: str, cause: Cause) -> Check:
-    return Check(
-        check.name,
-        check.law,
-        check.message,
-        check.level,
-        check.margin,
-        check.log_ratio,
-        check.u_log_ratio,
-        check.needs,
-        sentence,
-        file=cause.file or check.file,
-        line=cause.line if cause.file else check.line,
-    )
+    is_placed = bool(cause.file or cause.setting)
+    place = cause if is_placed else check
+    return replace(check, cause=sentence, file=place.file, line=place.line, setting=place.setting)
 
 
 def to_json(judgement: Judgement) -> str:

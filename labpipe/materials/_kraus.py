@@ -28,9 +28,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,15 +75,15 @@ class Kraus:
             message = f"storage_floor is {self.storage_floor}; a Payne effect softens: at most 1"
             raise InputError(message)
 
-    def whole_links(self, strain: ArrayLike) -> Array:
+    def whole_links(self, strain: ArrayLike) -> Floats:
         """Share 1/(1 + x²) of the links that are whole at amplitudes of shear strain (n,)."""
         return np.asarray(1.0 / (1.0 + self._ratio(strain) ** 2))
 
-    def storage_share(self, strain: ArrayLike) -> Array:
+    def storage_share(self, strain: ArrayLike) -> Floats:
         """G'(γ)/G'_0 at amplitudes of shear strain (n,)."""
         return self.storage_floor + (1.0 - self.storage_floor) * self.whole_links(strain)
 
-    def loss_share(self, strain: ArrayLike) -> Array:
+    def loss_share(self, strain: ArrayLike) -> Floats:
         """G''(γ)/G''_0 at amplitudes of shear strain (n,)."""
         whole = self.whole_links(strain)
         breaking = 2.0 * (self.loss_peak - self.loss_floor) * self._ratio(strain) * whole
@@ -93,11 +92,9 @@ class Kraus:
     def modulus(self, linear: ArrayLike, strain: ArrayLike) -> NDArray[np.complex128]:
         """Complex modulus at an amplitude, from the linear one (same frequency, same unit)."""
         small = np.asarray(linear, dtype=complex)
-        return np.asarray(
-            small.real * self.storage_share(strain) + 1j * small.imag * self.loss_share(strain)
-        )
+        return np.asarray(small.real * self.storage_share(strain) + 1j * small.imag * self.loss_share(strain))
 
-    def _ratio(self, strain: ArrayLike) -> Array:
+    def _ratio(self, strain: ArrayLike) -> Floats:
         amplitude = np.asarray(strain, dtype=float)
         if not np.all((amplitude >= 0.0) & np.isfinite(amplitude)):
             message = f"strain amplitude is {amplitude}, expected finite numbers from 0 up"

@@ -5,18 +5,7 @@ holds everything it needs, asks for nothing over a network, and is complete with
 Numerical libraries are imported only when something is drawn.
 """
 
-from labpipe.report._blocks import (
-    Bars,
-    Block,
-    Details,
-    Gallery,
-    KeyValues,
-    Link,
-    Notice,
-    Paragraph,
-    Picture,
-    Section,
-)
+from labpipe.report._blocks import Bars, Block, Details, Gallery, KeyValues, Link, Notice, Paragraph, Picture, Section
 from labpipe.report._budget import budget_table, difference_unit, share_bars, shown_source
 from labpipe.report._charts import Band, LineChart, ScatterChart, Series
 from labpipe.report._document import MAX_PAGE_BYTES, Document

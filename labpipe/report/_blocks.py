@@ -209,10 +209,7 @@ class Bars:
         """Refuse shares outside 0 to 1."""
         for name, share, _ in self.rows:
             if not 0.0 <= share <= 1.0 + 1e-9:
-                message = (
-                    f'bars "{self.title}": the share of "{name}" is {share}; expected a number '
-                    "from 0 to 1"
-                )
+                message = f'bars "{self.title}": the share of "{name}" is {share}; expected a number from 0 to 1'
                 raise InputError(message)
 
 

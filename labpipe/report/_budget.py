@@ -8,17 +8,14 @@ from labpipe.report._tables import Column, Table, quantity
 
 
 def budget_table(
-    rows: Sequence[Mapping[str, Any]],
-    caption: str,
-    unit: str,
-    columns: Mapping[str, Mapping[str, Any]] | None = None,
+    rows: Sequence[Mapping[str, Any]], caption: str, unit: str, columns: Mapping[str, Mapping[str, Any]] | None = None
 ) -> tuple[Block, ...]:
     """Show the rows of a budget as a table, and their shares of the variance as bars.
 
     Parameters
     ----------
     rows : sequence of mapping
-        As :func:`labpipe.uncertainty.table` makes them.
+        As :func:`labpipe.uncertainty.budget_rows` makes them.
     caption : str
         What the budget is of.
     unit : str
@@ -37,17 +34,23 @@ def budget_table(
     more = kinds | dict(columns or {})
     cells = [
         (
-            shown_source(r["source"]), _written(r["value"], r["unit"], 5),
-            _written(r["u"], difference_unit(r["unit"]), 2), r["sensitivity"], r["contribution"],
+            shown_source(r["source"]),
+            _written(r["value"], r["unit"], 5),
+            _written(r["u"], difference_unit(r["unit"]), 2),
+            r["sensitivity"],
+            r["contribution"],
             *(values.get(r["source"]) for values in more.values()),
         )
         for r in rows
-    ]  # fmt: skip
+    ]
     heads = (
-        Column("source"), Column("value"), Column("standard uncertainty"),
+        Column("source"),
+        Column("value"),
+        Column("standard uncertainty"),
         Column("sensitivity, SI", digits=3),
-        Column("contribution", unit=difference_unit(unit), digits=2), *map(Column, more),
-    )  # fmt: skip
+        Column("contribution", unit=difference_unit(unit), digits=2),
+        *map(Column, more),
+    )
     return Table(heads, cells, caption=caption, sortable=False), share_bars(rows)
 
 

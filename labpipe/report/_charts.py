@@ -12,10 +12,9 @@ from labpipe.errors import InputError
 from labpipe.report._style import ROLES, Role
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Numbers = NDArray[np.float64]
+    from labpipe.arrays import Floats
 
 Style = Literal["line", "points", "step"]
 Scale = Literal["linear", "log"]
@@ -228,7 +227,7 @@ def _check_role(owner: str, role: str | None) -> None:
         _check_choice(owner, "role", role, ROLES)
 
 
-def _array(owner: str, field: str, values: "ArrayLike") -> "Numbers":
+def _array(owner: str, field: str, values: "ArrayLike") -> "Floats":
     import numpy as np
 
     array = np.asarray(values, dtype=np.float64)
@@ -238,7 +237,7 @@ def _array(owner: str, field: str, values: "ArrayLike") -> "Numbers":
     return array
 
 
-def _coordinates(owner: str, values: "ArrayLike") -> "Numbers":
+def _coordinates(owner: str, values: "ArrayLike") -> "Floats":
     import numpy as np
 
     array = _array(owner, "x", values)
@@ -252,21 +251,18 @@ def _coordinates(owner: str, values: "ArrayLike") -> "Numbers":
     return array
 
 
-def _heights(owner: str, field: str, values: "ArrayLike") -> "Numbers":
+def _heights(owner: str, field: str, values: "ArrayLike") -> "Floats":
     import numpy as np
 
     array = _array(owner, field, values)
     if np.isinf(array).any():
         count = int(np.count_nonzero(np.isinf(array)))
-        message = (
-            f'series "{owner}": {count} of {array.size} {field} values are infinite; use NaN for '
-            "a gap"
-        )
+        message = f'series "{owner}": {count} of {array.size} {field} values are infinite; use NaN for a gap'
         raise InputError(message)
     return array
 
 
-def _check_lengths(owner: str, arrays: "dict[str, Numbers]") -> None:
+def _check_lengths(owner: str, arrays: "dict[str, Floats]") -> None:
     if len({array.size for array in arrays.values()}) > 1:
         found = ", ".join(f"{field} {array.size}" for field, array in arrays.items())
         message = f'series "{owner}": arrays of different lengths ({found}); expected equal ones'

@@ -9,17 +9,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from labpipe.errors import InputError
-from labpipe.report._blocks import (
-    Bars,
-    Details,
-    Gallery,
-    KeyValues,
-    Link,
-    Notice,
-    Paragraph,
-    Picture,
-    Section,
-)
+from labpipe.report._blocks import Bars, Details, Gallery, KeyValues, Link, Notice, Paragraph, Picture, Section
 from labpipe.report._charts import LineChart, ScatterChart
 from labpipe.report._index import IndexTable, index_view
 from labpipe.report._media import mime_type
@@ -95,8 +85,7 @@ class Document:
         size = len(page.encode())
         if size > max_bytes:
             warnings.warn(
-                f'page "{self.title}" takes {size} bytes, more than {max_bytes}; show fewer or '
-                "smaller pictures",
+                f'page "{self.title}" takes {size} bytes, more than {max_bytes}; show fewer or smaller pictures',
                 UserWarning,
                 stacklevel=2,
             )
@@ -106,20 +95,11 @@ class Document:
         remaining = iter(parts)
         anchors = _anchors(self.sections)
         sections = [
-            {
-                "title": section.title,
-                "anchor": anchor,
-                "blocks": [_block(block, remaining) for block in section.blocks],
-            }
+            {"title": section.title, "anchor": anchor, "blocks": [_block(block, remaining) for block in section.blocks]}
             for section, anchor in zip(self.sections, anchors, strict=True)
         ]
         body = fill(
-            "document",
-            title=self.title,
-            subtitle=self.subtitle,
-            badge=self.badge,
-            sections=sections,
-            home=self.home,
+            "document", title=self.title, subtitle=self.subtitle, badge=self.badge, sections=sections, home=self.home
         )
         return assemble(self.title, body, badge=self.badge)
 
@@ -197,13 +177,7 @@ def _block(block: Any, charts: Iterator[_ChartPart]) -> "Markup":
         return next(charts).html()
     if isinstance(block, Details):
         inner = [_block(inside, charts) for inside in block.blocks]
-        return _markup(
-            "details",
-            summary=block.summary,
-            blocks=inner,
-            text=block.text,
-            is_open=block.is_open,
-        )
+        return _markup("details", summary=block.summary, blocks=inner, text=block.text, is_open=block.is_open)
     describe = _DESCRIPTIONS.get(type(block))
     if describe is None:
         message = f"a section holds blocks of the report kit, found {type(block).__name__}"

@@ -8,9 +8,7 @@ from labpipe.errors import InputError
 Level = Literal["ok", "info", "warning", "error"]
 
 _SIGNATURES = ((b"\x89PNG\r\n\x1a\n", "image/png"), (b"\xff\xd8\xff", "image/jpeg"))
-_SVG_HEAD = re.compile(
-    rb"\s*(<\?xml[^>]*\?>\s*)?(<!--.*?-->\s*|<!DOCTYPE[^>]*>\s*)*<svg[\s>]", re.DOTALL
-)
+_SVG_HEAD = re.compile(rb"\s*(<\?xml[^>]*\?>\s*)?(<!--.*?-->\s*|<!DOCTYPE[^>]*>\s*)*<svg[\s>]", re.DOTALL)
 
 
 def check_inside(what: str, href: str) -> None:
@@ -23,10 +21,7 @@ def check_inside(what: str, href: str) -> None:
     """
     parts = re.split(r"[/\\]", href)
     if ":" in parts[0] or ".." in parts or parts[0] == "":
-        message = (
-            f'{what}: the page "{href}" must be a path inside the folder of this page, such as '
-            "drop_1.html"
-        )
+        message = f'{what}: the page "{href}" must be a path inside the folder of this page, such as drop_1.html'
         raise InputError(message)
 
 
@@ -43,8 +38,5 @@ def mime_type(data: bytes) -> str:
             return name
     if _SVG_HEAD.match(data[:4096]):
         return "image/svg+xml"
-    message = (
-        f"a picture must be a PNG, JPEG or SVG file, found {len(data)} bytes that start with "
-        f"{data[:8]!r}"
-    )
+    message = f"a picture must be a PNG, JPEG or SVG file, found {len(data)} bytes that start with {data[:8]!r}"
     raise InputError(message)

@@ -15,7 +15,8 @@ from labpipe.report._thinning import kept_samples
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Numbers = NDArray[np.float64]
+    from labpipe.arrays import Floats
+
     Indices = NDArray[np.intp]
 
 # A float32 resolves 6e-8 of its size. Where the curve is a small ripple on a large offset, the
@@ -50,9 +51,9 @@ class Drawn:
     """
 
     source: Series | Band
-    x: "Numbers"
+    x: "Floats"
     index: "Indices | None"
-    curves: "tuple[Numbers, ...]"
+    curves: "tuple[Floats, ...]"
     look: LineLook
     is_marked: bool
 
@@ -173,9 +174,7 @@ def _is_marked(chart: LineChart | ScatterChart, series: Series | Band) -> bool:
     """Return whether a line needs markers to be distinguished from its neighbours in grey print."""
     lines = [s for s in chart.series if isinstance(s, Series) and s.style != "points"]
     # Points carry markers already, and markers along lines would hide them.
-    if isinstance(chart, ScatterChart) or len(lines) < sum(
-        isinstance(s, Series) for s in chart.series
-    ):
+    if isinstance(chart, ScatterChart) or len(lines) < sum(isinstance(s, Series) for s in chart.series):
         return False
     alike = [s for s in lines if s.role == series.role]
     return series in lines and series.role not in {None, "repeat"} and len(alike) > 1
@@ -185,14 +184,12 @@ def _n(series: Series | Band) -> int:
     return int(np.asarray(series.x).size)
 
 
-def _curves(series: Series | Band) -> "tuple[Numbers, ...]":
+def _curves(series: Series | Band) -> "tuple[Floats, ...]":
     arrays = (series.low, series.high) if isinstance(series, Band) else (series.y, series.u)
     return tuple(np.asarray(a, dtype=np.float64) for a in arrays if a is not None)
 
 
-def _showable(
-    chart: LineChart | ScatterChart, series: Series | Band
-) -> "tuple[Numbers, tuple[Numbers, ...]]":
+def _showable(chart: LineChart | ScatterChart, series: Series | Band) -> "tuple[Floats, tuple[Floats, ...]]":
     """Return x and curves with everything that a logarithmic axis cannot show as gaps."""
     x, curves = np.asarray(series.x, dtype=np.float64), _curves(series)
     if chart.x_scale == "log":
@@ -204,7 +201,7 @@ def _showable(
     return x, curves
 
 
-def _shared_axes(axes: "Sequence[Numbers]") -> list[list[int]]:
+def _shared_axes(axes: "Sequence[Floats]") -> list[list[int]]:
     """Group the places of equal arrays."""
     groups: dict[tuple[int, bytes], list[int]] = {}
     for place, x in enumerate(axes):
@@ -239,9 +236,7 @@ def _x_range(chart: LineChart | ScatterChart, series: tuple[Drawn, ...]) -> tupl
         return (1.0, 10.0)
     low, high = min(float(x.min()) for x in filled), max(float(x.max()) for x in filled)
     has_points = any(isinstance(d.source, Series) and d.source.style == "points" for d in series)
-    return padded_range(
-        low, high, chart.x_scale, _MARGIN if has_points or isinstance(chart, ScatterChart) else 0.0
-    )
+    return padded_range(low, high, chart.x_scale, _MARGIN if has_points or isinstance(chart, ScatterChart) else 0.0)
 
 
 def padded_range(low: float, high: float, scale: str, margin: float) -> tuple[float, float]:
@@ -292,7 +287,7 @@ def _packed_series(drawn: Drawn, axis: int) -> dict[str, Any]:
     } | {name: _packed_curve(c) for name, c in zip(names, drawn.curves, strict=False)}
 
 
-def _packed_curve(curve: "Numbers") -> dict[str, Any]:
+def _packed_curve(curve: "Floats") -> dict[str, Any]:
     finite = curve[np.isfinite(curve)]
     offset = 0.0
     if finite.size:

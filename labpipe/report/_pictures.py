@@ -19,12 +19,7 @@ import numpy as np
 from labpipe.report._charts import Band, LineChart, ScatterChart, Series
 from labpipe.report._packing import Drawn, ThinnedChart, padded_range, thin
 from labpipe.report._page import clean
-from labpipe.report._style import (
-    MATPLOTLIB_MARKERS,
-    figure_bytes,
-    figure_style,
-    matplotlib_dash,
-)
+from labpipe.report._style import MATPLOTLIB_MARKERS, figure_bytes, figure_style, matplotlib_dash
 from labpipe.report._tables import power_of_ten
 from labpipe.report._thinning import kept_samples
 
@@ -109,9 +104,7 @@ def thumbnail(chart: LineChart | ScatterChart, width_px: int = 240) -> bytes:
     dpi = 100.0
     thinned = thin(chart, max_bytes=100_000)
     with _chart_style(0.5):
-        figure = Figure(
-            figsize=(width_px / dpi, width_px / dpi / 2),
-        )
+        figure = Figure(figsize=(width_px / dpi, width_px / dpi / 2))
         figure.set_layout_engine("none")
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         _plot(axes, thinned, thinned.x_range)
@@ -150,9 +143,7 @@ def _draw(thinned: ThinnedChart, views: Sequence[tuple[str, float, float]]) -> "
     figure = Figure()
     figure.set_layout_engine("none")
     main = figure.add_subplot()
-    rows = _legend(
-        figure, _plot(main, thinned, thinned.x_range), [d.source.name for d in thinned.series]
-    )
+    rows = _legend(figure, _plot(main, thinned, thinned.x_range), [d.source.name for d in thinned.series])
     _label(main, chart.x_label, chart.y_label)
     if isinstance(chart, ScatterChart) and chart.has_equal_axes:
         main.set_aspect("equal", adjustable="datalim")
@@ -180,9 +171,7 @@ def _place(figure: "Figure", main: "Axes", small: Sequence["Axes"], legend_rows:
     tall = max(room * share, _LEAST_HEIGHT)
 
     def put(axes: "Axes", left: float, right: float, top: float, bottom: float) -> None:
-        axes.set_position(
-            (left / width, 1 - bottom / height, (right - left) / width, (bottom - top) / height)
-        )
+        axes.set_position((left / width, 1 - bottom / height, (right - left) / width, (bottom - top) / height))
 
     # Ticks depend on the size of the panel, and its left edge on their texts: two rounds do.
     put(main, 0.0, width, above, above + tall)
@@ -222,9 +211,7 @@ def _text_width(text: str, size: float) -> float:
     from matplotlib.textpath import text_to_path
 
     with _no_remark_on_glyphs():
-        width, _, _ = text_to_path.get_text_width_height_descent(
-            text, FontProperties(size=size), ismath=False
-        )
+        width, _, _ = text_to_path.get_text_width_height_descent(text, FontProperties(size=size), ismath=False)
     return float(width)
 
 
@@ -320,11 +307,7 @@ def _part(
 
 
 def _plot_one(
-    axes: "Axes",
-    drawn: Drawn,
-    place: int,
-    x: "NDArray[np.float64]",
-    curves: "tuple[NDArray[np.float64], ...]",
+    axes: "Axes", drawn: Drawn, place: int, x: "NDArray[np.float64]", curves: "tuple[NDArray[np.float64], ...]"
 ) -> Any:
     """Draw one series; return what stands for it in the legend."""
     source, look = drawn.source, drawn.look
@@ -334,9 +317,7 @@ def _plot_one(
     if len(curves) == 1:
         return axes.plot(x, curves[0], **arguments)[0]
     u = _error_lengths(curves[1])
-    return axes.errorbar(
-        x, curves[0], yerr=u, elinewidth=0.7, capsize=1.8, capthick=0.7, **arguments
-    )
+    return axes.errorbar(x, curves[0], yerr=u, elinewidth=0.7, capsize=1.8, capthick=0.7, **arguments)
 
 
 def _line_look(drawn: Drawn, place: int) -> dict[str, Any]:

@@ -35,10 +35,7 @@ def shrunk(sections: Sequence[Section], excess: int) -> tuple[Section, ...]:
         saved = sum(len(p.data) - len(made[id(p)].data) for p in pictures) * _BASE64
         if saved >= excess:
             break
-    return tuple(
-        replace(section, blocks=tuple(_with(block, made) for block in section.blocks))
-        for section in sections
-    )
+    return tuple(replace(section, blocks=tuple(_with(block, made) for block in section.blocks)) for section in sections)
 
 
 def _pictures(blocks: Any) -> Iterator[Picture]:
@@ -76,7 +73,11 @@ def _as_jpeg(picture: Picture, quality: int) -> Picture:
             return picture
         image = image[..., :3]
     # Half the colour resolution would blur a thin coloured circle.
-    options = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
-               cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]  # fmt: skip
+    options = [
+        cv2.IMWRITE_JPEG_QUALITY,
+        quality,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+        cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+    ]
     data = bytes(cv2.imencode(".jpg", image, options)[1].tobytes())
     return replace(picture, data=data) if len(data) < len(picture.data) else picture

@@ -189,10 +189,7 @@ def figure_style(columns: Literal[1, 2] = 1, aspect: float = 0.68) -> Iterator[N
     85
     """
     if columns not in COLUMN_WIDTHS_MM or not aspect > 0:
-        message = (
-            f"figure_style: columns={columns}, aspect={aspect}; expected 1 or 2 columns and a "
-            "positive aspect"
-        )
+        message = f"figure_style: columns={columns}, aspect={aspect}; expected 1 or 2 columns and a positive aspect"
         raise InputError(message)
     from cycler import cycler
     from matplotlib import rc_context
@@ -212,9 +209,7 @@ def matplotlib_dash(look: LineLook) -> Any:
     return "-" if not look.dash else (0.0, tuple(length / look.width for length in look.dash))
 
 
-def line_arguments(
-    role: Role | None = None, *, style: str = "line", count: int = 0
-) -> dict[str, Any]:
+def line_arguments(role: Role | None = None, *, style: str = "line", count: int = 0) -> dict[str, Any]:
     """Return keyword arguments for ``Axes.plot`` that draw a curve of this role.
 
     Parameters
@@ -295,9 +290,7 @@ def figure_bytes(figure: "Figure", file_format: str, dpi: float | None = None) -
 
 
 def save_figure(
-    figure: "Figure",
-    path_stem: str | Path,
-    formats: Sequence[str] = ("pdf", "svg", "png"),
+    figure: "Figure", path_stem: str | Path, formats: Sequence[str] = ("pdf", "svg", "png")
 ) -> tuple[Path, ...]:
     """Write a figure in several formats, each file whole or not at all.
 

@@ -338,12 +338,7 @@ def table_view(table: Table) -> TableView:
         for row in cells
     )
     headings = tuple(
-        HeadingView(
-            table.columns[i].title,
-            units[i].text,
-            numeric[place],
-        )
-        for place, i in enumerate(shown)
+        HeadingView(table.columns[i].title, units[i].text, numeric[place]) for place, i in enumerate(shown)
     )
     return TableView(table.caption, table.sortable, headings, rows)
 

@@ -1,25 +1,20 @@
 """Signals in time: derivative, events, oscillation, alignment, repeats, metrics."""
 
-from labpipe.signals._align import Lag, at_times, from_event, lag
-from labpipe.signals._cycles import Window, active_window, loops
+from labpipe.signals._align import Lag, interpolated_at, lag, timed_from_event
+from labpipe.signals._cycles import Window, active_window, hysteresis_loops
 from labpipe.signals._derivative import velocity
 from labpipe.signals._events import PHASES, bounces, phases
 from labpipe.signals._first_touch import FirstTouch, first_touch
 from labpipe.signals._metrics import (
     Agreement,
     agreement,
+    coefficient_of_determination,
     compare,
-    determination,
     independent_count,
     nrmse,
 )
 from labpipe.signals._noise import estimate_noise, quantisation_step
-from labpipe.signals._oscillation import (
-    CommonFit,
-    Sinusoid,
-    common_fit,
-    fit_sinusoid,
-)
+from labpipe.signals._oscillation import CommonFit, Sinusoid, common_fit, fit_sinusoid
 from labpipe.signals._repeats import combine_repeats
 from labpipe.signals._ringing import Ringing, ringing
 from labpipe.signals._vibration import Damped, damped_oscillation
@@ -36,23 +31,23 @@ __all__ = [
     "Window",
     "active_window",
     "agreement",
-    "at_times",
     "bounces",
+    "coefficient_of_determination",
     "combine_repeats",
     "common_fit",
     "compare",
     "damped_oscillation",
-    "determination",
     "estimate_noise",
     "first_touch",
     "fit_sinusoid",
-    "from_event",
+    "hysteresis_loops",
     "independent_count",
+    "interpolated_at",
     "lag",
-    "loops",
     "nrmse",
     "phases",
     "quantisation_step",
     "ringing",
+    "timed_from_event",
     "velocity",
 ]

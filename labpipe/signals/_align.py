@@ -4,17 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import correlate, correlation_lags
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._noise import estimate_noise
 from labpipe.signals._readings import checked_times, is_constant, refuse_endless, refuse_infinite
 from labpipe.signals._residuals import parameter_covariance
 from labpipe.signals._smoothing import evaluate, smooth
-
-Array = NDArray[np.float64]
+from labpipe.variables import described
 
 _STEPS = 30  # of Gauss-Newton at most; four are usual
 _SETTLED = 1e-6  # sampling intervals
@@ -40,7 +39,7 @@ class Lag:
     n: int
 
 
-def from_event(record: xr.DataArray, event: float) -> xr.DataArray:
+def timed_from_event(record: xr.DataArray, event: float) -> xr.DataArray:
     """Count time from an event.
 
     Parameters
@@ -63,11 +62,11 @@ def from_event(record: xr.DataArray, event: float) -> xr.DataArray:
         message = f"cannot align at {event}: the event was not found in this record"
         raise InputError(message)
     shifted = record.assign_coords(time=record["time"] - event)
-    shifted["time"].attrs = {"units": "s", "long_name": "time from the event"}
+    shifted["time"].attrs = described("s", "time from the event")
     return shifted
 
 
-def at_times(record: xr.DataArray, time: Array) -> xr.DataArray:
+def interpolated_at(record: xr.DataArray, time: Floats) -> xr.DataArray:
     """Interpolate linearly; NaN outside the record and next to unread samples.
 
     Parameters
@@ -88,9 +87,7 @@ def at_times(record: xr.DataArray, time: Array) -> xr.DataArray:
     refuse_infinite(np.asarray(record.values, float), "a record")
     values = np.interp(time, own, record.values, left=np.nan, right=np.nan)
     coordinate = ("time", np.asarray(time, float), record["time"].attrs)
-    return xr.DataArray(
-        values, dims="time", coords={"time": coordinate}, name=record.name, attrs=record.attrs
-    )
+    return xr.DataArray(values, dims="time", coords={"time": coordinate}, name=record.name, attrs=record.attrs)
 
 
 def lag(first: xr.DataArray, second: xr.DataArray, largest: float | None = None) -> Lag:
@@ -159,17 +156,14 @@ def lag(first: xr.DataArray, second: xr.DataArray, largest: float | None = None)
     jacobian = np.column_stack([y, np.ones_like(t), -rate])
     (gain, offset), *_ = np.linalg.lstsq(jacobian[:, :2], moved, rcond=None)
     left = moved - gain * y - offset
-    u_gain, u_offset, u_shift = np.sqrt(
-        np.maximum(np.diag(parameter_covariance(jacobian, left)), 0)
-    )
+    u_gain, u_offset, u_shift = np.sqrt(np.maximum(np.diag(parameter_covariance(jacobian, left)), 0))
     correlation = float(np.corrcoef(y, moved)[0, 1])
     return Lag(
-        float(shift), float(u_shift), float(gain), float(u_gain), float(offset), float(u_offset),
-        correlation, len(t),
-    )  # fmt: skip
+        float(shift), float(u_shift), float(gain), float(u_gain), float(offset), float(u_offset), correlation, len(t)
+    )
 
 
-def _readings(record: xr.DataArray) -> tuple[Array, Array]:
+def _readings(record: xr.DataArray) -> tuple[Floats, Floats]:
     t, y = checked_times(record["time"].values), np.asarray(record.values, float)
     refuse_infinite(y, "a record")
     finite = np.isfinite(y)
@@ -183,7 +177,7 @@ def _readings(record: xr.DataArray) -> tuple[Array, Array]:
     return t, y
 
 
-def _coarse(t1: Array, y1: Array, t2: Array, y2: Array, largest: float | None) -> float:
+def _coarse(t1: Floats, y1: Floats, t2: Floats, y2: Floats, largest: float | None) -> float:
     """Lag of the largest normalised correlation on a common grid."""
     interval = float(min(np.median(np.diff(t1)), np.median(np.diff(t2))))
     refuse_endless(float(max(t1[-1] - t1[0], t2[-1] - t2[0])), interval)

@@ -9,10 +9,10 @@ small products.
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 
-def selected_inverse(band: Array) -> Array:
+def selected_inverse(band: Floats) -> Floats:
     """Return the entries of the inverse that lie inside the band.
 
     Parameters
@@ -59,7 +59,7 @@ def selected_inverse(band: Array) -> Array:
     return result[:, :n]
 
 
-def quadratic_form(first: NDArray[np.intp], rows: Array, inverse: Array) -> Array:
+def quadratic_form(first: NDArray[np.intp], rows: Floats, inverse: Floats) -> Floats:
     """Evaluate ``r A^-1 r`` for rows with few neighbouring non-zeros.
 
     Parameters
@@ -86,9 +86,7 @@ def quadratic_form(first: NDArray[np.intp], rows: Array, inverse: Array) -> Arra
 _Place = tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
-def _places(
-    d: int, count: int, size: int
-) -> tuple[_Place, _Place, NDArray[np.bool_], NDArray[np.intp]]:
+def _places(d: int, count: int, size: int) -> tuple[_Place, _Place, NDArray[np.bool_], NDArray[np.intp]]:
     """Block and place inside the block of row and column of the d-th diagonal."""
     column = np.arange(max(count * size - d, 0))
     block_i, i = np.divmod(column + d, size)
@@ -96,11 +94,11 @@ def _places(
     return (block_i, i), (block_j, j), block_i == block_j, column
 
 
-def _transpose(blocks: Array) -> Array:
+def _transpose(blocks: Floats) -> Floats:
     return blocks.transpose(0, 2, 1)
 
 
-def _block_inverse(diagonal: Array, below: Array) -> tuple[Array, Array]:
+def _block_inverse(diagonal: Floats, below: Floats) -> tuple[Floats, Floats]:
     """Diagonal blocks of the inverse and those just below, of a block tridiagonal matrix."""
     if len(diagonal) == 1:
         return np.asarray(np.linalg.inv(diagonal)), below

@@ -8,13 +8,13 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._metrics import independent_count
 from labpipe.signals._noise import difference_sigma, quantisation_step
 from labpipe.signals._oscillation import fit_sinusoid
 from labpipe.signals._readings import checked_times, is_constant, refuse_infinite
-
-Array = NDArray[np.float64]
+from labpipe.variables import described, variable
 
 _MOVED_SIGMA, _MOVED_SHARE = 6.0, 5e-3  # off its rest level by noise, and by part of the range
 _FIRST = 10  # readings that are taken to be at rest, if any are
@@ -48,11 +48,7 @@ class Window:
 
 
 def active_window(
-    time: ArrayLike,
-    position: ArrayLike,
-    frequency_guess: float | None = None,
-    *,
-    skip_cycles: int = 1,
+    time: ArrayLike, position: ArrayLike, frequency_guess: float | None = None, *, skip_cycles: int = 1
 ) -> Window:
     """Find the motion between the rests before and after it, and its steady part.
 
@@ -101,8 +97,7 @@ def active_window(
     n_cycles = int((end - start) / period + 0.5) - 2 * skip_cycles
     if n_cycles < 1:
         message = (
-            f"{(end - start) / period:.2f} cycles of motion leave none after {skip_cycles} are "
-            "left out at either end"
+            f"{(end - start) / period:.2f} cycles of motion leave none after {skip_cycles} are left out at either end"
         )
         raise InputError(message)
     first = start + skip_cycles * period
@@ -110,7 +105,7 @@ def active_window(
     return Window(start, end, before, after, fit.frequency, first, last)
 
 
-def _edge(t: Array, x: Array, extent: float) -> tuple[float, float]:
+def _edge(t: Floats, x: Floats, extent: float) -> tuple[float, float]:
     """Time of the last reading at the first level, and that level (NaN when it moves at once)."""
     n_first = _FIRST
     level = float(np.median(x[:n_first]))
@@ -122,7 +117,7 @@ def _edge(t: Array, x: Array, extent: float) -> tuple[float, float]:
     return float(t[off[0] - 1]), float(np.mean(x[: off[0]]))
 
 
-def loops(
+def hysteresis_loops(
     time: ArrayLike,
     position: ArrayLike,
     force: ArrayLike,
@@ -168,7 +163,7 @@ def loops(
     --------
     >>> time = np.arange(0.0, 10.0, 0.02)
     >>> angle = 2 * np.pi * time
-    >>> found = loops(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1), 1.0)
+    >>> found = hysteresis_loops(time, 1e-4 * np.sin(angle), 2.0 * np.sin(angle + 0.1), 1.0)
     >>> round(float(found.mean_work / (np.pi * 2e-4 * np.sin(0.1))), 3)
     1.0
     """
@@ -204,7 +199,7 @@ def loops(
     return _table(table, begin + np.arange(count) / frequency)
 
 
-def _one_loop(path: CubicSpline, begin: float, period: float, phase: Array) -> Array:
+def _one_loop(path: CubicSpline, begin: float, period: float, phase: Floats) -> Floats:
     """Work, amplitudes, stiffnesses and mean force of one period."""
     first, last = path(np.array([begin, begin + period]))
     points = path(begin + period * phase) - phase[:, None] * (last - first)
@@ -218,7 +213,7 @@ def _one_loop(path: CubicSpline, begin: float, period: float, phase: Array) -> A
     return np.array([work, abs(moved), abs(pushed), stiffness.real, stiffness.imag, mean_force])
 
 
-def _is_transient(amplitudes: Array) -> NDArray[np.bool_]:
+def _is_transient(amplitudes: Floats) -> NDArray[np.bool_]:
     """Leading cycles that differ from the later half."""
     later = amplitudes[len(amplitudes) // 2 :]
     centre = np.median(later, axis=0)
@@ -228,7 +223,7 @@ def _is_transient(amplitudes: Array) -> NDArray[np.bool_]:
     return np.asarray(np.logical_and.accumulate(differs))
 
 
-def _table(table: Array, starts: Array) -> xr.Dataset:
+def _table(table: Floats, starts: Floats) -> xr.Dataset:
     transient = _is_transient(table[:, 1:3])
     steady = table[~transient, 0]
     n = len(steady)
@@ -242,15 +237,11 @@ def _table(table: Array, starts: Array) -> xr.Dataset:
         ("mean_force", "N", "mean force of the cycle"),
     )
     result = xr.Dataset(coords={"cycle": np.arange(1, len(table) + 1)})
-    result["cycle"].attrs = {"units": "1", "long_name": "number of the cycle"}
-    result["cycle_start"] = ("cycle", starts, {"units": "s", "long_name": "start of the cycle"})
+    result["cycle"].attrs = described("1", "number of the cycle")
+    result["cycle_start"] = variable("cycle", starts, "s", "start of the cycle")
     for i, (name, unit, label) in enumerate(columns):
-        result[name] = ("cycle", table[:, i], {"units": unit, "long_name": label})
-    result["is_transient"] = (
-        "cycle",
-        transient,
-        {"units": "1", "long_name": "left out as transient"},
-    )
+        result[name] = variable("cycle", table[:, i], unit, label)
+    result["is_transient"] = variable("cycle", transient, "1", "left out as transient")
     u = sd / float(np.sqrt(independent_count(steady))) if n > 1 else float("nan")
     for name, value, unit, label in (
         ("mean_work", float(np.mean(steady)), "J", "mean dissipated work of the steady cycles"),
@@ -258,8 +249,6 @@ def _table(table: Array, starts: Array) -> xr.Dataset:
         ("sd_work", sd, "J", "standard deviation of the work over the steady cycles"),
         ("n_cycles", float(n), "1", "steady cycles"),
     ):
-        result[name] = ((), value, {"units": unit, "long_name": label})
-    result.attrs["work"] = json.dumps(
-        {"cycles": len(table), "points": len(table) * _POINTS_PER_CYCLE}
-    )
+        result[name] = variable((), value, unit, label)
+    result.attrs["work"] = json.dumps({"cycles": len(table), "points": len(table) * _POINTS_PER_CYCLE})
     return result

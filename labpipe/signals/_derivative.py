@@ -16,13 +16,13 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._noise import Noise, estimate_noise, is_spike
 from labpipe.signals._readings import checked_times, refuse_infinite
 from labpipe.signals._smoothing import Smooth, evaluate, smooth
 from labpipe.units import Measure, si
 
-Array = NDArray[np.float64]
 Method = Literal["spline", "thesis", "difference"]
 
 THESIS_WINDOW = 5
@@ -143,12 +143,11 @@ def velocity(
     return _labelled(displacement, is_read, v, u, {"method": used, **attributes})
 
 
-def checked_record(displacement: xr.DataArray) -> tuple[Array, Array]:
+def checked_record(displacement: xr.DataArray) -> tuple[Floats, Floats]:
     """Time and values of a displacement record as float64 copies, or say what is wrong with it."""
     if displacement.dims != ("time",) or "time" not in displacement.coords:
         message = (
-            f"displacement must have the one dimension time with its coordinate; "
-            f"found dimensions {displacement.dims}"
+            f"displacement must have the one dimension time with its coordinate; found dimensions {displacement.dims}"
         )
         raise InputError(message)
     unit = displacement.attrs.get("units", "m")
@@ -180,12 +179,8 @@ def _times(times: ArrayLike | None, name: str) -> list[float]:
 
 
 def _spline(
-    t: Array,
-    y: Array,
-    known: Noise,
-    may_refine: bool,
-    cuts: tuple[list[float], list[float]],
-) -> tuple[Array, Array, dict[str, object]]:
+    t: Floats, y: Floats, known: Noise, may_refine: bool, cuts: tuple[list[float], list[float]]
+) -> tuple[Floats, Floats, dict[str, object]]:
     """Velocity, uncertainty and attributes of the smoothing spline."""
     counts = {"samples": len(t)}
     if known.sigma <= 0.0:
@@ -194,9 +189,7 @@ def _spline(
     spike = is_spike(t, y, known.sigma)
     n_spikes = int(spike.sum())
     if n_spikes:
-        text = (
-            f"velocity: {n_spikes} single readings stand out by more than 8 sigma and are left out"
-        )
+        text = f"velocity: {n_spikes} single readings stand out by more than 8 sigma and are left out"
         warnings.warn(text, UserWarning, stacklevel=3)
     fit = smooth(t[~spike], y[~spike], known.sigma, *cuts)
     n_updates = fit.n_updates
@@ -215,7 +208,7 @@ def _spline(
     return v, u, _attributes(known, band, n_spikes, counts)
 
 
-def _warn_of_fast_motion(residual: Array, extent: float, known: Noise) -> None:
+def _warn_of_fast_motion(residual: Floats, extent: float, known: Noise) -> None:
     """Say when one frequency dominates what was taken for noise."""
     power = np.abs(np.fft.rfft(residual * np.hanning(len(residual)))) ** 2
     peak = int(np.argmax(power))
@@ -226,14 +219,15 @@ def _warn_of_fast_motion(residual: Array, extent: float, known: Noise) -> None:
         return
     if line > _LINE_SHARE * float(np.sum(power)):
         text = (
-            f"velocity: {100 * line / float(np.sum(power)):.0f} % of what was taken for noise is "
-            f"one frequency, {peak / len(residual):.3f} of the sampling rate: motion too fast for "
+            f"velocity: {100 * line / float(np.sum(power)):.0f} % of the estimated noise power "
+            f"is at one frequency, {peak / len(residual):.3f} of the sampling rate: motion too "
+            f"fast for "
             "this sampling is missing from the velocity and its uncertainty"
         )
         warnings.warn(text, UserWarning, stacklevel=4)
 
 
-def _residual_sigma(fit: Smooth, t: Array, y: Array, known: Noise) -> float:
+def _residual_sigma(fit: Smooth, t: Floats, y: Floats, known: Noise) -> float:
     """Noise left by the fit; rounding at least."""
     residual = y - evaluate(fit, t, 0)[0]
     freedom = max(len(t) - fit.degrees_of_freedom, 1.0)
@@ -242,35 +236,25 @@ def _residual_sigma(fit: Smooth, t: Array, y: Array, known: Noise) -> float:
     return max(found, known.step / np.sqrt(12.0), 0.2 * known.sigma)
 
 
-def _differences(t: Array, y: Array, sigma: float, window: int) -> tuple[Array, Array]:
+def _differences(t: Floats, y: Floats, sigma: float, window: int) -> tuple[Floats, Floats]:
     """Thesis (3.11)-(3.14): the scheme is linear, so its noise follows exactly."""
     n = len(t)
     rows = np.arange(n)
     left, right = np.maximum(rows - 1, 0), np.minimum(rows + 1, n - 1)
     weight = 1.0 / (t[right] - t[left])
     scheme = sparse.csr_array(
-        (
-            np.concatenate([weight, -weight]),
-            (np.concatenate([rows, rows]), np.concatenate([right, left])),
-        ),
-        shape=(n, n),
+        (np.concatenate([weight, -weight]), (np.concatenate([rows, rows]), np.concatenate([right, left]))), shape=(n, n)
     )
     half = np.minimum(np.minimum(rows, n - 1 - rows), window // 2)
     size = 2 * half + 1
-    columns = np.repeat(rows - half, size) + (
-        np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size)
-    )
-    average = sparse.csr_array(
-        (np.repeat(1.0 / size, size), (np.repeat(rows, size), columns)), shape=(n, n)
-    )
+    columns = np.repeat(rows - half, size) + (np.arange(size.sum()) - np.repeat(np.cumsum(size) - size, size))
+    average = sparse.csr_array((np.repeat(1.0 / size, size), (np.repeat(rows, size), columns)), shape=(n, n))
     combined = (average @ scheme).tocsr()
     u = sigma * np.sqrt(np.asarray(combined.multiply(combined).sum(axis=1)).ravel())
     return np.asarray(combined @ (y - y.mean())), u
 
 
-def _attributes(
-    known: Noise, band: list[float], n_spikes: int, counts: dict[str, int]
-) -> dict[str, object]:
+def _attributes(known: Noise, band: list[float], n_spikes: int, counts: dict[str, int]) -> dict[str, object]:
     return {
         "noise": known.sigma,
         "noise_block": known.block,
@@ -282,23 +266,16 @@ def _attributes(
 
 
 def _labelled(
-    displacement: xr.DataArray,
-    is_read: NDArray[np.bool_],
-    v: Array,
-    u: Array,
-    attributes: dict[str, object],
+    displacement: xr.DataArray, is_read: NDArray[np.bool_], v: Floats, u: Floats, attributes: dict[str, object]
 ) -> xr.DataArray:
     """Put values back among the unread samples and name everything."""
     full_v, full_u = np.full(len(is_read), np.nan), np.full(len(is_read), np.nan)
     full_v[is_read], full_u[is_read] = v, u
-    u_attributes = {"units": "m/s", "long_name": "standard uncertainty of velocity"}
+    u_attributes = described("m/s", "standard uncertainty of velocity")
     return xr.DataArray(
         full_v,
         dims="time",
-        coords={
-            "time": displacement["time"].copy(),
-            "u_velocity": ("time", full_u, u_attributes),
-        },
+        coords={"time": displacement["time"].copy(), "u_velocity": ("time", full_u, u_attributes)},
         name="velocity",
         attrs={"units": "m/s", "long_name": "velocity", **attributes},
     )

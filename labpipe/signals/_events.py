@@ -10,26 +10,17 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._derivative import checked_record
 from labpipe.signals._impact_fit import OUTPUTS, PRIORS, ImpactFit, ShapePrior, fit_impact
 from labpipe.signals._noise import estimate_noise, is_spike
 from labpipe.signals._readings import is_constant
 from labpipe.signals._smoothing import Smooth, evaluate, smooth
-from labpipe.signals._turns import (
-    FEWEST_IN_FLIGHT,
-    SURE,
-    Turn,
-    common_fall,
-    curvature,
-    find_turns,
-    flights_after,
-)
-from labpipe.uncertainty import spread
-
-Array = NDArray[np.float64]
+from labpipe.signals._turns import FEWEST_IN_FLIGHT, SURE, Turn, common_fall, curvature, find_turns, flights_after
+from labpipe.uncertainty import propagated_u
+from labpipe.variables import described, variable
 
 PHASES = ("held", "falling", "bouncing", "vibration", "static")
 """Meanings of the integers that :func:`phases` returns."""
@@ -39,10 +30,7 @@ _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the c
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
 _REST_FRACTION = 0.01  # of the first impact speed, below which the body is at rest
 
-_SHARED = (
-    "touch_time", "liftoff_time", "incoming_speed", "outgoing_speed", "restitution",
-    "contact_duration",
-)  # fmt: skip
+_SHARED = ("touch_time", "liftoff_time", "incoming_speed", "outgoing_speed", "restitution", "contact_duration")
 """Quantities of which the shape of the contact's pulse is a part of the uncertainty."""
 
 _LABELS = {
@@ -216,23 +204,15 @@ def phases(events: xr.Dataset, time: xr.DataArray) -> xr.DataArray:
         message = "a time is NaN; leave it out"
         raise InputError(message)
     edges = np.array(
-        [
-            float(events[name])
-            for name in ("release_time", "first_contact_time", "settling_time", "rest_time")
-        ]
+        [float(events[name]) for name in ("release_time", "first_contact_time", "settling_time", "rest_time")]
     )
     edges = np.where(np.isnan(edges), np.inf, edges)
     index = np.searchsorted(edges, np.asarray(time.values, float), side="right").astype(np.int8)
-    attributes = {
-        "units": "1",
-        "long_name": "phase",
-        "flag_values": list(range(len(PHASES))),
-        "flag_meanings": " ".join(PHASES),
-    }
+    attributes = described("1", "phase", flag_values=list(range(len(PHASES))), flag_meanings=" ".join(PHASES))
     return xr.DataArray(index, {"time": time}, dims="time", name="phase", attrs=attributes)
 
 
-def _direction(fit: Smooth, time: Array) -> int:
+def _direction(fit: Smooth, time: Floats) -> int:
     """+1 when upwards is positive: contact forces are far larger than gravity, and push up."""
     acceleration, u = evaluate(fit, time, 2)
     excess = np.sign(acceleration) * np.maximum(np.abs(acceleration) - SURE * u, 0.0)
@@ -240,12 +220,7 @@ def _direction(fit: Smooth, time: Array) -> int:
 
 
 def _fitted(
-    time: Array,
-    height: Array,
-    sigma: float,
-    turns: list[Turn],
-    gravity: tuple[float, float],
-    prior: ShapePrior,
+    time: Floats, height: Floats, sigma: float, turns: list[Turn], gravity: tuple[float, float], prior: ShapePrior
 ) -> tuple[list[ImpactFit], float]:
     """Fit impact after impact until flights can no longer be distinguished from vibration."""
     impacts: list[ImpactFit] = []
@@ -274,28 +249,27 @@ def _per_impact(impacts: list[ImpactFit], direction: int) -> xr.Dataset:
         for name in _LABELS:
             value, gradient = _combined(name, impact.value, direction)
             u, u_shape = (
-                float(spread(gradient, covariance))
-                for covariance in (impact.covariance, impact.shape_covariance)
+                float(propagated_u(gradient, covariance)) for covariance in (impact.covariance, impact.shape_covariance)
             )
             columns[name].append((value, u, u_shape))
     result = xr.Dataset(coords={"impact": np.arange(1, len(impacts) + 1)})
-    result["impact"].attrs = {"units": "1", "long_name": "number of the impact"}
+    result["impact"].attrs = described("1", "number of the impact")
     for name, (unit, label) in _LABELS.items():
         pairs = np.array(columns[name])
-        result[name] = ("impact", pairs[:, 0], {"units": unit, "long_name": label})
-        u_attributes = {"units": unit, "long_name": f"standard uncertainty of {label}"}
+        result[name] = variable("impact", pairs[:, 0], unit, label)
+        u_attributes = described(unit, f"standard uncertainty of {label}")
         result[f"u_{name}"] = ("impact", pairs[:, 1], u_attributes)
         if name in _SHARED:
             text = f"standard uncertainty of {label} common to all repeats, from the pulse shape"
-            attributes = {"units": unit, "long_name": text}
+            attributes = described(unit, text)
             result[f"shared_u_{name}"] = ("impact", pairs[:, 2], attributes)
     chi_square = [impact.chi_square for impact in impacts]
     label = "scatter about the fit over the noise, squared"
-    result["chi_square"] = ("impact", chi_square, {"units": "1", "long_name": label})
+    result["chi_square"] = variable("impact", chi_square, "1", label)
     return result
 
 
-def _combined(name: str, value: Array, direction: int) -> tuple[float, Array]:
+def _combined(name: str, value: Floats, direction: int) -> tuple[float, Floats]:
     """One reported quantity and its derivative by the outputs of the fit."""
     by_name = {output: i for i, output in enumerate(OUTPUTS)}
     gradient = np.zeros(len(OUTPUTS))
@@ -304,11 +278,7 @@ def _combined(name: str, value: Array, direction: int) -> tuple[float, Array]:
         gradient[by_name[name]] = sign
         return sign * float(value[by_name[name]]), gradient
     if name in ("penetration", "contact_duration"):
-        plus, minus = (
-            ("touch_level", "deepest_level")
-            if name == "penetration"
-            else ("liftoff_time", "touch_time")
-        )
+        plus, minus = ("touch_level", "deepest_level") if name == "penetration" else ("liftoff_time", "touch_time")
         gradient[by_name[plus]], gradient[by_name[minus]] = 1.0, -1.0
         return float(gradient @ value), gradient
     out, fall = value[by_name["outgoing_speed"]], value[by_name["gravity"]]
@@ -323,8 +293,8 @@ def _combined(name: str, value: Array, direction: int) -> tuple[float, Array]:
 
 def _add_release(
     result: xr.Dataset,
-    time: Array,
-    height: Array,
+    time: Floats,
+    height: Floats,
     sigma: float,
     turn: Turn,
     impact: ImpactFit,
@@ -345,7 +315,7 @@ def _add_release(
     except np.linalg.LinAlgError as error:
         message = (
             f"{len(t)} readings of the fall before the first touch at {impact.value[0]:.6g} s do "
-            "not tell when it began"
+            f"not determine when it began"
         )
         raise InputError(message) from error
     begin = speed / fall_rate
@@ -355,18 +325,15 @@ def _add_release(
     u_touch, u_level = (float(np.sqrt(u)) for u in np.diag(impact.covariance)[[0, 4]].tolist())
     release = float(impact.value[0] + begin)
     if release < time[0]:
-        text = (
-            f"the body was already falling when the record began; its release at {release:.6g} s "
-            "is extrapolated"
-        )
+        text = f"the body was already falling when the record began; its release at {release:.6g} s is extrapolated"
         warnings.warn(text, UserWarning, stacklevel=3)
     quantities = {
-        "release_time": (release, float(spread(by_arc, covariance)), "s", "release"),
+        "release_time": (release, float(propagated_u(by_arc, covariance)), "s", "release"),
         "first_contact_time": (float(impact.value[0]), u_touch, "s", "first contact"),
         "contact_level": (direction * impact.value[4], u_level, "m", "displacement at first touch"),
         "drop_height": (
             float(drop),
-            float(np.hypot(spread(drop_by_arc, covariance), u_level)),
+            float(np.hypot(propagated_u(drop_by_arc, covariance), u_level)),
             "m",
             "height of the fall",
         ),
@@ -377,12 +344,7 @@ def _add_release(
 
 
 def _add_rest(
-    result: xr.Dataset,
-    time: Array,
-    values: Array,
-    speed: Array,
-    u_speed: Array,
-    last_touch: float,
+    result: xr.Dataset, time: Floats, values: Floats, speed: Floats, u_speed: Floats, last_touch: float
 ) -> None:
     """Rest: the last time that the speed is above a hundredth of the first impact's."""
     limit = _REST_FRACTION * float(result["incoming_speed"][0])
@@ -409,4 +371,4 @@ def _add_rest(
 
 
 def _scalar(value: float, unit: str, label: str) -> xr.DataArray:
-    return xr.DataArray(float(value), attrs={"units": unit, "long_name": label})
+    return xr.DataArray(float(value), attrs=described(unit, label))

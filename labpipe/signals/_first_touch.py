@@ -3,13 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._readings import is_constant, refuse_infinite
-
-Array = NDArray[np.float64]
 
 _FEWEST = 10  # readings on either side, below which a level or a slope has no meaning
 _CLEAR = 5.0  # standard deviations by which the last force must exceed the first
@@ -88,7 +87,7 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> FirstTouch:
     rising = np.flatnonzero(f > start + 0.5 * (end - start))
     guess = float(z[rising[0]]) - 0.05 * span
 
-    def residual(p: Array) -> Array:
+    def residual(p: Floats) -> Floats:
         touch, slope, level = p
         bent = level + slope * np.maximum(0.0, z - touch * span)
         return np.asarray((f - bent) / max(noise, 1e-9 * (end - start)))
@@ -102,6 +101,10 @@ def first_touch(position: ArrayLike, force: ArrayLike) -> FirstTouch:
     chi_square = 2 * best.cost / max(z.size - 3, 1)
     covariance = np.linalg.pinv(best.jac.T @ best.jac) * max(chi_square, 1.0)
     return FirstTouch(
-        float(best.x[0] * span), float(np.sqrt(covariance[0, 0]) * span),
-        float(best.x[2]), float(np.sqrt(covariance[2, 2])), float(best.x[1]), noise,
-    )  # fmt: skip
+        float(best.x[0] * span),
+        float(np.sqrt(covariance[0, 0]) * span),
+        float(best.x[2]),
+        float(np.sqrt(covariance[2, 2])),
+        float(best.x[1]),
+        noise,
+    )

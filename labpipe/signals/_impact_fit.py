@@ -21,13 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
 from scipy.optimize import least_squares
 
-from labpipe.uncertainty import carried
-
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
+from labpipe.uncertainty import propagated_covariance
 
 _EXPONENT = 1.5
 _N_SHAPES = 4
@@ -82,9 +80,9 @@ class ImpactFit:
     ``unread`` are begin and end [s] of the gap among the readings that hides the contact, if any.
     """
 
-    value: Array
-    covariance: Array
-    shape_covariance: Array
+    value: Floats
+    covariance: Floats
+    shape_covariance: Floats
     chi_square: float
     n_evaluations: int
     unread: tuple[float, float] | None = None
@@ -104,7 +102,7 @@ OUTPUTS = (
 )
 
 
-def _tables() -> tuple[Array, Array, Array, Array]:
+def _tables() -> tuple[Floats, Floats, Floats, Floats]:
     s = np.linspace(0.0, 1.0, _NODES)
     window = (s * (1.0 - s)) ** _EXPONENT
     shapes = window * chebyshev.chebvander(2.0 * s - 1.0, _N_SHAPES - 1).T
@@ -116,7 +114,7 @@ def _tables() -> tuple[Array, Array, Array, Array]:
 _S, _SHAPES, _FIRST, _SECOND = _tables()
 
 
-def pulse_integrals(s: Array, shape: Array) -> tuple[Array, Array, Array]:
+def pulse_integrals(s: Floats, shape: Floats) -> tuple[Floats, Floats, Floats]:
     """Pulse of given shape, its integral and double integral over s, continued beyond 0..1.
 
     Parameters
@@ -139,8 +137,8 @@ def pulse_integrals(s: Array, shape: Array) -> tuple[Array, Array, Array]:
 
 
 def fit_impact(
-    time: Array,
-    position: Array,
+    time: Floats,
+    position: Floats,
     sigma: float,
     guess: tuple[float, float],
     gravity: float,
@@ -171,9 +169,7 @@ def fit_impact(
     height = float(np.median(position))
     y = position - height
     start = _start(t, y, duration, gravity)
-    scale = np.array(
-        [sigma, sigma / duration, start[2], 1.0, 1.0, 1.0, duration, duration, gravity]
-    )
+    scale = np.array([sigma, sigma / duration, start[2], 1.0, 1.0, 1.0, duration, duration, gravity])
     loss, weight = _character(start)
     n_evaluations = 0
     for _ in range(_LOSS_UPDATES):
@@ -197,15 +193,15 @@ def fit_impact(
     value, gradient = _outputs(p, scale)
     value[:2] += reference
     value[4:7] += height
-    output_covariance = carried(gradient, covariance)
-    of_shape = carried(gradient, of_shape)
+    output_covariance = propagated_covariance(gradient, covariance)
+    of_shape = propagated_covariance(gradient, of_shape)
     unread = _unread_contact(time, float(value[0]), float(value[1]))
     if unread is not None:
         output_covariance = output_covariance + _of_unread(value, unread[1] - unread[0])
     return ImpactFit(value, output_covariance, of_shape, chi_square, n_evaluations, unread)
 
 
-def _unread_contact(time: Array, touch: float, liftoff: float) -> tuple[float, float] | None:
+def _unread_contact(time: Floats, touch: float, liftoff: float) -> tuple[float, float] | None:
     """Begin and end of the widest gap that meets the contact, if it hides it."""
     interval = np.diff(time)
     meets = (time[1:] > touch) & (time[:-1] < liftoff)
@@ -216,7 +212,7 @@ def _unread_contact(time: Array, touch: float, liftoff: float) -> tuple[float, f
     return (float(time[i]), float(time[i + 1])) if is_hidden else None
 
 
-def _of_unread(value: Array, gap: float) -> Array:
+def _of_unread(value: Floats, gap: float) -> Floats:
     """Covariance of the outputs when touch and lift-off may be anywhere in a gap.
 
     The arcs on both sides are known, so levels and speeds follow the times; what the body did in
@@ -241,39 +237,33 @@ def _of_unread(value: Array, gap: float) -> Array:
 class _Pull(NamedTuple):
     """Mean and standard deviation of the parameters :data:`_WITH_PRIOR`."""
 
-    mean: Array
-    spread: Array
+    mean: Floats
+    spread: Floats
 
 
 def _minimise(
-    t: Array, y: Array, sigma: float, pull: _Pull, start: Array, scale: Array
-) -> tuple[Array, Array, float, int]:
+    t: Floats, y: Floats, sigma: float, pull: _Pull, start: Floats, scale: Floats
+) -> tuple[Floats, Floats, float, int]:
     """Parameters, normal matrix of the scaled ones, sum of squared misfits, evaluations."""
 
-    def residual(scaled: Array) -> Array:
+    def residual(scaled: Floats) -> Floats:
         p = scaled * scale
         misfit = (_position(t, p) - y) / sigma
         return np.concatenate([misfit, (p[_WITH_PRIOR] - pull.mean) / pull.spread])
 
-    def jacobian(scaled: Array) -> Array:
+    def jacobian(scaled: Floats) -> Floats:
         rows = _position_gradient(t, scaled * scale) / sigma
         ties = np.eye(len(NAMES))[_WITH_PRIOR] / pull.spread[:, None]
         return np.concatenate([rows, ties]) * scale
 
     found = least_squares(
-        residual,
-        start / scale,
-        jacobian,
-        method="lm",
-        x_scale="jac",
-        ftol=1e-7,
-        max_nfev=_MOST_EVALUATIONS,
+        residual, start / scale, jacobian, method="lm", x_scale="jac", ftol=1e-7, max_nfev=_MOST_EVALUATIONS
     )
     misfit = float(np.sum(found.fun[: len(t)] ** 2))
     return found.x * scale, found.jac.T @ found.jac, misfit, int(found.nfev)
 
 
-def _character(p: Array) -> tuple[float, float]:
+def _character(p: Floats) -> tuple[float, float]:
     """Loss of speed 1 - e, and the speed that gravity takes during contact, of the incoming."""
     out = _derived(p)
     incoming = max(float(out[2]), 1e-3 * abs(float(out[3])) + 1e-9)
@@ -281,30 +271,26 @@ def _character(p: Array) -> tuple[float, float]:
     return loss, float(p[8] * (p[7] - p[6]) / incoming)
 
 
-def _expected_shape(prior: ShapePrior, loss: float, weight: float) -> tuple[Array, Array]:
+def _expected_shape(prior: ShapePrior, loss: float, weight: float) -> tuple[Floats, Floats]:
     """Mean and standard deviation of lean, flatness and skewness."""
     elastic = np.array([0.0, _FLATNESS + _FLATNESS_BY_GRAVITY * min(weight, _HEAVIEST), 0.0])
     mean = elastic + loss * np.array(prior.per_loss)
-    spread = np.array(prior.spread) + np.array(prior.spread_per_loss) * loss ** np.array(
-        prior.power
-    )
+    spread = np.array(prior.spread) + np.array(prior.spread_per_loss) * loss ** np.array(prior.power)
     return mean, spread
 
 
-def _start(t: Array, y: Array, duration: float, gravity: float) -> Array:
+def _start(t: Floats, y: Floats, duration: float, gravity: float) -> Floats:
     """Arc from the samples before the contact, impulse from the arc behind it."""
     arcs = []
     for side in (-t, t):
         free = side > min(_CLEAR * duration, float(np.partition(side, -4)[-4]))
-        arcs.append(
-            np.polynomial.polynomial.polyfit(t[free], y[free] + 0.5 * gravity * t[free] ** 2, 1)
-        )
+        arcs.append(np.polynomial.polynomial.polyfit(t[free], y[free] + 0.5 * gravity * t[free] ** 2, 1))
     (level, speed), (_, after) = arcs
     pulse = (after - speed) / (duration * float(_FIRST[0, -1]))
     return np.array([level, speed, pulse, 0.0, 0.0, 0.0, -0.5 * duration, 0.5 * duration, gravity])
 
 
-def _position(t: Array, p: Array) -> Array:
+def _position(t: Floats, p: Floats) -> Floats:
     level, speed, pulse, *_, touch, liftoff, gravity = p
     length = liftoff - touch
     shape = np.array([1.0, p[3], p[4], p[5]])
@@ -312,7 +298,7 @@ def _position(t: Array, p: Array) -> Array:
     return level + speed * t - 0.5 * gravity * t**2 + pulse * length**2 * second
 
 
-def _position_gradient(t: Array, p: Array) -> Array:
+def _position_gradient(t: Floats, p: Floats) -> Floats:
     """Differentiate the position by all parameters."""
     pulse, touch, liftoff = p[2], p[6], p[7]
     length = liftoff - touch
@@ -331,7 +317,7 @@ def _position_gradient(t: Array, p: Array) -> Array:
     return result
 
 
-def _outputs(p: Array, scale: Array) -> tuple[Array, Array]:
+def _outputs(p: Floats, scale: Floats) -> tuple[Floats, Floats]:
     """Return outputs and their derivative by the parameters, by central differences."""
     value = _derived(p)
     gradient = np.empty((len(OUTPUTS), len(p)))
@@ -342,7 +328,7 @@ def _outputs(p: Array, scale: Array) -> tuple[Array, Array]:
     return value, gradient
 
 
-def _derived(p: Array) -> Array:
+def _derived(p: Floats) -> Floats:
     _, speed, pulse, *_, touch, liftoff, gravity = p
     length = liftoff - touch
     shape = np.array([1.0, p[3], p[4], p[5]])

@@ -4,16 +4,17 @@ The thesis compares by eye; these are the figures that it lacks.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import t as student
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._readings import is_constant, refuse_infinite
-
-Array = NDArray[np.float64]
+from labpipe.variables import variable
 
 
 def nrmse(measured: ArrayLike, model: ArrayLike) -> float:
@@ -47,7 +48,7 @@ def nrmse(measured: ArrayLike, model: ArrayLike) -> float:
     return round(float(np.sqrt(np.mean((a - b) ** 2)) / extent), 15)
 
 
-def _pairs(measured: ArrayLike, model: ArrayLike) -> tuple[Array, Array]:
+def _pairs(measured: ArrayLike, model: ArrayLike) -> tuple[Floats, Floats]:
     a, b = np.asarray(measured, float), np.asarray(model, float)
     if a.shape != b.shape:
         message = f"the two curves differ in shape: {a.shape} and {b.shape}"
@@ -93,26 +94,22 @@ def compare(measured: xr.DataArray, model: xr.DataArray) -> xr.Dataset:
     difference = a - b
     label = measured.attrs.get("long_name", str(measured.name))
 
-    def scalar(value: float, unit: str, text: str) -> tuple[tuple[()], float, dict[str, str]]:
-        return (), value, {"units": unit, "long_name": text}
+    def scalar(value: float, unit: str, text: str) -> Any:
+        return variable((), value, unit, text)
 
     residual = np.asarray(measured.values - model.values, float)
     largest = float(difference[np.argmax(np.abs(difference))])
     return xr.Dataset(
         {
-            "residual": (
-                "time", residual, {"units": units, "long_name": f"measured minus model: {label}"},
-            ),
+            "residual": variable("time", residual, units, f"measured minus model: {label}"),
             "nrmse": scalar(nrmse(a, b), "1", "root-mean-square error over range of measurement"),
             "bias": scalar(float(difference.mean()), units, "mean of measured minus model"),
-            "rms_error": scalar(
-                float(np.sqrt(np.mean(difference**2))), units, "root-mean-square error"
-            ),
+            "rms_error": scalar(float(np.sqrt(np.mean(difference**2))), units, "root-mean-square error"),
             "max_error": scalar(largest, units, "difference of largest magnitude"),
             "n_compared": scalar(float(a.size), "1", "points compared"),
         },
         coords={"time": measured["time"]},
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,12 +172,11 @@ def agreement(first: ArrayLike, second: ArrayLike, n_effective: float | None = N
     concordance = 1.0 if spread == 0 else float(2 * np.cov(a, b, ddof=0)[0, 1] / spread)
     bias = float(d.mean())
     return Agreement(
-        bias, sd / np.sqrt(n), sd, bias - factor * sd, bias + factor * sd,
-        sd * np.sqrt(3 / n), concordance, n,
-    )  # fmt: skip
+        bias, sd / np.sqrt(n), sd, bias - factor * sd, bias + factor * sd, sd * np.sqrt(3 / n), concordance, n
+    )
 
 
-def determination(measured: ArrayLike, model: ArrayLike) -> float:
+def coefficient_of_determination(measured: ArrayLike, model: ArrayLike) -> float:
     """Return R², the share of the measurement's variance that the model explains.
 
     One minus residual over total sum of squares, about the measurement's mean; negative for a
@@ -188,7 +184,7 @@ def determination(measured: ArrayLike, model: ArrayLike) -> float:
 
     Examples
     --------
-    >>> determination([0.0, 1.0, 2.0], [0.0, 1.0, 2.0])
+    >>> coefficient_of_determination([0.0, 1.0, 2.0], [0.0, 1.0, 2.0])
     1.0
     """
     a, b = _pairs(measured, model)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 DIFFERENCE_ORDER = 8
 """High enough that a sinusoid of 20 samples per period is suppressed 2e4 times against noise."""
@@ -40,7 +40,7 @@ class Noise(NamedTuple):
     block: int
 
 
-def estimate_noise(values: Array, time: Array | None = None) -> Noise:
+def estimate_noise(values: Floats, time: Floats | None = None) -> Noise:
     """Estimate the noise of equally important samples in their order.
 
     Parameters
@@ -88,7 +88,7 @@ def estimate_noise(values: Array, time: Array | None = None) -> Noise:
     return Noise(max(levels[0], floor), step, 1)
 
 
-def difference_sigma(values: Array, time: Array | None = None) -> float:
+def difference_sigma(values: Floats, time: Floats | None = None) -> float:
     """Noise level from the median of high-order differences; 0 when there are too few samples."""
     order = min(DIFFERENCE_ORDER, len(values) - 2)
     if order < 1:
@@ -101,7 +101,7 @@ def difference_sigma(values: Array, time: Array | None = None) -> float:
     return _MEDIAN_TO_SIGMA * float(np.median(np.abs(differences)))
 
 
-def _divided_differences(values: Array, time: Array, order: int) -> Array:
+def _divided_differences(values: Floats, time: Floats, order: int) -> Floats:
     """Differences over uneven times, scaled so that white noise keeps its level."""
     count = len(values) - order
     t = np.stack([time[j : j + count] for j in range(order + 1)], axis=1)
@@ -113,7 +113,7 @@ def _divided_differences(values: Array, time: Array, order: int) -> Array:
     return np.asarray(np.sum(weights * y, axis=1))
 
 
-def quantisation_step(values: Array) -> float:
+def quantisation_step(values: Floats) -> float:
     """Return the step of which all samples are multiples (about an offset), or 0.
 
     The step must be met at least three times among the differences, differences of no step at all
@@ -137,7 +137,7 @@ def quantisation_step(values: Array) -> float:
     return step
 
 
-def is_spike(time: Array, values: Array, sigma: float, factor: float = 8.0) -> NDArray[np.bool_]:
+def is_spike(time: Floats, values: Floats, sigma: float, factor: float = 8.0) -> NDArray[np.bool_]:
     """Mark single samples that stand out of both neighbours in the same direction.
 
     Parameters
@@ -161,9 +161,7 @@ def is_spike(time: Array, values: Array, sigma: float, factor: float = 8.0) -> N
     t = np.stack([time[j : j + n] - time[2:-2] for j in (0, 1, 3, 4)], axis=1)
     y = np.stack([values[j : j + n] for j in (0, 1, 3, 4)], axis=1)
     centre = values[2:-2]
-    slope = 0.5 * (
-        (y[:, 2] - y[:, 1]) / (t[:, 2] - t[:, 1]) + (y[:, 3] - y[:, 0]) / (t[:, 3] - t[:, 0])
-    )
+    slope = 0.5 * ((y[:, 2] - y[:, 1]) / (t[:, 2] - t[:, 1]) + (y[:, 3] - y[:, 0]) / (t[:, 3] - t[:, 0]))
     before = centre - (y[:, 1] - slope * t[:, 1])
     after = centre - (y[:, 2] - slope * t[:, 2])
     middle = np.sum(_cubic_weights(t) * y, axis=1)
@@ -178,17 +176,14 @@ def is_spike(time: Array, values: Array, sigma: float, factor: float = 8.0) -> N
     return marked
 
 
-def _cubic_weights(t: Array) -> Array:
+def _cubic_weights(t: Floats) -> Floats:
     """Lagrange weights of four neighbours at relative times t, for the value at 0."""
     others = [[k for k in range(4) if k != j] for j in range(4)]
-    columns = [
-        np.prod(t[:, others[j]], axis=1) / np.prod(t[:, others[j]] - t[:, [j]], axis=1)
-        for j in range(4)
-    ]
+    columns = [np.prod(t[:, others[j]], axis=1) / np.prod(t[:, others[j]] - t[:, [j]], axis=1) for j in range(4)]
     return np.stack(columns, axis=1)
 
 
-def _block_means(values: Array, block: int) -> Array:
+def _block_means(values: Floats, block: int) -> Floats:
     count = len(values) // block
-    means: Array = values[: count * block].reshape(count, block).mean(axis=1)
+    means: Floats = values[: count * block].reshape(count, block).mean(axis=1)
     return means

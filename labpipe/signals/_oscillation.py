@@ -13,15 +13,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._readings import checked_times, is_constant, refuse_infinite
 from labpipe.signals._residuals import parameter_covariance
-from labpipe.uncertainty import spread
-
-Array = NDArray[np.float64]
+from labpipe.uncertainty import propagated_u
 
 _GRID = 4  # trial frequencies per 1/T in the coarse search
 _REACH = 1.2  # in 1/T: the misfit has one minimum within a line's width
@@ -58,7 +57,7 @@ class Sinusoid:
     n_cycles: float
     n_samples: int
 
-    def __call__(self, time: ArrayLike) -> Array:
+    def __call__(self, time: ArrayLike) -> Floats:
         """Evaluate the fitted curve."""
         s = np.asarray(time, float) - self.reference_time
         angle = 2 * np.pi * self.frequency * s
@@ -220,16 +219,12 @@ def common_fit(
     both = np.isfinite(x) & np.isfinite(load)
     t, x, load = t[both], x[both], load[both]
     readings_of(t, load)  # a force that stands still has no phase
-    moved = fit_sinusoid(
-        t, x, frequency_guess, harmonics=harmonics, trend_order=trend_order,
-        resolution=resolutions[0],
-    )  # fmt: skip
+    moved = fit_sinusoid(t, x, frequency_guess, harmonics=harmonics, trend_order=trend_order, resolution=resolutions[0])
     s = t - moved.reference_time
     n_waves = len(moved.harmonic_amplitudes)
     recorded = _described(
-        s, load, moved.frequency, n_waves, trend_order, moved.reference_time, fixed=True,
-        step=resolutions[1],
-    )  # fmt: skip
+        s, load, moved.frequency, n_waves, trend_order, moved.reference_time, fixed=True, step=resolutions[1]
+    )
     pushed = recorded if response is None else _divided(recorded, response(moved.frequency))
     lag = float(np.angle(np.exp(1j * (pushed.phase - moved.phase))))
     stiffness = pushed.amplitude / moved.amplitude
@@ -247,7 +242,7 @@ def common_fit(
     )
 
 
-def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Array, Array]:
+def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Floats, Floats]:
     """Return the finite readings of an oscillation, or say why there are none.
 
     Parameters
@@ -278,7 +273,7 @@ def readings_of(time: ArrayLike, signal: ArrayLike) -> tuple[Array, Array]:
     return t, y
 
 
-def strongest_line(s: Array, y: Array, *, taper: bool = True) -> float:
+def strongest_line(s: Floats, y: Floats, *, taper: bool = True) -> float:
     """Return the frequency of the strongest spectral line, good to a fraction of 1/T.
 
     Parameters
@@ -290,9 +285,7 @@ def strongest_line(s: Array, y: Array, *, taper: bool = True) -> float:
     """
     even = np.linspace(s[0], s[-1], len(s))
     values = np.interp(even, s, y)
-    values = values - np.polynomial.polynomial.polyval(
-        even, np.polynomial.polynomial.polyfit(even, values, 1)
-    )
+    values = values - np.polynomial.polynomial.polyval(even, np.polynomial.polynomial.polyfit(even, values, 1))
     size = _GRID * len(s)
     window = np.hanning(len(s)) if taper else np.ones(len(s))
     power = np.abs(np.fft.rfft(values * window, size))
@@ -301,7 +294,7 @@ def strongest_line(s: Array, y: Array, *, taper: bool = True) -> float:
     return float(frequency[possible][np.argmax(power[possible])])
 
 
-def _design(s: Array, frequency: float, n_waves: int, trend_order: int) -> Array:
+def _design(s: Floats, frequency: float, n_waves: int, trend_order: int) -> Floats:
     """Columns sin, cos of every wave, then powers of the time in units of half the record."""
     design = np.empty((2 * n_waves + trend_order + 1, len(s)))
     fundamental = np.exp(2j * np.pi * frequency * s)
@@ -315,9 +308,7 @@ def _design(s: Array, frequency: float, n_waves: int, trend_order: int) -> Array
     return design.T
 
 
-def _linear(
-    s: Array, y: Array, frequency: float, n_waves: int, trend_order: int
-) -> tuple[Array, Array, Array]:
+def _linear(s: Floats, y: Floats, frequency: float, n_waves: int, trend_order: int) -> tuple[Floats, Floats, Floats]:
     """Coefficients, residuals and columns at a given frequency."""
     design = _design(s, frequency, n_waves, trend_order)
     # Waves over a cycle or more and low powers are well conditioned: normal equations suffice.
@@ -326,8 +317,8 @@ def _linear(
 
 
 def _described(
-    s: Array,
-    y: Array,
+    s: Floats,
+    y: Floats,
     frequency: float,
     n_waves: int,
     trend_order: int,
@@ -360,9 +351,9 @@ def _described(
         frequency=frequency,
         u_frequency=0.0 if fixed else float(u[-1]),
         amplitude=amplitude,
-        u_amplitude=float(spread(along, covariance[pair])),
+        u_amplitude=float(propagated_u(along, covariance[pair])),
         phase=float(np.arctan2(cosines[0], sines[0])),
-        u_phase=float(spread(across, covariance[pair])) / amplitude,
+        u_phase=float(propagated_u(across, covariance[pair])) / amplitude,
         offset=float(trend[0]),
         u_offset=float(u_trend[0]),
         drift=float(trend[1]) if trend_order else 0.0,
@@ -377,7 +368,7 @@ def _described(
     )
 
 
-def _rounding_covariance(jacobian: Array, curve: Array, step: float) -> Array:
+def _rounding_covariance(jacobian: Floats, curve: Floats, step: float) -> Floats:
     """Covariance of the parameters when the curve is rounded to steps, wherever these lie."""
     scale = np.linalg.norm(jacobian, axis=0)
     columns = jacobian / np.where(scale > 0, scale, 1.0)
@@ -390,7 +381,7 @@ def _rounding_covariance(jacobian: Array, curve: Array, step: float) -> Array:
 
 
 def _ratio_uncertainty(
-    t: Array, x_left: Array, force_left: Array, position: Sinusoid, force: Sinusoid
+    t: Floats, x_left: Floats, force_left: Floats, position: Sinusoid, force: Sinusoid
 ) -> tuple[float, float]:
     """Relative uncertainty of the amplitudes' ratio, and uncertainty of the phase lag.
 

@@ -9,9 +9,8 @@ the samples better by more than their additional parameters are worth.
 from math import comb
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 LEAF = 4
 """Samples in the smallest interval."""
@@ -20,7 +19,7 @@ _ORDER = 4  # parameters of a piece: a cubic
 _PRICE = 3.0  # chi-square that a parameter must gain: between Akaike (2) and Bayes (log n)
 
 
-def smooth_lengths(position: Array, values: Array) -> Array:
+def smooth_lengths(position: Floats, values: Floats) -> Floats:
     """Length of the smooth piece around every leaf of :data:`LEAF` samples.
 
     Parameters
@@ -51,7 +50,7 @@ def smooth_lengths(position: Array, values: Array) -> Array:
     return lengths[: -(-len(values) // LEAF)]
 
 
-def graded(lengths: Array, slope: float = 0.5) -> Array:
+def graded(lengths: Floats, slope: float = 0.5) -> Floats:
     """Let lengths grow at most with the distance from shorter ones.
 
     A long piece that ends just inside an impact would otherwise bring its coarse knots there.
@@ -59,11 +58,11 @@ def graded(lengths: Array, slope: float = 0.5) -> Array:
     centre = (np.arange(len(lengths)) + 0.5) * LEAF
     rising = np.minimum.accumulate(lengths - slope * centre) + slope * centre
     falling = np.minimum.accumulate((lengths + slope * centre)[::-1])[::-1] - slope * centre
-    result: Array = np.minimum(rising, falling)
+    result: Floats = np.minimum(rising, falling)
     return result
 
 
-def _factors(position: Array, values: Array) -> list[Array]:
+def _factors(position: Floats, values: Floats) -> list[Floats]:
     """Residual sum of squares of the cubic fit, of all intervals, level by level."""
     n = len(values)
     n_leaves = 1 << max(int(np.ceil(np.log2(max(n / LEAF, 1.0)))), 0)
@@ -81,29 +80,24 @@ def _factors(position: Array, values: Array) -> list[Array]:
     while len(triangle) > 1:
         low, high = low[0::2], high[1::2]
         new_centre, new_half = _frame(low, high)
-        shifted = [
-            _shifted(triangle[side::2], centre[side::2], half[side::2], new_centre, new_half)
-            for side in (0, 1)
-        ]
+        shifted = [_shifted(triangle[side::2], centre[side::2], half[side::2], new_centre, new_half) for side in (0, 1)]
         triangle = _triangle(np.concatenate(shifted, axis=1))
         centre, half = new_centre, new_half
         residuals.append(triangle[:, _ORDER, _ORDER] ** 2)
     return residuals
 
 
-def _triangle(blocks: Array) -> Array:
+def _triangle(blocks: Floats) -> Floats:
     """R of the QR factorisation of every block."""
     return np.asarray(np.linalg.qr(blocks, mode="r"))
 
 
-def _frame(low: Array, high: Array) -> tuple[Array, Array]:
+def _frame(low: Floats, high: Floats) -> tuple[Floats, Floats]:
     """Centre and half length, by which the powers stay between -1 and 1."""
     return (low + high) / 2, np.where(high > low, (high - low) / 2, 1.0)
 
 
-def _shifted(
-    triangle: Array, centre: Array, half: Array, new_centre: Array, new_half: Array
-) -> Array:
+def _shifted(triangle: Floats, centre: Floats, half: Floats, new_centre: Floats, new_half: Floats) -> Floats:
     """Express the columns of the triangle in the powers of the parent interval."""
     shift, scale = (centre - new_centre) / new_half, half / new_half
     change = np.zeros((len(centre), _ORDER + 1, _ORDER + 1))

@@ -1,11 +1,10 @@
 """Checks of a series of readings before it is analysed."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-
-Array = NDArray[np.float64]
 
 LARGEST, LEAST = 1e75, 1e-75
 """Beyond it no quantity in SI units lies; fourth powers of both are still numbers."""
@@ -14,7 +13,7 @@ _MOST_SAMPLES = 20_000_000
 """Of a common time base: a thousand times a long record, and still in memory."""
 
 
-def checked_times(time: ArrayLike, what: str = "time") -> Array:
+def checked_times(time: ArrayLike, what: str = "time") -> Floats:
     """Return times as float64, or say where they do not increase.
 
     Parameters
@@ -55,7 +54,7 @@ def checked_times(time: ArrayLike, what: str = "time") -> Array:
     return t
 
 
-def refuse_infinite(values: Array, what: str) -> None:
+def refuse_infinite(values: Floats, what: str) -> None:
     """Refuse infinite readings: NaN is how a reading says that there is none.
 
     What is larger than any quantity (1e75) is refused as well: its square would be infinite.
@@ -72,7 +71,7 @@ def refuse_infinite(values: Array, what: str) -> None:
         raise InputError(message)
 
 
-def is_constant(values: Array) -> bool:
+def is_constant(values: Floats) -> bool:
     """Tell whether finite readings do not vary, or by less than any quantity does (1e-75)."""
     return values.size == 0 or float(np.ptp(values)) <= LEAST
 

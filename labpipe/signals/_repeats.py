@@ -6,10 +6,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._readings import checked_times, refuse_endless, refuse_infinite
-
-Array = NDArray[np.float64]
+from labpipe.variables import described, variable
 
 _OUTLYING = 5.0  # robust standard deviations from the median of the repeats
 _ROUNDING = 1e-6  # of an interval
@@ -64,10 +64,9 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
             message = f"a repeat needs two readings; repeat {k + 1} has {record.size}"
             raise InputError(message)
     time = _common_time(records, starts)
-    values = np.array([
-        _interpolated(time, r["time"].values - s, r.values)
-        for r, s in zip(records, starts, strict=True)
-    ])  # fmt: skip
+    values = np.array(
+        [_interpolated(time, r["time"].values - s, r.values) for r, s in zip(records, starts, strict=True)]
+    )
     n = np.isfinite(values).sum(axis=0)
     mean = np.where(n > 0, np.nansum(values, axis=0) / np.maximum(n, 1), np.nan)
     spread = np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1)
@@ -75,34 +74,30 @@ def combine_repeats(records: Sequence[xr.DataArray], starts: ArrayLike) -> xr.Da
     label = records[0].attrs.get("long_name", str(name))
 
     def text(note: str) -> dict[str, str]:
-        return {"units": str(units), "long_name": f"{label}, {note}"}
+        return described(str(units), f"{label}, {note}")
 
     return xr.Dataset(
         {
-            str(name): (("repeat", "time"), values, {"units": str(units), "long_name": label}),
+            str(name): variable(("repeat", "time"), values, str(units), label),
             f"{name}_mean": ("time", mean, text("mean of the repeats")),
             f"{name}_sd": ("time", sd, text("standard deviation over repeats")),
-            "n": ("time", n.astype(float), {"units": "1", "long_name": "repeats at this time"}),
-            "is_outlier": (
-                "repeat",
-                _outliers(values),
-                {"long_name": "is an outlier among the repeats"},
-            ),
+            "n": variable("time", n.astype(float), "1", "repeats at this time"),
+            "is_outlier": ("repeat", _outliers(values), {"long_name": "is an outlier among the repeats"}),
         },
         coords={
-            "time": ("time", time, {"units": "s", "long_name": "time since the repeat's start"}),
+            "time": variable("time", time, "s", "time since the repeat's start"),
             "repeat": np.arange(1, len(records) + 1),
         },
     )
 
 
-def _interpolated(time: Array, own: Array, values: Array) -> Array:
+def _interpolated(time: Floats, own: Floats, values: Floats) -> Floats:
     slack = _ROUNDING * (own[-1] - own[0]) / max(own.size - 1, 1)
     inside = (time >= own[0] - slack) & (time <= own[-1] + slack)
     return np.where(inside, np.interp(time, own, values), np.nan)
 
 
-def _common_time(records: Sequence[xr.DataArray], starts: Array) -> Array:
+def _common_time(records: Sequence[xr.DataArray], starts: Floats) -> Floats:
     """Return a grid through 0 at the finest interval, as long as the longest repeat."""
     interval = min(float(np.median(np.diff(r["time"].values))) for r in records)
     first = min(float(r["time"][0]) - s for r, s in zip(records, starts, strict=True))
@@ -113,7 +108,7 @@ def _common_time(records: Sequence[xr.DataArray], starts: Array) -> Array:
     return interval * np.arange(lowest, highest + 1)
 
 
-def _outliers(values: Array) -> NDArray[np.bool_]:
+def _outliers(values: Floats) -> NDArray[np.bool_]:
     if len(values) < _FEWEST_FOR_OUTLIERS:
         return np.zeros(len(values), dtype=bool)
     covered = np.isfinite(values).all(axis=0)

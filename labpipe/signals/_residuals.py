@@ -6,15 +6,14 @@ residuals' spectrum, smoothed, is weighed with the spectrum of the parameter's o
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 _HALF_WIDTH = 6  # bins on either side over which the residuals' spectrum is averaged
 
 
-def parameter_covariance(jacobian: Array, residual: Array) -> Array:
+def parameter_covariance(jacobian: Floats, residual: Floats) -> Floats:
     """Covariance of least-squares parameters under stationary, correlated residuals.
 
     Parameters
@@ -52,6 +51,4 @@ def parameter_covariance(jacobian: Array, residual: Array) -> Array:
     middle = np.real(spectra.conj().T @ ((power / left)[:, None] * spectra)) / n
     both = np.outer(scale, scale)
     # A parameter on which nothing depends has no uncertainty that could be told: NaN.
-    return np.divide(
-        inverse @ middle @ inverse, both, out=np.full_like(both, np.nan), where=both > 0
-    )
+    return np.divide(inverse @ middle @ inverse, both, out=np.full_like(both, np.nan), where=both > 0)

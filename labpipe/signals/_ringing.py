@@ -1,6 +1,6 @@
 """Free vibration after an impact: its start, its duration, and the fit of a damped oscillation.
 
-A plate that is struck moves with the blow, rings freely, and is struck again by the next bounce.
+A plate that is struck moves with the impact, rings freely, and is struck again by the next bounce.
 Only the free stretch is one damped oscillation, and nothing in the record says where it ends. It
 is found by prediction: a stretch grows, block by block, as long as the oscillation fitted so far
 predicts the next block to within the noise.
@@ -9,15 +9,14 @@ predicts the next block to within the noise.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._noise import difference_sigma
 from labpipe.signals._oscillation import readings_of, strongest_line
 from labpipe.signals._readings import LEAST
 from labpipe.signals._vibration import Damped, damped_oscillation
-
-Array = NDArray[np.float64]
 
 _QUIET = 0.05  # of the record's beginning that is at rest before anything happens
 _WANDERING = 3.0  # times the noise, a spread of the beginning that is motion
@@ -32,13 +31,13 @@ _LARGE = 3.0  # amplitudes over noise below which there is no ringing to speak o
 
 @dataclass(frozen=True, slots=True)
 class Ringing:
-    """A blow and the free ringing after it.
+    """An impact and the free ringing after it.
 
-    ``onset_time`` is when the motion is first seen. ``blow_time`` is when a blow of no duration
+    ``onset_time`` is when the motion is first seen. ``blow_time`` is when an impact of no duration
     would have started the same ringing: the instant before the free stretch at which the fitted
-    oscillation leaves its rest position in the direction of the blow. ``fit`` states amplitude
+    oscillation leaves its rest position in the direction of the impact. ``fit`` states amplitude
     and phase there. ``free_from`` and ``free_to`` bound the stretch; ``chi_square`` is the scatter
-    about the fit over the noise, squared. ``direction`` is that of the blow.
+    about the fit over the noise, squared. ``direction`` is that of the impact.
     """
 
     onset_time: float
@@ -56,12 +55,12 @@ def ringing(
     time: ArrayLike,
     signal: ArrayLike,
     *,
-    longest_blow: float,
+    longest_impact: float,
     shortest_pause: float,
     direction: int = -1,
     noise: float | None = None,
 ) -> Ringing:
-    """Find the first blow in a record and fit the free ringing that follows.
+    """Find the first impact in a record and fit the free ringing that follows.
 
     Parameters
     ----------
@@ -69,12 +68,12 @@ def ringing(
         Evenly sampled; the beginning is at rest.
     signal : array (n,) [m]
         Displacement; NaN is left out.
-    longest_blow : float [s]
+    longest_impact : float [s]
         No contact lasts longer.
     shortest_pause : float [s]
-        No second blow comes sooner after the onset.
+        No second impact comes sooner after the onset.
     direction : {-1, 1}
-        Sign of the motion into which the blow pushes.
+        Sign of the motion into which the impact pushes.
     noise : float, optional [m]
         Standard deviation of white noise; default estimated from the quiet beginning.
 
@@ -93,16 +92,17 @@ def ringing(
     >>> s = np.maximum(t - 0.02, 0.0)
     >>> ring = -5e-6 * np.exp(-0.03 * 1130 * s) * np.sin(1130 * s) * (t > 0.02)
     >>> noisy = ring + 1e-7 * np.random.default_rng(1).standard_normal(t.size)
-    >>> found = ringing(t, noisy, longest_blow=3e-3, shortest_pause=15e-3)
+    >>> found = ringing(t, noisy, longest_impact=3e-3, shortest_pause=15e-3)
     >>> round(found.fit.amplitude * 1e6, 1), round(found.blow_time, 4)
     (5.0, 0.02)
     """
     if direction not in (-1, 1):
         message = f"direction must be 1 or -1, found {direction}"
         raise InputError(message)
-    if not 0.0 < longest_blow < shortest_pause:
+    if not 0.0 < longest_impact < shortest_pause:
         message = (
-            f"the longest blow ({longest_blow:g} s) must be positive and end before the shortest "
+            f"the longest impact ({longest_impact:g} s) must be positive and end before the "
+            f"shortest "
             f"pause ({shortest_pause:g} s)"
         )
         raise InputError(message)
@@ -122,17 +122,18 @@ def ringing(
     if spread > _WANDERING * least:
         message = (
             f"the record begins in motion: its first {t[len(quiet) - 1] - t[0]:.3g} s spread by "
-            f"{spread:.2g} m with a noise of {least:.2g} m; it must begin at rest, before the blow"
+            f"{spread:.2g} m with a noise of {least:.2g} m; it must begin at rest, before the "
+            f"impact"
         )
         raise InputError(message)
     sigma = noise if noise is not None else max(white, spread)
     y = y - float(np.mean(quiet))
     onset = _onset(t, y, sigma)
-    inside = _seed(t, y, onset, longest_blow, shortest_pause)
+    inside = _seed(t, y, onset, longest_impact, shortest_pause)
     fit = _grown(t, y, sigma, inside)
     stretch = slice(*fit)
     free = damped_oscillation(t[stretch], y[stretch])
-    blow = _blow_time(free, float(t[onset]), longest_blow, direction)
+    blow = _blow_time(free, float(t[onset]), longest_impact, direction)
     stated = _with_choice(t, y, stretch, free.frequency, blow)
     if stated.amplitude < _LARGE * sigma:
         message = (
@@ -153,13 +154,10 @@ def ringing(
     )
 
 
-def _with_choice(t: Array, y: Array, stretch: slice, frequency: float, blow: float) -> Damped:
+def _with_choice(t: Floats, y: Floats, stretch: slice, frequency: float, blow: float) -> Damped:
     """Fit the stretch; the uncertainties hold what other ends of it would have changed."""
     half = _BLOCK_READINGS // 2
-    others = (
-        slice(stretch.start + half, stretch.stop),
-        slice(stretch.start, stretch.stop - _BLOCK_READINGS),
-    )
+    others = (slice(stretch.start + half, stretch.stop), slice(stretch.start, stretch.stop - _BLOCK_READINGS))
     fits = [damped_oscillation(t[s], y[s], frequency, blow) for s in (stretch, *others)]
     fit = fits[0]
 
@@ -175,7 +173,7 @@ def _with_choice(t: Array, y: Array, stretch: slice, frequency: float, blow: flo
     )
 
 
-def _onset(t: Array, y: Array, sigma: float) -> int:
+def _onset(t: Floats, y: Floats, sigma: float) -> int:
     """First reading of the first two blocks in a row that have moved."""
     count = len(y) // _ONSET_READINGS
     means = y[: count * _ONSET_READINGS].reshape(count, -1).mean(axis=1)
@@ -190,20 +188,18 @@ def _onset(t: Array, y: Array, sigma: float) -> int:
     return int(found[0]) * _ONSET_READINGS
 
 
-def _seed(
-    t: Array, y: Array, onset: int, longest_blow: float, shortest_pause: float
-) -> tuple[int, int]:
-    """Stretch that is certainly free: after the longest blow, before the shortest pause."""
-    low, high = np.searchsorted(t, t[onset] + np.array([longest_blow, shortest_pause]))
+def _seed(t: Floats, y: Floats, onset: int, longest_impact: float, shortest_pause: float) -> tuple[int, int]:
+    """Stretch that is certainly free: after the longest impact, before the shortest pause."""
+    low, high = np.searchsorted(t, t[onset] + np.array([longest_impact, shortest_pause]))
     if high >= len(t):
         message = (
-            f"the record ends {t[-1] - t[onset]:.3g} s after the blow; it must last for the "
+            f"the record ends {t[-1] - t[onset]:.3g} s after the impact; it must last for the "
             f"shortest pause, {shortest_pause:.3g} s"
         )
         raise InputError(message)
     if high - low < _ONSET_READINGS:
         message = (
-            f"{high - low} readings lie between the longest blow and the shortest pause after "
+            f"{high - low} readings lie between the longest impact and the shortest pause after "
             f"{t[onset]:.6g} s; at least {_ONSET_READINGS} are needed"
         )
         raise InputError(message)
@@ -211,7 +207,7 @@ def _seed(
     frequency = strongest_line(s, y[low:high], taper=False)
     if frequency * s[-1] < _SEED_CYCLES:
         message = (
-            f"between the longest blow and the shortest pause lie {frequency * s[-1]:.2g} cycles "
+            f"between the longest impact and the shortest pause lie {frequency * s[-1]:.2g} cycles "
             f"of {frequency:.4g} Hz; at least {_SEED_CYCLES} are needed: lengthen shortest_pause "
             "if the bounces allow it"
         )
@@ -219,32 +215,32 @@ def _seed(
     return int(low), int(high)
 
 
-def _grown(t: Array, y: Array, sigma: float, seed: tuple[int, int]) -> tuple[int, int]:
+def _grown(t: Floats, y: Floats, sigma: float, seed: tuple[int, int]) -> tuple[int, int]:
     """Extend the seed on both sides while the fit predicts the next block; give a block back.
 
-    The blow fades out like the force of a contact, below the noise before it ends: towards it two
+    The impact fades out like the force of a contact, below the noise before it ends: towards it two
     half blocks are given back.
     """
     low, high = seed
-    foretold = _Foretelling(t, y, sigma)
+    is_predicted = _Prediction(t, y, sigma)
     while high + _BLOCK_READINGS <= len(t):
-        if not foretold((low, high), slice(high, high + _BLOCK_READINGS)):
+        if not is_predicted((low, high), slice(high, high + _BLOCK_READINGS)):
             high = max(seed[1], high - _BLOCK_READINGS)
             break
         high += _BLOCK_READINGS
     half = _BLOCK_READINGS // 2
     while low - half >= 0:
-        if not foretold((low, high), slice(low - half, low)):
+        if not is_predicted((low, high), slice(low - half, low)):
             low = min(seed[0], low + 2 * half)
             break
         low -= half
     return low, high
 
 
-class _Foretelling:
+class _Prediction:
     """Foretell a block from a stretch; fit again only when the stretch has grown much."""
 
-    def __init__(self, t: Array, y: Array, sigma: float) -> None:
+    def __init__(self, t: Floats, y: Floats, sigma: float) -> None:
         self.t, self.y, self.sigma = t, y, sigma
         self.fit: Damped | None = None
         self.size = 0
@@ -262,10 +258,10 @@ class _Foretelling:
         return float(np.mean(left**2)) < limit * scale**2
 
 
-def _blow_time(fit: Damped, onset: float, longest_blow: float, direction: int) -> float:
-    """Instant nearest to the middle of the blow at which the fit leaves rest as the blow pushes."""
+def _blow_time(fit: Damped, onset: float, longest_impact: float, direction: int) -> float:
+    """Instant nearest to the middle of the impact at which the fit leaves rest in its direction."""
     wanted = 0.0 if direction > 0 else np.pi
     period = 1.0 / fit.frequency
     at = fit.start_time + (wanted - fit.phase) / (2 * np.pi) * period
-    middle = onset + 0.25 * longest_blow
+    middle = onset + 0.25 * longest_impact
     return float(at + np.round((middle - at) / period) * period)

@@ -26,10 +26,9 @@ from scipy import sparse
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from labpipe.arrays import Floats
 from labpipe.signals._banded import quadratic_form, selected_inverse
 from labpipe.signals._partition import LEAF, graded, smooth_lengths
-
-Array = NDArray[np.float64]
 
 DEGREE = 5
 PENALTY_ORDER = 4
@@ -58,9 +57,9 @@ class Smooth:
     in the lower form.
     """
 
-    knots: Array
-    coefficients: Array
-    covariance: Array
+    knots: Floats
+    coefficients: Floats
+    covariance: Floats
     time_origin: float
     time_scale: float
     sigma: float
@@ -73,7 +72,7 @@ class _Basis(NamedTuple):
     """Non-zeros of a derivative of the B-splines: the first column, and its DEGREE + 1 values."""
 
     first: NDArray[np.intp]
-    rows: Array
+    rows: Floats
 
     def matrix(self, n_coefficients: int) -> "sparse.csr_array":
         n, width = self.rows.shape
@@ -83,11 +82,7 @@ class _Basis(NamedTuple):
 
 
 def smooth(
-    time: Array,
-    values: Array,
-    sigma: float,
-    contacts: Sequence[float] = (),
-    releases: Sequence[float] = (),
+    time: Floats, values: Floats, sigma: float, contacts: Sequence[float] = (), releases: Sequence[float] = ()
 ) -> Smooth:
     """Fit the spline to finite samples.
 
@@ -129,12 +124,10 @@ def smooth(
         if np.array_equal(halved, lengths):
             break
         lengths = graded(halved)
-    return Smooth(
-        knots, coefficients, inverse, float(time[0]), scale, sigma, offset, freedom, n_updates
-    )
+    return Smooth(knots, coefficients, inverse, float(time[0]), scale, sigma, offset, freedom, n_updates)
 
 
-def evaluate(fit: Smooth, time: Array, derivative: int = 0) -> tuple[Array, Array]:
+def evaluate(fit: Smooth, time: Floats, derivative: int = 0) -> tuple[Floats, Floats]:
     """Return the spline (or a derivative) and its standard uncertainty.
 
     Parameters
@@ -159,7 +152,7 @@ def evaluate(fit: Smooth, time: Array, derivative: int = 0) -> tuple[Array, Arra
     return (value + fit.offset if derivative == 0 else value), u
 
 
-def _knots(x: Array, lengths: Array, cuts: list[tuple[Array, int]]) -> Array:
+def _knots(x: Floats, lengths: Floats, cuts: list[tuple[Floats, int]]) -> Floats:
     """Place knots at a density that follows the smooth lengths; manifold ones at the cuts."""
     n = len(x)
     density = 1.0 / np.maximum(lengths / _KNOTS_PER_PIECE, _FEWEST_SAMPLES_PER_KNOT)
@@ -181,7 +174,7 @@ def _knots(x: Array, lengths: Array, cuts: list[tuple[Array, int]]) -> Array:
     return np.concatenate([np.repeat(breaks[0], DEGREE), breaks, np.repeat(breaks[-1], DEGREE)])
 
 
-def _penalised(x: Array, z: Array, knots: Array) -> tuple[Array, Array, Array, float, int]:
+def _penalised(x: Floats, z: Floats, knots: Floats) -> tuple[Floats, Floats, Floats, float, int]:
     """Coefficients, band of their covariance, residuals, effective parameters, solves."""
     n_coefficients = len(knots) - DEGREE - 1
     data = _basis(knots, x, 0)
@@ -219,28 +212,23 @@ def _penalised(x: Array, z: Array, knots: Array) -> tuple[Array, Array, Array, f
     return coefficients, inverse, z - design @ coefficients, freedom, n_solves
 
 
-def _pooled_ratio(used: Array, energy: Array, length: Array) -> Array:
+def _pooled_ratio(used: Floats, energy: Floats, length: Floats) -> Floats:
     """Parameters used per roughness, pooled over neighbours and over intervals of equal length."""
     octave = np.round(np.log2(length)).astype(int)
     octave -= octave.min()
-    shared = (np.bincount(octave, used) / np.maximum(np.bincount(octave, energy), _NO_ENERGY))[
-        octave
-    ]
+    shared = (np.bincount(octave, used) / np.maximum(np.bincount(octave, energy), _NO_ENERGY))[octave]
     local_used, local_energy = _pooled(used), _pooled(energy)
-    return np.asarray(
-        (local_used + _SHARED_WEIGHT)
-        / np.maximum(local_energy + _SHARED_WEIGHT / shared, _NO_ENERGY)
-    )
+    return np.asarray((local_used + _SHARED_WEIGHT) / np.maximum(local_energy + _SHARED_WEIGHT / shared, _NO_ENERGY))
 
 
-def _pooled(values: Array) -> Array:
+def _pooled(values: Floats) -> Floats:
     """Triangular window over the neighbours."""
     if len(values) < 2 * _POOL + 1:
         return np.full(len(values), values.sum())
     return np.convolve(values, np.bartlett(2 * _POOL + 3)[1:-1], "same")
 
 
-def _misfit(residual: Array) -> NDArray[np.bool_]:
+def _misfit(residual: Floats) -> NDArray[np.bool_]:
     """Leaves in which the residuals stay on one side for longer than chance allows."""
     n = len(residual)
     total = np.concatenate([[0.0], np.cumsum(residual)])
@@ -256,7 +244,7 @@ def _misfit(residual: Array) -> NDArray[np.bool_]:
     return np.asarray(np.logical_or.reduceat(inside, np.arange(0, n, LEAF)))
 
 
-def _basis(knots: Array, x: Array, derivative: int) -> _Basis:
+def _basis(knots: Floats, x: Floats, derivative: int) -> _Basis:
     """Non-zeros of the B-splines' derivative: those of lower degree, combined."""
     degree = DEGREE - derivative
     inner = knots[derivative : len(knots) - derivative]
@@ -269,7 +257,7 @@ def _basis(knots: Array, x: Array, derivative: int) -> _Basis:
     return _Basis(first, rows)
 
 
-def _lowered(rows: Array, first: NDArray[np.intp], knots: Array, degree: int) -> Array:
+def _lowered(rows: Floats, first: NDArray[np.intp], knots: Floats, degree: int) -> Floats:
     """Turn rows on the derivative's coefficients into rows on the spline's coefficients.
 
     The derivative's coefficient i is ``degree (c[i+1] - c[i]) / (knots[i+degree+1] - knots[i+1])``.
@@ -283,7 +271,7 @@ def _lowered(rows: Array, first: NDArray[np.intp], knots: Array, degree: int) ->
     return result
 
 
-def _band(matrix: "sparse.csr_array") -> Array:
+def _band(matrix: "sparse.csr_array") -> Floats:
     """Lower band of a symmetric sparse matrix."""
     n = matrix.shape[0]
     band = np.zeros((DEGREE + 1, n))

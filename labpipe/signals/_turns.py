@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-
-Array = NDArray[np.float64]
 
 SURE = 4.0  # standard uncertainties by which a speed must differ from zero to have a direction
 FEWEST_IN_FLIGHT = 6
@@ -34,7 +32,7 @@ class Turn:
         return self.liftoff - self.touch
 
 
-def find_turns(time: Array, speed: Array, u_speed: Array) -> list[Turn]:
+def find_turns(time: Floats, speed: Floats, u_speed: Floats) -> list[Turn]:
     """Find the reversals from surely down to surely up, in order, from the first impact on.
 
     Parameters
@@ -71,7 +69,7 @@ def find_turns(time: Array, speed: Array, u_speed: Array) -> list[Turn]:
     return turns[first:]
 
 
-def _rough_contact(time: Array, speed: Array, descent: int, ascent: int) -> tuple[float, float]:
+def _rough_contact(time: Floats, speed: Floats, descent: int, ascent: int) -> tuple[float, float]:
     """Touch and lift-off from the times at which a tenth and nine tenths of the impulse are done.
 
     The extremes of the speed themselves are flat and wander with the noise.
@@ -83,7 +81,7 @@ def _rough_contact(time: Array, speed: Array, descent: int, ascent: int) -> tupl
     return float(early - _TENTH * duration), float(late + _TENTH * duration)
 
 
-def flights_after(time: Array, turns: list[Turn]) -> list[slice]:
+def flights_after(time: Floats, turns: list[Turn]) -> list[slice]:
     """List the samples of the flight after each turn, a margin away from the contacts."""
     flights = []
     for i, turn in enumerate(turns):
@@ -95,7 +93,7 @@ def flights_after(time: Array, turns: list[Turn]) -> list[slice]:
     return flights
 
 
-def curvature(time: Array, height: Array, sigma: float) -> tuple[float, float]:
+def curvature(time: Floats, height: Floats, sigma: float) -> tuple[float, float]:
     """Downward acceleration of a parabola through the samples, and its standard uncertainty."""
     if len(time) < FEWEST_IN_FLIGHT:
         return np.nan, np.inf
@@ -110,7 +108,7 @@ def curvature(time: Array, height: Array, sigma: float) -> tuple[float, float]:
 
 
 def common_fall(
-    time: Array, height: Array, sigma: float, turns: list[Turn], gravity: float | None
+    time: Floats, height: Floats, sigma: float, turns: list[Turn], gravity: float | None
 ) -> tuple[float, float]:
     """Acceleration of the free fall, common to the longest flights."""
     if not turns:

@@ -3,15 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals._oscillation import readings_of, strongest_line
 from labpipe.signals._residuals import parameter_covariance
-from labpipe.uncertainty import spread
-
-Array = NDArray[np.float64]
+from labpipe.uncertainty import propagated_u
 
 _TRIAL_RATES = (0.1, 0.5, 1.5, 4.0, 10.0, 30.0)  # decay over the record, to begin the fit with
 _FEWEST_CYCLES, _FEWEST_READINGS = 1.5, 14
@@ -40,7 +39,7 @@ class Damped:
     n_samples: int
     drift: float = 0.0
 
-    def at(self, time: ArrayLike) -> Array:
+    def at(self, time: ArrayLike) -> Floats:
         """Return the fitted motion at times [s]."""
         s = np.asarray(time, float) - self.start_time
         rate = 2 * np.pi * self.natural_frequency * self.damping_ratio
@@ -49,10 +48,7 @@ class Damped:
 
 
 def damped_oscillation(
-    time: ArrayLike,
-    signal: ArrayLike,
-    frequency_guess: float | None = None,
-    reference_time: float | None = None,
+    time: ArrayLike, signal: ArrayLike, frequency_guess: float | None = None, reference_time: float | None = None
 ) -> Damped:
     """Fit one decaying vibration about a slowly drifting rest position.
 
@@ -97,22 +93,18 @@ def damped_oscillation(
         )
         raise InputError(message)
 
-    def columns(frequency: float, rate: float) -> Array:
+    def columns(frequency: float, rate: float) -> Floats:
         angle, decay = 2 * np.pi * frequency * s, np.exp(-rate * s)
-        return np.stack(
-            [decay * np.sin(angle), decay * np.cos(angle), np.ones_like(s), s / span], 1
-        )
+        return np.stack([decay * np.sin(angle), decay * np.cos(angle), np.ones_like(s), s / span], 1)
 
-    def residual(p: Array) -> Array:
+    def residual(p: Floats) -> Floats:
         design = columns(guess * p[0], p[1] / span)
         # In units of the signal, or the optimiser's absolute tolerances would end it at once.
         return (y - design @ np.linalg.lstsq(design, y, rcond=None)[0]) / scatter
 
     scatter = float(np.std(y))
     begin = min(_TRIAL_RATES, key=lambda rate: float(np.sum(residual(np.array([1.0, rate])) ** 2)))
-    best = least_squares(
-        residual, [1.0, begin], bounds=([0.3, -1.0], [3.0, 200.0]), x_scale=[0.01, 1.0]
-    )
+    best = least_squares(residual, [1.0, begin], bounds=([0.3, -1.0], [3.0, 200.0]), x_scale=[0.01, 1.0])
     frequency, rate = guess * float(best.x[0]), float(best.x[1]) / span
     design = columns(frequency, rate)
     sine, cosine, offset, drift = np.linalg.lstsq(design, y, rcond=None)[0]
@@ -122,9 +114,9 @@ def damped_oscillation(
     jacobian = np.column_stack([design, 2 * np.pi * s * turned, -s * wave])
     covariances = (parameter_covariance(jacobian, left), _white(jacobian, left))
 
-    def u_of(gradient: Array) -> float:
+    def u_of(gradient: Floats) -> float:
         # The spectrum of a short residual is known to a fifth at best; the larger one is stated.
-        return float(max(spread(gradient, c) for c in covariances))
+        return float(max(propagated_u(gradient, c) for c in covariances))
 
     omega, amplitude = 2 * np.pi * frequency, float(np.hypot(sine, cosine))
     natural = float(np.hypot(omega, rate))
@@ -151,7 +143,7 @@ def damped_oscillation(
     )
 
 
-def _white(jacobian: Array, residual: Array) -> Array:
+def _white(jacobian: Floats, residual: Floats) -> Floats:
     """Covariance under white residuals of the same variance."""
     n, p = jacobian.shape
     scale = np.linalg.norm(jacobian, axis=0)

@@ -12,13 +12,14 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from labpipe.errors import InputError
-from labpipe.uncertainty._sources import Row, Source, combined, table
+from labpipe.uncertainty._sources import Row, Source, budget_rows, combined_uncertainty
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from labpipe.arrays import Floats
+
     Covariance = NDArray[np.floating[Any]]
 
 Model = Callable[..., float]
@@ -66,7 +67,7 @@ class Budget:
         return float(norm.ppf(quantile)) * self.u
 
 
-def linear(model: Model, inputs: Mapping[str, Input]) -> Budget:
+def linear_budget(model: Model, inputs: Mapping[str, Input]) -> Budget:
     """Propagate through a formula, with derivatives over one standard uncertainty.
 
     Parameters
@@ -90,7 +91,7 @@ def linear(model: Model, inputs: Mapping[str, Input]) -> Budget:
     Displacement from a laser that looks along a line inclined by 12 degrees:
 
     >>> from math import cos
-    >>> found = linear(
+    >>> found = linear_budget(
     ...     lambda reading, inclination: reading / cos(inclination),
     ...     {"reading": Input(1.5e-3, 1e-6, "m"), "inclination": Input(0.2094, 0.0035, "rad")},
     ... )
@@ -112,13 +113,13 @@ def linear(model: Model, inputs: Mapping[str, Input]) -> Budget:
 
     value = float(model(**best))
     sources = {n: Source(n, g.value, g.u, g.unit, slope(n, g)) for n, g in inputs.items()}
-    u = combined(list(sources.values()))
+    u = combined_uncertainty(list(sources.values()))
     # Welch-Satterthwaite; infinite when every input's are
     weights = sum(sources[n].contribution ** 4 / g.degrees_of_freedom for n, g in inputs.items())
-    return Budget(value, u, u**4 / weights if weights else inf, tuple(table([*sources.values()])))
+    return Budget(value, u, u**4 / weights if weights else inf, tuple(budget_rows([*sources.values()])))
 
 
-def variance(slopes: "Array", covariance: "Covariance") -> "Array":
+def propagated_variance(slopes: "Floats", covariance: "Covariance") -> "Floats":
     """Return the variances of results from their derivatives and the covariance behind them.
 
     Parameters
@@ -138,20 +139,20 @@ def variance(slopes: "Array", covariance: "Covariance") -> "Array":
     What two readings share cancels in their difference:
 
     >>> import numpy as np
-    >>> float(variance(np.array([1.0, -1.0]), np.array([[5.0, 4.0], [4.0, 5.0]])))
+    >>> float(propagated_variance(np.array([1.0, -1.0]), np.array([[5.0, 4.0], [4.0, 5.0]])))
     2.0
     """
-    found: Array = ((slopes @ covariance) * slopes).sum(axis=-1).clip(min=0.0)
+    found: Floats = ((slopes @ covariance) * slopes).sum(axis=-1).clip(min=0.0)
     return found
 
 
-def spread(slopes: "Array", covariance: "Covariance") -> "Array":
-    """Return the standard uncertainties (...) of results; parameters as for :func:`variance`."""
-    found: Array = variance(slopes, covariance) ** 0.5
+def propagated_u(slopes: "Floats", covariance: "Covariance") -> "Floats":
+    """Return the standard uncertainties (...) of results; see :func:`propagated_variance`."""
+    found: Floats = propagated_variance(slopes, covariance) ** 0.5
     return found
 
 
-def carried(slopes: "Array", covariance: "Covariance") -> "Array":
+def propagated_covariance(slopes: "Floats", covariance: "Covariance") -> "Floats":
     """Return the covariance (n, n) of results from their derivatives (n, p) and that of inputs."""
-    found: Array = slopes @ covariance @ slopes.T
+    found: Floats = slopes @ covariance @ slopes.T
     return found

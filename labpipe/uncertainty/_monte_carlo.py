@@ -30,15 +30,13 @@ class MonteCarlo:
     draws: int = _DRAWS
 
 
-def monte_carlo(
-    model: Model, inputs: Mapping[str, Input], *, level: float = 0.95, draws: int = _DRAWS
-) -> MonteCarlo:
+def monte_carlo(model: Model, inputs: Mapping[str, Input], *, level: float = 0.95, draws: int = _DRAWS) -> MonteCarlo:
     """Propagate distributions: normal, or Student's where degrees of freedom are finite.
 
     Parameters
     ----------
     model, inputs
-        As for :func:`linear`.
+        As for :func:`linear_budget`.
     level : float
         Of the interval.
     draws : int
@@ -50,21 +48,14 @@ def monte_carlo(
     columns = {}
     for name, given in inputs.items():
         freedom = given.degrees_of_freedom
-        shape = (
-            generator.standard_t(freedom, draws)
-            if isfinite(freedom)
-            else generator.standard_normal(draws)
-        )
+        shape = generator.standard_t(freedom, draws) if isfinite(freedom) else generator.standard_normal(draws)
         columns[name] = (given.value + given.u * shape).tolist()
-    made = np.array([
-        model(**dict(zip(columns, row, strict=True)))
-        for row in zip(*columns.values(), strict=True)
-    ])  # fmt: skip
+    made = np.array([model(**dict(zip(columns, row, strict=True))) for row in zip(*columns.values(), strict=True)])
     low, high = np.quantile(made, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
     return MonteCarlo(float(made.mean()), float(made.std(ddof=1)), float(low), float(high), draws)
 
 
-def agrees(budget: Budget, drawn: MonteCarlo, *, level: float = 0.95) -> bool:
+def intervals_agree(budget: Budget, drawn: MonteCarlo, *, level: float = 0.95) -> bool:
     """Tell whether the linear interval stands: both ends within half the last stated digit.
 
     The draws' own scatter is allowed for: an end of theirs is known to 4 % of u only, and to less
@@ -75,10 +66,10 @@ def agrees(budget: Budget, drawn: MonteCarlo, *, level: float = 0.95) -> bool:
     digit = 10.0 ** (floor(log10(budget.u)) - _DIGITS + 1)
     scatter = _end_scatter(budget.degrees_of_freedom, level, drawn.draws)
     tolerance = max(0.5 * digit, 3.0 * scatter * budget.u)
-    return apart(budget, drawn, level=level) <= tolerance
+    return interval_difference(budget, drawn, level=level) <= tolerance
 
 
-def apart(budget: Budget, drawn: MonteCarlo, *, level: float = 0.95) -> float:
+def interval_difference(budget: Budget, drawn: MonteCarlo, *, level: float = 0.95) -> float:
     """Return by how much the ends of the linear and of the drawn interval differ at most."""
     half = budget.expanded(level)
     return max(abs(budget.value - half - drawn.low), abs(budget.value + half - drawn.high))

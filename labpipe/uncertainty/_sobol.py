@@ -12,13 +12,10 @@ from dataclasses import dataclass
 from math import inf, sqrt
 from typing import TYPE_CHECKING, Any
 
-from labpipe.uncertainty._linear import Input, Model, linear
+from labpipe.uncertainty._linear import Input, Model, linear_budget
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from labpipe.arrays import Floats
 
 _SEED = 9  # fixed: the same answer every time
 _POINTS = 1024  # a power of two, as the sequence wants
@@ -39,7 +36,7 @@ def sobol(model: Model, inputs: Mapping[str, Input]) -> dict[str, Indices]:
     Parameters
     ----------
     model, inputs
-        As for :func:`linear`; inputs are normal.
+        As for :func:`linear_budget`; inputs are normal.
     """
     import numpy as np
     from scipy.stats import norm, sobol_indices
@@ -47,9 +44,9 @@ def sobol(model: Model, inputs: Mapping[str, Input]) -> dict[str, Indices]:
     uncertain = [name for name, given in inputs.items() if given.u > 0.0]
     best = {name: given.value for name, given in inputs.items()}
     centre = float(model(**best))
-    scale = linear(model, inputs).u or 1.0
+    scale = linear_budget(model, inputs).u or 1.0
 
-    def spread(columns: "Array") -> "Array":
+    def spread(columns: "Floats") -> "Floats":
         # around its best value and in its own uncertainty: differences of large numbers are noise
         rows = columns.T.tolist()
         made = [model(**best | dict(zip(uncertain, row, strict=True))) for row in rows]
@@ -58,16 +55,12 @@ def sobol(model: Model, inputs: Mapping[str, Input]) -> dict[str, Indices]:
     if len(uncertain) < 2:  # scipy's estimator wants two
         return {name: Indices(1.0, 1.0) for name in uncertain}
     dists: list[Any] = [norm(inputs[name].value, inputs[name].u) for name in uncertain]
-    found = sobol_indices(func=spread, n=_POINTS, dists=dists,
-                          rng=np.random.default_rng(_SEED))  # fmt: skip
+    found = sobol_indices(func=spread, n=_POINTS, dists=dists, rng=np.random.default_rng(_SEED))
     first, total = np.ravel(found.first_order), np.ravel(found.total_order)
-    return {
-        name: Indices(float(a), float(b))
-        for name, a, b in zip(uncertain, first, total, strict=True)
-    }
+    return {name: Indices(float(a), float(b)) for name, a, b in zip(uncertain, first, total, strict=True)}
 
 
-def to_halve(shares: Mapping[str, float]) -> tuple[tuple[str, ...], float]:
+def inputs_to_halve(shares: Mapping[str, float]) -> tuple[tuple[str, ...], float]:
     """Say which inputs must be better known to halve an uncertainty, and by how much.
 
     Parameters
@@ -83,7 +76,7 @@ def to_halve(shares: Mapping[str, float]) -> tuple[tuple[str, ...], float]:
 
     Examples
     --------
-    >>> names, factor = to_halve({"inclination": 0.9, "noise": 0.1})
+    >>> names, factor = inputs_to_halve({"inclination": 0.9, "noise": 0.1})
     >>> names, round(factor, 2)
     (('inclination',), 2.45)
     """

@@ -56,31 +56,32 @@ class Row(TypedDict):
     share: float
 
 
-def combined(sources: Sequence[Source]) -> float:
+def combined_uncertainty(sources: Sequence[Source]) -> float:
     """Return the root of the sum of squares.
 
     Examples
     --------
-    >>> combined([Source("a", 0, 3.0, "m", 1, "random"), Source("b", 0, 2.0, "m", 2, "random")])
+    >>> a = Source("a", 0, 3.0, "m", 1, "random")
+    >>> combined_uncertainty([a, Source("b", 0, 2.0, "m", 2, "random")])
     5.0
     """
     return float(sum(source.contribution**2 for source in sources) ** 0.5)
 
 
-def beyond(total: float, *parts: float) -> float:
+def excess_uncertainty(total: float, *parts: float) -> float:
     """Return what a standard uncertainty holds beyond some of its parts, at least 0.
 
     Examples
     --------
-    >>> beyond(5.0, 3.0)
+    >>> excess_uncertainty(5.0, 3.0)
     4.0
     """
     return sqrt(max(total**2 - sum(part**2 for part in parts), 0.0))
 
 
-def table(sources: Sequence[Source]) -> list[Row]:
+def budget_rows(sources: Sequence[Source]) -> list[Row]:
     """Make the rows of a budget, largest first, with the share of each in the variance."""
-    total = combined(sources) ** 2
+    total = combined_uncertainty(sources) ** 2
     rows: list[Row] = [
         {
             "source": each.source,

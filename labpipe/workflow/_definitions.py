@@ -80,9 +80,7 @@ class Module:
         if name not in self._known:
             bare = name.removesuffix("()")
             statements = self.defined[bare]
-            digest, references = _walked(
-                statements if bare == name else _methods(statements), self.scope, self.home
-            )
+            digest, references = _walked(statements if bare == name else _methods(statements), self.scope, self.home)
             if name in self.passed:  # an import that is replaced
                 references.append(self.passed[name])
             self._known[name] = digest, references + (self._effects() if not name else [])
@@ -95,21 +93,14 @@ class Module:
         return [
             *(self.passed[name] for name in unused),
             *_stars(self.body, self.home),
-            *(
-                f"{self.name}:{n}"
-                for n, given in self.defined.items()
-                if self._is_registered(given)
-            ),
+            *(f"{self.name}:{n}" for n, given in self.defined.items() if self._is_registered(given)),
         ]
 
     def _is_registered(self, statements: Iterable[ast.stmt]) -> bool:
         """Whether a decorator of ours may have kept it somewhere."""
         decorators = [d for s in statements for d in getattr(s, "decorator_list", ())]
         paths = _walked(decorators, self.scope, self.home)[1]
-        return any(
-            p.partition(":")[0].partition(".")[0] in {*OURS, *self.home.split(".")[:1]}
-            for p in paths
-        )
+        return any(p.partition(":")[0].partition(".")[0] in {*OURS, *self.home.split(".")[:1]} for p in paths)
 
     @cached_property
     def lazy(self) -> dict[str, str]:
@@ -399,16 +390,12 @@ class _Walk:
             named = [a.arg if isinstance(a, ast.arg) else a for a in _listed(part)]
             self.written.append(f"{title}=")
             self.visit(["none" if each is None else each for each in named], scope)
-        self.visit(
-            body, {**scope, **dict.fromkeys(a.arg for a in arguments), **_bound(body), **imported}
-        )
+        self.visit(body, {**scope, **dict.fromkeys(a.arg for a in arguments), **_bound(body), **imported})
         self.written.append(")")
 
     on_AsyncFunctionDef = on_Lambda = on_FunctionDef
 
-    def annotations(
-        self, given: Iterable[ast.expr | None], scope: Scope, *, are_written: bool = False
-    ) -> None:
+    def annotations(self, given: Iterable[ast.expr | None], scope: Scope, *, are_written: bool = False) -> None:
         """Refer to the methods of the classes that annotations name."""
         walk = _Walk(self.home)
         walk.visit([annotation for annotation in given if annotation is not None], scope)

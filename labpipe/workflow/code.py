@@ -66,9 +66,7 @@ def tree(top: str, search: Sequence[str] | None = None) -> Tree:
     """
     try:
         find = importlib.util.find_spec
-        spec = (
-            find(top) if search is None else importlib.machinery.PathFinder.find_spec(top, search)
-        )
+        spec = find(top) if search is None else importlib.machinery.PathFinder.find_spec(top, search)
     except (ImportError, ValueError):  # as of the script that runs
         spec = None
     if spec is None:
@@ -88,11 +86,10 @@ def tree(top: str, search: Sequence[str] | None = None) -> Tree:
                 if entry.is_dir():
                     waiting.append((f"{name}.{entry.name}", entry.path))
                     continue
-                stem = next(
-                    (entry.name.removesuffix(e) for e in _ENDINGS if entry.name.endswith(e)), ""
-                )
+                stem = next((entry.name.removesuffix(e) for e in _ENDINGS if entry.name.endswith(e)), "")
                 module = name if stem == "__init__" else f"{name}.{stem}" if stem else ""
-                found.setdefault(module, {})[entry.path] = _stamp(entry.stat())
+                with contextlib.suppress(FileNotFoundError):  # a link to nothing
+                    found.setdefault(module, {})[entry.path] = _stamp(entry.stat())
     return found
 
 
@@ -120,9 +117,7 @@ def _module(path: str, name: str, stamp: Stamp) -> Module:
         raise SourceError(path, f"cannot be read: {error.strerror}") from error
     except SyntaxError as error:
         hint = "Correct the module, or remove what it belongs to."
-        raise SourceError(
-            path, f"is no Python: {error.msg}", line=error.lineno, hint=hint
-        ) from error
+        raise SourceError(path, f"is no Python: {error.msg}", line=error.lineno, hint=hint) from error
     except (ValueError, RecursionError, MemoryError) as error:
         raise SourceError(path, f"is no Python: {error}") from error
 
@@ -209,8 +204,12 @@ class Code:
             return
         # It only saves time: where it cannot be kept, the next call finds it again.
         with contextlib.suppress(StorageError):
-            kept = {"state": self._state(self._trees, self._groups), "known": self._known,
-                    "trees": [*self._trees], "groups": [*self._groups]}  # fmt: skip
+            kept = {
+                "state": self._state(self._trees, self._groups),
+                "known": self._known,
+                "trees": [*self._trees],
+                "groups": [*self._groups],
+            }
             files.write_bytes(self._memory, files.seal(kept))
             self._is_new = False
 
@@ -260,9 +259,7 @@ class Code:
     def group(self, name: str) -> list[str]:
         """Return what the entry points of a group name."""
         if name not in self._groups:
-            self._groups[name] = sorted(
-                p.value for p in importlib.metadata.entry_points(group=name)
-            )
+            self._groups[name] = sorted(p.value for p in importlib.metadata.entry_points(group=name))
         return self._groups[name]
 
     def version(self, top: str) -> str | None:

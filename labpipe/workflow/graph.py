@@ -58,6 +58,9 @@ class Stage:
         :class:`labpipe.workflow.context.Context`; the result then depends on the session's title,
         operator and notes too, and a page is called even when something before it failed (an
         input that is missing for that reason is None).
+    tolerant : bool
+        Whether it is called like that without being a page. What rests on failures is handed on to
+        the page of the same run and not kept.
     shortcuts : bool
         Whether the function takes the keyword ``full`` (bool) and gives a different result by it.
     imports : tuple of str
@@ -75,13 +78,12 @@ class Stage:
     output: str = "dataset"
     summary: str = ""
     context: bool = False
+    tolerant: bool = False
     shortcuts: bool = False
     imports: tuple[str, ...] = ()
 
 
-def ordered(
-    stages: Sequence[Stage], settings: type[msgspec.Struct] | None = None
-) -> tuple[Stage, ...]:
+def ordered(stages: Sequence[Stage], settings: type[msgspec.Struct] | None = None) -> tuple[Stage, ...]:
     """Check the stages of one kind and return them so that inputs come first.
 
     Parameters
@@ -104,9 +106,7 @@ def ordered(
             problems.append(f'two stages are called "{stage.name}"')
         problems += [f'stage "{stage.name}": {text}' for text in _problems(stage, by_name)]
         if settings is not None:
-            problems += [
-                f'stage "{stage.name}": {text}' for text in _field_problems(stage, settings)
-            ]
+            problems += [f'stage "{stage.name}": {text}' for text in _field_problems(stage, settings)]
     if problems:
         raise InputError("; ".join(problems))
     try:
@@ -133,9 +133,7 @@ def _problems(stage: Stage, by_name: dict[str, Stage]) -> list[str]:
         if other.output == "page":
             problems.append(f'input "{name}" is a page; pages are for people')
         if stage.per == other.per == "recording" and stage.over != other.over:
-            problems.append(
-                f'input "{name}" runs over "{other.over}", this one over "{stage.over}"'
-            )
+            problems.append(f'input "{name}" runs over "{other.over}", this one over "{stage.over}"')
     problems += [
         f'input "{name}" must read "other:FIELD/STAGE"'
         for name in stage.inputs
@@ -157,13 +155,9 @@ def _problems(stage: Stage, by_name: dict[str, Stage]) -> list[str]:
 def _field_problems(stage: Stage, settings: type[msgspec.Struct]) -> list[str]:
     names = [name for name in stage.parameters if name != "*"]
     names += [name.removeprefix(FILE) for name in stage.inputs if name.startswith(FILE)]
-    names += [
-        name.removeprefix(OTHER).split("/")[0] for name in stage.inputs if name.startswith(OTHER)
-    ]
+    names += [name.removeprefix(OTHER).split("/")[0] for name in stage.inputs if name.startswith(OTHER)]
     names += [stage.over] if stage.over is not None else []
-    return [
-        f'the settings have no field "{name}"' for name in names if not _has_field(settings, name)
-    ]
+    return [f'the settings have no field "{name}"' for name in names if not _has_field(settings, name)]
 
 
 def _has_field(kind: Any, dotted: str) -> bool:

@@ -8,6 +8,7 @@ from labpipe import files
 from labpipe.errors import SourceError, UsageError
 from labpipe.notebook import html_table, text_table
 from labpipe.units import Quantity
+from labpipe.workflow._keys import Key, code_changes, make_keys
 from labpipe.workflow.context import code_changed
 from labpipe.workflow.fields import show, suggest
 from labpipe.workflow.keys import Key, code_changes, make_keys
@@ -74,7 +75,7 @@ class Plan:
 
         Steps that run side by side count one after the other.
         """
-        from labpipe.workflow.log import last_seconds
+        from labpipe.workflow._log import last_seconds
 
         known = last_seconds(self.session) if self.to_run else {}
         found = [known[row.task] for row in self.to_run if row.task in known]
@@ -176,10 +177,7 @@ def make_plan(
 
 
 def wanted_tasks(
-    session: Session,
-    tasks: Mapping[TaskId, Task],
-    targets: Iterable[str] | None,
-    only: Iterable[str] | None,
+    session: Session, tasks: Mapping[TaskId, Task], targets: Iterable[str] | None, only: Iterable[str] | None
 ) -> frozenset[TaskId]:
     """Pick the tasks that targets and experiments name; one name may stand alone.
 
@@ -228,9 +226,7 @@ def _state(session: Session, store: Store, task: Task, key: Key) -> str:
     return state
 
 
-def _needed(
-    tasks: Mapping[TaskId, Task], wanted: Set[TaskId], states: Mapping[TaskId, str]
-) -> set[TaskId]:
+def _needed(tasks: Mapping[TaskId, Task], wanted: Set[TaskId], states: Mapping[TaskId, str]) -> set[TaskId]:
     """Tasks that must run: the wanted ones without a result, and what those need."""
     needed: set[TaskId] = set()
     waiting = [name for name in wanted if states[name] != "stored"]
@@ -249,11 +245,7 @@ def _needed(
 
 
 def _row(
-    store: Store,
-    task: Task,
-    keys: Mapping[TaskId, Key],
-    states: Mapping[TaskId, str],
-    needed: set[TaskId],
+    store: Store, task: Task, keys: Mapping[TaskId, Key], states: Mapping[TaskId, str], needed: set[TaskId]
 ) -> Row:
     if task.id not in needed:
         changed = keys[task.id].kept

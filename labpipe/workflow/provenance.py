@@ -10,20 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import labpipe
-from labpipe.workflow.keys import Key
+from labpipe.workflow._keys import Key
 from labpipe.workflow.store import key_of
 from labpipe.workflow.tasks import Task, TaskId, ancestors
 
-LIBRARIES = (
-    "numpy",
-    "scipy",
-    "pandas",
-    "xarray",
-    "netCDF4",
-    "numba",
-    "opencv-python-headless",
-    "matplotlib",
-)
+LIBRARIES = ("numpy", "scipy", "pandas", "xarray", "netCDF4", "numba", "opencv-python-headless", "matplotlib")
 """Distributions whose versions can change a number or a picture."""
 
 _GIT_SECONDS = 10
@@ -55,16 +46,9 @@ def git_state(folder: Path) -> str | None:
     try:
         commit, changes = (
             subprocess.run(
-                [git, "-C", str(folder), *arguments],
-                capture_output=True,
-                text=True,
-                check=True,
-                timeout=_GIT_SECONDS,
+                [git, "-C", str(folder), *arguments], capture_output=True, text=True, check=True, timeout=_GIT_SECONDS
             ).stdout.strip()
-            for arguments in (
-                ("rev-parse", "HEAD"),
-                ("status", "--porcelain", "--untracked-files=no"),
-            )
+            for arguments in (("rev-parse", "HEAD"), ("status", "--porcelain", "--untracked-files=no"))
         )
     except (OSError, subprocess.SubprocessError):
         return None
@@ -72,10 +56,7 @@ def git_state(folder: Path) -> str | None:
 
 
 def of_task(
-    about_program: Mapping[str, Any],
-    tasks: Mapping[TaskId, Task],
-    keys: Mapping[TaskId, Key],
-    task_id: TaskId,
+    about_program: Mapping[str, Any], tasks: Mapping[TaskId, Task], keys: Mapping[TaskId, Key], task_id: TaskId
 ) -> dict[str, Any]:
     """Say everything that one result depends on.
 

@@ -57,11 +57,7 @@ class Results:
     def up_to_date(self, row: Row) -> "xr.Dataset | None":
         """Return the result of a row; None when there is none, or it is damaged, or a page."""
         key = self.plan.keys[row.task].value
-        if (
-            row.state not in READY
-            or key is None
-            or self.plan.tasks[row.task].stage.output == "page"
-        ):
+        if row.state not in READY or key is None or self.plan.tasks[row.task].stage.output == "page":
             return None
         try:
             found = Store(self.plan.session.folder).read(key)
@@ -83,8 +79,7 @@ class Results:
         """
         task = TaskId(experiment, stage, recording)
         if task not in self.plan.tasks:
-            wanted_tasks(self.plan.session, self.plan.tasks, [f"{experiment}/{stage}"],
-                         [experiment])  # fmt: skip
+            wanted_tasks(self.plan.session, self.plan.tasks, [f"{experiment}/{stage}"], [experiment])
             alike = [n.recording for n in self.plan.tasks if n[:2] == task[:2]]
             raise InputError(_which_recording(task, [name for name in alike if name is not None]))
         row = next(row for row in self.plan.rows if row.task == task)

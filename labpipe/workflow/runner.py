@@ -15,15 +15,15 @@ from labpipe.errors import InputError, LabpipeError, StorageError
 from labpipe.notebook import html_table, text_table
 from labpipe.schema import Schema
 from labpipe.workflow import engines, provenance
+from labpipe.workflow._ledger import LedgerRow, summarise
+from labpipe.workflow._log import LOG
+from labpipe.workflow._worker import DONE, FAILED, SKIPPED, WORK, Job, Outcome, check_schemas
 from labpipe.workflow.engines import Call, Crew, Died
-from labpipe.workflow.ledger import LedgerRow, summarise
-from labpipe.workflow.log import LOG
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name, wanted_tasks
 from labpipe.workflow.results import Results, read
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, TaskId, spell_out
-from labpipe.workflow.worker import DONE, FAILED, SKIPPED, WORK, Job, Outcome, check_schemas
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _TRIES = 2
 """Workers that a task may kill before it has failed."""
 
-_IMPORTS = ("numpy", "xarray", "netCDF4", "labpipe.netcdf", "labpipe.workflow.worker")
+_IMPORTS = ("numpy", "xarray", "netCDF4", "labpipe.netcdf", "labpipe.workflow._worker")
 """What every worker needs."""
 
 _IMPORTS_TO_DRAW = (
@@ -290,13 +290,7 @@ def run_all(
 
 
 def open_result(
-    session: Session,
-    stages: Stages,
-    experiment: str,
-    stage: str,
-    recording: str | None = None,
-    *,
-    full: bool = False,
+    session: Session, stages: Stages, experiment: str, stage: str, recording: str | None = None, *, full: bool = False
 ) -> "xr.Dataset":
     """Return an up-to-date stored result without running anything.
 
@@ -521,9 +515,7 @@ class _State:
         for name in reversed(waiting):  # the plan lists inputs first
             for needed in waiting[name]:
                 behind[needed] = max(behind[needed], size[name] + behind[name])
-        return dict(
-            sorted(waiting.items(), key=lambda item: size[item[0]] + behind[item[0]], reverse=True)
-        )
+        return dict(sorted(waiting.items(), key=lambda item: size[item[0]] + behind[item[0]], reverse=True))
 
     def skip_rest(self) -> None:
         """Account for what a stop after the first failure left undone."""

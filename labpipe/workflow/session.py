@@ -108,9 +108,7 @@ class _SessionTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     synthetic: bool = False
 
 
-def load(
-    path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wait: bool = False
-) -> Session:
+def load(path: Path | str, kinds: Mapping[str, type[msgspec.Struct]], *, may_wait: bool = False) -> Session:
     """Read a session folder's ``session.toml``.
 
     Parameters
@@ -143,16 +141,12 @@ def load(
     document = parse(source)
     _check_version(document)
     root = source.parent.resolve()
-    head = Checker(document, root).structure(
-        _SessionTable, document.tree.get("session", {}), ("session",)
-    )
+    head = Checker(document, root).structure(_SessionTable, document.tree.get("session", {}), ("session",))
     for key in document.tree.keys() - _TOP_LEVEL:
         document.report((key,), f"unknown key{suggest(key, _TOP_LEVEL)}")
     experiments = _Experiments(document, root, kinds, may_wait).all()
     document.finish()
-    return Session(
-        root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments
-    )
+    return Session(root, head.title or root.name, head.operator, head.notes, head.synthetic, experiments)
 
 
 _TOP_LEVEL = {"labpipe", "session", "defaults", "experiments"}
@@ -219,9 +213,7 @@ class _Experiments:
         checker = Checker(self.document, self.root, may_wait=self.may_wait)
         checker.structure(self.kinds[kind], table, place, partial=True)
 
-    def _one(
-        self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str]
-    ) -> Experiment | None:
+    def _one(self, name: str, table: dict[str, Any], defaults: dict[str, Any], names: list[str]) -> Experiment | None:
         place = ("experiments", name)
         kind = table.get("kind")
         if kind is None:
@@ -234,7 +226,7 @@ class _Experiments:
             return None
         has_field = any(f.encode_name == "kind" for f in msgspec.structs.fields(self.kinds[kind]))
         own = {key: value for key, value in table.items() if key != "kind" or has_field}
-        origins: dict[toml_lines.Path, toml_lines.Path] = {}
+        origins: dict[_toml_lines.Path, _toml_lines.Path] = {}
         merged = _merge(defaults.get(kind, {}), ("defaults", kind), own, place, place, origins)
         checker = Checker(self.document, self.root, origins, self.may_wait)
         settings = checker.structure(self.kinds[kind], merged, place)
@@ -272,7 +264,7 @@ class _Experiments:
         return "it begins with a full stop" if name.startswith(".") else None
 
     def _check_references(
-        self, name: str, node: Any, place: toml_lines.Path, names: list[str], checker: Checker
+        self, name: str, node: Any, place: _toml_lines.Path, names: list[str], checker: Checker
     ) -> None:
         """Every text "experiment:NAME" must name another experiment of this session."""
         pairs: Any = ()
@@ -298,11 +290,11 @@ def _folded(name: str) -> str:
 
 def _merge(
     base: Any,
-    base_place: toml_lines.Path,
+    base_place: _toml_lines.Path,
     over: Any,
-    over_place: toml_lines.Path,
-    place: toml_lines.Path,
-    origins: dict[toml_lines.Path, toml_lines.Path],
+    over_place: _toml_lines.Path,
+    place: _toml_lines.Path,
+    origins: dict[_toml_lines.Path, _toml_lines.Path],
 ) -> Any:
     """Lay one table over another, key by key, and note where each value was written."""
     origins[place] = over_place
@@ -321,10 +313,7 @@ def _merge(
 
 
 def _note(
-    node: Any,
-    written: toml_lines.Path,
-    place: toml_lines.Path,
-    origins: dict[toml_lines.Path, toml_lines.Path],
+    node: Any, written: _toml_lines.Path, place: _toml_lines.Path, origins: dict[_toml_lines.Path, _toml_lines.Path]
 ) -> None:
     origins[place] = written
     pairs: Any = node.items() if isinstance(node, dict) else ()

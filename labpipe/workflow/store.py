@@ -251,9 +251,7 @@ class Store:
                 continue
             try:
                 if files.digest(self.path(record)) != record.digest:
-                    problems.append(
-                        f"{self.path(record).name}: the content does not fit its record"
-                    )
+                    problems.append(f"{self.path(record).name}: the content does not fit its record")
             except SourceError as error:
                 problems.append(str(error))
         return problems

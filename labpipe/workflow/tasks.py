@@ -73,9 +73,7 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
             message = f'no stages are known for the kind "{experiment.kind}"'
             raise InputError(message)
         if experiment.kind not in plans:
-            plans[experiment.kind] = graph.ordered(
-                stages[experiment.kind], type(experiment.settings)
-            )
+            plans[experiment.kind] = graph.ordered(stages[experiment.kind], type(experiment.settings))
     tasks: dict[TaskId, Task] = {}
     for name in _experiment_order(session, plans):
         experiment = session.experiments[name]
@@ -83,8 +81,7 @@ def spell_out(session: Session, stages: Stages) -> dict[TaskId, Task]:
             for recording in recordings(experiment, stage):
                 task_id = TaskId(name, stage.name, recording)
                 arguments = tuple(
-                    _argument(session, plans, experiment, text, recording, stage.over)
-                    for text in stage.inputs
+                    _argument(session, plans, experiment, text, recording, stage.over) for text in stage.inputs
                 )
                 tasks[task_id] = Task(task_id, stage, arguments)
     return tasks
@@ -149,9 +146,7 @@ def _experiment_order(session: Session, plans: Mapping[str, tuple[Stage, ...]]) 
         raise ConfigError([f"{FILE_NAME}:{line}: experiments.{second}.{message}"]) from None
 
 
-def arguments(
-    session: Session, stages: Stages, experiment: Experiment, inputs: Iterable[str]
-) -> tuple[Argument, ...]:
+def arguments(session: Session, stages: Stages, experiment: Experiment, inputs: Iterable[str]) -> tuple[Argument, ...]:
     """Resolve inputs, written like those of a stage, for what runs once per experiment.
 
     Raises

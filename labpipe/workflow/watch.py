@@ -166,13 +166,9 @@ class Watcher:
             self.session = load(path, self.kinds, may_wait=True)
             self.read_at = stamp
         tasks = spell_out(self.session, self.stages)
-        return self.session, {
-            name: files_behind(tasks, name) for name in dict.fromkeys(t.experiment for t in tasks)
-        }
+        return self.session, {name: files_behind(tasks, name) for name in dict.fromkeys(t.experiment for t in tasks)}
 
-    def _one(
-        self, session: Session, name: str, needs: Mapping[str, tuple[str, ...]]
-    ) -> News | None:
+    def _one(self, session: Session, name: str, needs: Mapping[str, tuple[str, ...]]) -> News | None:
         paths = [session.root / file for file in needs[name]]
         stamps = (self.read_at, *map(self.settling.stamp, paths))
         if self.finished.get(name) == stamps:

@@ -33,11 +33,17 @@ def run(quick: bool) -> Suite:
         calls[f"velocity Verlet, step {step:.0e} s"] = (THESIS, partial(_by_steps, step))
     timings = paired({name: call for name, (_, call) in calls.items()}, 3 if quick else 7, 30.0)
     points = [
-        Point(name, _error(timings[name].value), timings[name].seconds, group,
-              name == "events, eighth order", timings[name].cold_seconds,
-              samples=timings[name].samples)
+        Point(
+            name,
+            _error(timings[name].value),
+            timings[name].seconds,
+            group,
+            name == "events, eighth order",
+            timings[name].cold_seconds,
+            samples=timings[name].samples,
+        )
         for name, (group, _) in calls.items()
-    ]  # fmt: skip
+    ]
     return Suite(
         "collision",
         "Sphere with a Hertz spring and a dashpot: restitution at four dampings",
@@ -62,12 +68,19 @@ def _by_events() -> dict[float, float]:
     return {
         b: float(
             contact.collision(
-                _RADIUS, _MASS, height, youngs_modulus=_MODULUS, nu=_NU, damping=_damping(b),
-                duration=fall + 5e-3, gravity=_GRAVITY, time=[fall],
+                _RADIUS,
+                _MASS,
+                height,
+                youngs_modulus=_MODULUS,
+                nu=_NU,
+                damping=_damping(b),
+                duration=fall + 5e-3,
+                gravity=_GRAVITY,
+                time=[fall],
             ).restitution[0]
         )
         for b in _TRUTH
-    }  # fmt: skip
+    }
 
 
 def _by_formula() -> dict[float, float]:

@@ -7,9 +7,8 @@ same one would start from the first and take no time.
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 _LINE_TOLERANCE, _SPHERE_TOLERANCE = 1e-12, 1e-10
 #: Mean pressure over that of full contact.
@@ -30,9 +29,7 @@ def line(points: int) -> Floats:
 def sphere(points: int) -> tuple[Floats, Floats]:
     """Return radii over the contact's and pressures over the peak (point²,), a third of the box."""
     tamaas = _quiet()
-    model = tamaas.ModelFactory.createModel(
-        tamaas.model_type.basic_2d, [1.0, 1.0], [points, points]
-    )
+    model = tamaas.ModelFactory.createModel(tamaas.model_type.basic_2d, [1.0, 1.0], [points, points])
     model.E, model.nu = 1.0, 0.0
     tamaas.ModelFactory.registerNonPeriodic(model, "dcfft")
     axis = (np.arange(points) + 0.5) / points - 0.5
@@ -50,9 +47,7 @@ def _quiet() -> Any:
     return tamaas
 
 
-def _solved(
-    tamaas: Any, model: Any, surface: Floats, mean: float, tolerance: float, operator: str = ""
-) -> Floats:
+def _solved(tamaas: Any, model: Any, surface: Floats, mean: float, tolerance: float, operator: str = "") -> Floats:
     pressure = tamaas.PolonskyKeerRey.pressure
     solver = tamaas.PolonskyKeerRey(model, surface, tolerance, pressure, pressure)
     if operator:

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
+from labpipe.arrays import Floats
 from labpipe.imaging import contact_radius
 from labpipe.imaging.fringes import fit_circle
 from pipelines.bench.measure import Bound, Point, Suite, paired, peak_bytes
 
-Floats = NDArray[np.float64]
 Film = NDArray[np.uint8]
 
 _MICROMETRE = 1e-6
@@ -88,9 +88,7 @@ def _settings(scene: Scene, frames: int, repeats: int) -> Suite:
                 is_default=name == _DEFAULT,
                 cold_seconds=timing.cold_seconds,
                 samples=timing.samples,
-                peak_bytes=(
-                    None if is_quick and name != _DEFAULT else peak_bytes(contenders[name])
-                ),
+                peak_bytes=(None if is_quick and name != _DEFAULT else peak_bytes(contenders[name])),
                 extra={
                     "bias (µm)": float(np.nanmean(error)) if np.isfinite(rms) else None,
                     "scatter (µm)": float(np.nanstd(error, ddof=1)) if np.isfinite(rms) else None,
@@ -138,8 +136,12 @@ def _fitted(film: Film, scene: Scene, **options: object) -> Floats:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # disturbed films are measured on purpose
         found = contact_radius(
-            film, scene.pixel, scene.sphere, scene.wavelength, **options,  # type: ignore[arg-type]
-        )  # fmt: skip
+            film,
+            scene.pixel,
+            scene.sphere,
+            scene.wavelength,
+            **options,  # type: ignore[arg-type]
+        )
     return np.asarray(found["radius"].values)
 
 
@@ -180,9 +182,15 @@ def _largest_spot(image: Film) -> NDArray[np.int32] | None:
 def hough_radius(image: Film) -> float:
     """Radius (px) of the strongest circle of OpenCV's Hough transform."""
     found = cv2.HoughCircles(
-        cv2.GaussianBlur(image, (5, 5), 1.2), cv2.HOUGH_GRADIENT, 2.0, float(image.shape[0]),
-        param1=80.0, param2=40.0, minRadius=20, maxRadius=2 * image.shape[0],
-    )  # fmt: skip
+        cv2.GaussianBlur(image, (5, 5), 1.2),
+        cv2.HOUGH_GRADIENT,
+        2.0,
+        float(image.shape[0]),
+        param1=80.0,
+        param2=40.0,
+        minRadius=20,
+        maxRadius=2 * image.shape[0],
+    )
     return math.nan if found is None else float(found[0, 0, 2])
 
 
@@ -305,12 +313,13 @@ def cramer_rao(scene: Scene, fringes: float) -> float:
     a = scene.radius
     slopes = [
         slope(replace(scene, radius=a + step), replace(scene, radius=a - step), 2 * step),
-        slope(replace(scene, centre=(x + shift, y)), replace(scene, centre=(x - shift, y)),
-              2 * shift),
-        slope(replace(scene, centre=(x, y + shift)), replace(scene, centre=(x, y - shift)),
-              2 * shift),
-        image, image - _MEAN, image * (across - x), image * (down - y),
-    ]  # fmt: skip
+        slope(replace(scene, centre=(x + shift, y)), replace(scene, centre=(x - shift, y)), 2 * shift),
+        slope(replace(scene, centre=(x, y + shift)), replace(scene, centre=(x, y - shift)), 2 * shift),
+        image,
+        image - _MEAN,
+        image * (across - x),
+        image * (down - y),
+    ]
     beyond = a * (1.0 + np.linspace(0.0, 2.0, 20_001))
     gap = surface_gap(beyond, a, scene.sphere)
     reach = float(beyond[np.searchsorted(gap, 0.5 * fringes * scene.wavelength)]) - a

@@ -105,9 +105,7 @@ def _draw_group(axes: Axes, points: Sequence[tuple[int, Point]], look: _Look, fl
         )
         label = label if point.is_default else None
         offset = (5, 3)
-        axes.annotate(
-            str(number), where, xytext=offset, textcoords="offset points", fontsize=6.0
-        )  # fmt: skip
+        axes.annotate(str(number), where, xytext=offset, textcoords="offset points", fontsize=6.0)
 
 
 def _draw_bounds(axes: Axes, suite: Suite) -> None:

@@ -15,11 +15,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.imaging import track
 from pipelines.bench import dic_peers
 from pipelines.bench.measure import Bound, Point, Suite, paired, peak_bytes
 
-Floats = NDArray[np.float64]
 Film = NDArray[np.uint8]
 Method = Callable[[Film, Floats], Floats]
 
@@ -118,13 +118,9 @@ def _contenders(quick: bool) -> dict[str, Contender]:
             blurred = partial(_correlate, subset=subset, order=5, shape="rigid", blur=0.0)
             found[f"quintic, rigid, {subset} px, not blurred"] = Contender("", subset, blurred)
         keys = partial(dic_peers.keys_correlation, subset=subset)
-        found[f"settings of DICe (Keys, 4th order), {subset} px"] = Contender(
-            "thesis", subset, keys, thinning=16
-        )
+        found[f"settings of DICe (Keys, 4th order), {subset} px"] = Contender("thesis", subset, keys, thinning=16)
         for group, method, thinning in dic_peers.installed():
-            found[f"{group}, {subset} px"] = Contender(
-                group, subset, partial(method, subset=subset), thinning
-            )
+            found[f"{group}, {subset} px"] = Contender(group, subset, partial(method, subset=subset), thinning)
     return found
 
 
@@ -173,9 +169,7 @@ def _grid(size: int) -> Floats:
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
-def _correlate(
-    film: Film, points: Floats, subset: int, order: int, shape: str, blur: float = 0.5
-) -> Floats:
+def _correlate(film: Film, points: Floats, subset: int, order: int, shape: str, blur: float = 0.5) -> Floats:
     """Displacements (frame, point, 2) in px by :func:`labpipe.imaging.track`."""
     found = track(film, points, subset, shape, order, blur=blur)  # type: ignore[arg-type]
     return np.stack([found.dx.values, found.dy.values], axis=-1)

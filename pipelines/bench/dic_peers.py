@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from labpipe.arrays import Floats
+
 Film = NDArray[np.uint8]
 Peer = tuple[str, Callable[..., Floats], int]
 
@@ -79,10 +80,9 @@ def keys_correlation(film: Film, points: Floats, subset: int) -> Floats:
     first = film[0].astype(float)
     # DICe takes its slopes from the reference with this five-point rule
     slope_y, slope_x = (
-        (np.roll(first, 2, k) - 8 * np.roll(first, 1, k) + 8 * np.roll(first, -1, k)
-         - np.roll(first, -2, k)) / 12.0
+        (np.roll(first, 2, k) - 8 * np.roll(first, 1, k) + 8 * np.roll(first, -1, k) - np.roll(first, -2, k)) / 12.0
         for k in (0, 1)
-    )  # fmt: skip
+    )
     for n, (x, y) in enumerate(np.rint(points).astype(int)):
         area = np.ix_(y + offset, x + offset)
         f = first[area] - first[area].mean()

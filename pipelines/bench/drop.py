@@ -20,9 +20,11 @@ _TAU = np.logspace(-10, 2, 15)
 _SHARE = (1 / 2e9 - 1 / 6e9) / 15
 #: Ting's integral for the first impact of the polymer without its four fastest terms.
 _FIRST = {
-    "restitution": 0.938881646, "peak_force": 259.5168018, "peak_approach": 7.243709307e-5,
+    "restitution": 0.938881646,
+    "peak_force": 259.5168018,
+    "peak_approach": 7.243709307e-5,
     "contact_duration": 1.2344948e-3,
-}  # fmt: skip
+}
 #: Some bounces of the train: number: touch since the first (s), restitution, largest force (N).
 _TRAIN = {
     0: (nan, 0.938866, 259.514693),
@@ -89,16 +91,19 @@ def _train(quick: bool) -> Suite:
 
 def _ours(tolerances: Sequence[float]) -> list[_Setting]:
     return [
-        _Setting(f"{name}, rtol {rtol:.0e}", OURS, {"solver": solver, "rtol": rtol},
-                 is_default=solver == "mdr" and rtol == 1e-4)
+        _Setting(
+            f"{name}, rtol {rtol:.0e}",
+            OURS,
+            {"solver": solver, "rtol": rtol},
+            is_default=solver == "mdr" and rtol == 1e-4,
+        )
         for solver, name in (("mdr", "springs"), ("rings", "rings"))
         for rtol in tolerances
-    ]  # fmt: skip
+    ]
 
 
 def _thesis(step: float) -> _Setting:
-    return _Setting(f"thesis's scheme, step {step:.0e} s", THESIS,
-                    {"solver": "thesis", "time_step": step})  # fmt: skip
+    return _Setting(f"thesis's scheme, step {step:.0e} s", THESIS, {"solver": "thesis", "time_step": step})
 
 
 def _measure(
@@ -116,11 +121,16 @@ def _measure(
         found: Any = timing.value
         points.append(
             Point(
-                setting.name, error(found), timing.seconds, setting.group, setting.is_default,
-                timing.cold_seconds, samples=timing.samples,
+                setting.name,
+                error(found),
+                timing.seconds,
+                setting.group,
+                setting.is_default,
+                timing.cold_seconds,
+                samples=timing.samples,
                 extra={"bounces": int(found.sizes["impact"])},
             )
-        )  # fmt: skip
+        )
     return points, speed_up(points, timings)
 
 
@@ -151,10 +161,7 @@ def _train_error(found: Any) -> float:
     touch = found.impact_time.values - found.impact_time.values[0]
     worst = -inf
     for n, (time, restitution, force) in _TRAIN.items():
-        errors = [
-            abs(float(found.restitution[n]) - restitution),
-            abs(float(found.peak_force[n]) / force - 1.0),
-        ]
+        errors = [abs(float(found.restitution[n]) - restitution), abs(float(found.peak_force[n]) / force - 1.0)]
         errors += [] if isnan(time) else [abs(touch[n] / time - 1.0)]
         worst = max(worst, *errors)
     return worst

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
+from labpipe.arrays import Floats
 from labpipe.identification import (
     Bounces,
     DropModel,
@@ -35,7 +35,6 @@ from labpipe.materials import Prony
 from pipelines.bench.measure import Point, Suite
 from pipelines.rig.reference_drop import CONTACT_STEP, reference_drop
 
-Array = NDArray[np.float64]
 _Range = tuple[float, float]
 
 _SEED = 4000
@@ -94,7 +93,7 @@ def is_smooth(seed: int) -> bool:
     return seed % 2 == 0
 
 
-def _dispersion(rho: Array, rng: np.random.Generator, centres: _Range, strengths: _Range) -> Array:
+def _dispersion(rho: Floats, rng: np.random.Generator, centres: _Range, strengths: _Range) -> Floats:
     """Return weights (term,) of a random dispersion of Cole and Cole over the long-time modulus.
 
     Centres and strengths are decadic logarithms; secondary and primary dispersions of polymers
@@ -175,11 +174,17 @@ def _points(name: str, trials: list[Trial]) -> list[Point]:
     said = float(np.mean([t.verdict == "identified" for t in trials]))
     points.append(
         Point(
-            f"{name}: verdict on E_relaxed", 1.0 - right, float("nan"), is_default=True,
-            extra={"truths": len(trials), "limits hold the truth (%)": 100.0 * right,
-                   "called identified (%)": 100.0 * said},
+            f"{name}: verdict on E_relaxed",
+            1.0 - right,
+            float("nan"),
+            is_default=True,
+            extra={
+                "truths": len(trials),
+                "limits hold the truth (%)": 100.0 * right,
+                "called identified (%)": 100.0 * said,
+            },
         )
-    )  # fmt: skip
+    )
     return points
 
 
@@ -200,7 +205,7 @@ def hold_trial(seed: int) -> Trial:
     time = np.concatenate([np.linspace(0.0, _RAMP, 41), _RAMP + lag])
     area = _AREA * np.minimum(time / _RAMP, 1.0)
 
-    def rebuilt(rho: Array) -> tuple[Evidence, ...]:
+    def rebuilt(rho: Floats) -> tuple[Evidence, ...]:
         basis = lee_radok_basis(time, area, rho, solid.nu)[41:]
         return (force_evidence("hold", lag, force, u, basis, factors=("gain",), offsets=("tare",)),)
 
@@ -218,31 +223,29 @@ def drop_trial(seed: int) -> Trial:
     solid = random_solid(seed, is_rubber=False)
     rng = np.random.default_rng(seed + 1)
     radius, mass, height = (
-        best + u * rng.standard_normal()
-        for best, u in ((_RADIUS, _U_RADIUS), (_MASS, _U_MASS), (_HEIGHT, _U_HEIGHT))
+        best + u * rng.standard_normal() for best, u in ((_RADIUS, _U_RADIUS), (_MASS, _U_MASS), (_HEIGHT, _U_HEIGHT))
     )
     made = reference_drop(
-        solid.E_relaxed, solid.E, solid.rho, solid.nu, radius=radius, mass=mass, height=height,
-        duration=_RECORD,
-    )  # fmt: skip
+        solid.E_relaxed, solid.E, solid.rho, solid.nu, radius=radius, mass=mass, height=height, duration=_RECORD
+    )
     count = min(_BOUNCES + 1, made.liftoff.size)
     touch = made.touch[:count] + _U_TOUCH * rng.standard_normal(count)
     # the reference tells the end of the step in which the sphere left
     left = made.liftoff[:count] - 0.5 * CONTACT_STEP
     duration = left - made.touch[:count] + _U_DURATION * rng.standard_normal(count)
     none = np.full(count, np.nan)
-    seen = Bounces(touch - touch[0], np.full(count, _U_TOUCH), duration,
-                   np.full(count, _U_DURATION), none, none)  # fmt: skip
+    seen = Bounces(touch - touch[0], np.full(count, _U_TOUCH), duration, np.full(count, _U_DURATION), none, none)
     unknowns = tuple(
         Parameter(name, mean, u, unit, name, is_nuisance=True)
         for name, mean, u, unit in (
-            ("radius", _RADIUS, _U_RADIUS, "m"), ("mass", _MASS, _U_MASS, "kg"),
-            ("height", _HEIGHT, _U_HEIGHT, "m"), ("trigger", 0.0, _U_TOUCH, "s"),
+            ("radius", _RADIUS, _U_RADIUS, "m"),
+            ("mass", _MASS, _U_MASS, "kg"),
+            ("height", _HEIGHT, _U_HEIGHT, "m"),
+            ("trigger", 0.0, _U_TOUCH, "s"),
         )
-    )  # fmt: skip
+    )
     empty = np.empty(0, dtype=np.int64)
-    model = DropModel(_RADIUS, _MASS, _HEIGHT, 9.81, empty, empty, empty, 0.0, 0.0,
-                      {p.name: p.name for p in unknowns})  # fmt: skip
+    model = DropModel(_RADIUS, _MASS, _HEIGHT, 9.81, empty, empty, empty, 0.0, 0.0, {p.name: p.name for p in unknowns})
     evidence = drop_evidence("drop", seen, model)
     data = evidence.model.window
     spectrum = SmoothSpectrum(relaxation_times(*data), solid.nu)
@@ -252,25 +255,27 @@ def drop_trial(seed: int) -> Trial:
 
 
 def _trial(
-    problem: Problem,
-    rebuilt: Callable[[Array], tuple[Evidence, ...]],
-    solid: Prony,
-    frequency: Array,
+    problem: Problem, rebuilt: Callable[[Floats], tuple[Evidence, ...]], solid: Prony, frequency: Floats
 ) -> Trial:
     started = clock.perf_counter()
     known = infer(problem, rebuilt)
     seconds = clock.perf_counter() - started
     found = moduli(known, frequency)
     exact = solid.complex_modulus(2.0 * np.pi * frequency)
-    bounds = np.sqrt(np.diag(known.carried(found.derivatives)))
+    bounds = np.sqrt(np.diag(known.covariance_of(found.derivatives)))
     deviation, width, bound = {}, {}, {}
     names = [f" at {f:.3g} Hz" for f in frequency] if frequency.size > 1 else [" of the contact"]
     for i, at in enumerate(names):
         for text, value, u, least, true in (
             ("storage modulus", found.storage[i], found.u_ln_storage[i], bounds[i], exact.real[i]),
-            ("loss factor", found.loss_factor[i], found.u_ln_loss_factor[i],
-             bounds[frequency.size + i], exact.imag[i] / exact.real[i]),
-        ):  # fmt: skip
+            (
+                "loss factor",
+                found.loss_factor[i],
+                found.u_ln_loss_factor[i],
+                bounds[frequency.size + i],
+                exact.imag[i] / exact.real[i],
+            ),
+        ):
             deviation[text + at] = float(np.log(value / true) / u)
             width[text + at] = float(u)
             bound[text + at] = float(least)

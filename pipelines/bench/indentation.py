@@ -10,9 +10,9 @@ from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labpipe import contact
+from labpipe.arrays import Floats
 from labpipe.contact.impact import Springs, line_springs, ring_springs
 from labpipe.contact.line import indent_thesis_scheme, westergaard
 from labpipe.materials import Prony
@@ -20,7 +20,6 @@ from pipelines.bench import contact_peers
 from pipelines.bench.drop import speed_up
 from pipelines.bench.measure import OURS, THESIS, Point, Suite, paired
 
-Floats = NDArray[np.float64]
 Call = Callable[[], object]
 
 _RADIUS, _PERIOD = 2e-3, 8e-3
@@ -44,11 +43,23 @@ class _Solid(NamedTuple):
 
 
 _SOLIDS = (
-    _Solid("one term of 0.05 s", 1, 4e9, (-1.3010299956639813, 0.0),
-           (76097.57, 347012.22, 393383.73, 280053.48, 93998.13, 393383.73), 397765.82),
-    _Solid("15 terms from 1e-10 to 1e2 s", 15, 6e9, (-10.0, 2.0),
-           (62947.81, 371090.50, 454242.82, 352210.99, 141573.81, 450569.04), 454529.8),
-)  # fmt: skip
+    _Solid(
+        "one term of 0.05 s",
+        1,
+        4e9,
+        (-1.3010299956639813, 0.0),
+        (76097.57, 347012.22, 393383.73, 280053.48, 93998.13, 393383.73),
+        397765.82,
+    ),
+    _Solid(
+        "15 terms from 1e-10 to 1e2 s",
+        15,
+        6e9,
+        (-10.0, 2.0),
+        (62947.81, 371090.50, 454242.82, 352210.99, 141573.81, 450569.04),
+        454529.8,
+    ),
+)
 _MISSING = "tamaas is not installed: no peer beside the elastic line and sphere."
 
 
@@ -91,9 +102,17 @@ def _line_pressure(elements: int, solver: str) -> Floats:
     solid = Prony(1.0, [], [], nu=0.0)
     amplitude = _PERIOD**2 / (4.0 * np.pi**2 * _RADIUS)
     found = contact.indent_load(
-        solid, _RADIUS, _PERIOD, 1.0, [0.0], [0.2 * np.pi * amplitude], "cosine",
-        elements=elements, outputs=("pressure",), solver=solver,  # type: ignore[arg-type]
-    )  # fmt: skip
+        solid,
+        _RADIUS,
+        _PERIOD,
+        1.0,
+        [0.0],
+        [0.2 * np.pi * amplitude],
+        "cosine",
+        elements=elements,
+        outputs=("pressure",),
+        solver=solver,  # type: ignore[arg-type]
+    )
     pressure: Floats = found.pressure.values[0]
     return pressure / pressure.mean()
 
@@ -120,20 +139,14 @@ def _sphere(quick: bool, has_peer: bool) -> Suite:
         "Elastic sphere on a half-space: against Hertz",
         "relative L2 error of the pressure (1)",
         _measured(calls, _sphere_error, 3 if quick else 5, "springs, 80 in the radius"),
-        notes=[
-            "The springs hold Hertz's answer exactly; their error is rounding.",
-            *([] if has_peer else [_MISSING]),
-        ],
+        notes=["The springs hold Hertz's answer exactly; their error is rounding.", *([] if has_peer else [_MISSING])],
     )
 
 
 def _sphere_pressure(per_radius: int, kind: str) -> tuple[Floats, Floats]:
     """Radii over the contact's and pressures over the peak, both (point,); setup included."""
     springs: Springs
-    if kind == "rings":
-        springs = ring_springs(1.0, 1.2, 1.0 / per_radius)
-    else:
-        springs = line_springs(1.0, 1.2, 0.25, per_radius)
+    springs = ring_springs(1.0, 1.2, 1.0 / per_radius) if kind == "rings" else line_springs(1.0, 1.2, 0.25, per_radius)
     gap = springs.gap
     n = springs.covering(1.1)
     load = np.maximum(1.0 - gap[:n], 0.0)
@@ -148,19 +161,21 @@ def _sphere_error(found: Any) -> float:
 
 
 def _measured(
-    calls: Mapping[str, tuple[str, Call]],
-    error: Callable[[Any], float],
-    repeats: int,
-    default: str,
+    calls: Mapping[str, tuple[str, Call]], error: Callable[[Any], float], repeats: int, default: str
 ) -> list[Point]:
     timings = paired({name: call for name, (_, call) in calls.items()}, repeats, budget=60.0)
     return [
         Point(
-            name, error(timings[name].value), timings[name].seconds, group, name == default,
-            timings[name].cold_seconds, samples=timings[name].samples,
+            name,
+            error(timings[name].value),
+            timings[name].seconds,
+            group,
+            name == default,
+            timings[name].cold_seconds,
+            samples=timings[name].samples,
         )
         for name, (group, _) in calls.items()
-    ]  # fmt: skip
+    ]
 
 
 def _tapping(quick: bool, solid: _Solid) -> Suite:
@@ -174,11 +189,17 @@ def _tapping(quick: bool, solid: _Solid) -> Suite:
         calls[f"thesis's scheme, {n} steps a cycle"] = THESIS, partial(_tap_thesis, material, n)
     timings = paired({name: call for name, (_, call) in calls.items()}, 1 if quick else 3, 60.0)
     points = [
-        Point(name, _tapping_error(timings[name].value, solid), timings[name].seconds, group,
-              name == "adaptive, rtol 1e-05", timings[name].cold_seconds,
-              samples=timings[name].samples)
+        Point(
+            name,
+            _tapping_error(timings[name].value, solid),
+            timings[name].seconds,
+            group,
+            name == "adaptive, rtol 1e-05",
+            timings[name].cold_seconds,
+            samples=timings[name].samples,
+        )
         for name, (group, _) in calls.items()
-    ]  # fmt: skip
+    ]
     return Suite(
         f"indentation-tapping-{solid.terms}",
         f"Two cycles of tapping by a cylinder, {solid.name}",
@@ -199,9 +220,7 @@ def _history(per_cycle: int) -> tuple[Floats, Floats]:
 
 
 def _tap(material: Prony, per_cycle: int, rtol: float | None) -> object:
-    return contact.indent(
-        material, _RADIUS, _PERIOD, 1.0, *_history(per_cycle), elements=1024, rtol=rtol
-    )
+    return contact.indent(material, _RADIUS, _PERIOD, 1.0, *_history(per_cycle), elements=1024, rtol=rtol)
 
 
 def _tap_thesis(material: Prony, per_cycle: int) -> object:

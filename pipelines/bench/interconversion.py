@@ -5,18 +5,11 @@ from itertools import pairwise
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from labpipe.materials import (
-    Relaxation,
-    Retardation,
-    creep_from_relaxation,
-    relaxation_from_creep,
-)
+from labpipe.arrays import Floats
+from labpipe.materials import Relaxation, Retardation, creep_from_relaxation, relaxation_from_creep
 from pipelines.bench.measure import Bound, Point, Suite, paired, peak_bytes
-
-Floats = NDArray[np.float64]
 
 # Every third term is this much weaker than its neighbours: its zero lies within rounding of its
 # pole.
@@ -33,20 +26,13 @@ def run(quick: bool) -> Suite:
         solid = weak_terms(count)
         calls[f"secular equation, {count} terms"] = ("", _there_and_back(solid), solid)
     solid = weak_terms(_COMPARED)
-    calls[f"eigenvalues, {_COMPARED} terms"] = (
-        "eigenvalues", lambda: _both(solid, _eigenvalues), solid,
-    )  # fmt: skip
-    calls[f"bracketed roots, {_COMPARED} terms"] = (
-        "bracketed roots", lambda: _both(solid, _bracketed), solid,
-    )  # fmt: skip
+    calls[f"eigenvalues, {_COMPARED} terms"] = ("eigenvalues", lambda: _both(solid, _eigenvalues), solid)
+    calls[f"bracketed roots, {_COMPARED} terms"] = ("bracketed roots", lambda: _both(solid, _bracketed), solid)
     timings = paired({label: call for label, (_, call, _) in calls.items()}, 3 if quick else 15)
     points = []
     for label, (group, call, exact) in calls.items():
         found = cast(Relaxation, timings[label].value)
-        error_of_time, error_of_weight = (
-            _worst(found.time, exact.time),
-            _worst(found.weight, exact.weight),
-        )
+        error_of_time, error_of_weight = (_worst(found.time, exact.time), _worst(found.weight, exact.weight))
         points.append(
             Point(
                 label,
@@ -109,9 +95,7 @@ def _both(solid: Relaxation, roots: Roots) -> Relaxation:
     return Relaxation(1.0 / total, weight, time)
 
 
-def _partner(
-    constant: float, weight: Floats, time: Floats, roots: Roots, sign: float
-) -> tuple[Floats, Floats]:
+def _partner(constant: float, weight: Floats, time: Floats, roots: Roots, sign: float) -> tuple[Floats, Floats]:
     """Return weights and times of the other family."""
     rate = 1.0 / time
     zero = np.sort(roots(constant, weight, rate))[::-1]

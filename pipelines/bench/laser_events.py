@@ -10,13 +10,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labpipe import signals
+from labpipe.arrays import Floats
 from pipelines.bench.laser_truth import Record, record
 from pipelines.bench.measure import THESIS, Point, Suite, paired, peak_bytes
-
-Floats = NDArray[np.float64]
 
 _MATERIALS = ("acrylic", "ptfe", "nylon", "peek")
 _MATCH = 1.5e-3  # s within which a touch counts as the true one
@@ -49,9 +47,7 @@ def run(quick: bool) -> list[Suite]:
     contenders = _contenders(made)
     if quick:
         del contenders["noise given"]
-    timings = paired(
-        {name: call for name, (_, call) in contenders.items()}, 1 if quick else 7, budget=25.0
-    )
+    timings = paired({name: call for name, (_, call) in contenders.items()}, 1 if quick else 7, budget=25.0)
     title = f"{', '.join(names)} dropped from 1.5 mm, 20 kHz, 1 µm noise"
     touches, restitutions = [], []
     for name, (group, call) in contenders.items():
@@ -79,27 +75,23 @@ def run(quick: bool) -> list[Suite]:
     label = "run time of a record (s)"
     return [
         Suite("touch-times", f"Touch times: {title}", "RMS error (s)", touches, time_label=label),
-        Suite("restitution", f"Restitution: {title}", "RMS error (1)", restitutions,
-              time_label=label),
-    ]  # fmt: skip
+        Suite("restitution", f"Restitution: {title}", "RMS error (1)", restitutions, time_label=label),
+    ]
 
 
-def _contenders(
-    made: Sequence[Record],
-) -> dict[str, tuple[str, Callable[[], object]]]:
+def _contenders(made: Sequence[Record]) -> dict[str, tuple[str, Callable[[], object]]]:
     """Name every method: group and call."""
     return {
         _DEFAULT: ("", lambda: [_bounces(m) for m in made]),
         "a polymer": ("", lambda: [_bounces(m, contact="polymer") for m in made]),
         "noise given": ("", lambda: [_bounces(m, noise=1e-6) for m in made]),
         "rest level crossed": (THESIS, lambda: [crossings(m, 1) for m in made]),
-        f"rest level crossed, {_AVERAGE} samples averaged": (
-            THESIS, lambda: [crossings(m, _AVERAGE) for m in made],
-        ),
+        f"rest level crossed, {_AVERAGE} samples averaged": (THESIS, lambda: [crossings(m, _AVERAGE) for m in made]),
         f"true level crossed, {_AVERAGE} samples averaged": (
-            "known level", lambda: [crossings(m, _AVERAGE, m.level) for m in made],
+            "known level",
+            lambda: [crossings(m, _AVERAGE, m.level) for m in made],
         ),
-    }  # fmt: skip
+    }
 
 
 def _bounces(made: Record, **options: Any) -> Events:

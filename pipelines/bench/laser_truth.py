@@ -4,14 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import materials
+from labpipe.arrays import Floats
 from pipelines.rig.drops import drop_once
 from pipelines.rig.fall import DropRig
 from pipelines.rig.laser_sensor import LaserSensor
-
-Floats = NDArray[np.float64]
 
 _HEIGHT = 1.5e-3  # m, the lowest of the thesis: the most bounces in a record
 _SEED = 5

@@ -9,15 +9,7 @@ import numpy as np
 from labpipe.materials import MasterCurve, master_curve
 from pipelines.bench import rheology_peers
 from pipelines.bench.measure import Point, Suite, Timing, paired, peak_bytes
-from pipelines.bench.rheology_truth import (
-    FRACTIONAL,
-    GLASS,
-    MAXWELL,
-    SINGLE_TIMES,
-    Measured,
-    Truth,
-    measured,
-)
+from pipelines.bench.rheology_truth import FRACTIONAL, GLASS, MAXWELL, SINGLE_TIMES, Measured, Truth, measured
 
 _FIRST_SEED = 700
 _QUICK_SEEDS = 2
@@ -45,9 +37,7 @@ def run(quick: bool) -> tuple[Suite, ...]:
 def _against_peers(name: str, truth: Truth, quick: bool) -> Suite:
     sets = [measured(truth, _FIRST_SEED + k) for k in range(_QUICK_SEEDS if quick else 10)]
     settings = _settings(truth)
-    calls: dict[str, Callable[[], object]] = {
-        label: _ours(sets[0], options) for label, options in settings.items()
-    }
+    calls: dict[str, Callable[[], object]] = {label: _ours(sets[0], options) for label, options in settings.items()}
     peers = {} if quick else rheology_peers.shifters(sets[0])
     calls |= {label: call for label, (_, call) in peers.items()}
     timings = paired(calls, 2 if quick else 5, budget=20.0)
@@ -55,11 +45,7 @@ def _against_peers(name: str, truth: Truth, quick: bool) -> Suite:
     for label, timing in timings.items():
         errors = [sets[0].error(_shifts(timing.value))]
         for made in sets[1:]:
-            call = (
-                _ours(made, settings[label])
-                if label in settings
-                else rheology_peers.shifters(made)[label][1]
-            )
+            call = _ours(made, settings[label]) if label in settings else rheology_peers.shifters(made)[label][1]
             errors.append(made.error(_shifts(call())))
         points.append(
             Point(
@@ -76,8 +62,7 @@ def _against_peers(name: str, truth: Truth, quick: bool) -> Suite:
         )
     notes = [f"mean over {len(sets)} seeds; 12 temperatures, 11 points each, 2 % noise"]
     notes += ["peers are left out of the quick run"] if quick else rheology_peers.missing()
-    return Suite(name, f"Shifts of {truth.name}", "RMS error of log10 a_T (decades)", points,
-                 notes=notes)  # fmt: skip
+    return Suite(name, f"Shifts of {truth.name}", "RMS error of log10 a_T (decades)", points, notes=notes)
 
 
 def _other_truths(quick: bool) -> Suite:
@@ -85,20 +70,30 @@ def _other_truths(quick: bool) -> Suite:
     seeds = range(_FIRST_SEED, _FIRST_SEED + (_QUICK_SEEDS if quick else 20))
     points = []
     for truth, options in (
-        (MAXWELL, {}), (FRACTIONAL, {}), (SINGLE_TIMES, {}), (GLASS, {}),
-        (MAXWELL, {"points": 3}), (FRACTIONAL, {"points": 3}),
-    ):  # fmt: skip
+        (MAXWELL, {}),
+        (FRACTIONAL, {}),
+        (SINGLE_TIMES, {}),
+        (GLASS, {}),
+        (MAXWELL, {"points": 3}),
+        (FRACTIONAL, {"points": 3}),
+    ):
         label = truth.name + (f", {options['points']} points a sweep" if options else "")
         sets = [measured(truth, seed, **options) for seed in seeds]
         timing = paired({label: _ours(sets[0], {})}, 1 if quick else 3)[label]
         found = _found(sets, timing)
         errors = [made.error(one.log10_aT.values) for made, one in zip(sets, found, strict=True)]
         points.append(
-            Point(label, float(np.mean(errors)), timing.seconds,
-                  is_default=truth is MAXWELL and not options,
-                  extra={"worst (decades)": float(np.max(errors)),
-                         "95 % bars that hold (%)": 100.0 * _covered(sets, found)})
-        )  # fmt: skip
+            Point(
+                label,
+                float(np.mean(errors)),
+                timing.seconds,
+                is_default=truth is MAXWELL and not options,
+                extra={
+                    "worst (decades)": float(np.max(errors)),
+                    "95 % bars that hold (%)": 100.0 * _covered(sets, found),
+                },
+            )
+        )
     return Suite(
         "master-curve-truths",
         "Shifts of other materials",
@@ -137,10 +132,17 @@ def _other_data(quick: bool) -> Suite:
             for made, one in zip(sets, found, strict=True)
         ]
         points.append(
-            Point(label, float(np.mean(errors)), timing.seconds, is_default=not options,
-                  extra={"worst (decades)": float(np.max(errors)),
-                         "storage modulus (%)": 100.0 * float(np.mean(storage))})
-        )  # fmt: skip
+            Point(
+                label,
+                float(np.mean(errors)),
+                timing.seconds,
+                is_default=not options,
+                extra={
+                    "worst (decades)": float(np.max(errors)),
+                    "storage modulus (%)": 100.0 * float(np.mean(storage)),
+                },
+            )
+        )
     return Suite(
         "master-curve-data",
         f"Shifts of {MAXWELL.name}: what the data buy",

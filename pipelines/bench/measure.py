@@ -217,10 +217,7 @@ def paired(
         for name, call in contenders.items():
             samples[name].append(_timed(call, clock)[0])
             spent += samples[name][-1]
-    return {
-        name: Timing(median(taken), cold[name][0], tuple(taken), cold[name][1])
-        for name, taken in samples.items()
-    }
+    return {name: Timing(median(taken), cold[name][0], tuple(taken), cold[name][1]) for name, taken in samples.items()}
 
 
 def peak_bytes(call: Callable[[], object]) -> int:

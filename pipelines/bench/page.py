@@ -5,18 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from labpipe.report import (
-    Block,
-    Column,
-    Document,
-    KeyValues,
-    Notice,
-    Paragraph,
-    Picture,
-    Section,
-    Table,
-    number,
-)
+from labpipe.report import Block, Column, Document, KeyValues, Notice, Paragraph, Picture, Section, Table, number
 from pipelines.bench.measure import Point, Suite
 from pipelines.bench.parts import PARTS, PartFailure, PartResult
 from pipelines.bench.ratios import table as table_of_ratios
@@ -78,10 +67,7 @@ def _suite(suite: Suite) -> dict[str, Any]:
         "error_label": suite.error_label,
         "time_label": suite.time_label,
         "points": [_point(p) for p in suite.points],
-        "bounds": [
-            {"label": b.label, "error": _plain(b.error), "seconds": _plain(b.seconds)}
-            for b in suite.bounds
-        ],
+        "bounds": [{"label": b.label, "error": _plain(b.error), "seconds": _plain(b.seconds)} for b in suite.bounds],
         "notes": list(suite.notes),
     }
 
@@ -110,16 +96,12 @@ def _plain(value: Any) -> Any:
     return number_found if math.isfinite(number_found) else None
 
 
-def render(
-    results: Sequence[PartResult], failures: Sequence[PartFailure], machine: Mapping[str, Any]
-) -> str:
+def render(results: Sequence[PartResult], failures: Sequence[PartFailure], machine: Mapping[str, Any]) -> str:
     """Return the page of a run; arguments as of :func:`as_document`."""
     head = Section("Machine", (Paragraph(_HOW), _machine(machine)))
     ratios = table_of_ratios([suite for r in results for suite in r.suites])
     if ratios is not None:
-        head = Section(
-            "Machine, and comparison with other methods", (*head.blocks, Paragraph(_EQUAL), ratios)
-        )
+        head = Section("Machine, and comparison with other methods", (*head.blocks, Paragraph(_EQUAL), ratios))
     failed = tuple(Notice("error", f"{f.name}: {f.message}") for f in failures)
     parts = [Section(PARTS[r.name][1].rstrip("."), _blocks(r), r.name) for r in results]
     sections = [head, *([Section("Failed", failed)] if failed else []), *parts]
@@ -183,9 +165,7 @@ def table(suite: Suite) -> Table:
         (Column("first run", "s", digits=3), [_plain(p.cold_seconds) for p in points]),
         (Column("peak memory (MiB)", digits=3), [_mebibytes(p.peak_bytes) for p in points]),
     ]
-    columns += [
-        (Column(name, digits=3), [_plain(p.extra.get(name)) for p in points]) for name in extras
-    ]
+    columns += [(Column(name, digits=3), [_plain(p.extra.get(name)) for p in points]) for name in extras]
     kept = [(c, cells) for c, cells in columns if any(cell is not None for cell in cells)]
     rows = list(zip(*(cells for _, cells in kept), strict=True))
     return Table(tuple(column for column, _ in kept), rows)

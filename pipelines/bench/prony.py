@@ -3,20 +3,12 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labpipe.materials import (
-    TERMS_PER_DECADE,
-    compress,
-    make_grid,
-    maxwell_shapes,
-    solve_by_cross_validation,
-)
+from labpipe.arrays import Complexes
+from labpipe.materials import TERMS_PER_DECADE, compress, make_grid, maxwell_shapes, solve_by_cross_validation
 from pipelines.bench import rheology_peers
 from pipelines.bench.measure import Point, Suite, paired, peak_bytes
 from pipelines.bench.rheology_truth import FRACTIONAL, MAXWELL, Measured, Truth, measured
-
-Complexes = NDArray[np.complex128]
 
 _SEED = 700
 _DENSITIES = (1, 2, 3, 4, 6)
@@ -32,9 +24,7 @@ def _suite(name: str, truth: Truth, quick: bool) -> Suite:
     calls: dict[str, tuple[str, Callable[[], object]]] = {}
     for density in _DENSITIES:
         calls[f"{density} terms/decade"] = ("", _fit(made, density, is_plain=False))
-    calls["3 terms/decade, no smoothing, no bounds"] = (
-        "least squares", _fit(made, TERMS_PER_DECADE, is_plain=True),
-    )  # fmt: skip
+    calls["3 terms/decade, no smoothing, no bounds"] = ("least squares", _fit(made, TERMS_PER_DECADE, is_plain=True))
     if not quick:
         calls |= rheology_peers.prony_fitters(made)
     timings = paired({label: call for label, (_, call) in calls.items()}, 3 if quick else 15, 20.0)
@@ -60,8 +50,9 @@ def _suite(name: str, truth: Truth, quick: bool) -> Suite:
         )
     notes = ["true shifts given; 2 % noise on both moduli; error against the noise-free moduli"]
     notes += ["peers are left out of the quick run"] if quick else rheology_peers.missing()[:1]
-    return Suite(name, f"Series through the moduli of {truth.name}",
-                 "RMS relative error of both moduli (%)", points, notes=notes)  # fmt: skip
+    return Suite(
+        name, f"Series through the moduli of {truth.name}", "RMS relative error of both moduli (%)", points, notes=notes
+    )
 
 
 def _fit(made: Measured, density: int, *, is_plain: bool) -> Callable[[], Complexes]:

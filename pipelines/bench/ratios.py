@@ -47,8 +47,7 @@ def ratios_of(suite: Suite) -> list[Ratio]:
     if not ours:
         return []
     return [
-        _ratio(suite, min((p for p in points if p.group == group), key=lambda p: p.error), ours)
-        for group in groups
+        _ratio(suite, min((p for p in points if p.group == group), key=lambda p: p.error), ours) for group in groups
     ]
 
 
@@ -82,10 +81,7 @@ def table(suites: Iterable[Suite]) -> Table | None:
         Column("lowest", digits=3),
         Column("highest", digits=3),
     )
-    cells = [
-        (r.suite, r.other, r.ours, *map(_known, (r.error, r.time, r.lowest, r.highest)))
-        for r in rows
-    ]
+    cells = [(r.suite, r.other, r.ours, *map(_known, (r.error, r.time, r.lowest, r.highest))) for r in rows]
     return Table(columns, cells)
 
 
@@ -100,8 +96,7 @@ def markdown(suites: Iterable[Suite]) -> str:
     for suite in suites:
         for r in ratios_of(suite):
             spread = "" if math.isnan(r.lowest) else f" ({_short(r.lowest)} – {_short(r.highest)})"
-            lines.append(f"| {r.suite} | {r.other} | {r.ours} | {_short(r.error)} | "
-                         f"{_short(r.time)}{spread} |")  # fmt: skip
+            lines.append(f"| {r.suite} | {r.other} | {r.ours} | {_short(r.error)} | {_short(r.time)}{spread} |")
     return "\n".join(lines) + "\n"
 
 

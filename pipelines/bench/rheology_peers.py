@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from pipelines.bench.rheology_truth import Measured
-
-Floats = NDArray[np.float64]
 
 PEERS = ("pyvisco", "mastercurves")
 

@@ -5,10 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
+from labpipe.arrays import Complexes, Floats
 
 _GAS_LN10 = 8.314462618 * float(np.log(10.0))
 _ZERO_CELSIUS = 273.15
@@ -61,9 +59,7 @@ class Measured:
         return float(np.sqrt(np.mean((log10_aT - log10_aT[at] - self.log10_aT) ** 2)))
 
 
-def measured(
-    truth: Truth, seed: int, temperatures: int = 12, noise: float = 0.02, points: int = 11
-) -> Measured:
+def measured(truth: Truth, seed: int, temperatures: int = 12, noise: float = 0.02, points: int = 11) -> Measured:
     """Measure a material from −40 to 120 °C at 0.1 to 10 Hz, relative noise on both moduli."""
     temperature = np.linspace(-40.0, 120.0, temperatures)
     frequency = np.logspace(-1.0, 1.0, points)

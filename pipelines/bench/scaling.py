@@ -10,17 +10,15 @@ from statistics import median
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import contact, files, imaging, materials, signals
+from labpipe.arrays import Floats
 from labpipe.materials import Prony
 from pipelines import process as verbs
 from pipelines.bench.dic import make_film
 from pipelines.bench.laser_truth import record
 from pipelines.bench.measure import Point, Suite, Timing, paired, peak_bytes
 from pipelines.rig.session_text import drop_section, laser_record, session_head
-
-Floats = NDArray[np.float64]
 
 _SPHERE, _MASS, _HEIGHT = 9.525e-3, 0.505, 1.5e-3
 #: n log n over the range of sizes below looks like n to this power.
@@ -67,13 +65,7 @@ def _measure(growth: Growth, quick: bool) -> tuple[Suite, Point]:
     memory = [peak_bytes(call) for call in list(calls.values())[1:]]
     best = [_quickest(timings[str(size)]) for size in growth.sizes]
     points = [
-        Point(
-            f"{size}",
-            float(size),
-            seconds,
-            cold_seconds=timings[str(size)].cold_seconds,
-            peak_bytes=used,
-        )
+        Point(f"{size}", float(size), seconds, cold_seconds=timings[str(size)].cold_seconds, peak_bytes=used)
         for size, seconds, used in zip(growth.sizes, best, [None, *memory], strict=True)
     ]
     found = exponents(growth.sizes, [timings[str(size)].samples for size in growth.sizes])
@@ -93,10 +85,7 @@ def _measure(growth: Growth, quick: bool) -> tuple[Suite, Point]:
         },
     )
     suite = Suite(
-        f"scaling-{growth.name.replace(' ', '-')}",
-        f"{growth.name}: size against run time",
-        growth.size_label,
-        points,
+        f"scaling-{growth.name.replace(' ', '-')}", f"{growth.name}: size against run time", growth.size_label, points
     )
     return suite, summary
 
@@ -142,11 +131,8 @@ def _growths(folder: Path, quick: bool) -> list[Growth]:
         Growth("Prony terms in a drop", "terms", _doubled(8, 3, shrink), _terms),
         Growth("simulated time in contact", "impacts", _doubled(1, 3, shrink), _impacts),
         Growth("elements of an indentation", "elements", _doubled(256, 3, shrink), _elements),
-        Growth(
-            "planning a session", "experiments", _doubled(8, 3, shrink),
-            lambda n: _planned(folder, n),
-        ),
-    ]  # fmt: skip
+        Growth("planning a session", "experiments", _doubled(8, 3, shrink), lambda n: _planned(folder, n)),
+    ]
 
 
 def _doubled(first: int, count: int, factor: int) -> list[int]:

@@ -46,10 +46,7 @@ def run(quick: bool) -> Suite:
         experiments = len(verbs.open_session(original).experiments)
         error = restitution_error(settled)
     one, two = done.values()
-    points = [
-        replace(point, extra={"speed-up": one.seconds / point.seconds, **point.extra})
-        for point in (one, two)
-    ]
+    points = [replace(point, extra={"speed-up": one.seconds / point.seconds, **point.extra}) for point in (one, two)]
     speed_up = one.seconds / again.seconds
     points.append(Point("nothing changed", error, again.seconds, extra={"speed-up": speed_up}))
     return Suite(
@@ -75,11 +72,7 @@ def _cold(original: Path, folder: Path, how: dict[str, Any]) -> Point:
     processor = _process(folder, **how)
     seconds = time.perf_counter() - start
     return Point(
-        folder.name,
-        restitution_error(folder),
-        seconds,
-        is_default=how == {"jobs": 1},
-        extra={_PROCESSOR: processor},
+        folder.name, restitution_error(folder), seconds, is_default=how == {"jobs": 1}, extra={_PROCESSOR: processor}
     )
 
 
@@ -98,10 +91,7 @@ def write_quick(folder: Path) -> None:
     rig = DropRig(duration=_QUICK_DURATION)
     text = session_head("Quick (synthetic)")
     for seed, name in enumerate(_QUICK_MATERIALS):
-        names = write_drops(
-            folder, name, rig, materials.load(name), _QUICK_HEIGHT, _QUICK_REPEATS, 10 * seed,
-            _START,
-        )  # fmt: skip
+        names = write_drops(folder, name, rig, materials.load(name), _QUICK_HEIGHT, _QUICK_REPEATS, 10 * seed, _START)
         text += drop_section(name, names, _QUICK_HEIGHT, name)
     files.write_text(folder / "calibration/laser.toml", laser_record())
     files.write_text(folder / "session.toml", text)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 import instruments
 from instruments import phantom
 from labpipe import contact, imaging, materials
+from labpipe.arrays import Floats
 from labpipe.contact import Shortcuts
 from labpipe.contact.memory import Creep, advance, history, step_weights
 from labpipe.materials import Prony
@@ -28,8 +29,6 @@ from pipelines.bench.dic import make_film
 from pipelines.bench.measure import Point, Suite, paired
 from pipelines.experiments.dic_validation import measured as dic_validation
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
-
-Floats = NDArray[np.float64]
 
 _SPHERE, _MASS, _HEIGHT = 9.525e-3, 0.505, 1.5e-3
 #: A drop that flies long, and one (m) that comes to rest soon: after 0.24 s in acrylic.
@@ -95,8 +94,7 @@ def run(quick: bool) -> Suite:
         notes=[
             "The run time is that with the shortcut, in processor time. A difference of 1 is the "
             "stated tolerance. The part sessions measures whole sessions with nothing changed.",
-            "The camera's 8 bits save memory, eight times, and little time: every frame is "
-            "converted once either way.",
+            "The camera's 8 bits save memory, eight times, and little time: every frame is converted once either way.",
             "Folding terms and leaving out cells that cannot touch save work in proportion, and "
             "time only where there is much of it: a compiled step of 13 terms and 300 springs "
             "spends most of its time on its force, its ledger and its record.",
@@ -153,9 +151,7 @@ def _rest_in_a_film(folder: Path, count: int) -> Shortcut:
     recording = phantom.Recording(10_000, 5e-6, bits=8)
     phantom.write(path, images(), (count, 96, 96), frame / 1e4, recording)
     tracking = Tracking(body=(48.0, 48.0), body_subset=41, static_frames=1)
-    settings = DicValidation(
-        kind="dic_validation", film=str(path), camera="unused", tracking=tracking
-    )
+    settings = DicValidation(kind="dic_validation", film=str(path), camera="unused", tracking=tracking)
 
     def track(full: bool) -> xr.Dataset:
         return dic_validation.track(path, settings=settings, full=full)
@@ -228,8 +224,7 @@ def _hertz_gap(r: Floats, a: float) -> Floats:
     """Gap (m) around a Hertz contact of radius a (m); 0 inside."""
     outside = np.maximum(r, a)
     return np.asarray(
-        (a * np.sqrt(outside**2 - a**2) - (2 * a**2 - outside**2) * np.arccos(a / outside))
-        / (np.pi * _SPHERE)
+        (a * np.sqrt(outside**2 - a**2) - (2 * a**2 - outside**2) * np.arccos(a / outside)) / (np.pi * _SPHERE)
     )
 
 
@@ -393,9 +388,7 @@ def _springs_out_of_reach(duration: float) -> Shortcut:
     return _dropped(name, Shortcuts(near=False), _HEIGHT, duration, "spring_updates", unit)
 
 
-def _dropped(
-    name: str, without: Shortcuts, height: float, duration: float, count: str, unit: str
-) -> Shortcut:
+def _dropped(name: str, without: Shortcuts, height: float, duration: float, count: str, unit: str) -> Shortcut:
     """Drop a sphere with all shortcuts, and without one of them."""
     solid = materials.load("acrylic")
 
@@ -460,9 +453,7 @@ def _memory(steps: int) -> Shortcut:
             grown = creep.instantaneous * late[:, None] + creep.C * (
                 late[:, None] + creep.tau * np.expm1(-late[:, None] / creep.tau)
             )
-            total = creep.instantaneous * late + (grown - creep.instantaneous * late[:, None]).sum(
-                1
-            )
+            total = creep.instantaneous * late + (grown - creep.instantaneous * late[:, None]).sum(1)
             found.append(float(rate[:n] @ -np.diff(total)))
         return np.array(found)
 
@@ -483,8 +474,10 @@ def _imports() -> Shortcut:
     def start(code: str) -> int:
         done = subprocess.run(
             [sys.executable, "-c", code + "; import sys; print(len(sys.modules))"],
-            capture_output=True, text=True, check=True,
-        )  # fmt: skip
+            capture_output=True,
+            text=True,
+            check=True,
+        )
         return int(done.stdout)
 
     light = "import pipelines.cli"

@@ -51,15 +51,14 @@ def run(quick: bool) -> list[Suite]:
 
 
 def _suite(part: str, families: Mapping[str, tuple[Case, int]], factor: float) -> Suite:
-    tallies = {
-        name: run_family(case, max(1, round(factor * count)))
-        for name, (case, count) in families.items()
-    }
+    tallies = {name: run_family(case, max(1, round(factor * count))) for name, (case, count) in families.items()}
     tried = sum(tally.tried for tally in tallies.values())
     wrong = sum(len(tally.wrong) for tally in tallies.values())
     refused: Counter[str] = sum((tally.refused for tally in tallies.values()), Counter())
-    notes = [f"{tried} cases: {tried - wrong - refused.total()} right, {refused.total()} refused "
-             f"with a reason, {wrong} wrong."]  # fmt: skip
+    notes = [
+        f"{tried} cases: {tried - wrong - refused.total()} right, {refused.total()} refused "
+        f"with a reason, {wrong} wrong."
+    ]
     notes += [f"refused {n} times: {why}" for why, n in refused.most_common(_MOST_REASONS)]
     notes += [
         f"wrong in {name}: seeds {list(tally.wrong)}, {tally.worst_bound}"

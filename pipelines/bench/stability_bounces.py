@@ -10,9 +10,10 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
+from labpipe.arrays import Floats
+from pipelines.bench.stability_inputs import Random, laid_out, with_gaps
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
 from pipelines.bench.stability_signals import record_of
-from pipelines.bench.stability_wild import Floats, Random, laid_out, with_gaps
 
 _GRAVITY = 9.81
 #: Points of the integral of one contact.
@@ -71,9 +72,7 @@ def known_bounces(random: Random) -> Outcome:
     values = zero + sign * level + noise * random.standard_normal(count)
     if random.random() < 0.3:
         values[random.integers(0, count, 3)] += 300.0 * noise  # flashes
-    values = with_gaps(
-        random, laid_out(random, values, is_single=random.random() < 0.2 and not zero)
-    )
+    values = with_gaps(random, laid_out(random, values, is_single=random.random() < 0.2 and not zero))
     with silently():
         found = signals.bounces(record_of(laid_out(random, time), values))
     if found.sizes["impact"] > len(flight.touch):
@@ -81,9 +80,7 @@ def known_bounces(random: Random) -> Outcome:
     return _compared(found, flight, fall, sign, values)
 
 
-def _compared(
-    found: xr.Dataset, flight: Flight, fall: float, sign: float, values: Floats
-) -> Outcome:
+def _compared(found: xr.Dataset, flight: Flight, fall: float, sign: float, values: Floats) -> Outcome:
     """Every impact is matched to the nearest true one; what a gap hides may be missing."""
     touch = found["touch_time"].values
     index = np.abs(touch[:, None] - np.array(flight.touch)).argmin(axis=1)
@@ -93,11 +90,12 @@ def _compared(
         ("restitution", flight.restitution[index], 2e-3, 8.0),
     ]
     shares = [
-        (float(np.max(np.abs(found[name].values - truth)
-                      / (factor * found[f"u_{name}"].values + floor))),
-         f"{name} by {factor:g} u and 2e-3")
+        (
+            float(np.max(np.abs(found[name].values - truth) / (factor * found[f"u_{name}"].values + floor))),
+            f"{name} by {factor:g} u and 2e-3",
+        )
         for name, truth, floor, factor in looks
-    ]  # fmt: skip
+    ]
     turned = found.attrs["direction"] != sign
     return worst(*shares, (np.inf if turned else 0.0, "up was taken for down"))
 
@@ -129,7 +127,4 @@ def no_bounce(random: Random) -> Outcome:
 
 
 #: Families and how many of their cases the tests try.
-FAMILIES: Mapping[str, tuple[Case, int]] = {
-    "known bounces": (known_bounces, 10),
-    "no bounce": (no_bounce, 40),
-}
+FAMILIES: Mapping[str, tuple[Case, int]] = {"known bounces": (known_bounces, 10), "no bounce": (no_bounce, 40)}

@@ -16,9 +16,10 @@ import calibration
 from calibration.camera import pixel_size
 from calibration.record import LaserRecord, LaserValues, LoadCellRecord, LoadCellValues
 from calibration.time_base import corrected, filter_delay, time_base
+from labpipe.arrays import Floats
 from labpipe.units import Quantity
+from pipelines.bench.stability_inputs import Random, laid_out, with_gaps
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
-from pipelines.bench.stability_wild import Floats, Random, laid_out, with_gaps
 
 _DAY = date(2024, 5, 14)
 #: Samples at rest before the motion, all of them evidence of the zero.
@@ -28,9 +29,18 @@ _REST = 120
 def _record(kind: str, values: Any) -> Any:
     made = {"laser": LaserRecord, "load_cell": LoadCellRecord}[kind]
     return made(
-        version=1, kind=kind, id="r", instrument="", serial="", valid_from=_DAY, valid_until=_DAY,
-        who="a", when=_DAY, how="b", values=values,
-    )  # fmt: skip
+        version=1,
+        kind=kind,
+        id="r",
+        instrument="",
+        serial="",
+        valid_from=_DAY,
+        valid_until=_DAY,
+        who="a",
+        when=_DAY,
+        how="b",
+        values=values,
+    )
 
 
 def _motion(random: Random) -> Floats:
@@ -61,13 +71,12 @@ def laser(random: Random) -> Outcome:
     known = np.isfinite(out)
     time = interval * np.arange(out.size)
     readings = xr.Dataset(
-        {"out1": ("time", out, {"units": "V" if is_volt else "m"})}, {"time": time},
+        {"out1": ("time", out, {"units": "V" if is_volt else "m"})},
+        {"time": time},
         attrs={"sampling_interval": interval, "averaging": int(random.integers(1, 5))},
-    )  # fmt: skip
+    )
     with silently():
-        found = calibration.apply(
-            readings, _record("laser", values), direction=direction, ignore_validity=True
-        )
+        found = calibration.apply(readings, _record("laser", values), direction=direction, ignore_validity=True)
     late = (readings.attrs["averaging"] - 1) / 2 * interval
     error = np.abs(found["displacement"].values - truth)[known]
     factor = gain / math.cos(angle)
@@ -75,11 +84,12 @@ def laser(random: Random) -> Outcome:
     allowed = 8.0 * (factor * noise + u_zero) + 1e-11 * factor * (abs(zero) + size)
     return worst(
         (float(error.max()) / allowed, "a displacement by 8 u"),
-        (0.0 if np.array_equal(np.isfinite(found["displacement"].values), known) else np.inf,
-         "a reading that was none, or lost"),
-        (float(np.abs(found["time"].values - time + late).max()) / (1e-9 * time[-1]),
-         "a time by 1e-9"),
-    )  # fmt: skip
+        (
+            0.0 if np.array_equal(np.isfinite(found["displacement"].values), known) else np.inf,
+            "a reading that was none, or lost",
+        ),
+        (float(np.abs(found["time"].values - time + late).max()) / (1e-9 * time[-1]), "a time by 1e-9"),
+    )
 
 
 def load_cell(random: Random) -> Outcome:
@@ -93,9 +103,10 @@ def load_cell(random: Random) -> Outcome:
     shown = with_gaps(random, laid_out(random, seen))
     known = np.isfinite(shown)
     readings = xr.Dataset(
-        {"force_z": ("time", shown, {"units": "N"})}, {"time": 0.01 * np.arange(shown.size)},
+        {"force_z": ("time", shown, {"units": "N"})},
+        {"time": 0.01 * np.arange(shown.size)},
         attrs={"compression_sign": sign},
-    )  # fmt: skip
+    )
     record = _record("load_cell", LoadCellValues(scale=Quantity(gain, 1e-3, "1")))
     zero = "start" if random.random() < 0.7 else tare
     with silently():
@@ -130,8 +141,23 @@ def camera_and_clock(random: Random) -> Outcome:
 
 def calibration_that_is_none(random: Random) -> Outcome:
     """Refuse records, zeros and readings that cannot be."""
-    fault = str(random.choice(["no zero", "moving", "unit", "volts", "direction", "output",
-                               "interval", "sign", "length", "cycle", "averaging"]))  # fmt: skip
+    fault = str(
+        random.choice(
+            [
+                "no zero",
+                "moving",
+                "unit",
+                "volts",
+                "direction",
+                "output",
+                "interval",
+                "sign",
+                "length",
+                "cycle",
+                "averaging",
+            ]
+        )
+    )
     bad = float(random.choice([np.nan, -1.0, 0.0, -np.inf]))
     out = np.zeros(200) + 1e-7 * random.standard_normal(200)
     attrs: dict[str, Any] = {"sampling_interval": 1e-3}
@@ -155,8 +181,9 @@ def calibration_that_is_none(random: Random) -> Outcome:
         filter_delay(3, bad)
     readings = xr.Dataset(
         {"out1": ("time", out, {"units": units}), "force_z": ("time", out, {"units": "N"})},
-        {"time": 1e-3 * np.arange(200)}, attrs=attrs,
-    )  # fmt: skip
+        {"time": 1e-3 * np.arange(200)},
+        attrs=attrs,
+    )
     with silently():
         if fault == "sign":
             cell = LoadCellValues(scale=Quantity(1.0, 1e-3, "1"))
@@ -172,5 +199,5 @@ FAMILIES: Mapping[str, tuple[Case, int]] = {
     "laser": (laser, 250),
     "load cell": (load_cell, 200),
     "camera and clock": (camera_and_clock, 400),
-    "calibration that is none": (calibration_that_is_none, 300),
+    "invalid calibration": (calibration_that_is_none, 300),
 }

@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from labpipe import contact
+from labpipe.arrays import Floats
 from labpipe.contact.line import GeneralContact, dissipation, line_kernel, westergaard
 from labpipe.contact.memory import Creep, advance, history, step_weights
 from labpipe.contact.sphere import hertz, ting
 from labpipe.materials import Prony
+from pipelines.bench.stability_inputs import Random, below_zero, extreme_material, extreme_times
 from pipelines.bench.stability_outcome import Case, Outcome, worst
-from pipelines.bench.stability_wild import Floats, Random, below_zero, wild_material, wild_times
 
 _QUADRATURE = np.polynomial.legendre.leggauss(12)
 
@@ -28,8 +29,8 @@ _QUADRATURE = np.polynomial.legendre.leggauss(12)
 
 def memory_of_a_spring(random: Random) -> Outcome:
     """Compare, for loads linear in time, the recursion with the hereditary integral."""
-    creep = Creep.of(wild_material(random))
-    time = wild_times(random, int(random.integers(2, 25)))
+    creep = Creep.of(extreme_material(random))
+    time = extreme_times(random, int(random.integers(2, 25)))
     load = random.uniform(0.0, 1.0, time.size)
     memory, past = creep.rest(1), np.array([0.0])
     weights = step_weights(creep, 0.0)
@@ -71,13 +72,11 @@ def _mean_creep(lag: Floats, span: Floats) -> Floats:
 
 def relaxation_of_a_sphere(random: Random) -> Outcome:
     """Step and hold: the force is the elastic one times E(t)/E(0), at any time."""
-    material = wild_material(random, 20)
+    material = extreme_material(random, 20)
     radius = 10 ** random.uniform(-4, 0)
     depth = radius * 10 ** random.uniform(-8, -2)
     time = np.concatenate([[0.0], np.sort(10 ** random.uniform(-12, 6, 12))])
-    found = contact.press_sphere(
-        material, radius, time, np.full(13, depth), springs=24, rtol=1e-4
-    ).force.values
+    found = contact.press_sphere(material, radius, time, np.full(13, depth), springs=24, rtol=1e-4).force.values
     exact = found[0] * material.relaxation(time) / material.E_unrelaxed
     errors = np.abs(found / exact - 1.0)
     return worst(
@@ -88,7 +87,7 @@ def relaxation_of_a_sphere(random: Random) -> Outcome:
 
 def rise_and_fall(random: Random) -> Outcome:
     """One triangle or half sine of approach against Ting's integral."""
-    material = wild_material(random, 8)
+    material = extreme_material(random, 8)
     radius = 10 ** random.uniform(-4, 0)
     depth = radius * 10 ** random.uniform(-7, -2)
     span = 10 ** random.uniform(-6, 4)
@@ -123,9 +122,8 @@ def elastic_line(random: Random) -> Outcome:
     solid = Prony(modulus, [], [], nu=nu)
     options: dict[str, Any] = {"profile": profile, "elements": 256}
     pressed = contact.indent(
-        solid, radius, period, 1.0, [0.0], [float(exact.displacement)],
-        outputs=("pressure",), **options,
-    )  # fmt: skip
+        solid, radius, period, 1.0, [0.0], [float(exact.displacement)], outputs=("pressure",), **options
+    )
     pushed = contact.indent_load(solid, radius, period, 1.0, [0.0], [float(exact.force)], **options)
     force = abs(float(pressed.force[0]) / float(exact.force) - 1.0)
     width = abs(float(pressed.contact_half_width[0]) / period - share) * 256
@@ -140,8 +138,8 @@ def elastic_line(random: Random) -> Outcome:
 
 def line_history(random: Random) -> Outcome:
     """Press by a hostile history: second law, no negative pressure, finer steps agree."""
-    material = wild_material(random, 30)
-    time = wild_times(random, int(random.integers(2, 7)))
+    material = extreme_material(random, 30)
+    time = extreme_times(random, int(random.integers(2, 7)))
     thickness = float(random.choice([np.inf, 1e-3]))
     deepest = min(10 ** random.uniform(-6, -3.2), 0.3 * thickness)
     depth = deepest * random.uniform(-0.5, 1.0, time.size)
@@ -149,28 +147,29 @@ def line_history(random: Random) -> Outcome:
 
     def run(rtol: float) -> Any:
         return contact.indent(
-            material, 2e-3, 8e-3, 1.0, time, depth, profile, thickness, 128,
-            rtol=rtol, outputs=("energy", "pressure"),
-        )  # fmt: skip
+            material, 2e-3, 8e-3, 1.0, time, depth, profile, thickness, 128, rtol=rtol, outputs=("energy", "pressure")
+        )
 
     found, finer = run(1e-3), run(1e-5)
     force = found.force.values
     scale = max(float(force.max()), 1e-300)
     heat = found.dissipated_energy.values
     return worst(
-        (float(np.abs(finer.force.values - force).max()) / scale / 5e-3,
-         "difference to a hundredfold tolerance 5e-3 of the peak"),
+        (
+            float(np.abs(finer.force.values - force).max()) / scale / 5e-3,
+            "difference to a hundredfold tolerance 5e-3 of the peak",
+        ),
         (below_zero(found.pressure.values), "a pressure below zero"),
         (below_zero(force), "a force below zero"),
         (below_zero(np.diff(heat, prepend=0.0)), "dissipation that falls"),
         (0.0 if np.all(np.isfinite(force)) else np.inf, "a force that is no number"),
-    )  # fmt: skip
+    )
 
 
 def line_loads(random: Random) -> Outcome:
     """Push by a hostile history of load; pressing by the approach found gives the load again."""
-    material = wild_material(random, 12)
-    time = wild_times(random, int(random.integers(2, 6)))
+    material = extreme_material(random, 12)
+    time = extreme_times(random, int(random.integers(2, 6)))
     radius, period = 2e-3, 8e-3
     # The softest answer stays far from full contact.
     softest = float(Creep.of(material).compliance(float(time[-1])))
@@ -181,16 +180,13 @@ def line_loads(random: Random) -> Outcome:
     )
     depth = pushed.displacement.values
     jumps = time[np.flatnonzero(np.diff(time) == 0.0)]
-    first = contact.indent(
-        material, radius, period, 1.0, time[:1], depth[:1], elements=128, rtol=1e-5
-    )
+    first = contact.indent(material, radius, period, 1.0, time[:1], depth[:1], elements=128, rtol=1e-5)
     miss = abs(float(first.force[0]) - load[0]) / max(float(load.max()), 1e-300)
     return worst(
         (miss / 1e-6, "a first load that is missed by 1e-6 of the largest"),
-        (below_zero(np.diff(pushed.dissipated_energy.values, prepend=0.0)),
-         "dissipation that falls"),
-        (0.0 if np.all(np.isfinite(depth)) or jumps.size else np.inf, "an approach that is none"),
-    )  # fmt: skip
+        (below_zero(np.diff(pushed.dissipated_energy.values, prepend=0.0)), "dissipation that falls"),
+        (0.0 if np.all(np.isfinite(depth)) or jumps.size else np.inf, "an approach that is not finite"),
+    )
 
 
 def any_profile(random: Random) -> Outcome:
@@ -200,9 +196,7 @@ def any_profile(random: Random) -> Outcome:
     thickness = float(random.choice([np.inf, 1e-3, 1e-4]))
     x = 2.0 * pi * np.arange(n) / n
     tips = int(random.integers(1, 4))
-    heights = (1.0 - roughness) * np.cos(tips * x + random.uniform(0, 6)) + roughness * (
-        random.random(n)
-    )
+    heights = (1.0 - roughness) * np.cos(tips * x + random.uniform(0, 6)) + roughness * (random.random(n))
     heights = 1e-4 * (heights - heights.min())
     kernel = line_kernel(8e-3, n, thickness, float(random.uniform(0.0, 0.4999)))
     approach = float(random.uniform(0.02, 0.97)) * float(heights.mean())
@@ -211,10 +205,12 @@ def any_profile(random: Random) -> Outcome:
     size = float(np.ptp(heights))
     return worst(
         (-float(gap.min()) / size / 1e-9, "a penetration of 1e-9 of the roughness"),
-        (float(np.abs(gap[answer.load > 0.0]).max(initial=0.0)) / size / 1e-9,
-         "a gap in the contact of 1e-9 of the roughness"),
+        (
+            float(np.abs(gap[answer.load > 0.0]).max(initial=0.0)) / size / 1e-9,
+            "a gap in the contact of 1e-9 of the roughness",
+        ),
         (below_zero(answer.load), "a pressure below zero"),
-    )  # fmt: skip
+    )
 
 
 # -- closed forms ----------------------------------------------------------------------------------
@@ -234,15 +230,14 @@ def inverse_closed_forms(random: Random) -> Outcome:
     again = hertz.static_approach(sphere.approach, radius, reduced)
     return worst(
         (abs(float(by_depth.force / state.force) - 1.0) / 1e-6, "force by the approach 1e-6"),
-        (abs(float(by_force.displacement / state.displacement) - 1.0) / 1e-6,
-         "approach by the force 1e-6"),
+        (abs(float(by_force.displacement / state.displacement) - 1.0) / 1e-6, "approach by the force 1e-6"),
         (abs(float(again.force) / load - 1.0) / 1e-12, "Hertz there and back 1e-12"),
-    )  # fmt: skip
+    )
 
 
 def harmonic_work(random: Random) -> Outcome:
     """Dissipated work is not negative and the tapping front falls with the frequency."""
-    material = wild_material(random)
+    material = extreme_material(random)
     frequency = np.sort(10 ** random.uniform(-9, 12, 30))
     geometry = (1e-4 * random.uniform(0.01, 3.0), 2e-3, 8e-3)
     work = dissipation.dissipated_work(material, frequency, 1e-6, *geometry)
@@ -255,27 +250,40 @@ def harmonic_work(random: Random) -> Outcome:
     )
 
 
-# -- input that is none ----------------------------------------------------------------------------
+# -- invalid input ----------------------------------------------------------------------------
 
 _BAD = (np.nan, np.inf, -np.inf, -1.0, 0.0)
 _SOLID = Prony(2e9, [2e9], [0.5e-3], nu=0.35)
 _DROP: Mapping[str, float] = {
-    "radius": 0.01, "mass": 0.5, "height": 1e-3, "duration": 0.02, "gravity": 9.81, "rtol": 1e-3,
+    "radius": 0.01,
+    "mass": 0.5,
+    "height": 1e-3,
+    "duration": 0.02,
+    "gravity": 9.81,
+    "rtol": 1e-3,
     "ring_width": 1e-5,
-}  # fmt: skip
-_INDENT: Mapping[str, float] = {
-    "tip_radius": 2e-3, "period": 8e-3, "depth": 1.0, "thickness": 1e-3, "rtol": 1e-3,
-}  # fmt: skip
+}
+_INDENT: Mapping[str, float] = {"tip_radius": 2e-3, "period": 8e-3, "depth": 1.0, "thickness": 1e-3, "rtol": 1e-3}
 _COLLISION: Mapping[str, float] = {
-    "radius": 0.01, "mass": 0.5, "height": 1e-3, "duration": 0.02, "gravity": 9.81,
-    "youngs_modulus": 3e9, "nu": 0.3, "damping": 1e4, "yield_depth": 1e-5,
+    "radius": 0.01,
+    "mass": 0.5,
+    "height": 1e-3,
+    "duration": 0.02,
+    "gravity": 9.81,
+    "youngs_modulus": 3e9,
+    "nu": 0.3,
+    "damping": 1e4,
+    "yield_depth": 1e-5,
     "unloading_multiplier": 2.0,
-}  # fmt: skip
+}
 #: Values that are no mistake although they stand in the list of bad ones.
 _LEGAL = {
-    ("drop", "height", 0.0), ("indent", "thickness", np.inf), ("collision", "nu", 0.0),
-    ("collision", "damping", 0.0), ("collision", "yield_depth", np.inf),
-}  # fmt: skip
+    ("drop", "height", 0.0),
+    ("indent", "thickness", np.inf),
+    ("collision", "nu", 0.0),
+    ("collision", "damping", 0.0),
+    ("collision", "yield_depth", np.inf),
+}
 
 
 def input_that_is_none(random: Random) -> Outcome:
@@ -333,5 +341,5 @@ FAMILIES: Mapping[str, tuple[Case, int]] = {
     "any profile": (any_profile, 300),
     "closed forms": (inverse_closed_forms, 350),
     "harmonic work": (harmonic_work, 200),
-    "input that is none": (input_that_is_none, 600),
+    "invalid input": (input_that_is_none, 600),
 }

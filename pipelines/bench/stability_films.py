@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe import imaging
+from labpipe.arrays import Floats
 from pipelines.bench.contact_radius import Scene, make_image
+from pipelines.bench.stability_inputs import Random, laid_out
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
-from pipelines.bench.stability_wild import Floats, Random, laid_out
 
 Film = NDArray[Any]
 
@@ -66,9 +67,12 @@ def moved_pattern(random: Random) -> Outcome:
     points = random.uniform([20.0, 20.0], [_COLUMNS - 20.0, _ROWS - 20.0], (2, 2))
     with silently():
         found = imaging.track(
-            _as_camera(random, film, kind), points, int(random.choice([15, 21, 25])),
-            str(random.choice(["rigid", "affine"])), int(random.choice([3, 5])),  # type: ignore[arg-type]
-        )  # fmt: skip
+            _as_camera(random, film, kind),
+            points,
+            int(random.choice([15, 21, 25])),
+            str(random.choice(["rigid", "affine"])),  # type: ignore[arg-type]
+            int(random.choice([3, 5])),  # type: ignore[arg-type]
+        )
     return _motion(found, shifts, floor=0.03)
 
 
@@ -123,10 +127,25 @@ def film_that_is_none(random: Random) -> Outcome:
     film = np.repeat(film, 3, axis=0)
     points: list[tuple[float, float]] = [(32.0, 28.0)]
     options: dict[str, Any] = {}
-    fault = str(random.choice([
-        "empty", "NaN", "infinite", "colour", "even", "small", "point", "order", "static", "blur",
-        "tolerance", "select", "seeds",
-    ]))  # fmt: skip
+    fault = str(
+        random.choice(
+            [
+                "empty",
+                "NaN",
+                "infinite",
+                "colour",
+                "even",
+                "small",
+                "point",
+                "order",
+                "static",
+                "blur",
+                "tolerance",
+                "select",
+                "seeds",
+            ]
+        )
+    )
     if fault in ("NaN", "infinite"):
         film[int(random.integers(0, 3)), 20:40, 20:40] = np.nan if fault == "NaN" else np.inf
     elif fault == "empty":
@@ -137,19 +156,22 @@ def film_that_is_none(random: Random) -> Outcome:
         points = [(float(random.choice([np.nan, np.inf])), 28.0)]
     else:
         settings: Mapping[str, dict[str, Any]] = {
-            "even": {"subset": 20}, "small": {"subset": 5}, "order": {"order": 4},
+            "even": {"subset": 20},
+            "small": {"subset": 5},
+            "order": {"order": 4},
             "static": {"static_frames": int(random.choice([0, 4, -1]))},
             "blur": {"blur": float(random.choice([-1.0, np.nan, 1e9]))},
             "tolerance": {"tolerance": float(random.choice([0.0, -1.0, np.nan]))},
-            "select": {"select": [2, 1]}, "seeds": {"seeds": [(np.nan, 0.0)]},
-        }  # fmt: skip
+            "select": {"select": [2, 1]},
+            "seeds": {"seeds": [(np.nan, 0.0)]},
+        }
         options = settings[fault]
     with silently():
         found = imaging.track(film, points, **options)
     if fault in ("NaN", "infinite") and not found["valid"].values.all():
         bad = ~np.isfinite(film).all(axis=(1, 2))
         told = found["valid"].values[:, 0] & bad
-        return Outcome(np.inf if told.any() else 0.0, "a displacement from pixels that are none")
+        return Outcome(np.inf if told.any() else 0.0, "a displacement from invalid pixels")
     return Outcome(np.inf, f"a film with the fault: {fault}")
 
 
@@ -177,8 +199,11 @@ def seen_contact(random: Random) -> Outcome:
         found = imaging.contact_radius(frames, scene.pixel, scene.sphere, scene.wavelength)
     fitted = (found["method"].values == 1) | (found["method"].values == 5)
     if not found["in_contact"].values.all():
-        return Outcome(0.0, "", "no contact was seen") if noise > 0.15 * 120 * light else Outcome(
-            np.inf, "a contact was not seen")  # fmt: skip
+        return (
+            Outcome(0.0, "", "no contact was seen")
+            if noise > 0.15 * 120 * light
+            else Outcome(np.inf, "a contact was not seen")
+        )
     error = np.abs(found["radius"].values - scene.radius)
     # What an edge says is an estimate, whose uncertainty is stated as such.
     allowed = 8.0 * found["u_radius"].values + np.where(fitted, 0.1, 1.0) * scene.pixel
@@ -237,8 +262,8 @@ def optics_that_are_none(random: Random) -> Outcome:
 FAMILIES: Mapping[str, tuple[Case, int]] = {
     "moved pattern": (moved_pattern, 150),
     "film without pattern": (film_without_pattern, 120),
-    "film that is none": (film_that_is_none, 200),
+    "invalid film": (film_that_is_none, 200),
     "seen contact": (seen_contact, 12),
     "no contact": (no_contact, 12),
-    "optics that are none": (optics_that_are_none, 200),
+    "invalid optics": (optics_that_are_none, 200),
 }

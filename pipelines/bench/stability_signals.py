@@ -12,8 +12,9 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
+from labpipe.arrays import Floats
+from pipelines.bench.stability_inputs import Random, laid_out, with_gaps
 from pipelines.bench.stability_outcome import Case, Outcome, silently, worst
-from pipelines.bench.stability_wild import Floats, Random, laid_out, with_gaps
 
 #: Readings from which a record knows its own noise well.
 _MANY = 30
@@ -22,8 +23,7 @@ _EPS32, _EPS64 = float(np.finfo(np.float32).eps), float(np.finfo(float).eps)
 
 def record_of(time: Floats, values: Floats, units: str = "m") -> xr.DataArray:
     """Label a record."""
-    return xr.DataArray(values, {"time": time}, ["time"], name="displacement",
-                        attrs={"units": units})  # fmt: skip
+    return xr.DataArray(values, {"time": time}, ["time"], name="displacement", attrs={"units": units})
 
 
 def uneven_times(random: Random, count: int, spread: float = 1.0) -> Floats:
@@ -144,11 +144,10 @@ def record_that_is_none(random: Random) -> Outcome:
         "lag": lambda: signals.lag(record, whole),
         "lag of the second": lambda: signals.lag(whole, record),
         "repeats": lambda: signals.combine_repeats([whole, record], [0.0, 0.0]),
-        "at_times": lambda: signals.at_times(record, np.linspace(0.2, 0.8, 9)),
+        "at_times": lambda: signals.interpolated_at(record, np.linspace(0.2, 0.8, 9)),
     }
     name = str(random.choice(list(calls)))
-    if fault == "unit" and name in ("fit_sinusoid", "damped_oscillation", "at_times", "lag",
-                                    "lag of the second"):  # fmt: skip
+    if fault == "unit" and name in ("fit_sinusoid", "damped_oscillation", "at_times", "lag", "lag of the second"):
         return Outcome(0.0, "")  # any quantity will do
     if fault in ("nothing", "one") and name in ("repeats", "at_times"):
         return Outcome(0.0, "")  # what was not read stays NaN
@@ -186,12 +185,16 @@ def sinusoid(random: Random) -> Outcome:
     turned = math.remainder(found.phase - middle, 2 * math.pi)
     span = float(time[-1] - time[0])
     return worst(
-        (abs(found.amplitude / amplitude - 1.0)
-         / (7.0 * found.u_amplitude / amplitude + floor), "an amplitude by 7 uncertainties"),
+        (
+            abs(found.amplitude / amplitude - 1.0) / (7.0 * found.u_amplitude / amplitude + floor),
+            "an amplitude by 7 uncertainties",
+        ),
         (abs(turned) / (7.0 * found.u_phase + floor), "a phase by 7 uncertainties"),
-        (abs(found.frequency - frequency) * span / (7.0 * found.u_frequency * span + floor),
-         "a frequency by 7 uncertainties"),
-    )  # fmt: skip
+        (
+            abs(found.frequency - frequency) * span / (7.0 * found.u_frequency * span + floor),
+            "a frequency by 7 uncertainties",
+        ),
+    )
 
 
 def stiffness_and_lag(random: Random) -> Outcome:
@@ -209,11 +212,12 @@ def stiffness_and_lag(random: Random) -> Outcome:
     storage, loss = stiffness * math.cos(lag), stiffness * math.sin(lag)
     return worst(
         (abs(found.phase_lag - lag) / (7.0 * found.u_phase_lag + floor), "a lag by 7 u"),
-        (abs(found.storage_stiffness - storage)
-         / (7.0 * found.u_storage_stiffness + floor * stiffness), "storage by 7 u"),
-        (abs(found.loss_stiffness - loss)
-         / (7.0 * found.u_loss_stiffness + floor * stiffness), "loss by 7 u"),
-    )  # fmt: skip
+        (
+            abs(found.storage_stiffness - storage) / (7.0 * found.u_storage_stiffness + floor * stiffness),
+            "storage by 7 u",
+        ),
+        (abs(found.loss_stiffness - loss) / (7.0 * found.u_loss_stiffness + floor * stiffness), "loss by 7 u"),
+    )
 
 
 def decay(random: Random) -> Outcome:
@@ -230,11 +234,12 @@ def decay(random: Random) -> Outcome:
     values += share * amplitude * random.standard_normal(time.size)
     found = signals.damped_oscillation(laid_out(random, time), with_gaps(random, values))
     return worst(
-        (abs(found.frequency / frequency - 1.0)
-         / (8.0 * found.u_frequency / frequency + 1e-6), "a frequency by 8 uncertainties"),
-        (abs(found.damping_ratio - ratio) / (8.0 * found.u_damping_ratio + 1e-6),
-         "a damping by 8 uncertainties"),
-    )  # fmt: skip
+        (
+            abs(found.frequency / frequency - 1.0) / (8.0 * found.u_frequency / frequency + 1e-6),
+            "a frequency by 8 uncertainties",
+        ),
+        (abs(found.damping_ratio - ratio) / (8.0 * found.u_damping_ratio + 1e-6), "a damping by 8 uncertainties"),
+    )
 
 
 # -- several records -------------------------------------------------------------------------------
@@ -258,9 +263,7 @@ def lag_of_two(random: Random) -> Outcome:
     b = gain * (motion((second - late) / span) + random.uniform(-100.0, 100.0))
     b += abs(gain) * share * random.standard_normal(second.size)
     begin = span * float(random.choice([0.0, 1e3]))
-    found = signals.lag(
-        record_of(first + begin, laid_out(random, a)), record_of(second + begin, b), 0.3 * span
-    )
+    found = signals.lag(record_of(first + begin, laid_out(random, a)), record_of(second + begin, b), 0.3 * span)
     return worst(
         (abs(found.lag - late) / (8.0 * found.u_lag + 2e-4 * span), "a lag by 8 u, 2e-4 of it all"),
         (abs(found.gain / gain - 1.0) / (8.0 * found.u_gain / abs(gain) + 2e-3), "a gain by 2e-3"),
@@ -315,10 +318,15 @@ def agreement_of_two(random: Random) -> Outcome:
     return worst(
         (abs(found.bias - bias) / (floor * size), "a bias by 1e-9"),
         (abs(signals.nrmse(a, b) - rms / extent) / floor, "a normalised error by 1e-9"),
-        (abs(signals.determination(a, b) - 1.0 + math.fsum(d * d) / total)
-         * total / math.fsum(d * d) / floor, "R² by 1e-9"),
+        (
+            abs(signals.coefficient_of_determination(a, b) - 1.0 + math.fsum(d * d) / total)
+            * total
+            / math.fsum(d * d)
+            / floor,
+            "R² by 1e-9",
+        ),
         (0.0 if 1.0 <= found.n_effective <= 2.0 * d.size else np.inf, "impossibly many samples"),
-    )  # fmt: skip
+    )
 
 
 def figures_of_nothing(random: Random) -> Outcome:
@@ -327,7 +335,7 @@ def figures_of_nothing(random: Random) -> Outcome:
     a, b = random.standard_normal((2, count))
     calls: Mapping[str, Callable[[Floats, Floats], object]] = {
         "nrmse": signals.nrmse,
-        "determination": signals.determination,
+        "determination": signals.coefficient_of_determination,
         "agreement": signals.agreement,
     }
     name = str(random.choice(list(calls)))
@@ -351,12 +359,12 @@ FAMILIES: Mapping[str, tuple[Case, int]] = {
     "velocity of a polynomial": (velocity_of_a_polynomial, 40),
     "velocity, scaled": (velocity_scaled, 60),
     "velocity of rest": (velocity_of_rest, 150),
-    "record that is none": (record_that_is_none, 450),
+    "invalid record": (record_that_is_none, 450),
     "sinusoid": (sinusoid, 150),
     "stiffness and lag": (stiffness_and_lag, 100),
     "decay": (decay, 60),
     "lag of two": (lag_of_two, 40),
     "repeats": (repeats, 100),
     "agreement of two": (agreement_of_two, 300),
-    "figures of nothing": (figures_of_nothing, 200),
+    "agreement of invalid input": (figures_of_nothing, 200),
 }

@@ -4,13 +4,11 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import signals
+from labpipe.arrays import Floats
 from pipelines.bench.laser_truth import Record, record
 from pipelines.bench.measure import THESIS, Point, Suite, paired, peak_bytes
-
-Floats = NDArray[np.float64]
 
 _DEFAULT = "spline"
 _WINDOWS = (7, 15, 31, 61)
@@ -21,9 +19,7 @@ def run(quick: bool) -> Suite:
     """Measure every method on one bouncing record (acrylic, 1.5 mm, 20 kHz, 1 µm noise)."""
     made = record("acrylic", 0.2 if quick else 0.5)
     contenders = _contenders(made.displacement, made, quick)
-    timings = paired(
-        {name: call for name, (_, call) in contenders.items()}, 3 if quick else 9, budget=20.0
-    )
+    timings = paired({name: call for name, (_, call) in contenders.items()}, 3 if quick else 9, budget=20.0)
     points = []
     for name, (group, call) in contenders.items():
         timing = timings[name]
@@ -72,8 +68,9 @@ def _contenders(
     for window in _WINDOWS:
         found[f"moving average, {window} samples"] = (THESIS, _averaged(displacement, window))
         found[f"Savitzky–Golay, cubic, {window} samples"] = (
-            "SciPy Savitzky–Golay", _savitzky_golay(displacement, window),
-        )  # fmt: skip
+            "SciPy Savitzky–Golay",
+            _savitzky_golay(displacement, window),
+        )
     if not quick:  # it takes seconds
         found["cross-validated"] = ("SciPy smoothing spline", _gcv(displacement))
     return found

@@ -48,25 +48,44 @@ def acquire() -> None:
 @acquire.command()
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 @click.option("--host", required=True, help="Address of the controller.")
-@click.option("--port", type=click.IntRange(1, 65535),
-              help="TCP port; default 24687 for lk-g5000, required for dl-en1.")  # fmt: skip
-@click.option("--protocol", type=click.Choice(["lk-g5000", "dl-en1"]), default="lk-g5000",
-              show_default=True, help="Protocol of the controller.")  # fmt: skip
-@click.option("--output", "outputs", type=int, multiple=True, default=(1,), show_default=True,
-              help="Output (or amplifier) to record; may be repeated.")  # fmt: skip
-@click.option("--decimals", type=int, multiple=True, required=True,
-              help="Digits after the decimal sign on the display, for every output.")  # fmt: skip
-@click.option("--unit", "units", multiple=True, default=("mm",), show_default=True,
-              help="Unit on the display, for every output.")  # fmt: skip
-@click.option("--interval", type=Time(), default="10 ms", show_default=True,
-              help="Time between two readings.")  # fmt: skip
-@click.option("--duration", type=Time(), required=True,
-              help="Duration of the recording, from the trigger if there is one.")  # fmt: skip
+@click.option(
+    "--port", type=click.IntRange(1, 65535), help="TCP port; default 24687 for lk-g5000, required for dl-en1."
+)
+@click.option(
+    "--protocol",
+    type=click.Choice(["lk-g5000", "dl-en1"]),
+    default="lk-g5000",
+    show_default=True,
+    help="Protocol of the controller.",
+)
+@click.option(
+    "--output",
+    "outputs",
+    type=int,
+    multiple=True,
+    default=(1,),
+    show_default=True,
+    help="Output (or amplifier) to record; may be repeated.",
+)
+@click.option(
+    "--decimals",
+    type=int,
+    multiple=True,
+    required=True,
+    help="Digits after the decimal sign on the display, for every output.",
+)
+@click.option(
+    "--unit", "units", multiple=True, default=("mm",), show_default=True, help="Unit on the display, for every output."
+)
+@click.option("--interval", type=Time(), default="10 ms", show_default=True, help="Time between two readings.")
+@click.option(
+    "--duration", type=Time(), required=True, help="Duration of the recording, from the trigger if there is one."
+)
 @click.option("--trigger", help='Wait until an output passes a level, e.g. "out1 < -1.5 mm".')
-@click.option("--before", type=Time(), default="100 ms", show_default=True,
-              help="Duration kept before the trigger.")  # fmt: skip
-@click.option("--patience", type=Time(), default="10 s", show_default=True,
-              help="Longest wait for an answer of the controller.")  # fmt: skip
+@click.option("--before", type=Time(), default="100 ms", show_default=True, help="Duration kept before the trigger.")
+@click.option(
+    "--patience", type=Time(), default="10 s", show_default=True, help="Longest wait for an answer of the controller."
+)
 @click.option("--model", default="", help="Model of the controller, for the file's header.")
 @json_option
 def keyence(
@@ -112,10 +131,14 @@ def keyence(
 
     with _showing(as_json) as progress:
         done = laser.record(
-            file, setup, connect, duration,
+            file,
+            setup,
+            connect,
+            duration,
             laser.parse_trigger(trigger, before) if trigger else None,
-            patience=patience, progress=progress,
-        )  # fmt: skip
+            patience=patience,
+            progress=progress,
+        )
     _tell(done, as_json)
     if not as_json:
         echo(laser.EMULATOR_ONLY)

@@ -14,23 +14,27 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("folders", nargs=-1, required=True, metavar="FOLDER...",
-                type=click.Path(exists=True, file_okay=False, path_type=Path))  # fmt: skip
-@click.option("--database", type=click.Path(dir_okay=False, path_type=Path),
-              help="SQLite file; by default in the first FOLDER.")  # fmt: skip
-@click.option("--where", default="",
-              help="Only rows for which this SQL expression is true; SI units.")  # fmt: skip
+@click.argument(
+    "folders",
+    nargs=-1,
+    required=True,
+    metavar="FOLDER...",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+)
+@click.option(
+    "--database", type=click.Path(dir_okay=False, path_type=Path), help="SQLite file; by default in the first FOLDER."
+)
+@click.option("--where", default="", help="Only rows for which this SQL expression is true; SI units.")
 @click.option("--columns", default="", help="Only these columns, separated by commas.")
-@click.option("--table", default="experiments", show_default=True,
-              type=click.Choice(["experiments", "results", "sessions", "columns"]))  # fmt: skip
+@click.option(
+    "--table",
+    default="experiments",
+    show_default=True,
+    type=click.Choice(["experiments", "results", "sessions", "columns"]),
+)
 @json_option
 def catalogue(
-    folders: tuple[Path, ...],
-    database: Path | None,
-    where: str,
-    columns: str,
-    table: str,
-    as_json: bool,
+    folders: tuple[Path, ...], database: Path | None, where: str, columns: str, table: str, as_json: bool
 ) -> None:
     r"""List the experiments of all sessions below FOLDER: parameters and key numbers.
 
@@ -77,8 +81,10 @@ def _print_table(done: "Catalogued", frame: "pd.DataFrame", units: dict[str, str
         shown = frame.rename(columns=titles).map(_cell)
         for line in shown.to_string(index=False).splitlines():
             echo(line.rstrip())
-    echo(f"{len(frame)} rows; {len(done.renewed)} sessions read, {len(done.unchanged)} unchanged, "
-         f"{len(done.removed)} gone; {done.path}")  # fmt: skip
+    echo(
+        f"{len(frame)} rows; {len(done.renewed)} sessions read, {len(done.unchanged)} unchanged, "
+        f"{len(done.removed)} gone; {done.path}"
+    )
     for name, problem in done.problems.items():
         click.echo(f"{name}: {problem}", err=True)
 
@@ -94,8 +100,14 @@ def _print_json(done: "Catalogued", frame: "pd.DataFrame") -> None:
         {str(name): value for name, value in row.items() if value is not None and value == value}  # noqa: PLR0124
         for row in frame.astype(object).to_dict("records")
     ]
-    echo_json({
-        "database": str(done.path), "renewed": done.renewed, "unchanged": done.unchanged,
-        "removed": done.removed, "problems": done.problems, "units": frame.attrs["units"],
-        "rows": rows,
-    })  # fmt: skip
+    echo_json(
+        {
+            "database": str(done.path),
+            "renewed": done.renewed,
+            "unchanged": done.unchanged,
+            "removed": done.removed,
+            "problems": done.problems,
+            "units": frame.attrs["units"],
+            "rows": rows,
+        }
+    )

@@ -11,12 +11,16 @@ from pipelines.session import FORMATS
 
 @click.command()
 @click.argument("source", type=click.Path(exists=True, path_type=Path))
-@click.option("--format", "-f", "kind", type=click.Choice(FORMATS), default="csv",
-              show_default=True, help="Format of the files.")  # fmt: skip
+@click.option(
+    "--format", "-f", "kind", type=click.Choice(FORMATS), default="csv", show_default=True, help="Format of the files."
+)
 @click.option("--only", multiple=True, help="Only this experiment of a session.")
 @click.option("--stage", "stages", multiple=True, help="Only this step, such as bounces.")
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path),
-              help="Folder; default SESSION/labpipe/export, or here for a file.")  # fmt: skip
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder; default SESSION/labpipe/export, or here for a file.",
+)
 @click.option("--force", is_flag=True, help="Replace files of the same name.")
 @reading_options
 @json_option
@@ -42,10 +46,7 @@ def export(
     """
     from pipelines import process as verbs
 
-    done = verbs.export(
-        source, kind, only=list(only) or None, stages=stages, out=out, replace=force,
-        reading=reading,
-    )  # fmt: skip
+    done = verbs.export(source, kind, only=list(only) or None, stages=stages, out=out, replace=force, reading=reading)
     if as_json:
         echo_json({"files": [str(p) for p in done.paths], "left_out": list(done.left_out)})
         return

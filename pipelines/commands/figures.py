@@ -12,20 +12,22 @@ from pipelines.commands.options import echo, echo_json, jobs_option, json_option
 @click.argument("ids", nargs=-1, metavar="[ID]...")
 @click.option("--list", "listed", is_flag=True, help="List what each figure needs; draw nothing.")
 @click.option("--check", is_flag=True, help="Compare the thesis's printed numbers with ours.")
-@click.option("--session", type=click.Path(exists=True, file_okay=False, path_type=Path),
-              help="Session folder for the figures that show experiments.")  # fmt: skip
-@click.option("--out", type=click.Path(file_okay=False, path_type=Path), default="figures",
-              show_default=True, help="Folder to write into.")  # fmt: skip
+@click.option(
+    "--session",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Session folder for the figures that show experiments.",
+)
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    default="figures",
+    show_default=True,
+    help="Folder to write into.",
+)
 @jobs_option
 @json_option
 def figures(
-    ids: tuple[str, ...],
-    listed: bool,
-    check: bool,
-    session: Path | None,
-    out: Path,
-    jobs: int,
-    as_json: bool,
+    ids: tuple[str, ...], listed: bool, check: bool, session: Path | None, out: Path, jobs: int, as_json: bool
 ) -> None:
     r"""Draw the figures of the thesis by number: PDF, SVG, PNG and a caption each.
 
@@ -57,9 +59,12 @@ def figures(
         for outcome in outcomes:
             _say(outcome)
     if as_json:
-        echo_json({"out": str(out), "figures": [
-            {"id": o.id, "state": o.state, "detail": o.detail, "files": o.files} for o in outcomes
-        ]})  # fmt: skip
+        echo_json(
+            {
+                "out": str(out),
+                "figures": [{"id": o.id, "state": o.state, "detail": o.detail, "files": o.files} for o in outcomes],
+            }
+        )
     click.get_current_context().exit(any(o.state == make.FAILED for o in outcomes))
 
 

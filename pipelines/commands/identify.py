@@ -18,11 +18,7 @@ from pipelines.commands.options import echo, echo_json, jobs_option, json_option
     metavar="NAME",
     help="Only these experiments; by default all that can identify a material. Repeatable.",
 )
-@click.option(
-    "--prior",
-    metavar="dma|NAME",
-    help="Use the moduli of the session's rheometer experiment as prior.",
-)
+@click.option("--prior", metavar="dma|NAME", help="Use the moduli of the session's rheometer experiment as prior.")
 @click.option(
     "--spectrum",
     type=click.Choice(["smooth", "fractional"]),
@@ -38,9 +34,7 @@ from pipelines.commands.options import echo, echo_json, jobs_option, json_option
     help="Number of bounces of a drop that are evaluated.",
 )
 @click.option(
-    "--no-profile",
-    is_flag=True,
-    help="Do not examine whether the data determine the long-time modulus (faster).",
+    "--no-profile", is_flag=True, help="Do not examine whether the data determine the long-time modulus (faster)."
 )
 @click.option(
     "--sampler",

@@ -11,15 +11,13 @@ from pipelines.commands.options import echo, echo_json, json_option, reading_opt
 @click.command()
 @click.argument("source", metavar="FILE", type=click.Path(exists=True, path_type=Path))
 @reading_options
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path),
-              help="Write a picture (.png): frames of a film, columns of a table.")  # fmt: skip
+@click.option(
+    "--out",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Write a picture (.png): frames of a film, columns of a table.",
+)
 @json_option
-def inspect(
-    source: Path,
-    reading: dict[str, Any],
-    out: Path | None,
-    as_json: bool,
-) -> None:
+def inspect(source: Path, reading: dict[str, Any], out: Path | None, as_json: bool) -> None:
     r"""Say what FILE is: instrument, columns, units, ranges, sampling, problems.
 
     Works on any single file: readings, films, calibration records, session.toml, results,

@@ -20,9 +20,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 def json_option(function: F) -> F:
     """Add ``--json``: one JSON document on stdout and nothing else."""
-    return click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")(
-        function
-    )
+    return click.option("--json", "as_json", is_flag=True, help="Print one JSON document.")(function)
 
 
 def session_argument(function: F) -> F:
@@ -38,20 +36,23 @@ def reading_options(function: F) -> F:
     of a reader names an option as Python does; it is told as it is typed here.
     """
 
-    @click.option("--instrument", metavar="NAME",
-                  help="What wrote the file, where it does not say so: keyence, …")  # fmt: skip
+    @click.option("--instrument", metavar="NAME", help="What wrote the file, where it does not say so: keyence, …")
     @click.option("--cycle", help='Keyence file: time between samples, e.g. "50 us".')
-    @click.option("--unit", "units", multiple=True,
-                  help="Keyence file: unit of each output, in order.")  # fmt: skip
-    @click.option("--storage-factor", type=click.IntRange(min=1),
-                  help="Keyence file: samples per stored point.")  # fmt: skip
-    @click.option("--option", "others", multiple=True, metavar="NAME=VALUE",
-                  help="Another option of the reader, e.g. fps=1000.")  # fmt: skip
+    @click.option("--unit", "units", multiple=True, help="Keyence file: unit of each output, in order.")
+    @click.option("--storage-factor", type=click.IntRange(min=1), help="Keyence file: samples per stored point.")
+    @click.option(
+        "--option", "others", multiple=True, metavar="NAME=VALUE", help="Another option of the reader, e.g. fps=1000."
+    )
     @functools.wraps(function)
     def reading(
-        *args: Any, instrument: str | None, cycle: str | None, units: tuple[str, ...],
-        storage_factor: int | None, others: tuple[str, ...], **kwargs: Any,
-    ) -> Any:  # fmt: skip
+        *args: Any,
+        instrument: str | None,
+        cycle: str | None,
+        units: tuple[str, ...],
+        storage_factor: int | None,
+        others: tuple[str, ...],
+        **kwargs: Any,
+    ) -> Any:
         typed = {"cycle": cycle, "units": list(units), "storage_factor": storage_factor}
         given = {name: value for name, value in typed.items() if value}
         try:
@@ -60,18 +61,15 @@ def reading_options(function: F) -> F:
         except SourceError as error:
             hint = None if error.hint is None else _as_typed(error.hint)
             raise SourceError(
-                error.path, error.message, line=error.line, column=error.column,
-                offset=error.offset, hint=hint,
-            ) from None  # fmt: skip
+                error.path, error.message, line=error.line, column=error.column, offset=error.offset, hint=hint
+            ) from None
         except InputError as error:
             raise InputError(_as_typed(str(error))) from None
 
     return reading  # type: ignore[return-value]  # click fills in the options
 
 
-def _reading(
-    source: Path, instrument: str | None, given: dict[str, Any], others: Sequence[str]
-) -> dict[str, Any]:
+def _reading(source: Path, instrument: str | None, given: dict[str, Any], others: Sequence[str]) -> dict[str, Any]:
     """Return the keyword arguments of :func:`instruments.read`."""
     if instrument is None and not others:
         return given
@@ -114,17 +112,20 @@ def jobs_option(function: F) -> F:
         return min(processors(), _MOST_JOBS)
 
     return click.option(
-        "--jobs", "-j", default=usual, type=click.IntRange(min=0),
+        "--jobs",
+        "-j",
+        default=usual,
+        type=click.IntRange(min=0),
         show_default=f"one per processor, at most {_MOST_JOBS}",
         help="Experiments side by side; 0 runs everything in this process.",
-    )(function)  # fmt: skip
+    )(function)
 
 
 def cluster_option(function: F) -> F:
     """Add ``--cluster``: a Dask scheduler in place of local processes."""
-    return click.option(
-        "--cluster", metavar="ADDRESS", help="A Dask scheduler, tcp://host:port, computes instead."
-    )(function)
+    return click.option("--cluster", metavar="ADDRESS", help="A Dask scheduler, tcp://host:port, computes instead.")(
+        function
+    )
 
 
 def echo(text: str) -> None:

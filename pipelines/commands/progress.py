@@ -66,13 +66,7 @@ _MINUTE = 60.0
 
 def _clocks() -> "tuple[ProgressColumn, ...]":
     """Columns for the rate, the time gone, and the time left."""
-    from rich.progress import (
-        ProgressColumn,
-        Task,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich.progress import ProgressColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.text import Text
 
     class Rate(ProgressColumn):
@@ -106,9 +100,7 @@ def counted(
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *_clocks())
     # stdout stays where it is: a list of results may go into a file while the bar is shown
-    with Progress(
-        *columns, console=Console(stderr=True), transient=True, redirect_stdout=False
-    ) as bar:
+    with Progress(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False) as bar:
         work = bar.add_task("", total=total)
         done = -1 if when == "begun" else 0
 

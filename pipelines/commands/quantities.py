@@ -16,9 +16,7 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]  # generic only since
     def __init__(self, name: str, si: str, example: str) -> None:
         self.name, self._si, self._example = name, si, example
 
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the value in SI."""
         from labpipe.errors import InputError
         from labpipe.units import quantity
@@ -47,38 +45,44 @@ CONDUCTIVITY = Quantity("conductivity", "W/m/K", "0.19 W/m/K")
 def material_options(default: str) -> Callable[[F], F]:
     """Add ``--material``, ``--temperature`` and ``--vertical-shift``."""
     return _all(
-        click.option("--material", default=default, show_default=True,
-                     help="Library name or TOML file."),
-        click.option("--temperature", type=TEMPERATURE,
-                     help="Temperature of the material, by its shift law; default: that of its "
-                          "data."),
-        click.option("--vertical-shift", type=float, default=1.0, show_default=True,
-                     help="b_T: factor on all moduli at that temperature."),
-    )  # fmt: skip
+        click.option("--material", default=default, show_default=True, help="Library name or TOML file."),
+        click.option(
+            "--temperature",
+            type=TEMPERATURE,
+            help="Temperature of the material, by its shift law; default: that of its data.",
+        ),
+        click.option(
+            "--vertical-shift",
+            type=float,
+            default=1.0,
+            show_default=True,
+            help="b_T: factor on all moduli at that temperature.",
+        ),
+    )
 
 
 def punch_options(function: F) -> F:
     """Add ``--tip-radius``, ``--period``, ``--depth`` and ``--mean`` of a periodic punch."""
     return _all(
-        click.option("--tip-radius", type=LENGTH, default="2 mm", show_default=True,
-                     help="Of curvature."),
-        click.option("--period", type=LENGTH, default="8 mm", show_default=True,
-                     help="Distance between neighbouring tips."),
-        click.option("--depth", type=LENGTH, default="18 mm", show_default=True,
-                     help="Contact length summed over the tips."),
-        click.option("--mean", type=LENGTH, default="0.1 mm", show_default=True,
-                     help="Mean indentation."),
-    )(function)  # fmt: skip
+        click.option("--tip-radius", type=LENGTH, default="2 mm", show_default=True, help="Of curvature."),
+        click.option(
+            "--period", type=LENGTH, default="8 mm", show_default=True, help="Distance between neighbouring tips."
+        ),
+        click.option(
+            "--depth", type=LENGTH, default="18 mm", show_default=True, help="Contact length summed over the tips."
+        ),
+        click.option("--mean", type=LENGTH, default="0.1 mm", show_default=True, help="Mean indentation."),
+    )(function)
 
 
 def result_options(function: F) -> F:
     """Add ``--out`` and ``--picture``."""
     return _all(
-        click.option("--out", type=click.Path(dir_okay=False, path_type=Path),
-                     help="netCDF file to write."),
-        click.option("--picture", type=click.Path(dir_okay=False, path_type=Path),
-                     help="Picture to draw (.png, .svg or .pdf)."),
-    )(function)  # fmt: skip
+        click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="netCDF file to write."),
+        click.option(
+            "--picture", type=click.Path(dir_okay=False, path_type=Path), help="Picture to draw (.png, .svg or .pdf)."
+        ),
+    )(function)
 
 
 def _all(*options: Callable[[Any], Any]) -> Callable[[F], F]:

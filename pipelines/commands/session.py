@@ -23,7 +23,7 @@ from pipelines.session import PAGE
 
 if TYPE_CHECKING:
     from labpipe.workflow.runner import RunResult
-    from pipelines.session import Gap
+    from pipelines.session import Gap, Verdicts
 
 _STATE_WIDTH = 10
 
@@ -31,8 +31,7 @@ _STATE_WIDTH = 10
 @click.command()
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--force", is_flag=True, help="Replace a session.toml that is already there.")
-@click.option("--ask/--no-ask", default=None,
-              help="Ask for what no file contains; default: ask at a terminal.")  # fmt: skip
+@click.option("--ask/--no-ask", default=None, help="Ask for what no file contains; default: ask at a terminal.")
 @json_option
 def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
     r"""Scan FOLDER and write a commented session.toml.
@@ -53,11 +52,13 @@ def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
     if as_json:
         echo_json(
             {
-                "path": str(found.path), "experiments": found.experiments,
-                "to_fill": found.gaps, "records": [str(p) for p in found.records],
+                "path": str(found.path),
+                "experiments": found.experiments,
+                "to_fill": found.gaps,
+                "records": [str(p) for p in found.records],
                 "unused": found.unused,
             }
-        )  # fmt: skip
+        )
         return
     echo(f"wrote {found.path} with {len(found.experiments)} experiment(s)")
     for path in found.records:
@@ -82,15 +83,11 @@ class _Asker:
         from pipelines.session import checked
 
         if not self.has_begun:
-            click.echo("Not in the files: please answer. Enter alone leaves it open, Ctrl-C "
-                       "writes nothing.",
-                       err=True)  # fmt: skip
+            click.echo("Not in the files: please answer. Enter alone leaves it open, Ctrl-C writes nothing.", err=True)
             self.has_begun = True
         while True:
             default = self.last.get(gap.sort, "")
-            answer = click.prompt(
-                printable(gap.question), default=default, show_default=bool(default), err=True
-            )
+            answer = click.prompt(printable(gap.question), default=default, show_default=bool(default), err=True)
             if not answer.strip():
                 return None
             try:
@@ -118,14 +115,7 @@ _FULL = click.option("--full", is_flag=True, help="Without shortcuts: read and s
 @_FULL
 @keep_option
 @json_option
-def plan(
-    session: Path,
-    targets: tuple[str, ...],
-    only: tuple[str, ...],
-    full: bool,
-    keep: bool,
-    as_json: bool,
-) -> None:
+def plan(session: Path, targets: tuple[str, ...], only: tuple[str, ...], full: bool, keep: bool, as_json: bool) -> None:
     r"""Say what `process` would run, and why; nothing is computed.
 
     \b
@@ -151,8 +141,13 @@ def plan(
 
 
 @click.command()
-@click.argument("sessions", nargs=-1, required=True, metavar="SESSION...",
-                type=click.Path(exists=True, file_okay=False, path_type=Path))  # fmt: skip
+@click.argument(
+    "sessions",
+    nargs=-1,
+    required=True,
+    metavar="SESSION...",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+)
 @_TO
 @_ONLY
 @_FULL
@@ -187,22 +182,35 @@ def process(
 
     folders = list({folder.resolve(): folder for folder in sessions}.values())
     with watching(enabled=not as_json) as progress:
-        ended = dict(verbs.process_all(
-            folders, _split(targets), _split(only), jobs=jobs, cluster=cluster,
-            full=full, keep=keep, fail_fast=fail_fast, progress=progress,
-        ))  # fmt: skip
+        ended = dict(
+            verbs.process_all(
+                folders,
+                _split(targets),
+                _split(only),
+                jobs=jobs,
+                cluster=cluster,
+                full=full,
+                keep=keep,
+                fail_fast=fail_fast,
+                progress=progress,
+            )
+        )
     if len(folders) == 1 and isinstance(error := ended[folders[0]], LabpipeError):
         raise error
-    code = _common_code({done.exit_code for done in ended.values()})
+    judged = {folder: verbs.verdicts_of(done) for folder, done in ended.items() if not isinstance(done, LabpipeError)}
+    codes = {done.exit_code for done in ended.values()}
+    if any(found.is_impossible for found in judged.values()):
+        codes = (codes - {0}) | {1}
+    code = _common_code(codes)
     ended = {folder: ended[folder] for folder in folders if folder in ended}
     if as_json:
-        documents = [as_document(done, folder) for folder, done in ended.items()]
+        documents = [as_document(done, folder, judged.get(folder)) for folder, done in ended.items()]
         echo_json(documents[0] if len(folders) == 1 else {"sessions": documents, "exit_code": code})
     else:
         for folder, done in ended.items():
             if len(folders) > 1:
                 echo(f"{folder}:")
-            summarise(done)
+            summarise(done, judged.get(folder))
     click.get_current_context().exit(code)
 
 
@@ -219,7 +227,7 @@ def _common_code(codes: set[int]) -> int:
     return codes.pop() if len(codes) == 1 else 1
 
 
-def as_document(outcome: "RunResult | LabpipeError", folder: Path) -> dict[str, Any]:
+def as_document(outcome: "RunResult | LabpipeError", folder: Path, judged: "Verdicts | None" = None) -> dict[str, Any]:
     """Return a run, or why there was none, as one JSON document."""
     if isinstance(outcome, LabpipeError):
         return {"session": str(folder), **error_document(outcome)}
@@ -235,12 +243,13 @@ def as_document(outcome: "RunResult | LabpipeError", folder: Path) -> dict[str, 
             }
             for o in outcome.outcomes
         ],
+        "experiments": [] if judged is None else judged.document(),
         "reports": {name: str(path) for name, path in outcome.reports.items()},
-        "exit_code": outcome.exit_code,
+        "exit_code": max(outcome.exit_code, int(judged is not None and judged.is_impossible)),
     }
 
 
-def summarise(outcome: "RunResult | LabpipeError") -> None:
+def summarise(outcome: "RunResult | LabpipeError", judged: "Verdicts | None" = None) -> None:
     """Say how a run ended and where its reports are."""
     if isinstance(outcome, LabpipeError):
         report_error(outcome, wants_json=False)
@@ -251,6 +260,12 @@ def summarise(outcome: "RunResult | LabpipeError") -> None:
     echo(", ".join(f"{n} {state}" for state, n in sorted(count.items())) or "nothing to do")
     for o in outcome.failures:
         click.echo(f"failed: {o.task}: {o.message}", err=True)
+    for one in () if judged is None else judged.experiments:
+        told = "; ".join(f.message for f in one.findings if f.level != "note")
+        model = f", model: {one.model}" if one.model != "none" else ""
+        echo(f"{one.experiment}: believable: {one.believable}{model}{told and f' ({told})'}")
+        for cause in one.causes[:1]:
+            echo(f"  probable cause: {cause}")
     for path in outcome.reports.values():
         echo(f"report: {path}")
     if (overview := outcome.session.folder / PAGE).is_file():

@@ -44,27 +44,28 @@ def simulate() -> None:
 
 @simulate.command()
 @material_options("acrylic")
-@click.option("--radius", type=LENGTH, default="9.525 mm", show_default=True,
-              help="Of the sphere.")  # fmt: skip
+@click.option("--radius", type=LENGTH, default="9.525 mm", show_default=True, help="Of the sphere.")
 @click.option("--mass", type=MASS, default="505 g", show_default=True, help="Total moving mass.")
 @click.option(
-    "--height",
-    type=LENGTH,
-    default="1.5 mm",
-    show_default=True,
-    help="Drop height, from release to first touch.",
+    "--height", type=LENGTH, default="1.5 mm", show_default=True, help="Drop height, from release to first touch."
 )
 @click.option("--duration", type=TIME, default="0.5 s", show_default=True, help="From release.")
-@click.option("--solver", type=click.Choice(["mdr", "rings", "thesis"]), default="mdr",
-              show_default=True, help="'thesis' is the thesis's own scheme.")  # fmt: skip
-@click.option("--profile", type=click.Choice(["parabola", "sphere"]), default="parabola",
-              show_default=True, help="Shape of the gap.")  # fmt: skip
-@click.option("--rtol", type=float, default=1e-4, show_default=True, help="Target relative error.")
 @click.option(
-    "--plate-mass",
-    type=MASS,
-    help="Modal mass of a vibrating substrate; needs the next two options.",
+    "--solver",
+    type=click.Choice(["mdr", "rings", "thesis"]),
+    default="mdr",
+    show_default=True,
+    help="'thesis' is the thesis's own scheme.",
 )
+@click.option(
+    "--profile",
+    type=click.Choice(["parabola", "sphere"]),
+    default="parabola",
+    show_default=True,
+    help="Shape of the gap.",
+)
+@click.option("--rtol", type=float, default=1e-4, show_default=True, help="Target relative error.")
+@click.option("--plate-mass", type=MASS, help="Modal mass of a vibrating substrate; needs the next two options.")
 @click.option("--plate-frequency", type=FREQUENCY, help="Natural frequency.")
 @click.option("--plate-damping", type=RATIO, help="Damping ratio.")
 @click.option(
@@ -74,12 +75,11 @@ def simulate() -> None:
     help='Estimate whether adhesion matters: work of adhesion, "50 mJ/m2" when clean.',
 )
 @click.option("--heating", is_flag=True, help="Estimate self-heating.")
-@click.option(
-    "--heat-capacity", type=HEAT_CAPACITY, help="For --heating; default: from the library."
-)
+@click.option("--heat-capacity", type=HEAT_CAPACITY, help="For --heating; default: from the library.")
 @click.option("--conductivity", type=CONDUCTIVITY, help="For --heating; default: from the library.")
-@click.option("--map", "maps", type=TIME, multiple=True,
-              help="Time at which to store pressure and surface; may be repeated.")  # fmt: skip
+@click.option(
+    "--map", "maps", type=TIME, multiple=True, help="Time at which to store pressure and surface; may be repeated."
+)
 @result_options
 @json_option
 def drop(
@@ -117,18 +117,25 @@ def drop(
 
     parts = (plate_mass, plate_frequency, plate_damping)
     if any(p is not None for p in parts) and any(p is None for p in parts):
-        raise click.UsageError(
-            "a plate needs --plate-mass, --plate-frequency and --plate-damping together"
-        )
+        raise click.UsageError("a plate needs --plate-mass, --plate-frequency and --plate-damping together")
     plate = None
     if plate_mass is not None and plate_frequency is not None and plate_damping is not None:
         plate = contact.Plate(plate_mass, plate_frequency, plate_damping)
     solid = load(material, temperature, vertical_shift)
     with _progress(as_json) as shown:
         found = contact.drop(
-            solid, radius, mass, height, duration, solver, profile, rtol,
-            plate=plate, maps=sorted(set(maps)) or None, progress=shown,
-        )  # fmt: skip
+            solid,
+            radius,
+            mass,
+            height,
+            duration,
+            solver,
+            profile,
+            rtol,
+            plate=plate,
+            maps=sorted(set(maps)) or None,
+            progress=shown,
+        )
     extra: dict[str, Any] = {}
     if work_of_adhesion is not None:
         extra |= adhesion_rows(found, solid, work_of_adhesion)
@@ -141,26 +148,26 @@ def drop(
 @simulate.command()
 @material_options("nbr")
 @punch_options
-@click.option("--amplitude", type=LENGTH, default="0.01 mm", show_default=True,
-              help="Of the oscillation.")  # fmt: skip
-@click.option("--frequency", type=FREQUENCY, default="1 Hz", show_default=True,
-              help="Of the oscillation.")  # fmt: skip
-@click.option("--cycles", type=click.IntRange(min=0), default=5, show_default=True,
-              help="Number of cycles; 0 for press and hold only.")  # fmt: skip
+@click.option("--amplitude", type=LENGTH, default="0.01 mm", show_default=True, help="Of the oscillation.")
+@click.option("--frequency", type=FREQUENCY, default="1 Hz", show_default=True, help="Of the oscillation.")
 @click.option(
-    "--hold",
-    type=TIME,
-    default="600 s",
+    "--cycles",
+    type=click.IntRange(min=0),
+    default=5,
     show_default=True,
-    help="Duration of the hold before the cycles.",
+    help="Number of cycles; 0 for press and hold only.",
 )
-@click.option("--ramp", type=SPEED, default="1 mm/s", show_default=True,
-              help="Speed of the ramp.")  # fmt: skip
+@click.option("--hold", type=TIME, default="600 s", show_default=True, help="Duration of the hold before the cycles.")
+@click.option("--ramp", type=SPEED, default="1 mm/s", show_default=True, help="Speed of the ramp.")
 @click.option("--thickness", type=LENGTH, help="Thickness of a bonded layer; default: half-plane.")
-@click.option("--profile", type=click.Choice(["parabola", "circle", "cosine"]), default="circle",
-              show_default=True, help="Shape of a tip.")  # fmt: skip
-@click.option("--elements", type=click.IntRange(min=64), default=1024, show_default=True,
-              help="Strips per period.")  # fmt: skip
+@click.option(
+    "--profile",
+    type=click.Choice(["parabola", "circle", "cosine"]),
+    default="circle",
+    show_default=True,
+    help="Shape of a tip.",
+)
+@click.option("--elements", type=click.IntRange(min=64), default=1024, show_default=True, help="Strips per period.")
 @click.option("--maps", is_flag=True, help="Store pressure and surface at every sample.")
 @result_options
 @json_option
@@ -198,16 +205,21 @@ def indent(
     from pipelines.simulator_inputs import ramp_hold_oscillation
 
     _require_positive(mean=mean, frequency=frequency, ramp=ramp)
-    time, moved = ramp_hold_oscillation(
-        mean, amplitude, frequency, cycles, hold=hold, ramp=ramp, per_cycle=100
-    )
+    time, moved = ramp_hold_oscillation(mean, amplitude, frequency, cycles, hold=hold, ramp=ramp, per_cycle=100)
     with _progress(as_json) as shown:
         found = contact.indent(
-            load(material, temperature, vertical_shift), tip_radius, period, depth, time, moved,
+            load(material, temperature, vertical_shift),
+            tip_radius,
+            period,
+            depth,
+            time,
+            moved,
             profile=profile,
-            thickness=np.inf if thickness is None else thickness, elements=elements,
-            outputs=("energy", "pressure", "surface") if maps else ("energy",), progress=shown,
-        )  # fmt: skip
+            thickness=np.inf if thickness is None else thickness,
+            elements=elements,
+            outputs=("energy", "pressure", "surface") if maps else ("energy",),
+            progress=shown,
+        )
     deliver(found, out, picture, as_json, indent_summary, indent_panels)
 
 

@@ -25,17 +25,27 @@ _STATES = 200
 
 @click.command()
 @material_options("nbr")
-@click.option("--shape", type=click.Choice(["parabola", "sphere", "cone"]), default="parabola",
-              show_default=True, help="Of the indenter.")  # fmt: skip
-@click.option("--radius", type=LENGTH, default="9.525 mm", show_default=True,
-              help="Of parabola and sphere.")  # fmt: skip
+@click.option(
+    "--shape",
+    type=click.Choice(["parabola", "sphere", "cone"]),
+    default="parabola",
+    show_default=True,
+    help="Of the indenter.",
+)
+@click.option("--radius", type=LENGTH, default="9.525 mm", show_default=True, help="Of parabola and sphere.")
 @click.option("--slope", type=float, default=0.1, show_default=True, help="Of the cone's flank.")
 @click.option("--work", type=WORK, default="50 mJ/m2", show_default=True, help="Of adhesion.")
-@click.option("--distance", type=LENGTH, default="0.3 nm", show_default=True,
-              help="Equilibrium distance of the surfaces.")  # fmt: skip
+@click.option(
+    "--distance", type=LENGTH, default="0.3 nm", show_default=True, help="Equilibrium distance of the surfaces."
+)
 @click.option("--load", type=FORCE, default="1 N", show_default=True, help="Largest load.")
-@click.option("--theory", type=click.Choice(["jkr", "maugis"]), default="jkr", show_default=True,
-              help="Edge stress: singular (JKR), or constant (Maugis–Dugdale).")  # fmt: skip
+@click.option(
+    "--theory",
+    type=click.Choice(["jkr", "maugis"]),
+    default="jkr",
+    show_default=True,
+    help="Edge stress: singular (JKR), or constant (Maugis–Dugdale).",
+)
 @result_options
 @json_option
 def adhesion(
@@ -66,28 +76,37 @@ def adhesion(
 
     solid = load_material(material, temperature, vertical_shift)
     found = adhesive_states(
-        solid, shape, slope if shape == "cone" else radius, work, load, distance,
-        theory=theory, states=_STATES,
-    )  # fmt: skip
+        solid, shape, slope if shape == "cone" else radius, work, load, distance, theory=theory, states=_STATES
+    )
     deliver(found, out, picture, as_json, _adhesion_summary, _adhesion_panels)
 
 
 @click.command()
 @material_options("nbr")
 @punch_options
-@click.option("--frequency", type=FREQUENCY, default="1 Hz", show_default=True,
-              help="Of the oscillation.")  # fmt: skip
-@click.option("--least", type=LENGTH, default="10 nm", show_default=True,
-              help="Smallest amplitude.")  # fmt: skip
+@click.option("--frequency", type=FREQUENCY, default="1 Hz", show_default=True, help="Of the oscillation.")
+@click.option("--least", type=LENGTH, default="10 nm", show_default=True, help="Smallest amplitude.")
 @click.option("--most", type=LENGTH, default="10 um", show_default=True, help="Largest amplitude.")
-@click.option("--critical-strain", type=float, default=0.01, show_default=True,
-              help="Shear strain amplitude at half of the decrease.")  # fmt: skip
-@click.option("--storage-floor", type=float, required=True,
-              help="Storage modulus at large strain over the linear one, 0 to 1.")  # fmt: skip
-@click.option("--loss-peak", type=float, default=1.0, show_default=True,
-              help="Loss modulus at the critical strain over the linear one.")  # fmt: skip
-@click.option("--loss-floor", type=float, default=1.0, show_default=True,
-              help="Loss modulus at large strain over the linear one.")  # fmt: skip
+@click.option(
+    "--critical-strain",
+    type=float,
+    default=0.01,
+    show_default=True,
+    help="Shear strain amplitude at half of the decrease.",
+)
+@click.option(
+    "--storage-floor", type=float, required=True, help="Storage modulus at large strain over the linear one, 0 to 1."
+)
+@click.option(
+    "--loss-peak",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Loss modulus at the critical strain over the linear one.",
+)
+@click.option(
+    "--loss-floor", type=float, default=1.0, show_default=True, help="Loss modulus at large strain over the linear one."
+)
 @click.option("--exponent", type=float, default=0.6, show_default=True, help="Kraus's m.")
 @result_options
 @json_option
@@ -129,22 +148,23 @@ def amplitude(
         raise click.UsageError("--least and --most: expected 0 < least < most")
     kraus = Kraus(critical_strain, storage_floor, loss_peak, loss_floor, exponent)
     found = contact.amplitude_sweep(
-        load_material(material, temperature, vertical_shift), kraus, frequency,
-        np.geomspace(least, most, _STATES), mean, tip_radius, period, depth,
-    )  # fmt: skip
+        load_material(material, temperature, vertical_shift),
+        kraus,
+        frequency,
+        np.geomspace(least, most, _STATES),
+        mean,
+        tip_radius,
+        period,
+        depth,
+    )
     deliver(found, out, picture, as_json, _amplitude_summary, _amplitude_panels)
 
 
 def _adhesion_summary(found: "xr.Dataset") -> dict[str, Any]:
     names = ("pull_off", "tabor", "lost_energy", "reduced_modulus")
     known = [name for name in names if name in found]
-    document: dict[str, Any] = {
-        str(found[name].attrs["long_name"]): float(found[name]) for name in known
-    }
-    units = {
-        str(found[name].attrs["long_name"]): str(found[name].attrs["units"]).replace("1", "")
-        for name in known
-    }
+    document: dict[str, Any] = {str(found[name].attrs["long_name"]): float(found[name]) for name in known}
+    units = {str(found[name].attrs["long_name"]): str(found[name].attrs["units"]).replace("1", "") for name in known}
     for name in ("theory", "regime", "validity"):
         if name in found.attrs:
             document[name] = found.attrs[name]

@@ -66,9 +66,7 @@ def _draw(panels: Panels, file_format: str) -> bytes:
         return figure_bytes(figure, file_format)
 
 
-def drop_summary(
-    found: "xr.Dataset", extra: "dict[str, tuple[Any, str]] | None" = None
-) -> dict[str, Any]:
+def drop_summary(found: "xr.Dataset", extra: "dict[str, tuple[Any, str]] | None" = None) -> dict[str, Any]:
     """Return what a drop came to: first bounce, all bounces, ledger, extra rows, work."""
     count = found.sizes["impact"]
     document: dict[str, Any] = {"impacts": count}
@@ -85,9 +83,13 @@ def drop_summary(
         document["first restitution on a rigid flat"] = float(found["rigid_restitution"])
     ledger, last = "at the end", found.isel(time=-1)
     for name in (
-        "kinetic_energy", "potential_energy", "stored_energy", "plate_energy",
-        "dissipated_energy", "numerical_energy",
-    ):  # fmt: skip
+        "kinetic_energy",
+        "potential_energy",
+        "stored_energy",
+        "plate_energy",
+        "dissipated_energy",
+        "numerical_energy",
+    ):
         if name in found:
             document[f"{name.replace('_', ' ')} {ledger}"] = float(last[name])
             units[f"{name.replace('_', ' ')} {ledger}"] = "J"
@@ -109,9 +111,7 @@ def adhesion_rows(found: "xr.Dataset", solid: "Prony", work: float) -> dict[str,
         raise InputError(message)
     impacts = (found[n].values for n in ("impact_speed", "contact_duration", "peak_force"))
     seen = [
-        adhesion_in_impact(
-            solid, float(found["sphere_radius"]), float(found["mass"]), speed, duration, force, work
-        )
+        adhesion_in_impact(solid, float(found["sphere_radius"]), float(found["mass"]), speed, duration, force, work)
         for speed, duration, force in zip(*impacts, strict=True)
     ]
     first = seen[0]
@@ -133,10 +133,10 @@ def heating_rows(
     import numpy as np
 
     from labpipe.contact import self_heating
-    from labpipe.contact.beyond import MATTERS
+    from labpipe.contact.beyond import NOTICEABLE
 
     estimate = self_heating(found, material, thermal, temperature)
-    over = np.flatnonzero(np.abs(estimate.dataset["modulus_change"].values) >= MATTERS)
+    over = np.flatnonzero(np.abs(estimate.dataset["modulus_change"].values) >= NOTICEABLE)
     since = f" from impact {over[0] + 1} on" if over.size else ""
     return {
         "self-heating": (f"{estimate.verdict}{since}", ""),

@@ -11,20 +11,32 @@ from pipelines.commands.options import cluster_option, echo, echo_json, json_opt
 
 
 @click.command()
-@click.argument(
-    "simulator", type=click.Choice(["drop", "indent", "adhesion", "heating", "amplitude"])
+@click.argument("simulator", type=click.Choice(["drop", "indent", "adhesion", "heating", "amplitude"]))
+@click.option(
+    "--vary",
+    multiple=True,
+    metavar="NAME=VALUES",
+    help='"height = 1 mm : 10 mm : 7", ": log" for equal ratios, or a list.',
 )
-@click.option("--vary", multiple=True, metavar="NAME=VALUES",
-              help='"height = 1 mm : 10 mm : 7", ": log" for equal ratios, or a list.')  # fmt: skip
-@click.option("--set", "fixed", multiple=True, metavar="NAME=VALUE",
-              help='A fixed parameter; with "±" and --draws it is sampled.')  # fmt: skip
+@click.option(
+    "--set", "fixed", multiple=True, metavar="NAME=VALUE", help='A fixed parameter; with "±" and --draws it is sampled.'
+)
 @click.option("--draws", type=click.IntRange(min=0), default=0, help="Random draws per point.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True,
-              help="Seed of the draws.")  # fmt: skip
-@click.option("--out", required=True, type=click.Path(dir_okay=False, path_type=Path),
-              help="netCDF file; the page lies beside it.")  # fmt: skip
-@click.option("--jobs", "-j", type=click.IntRange(min=0), default=1, show_default=True,
-              help="Local processes; 0 for one per processor.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the draws.")
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="netCDF file; the page is written beside it.",
+)
+@click.option(
+    "--jobs",
+    "-j",
+    type=click.IntRange(min=0),
+    default=1,
+    show_default=True,
+    help="Local processes; 0 for one per processor.",
+)
 @cluster_option
 @json_option
 def sweep(

@@ -12,9 +12,7 @@ from pipelines.commands.options import echo, echo_json, json_option
 
 
 @click.command()
-@click.argument(
-    "folder", default=".", type=click.Path(exists=True, file_okay=False, path_type=Path)
-)
+@click.argument("folder", default=".", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @json_option
 def doctor(folder: Path, as_json: bool) -> None:
     r"""Check the installation, the disk, and the results of a session.

@@ -24,10 +24,7 @@ from pipelines.experiments.plate_vibration.kind import KIND as PLATE_VIBRATION
 from pipelines.experiments.relaxation.kind import KIND as RELAXATION
 from pipelines.experiments.static_loading.kind import KIND as STATIC_LOADING
 
-OURS = (
-    BALL_DROP, STATIC_LOADING, HARMONIC, RELAXATION, DIC_VALIDATION, CONTACT_AREA,
-    PLATE_VIBRATION, DMA,
-)  # fmt: skip
+OURS = (BALL_DROP, STATIC_LOADING, HARMONIC, RELAXATION, DIC_VALIDATION, CONTACT_AREA, PLATE_VIBRATION, DMA)
 """From the general to the special: ``init`` offers a file to the last kind first."""
 
 

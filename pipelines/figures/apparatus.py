@@ -29,23 +29,28 @@ def glass_transition() -> Drawing:
     t = np.linspace(-1.0, 1.0, 401)
     glass, rubber, width = 0.06, 0.16, 0.06
     # A kink of finite width: the slope goes from glassy to rubbery around the transition.
-    volume = (
-        1 + 0.5 * (glass + rubber) * t + 0.5 * (rubber - glass) * width * np.log(np.cosh(t / width))
-    )
+    volume = 1 + 0.5 * (glass + rubber) * t + 0.5 * (rubber - glass) * width * np.log(np.cosh(t / width))
     cold = 1 + glass * t - 0.5 * (rubber - glass) * width * np.log(2)
     with panels(1, 3, width=2, aspect=0.36, width_ratios=(1.6, 1.0, 1.0)) as (figure, axes):
         left = axes[0, 0]
         left.plot(t, volume, label="specific volume", **line_arguments("measured"))
         left.plot(t[t > 0], cold[t > 0], label="glass, extrapolated", **line_arguments("reference"))
-        left.fill_between(t[t > 0], cold[t > 0], volume[t > 0], alpha=0.2, linewidth=0,
-                          color=line_arguments("model")["color"], label="free volume")  # fmt: skip
+        left.fill_between(
+            t[t > 0],
+            cold[t > 0],
+            volume[t > 0],
+            alpha=0.2,
+            linewidth=0,
+            color=line_arguments("model")["color"],
+            label="free volume",
+        )
         left.axvline(0.0, color="#808080", linewidth=0.7)
-        left.set(xlabel="temperature $(\\theta - \\theta_g)/\\theta_g$ (1)",
-                 ylabel="volume over that at $\\theta_g$ (1)")  # fmt: skip
+        left.set(
+            xlabel="temperature $(\\theta - \\theta_g)/\\theta_g$ (1)", ylabel="volume over that at $\\theta_g$ (1)"
+        )
         left.legend(loc="upper left")
         letter(left, "a")
-        for place, pitch, name, word in ((axes[0, 1], 1.0, "b", "glass"),
-                                         (axes[0, 2], 1.35, "c", "rubber")):  # fmt: skip
+        for place, pitch, name, word in ((axes[0, 1], 1.0, "b", "glass"), (axes[0, 2], 1.35, "c", "rubber")):
             _molecules(place, pitch)
             letter(place, name, word)
     return Drawing(
@@ -69,8 +74,7 @@ def _molecules(axes: Any, pitch: float) -> None:
             x = (column + 0.5 * (row % 2)) * pitch + shake[count, 0]
             y = row * pitch * np.sqrt(0.75) + shake[count, 1]
             count += 1
-            axes.add_patch(Circle((x, y), 0.46, facecolor="#cfe3f1", edgecolor="#0066a6",
-                                  linewidth=0.6))  # fmt: skip
+            axes.add_patch(Circle((x, y), 0.46, facecolor="#cfe3f1", edgecolor="#0066a6", linewidth=0.6))
     axes.set(xlim=(0.2, 8.2), ylim=(0.2, 8.2), aspect="equal", xticks=[], yticks=[])
     axes.grid(visible=False)
 
@@ -85,13 +89,16 @@ def plate_vibration() -> Drawing:
             times = fall + np.linspace(0.0, _RINGING, 1201)
             for number, name in enumerate(_SPHERES):
                 made = contact.drop(
-                    materials.load(name), SPHERE_RADIUS, MASS, height, float(times[-1]),
-                    plate=_PLATE, times=times,
-                )  # fmt: skip
+                    materials.load(name), SPHERE_RADIUS, MASS, height, float(times[-1]), plate=_PLATE, times=times
+                )
                 moved = -made["plate_displacement"].values * 1e6
                 largest[name].append(float(np.abs(moved).max()))
-                place.plot((made["time"].values - fall) * 1e3, moved, label=name,
-                           **(line_arguments(None, count=number) | {"linewidth": 0.9}))  # fmt: skip
+                place.plot(
+                    (made["time"].values - fall) * 1e3,
+                    moved,
+                    label=name,
+                    **(line_arguments(None, count=number) | {"linewidth": 0.9}),
+                )
             letter(place, "abcd"[panel], f"$h_0$ = {height * 1e3:g} mm")
         for place in axes[1]:
             place.set_xlabel("time $t_c$ (ms)")
@@ -127,11 +134,17 @@ def ruler_on_disc() -> Drawing:
         axes.imshow(image, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
         start = float(found.lines[5])
         end = start + 10 * found.pitch.value
-        arrow = {"arrowstyle": "<->", "color": "#cc4e00", "linewidth": 1.2, "shrinkA": 0,
-                 "shrinkB": 0}  # fmt: skip
+        arrow = {"arrowstyle": "<->", "color": "#cc4e00", "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", (start, 330), (end, 330), arrowprops=arrow)
-        axes.text((start + end) / 2, 405, f"1 mm = {10 * found.pitch.value:.2f} px", ha="center",
-                  color="#cc4e00", backgroundcolor="white", fontsize=7)  # fmt: skip
+        axes.text(
+            (start + end) / 2,
+            405,
+            f"1 mm = {10 * found.pitch.value:.2f} px",
+            ha="center",
+            color="#cc4e00",
+            backgroundcolor="white",
+            fontsize=7,
+        )
         axes.grid(visible=False)
         axes.set(xlabel="column (px)", ylabel="row (px)")
     return Drawing(

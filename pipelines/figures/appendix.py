@@ -38,20 +38,16 @@ def collision_model(inputs: Inputs | None) -> Drawing:
                 _draw_run(axes[:, column], made, words)
             for curve in measured.get(round(height * 1e6), ()):
                 for place in axes[:, column]:
-                    place.plot(*curve, label=f"laser ({inputs.origin if inputs else ''})",
-                               **line_arguments("measured"))  # fmt: skip
+                    place.plot(*curve, label=f"laser ({inputs.origin if inputs else ''})", **line_arguments("measured"))
             letter(axes[0, column], "abcd"[column], f"$h_0$ = {height * 1e3:g} mm")
         for row in range(2):
             axes[row, 0].set_ylabel("displacement (mm)")
         legend_above(figure, axes[0, 0])
-    first = "; ".join(
-        f"{words}: {', '.join(f'{e:.2f}' for e in values)}" for words, values in restitution.items()
-    )
+    first = "; ".join(f"{words}: {', '.join(f'{e:.2f}' for e in values)}" for words, values in restitution.items())
     laser = "laser displacement, mean of the repeats at each height, from first contact."
     return Drawing(
         Caption(
-            "Displacement of an acrylic sphere after drops from four heights, and the first "
-            "impact magnified (below).",
+            "Displacement of an acrylic sphere after drops from four heights, and the first impact magnified (below).",
             computed=(
                 "appendix A's model with E = 3.2 GPa, nu = 0.35, 505 g and the mean of the stated "
                 "damping range (13 700 to 16 800 N s/m^1.5). The printed stiffness is that of two "
@@ -64,7 +60,7 @@ def collision_model(inputs: Inputs | None) -> Drawing:
                 "2.0e-5 m' is a depth; taken as the update rule says, every overlap beyond 20 µm "
                 "stays, and the sphere hardly bounces: the printed agreement requires a larger one."
             ),
-            **(inputs.told(laser) if inputs is not None and measured else {}),
+            **(inputs.data_note(laser) if inputs is not None and measured else {}),
         ),
         figure,
     )
@@ -73,11 +69,16 @@ def collision_model(inputs: Inputs | None) -> Drawing:
 def _runs(height: float) -> dict[str, xr.Dataset]:
     return {
         words: contact.collision(
-            SPHERE_RADIUS, MASS, height, damping=float(np.mean(_DAMPING)), yield_depth=depth,
-            duration=0.35, as_printed=printed,
+            SPHERE_RADIUS,
+            MASS,
+            height,
+            damping=float(np.mean(_DAMPING)),
+            yield_depth=depth,
+            duration=0.35,
+            as_printed=printed,
         )
         for words, printed, depth, _ in _VERSIONS
-    }  # fmt: skip
+    }
 
 
 def _draw_run(places: Any, made: xr.Dataset, words: str) -> None:
@@ -109,10 +110,7 @@ def _first_contacts(inputs: Inputs) -> dict[int, list[tuple[np.ndarray, np.ndarr
 
 def camera_table() -> Drawing:
     """Table D.1: pixel sizes of both cameras with their uncertainties."""
-    rows = [
-        _scale("front (DIC)", 30e-3, 386.0, (1.0, 2.0)),
-        _scale("under the disc", 1e-3, 461.0, (1.0, 1.0)),
-    ]
+    rows = [_scale("front (DIC)", 30e-3, 386.0, (1.0, 2.0)), _scale("under the disc", 1e-3, 461.0, (1.0, 1.0))]
     head = "view,frame rate (Hz),resolution (px),length (m),distance (px),pixel size (m/px)"
     lines = [f"{head},least relative uncertainty (%),largest relative uncertainty (%)"]
     lines += [

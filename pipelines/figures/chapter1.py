@@ -122,13 +122,13 @@ def relaxation_processes() -> Drawing:
         other.loglog(x, factor, label="loss factor $\\tan\\delta$", **_LOSS)
         axes.set(
             xlabel="frequency $\\omega\\tau_\\alpha$ (1)  (falling temperature $\\rightarrow$)",
-            ylabel="storage modulus $G'$ (Pa)", ylim=(1e1, 1e11),
-        )  # fmt: skip
+            ylabel="storage modulus $G'$ (Pa)",
+            ylim=(1e1, 1e11),
+        )
         other.set_ylim(1e-4, 1e3)
         for name, peak in zip(("\\alpha", "\\beta", "\\gamma"), peaks, strict=True):
             axes.axvline(peak, **_GUIDE)
-            axes.text(peak, 4e10, f"$\\theta_{name}$", ha="center", va="bottom",
-                      backgroundcolor="white", fontsize=7)  # fmt: skip
+            axes.text(peak, 4e10, f"$\\theta_{name}$", ha="center", va="bottom", backgroundcolor="white", fontsize=7)
         for place, word in ((5e-8, "flow"), (3e-5, "rubber"), (1.0, "transition"), (5e6, "glass")):
             axes.text(place, 2.2e1, word, ha="center", fontsize=7)
         legend_above(figure, [axes, other])
@@ -161,13 +161,11 @@ def _second_axis(axes: Any, label: str) -> Any:
 def polymer_classes() -> Drawing:
     """Figure 1.4: amorphous and semi-crystalline thermoplastics, elastomers, thermosets."""
     classes = (
-        ("a", "amorphous thermoplastic",
-         _polymer(0.0, (0.0, 2.5e9, 0.7), (4.5, 1e6, 0.4))),
-        ("b", "semi-crystalline thermoplastic",
-         _polymer(0.0, (1.0, 1.8e9, 1.1), (6.0, 4e8, 0.4))),
+        ("a", "amorphous thermoplastic", _polymer(0.0, (0.0, 2.5e9, 0.7), (4.5, 1e6, 0.4))),
+        ("b", "semi-crystalline thermoplastic", _polymer(0.0, (1.0, 1.8e9, 1.1), (6.0, 4e8, 0.4))),
         ("c", "elastomer", _polymer(2e6, (-3.0, 1.5e9, 0.9))),
         ("d", "thermoset", _polymer(1.2e9, (2.0, 1.3e9, 1.2))),
-    )  # fmt: skip
+    )
     x = decades(-7, 7)
     with panels(2, 2, width=2, aspect=0.56, sharex="all", sharey="all") as (figure, axes):
         others = []

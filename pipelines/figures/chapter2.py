@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from labpipe import contact, materials
+from labpipe.arrays import Floats
 from labpipe.contact.line import dissipation
 from labpipe.materials import Prony
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Array, Caption, Drawing, decades, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, decades, letter, panels
 
 TIP_RADIUS, PERIOD, TIP_DEPTH, TIPS = 2e-3, 8e-3, 6e-3, 3
 DEPTH = TIPS * TIP_DEPTH
@@ -26,9 +27,7 @@ _RTOL = 1e-3  # of a dot of figure 2.6; 1e-4 moves none by more than 0.1 %
 _FRONT_FREQUENCIES = (1e-1, 1e2, 1e4, 1e6, 1e8, 1e9)
 
 
-def oscillation(
-    mean: float, amplitude: float, frequency: float, cycles: int, per_cycle: int
-) -> tuple[Array, Array]:
+def oscillation(mean: float, amplitude: float, frequency: float, cycles: int, per_cycle: int) -> tuple[Floats, Floats]:
     """Return times and displacements of ramp, rest and oscillation, the thesis's protocol.
 
     Parameters
@@ -52,9 +51,8 @@ def _cycle(rubber: Prony, amplitude: float, frequency: float) -> tuple[float, fl
     samples = 80
     time, moved = oscillation(_MEAN, amplitude, frequency, 2, samples)
     made = contact.indent(
-        rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, profile="cosine", elements=256,
-        rtol=_RTOL, outputs=("energy",),
-    )  # fmt: skip
+        rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, profile="cosine", elements=256, rtol=_RTOL, outputs=("energy",)
+    )
     force, lost = made["force"].values, made["dissipated_energy"].values
     rest = force[-2 * samples - 1]
     return float(force[-samples:].min() / rest), float(lost[-1] - lost[-samples - 1])
@@ -91,15 +89,16 @@ def dissipation_map() -> Drawing:
         first, second = axes[0]
         _map_panel(figure, first, x, amplitude / TIP_RADIUS, field)
         first.loglog(
-            x_spots, found / TIP_RADIUS, label="front, simulated",
-            **line_arguments("measured", style="points"),
-        )  # fmt: skip
+            x_spots, found / TIP_RADIUS, label="front, simulated", **line_arguments("measured", style="points")
+        )
         _section_panel(second, x, frequency, rubber)
         scale = (rubber, TIP_RADIUS, PERIOD, DEPTH)
         second.loglog(
-            x_spots, dissipation.dimensionless_work(simulated, *scale), label="simulated",
+            x_spots,
+            dissipation.dimensionless_work(simulated, *scale),
+            label="simulated",
             **line_arguments("measured", style="points"),
-        )  # fmt: skip
+        )
         for name, place in zip("ab", axes[0], strict=True):
             letter(place, name)
             place.legend(loc="upper right" if name == "a" else "lower left")
@@ -132,7 +131,7 @@ def dissipation_map() -> Drawing:
     )
 
 
-def _map_panel(figure: Any, axes: Any, x: Array, y: Array, field: Any) -> None:
+def _map_panel(figure: Any, axes: Any, x: Floats, y: Floats, field: Any) -> None:
     work = np.log10(field["dimensionless_work"].values.T)
     levels = np.arange(np.floor(np.nanmin(work)), np.ceil(np.nanmax(work)) + 0.5, 0.5)
     shown = axes.contourf(x, y, work, levels=levels, cmap="cividis")
@@ -144,15 +143,13 @@ def _map_panel(figure: Any, axes: Any, x: Array, y: Array, field: Any) -> None:
     axes.grid(visible=False)
 
 
-def _section_panel(axes: Any, x: Array, frequency: Array, rubber: Prony) -> None:
+def _section_panel(axes: Any, x: Floats, frequency: Floats, rubber: Prony) -> None:
     geometry = (_MEAN, TIP_RADIUS, PERIOD)
     work = contact.dissipated_work(rubber, frequency, _AMPLITUDE, *geometry, DEPTH)
     scaled = dissipation.dimensionless_work(work, rubber, TIP_RADIUS, PERIOD, DEPTH)
     touching = contact.tapping_amplitude(rubber, frequency, *geometry) >= _AMPLITUDE
     look = line_arguments("reference") | {"color": "black"}
-    axes.loglog(
-        x[touching], scaled[touching], label="eq. (2.31), contact", **(look | {"linestyle": "-"})
-    )
+    axes.loglog(x[touching], scaled[touching], label="eq. (2.31), contact", **(look | {"linestyle": "-"}))
     axes.loglog(x[~touching], scaled[~touching], label="eq. (2.31), tapping", **look)
     axes.set(ylabel="work $\\tilde W$ (1)", ylim=(scaled.min() / 30, scaled.max() * 2))
 
@@ -163,9 +160,8 @@ def tapping_cycle() -> Drawing:
     samples, frequency = 80, 2.0
     time, moved = oscillation(0.25 * TIP_RADIUS, 0.15 * TIP_RADIUS, frequency, 3, samples)
     made = contact.indent(
-        rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, profile="circle", elements=512,
-        outputs=("pressure", "surface"),
-    )  # fmt: skip
+        rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, profile="circle", elements=512, outputs=("pressure", "surface")
+    )
     last = made.isel(time=slice(-samples - 1, None))
     x = made["x"].values
     near = np.abs(x) < 0.95 * TIP_RADIUS
@@ -210,7 +206,7 @@ def tapping_cycle() -> Drawing:
     )
 
 
-def _state_panel(axes: Any, state: Any, near: Any, tip: Array, *, is_right: bool) -> Any:
+def _state_panel(axes: Any, state: Any, near: Any, tip: Floats, *, is_right: bool) -> Any:
     x = state["x"].values * 1e3
     axes.plot(x, state["pressure"].values / 1e6, **line_arguments("measured"))
     axes.set_xlim(-2.0, 2.0)

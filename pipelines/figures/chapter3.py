@@ -35,8 +35,14 @@ def reduced_gap() -> Drawing:
         peaks = _near_peaks(near, made)
         for number in range(_SHOWN_IMPACTS):
             start = (float(made["impact_time"][number]) - first) * 1e3
-            radius.annotate("I" * (number + 1), (start, peaks[number] * 1e6), (-2, 2),
-                            textcoords="offset points", ha="right", fontsize=7)  # fmt: skip
+            radius.annotate(
+                "I" * (number + 1),
+                (start, peaks[number] * 1e6),
+                (-2, 2),
+                textcoords="offset points",
+                ha="right",
+                fontsize=7,
+            )
         _sketch(sketch)
         letter(sketch, "b")
     return Drawing(
@@ -72,10 +78,11 @@ def _near_peaks(axes: Any, made: Any) -> list[float]:
         peak = time[inside][np.argmax(radius[inside])]
         found.append(float(radius[inside].max()))
         axes.plot(
-            (time[inside] - peak) * 1e3, radius[inside] * 1e6, label="I" * (number + 1),
-            **line_arguments("measured", count=number)
-            | {"linestyle": ("-", (0, (5, 2)), (0, (1.5, 1.5)))[number]},
-        )  # fmt: skip
+            (time[inside] - peak) * 1e3,
+            radius[inside] * 1e6,
+            label="I" * (number + 1),
+            **line_arguments("measured", count=number) | {"linestyle": ("-", (0, (5, 2)), (0, (1.5, 1.5)))[number]},
+        )
     axes.set(xlabel="time from largest radius $t_p$ (ms)", ylabel="contact radius $a$ (µm)")
     axes.set_ylim(0, 1150)
     axes.legend(loc="upper center", ncols=_SHOWN_IMPACTS)

@@ -16,11 +16,7 @@ import numpy as np
 
 from calibration.camera import pixel_size
 from labpipe import contact, materials
-from labpipe.contact.line import (
-    dimensionless_frequency,
-    dimensionless_length,
-    westergaard,
-)
+from labpipe.contact.line import dimensionless_frequency, dimensionless_length, westergaard
 from labpipe.contact.lumped import contact_stiffness
 from labpipe.contact.sphere import hertz
 from labpipe.units import Quantity
@@ -84,9 +80,7 @@ class Row:
 
     def document(self) -> dict[str, Any]:
         """Return the row for JSON."""
-        return asdict(self) | {
-            "difference": self.difference, "verdict": self.verdict, "reason": self.reason,
-        }  # fmt: skip
+        return asdict(self) | {"difference": self.difference, "verdict": self.verdict, "reason": self.reason}
 
     def line(self) -> str:
         """Return the row as one line of text."""
@@ -98,8 +92,7 @@ class Row:
 
 def rows() -> tuple[Row, ...]:
     """Return the whole check table."""
-    parts = (_conventions, _indenter, _plateaus, _peaks, _tapping, _impacts, _loads, _cameras,
-             _clocks)  # fmt: skip
+    parts = (_conventions, _indenter, _plateaus, _peaks, _tapping, _impacts, _loads, _cameras, _clocks)
     return tuple(row for part in parts for row in part())
 
 
@@ -107,50 +100,101 @@ def _conventions() -> Iterator[Row]:
     """Signs and factors of equations, as numbers."""
     solid = materials.Prony(1.0, [3.0], [1.0], nu=0.5)
     lead = float(np.sign(np.angle(solid.complex_modulus(0.5))))
-    yield Row("1.1", "sign of delta in sigma_A sin(omega t - delta)", -1, lead, "1", 0,
-              misprint="with a minus sign a cycle would give energy; (1.15) has plus")  # fmt: skip
+    yield Row(
+        "1.1",
+        "sign of delta in sigma_A sin(omega t - delta)",
+        -1,
+        lead,
+        "1",
+        0,
+        misprint="with a minus sign a cycle would give energy; (1.15) has plus",
+    )
     ratio = contact_stiffness(1.0, 1.0, 0.0) * 3
-    yield Row("A.1", "factor of E sqrt(a)/(3(1-nu^2)) in chi", 2, ratio, "1", 1e-9,
-              misprint="2 is for two equal spheres; a sphere on a rigid flat has 4")  # fmt: skip
-    yield Row("A.1 text", "is the 'yield stress of 2.0e-5 m' a stress? (1 yes)", 1, 0, "1", 0,
-              misprint="the unit is m: it is the yield depth of 20 um, not a stress")  # fmt: skip
-    yield Row("3.14 (eq.)", "velocity unit before /1000, in m/s", 1e-6, 1e-3, "m/s", 0,
-              misprint="mm over s is mm/s, not um/s; the /1000 is right")  # fmt: skip
-    yield Row("1.40", "retardation over relaxation time, beta = 4", 4,
-              float(solid.creep_terms()[1][0]), "1", 1e-12)  # fmt: skip
+    yield Row(
+        "A.1",
+        "factor of E sqrt(a)/(3(1-nu^2)) in chi",
+        2,
+        ratio,
+        "1",
+        1e-9,
+        misprint="2 is for two equal spheres; a sphere on a rigid flat has 4",
+    )
+    yield Row(
+        "A.1 text",
+        "is the 'yield stress of 2.0e-5 m' a stress? (1 yes)",
+        1,
+        0,
+        "1",
+        0,
+        misprint="the unit is m: it is the yield depth of 20 um, not a stress",
+    )
+    yield Row(
+        "3.14 (eq.)",
+        "velocity unit before /1000, in m/s",
+        1e-6,
+        1e-3,
+        "m/s",
+        0,
+        misprint="mm over s is mm/s, not um/s; the /1000 is right",
+    )
+    yield Row("1.40", "retardation over relaxation time, beta = 4", 4, float(solid.creep_terms()[1][0]), "1", 1e-12)
 
 
 def _indenter() -> Iterator[Row]:
     for depth, printed in zip(_INDENTATIONS, (0.05, 0.10, 0.15), strict=True):
-        yield Row("2.4", f"Delta/R at {depth * 1e3:g} mm", printed,
-                  float(dimensionless_length(depth, TIP_RADIUS)), "1", 1e-9)  # fmt: skip
+        yield Row(
+            "2.4", f"Delta/R at {depth * 1e3:g} mm", printed, float(dimensionless_length(depth, TIP_RADIUS)), "1", 1e-9
+        )
     for frequency, printed in ((0.5, 0.78e-10), (2.0, 3.12e-10)):
-        yield Row("2.5" if frequency < 1 else "2.7", f"f tau_0 at {frequency:g} Hz", printed,
-                  float(dimensionless_frequency(frequency, CHARACTERISTIC_TIME)), "1",
-                  5e-13)  # fmt: skip
-    yield Row("2.7 caption", "amplitude over R", 3.12e-10, 0.15, "1", 1e-3,
-              misprint="the frequency f tau_0 is printed as an amplitude")  # fmt: skip
-    yield Row("2.1", "width that three tips of R = 2 mm span", 20.0,
-              (2 * PERIOD + 2 * TIP_RADIUS) * 1e3, "mm", 0.5)  # fmt: skip
+        yield Row(
+            "2.5" if frequency < 1 else "2.7",
+            f"f tau_0 at {frequency:g} Hz",
+            printed,
+            float(dimensionless_frequency(frequency, CHARACTERISTIC_TIME)),
+            "1",
+            5e-13,
+        )
+    yield Row(
+        "2.7 caption",
+        "amplitude over R",
+        3.12e-10,
+        0.15,
+        "1",
+        1e-3,
+        misprint="the frequency f tau_0 is printed as an amplitude",
+    )
+    yield Row("2.1", "width that three tips of R = 2 mm span", 20.0, (2 * PERIOD + 2 * TIP_RADIUS) * 1e3, "mm", 0.5)
     shortest = float(materials.load("nbr").creep_terms()[1][0])
-    yield Row("2.38", "shortest retardation time of nbr", CHARACTERISTIC_TIME, shortest, "s",
-              5e-13, unavailable="the DMA spectrum; ours is one term per decade")  # fmt: skip
+    yield Row(
+        "2.38",
+        "shortest retardation time of nbr",
+        CHARACTERISTIC_TIME,
+        shortest,
+        "s",
+        5e-13,
+        unavailable="the DMA spectrum; ours is one term per decade",
+    )
     times = materials.load("nbr").creep_terms()[1]
     for word, printed, ours in (("shortest", -10.0, times.min()), ("longest", 2.0, times.max())):
         # "Approximately" a power of ten: half a decade either way.
-        yield Row("2.3.1", f"log10 of nbr's {word} time in s, 'about'", printed,
-                  float(np.log10(ours)), "1", 0.5,
-                  unavailable="the DMA spectrum; ours is one term per decade")  # fmt: skip
+        yield Row(
+            "2.3.1",
+            f"log10 of nbr's {word} time in s, 'about'",
+            printed,
+            float(np.log10(ours)),
+            "1",
+            0.5,
+            unavailable="the DMA spectrum; ours is one term per decade",
+        )
 
 
 def _plateaus() -> Iterator[Row]:
     for depth, printed in zip(_INDENTATIONS, (12.2, 31.0, 55.5), strict=True):
-        state = westergaard.from_displacement(
-            depth, TIP_RADIUS, PERIOD, _RELAXED_CONTACT_MODULUS, "cosine"
-        )
+        state = westergaard.from_displacement(depth, TIP_RADIUS, PERIOD, _RELAXED_CONTACT_MODULUS, "cosine")
         # One modulus for three plateaus; 3 % covers the tips' shape and the force's calibration.
-        yield Row("2.3.2", f"plateau force at {depth * 1e3:g} mm", printed,
-                  float(state.force) * DEPTH, "N", 0.03 * printed)  # fmt: skip
+        yield Row(
+            "2.3.2", f"plateau force at {depth * 1e3:g} mm", printed, float(state.force) * DEPTH, "N", 0.03 * printed
+        )
 
 
 @lru_cache(maxsize=1)
@@ -159,8 +203,7 @@ def _peak_forces() -> tuple[float, ...]:
     found = []
     for depth in _INDENTATIONS:
         time = np.linspace(0.0, depth / 1e-3, 81)
-        made = contact.indent(rubber, TIP_RADIUS, PERIOD, DEPTH, time, time * 1e-3, "circle",
-                              elements=512)  # fmt: skip
+        made = contact.indent(rubber, TIP_RADIUS, PERIOD, DEPTH, time, time * 1e-3, "circle", elements=512)
         found.append(float(made["force"].max()))
     return tuple(found)
 
@@ -170,72 +213,111 @@ def _force_after_200_s() -> float:
     """Force after 200 s of rest at 0.1 mm, over that after the whole 600 s."""
     depth = _INDENTATIONS[0]
     time = depth / 1e-3 + np.array([-depth / 1e-3, 0.0, 200.0, 600.0])
-    made = contact.indent(materials.load("nbr"), TIP_RADIUS, PERIOD, DEPTH, time,
-                          np.array([0.0, depth, depth, depth]), "circle", elements=512)  # fmt: skip
+    made = contact.indent(
+        materials.load("nbr"),
+        TIP_RADIUS,
+        PERIOD,
+        DEPTH,
+        time,
+        np.array([0.0, depth, depth, depth]),
+        "circle",
+        elements=512,
+    )
     return float(made["force"][2] / made["force"][3])
 
 
 def _peaks() -> Iterator[Row]:
-    yield Row("2.3.2", "force after 200 s over that after 600 s, 'stable'", 1.0,
-              _force_after_200_s(), "1", 0.03)  # fmt: skip
+    yield Row("2.3.2", "force after 200 s over that after 600 s, 'stable'", 1.0, _force_after_200_s(), "1", 0.03)
     for depth, printed, ours in zip(_INDENTATIONS, (23.1, 44.7, 80.6), _peak_forces(), strict=True):
-        yield Row("2.3.2", f"peak force at {depth * 1e3:g} mm", printed, ours, "N",
-                  0.03 * printed, unavailable="the DMA spectrum; ours fits ratios")  # fmt: skip
+        yield Row(
+            "2.3.2",
+            f"peak force at {depth * 1e3:g} mm",
+            printed,
+            ours,
+            "N",
+            0.03 * printed,
+            unavailable="the DMA spectrum; ours fits ratios",
+        )
 
 
 def _tapping() -> Iterator[Row]:
     rubber = materials.load("nbr")
     mean = 0.05 * TIP_RADIUS
     slow, fast = contact.tapping_amplitude(rubber, [0.0, 1e15], mean, TIP_RADIUS, PERIOD)
-    yield Row("2.34 text", "sign of d alpha / d frequency", 1, float(np.sign(fast - slow)), "1", 0,
-              misprint="|E| rises with frequency, so the critical amplitude falls")  # fmt: skip
+    yield Row(
+        "2.34 text",
+        "sign of d alpha / d frequency",
+        1,
+        float(np.sign(fast - slow)),
+        "1",
+        0,
+        misprint="|E| rises with frequency, so the critical amplitude falls",
+    )
     yield Row("2.34 text", "alpha(0)/Delta_0, 'about'", 1.0, float(slow) / mean, "1", 0.25)
-    yield Row("2.34 text", "alpha(inf) beta/Delta_0, 'about'", 1.0,
-              float(fast) / mean * rubber.E_unrelaxed / rubber.E_relaxed, "1", 0.25)  # fmt: skip
+    yield Row(
+        "2.34 text",
+        "alpha(inf) beta/Delta_0, 'about'",
+        1.0,
+        float(fast) / mean * rubber.E_unrelaxed / rubber.E_relaxed,
+        "1",
+        0.25,
+    )
 
 
 def _impacts() -> Iterator[Row]:
     for height, printed in zip(HEIGHTS, (0.1715, 0.3132, 0.3706, 0.4429), strict=True):
-        yield Row("reference", f"impact speed from {height * 1e3:g} mm", printed,
-                  float(hertz.drop_speed(height, GRAVITY)), "m/s", 1e-4)  # fmt: skip
+        yield Row(
+            "reference",
+            f"impact speed from {height * 1e3:g} mm",
+            printed,
+            float(hertz.drop_speed(height, GRAVITY)),
+            "m/s",
+            1e-4,
+        )
     ptfe = contact.drop(materials.load("ptfe"), SPHERE_RADIUS, MASS, 7e-3, 0.3)
-    yield Row("3.3.2", "first contact of PTFE from 7 mm", 0.04, float(ptfe["impact_time"][0]),
-              "s", 5e-3)  # fmt: skip
-    yield Row("3.3.2", "last lift-off is over, PTFE from 7 mm", 0.15,
-              float(ptfe["final_contact_time"]), "s", 0.01)  # fmt: skip
-    yield Row("3.3.2", "position at rest, PTFE from 7 mm", -7.1,
-              -7.0 + float(ptfe["displacement"][-1]) * 1e3, "mm", 0.05,
-              unavailable="the recording: zero of the laser, permanent set of PTFE")  # fmt: skip
+    yield Row("3.3.2", "first contact of PTFE from 7 mm", 0.04, float(ptfe["impact_time"][0]), "s", 5e-3)
+    yield Row("3.3.2", "last lift-off is over, PTFE from 7 mm", 0.15, float(ptfe["final_contact_time"]), "s", 0.01)
+    yield Row(
+        "3.3.2",
+        "position at rest, PTFE from 7 mm",
+        -7.1,
+        -7.0 + float(ptfe["displacement"][-1]) * 1e3,
+        "mm",
+        0.05,
+        unavailable="the recording: zero of the laser, permanent set of PTFE",
+    )
     acrylic = contact.drop(materials.load("acrylic"), SPHERE_RADIUS, MASS, HEIGHTS[0], 0.03)
-    yield Row("3.3.3", "duration of an impact, 'about 10^-3 s'", 1e-3,
-              float(acrylic["contact_duration"][0]), "s", 5e-4)  # fmt: skip
+    yield Row("3.3.3", "duration of an impact, 'about 10^-3 s'", 1e-3, float(acrylic["contact_duration"][0]), "s", 5e-4)
     modulus = 3.2e9 / (1 - 0.35**2)
     load = hertz.static_load(MASS * GRAVITY, SPHERE_RADIUS, modulus)
-    yield Row("reference", "Hertz radius at rest, E = 3.2 GPa", 0.213,
-              float(load.contact_radius) * 1e3, "mm", 5e-4)  # fmt: skip
+    yield Row("reference", "Hertz radius at rest, E = 3.2 GPa", 0.213, float(load.contact_radius) * 1e3, "mm", 5e-4)
     elastic = hertz.impact(sqrt(2 * GRAVITY * HEIGHTS[0]), SPHERE_RADIUS, MASS, modulus)
-    yield Row("reference", "Hertz approach, acrylic from 1.5 mm", 69.0,
-              float(elastic.peak_approach) * 1e6, "um", 0.5)  # fmt: skip
+    yield Row("reference", "Hertz approach, acrylic from 1.5 mm", 69.0, float(elastic.peak_approach) * 1e6, "um", 0.5)
     yield Row("3.1", "radius of a 3/4 inch sphere", 9.525, 0.75 * 25.4 / 2, "mm", 1e-9)
     sphere = 1180 * 4 / 3 * pi * SPHERE_RADIUS**3
-    yield Row("3.9 text", "mass of the sphere, acrylic 1180 kg/m3", 5.0, sphere * 1e3, "g", 0.5,
-              unavailable="weighing; one value for four spheres, 0.15 % of all")  # fmt: skip
+    yield Row(
+        "3.9 text",
+        "mass of the sphere, acrylic 1180 kg/m3",
+        5.0,
+        sphere * 1e3,
+        "g",
+        0.5,
+        unavailable="weighing; one value for four spheres, 0.15 % of all",
+    )
 
 
 def _loads() -> Iterator[Row]:
     load = 0.5
     yield Row("3.3.4", "load 1", 0.5, load, "kg", 1e-9)
-    for number, (added, printed) in enumerate(
-        zip((2.0, 1.0, 1.0, 1.0), (2.5, 3.5, 4.5, 5.5), strict=True), start=2
-    ):
+    for number, (added, printed) in enumerate(zip((2.0, 1.0, 1.0, 1.0), (2.5, 3.5, 4.5, 5.5), strict=True), start=2):
         load += added
         yield Row("3.3.4", f"load {number} from the masses of 3.1", printed, load, "kg", 1e-9)
     times = (2.55, 18.20, 33.10, 47.55)
-    yield Row("3.1, 3.3.4", "first hold", 3.0, times[0], "min", 0.2,
-              misprint="3 min in 3.1: 2.55 read as min.s is 2 min 55 s")  # fmt: skip
+    yield Row(
+        "3.1, 3.3.4", "first hold", 3.0, times[0], "min", 0.2, misprint="3 min in 3.1: 2.55 read as min.s is 2 min 55 s"
+    )
     for number, (before, after) in enumerate(pairwise(times), start=2):
-        yield Row("3.1, 3.3.4", f"hold {number}, 'about every 15 min'", 15.0, after - before,
-                  "min", 1.0)  # fmt: skip
+        yield Row("3.1, 3.3.4", f"hold {number}, 'about every 15 min'", 15.0, after - before, "min", 1.0)
 
 
 def _size(length: float, pixels: float, u_pixels: float) -> Quantity:
@@ -249,21 +331,46 @@ def _cameras() -> Iterator[Row]:
     yield Row("3.8 caption", "front camera", 77.7, front.value * 1e6, "um/px", 0.05)
     yield Row("D.3", "camera under the disc", 0.00217, disc.value * 1e3, "mm/px", 5e-6)
     yield Row("3.1", "camera under the disc", 2.17, disc.value * 1e6, "um/px", 5e-3)
-    yield Row("3.14 caption", "camera under the disc", 2.17, disc.value * 1e3, "mm/px", 5e-3,
-              misprint="printed in mm; 1 mm = 461 px gives 2.17 um")  # fmt: skip
+    yield Row(
+        "3.14 caption",
+        "camera under the disc",
+        2.17,
+        disc.value * 1e3,
+        "mm/px",
+        5e-3,
+        misprint="printed in mm; 1 mm = 461 px gives 2.17 um",
+    )
     for u_pixels, printed in ((1, 0.3), (2, 0.5)):
         size = _size(30e-3, 386, u_pixels)
-        yield Row("table D.1", f"uncertainty of the front camera, {u_pixels} px", printed,
-                  100 * size.u / size.value, "%", 0.05)  # fmt: skip
-    yield Row("table D.1", "uncertainty of the disc camera, 1 px", 0.2,
-              100 * disc.u / disc.value, "%", 0.05)  # fmt: skip
-    yield Row("D.2 text", "front over disc, 'two orders of magnitude'", 100.0,
-              front.value / disc.value, "1", 50.0,
-              misprint="the scales differ by a factor 36, one and a half orders")  # fmt: skip
+        yield Row(
+            "table D.1",
+            f"uncertainty of the front camera, {u_pixels} px",
+            printed,
+            100 * size.u / size.value,
+            "%",
+            0.05,
+        )
+    yield Row("table D.1", "uncertainty of the disc camera, 1 px", 0.2, 100 * disc.u / disc.value, "%", 0.05)
+    yield Row(
+        "D.2 text",
+        "front over disc, 'two orders of magnitude'",
+        100.0,
+        front.value / disc.value,
+        "1",
+        50.0,
+        misprint="the scales differ by a factor 36, one and a half orders",
+    )
 
 
 def _clocks() -> Iterator[Row]:
-    yield Row("3.3.1", "PEEK's T_0 against the hottest sweep", 129.93, 120.0, "degC", 1.0,
-              misprint="T_0 lies outside the stated sweeps")  # fmt: skip
+    yield Row(
+        "3.3.1",
+        "PEEK's T_0 against the hottest sweep",
+        129.93,
+        120.0,
+        "degC",
+        1.0,
+        misprint="T_0 lies outside the stated sweeps",
+    )
     yield Row("D.1 text", "time between frames at 10,000 per second", 0.1, 1e3 / 10_000, "ms", 1e-9)
     yield Row("3.1", "time step of the laser at 20 kHz", 50.0, 1e6 / 20_000, "us", 1e-9)

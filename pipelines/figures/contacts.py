@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 
 from labpipe import signals
+from labpipe.arrays import Floats
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Array, Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
 from pipelines.figures.films import around_peak
 from pipelines.figures.inputs import Inputs, is_heated, temperature_of
 
@@ -18,7 +19,7 @@ _SHADES = {"bouncing": "#dceaf5", "vibration": "#fbe9d3", "static": "#e4efe4"}
 _LETTERS = "abcd"
 
 
-def _since_contact(inputs: Inputs, film: str) -> Array:
+def _since_contact(inputs: Inputs, film: str) -> Floats:
     """Return the times of a film's frames in ms from first contact, which falls between two frames.
 
     The largest radius of the first impact is seen well; the simulation tells how long after first
@@ -42,23 +43,24 @@ def _pairs(inputs: Inputs) -> list[tuple[str, str, float]]:
 
 
 def _draw_both(
-    inputs: Inputs, place: Any, pair: tuple[str, str, float], limits: tuple[float, float],
-    highest: float,
-) -> Any:  # fmt: skip
+    inputs: Inputs, place: Any, pair: tuple[str, str, float], limits: tuple[float, float], highest: float
+) -> Any:
     """Draw the displacement and, on the right axis, the contact radius of one height."""
     drop, film, _ = pair
     repeats, seen = inputs.result(drop, "repeats"), inputs.result(film, "radius")
     t = repeats["time"].values * 1e3
     inside = (t >= limits[0]) & (t <= limits[1])
-    place.plot(t[inside], repeats["displacement_mean"].values[inside] * 1e3,
-               label=f"displacement, laser, {inputs.origin}",
-               **(line_arguments("measured") | {"linewidth": 0.9}))  # fmt: skip
+    place.plot(
+        t[inside],
+        repeats["displacement_mean"].values[inside] * 1e3,
+        label=f"displacement, laser, {inputs.origin}",
+        **(line_arguments("measured") | {"linewidth": 0.9}),
+    )
     place.set(xlabel="time $t_c$ (ms)", xlim=limits)
     other = place.twinx()
     time, a = _since_contact(inputs, film), seen["radius"].values * 1e6
     shown = seen["in_contact"].values.astype(bool) & np.isfinite(a)
-    other.plot(time[shown], a[shown], label=f"contact radius, film, {inputs.origin} (right axis)",
-               **_RADIUS)  # fmt: skip
+    other.plot(time[shown], a[shown], label=f"contact radius, film, {inputs.origin} (right axis)", **_RADIUS)
     other.set(ylim=(0, highest), xlim=limits)
     other.grid(visible=False)
     other.spines["right"].set_visible(True)
@@ -84,14 +86,14 @@ def phases(inputs: Inputs) -> Drawing:
         other.axhspan(*hertz, color="#8a3a6b", alpha=0.3, linewidth=0, label="Hertz at rest")
         for name, low, high in zip(names, edges[:-1], edges[1:], strict=True):
             place.axvspan(low, high, color=_SHADES[name], linewidth=0, zorder=-1)
-            place.text(0.5 * (low + high), 0.97, name, ha="center", va="top", fontsize=7,
-                       transform=place.get_xaxis_transform())  # fmt: skip
+            place.text(
+                0.5 * (low + high), 0.97, name, ha="center", va="top", fontsize=7, transform=place.get_xaxis_transform()
+            )
         starts = (impacts["peak_time"].values - float(impacts["peak_time"][0])) * 1e3
         for number, (start, radius) in enumerate(
             zip(starts, impacts["peak_radius"].values * 1e6, strict=True), start=1
         ):
-            other.annotate("I" * number, (start, radius), (0, 3), textcoords="offset points",
-                           ha="center", fontsize=7)  # fmt: skip
+            other.annotate("I" * number, (start, radius), (0, 3), textcoords="offset points", ha="center", fontsize=7)
         place.set_ylabel("displacement (mm)")
         other.set_ylabel("contact radius (µm)")
         legend_above(figure, [place, other])
@@ -110,7 +112,7 @@ def phases(inputs: Inputs) -> Drawing:
                 f"{hertz[1]:.0f} µm; the film at rest shows {rest:.1f} ± {u_rest:.1f} µm."
             ),
             difference="the thesis prints neither the times of the phases nor the radii.",
-            **inputs.told(
+            **inputs.data_note(
                 f"the laser recordings {drop} and the film {film}. A film of reduced size is "
                 "dense around the first three impacts and at rest only."
             ),
@@ -133,9 +135,7 @@ def four_heights(inputs: Inputs) -> Drawing:
     """Figure C.1: displacement and contact radius at each drop height."""
     _first(inputs)
     pairs = _pairs(inputs)[:_MOST_HEIGHTS]
-    top = 1.15e6 * max(
-        float(np.nanmax(inputs.result(film, "radius")["radius"])) for _, film, _ in pairs
-    )
+    top = 1.15e6 * max(float(np.nanmax(inputs.result(film, "radius")["radius"])) for _, film, _ in pairs)
     rows = (len(pairs) + 1) // 2
     with panels(rows, min(2, len(pairs)), width=2, aspect=0.3 * rows) as (figure, axes):
         for number, pair in enumerate(pairs):
@@ -153,11 +153,10 @@ def four_heights(inputs: Inputs) -> Drawing:
         legend_above(figure, [axes.flat[0], other])
     return Drawing(
         Caption(
-            "Displacement by laser and contact radius by film of an acrylic sphere, over time from "
-            "first contact.",
+            "Displacement by laser and contact radius by film of an acrylic sphere, over time from first contact.",
             computed="each film is aligned with the laser's record at first contact only.",
             difference="the thesis prints no numbers here.",
-            **inputs.told(
+            **inputs.data_note(
                 "mean of the laser recordings and the radius fitted to the interference fringes; "
                 "between the bursts around the impacts a film of reduced size has few frames."
             ),
@@ -174,9 +173,7 @@ def spots(inputs: Inputs) -> Drawing:
     size = float(inputs.result(name, "radius")["pixel_size"]) * 1e6
     chosen = [
         (int(np.argmin(np.abs(keys["key_time"].values - t))), float(r) * 1e6, "I" * (i + 1))
-        for i, (t, r) in enumerate(
-            zip(impacts["peak_time"].values, made["peak_radius_model"].values, strict=False)
-        )
+        for i, (t, r) in enumerate(zip(impacts["peak_time"].values, made["peak_radius_model"].values, strict=False))
     ]
     chosen.append((keys.sizes["key"] - 1, float(model["contact_radius"][-1]) * 1e6, "at rest"))
     notes = []
@@ -200,11 +197,8 @@ def spots(inputs: Inputs) -> Drawing:
                 "orange: contact circle of the simulated drop, centred on the fit; light blue, "
                 f"dashed: circle fitted to the fringes. {'; '.join(notes)}."
             ),
-            difference=(
-                "the printed caption gives 2.17 mm per pixel; 2.17 µm is meant. The radii are not "
-                "printed."
-            ),
-            **inputs.told(f"frames of the film {name}, {size:.3f} µm per pixel."),
+            difference=("the printed caption gives 2.17 mm per pixel; 2.17 µm is meant. The radii are not printed."),
+            **inputs.data_note(f"frames of the film {name}, {size:.3f} µm per pixel."),
         ),
         figure,
     )
@@ -219,13 +213,12 @@ def _spot(place: Any, at: Any, radius: float, size: float, reduction: float) -> 
     # Pixel centres are whole numbers: the image reaches half a pixel further on every side.
     left, right = (-0.5 - x) * size, (columns * reduction - 0.5 - x) * size
     low, high = (-0.5 - y) * size, (rows * reduction - 0.5 - y) * size
-    place.imshow(at["image"].values, cmap="gray", extent=(left, right, -high, -low),
-                 interpolation="nearest")  # fmt: skip
+    place.imshow(at["image"].values, cmap="gray", extent=(left, right, -high, -low), interpolation="nearest")
     fitted = float(at["circle_radius"]) * size
-    place.add_patch(Circle((0, 0), radius, fill=False, edgecolor="#ff8c1a", linewidth=2.0,
-                           label="model"))  # fmt: skip
-    place.add_patch(Circle((0, 0), fitted, fill=False, edgecolor="#56c8ff", linewidth=1.1,
-                           linestyle=(0, (4, 3)), label="fit"))  # fmt: skip
+    place.add_patch(Circle((0, 0), radius, fill=False, edgecolor="#ff8c1a", linewidth=2.0, label="model"))
+    place.add_patch(
+        Circle((0, 0), fitted, fill=False, edgecolor="#56c8ff", linewidth=1.1, linestyle=(0, (4, 3)), label="fit")
+    )
     place.set(xlim=(max(left, -1250), min(right, 1250)), ylim=(-high, -low))
     place.grid(visible=False)
 
@@ -234,29 +227,34 @@ def heated(inputs: Inputs) -> Drawing:
     """Figure 3.16: contact radius at room temperature and heated, first impacts and at rest."""
     pair = _temperatures(inputs)
     looks = ({"color": "#0066a6", "marker": "o"}, {"color": "#cc2a1e", "marker": "s"})
-    with panels(1, _IMPACTS + 1, width=2, aspect=0.36, width_ratios=(1, 1, 1, 0.7)) as (
-        figure, axes,
-    ):  # fmt: skip
+    with panels(1, _IMPACTS + 1, width=2, aspect=0.36, width_ratios=(1, 1, 1, 0.7)) as (figure, axes):
         for look, (name, label) in zip(looks, pair, strict=True):
             made, impacts = inputs.result(name, "comparison"), inputs.result(name, "impacts")
             for number in range(_IMPACTS):
                 inside = made["impact_number"].values == number + 1
                 t = made["since_peak"].values[inside] * 1e3
                 place = axes[0, number]
-                place.plot(t, made["film"].values[inside] * 1e6, label=f"film, {label}",
-                           markersize=2.6, linestyle="none", **look)  # fmt: skip
-                since, radius = around_peak(
-                    inputs.result(name, "model"), float(made["model_peak_time"][number])
+                place.plot(
+                    t,
+                    made["film"].values[inside] * 1e6,
+                    label=f"film, {label}",
+                    markersize=2.6,
+                    linestyle="none",
+                    **look,
                 )
-                place.plot(since, radius, color=look["color"], linewidth=0.9,
-                           label=f"model, {label}")  # fmt: skip
+                since, radius = around_peak(inputs.result(name, "model"), float(made["model_peak_time"][number]))
+                place.plot(since, radius, color=look["color"], linewidth=0.9, label=f"model, {label}")
                 place.set(xlabel="time $t_p$ (ms)", ylim=(0, None))
                 letter(place, _LETTERS[number], "I" * (number + 1))
             last = axes[0, _IMPACTS]
             last.errorbar(
-                [label], [float(impacts["static_radius"]) * 1e6],
-                yerr=[2e6 * float(impacts["u_static_radius"])], markersize=3.5, capsize=2, **look,
-            )  # fmt: skip
+                [label],
+                [float(impacts["static_radius"]) * 1e6],
+                yerr=[2e6 * float(impacts["u_static_radius"])],
+                markersize=3.5,
+                capsize=2,
+                **look,
+            )
             rest = float(inputs.result(name, "model")["contact_radius"][-1]) * 1e6
             last.plot([label], [rest], marker="_", markersize=14, color=look["color"])
         axes[0, 0].set_ylabel("contact radius (µm)")
@@ -270,14 +268,13 @@ def heated(inputs: Inputs) -> Drawing:
             "impacts, t_p = 0 at the largest radius; (d) at rest (bars: 95 %; dashes: the "
             "simulation at the end of the film).",
             computed=(
-                "simulated drops; the heated one with the material shifted by its law. "
-                + _warming(inputs, pair)
+                "simulated drops; the heated one with the material shifted by its law. " + _warming(inputs, pair)
             ),
             difference=(
                 "the thesis prints no radii; it says that the heated contact is larger in every "
                 "impact and at rest, and forms earlier. Our numbers are given above."
             ),
-            **inputs.told(f"the films {pair[0][0]} and {pair[1][0]}."),
+            **inputs.data_note(f"the films {pair[0][0]} and {pair[1][0]}."),
         ),
         figure,
     )
@@ -303,16 +300,12 @@ def _warming(inputs: Inputs, pair: list[tuple[str, str]]) -> str:
     notes = []
     for number in range(_IMPACTS):
         film, model = (
-            float(warm[f"peak_radius_{s}"][number] - cold[f"peak_radius_{s}"][number]) * 1e6
-            for s in ("film", "model")
+            float(warm[f"peak_radius_{s}"][number] - cold[f"peak_radius_{s}"][number]) * 1e6 for s in ("film", "model")
         )
-        u = 1e6 * float(
-            np.linalg.norm([float(m["u_peak_radius_difference"][number]) for m in (cold, warm)])
-        )
+        u = 1e6 * float(np.linalg.norm([float(m["u_peak_radius_difference"][number]) for m in (cold, warm)]))
         notes.append(f"{'I' * (number + 1)} {film:+.1f} (model {model:+.1f}) ± {u:.1f} µm")
     rest = [inputs.result(name, "impacts") for name, _ in pair]
     at_rest = " and ".join(
-        f"{float(r['static_radius']) * 1e6:.1f} ± {float(r['u_static_radius']) * 1e6:.1f}"
-        for r in rest
+        f"{float(r['static_radius']) * 1e6:.1f} ± {float(r['u_static_radius']) * 1e6:.1f}" for r in rest
     )
     return f"Largest radius, heated minus room: {'; '.join(notes)}; at rest {at_rest} µm."

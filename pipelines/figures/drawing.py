@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.report import figure_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Array = NDArray[np.float64]
 
 DOUBLE_COLUMN_LINE = 100
 """Characters in a line of a caption file."""
@@ -66,12 +65,7 @@ class Drawing:
 
 @contextmanager
 def panels(
-    rows: int = 1,
-    columns: int = 1,
-    *,
-    width: Literal[1, 2] = 1,
-    aspect: float = 0.68,
-    **options: Any,
+    rows: int = 1, columns: int = 1, *, width: Literal[1, 2] = 1, aspect: float = 0.68, **options: Any
 ) -> Iterator[tuple[Figure, Any]]:
     """Open a figure of journal width with its panels, in one style.
 
@@ -107,12 +101,9 @@ def legend_above(figure: Figure, axes: "Axes | Sequence[Axes]", columns: int = 4
     for one in every:
         for handle, label in zip(*one.get_legend_handles_labels(), strict=True):
             handles.setdefault(label, handle)
-    figure.legend(
-        list(handles.values()), list(handles), loc="outside upper center", ncols=columns,
-        columnspacing=1.4,
-    )  # fmt: skip
+    figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=columns, columnspacing=1.4)
 
 
-def decades(low: float, high: float, per_decade: int = 40) -> Array:
+def decades(low: float, high: float, per_decade: int = 40) -> Floats:
     """Return points that are equally spaced on a logarithmic axis, exponents given."""
     return np.logspace(low, high, int((high - low) * per_decade) + 1)

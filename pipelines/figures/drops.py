@@ -49,8 +49,7 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
     with panels(2, len(chosen), width=2, aspect=aspect) as (figure, axes):
         for column, name in enumerate(chosen):
             height = inputs.experiments[name].height.value
-            results = {stage: inputs.result(name, stage)
-                       for stage in ("repeats", "model", "comparison")}  # fmt: skip
+            results = {stage: inputs.result(name, stage) for stage in ("repeats", "model", "comparison")}
             _column(axes[:, column], results, inputs.origin)
             letter(axes[0, column], "abcd"[column], f"$h_0$ = {height * 1e3:g} mm")
             notes.append(_agreement(height, results))
@@ -67,7 +66,7 @@ def heights(inputs: Inputs, sphere: str) -> Drawing:
                 f"the mean of the repeats: {'; '.join(notes)}."
             ),
             difference="the printed figures give no number for the agreement.",
-            **inputs.told(
+            **inputs.data_note(
                 f"bands: mean of {number} laser recordings per height, plus and minus two "
                 "standard deviations over the repeats."
             ),
@@ -89,15 +88,19 @@ def _column(places: Any, results: dict[str, xr.Dataset], origin: str) -> None:
     for place, factor, limits in zip(places, (1e3, 1e6), ((-_BEFORE, _AFTER), _ZOOM), strict=True):
         shown = (t >= limits[0]) & (t <= limits[1])
         place.fill_between(
-            t[shown], (mean - half)[shown] * factor, (mean + half)[shown] * factor,
-            color=look["color"], alpha=0.35, linewidth=0.0, label=f"laser, {origin}",
-        )  # fmt: skip
+            t[shown],
+            (mean - half)[shown] * factor,
+            (mean + half)[shown] * factor,
+            color=look["color"],
+            alpha=0.35,
+            linewidth=0.0,
+            label=f"laser, {origin}",
+        )
         place.plot(t[shown], mean[shown] * factor, **(look | {"linewidth": 0.6}))
         inside = (t_model >= limits[0]) & (t_model <= limits[1])
         place.plot(
-            t_model[inside], model["displacement"].values[inside] * factor, label="model",
-            **line_arguments("model"),
-        )  # fmt: skip
+            t_model[inside], model["displacement"].values[inside] * factor, label="model", **line_arguments("model")
+        )
         place.set(xlim=limits, xlabel="time $t_c$ (ms)")
     deepest = float(model["displacement"].min()) * 1e6
     places[1].set_ylim(1.3 * deepest, -0.6 * deepest)
@@ -108,6 +111,5 @@ def _agreement(height: float, results: dict[str, xr.Dataset]) -> str:
     difference = float(found["restitution_difference"][0])
     u = float(found["u_restitution_difference"][0])
     return (
-        f"{height * 1e3:g} mm: nRMSE {100 * float(found['nrmse']):.2f} %, first restitution "
-        f"{difference:+.4f} ± {u:.4f}"
+        f"{height * 1e3:g} mm: nRMSE {100 * float(found['nrmse']):.2f} %, first restitution {difference:+.4f} ± {u:.4f}"
     )

@@ -4,8 +4,9 @@ from typing import Any
 
 import numpy as np
 
+from labpipe.arrays import Floats
 from labpipe.report import line_arguments
-from pipelines.figures.drawing import Array, Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs, referred
 
 _IMPACTS = 3
@@ -55,7 +56,7 @@ def laser_and_film(inputs: Inputs) -> Drawing:
                 "the thesis gives no number for the agreement. First contact is printed as 0.04 s "
                 "from release (37.8 ms by free fall); here time counts from first contact."
             ),
-            **inputs.told(f"the film {name} and the laser recordings {drop}."),
+            **inputs.data_note(f"the film {name} and the laser recordings {drop}."),
         ),
         figure,
     )
@@ -66,8 +67,10 @@ def contact_radius(inputs: Inputs) -> Drawing:
     chosen = sorted(inputs.experiments, key=lambda n: inputs.experiments[n].height.value)
     chosen = chosen[:_MOST_HEIGHTS]
     notes = []
-    with panels(len(chosen), _IMPACTS, width=2, aspect=0.1 + 0.26 * len(chosen),
-                sharex="all", sharey="row") as (figure, axes):  # fmt: skip
+    with panels(len(chosen), _IMPACTS, width=2, aspect=0.1 + 0.26 * len(chosen), sharex="all", sharey="row") as (
+        figure,
+        axes,
+    ):
         for row, name in enumerate(chosen):
             made = inputs.result(name, "comparison")
             _impact_row(axes[row], made, inputs.result(name, "model"), inputs.origin)
@@ -84,11 +87,10 @@ def contact_radius(inputs: Inputs) -> Drawing:
         legend_above(figure, axes[0, 0])
     return Drawing(
         Caption(
-            "Contact radius of the first impacts (left to right) at each drop height, t_p = 0 at "
-            "the largest radius.",
+            "Contact radius of the first impacts (left to right) at each drop height, t_p = 0 at the largest radius.",
             computed=f"simulated drops; largest radius, film minus model: {'; '.join(notes)}.",
             difference="the thesis gives no number for the agreement.",
-            **inputs.told("contact radius from the interference fringes of films."),
+            **inputs.data_note("contact radius from the interference fringes of films."),
         ),
         figure,
     )
@@ -98,14 +100,15 @@ def _impact_row(places: Any, made: Any, model: Any, origin: str) -> None:
     for number, place in enumerate(places, start=1):
         inside = made["impact_number"].values == number
         t = made["since_peak"].values[inside] * 1e3
-        place.plot(t, made["film"].values[inside] * 1e6, label=f"film, {origin}",
-                   **line_arguments("measured", style="points"))  # fmt: skip
+        place.plot(
+            t, made["film"].values[inside] * 1e6, label=f"film, {origin}", **line_arguments("measured", style="points")
+        )
         since, radius = around_peak(model, float(made["model_peak_time"][number - 1]))
         place.plot(since, radius, label="model", **line_arguments("model"))
         place.set_ylim(bottom=0.0)
 
 
-def around_peak(model: Any, peak: float) -> tuple[Array, Array]:
+def around_peak(model: Any, peak: float) -> tuple[Floats, Floats]:
     """Return the simulated contact around one largest radius: time in ms, radius in µm.
 
     Parameters

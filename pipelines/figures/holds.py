@@ -5,12 +5,13 @@ from typing import Any
 import numpy as np
 
 from labpipe import contact, materials
+from labpipe.arrays import Floats
 from labpipe.contact.line import westergaard
 from labpipe.contact.sphere import hertz
 from labpipe.report import line_arguments
 from pipelines.figures.chapter2 import DEPTH, PERIOD, TIP_RADIUS
 from pipelines.figures.chapter3 import GRAVITY, SPHERE_RADIUS
-from pipelines.figures.drawing import Array, Caption, Drawing, legend_above, letter, panels
+from pipelines.figures.drawing import Caption, Drawing, legend_above, letter, panels
 from pipelines.figures.inputs import Inputs
 
 _PRINTED = ((0.1e-3, 23.1, 12.2), (0.2e-3, 44.7, 31.0), (0.3e-3, 80.6, 55.5))
@@ -35,9 +36,7 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
     others: list[Any] = []
     with panels(1, len(files), width=2, aspect=0.38) as (figure, axes):
         for place, letter_, file in zip(axes[0], "abc", files, strict=False):
-            loads, ramps, made = (
-                inputs.result(name, stage, file) for stage in ("loads", "ramps", "comparison")
-            )
+            loads, ramps, made = (inputs.result(name, stage, file) for stage in ("loads", "ramps", "comparison"))
             at, simulated = ramps.isel(ramp=0), made["simulated_force"].values
             in_block = loads["block"].values == int(at["block"])
             since = loads["time"].values - float(at["begin"])
@@ -49,19 +48,11 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
                 label=f"force, {inputs.origin}",
                 **line_arguments("measured", style="points") | {"markersize": 2},
             )
-            place.semilogx(
-                since[inside][thin],
-                simulated[inside][thin],
-                label="model",
-                **line_arguments("model"),
-            )
+            place.semilogx(since[inside][thin], simulated[inside][thin], label="model", **line_arguments("model"))
             depth = float(at["depth"])
             peak, plateau = float(at["peak_force"]), float(at["plateau_force"])
             moved = loads["position_z"].values - float(ramps["contact_position"])
-            others.append(
-                _depth_axis(place, since[inside][thin], moved[inside][thin] * 1e3,
-                            is_last=file == files[-1])
-            )  # fmt: skip
+            others.append(_depth_axis(place, since[inside][thin], moved[inside][thin] * 1e3, is_last=file == files[-1]))
             place.set(xlabel="time from the ramp's begin (s)", ylim=(0.0, 1.3 * peak))
             letter(place, letter_, f"$\\Delta$ = {depth * 1e3:.3f} mm")
             notes.append(
@@ -76,12 +67,9 @@ def _recorded_relaxation(inputs: Inputs) -> Drawing:
         Caption(
             "Force while the punch is pressed in at 1 mm/s and held, at three depths; right axis: "
             "indentation from the recorded position.",
-            computed=(
-                "boundary-element simulation with the measured displacement, after the load "
-                "cell's filter."
-            ),
+            computed=("boundary-element simulation with the measured displacement, after the load cell's filter."),
             difference=f"{'; '.join(notes)}. The peak is as attenuated by the filter.",
-            **inputs.told(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
+            **inputs.data_note(f"the Mach-1 recordings of {name}, thinned to equal steps of log time."),
         ),
         figure,
     )
@@ -94,7 +82,7 @@ def _printed(depth: float) -> str:
     return ""
 
 
-def _log_thinned(since: Array) -> Array:
+def _log_thinned(since: Floats) -> Floats:
     """Choose samples at about equal steps of log time."""
     wanted = np.geomspace(since[0], since[-1], _DRAWN_POINTS)
     return np.unique(np.searchsorted(since, wanted).clip(0, len(since) - 1))
@@ -110,17 +98,19 @@ def _computed_relaxation() -> Drawing:
             ramp = np.linspace(0.0, depth / 1e-3, 81)
             time = np.concatenate([ramp, ramp[-1] + np.geomspace(1e-3, 600.0, 160)])
             moved = np.minimum(time * 1e-3, depth)
-            made = contact.indent(rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, "circle",
-                                  elements=512)  # fmt: skip
+            made = contact.indent(rubber, TIP_RADIUS, PERIOD, DEPTH, time, moved, "circle", elements=512)
             force = made["force"].values
             place.semilogx(time[1:], force[1:], label="force, model", **line_arguments("model"))
-            place.plot([ramp[-1], 600.0], [peak, plateau], label="peak, plateau, printed",
-                       **line_arguments("measured", style="points"))  # fmt: skip
+            place.plot(
+                [ramp[-1], 600.0],
+                [peak, plateau],
+                label="peak, plateau, printed",
+                **line_arguments("measured", style="points"),
+            )
             others.append(_depth_axis(place, time[1:], moved[1:] * 1e3, is_last=name == "c"))
             place.set(xlabel="time (s)", ylim=(0.0, 1.3 * peak))
             letter(place, name, f"$\\Delta/R$ = {depth / TIP_RADIUS:g}")
-            closed = DEPTH * float(westergaard.from_displacement(
-                depth, TIP_RADIUS, PERIOD, 10.14e6, "cosine").force)  # fmt: skip
+            closed = DEPTH * float(westergaard.from_displacement(depth, TIP_RADIUS, PERIOD, 10.14e6, "cosine").force)
             notes.append(
                 f"{depth * 1e3:g} mm: peak {force.max():.1f} N (printed {peak:g}), after 600 s "
                 f"{force[-1]:.1f} N, fully relaxed {closed:.1f} N (printed {plateau:g})"
@@ -144,7 +134,7 @@ def _computed_relaxation() -> Drawing:
     )
 
 
-def _depth_axis(axes: Any, time: Array, moved: Array, *, is_last: bool) -> Any:
+def _depth_axis(axes: Any, time: Floats, moved: Floats, *, is_last: bool) -> Any:
     other = axes.twinx()
     other.semilogx(time, moved, label="indentation (right axis)", **line_arguments("reference"))
     other.set_ylim(0.0, 0.42)
@@ -172,13 +162,18 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
     masses = [load.mass.value for load in inputs.experiments[name].loads]
     with panels(2, 1, width=1, aspect=1.25, height_ratios=(2.0, 1.0)) as (figure, grid):
         axes, circles = grid[:, 0]
-        axes.plot(t, a, label=f"laser, {inputs.origin}",
-                  **line_arguments("measured", style="points") | {"markersize": 1.2})  # fmt: skip
-        axes.plot(t, model["contact_radius"].values * 1e6, label="viscoelastic",
-                  **line_arguments("model"))  # fmt: skip
-        axes.stairs(radii, edges, baseline=None, label="Hertz, relaxed",
-                    color=line_arguments("reference")["color"],
-                    linestyle=line_arguments("reference")["linestyle"])  # fmt: skip
+        axes.plot(
+            t, a, label=f"laser, {inputs.origin}", **line_arguments("measured", style="points") | {"markersize": 1.2}
+        )
+        axes.plot(t, model["contact_radius"].values * 1e6, label="viscoelastic", **line_arguments("model"))
+        axes.stairs(
+            radii,
+            edges,
+            baseline=None,
+            label="Hertz, relaxed",
+            color=line_arguments("reference")["color"],
+            linestyle=line_arguments("reference")["linestyle"],
+        )
         axes.set(xlabel="time (min)", ylabel="contact radius (µm)", ylim=(0, 1.1 * radii.max()))
         for mass, start, radius in zip(masses, edges, radii, strict=False):
             axes.text(max(start, edges[1]) + 0.8, radius - 75, f"{mass:g} kg", fontsize=7)
@@ -187,13 +182,16 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
         letter(circles, "b")
         legend_above(figure, axes, columns=3)
     found = [
-        f"{m:g} kg: {1e6 * float(r + d):.1f} ± {1e6 * float(u):.1f} (model {1e6 * float(r):.1f}, "
-        f"Hertz {h:.1f}) µm"
+        f"{m:g} kg: {1e6 * float(r + d):.1f} ± {1e6 * float(u):.1f} (model {1e6 * float(r):.1f}, Hertz {h:.1f}) µm"
         for m, r, d, u, h in zip(
-            masses, made["radius_model"].values, made["radius_difference"].values,
-            made["u_radius_difference"].values, radii, strict=True,
+            masses,
+            made["radius_model"].values,
+            made["radius_difference"].values,
+            made["u_radius_difference"].values,
+            radii,
+            strict=True,
         )
-    ]  # fmt: skip
+    ]
     return Drawing(
         Caption(
             "(a) Contact radius of a PTFE sphere on a rigid flat while masses are added, from the "
@@ -208,7 +206,7 @@ def _recorded_loading(inputs: Inputs) -> Drawing:
                 "the thesis prints the loads and times, not the radii. The first load is held 3 "
                 "min by section 3.1 and 2.55 min by 3.3.4 (as minutes and seconds, 2 min 55 s)."
             ),
-            **inputs.told(f"the laser's approach of {name}, a reading every few seconds."),
+            **inputs.data_note(f"the laser's approach of {name}, a reading every few seconds."),
         ),
         figure,
     )
@@ -223,31 +221,35 @@ def _computed_loading() -> Drawing:
         inside = start + np.concatenate([[0.0], np.geomspace(0.05, end - start, 120)])
         time.append(inside)
         load.append(np.full(inside.size, mass * GRAVITY))
-    made = contact.load_sphere(
-        solid, SPHERE_RADIUS, np.concatenate(time), np.concatenate(load), profile="sphere"
-    )
+    made = contact.load_sphere(solid, SPHERE_RADIUS, np.concatenate(time), np.concatenate(load), profile="sphere")
     modulus = solid.E_relaxed * solid.factor("contact")
     radii = hertz.static_load(np.array(_LOADS) * GRAVITY, SPHERE_RADIUS, modulus).contact_radius
     ours = np.interp(starts[1:] - 1.0, made["time"].values, made["contact_radius"].values)
     with panels(2, 1, width=1, aspect=1.25, height_ratios=(2.0, 1.0)) as (figure, grid):
         axes, circles = grid[:, 0]
-        axes.plot(made["time"].values / 60, made["contact_radius"].values * 1e6,
-                  label="viscoelastic", **line_arguments("model"))  # fmt: skip
-        axes.stairs(np.asarray(radii) * 1e6, starts / 60, baseline=None, label="Hertz, relaxed",
-                    color=line_arguments("reference")["color"],
-                    linestyle=line_arguments("reference")["linestyle"])  # fmt: skip
+        axes.plot(
+            made["time"].values / 60,
+            made["contact_radius"].values * 1e6,
+            label="viscoelastic",
+            **line_arguments("model"),
+        )
+        axes.stairs(
+            np.asarray(radii) * 1e6,
+            starts / 60,
+            baseline=None,
+            label="Hertz, relaxed",
+            color=line_arguments("reference")["color"],
+            linestyle=line_arguments("reference")["linestyle"],
+        )
         axes.set(xlabel="time (min)", ylabel="contact radius (µm)", ylim=(0, 1000))
         for mass, start, radius in zip(_LOADS, starts, np.asarray(radii) * 1e6, strict=False):
             # Below its step; the first step is too short for its label, which stands beside it.
-            axes.text(
-                max(start / 60, _STARTS_MIN[1]) + 0.8, radius - 75, f"{mass:g} kg", fontsize=7
-            )
+            axes.text(max(start / 60, _STARTS_MIN[1]) + 0.8, radius - 75, f"{mass:g} kg", fontsize=7)
         letter(axes, "a")
         _circles(circles, np.asarray(radii) * 1e6)
         letter(circles, "b")
         legend_above(figure, axes)
-    steps = [f"{m:g} kg: {1e6 * h:.0f} and {1e6 * o:.0f} µm"
-             for m, h, o in zip(_LOADS, radii, ours, strict=True)]  # fmt: skip
+    steps = [f"{m:g} kg: {1e6 * h:.0f} and {1e6 * o:.0f} µm" for m, h, o in zip(_LOADS, radii, ours, strict=True)]
     return Drawing(
         Caption(
             "(a) Contact radius of a PTFE sphere, R = 9.525 mm, on a rigid flat while masses are "
@@ -266,7 +268,7 @@ def _computed_loading() -> Drawing:
     )
 
 
-def _circles(axes: Any, radii: Array) -> None:
+def _circles(axes: Any, radii: Floats) -> None:
     """Draw the contact circles side by side, in µm."""
     from matplotlib.patches import Circle
 
@@ -277,6 +279,7 @@ def _circles(axes: Any, radii: Array) -> None:
         axes.add_patch(Circle((x, 0.0), radius, facecolor="#cfe3f1", edgecolor="#0066a6"))
         axes.text(x, 0.0, f"{radius:.0f}", ha="center", va="center", fontsize=7)
         x += radius + gap
-    axes.set(xlim=(-gap, x), ylim=(-1.15 * radii.max(), 1.15 * radii.max()), aspect="equal",
-             yticks=[], xlabel="width (µm)")  # fmt: skip
+    axes.set(
+        xlim=(-gap, x), ylim=(-1.15 * radii.max(), 1.15 * radii.max()), aspect="equal", yticks=[], xlabel="width (µm)"
+    )
     axes.grid(visible=False)

@@ -66,7 +66,7 @@ class Inputs:
         """The word for the data: ``synthetic`` or ``measured``."""
         return "synthetic" if self.is_synthetic else "measured"
 
-    def told(self, text: str) -> dict[str, str]:
+    def data_note(self, text: str) -> dict[str, str]:
         """Return ``text`` as the caption's entry that fits the data's origin."""
         return {self.origin: text}
 
@@ -125,9 +125,7 @@ def _fits(need: Need, name: str, experiment: Experiment) -> bool:
     return need.material in re.split(r"[^a-z]+", words)
 
 
-def result_keys(
-    plan: "Plan", session: Session | None, needs: Iterable[Need]
-) -> dict[str, str | None]:
+def result_keys(plan: "Plan", session: Session | None, needs: Iterable[Need]) -> dict[str, str | None]:
     """Return the content key of every result that a figure reads; None where a file is missing."""
     return {
         str(task): key.value

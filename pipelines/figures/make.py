@@ -276,10 +276,7 @@ def _drawings(
     # What was processed since the plan was made is in a new one.
     root = None if shelf.session is None else shelf.session.root.absolute()
     now = Shelf.of(shelf.folder.absolute(), root)
-    tasks = {
-        number: (now, state.figure.id, state.experiments, dict(failures))
-        for number, state in enumerate(ready)
-    }
+    tasks = {number: (now, state.figure.id, state.experiments, dict(failures)) for number, state in enumerate(ready)}
     workers = min(jobs, len(tasks))
     engine = choose(workers if workers > 1 else 0)
     found: dict[int, tuple[Outcome, dict[str, Any]]] = {}

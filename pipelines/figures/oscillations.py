@@ -24,9 +24,7 @@ _AXIS = CHARACTERISTIC_TIME * 1e10
 
 def _only(inputs: Inputs) -> tuple[str, Any, Prony]:
     """Return name, settings and solid of the first harmonic experiment that has a model."""
-    name, settings = next(
-        (n, s) for n, s in inputs.experiments.items() if s.punch is not None and s.substrate
-    )
+    name, settings = next((n, s) for n, s in inputs.experiments.items() if s.punch is not None and s.substrate)
     chosen = settings.substrate
     file = None if chosen.material_file is None else inputs.folder / chosen.material_file
     fitted = None
@@ -38,8 +36,7 @@ def _only(inputs: Inputs) -> tuple[str, Any, Prony]:
 def loops(inputs: Inputs) -> Drawing:
     """Figure 2.5: displacement and force over time, and force over displacement."""
     name, settings, solid = _only(inputs)
-    parts = {stage: inputs.result(name, stage)
-             for stage in ("loads", "oscillations", "loops", "comparison", "model")}  # fmt: skip
+    parts = {stage: inputs.result(name, stage) for stage in ("loads", "oscillations", "loops", "comparison", "model")}
     punch = settings.punch
     depth = punch.depth.value * punch.tips
     scale = solid.E_relaxed * punch.period.value * depth
@@ -50,8 +47,7 @@ def loops(inputs: Inputs) -> Drawing:
         right = figure.add_subplot(axes[0, 1].get_gridspec()[:, 1])
         for unused in axes[:, 1]:
             unused.remove()
-        frequency = _cycles_at(_PRINTED_FREQUENCY, (above, below), parts, (touch, radius, scale),
-                               inputs.origin)  # fmt: skip
+        frequency = _cycles_at(_PRINTED_FREQUENCY, (above, below), parts, (touch, radius, scale), inputs.origin)
         _loop_panel(right, parts["loops"], parts["oscillations"], touch, radius, scale)
         letter(above, "a", f"$\\tilde f$ = {frequency * CHARACTERISTIC_TIME * 1e10:.2f}e-10")
         letter(right, "b", "mean loops")
@@ -69,16 +65,19 @@ def loops(inputs: Inputs) -> Drawing:
                 f"{100 * np.nanmax(error):.2f} % over {error.size} frequencies."
             ),
             difference="f tau_0 = 0.78e-10 is 0.5 Hz; no number is printed for the agreement.",
-            **inputs.told("force and displacement of the Mach-1 tester, force tared."),
+            **inputs.data_note("force and displacement of the Mach-1 tester, force tared."),
         ),
         figure,
     )
 
 
 def _cycles_at(
-    wanted: float, places: tuple[Any, Any], parts: dict[str, xr.Dataset],
-    scales: tuple[float, float, float], origin: str,
-) -> float:  # fmt: skip
+    wanted: float,
+    places: tuple[Any, Any],
+    parts: dict[str, xr.Dataset],
+    scales: tuple[float, float, float],
+    origin: str,
+) -> float:
     """Draw some cycles, indentation and force, at the frequency nearest to ``wanted``; return it.
 
     ``scales`` are the position of first touch [m], the tips' radius [m] and the unit of force [N].
@@ -98,11 +97,9 @@ def _cycles_at(
     cycles = time[inside] * frequency
     every = max(1, inside.sum() // (30 * _SHOWN_CYCLES))
     depth = (loads["position_z"].values[block][inside] - touch) / radius
-    above.plot(cycles[::every], depth[::every],
-               **line_arguments("measured", style="points"))  # fmt: skip
+    above.plot(cycles[::every], depth[::every], **line_arguments("measured", style="points"))
     above.set(ylabel="indentation $\\tilde\\Delta = \\Delta/R$ (1)")
-    axes.plot(cycles[::every], force[::every], label=f"force, {origin}",
-              **line_arguments("measured", style="points"))  # fmt: skip
+    axes.plot(cycles[::every], force[::every], label=f"force, {origin}", **line_arguments("measured", style="points"))
     axes.plot(cycles, model, label="model", **line_arguments("model"))
     axes.set(xlabel="time $t f$ (1)", ylabel="force $\\tilde F = F/(E_0\\lambda d)$ (1)")
     return frequency
@@ -115,19 +112,20 @@ def json_rows(loads: xr.Dataset, block: int) -> slice:
     return mach1_readings.rows(loads, block)
 
 
-def _loop_panel(
-    axes: Any, loops_: xr.Dataset, table: xr.Dataset, touch: float, radius: float, scale: float
-) -> None:
+def _loop_panel(axes: Any, loops_: xr.Dataset, table: xr.Dataset, touch: float, radius: float, scale: float) -> None:
     # Compression-positive force; the stage counts downwards, so that it grows into the sample.
     position = loops_["position"].values
     # An ordered quantity gets an ordered scale of colours, which colour-blind readers see too.
     shades = colormaps["cividis"](np.linspace(0.0, 0.88, table.sizes["oscillation"]))
     for number, frequency in enumerate(table["frequency"].values):
         axes.plot(
-            (position[number] - touch) / radius, loops_["force"].values[number] / scale,
-            label=f"{frequency * _AXIS:.3g}", color=shades[number],
-            linewidth=1.2, linestyle=("-", (0, (5, 1.5)))[number % 2],
-        )  # fmt: skip
+            (position[number] - touch) / radius,
+            loops_["force"].values[number] / scale,
+            label=f"{frequency * _AXIS:.3g}",
+            color=shades[number],
+            linewidth=1.2,
+            linestyle=("-", (0, (5, 1.5)))[number % 2],
+        )
     axes.set(xlabel="indentation $\\Delta/R$ (1)", ylabel="force $\\tilde F$ (1)")
     axes.legend(title="$\\tilde f$ ($10^{-10}$)", loc="center left", bbox_to_anchor=(1.0, 0.5))
 
@@ -148,25 +146,34 @@ def dissipated_work(inputs: Inputs) -> Drawing:
     theory = contact.dissipated_work(solid, fine, amplitude, abs(mean), radius, period, depth)
     with panels(aspect=0.8) as (figure, grid):
         axes = grid[0, 0]
-        axes.plot(fine * _AXIS, dissipation.dimensionless_work(theory, *scale),
-                  label="eq. (2.31)", **line_arguments("reference"))  # fmt: skip
+        axes.plot(
+            fine * _AXIS,
+            dissipation.dimensionless_work(theory, *scale),
+            label="eq. (2.31)",
+            **line_arguments("reference"),
+        )
         # The filled points are drawn last and fit into the open ones, which would hide them.
-        for source, role, style, word, size in ((model, "model", "both", "simulated", 6.5),
-                                                (table, "measured", "points", inputs.origin, 3.0),
-                                                ):  # fmt: skip
+        for source, role, style, word, size in (
+            (model, "model", "both", "simulated", 6.5),
+            (table, "measured", "points", inputs.origin, 3.0),
+        ):
             work = dissipation.dimensionless_work(source["work_per_cycle"].values[order], *scale)
             u = dissipation.dimensionless_work(source["u_work_per_cycle"].values[order], *scale)
-            axes.errorbar(frequency[order] * _AXIS, work, 2 * u, label=word,
-                          capsize=2, markersize=size, zorder=4 if role == "measured" else 3,
-                          **line_arguments(role, style=style))  # type: ignore[arg-type]  # fmt: skip
-        axes.set(xlabel="frequency $\\tilde f = f\\tau_0$ ($10^{-10}$)",
-                 ylabel="dissipated work $\\tilde W$ (1)")  # fmt: skip
+            axes.errorbar(
+                frequency[order] * _AXIS,
+                work,
+                2 * u,
+                label=word,
+                capsize=2,
+                markersize=size,
+                zorder=4 if role == "measured" else 3,
+                **line_arguments(role, style=style),  # type: ignore[arg-type]
+            )
+        axes.set(xlabel="frequency $\\tilde f = f\\tau_0$ ($10^{-10}$)", ylabel="dissipated work $\\tilde W$ (1)")
         axes.set_ylim(bottom=0.0)
         legend_above(figure, axes)
     gap = model["work_per_cycle"].values / table["work_per_cycle"].values - 1
-    at = contact.dissipated_work(
-        solid, frequency, table["amplitude"].values, abs(mean), radius, period, depth
-    )
+    at = contact.dissipated_work(solid, frequency, table["amplitude"].values, abs(mean), radius, period, depth)
     theory_gap = at / table["work_per_cycle"].values - 1
     return Drawing(
         Caption(
@@ -180,10 +187,9 @@ def dissipated_work(inputs: Inputs) -> Drawing:
                 f"{100 * theory_gap.max():+.1f} %."
             ),
             difference=(
-                "the printed legend says the simulation is 'based on Eq. 2.31'; it is not, the two "
-                "are independent."
+                "the printed legend says the simulation is 'based on Eq. 2.31'; it is not, the two are independent."
             ),
-            **inputs.told(f"work of the mean loops at {frequency.size} frequencies."),
+            **inputs.data_note(f"work of the mean loops at {frequency.size} frequencies."),
         ),
         figure,
     )

@@ -52,9 +52,7 @@ def maxwell_element() -> Drawing:
     with panels(aspect=0.26) as (figure, grid):
         _branch(grid[0, 0], 0.0, "")
         _frame(grid[0, 0], [0.0])
-    return Drawing(
-        _words("Maxwell element: spring E and dashpot mu in series, tau = mu/E."), figure
-    )
+    return Drawing(_words("Maxwell element: spring E and dashpot mu in series, tau = mu/E."), figure)
 
 
 def standard_linear_solid() -> Drawing:
@@ -64,10 +62,7 @@ def standard_linear_solid() -> Drawing:
         _equilibrium(axes, 1.1)
         _branch(axes, 0.0, "_1")
         _frame(axes, [0.0, 1.1])
-    return Drawing(
-        _words("Standard linear solid: spring E_0 in parallel with a Maxwell element E_1, mu_1."),
-        figure,
-    )
+    return Drawing(_words("Standard linear solid: spring E_0 in parallel with a Maxwell element E_1, mu_1."), figure)
 
 
 def generalised_maxwell() -> Drawing:
@@ -80,8 +75,11 @@ def generalised_maxwell() -> Drawing:
         axes.text(2.0, 1.2, "$\\vdots$", ha="center", va="center", fontsize=12)
         _frame(axes, [0.0, 4.4])
     return Drawing(
-        _words("Generalised Maxwell (Wiechert) model: spring E_0 and n Maxwell elements side by "
-               "side, tau_j = mu_j/E_j."), figure)  # fmt: skip
+        _words(
+            "Generalised Maxwell (Wiechert) model: spring E_0 and n Maxwell elements side by side, tau_j = mu_j/E_j."
+        ),
+        figure,
+    )
 
 
 def _equilibrium(axes: Any, y: float) -> None:
@@ -93,9 +91,7 @@ def _equilibrium(axes: Any, y: float) -> None:
 
 def _words(shows: str) -> Caption:
     return Caption(
-        shows,
-        computed="a drawing; nothing is computed.",
-        difference="none; the symbols are those of the text.",
+        shows, computed="a drawing; nothing is computed.", difference="none; the symbols are those of the text."
     )
 
 
@@ -110,8 +106,7 @@ def ringing_plate() -> Drawing:
         axes.plot(t, motion, label="plate", **line_arguments("measured"))
         for sign in (1, -1):
             axes.plot(t, sign * envelope, label="envelope", **line_arguments("reference"))
-        axes.set(xlabel="time since impact $t f_0$ (1)",
-                 ylabel="displacement over first amplitude (1)")  # fmt: skip
+        axes.set(xlabel="time since impact $t f_0$ (1)", ylabel="displacement over first amplitude (1)")
         axes.legend(loc="upper right")
         handles, labels = axes.get_legend_handles_labels()
         axes.legend(handles[:2], labels[:2], loc="upper right")

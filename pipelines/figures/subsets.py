@@ -41,11 +41,11 @@ def _reference(place: Any, keys: Any, track: Any, *, squares: bool) -> None:
     place.plot(x, y, color=_LINE, linewidth=1.6)
     place.plot(x, y, "o", color=_POINT, markersize=2.6, markeredgewidth=0)
     if squares:
-        for size, cx, cy in zip(track["subset"].values, track["x"].values, track["y"].values,
-                                strict=True):  # fmt: skip
+        for size, cx, cy in zip(track["subset"].values, track["x"].values, track["y"].values, strict=True):
             colour = _POINT if size == track["subset"].values[-1] else "#cc4e00"
-            place.add_patch(Rectangle((cx - size / 2, cy - size / 2), size, size, fill=False,
-                                      edgecolor=colour, linewidth=0.7))  # fmt: skip
+            place.add_patch(
+                Rectangle((cx - size / 2, cy - size / 2), size, size, fill=False, edgecolor=colour, linewidth=0.7)
+            )
     place.set(xlabel="column (px)", ylabel="row (px)")
     place.grid(visible=False)
 
@@ -80,9 +80,15 @@ def falling_line(inputs: Inputs) -> Drawing:
         for shade, frame in zip(shades, chosen, strict=True):
             at = track.isel(frame=frame, point=slice(1, None))
             x = (at["x"] + at["dx"]).values * size
-            place.plot(x, -at["dy"].values * size, marker="o", markersize=2.0, linewidth=1.0,
-                       color=shade,
-                       label=f"{abs(since[frame]):.3f} s")  # fmt: skip
+            place.plot(
+                x,
+                -at["dy"].values * size,
+                marker="o",
+                markersize=2.0,
+                linewidth=1.0,
+                color=shade,
+                label=f"{abs(since[frame]):.3f} s",
+            )
         place.set(xlabel="along the line (mm)", ylabel="displacement (mm)")
         place.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title="from release")
         letter(place, "b")
@@ -92,14 +98,13 @@ def falling_line(inputs: Inputs) -> Drawing:
             "(a) Reference frame of the holder of a PTFE sphere with the line of subsets that are "
             f"followed; (b) the line at chosen times, {told}.",
             computed=(
-                f"image correlation; {size * 1e3:.2f} µm per pixel. The holder turns by at most "
-                f"{turned:.2f} mrad."
+                f"image correlation; {size * 1e3:.2f} µm per pixel. The holder turns by at most {turned:.2f} mrad."
             ),
             difference=(
                 "the printed line 'progressively deforms upon impact'; the holder is far too "
                 "stiff for that at these scales: the line moves as a rigid body."
             ),
-            **inputs.told(f"the film {name}, {len(time)} frames were tracked."),
+            **inputs.data_note(f"the film {name}, {len(time)} frames were tracked."),
         ),
         figure,
     )
@@ -116,12 +121,9 @@ def reference_frame(inputs: Inputs) -> Drawing:
         Caption(
             "Reference frame with the line (blue), its subsets (yellow) and the large subset by "
             "which the body's motion is measured (orange).",
-            computed=(
-                f"{track.sizes['point'] - 1} subsets of {small} px on the line; one of {body} px "
-                "on the body."
-            ),
+            computed=(f"{track.sizes['point'] - 1} subsets of {small} px on the line; one of {body} px on the body."),
             difference="the thesis prints neither the number nor the size of its subsets here.",
-            **inputs.told(f"the first frame of the film {name}."),
+            **inputs.data_note(f"the first frame of the film {name}."),
         ),
         figure,
     )

@@ -39,9 +39,7 @@ def ptfe(inputs: Inputs) -> Drawing:
     return master_curve(inputs, 20.031)
 
 
-def master_curve(
-    inputs: Inputs, printed_T_ref: float, note: str = "", *, with_spectrum: bool = False
-) -> Drawing:
+def master_curve(inputs: Inputs, printed_T_ref: float, note: str = "", *, with_spectrum: bool = False) -> Drawing:
     """Draw the master curve and the shift factors of the first fitting experiment.
 
     Parameters
@@ -67,8 +65,7 @@ def master_curve(
             letter(place, letter_)
         legend_above(figure, axes[0, 0])
     verdict = json.loads(made.attrs["kramers_kronig"])["verdict"]
-    residual = [100 * float(np.sqrt(np.nanmean(made[f"{part}_residual"] ** 2)))
-                for part in ("storage", "loss")]  # fmt: skip
+    residual = [100 * float(np.sqrt(np.nanmean(made[f"{part}_residual"] ** 2))) for part in ("storage", "loss")]
     reference = float(made["T_ref"])
     difference = (
         f"printed reference temperature {printed_T_ref:g} degC, here {reference:g} degC; the "
@@ -87,7 +84,7 @@ def master_curve(
                 "standard uncertainties."
             ),
             difference=difference + (f"; {note}." if note else "."),
-            **inputs.told(f"isothermal frequency sweeps of {name}."),
+            **inputs.data_note(f"isothermal frequency sweeps of {name}."),
         ),
         figure,
     )
@@ -100,26 +97,30 @@ def _moduli(axes: Any, made: xr.Dataset, origin: str) -> None:
         look = line_arguments(role)  # type: ignore[arg-type]
         points = line_arguments(role, style="points")  # type: ignore[arg-type]
         axes.loglog(
-            f, made[f"{part}_reduced"].values.ravel(), label=f"{part}, {origin}",
+            f,
+            made[f"{part}_reduced"].values.ravel(),
+            label=f"{part}, {origin}",
             **(points | {"markersize": 2.2, "markerfacecolor": "white", "markeredgewidth": 0.5}),
-        )  # fmt: skip
+        )
         centre = made[f"master_{part}"].values
         half = _COVERAGE * made[f"u_master_{part}"].values
-        axes.fill_between(x, np.maximum(centre - half, centre / 10), centre + half,
-                          color=look["color"], alpha=0.25, linewidth=0)  # fmt: skip
+        axes.fill_between(
+            x, np.maximum(centre - half, centre / 10), centre + half, color=look["color"], alpha=0.25, linewidth=0
+        )
         axes.loglog(x, centre, label=f"{part}, fit", **look)
     low = float(np.nanmin(made["loss_reduced"]))
     high = float(np.nanmax(made["storage_reduced"]))
-    axes.set(xlabel="frequency $a_T f$ (Hz)", ylabel="modulus $E'$, $E''$ (Pa)",
-             ylim=(low / 3, high * 3))  # fmt: skip
+    axes.set(xlabel="frequency $a_T f$ (Hz)", ylabel="modulus $E'$, $E''$ (Pa)", ylim=(low / 3, high * 3))
 
 
 def _shifts(axes: Any, made: xr.Dataset) -> None:
     axes.errorbar(
-        made["temperature"].values, made["log10_aT"].values,
-        _COVERAGE * made["u_log10_aT"].values, capsize=1.5,
+        made["temperature"].values,
+        made["log10_aT"].values,
+        _COVERAGE * made["u_log10_aT"].values,
+        capsize=1.5,
         **line_arguments("measured", style="both"),
-    )  # fmt: skip
+    )
     axes.axvline(float(made["T_ref"]), **line_arguments("reference"))
     axes.set(xlabel="temperature (°C)", ylabel="shift factor $\\log_{10} a_T$ (1)")
 
@@ -127,8 +128,12 @@ def _shifts(axes: Any, made: xr.Dataset) -> None:
 def _spectrum(axes: Any, made: xr.Dataset) -> None:
     weight, tau = made["C"].values, made["tau"].values
     shown = weight > 0
-    axes.vlines(tau[shown], weight[shown].min() / 3, weight[shown],
-                color=line_arguments("repeat")["color"], linewidth=0.7)  # fmt: skip
+    axes.vlines(
+        tau[shown], weight[shown].min() / 3, weight[shown], color=line_arguments("repeat")["color"], linewidth=0.7
+    )
     axes.loglog(tau[shown], weight[shown], **line_arguments("measured", style="points"))
-    axes.set(xlabel="retardation time $\\tau_k$ (s)", ylabel="compliance $C_k$ (1/Pa)",
-             ylim=(weight[shown].min() / 3, weight.max() * 3))  # fmt: skip
+    axes.set(
+        xlabel="retardation time $\\tau_k$ (s)",
+        ylabel="compliance $C_k$ (1/Pa)",
+        ylim=(weight[shown].min() / 3, weight.max() * 3),
+    )

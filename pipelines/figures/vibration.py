@@ -23,16 +23,13 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
     time = made["time"].values * 1e3
     inside = (time >= _SHOWN[0]) & (time <= _SHOWN[1])
     rows, columns = (len(heights) + 1) // 2, min(2, len(heights))
-    with panels(rows, columns, width=2, aspect=0.28 * rows, sharex="all", sharey="all") as (
-        figure, axes,
-    ):  # fmt: skip
+    with panels(rows, columns, width=2, aspect=0.28 * rows, sharex="all", sharey="all") as (figure, axes):
         for panel, height in enumerate(heights):
             place = axes.flat[panel]
             for i in np.flatnonzero(table["height"].values == height):
                 material = str(table["material"].values[i])
                 look = line_arguments(None, count=kinds.index(material)) | {"linewidth": 0.9}
-                place.plot(time[inside], made["measured"].values[i][inside] * 1e6, label=material,
-                           **look)  # fmt: skip
+                place.plot(time[inside], made["measured"].values[i][inside] * 1e6, label=material, **look)
             letter(place, "abcd"[panel], f"$h_0$ = {height * 1e3:g} mm")
         for place in axes[-1]:
             place.set_xlabel("time from impact (ms)")
@@ -57,9 +54,7 @@ def plate_vibration(inputs: Inputs | None) -> Drawing:
                 f"materials and heights (here: probability {chance:.2f} of so large a difference "
                 "by chance) and that the amplitude grows with the height."
             ),
-            **inputs.told(
-                f"{int(table['n'].sum())} recordings of the laser on the plate ({name})."
-            ),
+            **inputs.data_note(f"{int(table['n'].sum())} recordings of the laser on the plate ({name})."),
         ),
         figure,
     )

@@ -4,15 +4,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import norm
 
-from labpipe.identification import Moduli, drawn_moduli, moduli
+from labpipe.arrays import Floats
+from labpipe.identification import Moduli, moduli, sampled_moduli
 from labpipe.report import quantity
 from pipelines.identify._identify import Identified
 from pipelines.identify._result import dataset
-
-Array = NDArray[np.float64]
 
 _NUISANCES = 3  # that are shown, those that share most with modulus and loss
 _RINGS = (1.515, 2.448)  # 68 % and 95 % of two dimensions
@@ -39,18 +37,18 @@ class MainQuantities:
     """
 
     names: tuple[str, ...]
-    centre: Array
-    covariance: Array
+    centre: Floats
+    covariance: Floats
     curve: Moduli
     numbers: tuple[int, ...]
 
-    def drawn(self, found: Identified) -> Array:
+    def drawn(self, found: Identified) -> Floats:
         """Return them for every draw (draw, n) of the posterior."""
         if found.drawn is None:
             return np.empty((0, len(self.names)))
         problem, draws = found.known.fit.problem, found.drawn.draws
         relaxed = problem.parameters[0]
-        storage, loss = drawn_moduli(found.drawn, found.known, self.curve)
+        storage, loss = sampled_moduli(found.drawn, found.known, self.curve)
         first = np.log10([relaxed.value(x) for x in draws[:, 0].tolist()])
         return np.column_stack([first, storage / 1e6, loss, draws[:, list(self.numbers[1:])]])
 
@@ -82,25 +80,28 @@ def main_quantities(found: Identified) -> MainQuantities:
     by_xi[1:] = curve.derivatives * np.array([[at / 1e6], [loss]])
     chosen = _related(found, by_xi[1:])
     by_xi = np.vstack([by_xi, np.eye(xi.size)[chosen]])
-    covariance = known.carried(by_xi)
-    covariance[1, 1] += (at / 1e6 * curve.open_ln_storage[0]) ** 2
-    covariance[2, 2] += (loss * curve.open_ln_loss_factor[0]) ** 2
+    covariance = known.covariance_of(by_xi)
+    covariance[1, 1] += (at / 1e6 * curve.structure_ln_storage[0]) ** 2
+    covariance[2, 2] += (loss * curve.structure_ln_loss_factor[0]) ** 2
     centre = [np.log10(parameters[0].value(float(xi[0]))), at / 1e6, loss, *xi[chosen]]
     where = quantity(frequency, "Hz")
     names = ("lg E_relaxed\n/ Pa", f"E′ / MPa\nat {where}", f"tan δ\nat {where}")
     return MainQuantities(
-        (*names, *(_folded(parameters[i].name) for i in chosen)), np.array(centre, dtype=float),
-        covariance, curve, (0, *chosen),
-    )  # fmt: skip
+        (*names, *(_folded(parameters[i].name) for i in chosen)),
+        np.array(centre, dtype=float),
+        covariance,
+        curve,
+        (0, *chosen),
+    )
 
 
-def _related(found: Identified, by_xi: Array) -> list[int]:
+def _related(found: Identified, by_xi: Floats) -> list[int]:
     """Return the unknowns of the experiments that share most with modulus and loss factor."""
     known = found.known
     parameters = known.fit.problem.parameters
     own = [i for i, p in enumerate(parameters) if p.is_nuisance]
     shared = by_xi @ known.covariance[:, own]
-    shared /= np.sqrt(np.diag(known.carried(by_xi)))[:, None] * known.sd[own]
+    shared /= np.sqrt(np.diag(known.covariance_of(by_xi)))[:, None] * known.sd[own]
     order = np.argsort(-np.max(np.abs(shared), axis=0), kind="stable")[:_NUISANCES]
     return sorted(own[i] for i in order.tolist())
 
@@ -140,7 +141,7 @@ def corner(found: Identified) -> bytes:
         return figure_bytes(figure, "png", 200)
 
 
-def _panel(panel: Any, shown: MainQuantities, points: Array, i: int, j: int) -> None:
+def _panel(panel: Any, shown: MainQuantities, points: Floats, i: int, j: int) -> None:
     """Draw one panel; numbers stand at the left and below only."""
     from labpipe.report import line_arguments
 
@@ -150,14 +151,12 @@ def _panel(panel: Any, shown: MainQuantities, points: Array, i: int, j: int) -> 
     reach = _REACH * np.sqrt(np.diag(shown.covariance))
     if i == j:
         x = shown.centre[i] + reach[i] * np.linspace(-1.0, 1.0, 120)
-        panel.plot(x, np.exp(-0.5 * np.linspace(-_REACH, _REACH, 120) ** 2),
-                   **line_arguments("model"))  # fmt: skip
+        panel.plot(x, np.exp(-0.5 * np.linspace(-_REACH, _REACH, 120) ** 2), **line_arguments("model"))
         if len(points):
             edges = shown.centre[i] + reach[i] * np.linspace(-1.0, 1.0, _BINS + 1)
             # as high as the bell where the draws are normal
             high = norm.pdf(0.0) * 2.0 * _REACH / _BINS * len(points)
-            panel.hist(points[:, i], edges, alpha=0.3, color="0.4",
-                       weights=np.full(len(points), 1.0 / high))  # fmt: skip
+            panel.hist(points[:, i], edges, alpha=0.3, color="0.4", weights=np.full(len(points), 1.0 / high))
         panel.set_yticks([])
     else:
         turn = np.linspace(0.0, 2.0 * np.pi, 90)
@@ -165,8 +164,7 @@ def _panel(panel: Any, shown: MainQuantities, points: Array, i: int, j: int) -> 
         part = shown.covariance[np.ix_([j, i], [j, i])]
         root = np.linalg.cholesky(part + 1e-12 * np.diag(np.diag(part)))
         for ring in _RINGS:
-            panel.plot(*(shown.centre[[j, i], None] + ring * root @ circle),
-                       **line_arguments("model"))  # fmt: skip
+            panel.plot(*(shown.centre[[j, i], None] + ring * root @ circle), **line_arguments("model"))
         if len(points):
             panel.plot(points[:, j], points[:, i], ".", markersize=1.2, color="0.35", zorder=1)
         panel.set_ylim(shown.centre[i] - reach[i], shown.centre[i] + reach[i])

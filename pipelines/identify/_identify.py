@@ -11,9 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from labpipe.arrays import Floats
 from labpipe.errors import InputError, UsageError
 from labpipe.identification import (
     Evidence,
@@ -37,7 +35,6 @@ from pipelines.experiments.shared.material_evidence import MaterialEvidence
 from pipelines.identify._materials import known_before, material_name, prior_of, temperature_of
 from pipelines.session import derive, needed, opened, process, reopen_session
 
-Array = NDArray[np.float64]
 Say = Callable[[str], None]
 
 
@@ -103,7 +100,7 @@ class _Group:
 
     experiments: list[Experiment] = field(default_factory=list)
     prior: Experiment | None = None
-    told: list[MaterialEvidence] = field(default_factory=list)
+    contributions: list[MaterialEvidence] = field(default_factory=list)
 
 
 def identify_materials(
@@ -155,7 +152,7 @@ def identify_materials(
     for material, group in groups.items():
         own = _gather(results, group, wish.impacts)
         remarks += own
-        if group.told:
+        if group.contributions:
             names = ", ".join(e.name for e in group.experiments)
             tell(f"{material}: {names}")
             found.append(_identified(results, material, group, wish, own, tell))
@@ -166,16 +163,15 @@ def identify_materials(
 
 
 def _gather(results: Results, group: _Group, impacts: int) -> list[str]:
-    """Take what the experiments tell; return why some cannot."""
+    """Collect the data of the experiments; return why some have none."""
     remarks, able = [], []
     for experiment in group.experiments:
-        told = derive(results, experiment, _evidence(experiment), name=experiment.name,
-                      impacts=impacts)  # fmt: skip
-        if isinstance(told, str):
-            remarks.append(f"{experiment.name}: {told}")
+        contribution = derive(results, experiment, _evidence(experiment), name=experiment.name, impacts=impacts)
+        if isinstance(contribution, str):
+            remarks.append(f"{experiment.name}: {contribution}")
             continue
         able.append(experiment)
-        group.told.append(told)
+        group.contributions.append(contribution)
     group.experiments = able or group.experiments
     return remarks
 
@@ -221,30 +217,32 @@ def _processed(folder: str | Path, groups: Iterable[_Group], jobs: int) -> Resul
     return opened(folder)
 
 
-def _identified(
-    results: Results, material: str, group: _Group, wish: Wish, remarks: list[str], say: Say
-) -> Identified:
-    told, before = list(group.told), None
+def _identified(results: Results, material: str, group: _Group, wish: Wish, remarks: list[str], say: Say) -> Identified:
+    contributions, before = list(group.contributions), None
     if group.prior is not None:
-        told.append(derive(results, group.prior, known_before(group.prior), name=group.prior.name,
-                           temperature=temperature_of(group.experiments[0])))  # fmt: skip
-    data = min(each.window[0] for each in told), max(each.window[1] for each in told)
-    nu = told[0].nu
+        contributions.append(
+            derive(
+                results,
+                group.prior,
+                known_before(group.prior),
+                name=group.prior.name,
+                temperature=temperature_of(group.experiments[0]),
+            )
+        )
+    data = (min(each.window[0] for each in contributions), max(each.window[1] for each in contributions))
+    nu = contributions[0].nu
     spectrum = (
-        SmoothSpectrum(relaxation_times(*data), nu)
-        if wish.spectrum == "smooth"
-        else FractionalSpectrum.over(*data, nu)
+        SmoothSpectrum(relaxation_times(*data), nu) if wish.spectrum == "smooth" else FractionalSpectrum.over(*data, nu)
     )
 
-    def rebuilt(rho: Array) -> tuple[Evidence, ...]:
-        return tuple(each.build(rho) for each in told)
+    def rebuilt(rho: Floats) -> tuple[Evidence, ...]:
+        return tuple(each.build(rho) for each in contributions)
 
-    nuisances = {unknown.name: unknown for each in told for unknown in each.unknowns}
+    nuisances = {unknown.name: unknown for each in contributions for unknown in each.unknowns}
     problem = Problem(spectrum, rebuilt(spectrum.rho), tuple(nuisances.values()))
     known = infer(problem, rebuilt, progress=say)
-    if not known.fit.is_settled:
-        warnings.warn(f"{material}: the fit did not converge; use its intervals with care",
-                      UserWarning, stacklevel=2)  # fmt: skip
+    if not known.fit.is_converged:
+        warnings.warn(f"{material}: the fit did not converge; use its intervals with care", UserWarning, stacklevel=2)
     relaxed = None
     if wish.with_profile:
         say("profile of the long-time modulus")

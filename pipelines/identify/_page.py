@@ -4,9 +4,8 @@ from math import isfinite
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labpipe.identification import BEFORE, bands, frequencies, moduli
+from labpipe.identification import STRUCTURE_PRIORS, informative_range, moduli, predictive_bands
 from labpipe.identification import Band as Prediction
 from labpipe.report import (
     Band,
@@ -25,15 +24,13 @@ from labpipe.report import (
     Table,
     quantity,
 )
-from labpipe.uncertainty import spread
+from labpipe.uncertainty import propagated_u
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
 from pipelines.identify._corner import corner, main_quantities
 from pipelines.identify._identify import Identified
 from pipelines.identify._result import dataset, structure, verdicts
 from pipelines.session import PAGE
-
-Array = NDArray[np.float64]
 
 _REACH = 1.96
 _MOST_COMBINATIONS = 12
@@ -75,9 +72,7 @@ def relaxed_text(found: Identified) -> str:
     value, low, high = (_shown(v, "Pa") for v in found.known.interval(0))
     said = found.relaxed
     if said is None:
-        return (
-            f"E_relaxed {value}, {low} to {high} if it is determined at all, which was not examined"
-        )
+        return f"E_relaxed {value}, {low} to {high} if it is determined at all, which was not examined"
     if said.verdict == "identified":
         return f"E_relaxed {value} (95 %: {_shown(said.low, 'Pa')} to {_shown(said.high, 'Pa')})"
     texts = {
@@ -114,10 +109,8 @@ def statements(found: Identified) -> list[str]:
     for i, parameter in enumerate(known.fit.problem.parameters):
         away = float(known.fit.xi[i])
         if parameter.is_nuisance and abs(away) > _LOUD:
-            texts.append(
-                f"{parameter.name} lies {abs(away):.1f} standard deviations from what is stated"
-            )
-    if not known.fit.is_settled:
+            texts.append(f"{parameter.name} lies {abs(away):.1f} standard deviations from what is stated")
+    if not known.fit.is_converged:
         texts.append("the fit did not converge; use the intervals with care")
     return [*texts, *found.remarks]
 
@@ -169,27 +162,34 @@ def _curves(found: Identified) -> tuple[Block, ...]:
             series.append(Series("rheometer alone", frequency, values, role="reference"))
         charts.append(
             LineChart(
-                title, "frequency / Hz", label, series, group="frequency", x_scale="log",
-                y_scale="log", vlines=marks,
+                title, "frequency / Hz", label, series, group="frequency", x_scale="log", y_scale="log", vlines=marks
             )
-        )  # fmt: skip
+        )
     spreads = [
         Series(
-            f"{name}, {'after' if prefix == 'u' else 'before'}", frequency,
-            made[f"{prefix}_ln_{key}"].values, role="model" if prefix == "u" else "reference",
+            f"{name}, {'after' if prefix == 'u' else 'before'}",
+            frequency,
+            made[f"{prefix}_ln_{key}"].values,
+            role="model" if prefix == "u" else "reference",
         )
         for key, name in (("storage", "storage modulus"), ("loss_factor", "loss factor"))
         for prefix in ("u", "prior")
-    ]  # fmt: skip
+    ]
     text = (
         "Outside the two marks there are no data: the curves follow the prior, and the bands are "
         "its width. Curves and bands are averages over the structures of the spectrum, weighted "
         "with their probabilities."
     )
     chart = LineChart(
-        "Prior against posterior", "frequency / Hz", "standard deviation of the logarithm",
-        spreads, group="frequency", x_scale="log", y_scale="log", vlines=marks,
-    )  # fmt: skip
+        "Prior against posterior",
+        "frequency / Hz",
+        "standard deviation of the logarithm",
+        spreads,
+        group="frequency",
+        x_scale="log",
+        y_scale="log",
+        vlines=marks,
+    )
     return Paragraph(text), *charts, chart, *_structure(found)
 
 
@@ -198,40 +198,50 @@ def _structure(found: Identified) -> tuple[Block, ...]:
     chances = structure(found)
     if not chances:
         return ()
-    rows = [(name, 100.0 * BEFORE[name], 100.0 * chances.get(name, 0.0)) for name in BEFORE]
+    rows = [(name, 100.0 * STRUCTURE_PRIORS[name], 100.0 * chances.get(name, 0.0)) for name in STRUCTURE_PRIORS]
     return (
         Table(
-            (Column("structure of the spectrum"), Column("before the data", "%", digits=2),
-             Column("after the data", "%", digits=3)),
+            (
+                Column("structure of the spectrum"),
+                Column("before the data", "%", digits=2),
+                Column("after the data", "%", digits=3),
+            ),
             rows,
             caption="Storage and loss modulus of a series with one term per decade, like most "
-                    "published ones, oscillate around those of a smooth spectrum by 4 % of the "
-                    "loss modulus; in a rough spectrum all terms are independent. Where the data "
-                    "do not distinguish them, the bands include the difference.",
+            "published ones, oscillate around those of a smooth spectrum by 4 % of the "
+            "loss modulus; in a rough spectrum all terms are independent. Where the data "
+            "do not distinguish them, the bands include the difference.",
             sortable=False,
         ),
-    )  # fmt: skip
+    )
 
 
 def _fits(found: Identified) -> tuple[Block, ...]:
-    made = bands(found.known)
+    made = predictive_bands(found.known)
     rows = [
         (
-            b.evidence, b.group.name, b.group.values.size, b.chi_square / b.group.values.size,
-            100 * b.misfit.relative, b.misfit.correlation,
+            b.evidence,
+            b.group.name,
+            b.group.values.size,
+            b.chi_square / b.group.values.size,
+            100 * b.misfit.relative,
+            b.misfit.correlation,
         )
         for b in made
-    ]  # fmt: skip
+    ]
     table = Table(
         (
-            Column("experiment"), Column("quantity"), Column("n"),
-            Column("chi square / n", digits=3), Column("discrepancy", "%", digits=2),
+            Column("experiment"),
+            Column("quantity"),
+            Column("n"),
+            Column("chi square / n", digits=3),
+            Column("discrepancy", "%", digits=2),
             Column("correlation of neighbours", digits=2),
         ),
         rows,
         caption="chi square with the stated uncertainties alone; a discrepancy is added where it "
-                "exceeds its 99 % quantile",
-    )  # fmt: skip
+        "exceeds its 99 % quantile",
+    )
     charts = [chart for b in made for chart in _fit_charts(b)]
     return table, *charts
 
@@ -248,19 +258,26 @@ def _fit_charts(shown: Prediction) -> tuple[Block, ...]:
     label = f"{group.axis_name} / {group.axis_units}" if group.axis_units != "1" else "impact"
     title = f"{shown.evidence}: {group.name}"
     fit = LineChart(
-        title, label, f"{group.name} / {group.units}",
+        title,
+        label,
+        f"{group.name} / {group.units}",
         (
             Band("95 % of the prediction", axis, predicted - wide, predicted + wide),
             Series("predicted", axis, predicted, role="model"),
             Series("observed", axis, values, "points", "measured", u),
         ),
-        group=title, x_scale="log" if scale == "log" else "linear",
-    )  # fmt: skip
+        group=title,
+        x_scale="log" if scale == "log" else "linear",
+    )
     rest = LineChart(
-        f"{title}, residuals", label, "observed − predicted, in deviations",
+        f"{title}, residuals",
+        label,
+        "observed − predicted, in deviations",
         (Series("residual", axis, shown.residual[order], "points", "residual"),),
-        group=title, x_scale="log" if scale == "log" else "linear", height_px=180,
-    )  # fmt: skip
+        group=title,
+        x_scale="log" if scale == "log" else "linear",
+        height_px=180,
+    )
     return fit, rest
 
 
@@ -272,13 +289,15 @@ def _unknowns(found: Identified) -> tuple[Block, ...]:
     blocks: list[Block] = [_table(main), *_profile(found)]
     blocks.append(
         Picture(
-            corner(found), "corner plot of the main quantities",
-            "68 % and 95 % of the normal approximation" + (
-                "" if found.drawn is None else "; points: draws of the posterior"
-            ) + ". Unknowns of the experiments in standard deviations of their prior, whose own "
-            "68 % are shaded.", 760,
+            corner(found),
+            "corner plot of the main quantities",
+            "68 % and 95 % of the normal approximation"
+            + ("" if found.drawn is None else "; points: draws of the posterior")
+            + ". Unknowns of the experiments in standard deviations of their prior, whose own "
+            "68 % are shaded.",
+            760,
         )
-    )  # fmt: skip
+    )
     blocks.append(_spectrum(found))
     if any(is_change):
         rest = [row for row, own in zip(rows, is_change, strict=True) if own]
@@ -293,21 +312,32 @@ def _rows(found: Identified) -> list[tuple[str, ...]]:
     for i, parameter in enumerate(found.known.fit.problem.parameters):
         ends = [float(made[n][i]) for n in ("low", "high", "prior_low", "prior_high")]
         shown = [_shown(e, parameter.unit) if isfinite(e) else "none" for e in ends]
-        rows.append((
-            parameter.name, parameter.text, _shown(float(made["value"][i]), parameter.unit),
-            f"{shown[0]} to {shown[1]}", f"{shown[2]} to {shown[3]}", texts[i],
-        ))  # fmt: skip
+        rows.append(
+            (
+                parameter.name,
+                parameter.text,
+                _shown(float(made["value"][i]), parameter.unit),
+                f"{shown[0]} to {shown[1]}",
+                f"{shown[2]} to {shown[3]}",
+                texts[i],
+            )
+        )
     return rows
 
 
 def _table(rows: list[tuple[str, ...]]) -> Table:
     return Table(
         (
-            Column("unknown"), Column("meaning"), Column("most probable"),
-            Column("95 % posterior"), Column("95 % prior"), Column("verdict"),
+            Column("unknown"),
+            Column("meaning"),
+            Column("most probable"),
+            Column("95 % posterior"),
+            Column("95 % prior"),
+            Column("verdict"),
         ),
-        rows, sortable=False,
-    )  # fmt: skip
+        rows,
+        sortable=False,
+    )
 
 
 def _profile(found: Identified) -> tuple[Block, ...]:
@@ -316,16 +346,17 @@ def _profile(found: Identified) -> tuple[Block, ...]:
     values = found.relaxed.values
     return (
         LineChart(
-            "Profile of the long-time modulus", "E_relaxed / Pa", "rise of −ln likelihood",
+            "Profile of the long-time modulus",
+            "E_relaxed / Pa",
+            "rise of −ln likelihood",
             (
-                Series("all others optimised", values, np.minimum(found.relaxed.rise, 10.0),
-                       role="model"),
+                Series("all others optimised", values, np.minimum(found.relaxed.rise, 10.0), role="model"),
                 Series("95 %", values[[0, -1]], [1.92, 1.92], role="reference"),
             ),
             x_scale="log" if values[-1] > 10.0 * values[0] else "linear",
             caption="Values below the line are compatible with the data.",
         ),
-    )  # fmt: skip
+    )
 
 
 def _spectrum(found: Identified) -> Block:
@@ -334,18 +365,22 @@ def _spectrum(found: Identified) -> Block:
     spectrum, n = known.fit.problem.spectrum, known.fit.problem.n_material
     xi = known.fit.xi[:n]
     slopes = spectrum.slopes(xi)[1:]
-    u = spread(slopes, known.covariance[:n, :n])
+    u = propagated_u(slopes, known.covariance[:n, :n])
     weight = np.exp(spectrum.log_terms(xi)[1:]) / np.gradient(np.log10(spectrum.rho))
     wide = np.exp(np.minimum(_REACH * u, np.log(1e3)))
-    low, high = (0.5 / np.pi / f for f in reversed(frequencies(known)))
+    low, high = (0.5 / np.pi / f for f in reversed(informative_range(known)))
     return LineChart(
-        "Relaxation spectrum", "relaxation time / s", "modulus per decade / Pa",
+        "Relaxation spectrum",
+        "relaxation time / s",
+        "modulus per decade / Pa",
         (
             Band("95 % of the posterior", spectrum.rho, weight / wide, weight * wide),
             Series("most probable", spectrum.rho, weight, role="model"),
         ),
-        x_scale="log", y_scale="log", vlines=(("data begin", low), ("data end", high)),
-    )  # fmt: skip
+        x_scale="log",
+        y_scale="log",
+        vlines=(("data begin", low), ("data end", high)),
+    )
 
 
 def _draws(found: Identified) -> tuple[Block, ...]:
@@ -353,26 +388,34 @@ def _draws(found: Identified) -> tuple[Block, ...]:
     if found.drawn is None:
         return ()
     drawn, shown = found.drawn, main_quantities(found)
-    kind: Literal["ok", "warning"] = "ok" if drawn.is_good else "warning"
-    mean, spread = drawn.spread(shown.drawn(found))
+    kind: Literal["ok", "warning"] = "ok" if drawn.is_reliable else "warning"
+    mean, spread = drawn.mean_and_sd(shown.drawn(found))
     rows = [
         (name.replace("\n", " "), centre, u, m, s, (m - centre) / u, s / u)
         for name, centre, u, m, s in zip(
-            shown.names, shown.centre.tolist(), np.sqrt(np.diag(shown.covariance)).tolist(),
-            mean.tolist(), spread.tolist(), strict=True,
+            shown.names,
+            shown.centre.tolist(),
+            np.sqrt(np.diag(shown.covariance)).tolist(),
+            mean.tolist(),
+            spread.tolist(),
+            strict=True,
         )
-    ]  # fmt: skip
+    ]
     table = Table(
         (
-            Column("quantity"), Column("normal: value", digits=4), Column("u", digits=2),
-            Column("draws: mean", digits=4), Column("u", digits=2),
-            Column("shift over u", digits=2), Column("ratio of u", digits=3),
+            Column("quantity"),
+            Column("normal: value", digits=4),
+            Column("u", digits=2),
+            Column("draws: mean", digits=4),
+            Column("u", digits=2),
+            Column("shift over u", digits=2),
+            Column("ratio of u", digits=3),
         ),
         rows,
         caption="Where the ratio is far from one, do not use the normal approximation but the "
-                "quantiles of the draws in the netCDF file.",
+        "quantiles of the draws in the netCDF file.",
         sortable=False,
-    )  # fmt: skip
+    )
     return Notice(kind, drawn.statement), table
 
 
@@ -380,8 +423,7 @@ def _combinations(found: Identified) -> tuple[Block, ...]:
     known = found.known
     parameters = known.fit.problem.parameters
     rows = []
-    for value, vector in zip(known.singular_values[:_MOST_COMBINATIONS], known.combinations,
-                             strict=False):  # fmt: skip
+    for value, vector in zip(known.singular_values[:_MOST_COMBINATIONS], known.combinations, strict=False):
         order = np.argsort(-np.abs(vector))[:4]
         text = ", ".join(f"{vector[i]:+.2f} {parameters[i].name}" for i in order.tolist())
         rows.append((float(value), "yes" if value > 1.0 else "no", text))

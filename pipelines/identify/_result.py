@@ -5,13 +5,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.stats import norm
 
-from labpipe.identification import DETERMINED, Moduli, bands, drawn_moduli, frequencies, moduli
+from labpipe.identification import DETERMINED, Moduli, informative_range, moduli, predictive_bands, sampled_moduli
+from labpipe.variables import described
 from pipelines.identify._identify import Identified
-
-Array = NDArray[np.float64]
 
 _PER_DECADE = 6
 _BEYOND = 100.0  # factor by which the curves go on beyond the data
@@ -39,7 +37,7 @@ def dataset(found: Identified) -> xr.Dataset:
     """
     known = found.known
     solid = known.fit.problem.material(known.fit.xi)
-    low, high = frequencies(known)
+    low, high = informative_range(known)
     count = int(np.log10(high / low * _BEYOND**2) * _PER_DECADE)
     curve = moduli(known, np.geomspace(low / _BEYOND, high * _BEYOND, count))
     table: dict[str, Any] = {
@@ -53,16 +51,11 @@ def dataset(found: Identified) -> xr.Dataset:
     for name, values, units, text in (
         ("storage", curve.storage, "Pa", "storage modulus"),
         ("u_ln_storage", curve.u_ln_storage, "1", "standard deviation of its logarithm"),
-        ("open_ln_storage", curve.open_ln_storage, "1", "contribution of the unknown structure"),
+        ("open_ln_storage", curve.structure_ln_storage, "1", "contribution of the unknown structure"),
         ("prior_ln_storage", curve.prior_ln_storage, "1", "the same, of the prior"),
         ("loss_factor", curve.loss_factor, "1", "loss factor"),
         ("u_ln_loss_factor", curve.u_ln_loss_factor, "1", "standard deviation of its logarithm"),
-        (
-            "open_ln_loss_factor",
-            curve.open_ln_loss_factor,
-            "1",
-            "contribution of the unknown structure",
-        ),
+        ("open_ln_loss_factor", curve.structure_ln_loss_factor, "1", "contribution of the unknown structure"),
         ("prior_ln_loss_factor", curve.prior_ln_loss_factor, "1", "the same, of the prior"),
         ("is_determined", curve.is_determined.astype(np.int8), "1", "1 where determined"),
     ):
@@ -70,17 +63,14 @@ def dataset(found: Identified) -> xr.Dataset:
     table |= _parameters(found) | _observations(found) | _drawn(found, curve)
     chances = structure(found)
     table["structure_name"] = ("structure", list(chances), _text("1", "structure of the spectrum"))
-    table["structure_probability"] = (
-        "structure", list(chances.values()), _text("1", "its posterior probability"),
-    )  # fmt: skip
+    table["structure_probability"] = ("structure", list(chances.values()), _text("1", "its posterior probability"))
     table["singular_value"] = (
-        "combination", known.singular_values,
+        "combination",
+        known.singular_values,
         _text("1", "ratio of prior to data standard deviation of a combination"),
-    )  # fmt: skip
+    )
     return xr.Dataset(
-        table,
-        coords={"frequency": ("frequency", curve.frequency, _text("Hz", "frequency"))},
-        attrs=_attributes(found),
+        table, coords={"frequency": ("frequency", curve.frequency, _text("Hz", "frequency"))}, attrs=_attributes(found)
     )
 
 
@@ -89,15 +79,15 @@ def _drawn(found: Identified, curve: Moduli) -> dict[str, Any]:
     if found.drawn is None:
         return {}
     problem, drawn = found.known.fit.problem, found.drawn
-    values = [[p.value(x) for p, x in zip(problem.parameters, xi, strict=True)]
-              for xi in drawn.draws.tolist()]  # fmt: skip
-    storage, loss_factor = drawn_moduli(drawn, found.known, curve)
+    values = [[p.value(x) for p, x in zip(problem.parameters, xi, strict=True)] for xi in drawn.draws.tolist()]
+    storage, loss_factor = sampled_moduli(drawn, found.known, curve)
     ends = np.array([0.5 - 0.5 * _LEVEL, 0.5 + 0.5 * _LEVEL])
     table = {}
     for name, dimension, numbers, units in (
-        ("storage", "frequency", storage, "Pa"), ("loss_factor", "frequency", loss_factor, "1"),
+        ("storage", "frequency", storage, "Pa"),
+        ("loss_factor", "frequency", loss_factor, "1"),
         ("parameter", "parameter", np.array(values), "1"),
-    ):  # fmt: skip
+    ):
         low, high = drawn.quantiles(numbers, ends)
         table[f"drawn_{name}_low"] = dimension, low, _text(units, "2.5 % quantile of the draws")
         table[f"drawn_{name}_high"] = dimension, high, _text(units, "97.5 % quantile of the draws")
@@ -122,8 +112,7 @@ def verdicts(found: Identified) -> list[str]:
     at least halve the standard deviation of its prior.
     """
     texts = [
-        "determined by the data" if sd < DETERMINED else "known from the prior only"
-        for sd in found.known.sd.tolist()
+        "determined by the data" if sd < DETERMINED else "known from the prior only" for sd in found.known.sd.tolist()
     ]
     texts[0] = "not examined" if found.relaxed is None else found.relaxed.verdict
     return texts
@@ -155,7 +144,7 @@ def _parameters(found: Identified) -> dict[str, Any]:
 
 
 def _observations(found: Identified) -> dict[str, Any]:
-    made = bands(found.known)
+    made = predictive_bands(found.known)
     names = [f"{b.evidence}: {b.group.name}" for b in made for _ in range(b.group.values.size)]
     columns = {
         "observed": ([b.group.values for b in made], "observed"),
@@ -184,7 +173,7 @@ def _attributes(found: Identified) -> dict[str, Any]:
         "experiments": json.dumps([e.name for e in fit.problem.evidence]),
         "cost": fit.cost,
         "costs_from_starts": json.dumps(list(fit.costs_from_starts)),
-        "is_settled": int(fit.is_settled),
+        "is_settled": int(fit.is_converged),
         "discrepancies": json.dumps(misfits),
         "n_determined": found.known.n_determined,
         "remarks": json.dumps(list(found.remarks), ensure_ascii=False),
@@ -215,7 +204,7 @@ def document(found: Identified) -> dict[str, Any]:
         "structure": structure(found),
         "combinations_determined": found.known.n_determined,
         "frequency_range": [float(made["lowest_frequency"]), float(made["highest_frequency"])],
-        "is_settled": found.known.fit.is_settled,
+        "is_settled": found.known.fit.is_converged,
         "discrepancies": json.loads(made.attrs["discrepancies"]),
         "sampler": made.attrs["sampler"],
         "remarks": list(found.remarks),
@@ -227,4 +216,4 @@ def _finite(value: float) -> float | None:
 
 
 def _text(units: str, long_name: str) -> dict[str, str]:
-    return {"units": units, "long_name": long_name}
+    return described(units, long_name)

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from labpipe import files
-
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 UNDER_SCALE = 461e3  # px per m, table D.1, under the disc
 HOLDER_PIXELS = 386.0  # table D.1: 30 mm of the holder in the front view
@@ -23,9 +22,7 @@ _BLUR, _NOISE = 1.4, 2.0  # px, grey levels
 _LIGHT, _INK = 190.0, 60.0
 
 
-def ruler_image(
-    rows: int, columns: int, tilt: float, seed: int, scale: float = UNDER_SCALE
-) -> NDArray[np.uint8]:
+def ruler_image(rows: int, columns: int, tilt: float, seed: int, scale: float = UNDER_SCALE) -> NDArray[np.uint8]:
     """Draw a glass ruler with a line every 0.1 mm.
 
     Parameters
@@ -44,9 +41,7 @@ def ruler_image(
     return _photograph(_LIGHT - (_LIGHT - _INK) * ink, seed)
 
 
-def holder_image(
-    rows: int, columns: int, tilt: float, seed: int, width: float = HOLDER_PIXELS
-) -> NDArray[np.uint8]:
+def holder_image(rows: int, columns: int, tilt: float, seed: int, width: float = HOLDER_PIXELS) -> NDArray[np.uint8]:
     """Draw the bright holder, ``width`` px wide, before a dark ground."""
     across = _across(rows, columns, tilt)
     inside = _step(across + 0.5 * width) - _step(across - 0.5 * width)
@@ -69,24 +64,27 @@ def write_calibration_images(folder: Path, seed: int = 71) -> list[str]:
         names.append(f"calibration/{name}.png")
         files.write_bytes(folder / names[-1], data.tobytes())
     truth = {
-        "synthetic": True, "tilt": tilts, "pixels_per_m_under": UNDER_SCALE,
-        "graduation": _GRADUATION, "holder_pixels": HOLDER_PIXELS,
-    }  # fmt: skip
+        "synthetic": True,
+        "tilt": tilts,
+        "pixels_per_m_under": UNDER_SCALE,
+        "graduation": _GRADUATION,
+        "holder_pixels": HOLDER_PIXELS,
+    }
     files.write_text(folder / "truth/calibration_images.json", json.dumps(truth, indent=1) + "\n")
     return names
 
 
-def _across(rows: int, columns: int, tilt: float) -> Array:
+def _across(rows: int, columns: int, tilt: float) -> Floats:
     """Distance of every pixel from the middle line, at right angles to the lines."""
     x = np.arange(columns) - 0.5 * (columns - 1)
     y = np.arange(rows)[:, None] - 0.5 * (rows - 1)
     return np.asarray(x * np.cos(tilt) + y * np.sin(tilt))
 
 
-def _step(distance: Array) -> Array:
+def _step(distance: Floats) -> Floats:
     return np.asarray(0.5 * (1 + erf(distance / (np.sqrt(2) * _BLUR))))
 
 
-def _photograph(grey: Array, seed: int) -> NDArray[np.uint8]:
+def _photograph(grey: Floats, seed: int) -> NDArray[np.uint8]:
     noise = _NOISE * np.random.default_rng(seed).standard_normal(grey.shape)
     return np.clip(np.rint(grey + noise), 0, 255).astype(np.uint8)

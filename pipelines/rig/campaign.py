@@ -40,14 +40,7 @@ from pipelines.rig.indentations import Harmonic
 from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, plate_section, write_ringing_of
 from pipelines.rig.relaxations import Relaxation
-from pipelines.rig.session_text import (
-    NOTE,
-    dma_section,
-    drop_section,
-    height_name,
-    laser_record,
-    session_head,
-)
+from pipelines.rig.session_text import NOTE, dma_section, drop_section, height_name, laser_record, session_head
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 
 POLYMERS = ("acrylic", "nylon", "peek", "ptfe")
@@ -103,12 +96,7 @@ THESIS = Extent(
 )
 """Four materials, four heights, five repeats; films of about ten megabytes."""
 
-FULL_SIZE = replace(
-    THESIS,
-    under=replace(film_under.FULL_SIZE, release=5e-3),
-    bursts=None,
-    front=film_front.FULL_SIZE,
-)
+FULL_SIZE = replace(THESIS, under=replace(film_under.FULL_SIZE, release=5e-3), bursts=None, front=film_front.FULL_SIZE)
 """The same with films at 1280 × 480 px and 9,367 frames, 5.8 GB each."""
 
 SMALL = replace(
@@ -126,8 +114,7 @@ SMALL = replace(
     relaxation=Relaxation(hold=12.0),
     harmonic=Harmonic(hold=10.0, frequencies=(0.5, 2.0), cycles=6),
     dma=Protocol(
-        frequencies=tuple(np.geomspace(10.0, 0.1, 6).tolist()),
-        ramp=tuple(np.arange(-40.0, 121.0, 8.0).tolist()),
+        frequencies=tuple(np.geomspace(10.0, 0.1, 6).tolist()), ramp=tuple(np.arange(-40.0, 121.0, 8.0).tolist())
     ),
 )
 """Every kind once or twice, coarse and short: two megabytes, every figure can be drawn."""
@@ -141,9 +128,7 @@ class Part:
     write: Callable[[], str]
 
 
-def write_campaign(
-    folder: Path, start: datetime, extent: Extent = THESIS, *, workers: int = 2
-) -> list[str]:
+def write_campaign(folder: Path, start: datetime, extent: Extent = THESIS, *, workers: int = 2) -> list[str]:
     """Write a whole campaign; returns the names of its experiments.
 
     Parameters
@@ -197,13 +182,9 @@ def _parts(folder: Path, start: datetime, extent: Extent) -> list[Part]:
     """List what is recorded, the longest first, so that two workers end together."""
     highest = max(extent.heights)
     filmed = [(highest, HEATED), *((h, None) for h in reversed(extent.heights))]
-    films = [
-        Part((_film(h, warm),), partial(_contact_film, folder, h, warm, extent))
-        for h, warm in filmed
-    ]
+    films = [Part((_film(h, warm),), partial(_contact_film, folder, h, warm, extent)) for h, warm in filmed]
     rubber = Part(
-        ("nbr_relaxation", "nbr_harmonic"),
-        partial(_indentations, folder, start + timedelta(days=20), extent),
+        ("nbr_relaxation", "nbr_harmonic"), partial(_indentations, folder, start + timedelta(days=20), extent)
     )
     static = Part(("ptfe_static",), partial(_static, folder, start + timedelta(days=12)))
     front = Part(("ptfe_film",), partial(_front_film, folder, extent))
@@ -225,9 +206,7 @@ def _laser_parts(folder: Path, start: datetime, extent: Extent) -> tuple[list[Pa
             drops.append(_drop_part(folder, extent, material, height, seed, begun))
             later = begun + timedelta(days=5)
             if material in extent.ringing:
-                rings.append(
-                    Part((), partial(_rings, folder, material, height, seed + 50, later, extent))
-                )
+                rings.append(Part((), partial(_rings, folder, material, height, seed + 50, later, extent)))
     warm = start + timedelta(days=10)
     highest = max(extent.heights)
     drops.append(_drop_part(folder, extent, "acrylic", highest, 9900, warm, HEATED))
@@ -235,9 +214,14 @@ def _laser_parts(folder: Path, start: datetime, extent: Extent) -> tuple[list[Pa
 
 
 def _drop_part(
-    folder: Path, extent: Extent, material: str, height: float, seed: int, start: datetime,
+    folder: Path,
+    extent: Extent,
+    material: str,
+    height: float,
+    seed: int,
+    start: datetime,
     temperature: float | None = None,
-) -> Part:  # fmt: skip
+) -> Part:
     heated = "" if temperature is None else f"_{temperature:g}C"
     name = f"{material}_{height_name(height)}{heated}"
     write = partial(_drops, folder, name, material, height, seed, start, extent, temperature)
@@ -270,9 +254,15 @@ def _front_film(folder: Path, extent: Extent) -> str:
 
 
 def _drops(
-    folder: Path, name: str, material: str, height: float, seed: int, start: datetime,
-    extent: Extent, temperature: float | None = None,
-) -> str:  # fmt: skip
+    folder: Path,
+    name: str,
+    material: str,
+    height: float,
+    seed: int,
+    start: datetime,
+    extent: Extent,
+    temperature: float | None = None,
+) -> str:
     """Record the repeats of one height by the laser."""
     solid = materials.load(material, temperature=temperature)
     recordings = write_drops(folder, name, extent.rig, solid, height, extent.repeats, seed, start)
@@ -280,12 +270,8 @@ def _drops(
     return section if temperature is None else f'{section}temperature = "{temperature:g} degC"\n'
 
 
-def _rings(
-    folder: Path, material: str, height: float, seed: int, start: datetime, extent: Extent
-) -> str:
-    return write_ringing_of(
-        folder, extent.plate_rig, material, height, extent.plate_repeats, seed, start
-    )
+def _rings(folder: Path, material: str, height: float, seed: int, start: datetime, extent: Extent) -> str:
+    return write_ringing_of(folder, extent.plate_rig, material, height, extent.plate_repeats, seed, start)
 
 
 def _static(folder: Path, start: datetime) -> str:

@@ -15,8 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from instruments import anton_paar
 from labpipe import files
-
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 _GAS_LN10 = 8.314462618 * np.log(10.0)  # J/(mol K)
 _ZERO_CELSIUS = 273.15
@@ -55,18 +54,16 @@ class Solid:
     is_entropic: bool = False
     mode: Literal["tension", "torsion"] = "tension"
 
-    def log10_aT(self, temperature: ArrayLike) -> Array:
+    def log10_aT(self, temperature: ArrayLike) -> Floats:
         """Return log10 of the horizontal shift at temperatures in °C; zero at the reference."""
         T = np.asarray(temperature, dtype=float)
         return self._from_kink(T) - self._from_kink(np.asarray(self.T_ref))
 
-    def _from_kink(self, T: Array) -> Array:
+    def _from_kink(self, T: Floats) -> Floats:
         if not np.isfinite(self.kink):
             return np.asarray(self.energy / _GAS_LN10 / (T + _ZERO_CELSIUS))
         cold = np.minimum(T, self.kink)
-        below = self.energy / _GAS_LN10 * (
-            1 / (cold + _ZERO_CELSIUS) - 1 / (self.kink + _ZERO_CELSIUS)
-        )  # fmt: skip
+        below = self.energy / _GAS_LN10 * (1 / (cold + _ZERO_CELSIUS) - 1 / (self.kink + _ZERO_CELSIUS))
         warm = np.maximum(T - self.kink, 0.0)
         return np.asarray(below - self.C1 * warm / (self.C2 + warm))
 
@@ -84,17 +81,28 @@ class Solid:
 #: Five solids near the library's moduli; none is a measurement.
 SOLIDS: dict[str, Solid] = {
     "nbr": Solid(
-        (Element(1.5e9, 2e-8, 0.62, 0.55), Element(4e6, 3.0, 0.45)), 7.6e6, 0.49,
-        kink=-60.0, C1=23.0, C2=60.0, is_entropic=True, mode="torsion",
+        (Element(1.5e9, 2e-8, 0.62, 0.55), Element(4e6, 3.0, 0.45)),
+        7.6e6,
+        0.49,
+        kink=-60.0,
+        C1=23.0,
+        C2=60.0,
+        is_entropic=True,
+        mode="torsion",
     ),
     "acrylic": Solid(
-        (Element(2.4e9, 2e4, 0.6, 0.6), Element(2.4e9, 0.02, 0.32)), 6e6, 0.35,
-        energy=80e3, kink=100.0, C1=13.0, C2=55.0,
+        (Element(2.4e9, 2e4, 0.6, 0.6), Element(2.4e9, 0.02, 0.32)),
+        6e6,
+        0.35,
+        energy=80e3,
+        kink=100.0,
+        C1=13.0,
+        C2=55.0,
     ),
     "peek": Solid((Element(1.0e9, 1.0, 0.2),), 3.7e9, 0.38, energy=60e3),
     "nylon": Solid((Element(2.4e9, 2.0, 0.3),), 0.6e9, 0.40, energy=90e3),
     "ptfe": Solid((Element(1.6e9, 4e-4, 0.42, 0.9),), 0.35e9, 0.46, energy=100e3),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,17 +134,17 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
         time = np.asarray(clock + np.cumsum(3.0 / frequency), dtype=np.float64)
         clock = float(time[-1])
         columns = _columns(solid, protocol, generator, time, frequency, T)
-        intervals.append(
-            anton_paar.make_interval(f"{name} (synthetic)", "Frequency sweeps", number, columns)
-        )
+        intervals.append(anton_paar.make_interval(f"{name} (synthetic)", "Frequency sweeps", number, columns))
     T = np.asarray(protocol.ramp)
     columns = _columns(
-        solid, protocol, generator, 30.0 * np.arange(1.0, T.size + 1.0, dtype=np.float64),
-        np.full(T.size, protocol.ramp_frequency), T,
-    )  # fmt: skip
-    intervals.append(
-        anton_paar.make_interval(f"{name} ramp (synthetic)", "Temperature sweep 1", 1, columns)
+        solid,
+        protocol,
+        generator,
+        30.0 * np.arange(1.0, T.size + 1.0, dtype=np.float64),
+        np.full(T.size, protocol.ramp_frequency),
+        T,
     )
+    intervals.append(anton_paar.make_interval(f"{name} ramp (synthetic)", "Temperature sweep 1", 1, columns))
     project = f"{name}, SYNTHETIC, layout assumed | the virtual rig, 5/14/2024 | 1"
     export = anton_paar.assemble(intervals, project=project)
     anton_paar.write(folder / f"dma/{name}.csv", export, digits=_DIGITS)
@@ -146,9 +154,13 @@ def write_dma(folder: Path, name: str, solid: Solid, protocol: Protocol, seed: i
 
 
 def _columns(
-    solid: Solid, protocol: Protocol, generator: np.random.Generator, time: Array,
-    frequency: Array, temperature: Array,
-) -> list[anton_paar.Column]:  # fmt: skip
+    solid: Solid,
+    protocol: Protocol,
+    generator: np.random.Generator,
+    time: Floats,
+    frequency: Floats,
+    temperature: Floats,
+) -> list[anton_paar.Column]:
     """Make the columns of one table: the moduli with multiplicative noise."""
     true = solid.modulus(frequency, temperature)
     factor = 2 * (1 + solid.nu) if solid.mode == "torsion" else 1.0
@@ -181,8 +193,7 @@ def _truth(solid: Solid, protocol: Protocol) -> dict[str, Any]:
     return {
         "synthetic": True,
         "elements": [
-            {"strength": e.strength, "time": e.time, "width": e.width, "skew": e.skew}
-            for e in solid.elements
+            {"strength": e.strength, "time": e.time, "width": e.width, "skew": e.skew} for e in solid.elements
         ],
         "relaxed": solid.relaxed,
         "nu": solid.nu,

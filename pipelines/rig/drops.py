@@ -30,9 +30,8 @@ def drop_once(rig: DropRig, material: Prony, height: float, seed: int) -> Drop:
     """Drop a sphere once and record it; everything random comes from ``seed``."""
     begun = let_go(rig, material, height, seed)
     readings = record_drop(
-        begun.motion, rig.sensor, duration=rig.duration, release=begun.time,
-        generator=begun.generator,
-    )  # fmt: skip
+        begun.motion, rig.sensor, duration=rig.duration, release=begun.time, generator=begun.generator
+    )
     return Drop(readings, begun.motion, begun.height, begun.time)
 
 
@@ -60,14 +59,7 @@ def truth_of(drop: Drop, rig: DropRig) -> dict[str, Any]:
 
 
 def write_drops(
-    folder: Path,
-    stem: str,
-    rig: DropRig,
-    material: Prony,
-    height: float,
-    repeats: int,
-    seed: int,
-    start: datetime,
+    folder: Path, stem: str, rig: DropRig, material: Prony, height: float, repeats: int, seed: int, start: datetime
 ) -> list[str]:
     """Write the recordings of one height and their truth; returns the file names.
 
@@ -87,9 +79,8 @@ def write_drops(
         drop = drop_once(rig, material, height, seed + repeat)
         name = f"laser/{stem}_{repeat + 1}.csv"
         recording = keyence.make_recording(
-            {1: drop.readings}, cycle=rig.sensor.cycle, start=start + timedelta(minutes=2 * repeat),
-            decimals=4,
-        )  # fmt: skip
+            {1: drop.readings}, cycle=rig.sensor.cycle, start=start + timedelta(minutes=2 * repeat), decimals=4
+        )
         keyence.write(folder / name, recording)
         truth = json.dumps(truth_of(drop, rig), indent=1)
         files.write_text(folder / f"truth/{stem}_{repeat + 1}.json", truth + "\n")

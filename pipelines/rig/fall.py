@@ -3,13 +3,11 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials import Prony
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_drop import Floor, Trajectory, reference_drop
-
-Array = NDArray[np.float64]
 
 _MARGIN = 1e-3  # s by which the motion outlasts the record
 
@@ -35,9 +33,7 @@ class DropRig:
 
     radius: float = 9.525e-3
     mass: float = 0.505
-    sensor: LaserSensor = field(
-        default_factory=lambda: LaserSensor(inclination=float(np.deg2rad(12.07)))
-    )
+    sensor: LaserSensor = field(default_factory=lambda: LaserSensor(inclination=float(np.deg2rad(12.07))))
     floor: Floor = field(default_factory=lambda: Floor(mass=1500.0))
     duration: float = 0.5
     release: float = 0.02
@@ -55,14 +51,21 @@ class Release:
     generator: np.random.Generator
 
 
-def fall(body: Body, duration: float, snapshots: Array | None = None) -> Trajectory:
+def fall(body: Body, duration: float, snapshots: Floats | None = None) -> Trajectory:
     """Return the reference motion of a body for ``duration`` s after release."""
     solid = body.material
     return reference_drop(
-        solid.E_relaxed, np.asarray(solid.E), np.asarray(solid.rho), float(solid.nu),
-        radius=body.radius, mass=body.mass, height=body.height, duration=duration,
-        floor=body.floor, snapshots=snapshots,
-    )  # fmt: skip
+        solid.E_relaxed,
+        np.asarray(solid.E),
+        np.asarray(solid.rho),
+        float(solid.nu),
+        radius=body.radius,
+        mass=body.mass,
+        height=body.height,
+        duration=duration,
+        floor=body.floor,
+        snapshots=snapshots,
+    )
 
 
 def let_go(rig: DropRig, material: Prony, height: float, seed: int) -> Release:

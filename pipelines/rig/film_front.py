@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from instruments import phantom
 from labpipe import files
+from labpipe.arrays import Floats
 from pipelines.rig.reference_drop import Trajectory
 from pipelines.rig.speckle import Holder, Pose, draw, make_holder
-
-Array = NDArray[np.float64]
 
 TRIGGER = 1_715_679_000  # s since 1970: 2024-05-14 09:30 UTC
 PIXEL_SIZE = 30e-3 / 386  # m, the thesis's front view
@@ -48,9 +47,7 @@ class FrontCamera:
     holder_width: float | None = None
 
 
-FULL_SIZE = FrontCamera(
-    rows=480, columns=1280, frame_rate=10_000, duration=0.9367, release=0.05, holder_width=1180.0
-)
+FULL_SIZE = FrontCamera(rows=480, columns=1280, frame_rate=10_000, duration=0.9367, release=0.05, holder_width=1180.0)
 
 
 def write_front_film(
@@ -82,10 +79,13 @@ def write_front_film(
     holder = make_holder(camera.rows, camera.columns, fall + 8, seed, camera.holder_width)
     shape = (count, camera.rows, camera.columns)
     recording = phantom.Recording(
-        camera.frame_rate, camera.exposure, bits=8, trigger=TRIGGER,
+        camera.frame_rate,
+        camera.exposure,
+        bits=8,
+        trigger=TRIGGER,
         camera="labpipe virtual camera",
         description="SYNTHETIC: drawn by labpipe's virtual rig, front view",
-    )  # fmt: skip
+    )
     images = _images(holder, trajectory, height, camera, time, seed + 1)
     phantom.write(path, images, shape, time, recording)
     poses = [_pose(t, trajectory, height, camera) for t in time]
@@ -123,17 +123,12 @@ def _pose(time: float, trajectory: Trajectory, height: float, camera: FrontCamer
 
 
 def _images(
-    holder: Holder,
-    trajectory: Trajectory,
-    height: float,
-    camera: FrontCamera,
-    time: Array,
-    seed: int,
+    holder: Holder, trajectory: Trajectory, height: float, camera: FrontCamera, time: Floats, seed: int
 ) -> Iterator[NDArray[np.uint8]]:
     generator = np.random.default_rng(seed)
     nodes = np.array([-1.0, 1.0]) * camera.exposure / (2 * np.sqrt(3.0))  # Gauss's two points
     rows = np.linspace(-1.0, 1.0, camera.rows)[:, None]
-    last: tuple[Pose, Array] | None = None
+    last: tuple[Pose, Floats] | None = None
     for t in time:
         poses = [_pose(t + n, trajectory, height, camera) for n in nodes]
         if last is None or _distance(last[0], poses[0]) > _STILL:

@@ -5,9 +5,9 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labpipe import materials
+from labpipe.arrays import Floats
 from pipelines.rig import film_front, film_under
 from pipelines.rig.calibration_images import write_calibration_images
 from pipelines.rig.drops import write_drops
@@ -16,8 +16,6 @@ from pipelines.rig.film_front import FrontCamera, write_front_film, write_truth
 from pipelines.rig.film_under import UnderCamera, write_under_film
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.session_text import height_name
-
-Array = NDArray[np.float64]
 
 FRONT_HEIGHT, UNDER_HEIGHT = 7e-3, 1.5e-3  # m
 _IMPACTS = 3
@@ -79,9 +77,8 @@ pixel_length = "{pixels}"
 
 
 def write_front(
-    folder: Path, material: str, height: float, camera: FrontCamera, seed: int,
-    floor: Floor | None = None,
-) -> str:  # fmt: skip
+    folder: Path, material: str, height: float, camera: FrontCamera, seed: int, floor: Floor | None = None
+) -> str:
     """Film a drop from the front; returns the film's name in the session."""
     floor = DropRig().floor if floor is None else floor
     body = Body(materials.load(material), height, floor=floor)
@@ -92,9 +89,7 @@ def write_front(
     return name
 
 
-def write_under(
-    folder: Path, stem: str, body: Body, camera: UnderCamera, time: Array, seed: int
-) -> str:
+def write_under(folder: Path, stem: str, body: Body, camera: UnderCamera, time: Floats, seed: int) -> str:
     """Film a drop through the disc; returns the film's name in the session."""
     name = f"film/{stem}.cine"
     truth = write_under_film(folder / name, body, camera, time, seed)
@@ -102,7 +97,7 @@ def write_under(
     return name
 
 
-def burst_times(body: Body, release: float, bursts: Bursts) -> Array:
+def burst_times(body: Body, release: float, bursts: Bursts) -> Floats:
     """Choose the times of a small film: bursts around the first impacts, few frames else, and rest.
 
     Real cameras record so too (image-based triggering, or a film cut to the impacts).
@@ -130,9 +125,7 @@ def write_films(folder: Path, start: datetime, *, full_size: bool = False) -> tu
     full_size : bool
         1280 × 480 px and 9,367 frames (5.8 GB each) instead of a few megabytes.
     """
-    laser = write_drops(
-        folder, "ptfe_7mm", DropRig(), materials.load("ptfe"), FRONT_HEIGHT, 3, 4711, start
-    )
+    laser = write_drops(folder, "ptfe_7mm", DropRig(), materials.load("ptfe"), FRONT_HEIGHT, 3, 4711, start)
     front = film_front.FULL_SIZE if full_size else FrontCamera(rows=144, columns=64, duration=0.138)
     under = film_under.FULL_SIZE if full_size else UnderCamera()
     body = Body(materials.load("acrylic"), UNDER_HEIGHT, floor=Floor())
@@ -174,9 +167,13 @@ subset = {small}
 
 
 def under_section(
-    film: str, name: str = "acrylic_film", height: float = UNDER_HEIGHT, *,
-    temperature: float | None = None, extra: str = "",
-) -> str:  # fmt: skip
+    film: str,
+    name: str = "acrylic_film",
+    height: float = UNDER_HEIGHT,
+    *,
+    temperature: float | None = None,
+    extra: str = "",
+) -> str:
     """Return the table of a film under the disc in session.toml."""
     heated = "" if temperature is None else f'temperature = "{temperature:g} degC"\n'
     return f"""

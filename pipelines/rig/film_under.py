@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from instruments import phantom
+from labpipe.arrays import Floats
 from pipelines.rig.fall import Body, fall
 from pipelines.rig.film_front import TRIGGER
 from pipelines.rig.reference_drop import Springs
-
-Array = NDArray[np.float64]
 
 PIXEL_SIZE = 1e-3 / 461  # m, the thesis's view under the disc
 _GRID = 0.2e-6  # m, spacing of the radial table: 1/50 of the finest fringe that matters
@@ -56,9 +55,7 @@ class UnderCamera:
 FULL_SIZE = UnderCamera(rows=480, columns=1280, pixel_size=PIXEL_SIZE)
 
 
-def write_under_film(
-    path: Path, body: Body, camera: UnderCamera, time: Array, seed: int
-) -> dict[str, Any]:
+def write_under_film(path: Path, body: Body, camera: UnderCamera, time: Floats, seed: int) -> dict[str, Any]:
     """Write the film of a drop as seen from below and return its truth.
 
     Parameters
@@ -89,9 +86,13 @@ def write_under_film(
     shape = (len(time), camera.rows, camera.columns)
     rate = round(1 / float(np.min(np.diff(time))))
     recording = phantom.Recording(
-        rate, camera.exposure, bits=8, trigger=TRIGGER, camera="labpipe virtual camera",
+        rate,
+        camera.exposure,
+        bits=8,
+        trigger=TRIGGER,
+        camera="labpipe virtual camera",
         description="SYNTHETIC: drawn by labpipe's virtual rig, view under the disc",
-    )  # fmt: skip
+    )
     images = _images(states, body, camera, weights / 2, len(time), seed)
     phantom.write(path, images, shape, time, recording)
     radius = states.contact_radius.reshape(len(time), -1)
@@ -130,7 +131,7 @@ def _centre(camera: UnderCamera) -> tuple[float, float]:
     return 0.5 * (camera.columns - 1) + dx, 0.5 * (camera.rows - 1) + dy
 
 
-def surface_matrix(position: Array, r: Array) -> Array:
+def surface_matrix(position: Floats, r: Floats) -> Floats:
     """Return the matrix that turns springs into the surface displacement at the radii ``r``.
 
     Parameters
@@ -160,13 +161,11 @@ def surface_matrix(position: Array, r: Array) -> Array:
 
 
 def _images(
-    springs: Springs, body: Body, camera: UnderCamera, weights: Array, count: int, seed: int
+    springs: Springs, body: Body, camera: UnderCamera, weights: Floats, count: int, seed: int
 ) -> Iterator[NDArray[np.uint8]]:
     generator = np.random.default_rng(seed)
     x0, y0 = _centre(camera)
-    largest = camera.pixel_size * np.hypot(
-        max(x0, camera.columns - x0) + 2, max(y0, camera.rows - y0) + 2
-    )
+    largest = camera.pixel_size * np.hypot(max(x0, camera.columns - x0) + 2, max(y0, camera.rows - y0) + 2)
     coarse = np.linspace(0.0, largest, 2000)
     matrix = surface_matrix(springs.position, coarse)
     fine = np.arange(0.0, largest, _GRID)
@@ -180,9 +179,8 @@ def _images(
             gap = np.maximum(gap, 0.0)
             table += weight * np.cos(4 * np.pi * gap / camera.wavelength + np.pi)
         relative = _pixels(
-            table, _GRID, camera.rows, camera.columns, x0, y0, camera.pixel_size,
-            np.cos(camera.tilt), camera.samples,
-        )  # fmt: skip
+            table, _GRID, camera.rows, camera.columns, x0, y0, camera.pixel_size, np.cos(camera.tilt), camera.samples
+        )
         grey = camera.mean * (1 + camera.visibility * relative) * light
         if camera.blur:
             grey = gaussian_filter(grey, camera.blur, mode="nearest")
@@ -190,7 +188,7 @@ def _images(
         yield np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def _light(camera: UnderCamera) -> Array:
+def _light(camera: UnderCamera) -> Floats:
     """Illumination that falls off towards the corners of the image's long side."""
     half = 0.5 * camera.columns
     x = (np.arange(camera.columns) - half) / half
@@ -200,9 +198,16 @@ def _light(camera: UnderCamera) -> Array:
 
 @numba.njit(cache=True)
 def _pixels(
-    table: Array, grid: float, rows: int, columns: int, x0: float, y0: float, size: float,
-    shortening: float, samples: int,
-) -> Array:  # fmt: skip
+    table: Floats,
+    grid: float,
+    rows: int,
+    columns: int,
+    x0: float,
+    y0: float,
+    size: float,
+    shortening: float,
+    samples: int,
+) -> Floats:
     """Average the radial table over every pixel by samples x samples points."""
     image = np.zeros((rows, columns))
     last = len(table) - 2

@@ -17,19 +17,10 @@ from numpy.typing import NDArray
 from instruments import mach1
 from instruments.mach1 import Block, LoadCell, assemble, make_block
 from labpipe import files
+from labpipe.arrays import Floats
 from labpipe.materials import Prony
-from pipelines.rig.mach1_tester import (
-    OVERSAMPLING,
-    RATE,
-    Tester,
-    approach,
-    oscillation,
-    ramp,
-    record,
-)
+from pipelines.rig.mach1_tester import OVERSAMPLING, RATE, Tester, approach, oscillation, ramp, record
 from pipelines.rig.reference_indentation import reference_indentation
-
-Array = NDArray[np.float64]
 
 CELL = LoadCell("250N SN:0000000 (synthetic)", "Multiple-axis", 1.0, 0.0, steps={"Fz, N": 0.0125})
 _AIR = 0.05e-3  # m above the surface where the approach begins
@@ -72,8 +63,8 @@ class Part:
     """One block before it is written: its function, fine history and parameters."""
 
     function: str
-    time: Array
-    displacement: Array
+    time: Floats
+    displacement: Floats
     parameters: dict[str, str]
     frequency: float = 0.0
 
@@ -81,22 +72,40 @@ class Part:
 def approach_part() -> Part:
     """Return the approach from above the surface to slight contact."""
     time, displacement = approach(-_AIR, _TOUCH, _APPROACH_SPEED)
-    return Part("Find Contact", time, displacement, {
-        "Stage Axis": "Position (z)", "Load Cell Axis": "Fz", "Direction": "Positive",
-        "Contact Criteria, N": "0.0500", "Stage Velocity, mm/s": "0.0500",
-        "Stage Limit, mm": "5.0000", "Stage Repositioning": "None", "Offset, mm": "0.0000",
-    })  # fmt: skip
+    return Part(
+        "Find Contact",
+        time,
+        displacement,
+        {
+            "Stage Axis": "Position (z)",
+            "Load Cell Axis": "Fz",
+            "Direction": "Positive",
+            "Contact Criteria, N": "0.0500",
+            "Stage Velocity, mm/s": "0.0500",
+            "Stage Limit, mm": "5.0000",
+            "Stage Repositioning": "None",
+            "Offset, mm": "0.0000",
+        },
+    )
 
 
 def ramp_part(tester: Tester, depth: float, hold: float) -> Part:
     """Return the ramp from slight contact to a depth, and the hold there."""
     time, displacement = ramp(tester, _TOUCH, depth, hold)
-    return Part("Stress Relaxation", time, displacement, {
-        "Stage Axis": "Position (z)", "Load Cell Axis": "Fz",
-        "Amplitude, mm": f"{(depth - _TOUCH) * 1e3:.4f}", "Velocity, mm/s": "1.0000",
-        "Number of Ramp": "1", "Stop based on": "Fixed Relaxation Time",
-        "Fixed Relaxation Time, s": f"{hold:.0f}",
-    })  # fmt: skip
+    return Part(
+        "Stress Relaxation",
+        time,
+        displacement,
+        {
+            "Stage Axis": "Position (z)",
+            "Load Cell Axis": "Fz",
+            "Amplitude, mm": f"{(depth - _TOUCH) * 1e3:.4f}",
+            "Velocity, mm/s": "1.0000",
+            "Number of Ramp": "1",
+            "Stop based on": "Fixed Relaxation Time",
+            "Fixed Relaxation Time, s": f"{hold:.0f}",
+        },
+    )
 
 
 def _parts(protocol: Harmonic, tester: Tester) -> list[Part]:
@@ -106,18 +115,25 @@ def _parts(protocol: Harmonic, tester: Tester) -> list[Part]:
             tester, protocol.mean, protocol.amplitude, frequency, protocol.cycles, protocol.rest
         )
         parts.append(
-            Part("Sinusoid", time, displacement, {
-                "Stage Axis": "Position (z)", "Amplitude, mm": f"{protocol.amplitude * 1e3:.4f}",
-                "Frequency, Hz": f"{frequency:.5f}", "Number of Cycles": str(protocol.cycles),
-            }, real)
-        )  # fmt: skip
+            Part(
+                "Sinusoid",
+                time,
+                displacement,
+                {
+                    "Stage Axis": "Position (z)",
+                    "Amplitude, mm": f"{protocol.amplitude * 1e3:.4f}",
+                    "Frequency, Hz": f"{frequency:.5f}",
+                    "Number of Cycles": str(protocol.cycles),
+                },
+                real,
+            )
+        )
     return parts
 
 
 def write_harmonic(
-    folder: Path, name: str, specimen: Specimen, protocol: Harmonic, tester: Tester,
-    seed: int, start: datetime,
-) -> None:  # fmt: skip
+    folder: Path, name: str, specimen: Specimen, protocol: Harmonic, tester: Tester, seed: int, start: datetime
+) -> None:
     """Write one Mach-1 file and the truth beside it."""
     parts = _parts(protocol, tester)
     pieces = record_parts(folder, name, specimen, parts, tester, seed, start)
@@ -138,9 +154,8 @@ def write_harmonic(
 
 
 def record_parts(
-    folder: Path, name: str, specimen: Specimen, parts: list[Part], tester: Tester,
-    seed: int, start: datetime,
-) -> list[Array]:  # fmt: skip
+    folder: Path, name: str, specimen: Specimen, parts: list[Part], tester: Tester, seed: int, start: datetime
+) -> list[Floats]:
     """Write the blocks of one file as the instrument records them; returns their true forces."""
     generator = np.random.default_rng(seed)
     begins = np.cumsum([0.0] + [p.time[-1] + _SETTLE for p in parts[:-1]])
@@ -154,21 +169,27 @@ def record_parts(
     return pieces
 
 
-def _force(specimen: Specimen, parts: list[Part], begins: Array) -> Array:
+def _force(specimen: Specimen, parts: list[Part], begins: Floats) -> Floats:
     """Return the true force over all blocks, at every fine point."""
     time = np.concatenate([b + p.time for b, p in zip(begins, parts, strict=True)])
     displacement = np.concatenate([p.displacement for p in parts])
     kept = _where_it_matters(time, displacement)
     material = specimen.material
     force, _ = reference_indentation(
-        material.E_relaxed, np.asarray(material.E), np.asarray(material.rho), float(material.nu),
-        tip_radius=specimen.tip_radius, period=specimen.period,
-        depth=specimen.depth * specimen.tips, time=time[kept], displacement=displacement[kept],
-    )  # fmt: skip
+        material.E_relaxed,
+        np.asarray(material.E),
+        np.asarray(material.rho),
+        float(material.nu),
+        tip_radius=specimen.tip_radius,
+        period=specimen.period,
+        depth=specimen.depth * specimen.tips,
+        time=time[kept],
+        displacement=displacement[kept],
+    )
     return np.interp(time, time[kept], force)
 
 
-def _block(specimen: Specimen, part: Part, written: Array, start: datetime) -> Block:
+def _block(specimen: Specimen, part: Part, written: Floats, start: datetime) -> Block:
     """Make one block of the file; a six-axis cell counts compression negative."""
     columns = {
         "Time, s": np.arange(written.size) / RATE,
@@ -176,12 +197,10 @@ def _block(specimen: Specimen, part: Part, written: Array, start: datetime) -> B
         "Fz, N": -written,
     }
     dividers = (written.size,) if part.function == "Stress Relaxation" else ()
-    return make_block(
-        part.function, start, columns, part.parameters, load_cell=CELL, dividers=dividers
-    )
+    return make_block(part.function, start, columns, part.parameters, load_cell=CELL, dividers=dividers)
 
 
-def _where_it_matters(time: Array, displacement: Array) -> NDArray[np.int64]:
+def _where_it_matters(time: Floats, displacement: Floats) -> NDArray[np.int64]:
     """Thin the fine grid out where the stage rests: force is smooth in log time there."""
     moves = np.flatnonzero(np.diff(displacement) != 0)
     since = np.full(time.size, np.inf)
@@ -194,7 +213,7 @@ def _where_it_matters(time: Array, displacement: Array) -> NDArray[np.int64]:
     return np.flatnonzero(keep)
 
 
-def _truth_of(part: Part, force: Array, protocol: Harmonic, tester: Tester) -> dict[str, float]:
+def _truth_of(part: Part, force: Floats, protocol: Harmonic, tester: Tester) -> dict[str, float]:
     """Return amplitude, work and complex stiffness of the second half of an oscillation.
 
     The mean force still relaxes meanwhile; a parabola in time takes that out.
@@ -206,7 +225,7 @@ def _truth_of(part: Part, force: Array, protocol: Harmonic, tester: Tester) -> d
     angle = 2 * np.pi * since
     design = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(since), since, since**2])
 
-    def phasor(values: Array) -> complex:
+    def phasor(values: Floats) -> complex:
         sine, cosine, *_ = np.linalg.lstsq(design, values, rcond=None)[0]
         return complex(sine, cosine)
 

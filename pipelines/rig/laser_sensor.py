@@ -7,11 +7,9 @@ an unknown zero, a late or early trigger) and rounds to its display step.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from pipelines.rig.reference_drop import Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,13 +24,8 @@ class LaserSensor:
 
 
 def record_drop(
-    trajectory: Trajectory,
-    sensor: LaserSensor,
-    *,
-    duration: float,
-    release: float,
-    generator: np.random.Generator,
-) -> Array:
+    trajectory: Trajectory, sensor: LaserSensor, *, duration: float, release: float, generator: np.random.Generator
+) -> Floats:
     """Return the readings of one drop in m, ``release`` s after the record begins.
 
     Parameters
@@ -47,5 +40,5 @@ def record_drop(
     time = np.arange(round(duration / sensor.cycle), dtype=np.float64) * sensor.cycle
     along = trajectory.at(np.asarray(time - release)) * np.cos(sensor.inclination) + sensor.zero
     noisy = along + generator.normal(0.0, sensor.noise, time.size)
-    rounded: Array = np.round(noisy / sensor.step) * sensor.step
+    rounded: Floats = np.round(noisy / sensor.step) * sensor.step
     return rounded

@@ -8,10 +8,9 @@ untared offset; the writer rounds it to the cell's counts.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt, sosfilt_zi
 
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 RATE = 100.0  # Hz, what the instrument writes
 OVERSAMPLING = 10  # the true motion and force are known this much finer than they are written
@@ -37,7 +36,7 @@ class Tester:
     acceleration: float = np.inf
 
 
-def fine_time(duration: float) -> Array:
+def fine_time(duration: float) -> Floats:
     """Return the rig's time of a block; the instrument writes whole tenths of a second."""
     total = np.ceil(duration * RATE / 10) * 10 / RATE
     return np.arange(round(total * RATE * OVERSAMPLING)) / (RATE * OVERSAMPLING)
@@ -45,7 +44,7 @@ def fine_time(duration: float) -> Array:
 
 def oscillation(
     tester: Tester, mean: float, amplitude: float, frequency: float, cycles: int, rest: float
-) -> tuple[Array, Array, float]:
+) -> tuple[Floats, Floats, float]:
     """Make one Sinusoid block: fine time, displacement, and the frequency that really ran.
 
     The stage rests ``rest`` s before and after; its motion starts and ends at the mean.
@@ -58,7 +57,7 @@ def oscillation(
     return time, mean + amplitude * (1 + tester.amplitude_error) * shape, real
 
 
-def ramp(tester: Tester, start: float, end: float, hold: float) -> tuple[Array, Array]:
+def ramp(tester: Tester, start: float, end: float, hold: float) -> tuple[Floats, Floats]:
     """Make one ramp at the stage's speed and the hold after it: fine time and displacement."""
     way, speed = end - start, tester.ramp_speed
     gain = min(speed / tester.acceleration, np.sqrt(way / tester.acceleration))
@@ -75,19 +74,17 @@ def ramp(tester: Tester, start: float, end: float, hold: float) -> tuple[Array, 
     return time, start + rising + steady + braking * (speed - 0.5 * tester.acceleration * braking)
 
 
-def approach(start: float, end: float, speed: float) -> tuple[Array, Array]:
+def approach(start: float, end: float, speed: float) -> tuple[Floats, Floats]:
     """Make a slow approach from above the surface (negative displacement) to slight contact."""
     time = fine_time((end - start) / speed)
     return time, np.minimum(start + speed * time, end)
 
 
-def record(tester: Tester, force: Array, generator: np.random.Generator) -> Array:
+def record(tester: Tester, force: Floats, generator: np.random.Generator) -> Floats:
     """Return the compression force in N at the instrument's rate, filtered, noisy, untared."""
-    sections = butter(
-        tester.filter_order, tester.filter_cutoff, fs=RATE * OVERSAMPLING, output="sos"
-    )
+    sections = butter(tester.filter_order, tester.filter_cutoff, fs=RATE * OVERSAMPLING, output="sos")
     state = sosfilt_zi(sections) * force[0]
     filtered, _ = sosfilt(sections, force, zi=state)
-    sampled: Array = filtered[::OVERSAMPLING]
+    sampled: Floats = filtered[::OVERSAMPLING]
     noise = generator.normal(0.0, tester.force_noise, sampled.size)
     return sampled * tester.force_gain + noise + tester.force_offset

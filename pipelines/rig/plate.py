@@ -11,26 +11,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from instruments import keyence
 from labpipe import files, materials
+from labpipe.arrays import Floats
 from labpipe.materials import Prony
 from pipelines.rig.fall import DropRig, let_go
 from pipelines.rig.laser_sensor import LaserSensor
 from pipelines.rig.reference_drop import Floor, Trajectory
-
-Array = NDArray[np.float64]
 
 PLATE = Floor(mass=30.0, frequency=180.0, damping_ratio=0.03)
 """A plate that rings by a few micrometres, as light as to be felt in the rebound."""
 
 
 PLATE_RIG = DropRig(
-    sensor=LaserSensor(
-        inclination=float(np.deg2rad(4.96)), noise=0.3e-6, step=0.02e-6, zero=-1.2e-3
-    ),
+    sensor=LaserSensor(inclination=float(np.deg2rad(4.96)), noise=0.3e-6, step=0.02e-6, zero=-1.2e-3),
     floor=PLATE,
     duration=0.2,
 )
@@ -41,7 +37,7 @@ PLATE_RIG = DropRig(
 class Ring:
     """One recorded drop: readings in m, and what the plate truly did, in the record's time."""
 
-    readings: Array
+    readings: Floats
     amplitude: float
     blow_time: float
     height: float
@@ -60,7 +56,7 @@ def ring_once(rig: DropRig, material: Prony, height: float, seed: int) -> Ring:
     return Ring(readings, amplitude, begun.time + blow, begun.height)
 
 
-def floor_at(motion: Trajectory, time: Array) -> Array:
+def floor_at(motion: Trajectory, time: Floats) -> Floats:
     """Height of the floor at any time, by a cubic spline; 0 before release."""
     kept, first = np.unique(motion.time, return_index=True)
     spline = CubicSpline(kept, motion.floor[first])
@@ -86,14 +82,7 @@ def true_ringing(motion: Trajectory, floor: Floor) -> tuple[float, float]:
 
 
 def write_ringing(
-    folder: Path,
-    stem: str,
-    rig: DropRig,
-    material: str,
-    height: float,
-    repeats: int,
-    seed: int,
-    start: datetime,
+    folder: Path, stem: str, rig: DropRig, material: str, height: float, repeats: int, seed: int, start: datetime
 ) -> list[str]:
     """Write the recordings of one material and height and their truth; returns the file names.
 
@@ -105,9 +94,8 @@ def write_ringing(
         ring = ring_once(rig, solid, height, seed + repeat)
         name = f"laser_plate/{stem}_{repeat + 1}.csv"
         recording = keyence.make_recording(
-            {1: ring.readings}, cycle=rig.sensor.cycle, start=start + timedelta(minutes=2 * repeat),
-            decimals=5,
-        )  # fmt: skip
+            {1: ring.readings}, cycle=rig.sensor.cycle, start=start + timedelta(minutes=2 * repeat), decimals=5
+        )
         keyence.write(folder / name, recording)
         text = json.dumps(_truth(ring, rig), indent=1)
         files.write_text(folder / f"truth/{stem}_{repeat + 1}.json", text + "\n")

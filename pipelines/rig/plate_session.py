@@ -31,12 +31,7 @@ scale = "1.0000 ± 0.0005"
 
 
 def write_plate(
-    folder: Path,
-    rig: DropRig,
-    names: Sequence[str],
-    heights: Sequence[float],
-    repeats: int,
-    start: datetime,
+    folder: Path, rig: DropRig, names: Sequence[str], heights: Sequence[float], repeats: int, start: datetime
 ) -> str:
     """Record the plate under drops of several materials and heights; returns its section.
 
@@ -62,9 +57,8 @@ def write_plate(
 
 
 def write_ringing_of(
-    folder: Path, rig: DropRig, material: str, height: float, repeats: int, seed: int,
-    start: datetime,
-) -> str:  # fmt: skip
+    folder: Path, rig: DropRig, material: str, height: float, repeats: int, seed: int, start: datetime
+) -> str:
     """Record the plate under repeated drops of one material and height; returns their table."""
     stem = f"plate_{material}_{height * 1e3:g}mm".replace(".", "p")
     recordings = write_ringing(folder, stem, rig, material, height, repeats, seed, start)

@@ -26,9 +26,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-
-Array = NDArray[np.float64]
 
 GRAVITY = 9.81  # m/s², as in the thesis
 CONTACT_STEP = 2e-6  # s; (ω Δt)²/24 is 1e-6 for a contact of 1 ms
@@ -56,11 +55,11 @@ class Springs:
     (time,) is 0 in flight; ``resolution`` is half the distance of two springs.
     """
 
-    time: Array
-    position: Array
-    displacement: Array
-    approach: Array
-    contact_radius: Array
+    time: Floats
+    position: Floats
+    displacement: Floats
+    approach: Floats
+    contact_radius: Floats
     resolution: float
 
 
@@ -73,30 +72,27 @@ class Trajectory:
     the laboratory's frame, as a sensor on the frame sees them, not relative to a moving floor.
     """
 
-    time: Array
-    height: Array
-    velocity: Array
-    force: Array
-    contact_radius: Array
-    floor: Array
-    touch: Array
-    liftoff: Array
-    incoming_speed: Array
-    outgoing_speed: Array
+    time: Floats
+    height: Floats
+    velocity: Floats
+    force: Floats
+    contact_radius: Floats
+    floor: Floats
+    touch: Floats
+    liftoff: Floats
+    incoming_speed: Floats
+    outgoing_speed: Floats
     springs: Springs | None = None
 
-    def at(self, time: Array) -> Array:
+    def at(self, time: Floats) -> Floats:
         """Height at any time by cubic Hermite interpolation; the start height before release."""
         index = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(self.time) - 2)
         step = self.time[index + 1] - self.time[index]
         s = np.clip((time - self.time[index]) / step, 0.0, 1.0)
         z0, z1 = self.height[index], self.height[index + 1]
         m0, m1 = self.velocity[index] * step, self.velocity[index + 1] * step
-        cubic: Array = (
-            (1 + 2 * s) * (1 - s) ** 2 * z0
-            + s * (1 - s) ** 2 * m0
-            + s**2 * (3 - 2 * s) * z1
-            + s**2 * (s - 1) * m1
+        cubic: Floats = (
+            (1 + 2 * s) * (1 - s) ** 2 * z0 + s * (1 - s) ** 2 * m0 + s**2 * (3 - 2 * s) * z1 + s**2 * (s - 1) * m1
         )
         return cubic
 
@@ -107,13 +103,13 @@ def _contact(
     speed: float,
     floor: float,
     floor_speed: float,
-    u: Array,
-    h: Array,
-    gap: Array,
-    weight: Array,
+    u: Floats,
+    h: Floats,
+    gap: Floats,
+    weight: Floats,
     E_relaxed: float,
-    E: Array,
-    rho: Array,
+    E: Floats,
+    rho: Floats,
     mass: float,
     gravity: float,
     floor_mass: float,
@@ -121,9 +117,9 @@ def _contact(
     floor_zeta: float,
     step: float,
     n_max: int,
-    record: Array,
+    record: Floats,
     kept: NDArray[np.int64],
-    states: Array,
+    states: Floats,
 ) -> tuple[int, bool]:
     """Integrate one contact; returns the number of steps and whether the sphere left.
 
@@ -176,10 +172,7 @@ def _contact(
             new_floor = (
                 -force / floor_mass
                 - floor_omega * floor_omega * floor
-                - 2
-                * floor_zeta
-                * floor_omega
-                * (floor_speed + 0.5 * floor_force_acceleration * step)
+                - 2 * floor_zeta * floor_omega * (floor_speed + 0.5 * floor_force_acceleration * step)
             )
             floor_speed += 0.5 * (floor_force_acceleration + new_floor) * step
             floor_force_acceleration = new_floor
@@ -193,7 +186,7 @@ def _contact(
     return n_max, False
 
 
-def _recover(u: Array, h: Array, duration: float, E_relaxed: float, E: Array, rho: Array) -> None:
+def _recover(u: Floats, h: Floats, duration: float, E_relaxed: float, E: Floats, rho: Floats) -> None:
     """Let unloaded springs creep back for ``duration``, in steps that grow geometrically."""
     elapsed, step = 0.0, CONTACT_STEP
     while elapsed < duration:
@@ -209,23 +202,21 @@ def _recover(u: Array, h: Array, duration: float, E_relaxed: float, E: Array, rh
         step *= FLIGHT_GROWTH
 
 
-def _floor_free(time: Array, x0: float, v0: float, floor: Floor) -> tuple[Array, Array]:
+def _floor_free(time: Floats, x0: float, v0: float, floor: Floor) -> tuple[Floats, Floats]:
     """Free motion of the damped floor from position ``x0`` and velocity ``v0``."""
     omega = 2 * np.pi * floor.frequency
     damped = omega * np.sqrt(1 - floor.damping_ratio**2)
     decay = np.exp(-floor.damping_ratio * omega * time)
     b = (v0 + floor.damping_ratio * omega * x0) / damped
     x = decay * (x0 * np.cos(damped * time) + b * np.sin(damped * time))
-    v = -floor.damping_ratio * omega * x + decay * damped * (
-        b * np.cos(damped * time) - x0 * np.sin(damped * time)
-    )
+    v = -floor.damping_ratio * omega * x + decay * damped * (b * np.cos(damped * time) - x0 * np.sin(damped * time))
     return x, v
 
 
 def reference_drop(
     E_relaxed: float,
-    E: Array,
-    rho: Array,
+    E: Floats,
+    rho: Floats,
     nu: float,
     *,
     radius: float,
@@ -233,7 +224,7 @@ def reference_drop(
     height: float,
     duration: float,
     floor: Floor | None = None,
-    snapshots: Array | None = None,
+    snapshots: Floats | None = None,
 ) -> Trajectory:
     """Drop a viscoelastic sphere and record everything at the solver's own steps.
 
@@ -281,27 +272,21 @@ def reference_drop(
         raise InputError(message)
 
     now, z, v, x, w = 0.0, height, 0.0, 0.0, 0.0
-    pieces: list[Array] = [np.array([[0.0, z, 0.0, 0.0, 0.0, 0.0]])]
+    pieces: list[Floats] = [np.array([[0.0, z, 0.0, 0.0, 0.0, 0.0]])]
     touch, liftoff, incoming, outgoing = [], [], [], []
     asked = np.empty(0) if snapshots is None else np.asarray(snapshots, float)
-    shots: list[tuple[Array, float, float]] = []
+    shots: list[tuple[Floats, float, float]] = []
     while now < duration:
         flight = _flight_time(z, v, x, w, u, h, softest, branches, rho, floor)
         flight = min(flight, duration - now)
         grid = np.linspace(0.0, flight, max(3, int(flight / 2e-4)))[1:]
-        floor_x, floor_w = _floor_free(grid, x, w, floor) if np.isfinite(floor.mass) else (
-            np.zeros_like(grid), np.zeros_like(grid))  # fmt: skip
+        floor_x, floor_w = (
+            _floor_free(grid, x, w, floor) if np.isfinite(floor.mass) else (np.zeros_like(grid), np.zeros_like(grid))
+        )
         zero = np.zeros_like(grid)
         pieces.append(
             np.column_stack(
-                [
-                    now + grid,
-                    z + v * grid - 0.5 * GRAVITY * grid**2,
-                    v - GRAVITY * grid,
-                    zero,
-                    zero,
-                    floor_x,
-                ]
+                [now + grid, z + v * grid - 0.5 * GRAVITY * grid**2, v - GRAVITY * grid, zero, zero, floor_x]
             )
         )
         shots += [
@@ -321,10 +306,28 @@ def reference_drop(
         kept = kept[kept >= 0]
         states, start = np.empty((len(kept), SPRINGS)), (u.copy(), x - z)
         n, left = _contact(
-            x - z, v, x, w, u, h, gap, weight, softest, branches, rho, mass, GRAVITY,
-            floor.mass, 2 * np.pi * floor.frequency, floor.damping_ratio, CONTACT_STEP, n_max,
-            record, kept, states,
-        )  # fmt: skip
+            x - z,
+            v,
+            x,
+            w,
+            u,
+            h,
+            gap,
+            weight,
+            softest,
+            branches,
+            rho,
+            mass,
+            GRAVITY,
+            floor.mass,
+            2 * np.pi * floor.frequency,
+            floor.damping_ratio,
+            CONTACT_STEP,
+            n_max,
+            record,
+            kept,
+            states,
+        )
         record = record[:n]
         # Under a moving floor the touch is foretold a few steps early; without force it is none.
         if is_touch := bool(np.any(record[:, 2] > 0.0)):
@@ -343,26 +346,31 @@ def reference_drop(
             outgoing.append(v)
     table = np.concatenate(pieces)
     return Trajectory(
-        time=table[:, 0], height=table[:, 1], velocity=table[:, 2], force=table[:, 3],
-        contact_radius=table[:, 4], floor=table[:, 5], touch=np.array(touch),
-        liftoff=np.array(liftoff), incoming_speed=np.array(incoming),
-        outgoing_speed=np.array(outgoing), springs=_handed_out(asked, shots, position),
-    )  # fmt: skip
+        time=table[:, 0],
+        height=table[:, 1],
+        velocity=table[:, 2],
+        force=table[:, 3],
+        contact_radius=table[:, 4],
+        floor=table[:, 5],
+        touch=np.array(touch),
+        liftoff=np.array(liftoff),
+        incoming_speed=np.array(incoming),
+        outgoing_speed=np.array(outgoing),
+        springs=_handed_out(asked, shots, position),
+    )
 
 
-def _rows(times: NDArray[np.floating[Any]], record: Array, radius: float, width: float) -> Array:
+def _rows(times: NDArray[np.floating[Any]], record: Floats, radius: float, width: float) -> Floats:
     """Turn the record of a contact into rows of the trajectory; a spring covers half its width."""
     edge = np.sqrt(record[:, 3] * radius) + np.where(record[:, 3] > 0, width / 2, 0.0)
     return np.column_stack([times, record[:, 0], record[:, 1], record[:, 2], edge, record[:, 4]])
 
 
-def _handed_out(
-    asked: Array, shots: list[tuple[Array, float, float]], position: Array
-) -> Springs | None:
+def _handed_out(asked: Floats, shots: list[tuple[Floats, float, float]], position: Floats) -> Springs | None:
     if not len(asked):
         return None
     if len(shots) != len(asked):
-        message = f"{len(asked)} states were asked for, {len(shots)} lie in the simulated time"
+        message = f"{len(asked)} states were requested, {len(shots)} lie in the simulated time"
         raise InputError(message)
     u, approach, edge = (np.array(part) for part in zip(*shots, strict=True))
     half = 0.5 * float(position[1] - position[0])
@@ -370,9 +378,18 @@ def _handed_out(
 
 
 def _in_flight(
-    elapsed: float, z: float, v: float, x: float, w: float, u: Array, h: Array,
-    E_relaxed: float, E: Array, rho: Array, floor: Floor,
-) -> tuple[Array, float, float]:  # fmt: skip
+    elapsed: float,
+    z: float,
+    v: float,
+    x: float,
+    w: float,
+    u: Floats,
+    h: Floats,
+    E_relaxed: float,
+    E: Floats,
+    rho: Floats,
+    floor: Floor,
+) -> tuple[Floats, float, float]:
     """Springs and approach some time after the start of a flight."""
     recovered, memory = u.copy(), h.copy()
     _recover(recovered, memory, elapsed, E_relaxed, E, rho)
@@ -383,9 +400,15 @@ def _in_flight(
 
 
 def _in_contact(
-    step: int, share: float, start: tuple[Array, float], kept: NDArray[np.int64],
-    states: Array, record: Array, gap: Array, width: float,
-) -> tuple[Array, float, float]:  # fmt: skip
+    step: int,
+    share: float,
+    start: tuple[Floats, float],
+    kept: NDArray[np.int64],
+    states: Floats,
+    record: Floats,
+    gap: Floats,
+    width: float,
+) -> tuple[Floats, float, float]:
     """Springs and approach between two steps of a contact.
 
     A spring that is pressed in at both ends follows the profile at the very time; a free one
@@ -417,16 +440,13 @@ def _in_contact(
 
 
 def _flight_time(
-    z: float, v: float, x: float, w: float, u: Array, h: Array,
-    E_relaxed: float, E: Array, rho: Array, floor: Floor,
-) -> float:  # fmt: skip
+    z: float, v: float, x: float, w: float, u: Floats, h: Floats, E_relaxed: float, E: Floats, rho: Floats, floor: Floor
+) -> float:
     """Time until the falling sphere meets the recovering dent at its centre."""
     apex = max(v, 0.0) / GRAVITY
     level = 0.0
     for _ in range(6):  # the dent recovers slowly against the flight: this converges at once
-        span = apex + np.sqrt(
-            max(2 * (z + v * apex - 0.5 * GRAVITY * apex**2 + level), 0) / GRAVITY
-        )
+        span = apex + np.sqrt(max(2 * (z + v * apex - 0.5 * GRAVITY * apex**2 + level), 0) / GRAVITY)
         centre_u, centre_h = u[:1].copy(), h[:1].copy()
         _recover(centre_u, centre_h, span, E_relaxed, E, rho)
         level = float(centre_u[0])

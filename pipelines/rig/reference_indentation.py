@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import spence
 
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 SPRINGS = 1500
 WIDEST = 0.3  # of the period: the reference refuses wider contacts than it resolves
@@ -24,14 +24,14 @@ WIDEST = 0.3  # of the period: the reference refuses wider contacts than it reso
 
 @numba.njit(cache=True)
 def _march(
-    time: Array,
-    depth: Array,
-    gap: Array,
-    weight: Array,
+    time: Floats,
+    depth: Floats,
+    gap: Floats,
+    weight: Floats,
     E_relaxed: float,
-    E: Array,
-    rho: Array,
-    force: Array,
+    E: Floats,
+    rho: Floats,
+    force: Floats,
     edge: NDArray[np.int64],
 ) -> None:
     """Step every spring through the displacement history; fills ``force`` and ``edge``."""
@@ -68,16 +68,16 @@ def _march(
 
 def reference_indentation(
     E_relaxed: float,
-    E: Array,
-    rho: Array,
+    E: Floats,
+    rho: Floats,
     nu: float,
     *,
     tip_radius: float,
     period: float,
     depth: float,
-    time: Array,
-    displacement: Array,
-) -> tuple[Array, Array]:
+    time: Floats,
+    displacement: Floats,
+) -> tuple[Floats, Floats]:
     """Force of one tip row and contact half-width under a displacement history.
 
     Parameters
@@ -102,7 +102,14 @@ def reference_indentation(
     force, edge = np.zeros(time.size), np.zeros(time.size, dtype=np.int64)
     plane = 1 / (1 - nu**2)
     _march(
-        np.asarray(time, float), np.asarray(displacement, float), gap, np.diff(stiffness),
-        E_relaxed * plane, np.asarray(E, float) * plane, np.asarray(rho, float), force, edge,
-    )  # fmt: skip
+        np.asarray(time, float),
+        np.asarray(displacement, float),
+        gap,
+        np.diff(stiffness),
+        E_relaxed * plane,
+        np.asarray(E, float) * plane,
+        np.asarray(rho, float),
+        force,
+        edge,
+    )
     return force * depth, np.where(force > 0, edges[edge + 1], 0.0)

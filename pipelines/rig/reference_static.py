@@ -14,14 +14,13 @@ https://doi.org/10.1287/ijoc.1050.0137.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 _NODES = 24  # of the Talbot contour; 14 digits in double precision at most
 
 
-def creep_compliance(E_relaxed: float, E: Array, rho: Array, time: Array) -> Array:
+def creep_compliance(E_relaxed: float, E: Floats, rho: Floats, time: Floats) -> Floats:
     """Return the creep compliance [1/Pa] at times above 0, by a fixed Talbot contour.
 
     Parameters
@@ -39,21 +38,21 @@ def creep_compliance(E_relaxed: float, E: Array, rho: Array, time: Array) -> Arr
     s = node / time[:, None]
     carson = E_relaxed + (E * s[..., None] * rho / (1 + s[..., None] * rho)).sum(axis=-1)
     # L[J] = 1/(s · Carson transform of E)
-    result: Array = 0.4 / time * np.real(weight / (s * carson)).sum(axis=1)
+    result: Floats = 0.4 / time * np.real(weight / (s * carson)).sum(axis=1)
     return result
 
 
 def reference_static(
     E_relaxed: float,
-    E: Array,
-    rho: Array,
+    E: Floats,
+    rho: Floats,
     nu: float,
     *,
     radius: float,
-    load_times: Array,
-    loads: Array,
-    time: Array,
-) -> Array:
+    load_times: Floats,
+    loads: Floats,
+    time: Floats,
+) -> Floats:
     """Approach of a sphere on a rigid flat under loads that are only added to.
 
     Parameters

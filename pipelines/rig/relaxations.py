@@ -29,17 +29,14 @@ class Relaxation:
 
 
 def write_relaxation(
-    folder: Path, name: str, specimen: Specimen, protocol: Relaxation, tester: Tester,
-    seed: int, start: datetime,
-) -> list[str]:  # fmt: skip
+    folder: Path, name: str, specimen: Specimen, protocol: Relaxation, tester: Tester, seed: int, start: datetime
+) -> list[str]:
     """Write one Mach-1 file per depth, and the truth beside each; returns the files' names."""
     names = []
     for number, depth in enumerate(protocol.depths):
         parts = [approach_part(), ramp_part(tester, depth, protocol.hold)]
         stem = f"{name}_{depth * 1e6:.0f}um"
-        _, force = record_parts(
-            folder, stem, specimen, parts, tester, seed + number, start + number * _APART
-        )
+        _, force = record_parts(folder, stem, specimen, parts, tester, seed + number, start + number * _APART)
         time = parts[1].time
         late = time >= time[-1] - min(_PLATEAU, 0.1 * protocol.hold)
         solid = specimen.material

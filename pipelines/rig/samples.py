@@ -22,14 +22,7 @@ from pipelines.rig.mach1_tester import Tester
 from pipelines.rig.plate import PLATE, PLATE_RIG
 from pipelines.rig.plate_session import plate_laser_record, write_plate
 from pipelines.rig.relaxations import Relaxation
-from pipelines.rig.session_text import (
-    NOTE,
-    dma_section,
-    drop_section,
-    height_name,
-    laser_record,
-    session_head,
-)
+from pipelines.rig.session_text import NOTE, dma_section, drop_section, height_name, laser_record, session_head
 from pipelines.rig.static_loading import StaticRig, static_section, write_static
 
 _START = datetime(2024, 5, 14, 9, 30)
@@ -103,9 +96,7 @@ profile = "parabola"  # the virtual tip is one
 """
 
 
-STATED_FLOOR = (
-    'plate = { mass = "1450 ± 100 kg", frequency = "390 ± 20 Hz", damping_ratio = "0.03" }\n'
-)
+STATED_FLOOR = 'plate = { mass = "1450 ± 100 kg", frequency = "390 ± 20 Hz", damping_ratio = "0.03" }\n'
 """What the laboratory knows of its table: near the truth within what it states, not the truth."""
 
 
@@ -119,22 +110,17 @@ def write_series(
         name = f"{material}_{height_name(height)}"
         seed = 1000 * sum(map(ord, material)) + 100 * number
         recordings = write_drops(
-            folder, name, rig, solid, height, repeats, seed,
-            _START + timedelta(minutes=20 * number),
-        )  # fmt: skip
+            folder, name, rig, solid, height, repeats, seed, _START + timedelta(minutes=20 * number)
+        )
         names.append(name)
         sections += drop_section(name, recordings, height, material, STATED_FLOOR)
     return names, sections
 
 
-def _write_core(
-    folder: Path, title: str, heights: tuple[float, ...], repeats: int, protocol: Harmonic
-) -> list[str]:
+def _write_core(folder: Path, title: str, heights: tuple[float, ...], repeats: int, protocol: Harmonic) -> list[str]:
     names, sections = write_series(folder, DropRig(), "acrylic", heights, repeats)
     specimen = Specimen(materials.load("nbr"))
-    write_harmonic(
-        folder, "nbr_harmonic", specimen, protocol, Tester(), 7, _START + timedelta(days=1)
-    )
+    write_harmonic(folder, "nbr_harmonic", specimen, protocol, Tester(), 7, _START + timedelta(days=1))
     sections += harmonic_section("nbr_harmonic", specimen, "nbr")
     files.write_text(folder / "calibration/laser.toml", laser_record())
     files.write_text(folder / "session.toml", session_head(title) + sections)
@@ -150,9 +136,7 @@ def _demo(folder: Path, full_size: bool) -> list[str]:
 def _core(folder: Path, full_size: bool) -> list[str]:
     del full_size  # this sample holds no film
     heights = (1.5e-3, 5e-3, 7e-3, 10e-3)
-    return _write_core(
-        folder, "Acrylic on sapphire and NBR under a punch (synthetic)", heights, 5, Harmonic()
-    )
+    return _write_core(folder, "Acrylic on sapphire and NBR under a punch (synthetic)", heights, 5, Harmonic())
 
 
 def _dma(folder: Path, full_size: bool) -> list[str]:
@@ -208,17 +192,19 @@ def _plate(folder: Path, full_size: bool) -> list[str]:
     heights = (1.5e-3, 10e-3)
     sections = write_plate(folder, PLATE_RIG, ("acrylic", "ptfe"), heights, 2, _START)
     recordings = write_drops(
-        folder, "acrylic_10mm", DropRig(floor=PLATE), materials.load("acrylic"), heights[1], 2,
-        4242, _START + timedelta(days=1),
-    )  # fmt: skip
-    sections += drop_section(
-        "acrylic_10mm", recordings, heights[1], "acrylic", 'plate_from = "plate"\n'
+        folder,
+        "acrylic_10mm",
+        DropRig(floor=PLATE),
+        materials.load("acrylic"),
+        heights[1],
+        2,
+        4242,
+        _START + timedelta(days=1),
     )
+    sections += drop_section("acrylic_10mm", recordings, heights[1], "acrylic", 'plate_from = "plate"\n')
     files.write_text(folder / "calibration/laser.toml", laser_record())
     files.write_text(folder / "calibration/laser_plate.toml", plate_laser_record())
-    files.write_text(
-        folder / "session.toml", session_head("Ringing of the plate (synthetic)") + sections
-    )
+    files.write_text(folder / "session.toml", session_head("Ringing of the plate (synthetic)") + sections)
     return ["plate", "acrylic_10mm"]
 
 
@@ -237,17 +223,13 @@ def _thesis_small(folder: Path, full_size: bool) -> list[str]:
 
 
 SAMPLES: dict[str, Sample] = {
-    "indentation": Sample(
-        "NBR under a periodic punch: relaxation at three depths, ten frequencies", _indentation
-    ),
+    "indentation": Sample("NBR under a periodic punch: relaxation at three depths, ten frequencies", _indentation),
     "static": Sample("a PTFE sphere under five loads, seen by the laser", _static),
     "dma": Sample("rheometer sweeps of five materials over temperature", _dma),
     "demo": Sample("three drops of acrylic, one short harmonic indentation", _demo),
     "plate": Sample("vibration of the plate under acrylic and PTFE; a drop modelled on it", _plate),
     "films": Sample("PTFE by laser and front camera; acrylic filmed through the disc", _films),
     "thesis": Sample("every experiment of the thesis: the whole campaign", _thesis),
-    "thesis-small": Sample(
-        "the campaign in two megabytes: every kind, one height, two repeats", _thesis_small
-    ),
+    "thesis-small": Sample("the campaign in two megabytes: every kind, one height, two repeats", _thesis_small),
     "core": Sample("acrylic from four heights, five repeats; one harmonic indentation", _core),
 }

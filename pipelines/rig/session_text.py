@@ -49,9 +49,7 @@ synthetic = true
 """
 
 
-def drop_section(
-    name: str, recordings: list[str], height: float, material: str, extra: str = ""
-) -> str:
+def drop_section(name: str, recordings: list[str], height: float, material: str, extra: str = "") -> str:
     """Return the table of one ball drop in session.toml; ``extra`` are more of its lines."""
     listed = "".join(f'  "{r}",\n' for r in recordings)
     return f"""

@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 _REACH = 5.5  # blob widths after which exp(-r²/2) is below 3e-7
 _WIDTHS = (1.3, 2.2)  # px, blobs of the usual size for correlation
@@ -26,9 +25,9 @@ _EDGE = 1.2  # px, softness of the holder's edges
 class Holder:
     """Where the blobs are, in px of the first image; ``left``, ``right`` bound the holder."""
 
-    x: Array
-    y: Array
-    width: Array
+    x: Floats
+    y: Floats
+    width: Floats
     offset: float
     gain: float
     left: float
@@ -44,16 +43,14 @@ class Pose:
     rotation: float = 0.0
     pivot: tuple[float, float] = (0.0, 0.0)
 
-    def moved(self, x: Array, y: Array) -> tuple[Array, Array]:
+    def moved(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Where points of the first image are now."""
         c, s = math.cos(self.rotation), math.sin(self.rotation)
         u, v = x - self.pivot[0], y - self.pivot[1]
         return self.pivot[0] + self.dx + c * u - s * v, self.pivot[1] + self.dy + s * u + c * v
 
 
-def make_holder(
-    rows: int, columns: int, fall: float, seed: int, width: float | None = None
-) -> Holder:
+def make_holder(rows: int, columns: int, fall: float, seed: int, width: float | None = None) -> Holder:
     """Scatter blobs over the image and everything that a fall of ``fall`` px brings into it.
 
     Parameters
@@ -78,13 +75,10 @@ def make_holder(
     _stamp(field, x, y, blobs)
     half = 0.5 * columns + 2 * margin if width is None else 0.5 * width
     middle = 0.5 * (columns - 1)
-    return Holder(
-        x, y, blobs, float(field.mean()), _CONTRAST / float(field.std()),
-        middle - half, middle + half,
-    )  # fmt: skip
+    return Holder(x, y, blobs, float(field.mean()), _CONTRAST / float(field.std()), middle - half, middle + half)
 
 
-def draw(holder: Holder, rows: int, columns: int, pose: Pose, defocus: float = 0.0) -> Array:
+def draw(holder: Holder, rows: int, columns: int, pose: Pose, defocus: float = 0.0) -> Floats:
     """Return grey levels (row, column) of the holder in a pose.
 
     Parameters
@@ -103,18 +97,16 @@ def draw(holder: Holder, rows: int, columns: int, pose: Pose, defocus: float = 0
     level = 0.5 * (1.0 + np.tanh(holder.gain * (field - holder.offset)))
     grey = _BLACK + (_WHITE - _BLACK) * level
     across = np.arange(columns) - pose.dx
-    mask = 0.5 * (
-        np.tanh((across - holder.left) / _EDGE) - np.tanh((across - holder.right) / _EDGE)
-    )
+    mask = 0.5 * (np.tanh((across - holder.left) / _EDGE) - np.tanh((across - holder.right) / _EDGE))
     return _BLACK / 2 + mask * (grey - _BLACK / 2)
 
 
-def _stamp(field: Array, x: Array, y: Array, width: Array, weight: Array | None = None) -> None:
+def _stamp(field: Floats, x: Floats, y: Floats, width: Floats, weight: Floats | None = None) -> None:
     _add_blobs(field, x, y, width, np.ones_like(x) if weight is None else weight)
 
 
 @numba.njit(cache=True)
-def _add_blobs(field: Array, x: Array, y: Array, width: Array, weight: Array) -> None:
+def _add_blobs(field: Floats, x: Floats, y: Floats, width: Floats, weight: Floats) -> None:
     """Add round Gaussians; one is the product of a row and a column, so exp is rarely needed."""
     rows, columns = field.shape
     across = np.empty(columns)

@@ -30,26 +30,28 @@ class StaticRig:
     duration: float = 3780.0
     cycle: float = 5.0
     gravity: float = 9.81
-    sensor: LaserSensor = field(
-        default_factory=lambda: LaserSensor(inclination=float(np.deg2rad(12.07)), noise=0.3e-6)
-    )
+    sensor: LaserSensor = field(default_factory=lambda: LaserSensor(inclination=float(np.deg2rad(12.07)), noise=0.3e-6))
     late: float = 3.0
     drift: float = 0.1e-6
     touched: float = 4e-6
 
 
-def write_static(
-    folder: Path, name: str, rig: StaticRig, material: Prony, seed: int, start: datetime
-) -> str:
+def write_static(folder: Path, name: str, rig: StaticRig, material: Prony, seed: int, start: datetime) -> str:
     """Write one record of the laser and the truth beside it; returns the file's name."""
     generator = np.random.default_rng(seed)
     late = np.concatenate([[-1e-3], generator.normal(0.0, rig.late, len(rig.times) - 1)])
     begins = np.array(rig.times) + late
     time = np.arange(round(rig.duration / rig.cycle), dtype=np.float64) * rig.cycle
     approach = reference_static(
-        material.E_relaxed, np.asarray(material.E), np.asarray(material.rho), float(material.nu),
-        radius=rig.radius, load_times=begins, loads=np.array(rig.masses) * rig.gravity, time=time,
-    )  # fmt: skip
+        material.E_relaxed,
+        np.asarray(material.E),
+        np.asarray(material.rho),
+        float(material.nu),
+        radius=rig.radius,
+        load_times=begins,
+        loads=np.array(rig.masses) * rig.gravity,
+        time=time,
+    )
     drift = generator.normal(0.0, rig.drift) * time / rig.duration
     along = (drift - approach) * np.cos(rig.sensor.inclination) + rig.sensor.zero
     along += generator.normal(0.0, rig.sensor.noise, time.size)

@@ -74,6 +74,10 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Verdict": "_verdicts",
+    "Verdicts": "_verdicts",
+    "verdict": "_verdicts",
+    "verdicts_of": "_verdicts",
     "CATALOGUE": "_catalogue:FILE",
     "COMPARISON_PAGE": "_overview:COMPARISON_PAGE",
     "Catalogued": "_catalogue:Catalogued",

@@ -190,8 +190,9 @@ def query(
         raise UsageError(message)
     connection = _opened(Path(database))
     if connection is None:
-        raise SourceError(Path(database), "damaged, or of an older layout",
-                          hint="Make it anew with `labpipe catalogue FOLDER`.")  # fmt: skip
+        raise SourceError(
+            Path(database), "damaged, or of an older layout", hint="Make it anew with `labpipe catalogue FOLDER`."
+        )
     with closing(connection):
         units = dict(connection.execute("SELECT name, unit FROM columns"))
         source = "results NATURAL JOIN experiments" if table == "results" else table
@@ -235,17 +236,19 @@ def _opened(path: Path) -> sqlite3.Connection | None:
     What it is stands in the file's first bytes (sqlite.org/fileformat2.html, section 1.3).
     """
     if not path.is_file():
-        raise SourceError(
-            path, "there is no such catalogue", hint="Make one with `labpipe catalogue FOLDER`."
-        )
+        raise SourceError(path, "there is no such catalogue", hint="Make one with `labpipe catalogue FOLDER`.")
     data = path.read_bytes()
     layout = int.from_bytes(data[60:64])
     if not data.startswith(b"SQLite format 3\0") or int.from_bytes(data[68:72]) != _APPLICATION:
-        raise SourceError(path, "not a catalogue of labpipe",
-                          hint="Give another --database; this file is left as it is.")  # fmt: skip
+        raise SourceError(
+            path, "not a catalogue of labpipe", hint="Give another --database; this file is left as it is."
+        )
     if layout > _LAYOUT:
-        raise SourceError(path, f"written by a newer labpipe (layout {layout}, ours {_LAYOUT})",
-                          hint="Update labpipe, or give another --database.")  # fmt: skip
+        raise SourceError(
+            path,
+            f"written by a newer labpipe (layout {layout}, ours {_LAYOUT})",
+            hint="Update labpipe, or give another --database.",
+        )
     connection = sqlite3.connect(":memory:")
     try:
         connection.deserialize(data)
@@ -265,9 +268,7 @@ def _sessions(roots: Iterable[Path]) -> Iterator[Path]:
             place = Path(folder)
             has_session = FILE_NAME in file_names
             # What labpipe wrote holds no sessions, and there may be much of it.
-            names[:] = sorted(
-                n for n in names if not n.startswith(".") and not (has_session and n == "labpipe")
-            )
+            names[:] = sorted(n for n in names if not n.startswith(".") and not (has_session and n == "labpipe"))
             if has_session and place not in seen:
                 seen.add(place)
                 yield place
@@ -314,9 +315,7 @@ def _relative(folder: Path, start: Path) -> str:
 
 
 def _is_below(name: str, root: str) -> bool:
-    return (
-        (root == "." and not name.startswith("../")) or name == root or name.startswith(f"{root}/")
-    )
+    return (root == "." and not name.startswith("../")) or name == root or name.startswith(f"{root}/")
 
 
 def _digest(plan: Plan) -> str:
@@ -345,8 +344,7 @@ def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> 
         kept = sum(row.state == KEPT for row in rows)
         state = f"{waiting} of {len(rows)} steps to do" if waiting else "done"
         state += f", {kept} results of earlier code" if kept else ""
-        entry = _Entry({"session": name, "experiment": experiment.name, "kind": experiment.kind,
-                        "state": state})  # fmt: skip
+        entry = _Entry({"session": name, "experiment": experiment.name, "kind": experiment.kind, "state": state})
         entry.add_settings((), experiment.settings)
         for row in rows:
             dataset = results.up_to_date(row)

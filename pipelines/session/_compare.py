@@ -72,9 +72,7 @@ def compare(
         if (derived := KINDS[experiment.kind].rows) is not None
     }
     wanted = [
-        target
-        for name, derived in able.items()
-        for target in needed(session, session.experiments[name], derived)
+        target for name, derived in able.items() for target in needed(session, session.experiments[name], derived)
     ]
     failed: dict[str, str] = {}
     if wanted:
@@ -111,10 +109,12 @@ def _kept(plan: Plan, experiment: str) -> tuple[str, ...]:
 def labelled(row: Row, experiment: Experiment) -> Row:
     """Say of a row which experiment it is of and, where it does not, of what and how."""
     return replace(
-        row, experiment=experiment.name, kind=experiment.kind,
+        row,
+        experiment=experiment.name,
+        kind=experiment.kind,
         material=row.material or _material(experiment),
         condition=row.condition or _condition(experiment),
-    )  # fmt: skip
+    )
 
 
 def _material(experiment: Experiment) -> str:

@@ -62,10 +62,7 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
     known = [row.deviation for row in events if row.deviation is not None]
     if known:
         inside = sum(1 for d in known if abs(d) < _SURE)
-        rows.append(
-            ("events", f"{inside} of {len(known)}",
-             "differ by less than the 95 % interval of the difference")
-        )  # fmt: skip
+        rows.append(("events", f"{inside} of {len(known)}", "differ by less than the 95 % interval of the difference"))
     blocks: list[Block] = [KeyValues(rows)] if rows else []
     blocks += [Notice("error", f"{name}: {why}") for name, why in found.failed.items()]
     kept = {row.experiment: row.kept for row in found.rows if row.kept}
@@ -86,16 +83,31 @@ def _curves(rows: Sequence[Row]) -> tuple[Block, ...]:
         worst[row.experiment] = max(worst.get(row.experiment, 0.0), row.nrmse or 0.0)
     largest = max(worst.values()) or 1.0
     columns = (
-        Column("experiment"), Column("kind"), Column("of"), Column("curve"), Column("n"),
-        Column("nRMSE", "%", digits=2), Column("bias", digits=3, u=7), Column("u"), Column("in"),
-    )  # fmt: skip
+        Column("experiment"),
+        Column("kind"),
+        Column("of"),
+        Column("curve"),
+        Column("n"),
+        Column("nRMSE", "%", digits=2),
+        Column("bias", digits=3, u=7),
+        Column("u"),
+        Column("in"),
+    )
     body = []
     for r in rows:
         shown = display_unit(_known(r.difference), r.unit)
         body.append(
-            (r.experiment, r.kind, _of(r), _what(r), r.n, 100 * (r.nrmse or 0.0),
-             *_scaled((r.difference, r.u_difference), shown), shown.text)
-        )  # fmt: skip
+            (
+                r.experiment,
+                r.kind,
+                _of(r),
+                _what(r),
+                r.n,
+                100 * (r.nrmse or 0.0),
+                *_scaled((r.difference, r.u_difference), shown),
+                shown.text,
+            )
+        )
     text = (
         "Root mean square of measured minus model over the range of the measurement, and its mean. "
         "The bias has an uncertainty where the scale of the calibration contributes to it; n "
@@ -113,17 +125,24 @@ def _events(rows: Sequence[Row]) -> tuple[Block, ...]:
     if not rows:
         return ()
     columns = (
-        Column("experiment"), Column("of"), Column("quantity"), Column("n"),
-        Column("measured", u=5), Column("u"), Column("model", u=7), Column("u"),
-        Column("difference", u=9), Column("u"), Column("in"), Column("over u", digits=2),
-    )  # fmt: skip
+        Column("experiment"),
+        Column("of"),
+        Column("quantity"),
+        Column("n"),
+        Column("measured", u=5),
+        Column("u"),
+        Column("model", u=7),
+        Column("u"),
+        Column("difference", u=9),
+        Column("u"),
+        Column("in"),
+        Column("over u", digits=2),
+    )
     body = []
     for r in rows:
         shown = display_unit(_known(r.measured, r.model), r.unit)
         values = (r.measured, r.u_measured, r.model, r.u_model, r.difference, r.u_difference)
-        body.append(
-            (r.experiment, _of(r), _what(r), r.n, *_scaled(values, shown), shown.text, r.deviation)
-        )
+        body.append((r.experiment, _of(r), _what(r), r.n, *_scaled(values, shown), shown.text, r.deviation))
     text = (
         "Single values with standard uncertainties. The uncertainty of the model includes "
         "height, radius, mass and plate, not the material: a difference of many u means that one "

@@ -102,9 +102,7 @@ class Target:
         return path
 
 
-def export_results(
-    results: Results, stages: Iterable[str], experiments: Iterable[str], target: Target
-) -> Exported:
+def export_results(results: Results, stages: Iterable[str], experiments: Iterable[str], target: Target) -> Exported:
     """Write the stored results of a session that are up to date.
 
     Parameters
@@ -196,12 +194,11 @@ def _frame_times(frames: Any) -> xr.Dataset:
     import xarray as xr
 
     variables: dict[str, Any] = {
-        "time": ("frame", frames.time, {"units": "s", "long_name": "time from the trigger"}),
-        "valid": ("frame", frames.valid.astype(np.int8),
-                  {"units": "1", "long_name": "1 where the frame is whole"}),
-    }  # fmt: skip
+        "time": variable("frame", frames.time, "s", "time from the trigger"),
+        "valid": variable("frame", frames.valid.astype(np.int8), "1", "1 where the frame is complete"),
+    }
     if frames.exposure is not None:
-        attrs = {"units": "s", "long_name": "exposure time"}
+        attrs = described("s", "exposure time")
         values = np.broadcast_to(np.asarray(frames.exposure, float), frames.time.shape)
         variables["exposure"] = ("frame", values, attrs)
     rows, columns = frames.shape[1:]

@@ -60,10 +60,7 @@ def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str]) -> dict[str, str
         if name in dataset.variables and not any(name in dims for dims in groups):
             groups[name,] = []
     head = "".join(f"# {key}: {_line(value)}\n" for key, value in remarks.items())
-    return {
-        "-".join(dims) or "values": head + _table(dataset, dims, names)
-        for dims, names in groups.items()
-    }
+    return {"-".join(dims) or "values": head + _table(dataset, dims, names) for dims, names in groups.items()}
 
 
 def _table(dataset: xr.Dataset, dims: tuple[str, ...], names: list[str]) -> str:
@@ -167,9 +164,7 @@ def mat_bytes(dataset: xr.Dataset, remarks: Mapping[str, str]) -> bytes:
     for key in ("units", "long_name"):
         content[key] = {n: str(dataset[v].attrs.get(key, "")) for v, n in names.items()}
     content["dimensions"] = {n: ", ".join(map(str, dataset[v].dims)) for v, n in names.items()}
-    content["remarks"] = {
-        short: remarks[key] for key, short in _matlab_names(remarks, ()).items()
-    } or ""
+    content["remarks"] = {short: remarks[key] for key, short in _matlab_names(remarks, ()).items()} or ""
     stream = io.BytesIO()
     savemat(stream, content, long_field_names=True, oned_as="column", do_compression=True)
     head = b"MATLAB 5.0 MAT-file, written by labpipe".ljust(_MATLAB_HEAD)

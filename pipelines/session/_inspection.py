@@ -19,9 +19,20 @@ if TYPE_CHECKING:
     from labpipe.frames import FrameSource
 
 _KNOWN = (
-    "instrument", "model", "serial", "head", "start", "sampling_interval", "sampling_cycle",
-    "storage_factor", "averaging", "layout", "encoding", "delimiter", "decimal",
-)  # fmt: skip
+    "instrument",
+    "model",
+    "serial",
+    "head",
+    "start",
+    "sampling_interval",
+    "sampling_cycle",
+    "storage_factor",
+    "averaging",
+    "layout",
+    "encoding",
+    "delimiter",
+    "decimal",
+)
 _LOOK, _SHOWN = 4096, 60  # bytes of an unknown file that are looked at, characters that are shown
 _IRREGULAR = 0.01
 """Of the median interval: a step that differs by more is worth telling."""
@@ -179,9 +190,7 @@ def _instrument(file: Path, options: dict[str, Any]) -> dict[str, Any]:
         found = table(source) if isinstance(source, xr.Dataset) else film(source)
     said = [str(w.message) for w in caught]
     problems = list(dict.fromkeys([*said, *found.pop("problems")]))
-    return {
-        "reader": name, "kind": "table" if is_table else "film", **found, "problems": problems,
-    }  # fmt: skip
+    return {"reader": name, "kind": "table" if is_table else "film", **found, "problems": problems}
 
 
 def _with_a_look(file: Path, error: SourceError) -> SourceError:
@@ -205,11 +214,7 @@ def _with_a_look(file: Path, error: SourceError) -> SourceError:
 
 def table(dataset: xr.Dataset) -> dict[str, Any]:
     """Describe readings: header, sampling, and every column with unit and range."""
-    columns = [
-        _column(str(name), variable)
-        for name, variable in dataset.variables.items()
-        if variable.size
-    ]
+    columns = [_column(str(name), variable) for name, variable in dataset.variables.items() if variable.size]
     known = {k: dataset.attrs[k] for k in _KNOWN if dataset.attrs.get(k) not in (None, "")}
     sampling, problems = _sampling(dataset)
     return {
@@ -284,8 +289,7 @@ def _reading_problems(dataset: xr.Dataset, columns: list[dict[str, Any]]) -> lis
             continue  # tables beside the readings leave out what a header does not state
         states_of = states.get(row["name"].replace("out", "status"), {})
         why = ", ".join(f"{n} {s}" for s, n in states_of.items() if s != "VALID")
-        found.append(f"{row['name']}: {row['invalid']} of {size} readings are invalid" +
-                     (f" ({why})" if why else ""))  # fmt: skip
+        found.append(f"{row['name']}: {row['invalid']} of {size} readings are invalid" + (f" ({why})" if why else ""))
     if dataset.attrs.get("incomplete"):
         found.append("the file is incomplete: it ends before its end mark")
     return found
@@ -372,9 +376,7 @@ def _picture(file: Path) -> dict[str, Any]:
 
     image = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise SourceError(
-            file, "is no whole picture; it cannot be decoded", hint="Copy or save it again."
-        )
+        raise SourceError(file, "is no whole picture; it cannot be decoded", hint="Copy or save it again.")
     rows, columns = image.shape[:2]
     return {
         "image": f"{columns} × {rows} px",

@@ -34,9 +34,7 @@ def open_session(folder: str | Path) -> Session:
     """
     path = Path(folder) / sessions.FILE_NAME
     if not path.is_file():
-        raise SourceError(
-            path, "there is no such file", hint=f"Write one with `labpipe init {folder}`."
-        )
+        raise SourceError(path, "there is no such file", hint=f"Write one with `labpipe init {folder}`.")
     return sessions.load(path, SETTINGS)
 
 

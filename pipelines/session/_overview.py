@@ -67,13 +67,18 @@ def _state_digest(plan: Plan, code: Identity) -> str:
     """Digest of all that the page depends on."""
     session = plan.session
     rows = [
-        [row.experiment, row.stage, row.recording, row.state, plan.keys[row.task].value,
-         (session.folder / page_name(row.experiment)).is_file()]
+        [
+            row.experiment,
+            row.stage,
+            row.recording,
+            row.state,
+            plan.keys[row.task].value,
+            (session.folder / page_name(row.experiment)).is_file(),
+        ]
         for row in plan.rows
-    ]  # fmt: skip
+    ]
     has_comparison = (session.folder / COMPARISON_PAGE).is_file()
-    head = [code, session.title, session.operator, session.notes, session.synthetic,
-            has_comparison]  # fmt: skip
+    head = [code, session.title, session.operator, session.notes, session.synthetic, has_comparison]
     return hashlib.sha256(files.canonical([head, rows]).encode("utf-8", "replace")).hexdigest()
 
 
@@ -91,15 +96,12 @@ def _page(results: Results) -> str:
         caption = ""  # once is enough
     if below := _below(session):
         sections.append(Section("Session", below))
-    about = [
-        f"{sum(state.startswith(_DONE) for state in states)} of {len(states)} experiments done"
-    ]
+    about = [f"{sum(state.startswith(_DONE) for state in states)} of {len(states)} experiments done"]
     if session.operator:
         about.insert(0, f"recorded by {session.operator}")
     return Document(
-        session.title, " · ".join(about), "synthetic data" if session.synthetic else "",
-        tuple(sections),
-    ).render()  # fmt: skip
+        session.title, " · ".join(about), "synthetic data" if session.synthetic else "", tuple(sections)
+    ).render()
 
 
 def _groups(session: Session) -> list[tuple[str, list[str]]]:
@@ -156,14 +158,11 @@ def _columns(results: Results, names: Sequence[str]) -> "tuple[list[Column], dic
 def _key_numbers(shown: Iterable[Kind]) -> list[tuple[str, str]]:
     """Return title and unit of the kinds' key numbers; kinds with the same one share it."""
     names = {kind.name for kind in shown}
-    every = (n for kind in experiments.KINDS.values() if kind.name in names
-             for n in kind.key_numbers)  # fmt: skip
+    every = (n for kind in experiments.KINDS.values() if kind.name in names for n in kind.key_numbers)
     return list(dict.fromkeys((number.title, number.unit) for number in every))
 
 
-def _number(
-    results: Results, name: str, source: tuple[str, str] | None, *, is_worst: bool = False
-) -> float | None:
+def _number(results: Results, name: str, source: tuple[str, str] | None, *, is_worst: bool = False) -> float | None:
     import numpy as np
 
     dataset = _dataset(results, name, source[0]) if source else None
@@ -211,12 +210,14 @@ def _row(results: Results, name: str, cells: Sequence[Any]) -> "IndexRow":
     elif kept:
         state, level = f"{_DONE}, {len(kept)} results of earlier code", "warning"
     return IndexRow(
-        name, state, level,  # type: ignore[arg-type]
+        name,
+        state,
+        level,  # type: ignore[arg-type]
         href=page_name(name) if has_page else "",
         metrics=tuple(cells),
         thumbnail=_picture(results, name),
         remark=f"{kind}; {unreadable}" if unreadable else kind,
-    )  # fmt: skip
+    )
 
 
 def _picture(results: Results, name: str) -> bytes | None:
@@ -230,9 +231,7 @@ def _picture(results: Results, name: str) -> bytes | None:
     return None if chart is None else thumbnail(chart)
 
 
-def _chart(
-    dataset: "xr.Dataset", x_name: str, y_name: str, scale: Any
-) -> "LineChart | ScatterChart | None":
+def _chart(dataset: "xr.Dataset", x_name: str, y_name: str, scale: Any) -> "LineChart | ScatterChart | None":
     import numpy as np
 
     from labpipe.report import LineChart, ScatterChart, Series

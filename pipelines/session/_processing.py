@@ -115,9 +115,16 @@ def process(
     >>> done.failures, done.reports["acrylic_7mm"]  # doctest: +SKIP
     """
     ((_, done),) = process_all(
-        [folder], targets, only, jobs=jobs, cluster=cluster,
-        full=full, keep=keep, fail_fast=fail_fast, progress=progress,
-    )  # fmt: skip
+        [folder],
+        targets,
+        only,
+        jobs=jobs,
+        cluster=cluster,
+        full=full,
+        keep=keep,
+        fail_fast=fail_fast,
+        progress=progress,
+    )
     if isinstance(done, LabpipeError):
         raise done
     return done
@@ -168,9 +175,18 @@ def process_all(
                     return
 
     for session, done in run_all(
-        opened(), STAGES, jobs=jobs, cluster=cluster, targets=targets, only=only,
-        fail_fast=fail_fast, full=full, keep=keep, schemas=SCHEMAS, progress=progress,
-    ):  # fmt: skip
+        opened(),
+        STAGES,
+        jobs=jobs,
+        cluster=cluster,
+        targets=targets,
+        only=only,
+        fail_fast=fail_fast,
+        full=full,
+        keep=keep,
+        schemas=SCHEMAS,
+        progress=progress,
+    ):
         if not isinstance(done, LabpipeError):
             write_overview(session, STAGES)
         yield session.root, done
@@ -243,10 +259,7 @@ def report(folder: str | Path, experiment: str) -> Report:
     path = session.folder / page_name(experiment)
     if experiment not in session.experiments or not path.is_file():
         known = ", ".join(session.experiments)
-        message = (
-            f'there is no report of "{experiment}" yet; run: labpipe process {folder} '
-            f"(experiments: {known})"
-        )
+        message = f'there is no report of "{experiment}" yet; run: labpipe process {folder} (experiments: {known})'
         raise InputError(message)
     return Report(experiment, path)
 

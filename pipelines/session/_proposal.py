@@ -189,10 +189,7 @@ def _nothing_proposed(found: Found) -> str:
             of_reason.setdefault(why, []).append(name)
     if not of_reason:
         known = ", ".join(each.name for each in instruments.known())
-        return (
-            f"{folder}: no file of a known instrument was found; known are {known}. "
-            "Is it the right folder?"
-        )
+        return f"{folder}: no file of a known instrument was found; known are {known}. Is it the right folder?"
     lines = [f"{folder}: no experiment is proposed"]
     for (title, reason), names in of_reason.items():
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""

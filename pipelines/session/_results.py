@@ -122,9 +122,6 @@ def results(folder: str | Path, experiment: str) -> xr.DataTree:
                 node += f"/{row.recording.replace('/', '_') if is_taken else stem}"
             found[node] = known.result(*row.task)
     if not found:
-        message = (
-            f"{experiment} has no result that is up to date; run: labpipe process {folder} "
-            f"--only {experiment}"
-        )
+        message = f"{experiment} has no result that is up to date; run: labpipe process {folder} --only {experiment}"
         raise InputError(message)
     return xr.DataTree.from_dict(found, name=experiment)

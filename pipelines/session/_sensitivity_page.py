@@ -3,17 +3,8 @@
 from collections.abc import Sequence
 from math import isinf
 
-from labpipe.report import (
-    Block,
-    Column,
-    Details,
-    Document,
-    Paragraph,
-    Section,
-    Table,
-    shown_source,
-)
-from labpipe.uncertainty import to_halve
+from labpipe.report import Block, Column, Details, Document, Paragraph, Section, Table, shown_source
+from labpipe.uncertainty import inputs_to_halve
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared import budget_blocks as budget_drawing
 from pipelines.experiments.shared.budget_blocks import half_width, overview
@@ -39,9 +30,7 @@ def render(session: Session, kind: str, found: Sequence[Examined]) -> str:
         Their quantities.
     """
     head: tuple[Block, ...] = (synthetic_notice(),) if session.synthetic else ()
-    sections = [
-        Section("What to measure better", (Paragraph(answer(found)), *head, *answers(found))),
-    ]
+    sections = [Section("What to measure better", (Paragraph(answer(found)), *head, *answers(found)))]
     for name in dict.fromkeys(e.experiment for e in found):
         own = [e for e in found if e.experiment == name]
         folded = tuple(Details(e.quantity.name, blocks=budget_blocks(e)) for e in own)
@@ -65,7 +54,7 @@ def advice(found: Examined) -> str:
     """Say what to measure better to halve the uncertainty."""
     if found.budget.u == 0.0:
         return "no input is uncertain"
-    names, factor = to_halve(total_shares(found))
+    names, factor = inputs_to_halve(total_shares(found))
     return _known_better(names, factor)
 
 
@@ -95,7 +84,7 @@ def answer(found: Sequence[Examined]) -> str:
     """Say in one sentence what to measure better, and then whether both ways say so."""
     parts = []
     for name, group in families(found).items():
-        names, factor = to_halve(mean_shares(group))
+        names, factor = inputs_to_halve(mean_shares(group))
         parts.append(f"of the {name}, {_known_better(names, factor)}")
     first = f"To halve the uncertainty {'; '.join(parts)}." if parts else "Nothing is uncertain."
     return f"{first} {agreement(found)}"
@@ -128,20 +117,27 @@ def answers(found: Sequence[Examined]) -> tuple[Block, ...]:
     for name, group in families(found).items():
         shares = mean_shares(group)
         order = sorted(shares, key=lambda n: -shares[n])
-        rows.append((
-            name, len(group), _spread(group),
-            ", ".join(f"{shown_source(n)} {100.0 * shares[n]:.0f} %" for n in order[:3]
-                      if shares[n] >= 0.01),
-            _known_better(*to_halve(shares)),
-        ))  # fmt: skip
+        rows.append(
+            (
+                name,
+                len(group),
+                _spread(group),
+                ", ".join(f"{shown_source(n)} {100.0 * shares[n]:.0f} %" for n in order[:3] if shares[n] >= 0.01),
+                _known_better(*inputs_to_halve(shares)),
+            )
+        )
     table = Table(
         (
-            Column("quantity"), Column("results"), Column("expanded uncertainty, 95 %"),
-            Column("limiting inputs, mean share of the variance"), Column("to halve it"),
+            Column("quantity"),
+            Column("results"),
+            Column("expanded uncertainty, 95 %"),
+            Column("limiting inputs, mean share of the variance"),
+            Column("to halve it"),
         ),
-        rows, sortable=False,
+        rows,
+        sortable=False,
         caption="Shares are Sobol's total indices, averaged over the results.",
-    )  # fmt: skip
+    )
     return (table,)
 
 

@@ -3,23 +3,13 @@
 from collections.abc import Mapping
 
 from pipelines.simulator_inputs import describe, thermal_of
-from pipelines.sweeps.parameters import (
-    FALL,
-    OSCILLATION,
-    RUBBER,
-    Outputs,
-    Parameter,
-    Simulator,
-    Value,
-    numbers,
-    solid,
-)
+from pipelines.sweeps.parameters import FALL, OSCILLATION, RUBBER, Outputs, Parameter, Simulator, Value, numbers, solid
 
 
 def adhesion(point: Mapping[str, Value]) -> Outputs:
     """Pull-off of a sphere after Maugis, with the relaxed modulus."""
     from labpipe import contact
-    from labpipe.contact.beyond import cohesive_stress, lost_energy, transition
+    from labpipe.contact.beyond import cohesive_stress, lost_energy, maugis_parameter
 
     number, material = numbers(point), solid(point)
     modulus = material.factor("contact") * material.E_relaxed
@@ -30,7 +20,7 @@ def adhesion(point: Mapping[str, Value]) -> Outputs:
         "pull_off_jkr": contact.pull_off(*sphere),
         "radius_at_no_load": float(contact.jkr_at_force(0.0, *sphere).contact_radius),
         "tabor": contact.tabor(*sphere, number["distance"]),
-        "transition": transition(*sphere, stress),
+        "transition": maugis_parameter(*sphere, stress),
         "lost_energy": lost_energy(*sphere),
     }
 
@@ -41,12 +31,15 @@ def heating(point: Mapping[str, Value]) -> Outputs:
 
     number, material = numbers(point), describe(str(point["material"]))
     drop = contact.drop(
-        solid(point), number["radius"], number["mass"], number["height"], number["duration"],
-        rtol=number["rtol"], gravity=number["gravity"],
-    )  # fmt: skip
-    thermal = thermal_of(
-        str(point["material"]), number.get("heat_capacity"), number.get("conductivity")
+        solid(point),
+        number["radius"],
+        number["mass"],
+        number["height"],
+        number["duration"],
+        rtol=number["rtol"],
+        gravity=number["gravity"],
     )
+    thermal = thermal_of(str(point["material"]), number.get("heat_capacity"), number.get("conductivity"))
     found = contact.self_heating(drop, material, thermal, number.get("temperature"))
     return {
         "impacts": float(drop.sizes["impact"]),
@@ -64,21 +57,23 @@ def amplitude(point: Mapping[str, Value]) -> Outputs:
 
     number = numbers(point)
     kraus = Kraus(
-        number["critical_strain"], number["storage_floor"], number["loss_peak"],
-        number["loss_floor"], number["exponent"],
-    )  # fmt: skip
-    found = contact.amplitude_sweep(
-        solid(point), kraus, number["frequency"], number["amplitude"], number["mean"],
-        number["tip_radius"], number["period"], number["depth"],
-    )  # fmt: skip
-    names = (
-        "strain",
-        "storage_stiffness",
-        "loss_stiffness",
-        "phase",
-        "work_per_cycle",
-        "lifts_off",
+        number["critical_strain"],
+        number["storage_floor"],
+        number["loss_peak"],
+        number["loss_floor"],
+        number["exponent"],
     )
+    found = contact.amplitude_sweep(
+        solid(point),
+        kraus,
+        number["frequency"],
+        number["amplitude"],
+        number["mean"],
+        number["tip_radius"],
+        number["period"],
+        number["depth"],
+    )
+    names = ("strain", "storage_stiffness", "loss_stiffness", "phase", "work_per_cycle", "lifts_off")
     return {name: float(found[name][0]) for name in names}
 
 

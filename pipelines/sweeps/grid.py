@@ -187,9 +187,7 @@ def design(
 
 def _draw(spread: Mapping[str, Quantity], draws: int, seed: int) -> dict[str, tuple[float, ...]]:
     generator = np.random.default_rng(seed)
-    return {
-        name: tuple(generator.normal(q.value, q.u, draws).tolist()) for name, q in spread.items()
-    }
+    return {name: tuple(generator.normal(q.value, q.u, draws).tolist()) for name, q in spread.items()}
 
 
 def _simulator(name: str) -> Simulator:

@@ -71,9 +71,7 @@ def _summary(plan: Design, swept: Swept) -> tuple[Block, ...]:
         span = f"{count} values, {ends[0]} to {ends[1]}" if count > 1 else ends[0]
         rows.append((axis.name, span, known[axis.name].text))
     for name, values in plan.drawn.items():
-        text = (
-            f"{np.mean(values):.6g} ± {_text(float(np.std(values, ddof=1)), known[name].unit, 2)}"
-        )
+        text = f"{np.mean(values):.6g} ± {_text(float(np.std(values, ddof=1)), known[name].unit, 2)}"
         rows.append((name, text, f"{len(values)} draws: mean and standard deviation"))
     for name, value in plan.fixed.items():
         if name not in plan.drawn and value is not None:
@@ -112,9 +110,7 @@ def _output(dataset: "xr.Dataset", name: str) -> tuple[Block, ...]:
     mean = " Mean of the draws." if DRAW in values.dims and len(numbers) == 2 else ""
     alt = f"{_title(dataset, name)} over {' and '.join(map(str, numbers))}"
     caption = f"{alt}.{mean or spread}{remark}"
-    return (
-        Picture(picture, alt, caption=caption, width_px=_MAP_WIDTH if is_map else _CURVE_WIDTH),
-    )
+    return (Picture(picture, alt, caption=caption, width_px=_MAP_WIDTH if is_map else _CURVE_WIDTH),)
 
 
 def _label(groups: "xr.DataArray", i: int, is_named: bool) -> str:
@@ -154,12 +150,10 @@ def _curves(parts: "list[xr.DataArray]", labels: list[str], numbers: list[str]) 
         for i, (part, label) in enumerate(zip(parts, labels, strict=True)):
             mean, deviation = _statistics(part)
             x = mean[numbers[0]].values
-            line = axes.plot(x, mean.values, marker=_MARKS[i % len(_MARKS)], markersize=3,
-                             label=label)[0]  # fmt: skip
+            line = axes.plot(x, mean.values, marker=_MARKS[i % len(_MARKS)], markersize=3, label=label)[0]
             if deviation is not None:
                 low, high = mean - deviation, mean + deviation
-                axes.fill_between(x, low.values, high.values, color=line.get_color(), alpha=0.25,
-                                  linewidth=0)  # fmt: skip
+                axes.fill_between(x, low.values, high.values, color=line.get_color(), alpha=0.25, linewidth=0)
         _scale(axes.set_xscale, parts[0][numbers[0]].values)
         axes.set(xlabel=_axis_text(parts[0][numbers[0]]), ylabel=_axis_text(parts[0]))
         if any(labels):
@@ -182,12 +176,12 @@ def _maps(parts: "list[xr.DataArray]", labels: list[str], numbers: list[str]) ->
             axes = figure.add_subplot(rows, columns, i + 1)
             x, y = mean[numbers[0]].values, mean[numbers[1]].values
             # One colour scale for all, so that the panels can be compared.
-            drawn = axes.pcolormesh(x, y, mean.values, vmin=ends[0], vmax=ends[1], cmap="viridis",
-                                    shading="nearest", rasterized=True)  # fmt: skip
+            drawn = axes.pcolormesh(
+                x, y, mean.values, vmin=ends[0], vmax=ends[1], cmap="viridis", shading="nearest", rasterized=True
+            )
             _scale(axes.set_xscale, x)
             _scale(axes.set_yscale, y)
-            axes.set(title=label, xlabel=_axis_text(mean[numbers[0]]),
-                     ylabel=_axis_text(mean[numbers[1]]))  # fmt: skip
+            axes.set(title=label, xlabel=_axis_text(mean[numbers[0]]), ylabel=_axis_text(mean[numbers[1]]))
             panels.append(axes)
         figure.colorbar(drawn, ax=panels, label=_axis_text(parts[0]))
         return figure_bytes(figure, "png")
@@ -213,8 +207,7 @@ def _problems(dataset: "xr.Dataset") -> Table:
     for place in places[:_SHOWN_PROBLEMS]:
         point = problems[tuple(place)]
         where = ", ".join(
-            f"{d} = {point[d].item() if d in point.coords else place[i]}"
-            for i, d in enumerate(problems.dims)
+            f"{d} = {point[d].item() if d in point.coords else place[i]}" for i, d in enumerate(problems.dims)
         )
         rows.append([where, str(point.item())])
     caption = f"The first {len(rows)} of {len(places)}." if len(places) > len(rows) else ""

@@ -197,9 +197,7 @@ class _Results:
     def __init__(self, plan: Design) -> None:
         self.plan = plan
         self.is_known = np.zeros(plan.count, dtype=bool)
-        self.values = {
-            name: np.full(plan.count, np.nan) for name in SIMULATORS[plan.simulator].outputs
-        }
+        self.values = {name: np.full(plan.count, np.nan) for name in SIMULATORS[plan.simulator].outputs}
         self.problems: dict[int, str] = {}
 
     @property
@@ -276,33 +274,31 @@ def _kept(parts: Path, key: str, size: int) -> list[Outcome] | None:
     return None if any(isinstance(one, str) for one in outcome) else outcome
 
 
-def _dataset(
-    plan: Design, values: Mapping[str, NDArray[np.float64]], reasons: Mapping[int, str]
-) -> "xr.Dataset":
+def _dataset(plan: Design, values: Mapping[str, NDArray[np.float64]], reasons: Mapping[int, str]) -> "xr.Dataset":
     import xarray as xr
 
     simulator = SIMULATORS[plan.simulator]
     variables: dict[str, Any] = {
-        name: (plan.dims, values[name].reshape(plan.shape), {"units": unit, "long_name": text})
+        name: variable(plan.dims, values[name].reshape(plan.shape), unit, text)
         for name, (unit, text) in simulator.outputs.items()
     }
     problems = np.full(plan.count, "", dtype=object)
     for point, reason in reasons.items():
         problems[point] = reason
-    variables["problem"] = (
-        plan.dims, problems.reshape(plan.shape),
-        {"units": "1", "long_name": "Why a point has no result; empty when it has"},
-    )  # fmt: skip
+    variables["problem"] = variable(
+        plan.dims, problems.reshape(plan.shape), "1", "Why a point has no result; empty when it has"
+    )
     coordinates: dict[str, Any] = {
-        axis.name: (
-            axis.name, np.array(axis.values),
-            {"units": simulator.parameters[axis.name].unit or "1",
-             "long_name": axis.name.replace("_", " ").capitalize()},
+        axis.name: variable(
+            axis.name,
+            np.array(axis.values),
+            simulator.parameters[axis.name].unit or "1",
+            axis.name.replace("_", " ").capitalize(),
         )
         for axis in plan.axes
-    }  # fmt: skip
+    }
     for name, draws in plan.drawn.items():
-        labels = {"units": simulator.parameters[name].unit, "long_name": f"Drawn {name}"}
+        labels = described(simulator.parameters[name].unit, f"Drawn {name}")
         coordinates[name] = (DRAW, np.array(draws), labels)
     attributes: dict[str, Any] = {
         "simulator": plan.simulator,

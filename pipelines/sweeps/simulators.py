@@ -11,16 +11,7 @@ import numpy as np
 
 from pipelines.simulator_inputs import ramp_hold_oscillation
 from pipelines.sweeps.beyond import BEYOND
-from pipelines.sweeps.parameters import (
-    FALL,
-    OSCILLATION,
-    Outputs,
-    Parameter,
-    Simulator,
-    Value,
-    numbers,
-    solid,
-)
+from pipelines.sweeps.parameters import FALL, OSCILLATION, Outputs, Parameter, Simulator, Value, numbers, solid
 
 _PER_CYCLE = 200
 
@@ -32,20 +23,20 @@ def drop(point: Mapping[str, Value]) -> Outputs:
     number = numbers(point)
     plate = None
     if number["plate_mass"] > 0.0:
-        plate = contact.Plate(
-            number["plate_mass"], number["plate_frequency"], number["plate_damping"]
-        )
+        plate = contact.Plate(number["plate_mass"], number["plate_frequency"], number["plate_damping"])
     fall = np.sqrt(2.0 * number["height"] / number["gravity"])
     found = contact.drop(
-        solid(point), number["radius"], number["mass"], number["height"],
-        float(fall) + number["after_touch"], rtol=number["rtol"], gravity=number["gravity"],
+        solid(point),
+        number["radius"],
+        number["mass"],
+        number["height"],
+        float(fall) + number["after_touch"],
+        rtol=number["rtol"],
+        gravity=number["gravity"],
         plate=plate,
-    )  # fmt: skip
+    )
     if not found.sizes["impact"] or not np.isfinite(found["lift_off_time"].values[0]):
-        message = (
-            f"the sphere has not left within {number['after_touch']:g} s after its fall; "
-            "raise after_touch"
-        )
+        message = f"the sphere has not left within {number['after_touch']:g} s after its fall; raise after_touch"
         raise ValueError(message)
     names = ("restitution", "peak_force", "peak_contact_radius", "contact_duration")
     values = {name: float(found[name].values[0]) for name in names}
@@ -58,13 +49,23 @@ def indent(point: Mapping[str, Value]) -> Outputs:
 
     number = numbers(point)
     time, displacement = ramp_hold_oscillation(
-        number["mean"], number["amplitude"], number["frequency"], round(number["cycles"]),
-        hold=number["hold"], ramp=number["ramp"], per_cycle=_PER_CYCLE,
-    )  # fmt: skip
+        number["mean"],
+        number["amplitude"],
+        number["frequency"],
+        round(number["cycles"]),
+        hold=number["hold"],
+        ramp=number["ramp"],
+        per_cycle=_PER_CYCLE,
+    )
     found = contact.indent(
-        solid(point), number["tip_radius"], number["period"], number["depth"], time,
-        displacement, profile=str(point["profile"]),
-    )  # fmt: skip
+        solid(point),
+        number["tip_radius"],
+        number["period"],
+        number["depth"],
+        time,
+        displacement,
+        profile=str(point["profile"]),
+    )
     force = found["force"].values
     last = slice(time.size - _PER_CYCLE - 1, None)
     return {

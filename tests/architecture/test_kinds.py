@@ -14,10 +14,7 @@ MAY_NAME_KINDS = tuple(ROOT / "pipelines" / name for name in ("rig", "figures", 
 ROOMS = {name: f"pipelines.experiments.{name}" for name in KINDS}
 
 
-PHYSICS = tuple(
-    ROOT / "labpipe" / name
-    for name in ("signals", "imaging", "materials", "contact", "identification")
-)
+PHYSICS = tuple(ROOT / "labpipe" / name for name in ("signals", "imaging", "materials", "contact", "identification"))
 """A relaxation and a harmonic are phenomena there, before they are kinds of experiment."""
 
 
@@ -65,9 +62,7 @@ def test_a_kind_imports_from_no_other(kind: str) -> None:
 def test_every_room_is_that_of_a_kind() -> None:
     rooms = {path.name for path in ROOM.iterdir() if (path / "kind.py").is_file()}
     assert rooms == set(KINDS)
-    assert {path.name for path in ROOM.iterdir() if path.is_dir()} - rooms <= {
-        "shared", "__pycache__",
-    }  # fmt: skip
+    assert {path.name for path in ROOM.iterdir() if path.is_dir()} - rooms <= {"shared", "__pycache__"}
 
 
 def test_figures_lie_beneath_nothing() -> None:

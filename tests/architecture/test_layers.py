@@ -34,6 +34,8 @@ GROUND = {
     "text",
     "numbers",
     "binary",
+    "arrays",
+    "variables",
     "compilation",
     "lazy",
     "notebook",
@@ -189,6 +191,31 @@ def test_what_no_face_gives_away_is_marked_as_private(room: str) -> None:
     assert wrong == []
 
 
+def test_private_modules_are_imported_by_their_own_package_alone() -> None:
+    wrong = [
+        f"{module} imports {name}"
+        for module in modules()
+        for name in taken(module)
+        if any(part.startswith("_") and part != "__main__" for part in name.split("."))
+        and not f"{folder_of(module)}.".startswith(f"{folder_of(name)}.")
+    ]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("package", ["labpipe.workflow", "calibration"])
+def test_what_only_its_own_package_imports_is_marked_as_private(package: str) -> None:
+    """These packages have modules that are public by their own name; all others are private."""
+    outsiders = [m for m in modules() if not f"{m}.".startswith(f"{package}.")]
+    used = {name for module in outsiders for name in taken(module)}
+    wrong = [
+        name
+        for name, path in modules().items()
+        if folder_of(name) == package and path.name != "__init__.py" and not path.stem.startswith("_")
+        if name not in used
+    ]
+    assert wrong == []
+
+
 def test_no_modules_import_each_other_in_a_circle() -> None:
     waiting = {name: set(taken(name)) - {name, folder_of(name)} for name in modules()}
     waiting["labpipe"] = set()  # the front door: see above
@@ -203,8 +230,11 @@ def test_root_holds_nothing_beyond_the_agreed_layout() -> None:
         pytest.skip("only git knows what belongs to the project, and it is not here")
     listed = subprocess.run(
         ["git", "-c", "safe.directory=*", "ls-files", "-z"],  # also in a clone of another user
-        cwd=ROOT, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     found = {name.split("/")[0] for name in listed.stdout.split("\0") if name}
     agreed = {*PACKAGES, "tests", "sample_data", "pyproject.toml", "README.md", "LICENSE"}
     assert {name for name in found if not name.startswith(".")} == agreed

@@ -20,18 +20,28 @@ from labpipe.units import Quantity, quantity
 def record(view: str = "front", **values: str) -> CameraRecord:
     values = values or {"reference_length": "30 mm", "pixel_length": "386 ± 1.5 px"}
     return CameraRecord(
-        version=1, kind="camera", id=f"camera-{view}", instrument="Phantom", view=view,
-        valid_from=date(2024, 1, 1), valid_until=date(2024, 12, 31), who="A", how="ruler",
+        version=1,
+        kind="camera",
+        id=f"camera-{view}",
+        instrument="Phantom",
+        view=view,
+        valid_from=date(2024, 1, 1),
+        valid_until=date(2024, 12, 31),
+        who="A",
+        how="ruler",
         when=date(2024, 1, 1),
         values=CameraValues(**{name: quantity(text) for name, text in values.items()}),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize(
     ("length", "pixels", "size", "percent"),
-    [("30 mm", "386 ± 1 px", 77.72e-6, 0.26), ("30 mm", "386 ± 2 px", 77.72e-6, 0.52),
-     ("1 mm", "461 ± 1 px", 2.169e-6, 0.22)],
-)  # fmt: skip
+    [
+        ("30 mm", "386 ± 1 px", 77.72e-6, 0.26),
+        ("30 mm", "386 ± 2 px", 77.72e-6, 0.52),
+        ("1 mm", "461 ± 1 px", 2.169e-6, 0.22),
+    ],
+)
 def test_table_d1_comes_out(length: str, pixels: str, size: float, percent: float) -> None:
     found = pixel_size(quantity(length), quantity(pixels))
     assert found.value == pytest.approx(size, rel=2e-4)
@@ -50,16 +60,13 @@ def test_an_expired_record_is_refused() -> None:
 
 def test_the_budget_holds_every_source() -> None:
     size, checked = image_scale(
-        record(
-            reference_length="30 ± 0.03 mm", pixel_length="386 ± 1.5 px", out_of_plane="0 ± 0.002"
-        ),
-        "front", measured=date(2024, 5, 1),
-    )  # fmt: skip
+        record(reference_length="30 ± 0.03 mm", pixel_length="386 ± 1.5 px", out_of_plane="0 ± 0.002"),
+        "front",
+        measured=date(2024, 5, 1),
+    )
     relative = np.hypot(np.hypot(0.001, 1.5 / 386), 0.002)
     assert size.u / size.value == pytest.approx(relative, rel=1e-12)
-    assert {row["source"] for row in checked["budget"]} == {
-        "reference length", "pixel distance", "out of plane",
-    }  # fmt: skip
+    assert {row["source"] for row in checked["budget"]} == {"reference length", "pixel distance", "out of plane"}
     assert sum(row["share"] for row in checked["budget"]) == pytest.approx(1.0)
 
 

@@ -56,16 +56,8 @@ def test_displacement_is_the_reading_over_the_cosine():
 
 
 @settings(max_examples=50, deadline=None, derandomize=True)
-@given(
-    st.floats(0.1, 60),
-    st.floats(0.9, 1.1),
-    st.sampled_from([1, -1]),
-    st.floats(-5e-3, 5e-3),
-    st.integers(0, 99),
-)
-def test_calibrating_what_the_sensor_shows_gives_the_motion_back(
-    angle, gain, direction, zero, seed
-):
+@given(st.floats(0.1, 60), st.floats(0.9, 1.1), st.sampled_from([1, -1]), st.floats(-5e-3, 5e-3), st.integers(0, 99))
+def test_calibrating_what_the_sensor_shows_gives_the_motion_back(angle, gain, direction, zero, seed):
     known = record(f"{angle:.6f} ± 0.01 deg", f"{gain:.6f} ± 0.001")
     moved = np.random.default_rng(seed).normal(0, 2e-3, 30)
     shown = laser.reading(moved, known, zero=zero, direction=direction)
@@ -79,9 +71,7 @@ def test_calibrating_what_the_sensor_shows_gives_the_motion_back(
 def test_quiet_beginning_is_the_zero(direction):
     known = record()
     moved, noise = drop()
-    result = laser.displacement(
-        readings_of(moved, noise, known, direction=direction), known, direction=direction
-    )
+    result = laser.displacement(readings_of(moved, noise, known, direction=direction), known, direction=direction)
     assert float(result.zero) == pytest.approx(2.5e-3, abs=4 * float(result.u_zero))
     assert abs(result.displacement.values - moved).max() < 6e-6
     assert float(result.displacement[-1]) < -6.9e-3
@@ -212,9 +202,7 @@ def test_time_is_free_of_the_delay_of_the_moving_average():
 def test_unchecked_clock_is_said_to_be_an_assumption():
     known = record()
     moved, noise = drop()
-    base = json.loads(
-        laser.displacement(readings_of(moved, noise, known), known).attrs["time_base"]
-    )
+    base = json.loads(laser.displacement(readings_of(moved, noise, known), known).attrs["time_base"])
     assert (base["is_calibrated"], base["u_relative"]) == (False, 50e-6)
 
 
@@ -223,25 +211,19 @@ def test_correlated_noise_widens_the_zero():
     moved, noise = drop()
     smooth = np.convolve(noise, np.ones(8) / 8, mode="same")
     one = laser.displacement(readings_of(moved, smooth, known), known, zero=(0.0, 0.02))
-    eight = laser.displacement(
-        readings_of(moved, smooth, known, averaging=8), known, zero=(0.0, 0.02)
-    )
+    eight = laser.displacement(readings_of(moved, smooth, known, averaging=8), known, zero=(0.0, 0.02))
     assert float(eight.u_zero) == pytest.approx(math.sqrt(8) * float(one.u_zero), rel=1e-6, abs=0.0)
 
 
 def test_volts_need_and_use_the_scale_of_the_record():
-    made = keyence.make_recording(
-        {1: np.linspace(0, 2, 50)}, cycle="50 us", start=DAY, unit_text="V"
-    )
+    made = keyence.make_recording({1: np.linspace(0, 2, 50)}, cycle="50 us", start=DAY, unit_text="V")
     with pytest.raises(CalibrationError, match="volt_scale"):
         laser.displacement(made, record(), zero=0.0)
     known = record("60 ± 0.1 deg", "1 ± 0.0001", volt_scale="0.5 ± 0.0005 mm/V")
     result = laser.displacement(made, known, zero=0.0)
     assert float(result.displacement[-1]) == pytest.approx(2e-3)
     assert float(result.displacement_raw[-1]) == pytest.approx(1e-3)
-    assert float(result.u_gain) == pytest.approx(
-        math.hypot(0.5e-6, 0.5e-3 * 1e-4), rel=1e-6, abs=0.0
-    )
+    assert float(result.u_gain) == pytest.approx(math.hypot(0.5e-6, 0.5e-3 * 1e-4), rel=1e-6, abs=0.0)
 
 
 def test_inputs_are_not_modified():

@@ -151,9 +151,7 @@ def test_fitting_record_says_what_was_checked(tmp_path):
 
 
 def test_wrong_kind_is_refused(tmp_path):
-    with pytest.raises(
-        CalibrationError, match="calibrates a laser, expected a record of a load cell"
-    ):
+    with pytest.raises(CalibrationError, match="calibrates a laser, expected a record of a load cell"):
         require(load(tmp_path, LASER), "load_cell", VALID)
 
 
@@ -164,14 +162,7 @@ def test_other_view_is_refused(tmp_path):
         require(record, "laser", VALID, view="under")
 
 
-@pytest.mark.parametrize(
-    "attrs",
-    [
-        {"serial": "7654321"},
-        {"model": "CL-3000"},
-        {"sensor": "IL-100 no. 9"},
-    ],
-)
+@pytest.mark.parametrize("attrs", [{"serial": "7654321"}, {"model": "CL-3000"}, {"sensor": "IL-100 no. 9"}])
 def test_other_sensor_is_refused(tmp_path, attrs):
     with pytest.raises(CalibrationError, match="take the record of that sensor"):
         require(load(tmp_path, LASER), "laser", {"start": "2024-05-14"} | attrs)
@@ -192,16 +183,12 @@ def test_same_sensor_is_accepted(tmp_path, attrs):
     require(load(tmp_path, LASER), "laser", {"start": "2024-05-14"} | attrs)
 
 
-@pytest.mark.parametrize(
-    "day", ["2024-05-01", "2025-04-30", date(2024, 8, 1), datetime(2024, 8, 1)]
-)
+@pytest.mark.parametrize("day", ["2024-05-01", "2025-04-30", date(2024, 8, 1), datetime(2024, 8, 1)])
 def test_days_of_the_period_are_accepted(tmp_path, day):
     require(load(tmp_path, LASER), "laser", {}, measured=day)
 
 
-@pytest.mark.parametrize(
-    ("day", "word"), [("2025-05-01", "expired on"), ("2024-04-30", "was not yet valid on")]
-)
+@pytest.mark.parametrize(("day", "word"), [("2025-05-01", "expired on"), ("2024-04-30", "was not yet valid on")])
 def test_day_outside_the_period_is_refused_unless_ignored(tmp_path, day, word):
     record = load(tmp_path, LASER)
     with pytest.raises(CalibrationError, match=f"{word} {day}"):
@@ -235,8 +222,5 @@ def test_applying_needs_a_known_kind(tmp_path, monkeypatch):
 def test_records_are_read_without_the_numerical_stack(tmp_path):
     path = tmp_path / "record.toml"
     path.write_text(LASER, encoding="utf-8")
-    code = (
-        f"import sys, calibration; calibration.load_record({str(path)!r}); "
-        "sys.exit('numpy' in sys.modules)"
-    )
+    code = f"import sys, calibration; calibration.load_record({str(path)!r}); sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -15,9 +15,7 @@ ATTRS = {"sampling_interval": 500e-6, "sampling_cycle": 50e-6, "averaging": 64}
 def test_delay_is_the_centroid_of_the_averaged_samples(averaging):
     newest = 0.0
     centroid = np.mean(newest - 50e-6 * np.arange(averaging))
-    assert filter_delay(averaging, 50e-6) == pytest.approx(
-        -centroid, rel=rounding(averaging), abs=0.0
-    )
+    assert filter_delay(averaging, 50e-6) == pytest.approx(-centroid, rel=rounding(averaging), abs=0.0)
 
 
 def test_delay_counts_samples_not_stored_points():

@@ -26,9 +26,7 @@ def test_a_wrong_input_is_answered_with_its_message(name: str, tmp_path: Path) -
         with pytest.raises(LabpipeError) as caught:
             CASES[name](tmp_path)
     text = str(caught.value).replace(str(tmp_path), "FOLDER")
-    assert (type(caught.value).__name__, text) == (
-        EXPECTED[name]["error"], EXPECTED[name]["message"],
-    )  # fmt: skip
+    assert (type(caught.value).__name__, text) == (EXPECTED[name]["error"], EXPECTED[name]["message"])
 
 
 def test_no_library_speaks_in_a_message() -> None:

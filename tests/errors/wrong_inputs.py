@@ -83,9 +83,7 @@ SESSION = {
     "files_empty": ('["a.csv"]', "[]"),
     "file_twice": ('["a.csv"]', '["a.csv", "a.csv"]'),
     "material_none": ('material = "acrylic"\n', ""),
-    "material_two": (
-        'material = "acrylic"', 'material = "acrylic"\nmaterial_file = "laser.toml"'
-    ),
+    "material_two": ('material = "acrylic"', 'material = "acrylic"\nmaterial_file = "laser.toml"'),
     "material_from_nobody": ('material = "acrylic"', 'material_from = "dma"'),
     "table_as_text": ("[experiments.drop.sphere]\n", 'sphere = "round"\n[x]\n'),
     "date_as_text": ("height =", 'measured_on = "14.05.2024"\nheight ='),
@@ -93,7 +91,7 @@ SESSION = {
     "storage_factor_zero": ("height =", "keyence = { storage_factor = 0 }\nheight ="),
     "name_reserved": ("experiments.drop", "experiments.nul"),
     "name_hidden": ("experiments.drop]", 'experiments.".drop"]'),
-}  # fmt: skip
+}
 for _name, (_old, _new) in SESSION.items():
     named(_name, lambda folder, old=_old, new=_new: session(folder, old, new))
 
@@ -188,9 +186,7 @@ named("record_of_another_view", lambda f: required(f, {"start": "2024-06-01"}, v
 def keyence_text() -> str:
     from instruments import keyence
 
-    made = keyence.make_recording(
-        {1: np.linspace(0, 1e-3, 6)}, cycle="50 us", start=datetime(2024, 5, 14)
-    )
+    made = keyence.make_recording({1: np.linspace(0, 1e-3, 6)}, cycle="50 us", start=datetime(2024, 5, 14))
     return keyence.encode(made).decode("utf-8-sig")
 
 
@@ -394,9 +390,7 @@ named("prony_time_zero", lambda f: prony(rho=[0.0]))
 def drop(**changes: object) -> object:
     from labpipe import contact, materials
 
-    given: dict[str, object] = {
-        "radius": 9.5e-3, "mass": 0.5, "height": 1e-3, "duration": 0.01,
-    }  # fmt: skip
+    given: dict[str, object] = {"radius": 9.5e-3, "mass": 0.5, "height": 1e-3, "duration": 0.01}
     return contact.drop(materials.load("acrylic"), **(given | changes))  # type: ignore[arg-type]
 
 

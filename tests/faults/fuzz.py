@@ -83,9 +83,14 @@ def _record(path: Path) -> None:
 
 
 TARGETS: dict[str, Callable[[Path], None]] = {
-    "mach1": _mach1, "keyence": _keyence, "anton_paar": _anton_paar, "phantom": _phantom,
-    "image": _image, "configuration": _configuration, "record": _record,
-}  # fmt: skip
+    "mach1": _mach1,
+    "keyence": _keyence,
+    "anton_paar": _anton_paar,
+    "phantom": _phantom,
+    "image": _image,
+    "configuration": _configuration,
+    "record": _record,
+}
 
 
 @contextlib.contextmanager
@@ -135,9 +140,11 @@ def starting_files(target: str) -> list[bytes]:
 
         return [laser_record().encode()]
     makers = {
-        "mach1": seeds.mach1_text, "keyence": seeds.keyence_text,
-        "anton_paar": seeds.anton_paar_text, "configuration": lambda: seeds.SESSION,
-    }  # fmt: skip
+        "mach1": seeds.mach1_text,
+        "keyence": seeds.keyence_text,
+        "anton_paar": seeds.anton_paar_text,
+        "configuration": lambda: seeds.SESSION,
+    }
     return [makers[target]()]
 
 
@@ -182,8 +189,7 @@ def main(target: str, seconds: int, found: Path) -> None:
     grown = folder / "grown"
     grown.mkdir()
     given = [str(grown), str(start), *([str(corpus)] if corpus.is_dir() else [])]
-    options = [f"-max_total_time={seconds}", f"-max_len={LARGEST}", "-rss_limit_mb=3000",
-               "-verbosity=0", "-seed=1"]  # fmt: skip
+    options = [f"-max_total_time={seconds}", f"-max_len={LARGEST}", "-rss_limit_mb=3000", "-verbosity=0", "-seed=1"]
     atheris.Setup([sys.argv[0], *options, *given], one)
     atheris.Fuzz()
 

@@ -9,16 +9,32 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 ARITHMETIC: dict[type[ast.operator], type[ast.operator]] = {
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
-    ast.Pow: ast.Mult, ast.FloorDiv: ast.Mult, ast.Mod: ast.Mult, ast.MatMult: ast.Add,
-    ast.BitAnd: ast.BitOr, ast.BitOr: ast.BitAnd, ast.LShift: ast.RShift, ast.RShift: ast.LShift,
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.Mult: ast.Div,
+    ast.Div: ast.Mult,
+    ast.Pow: ast.Mult,
+    ast.FloorDiv: ast.Mult,
+    ast.Mod: ast.Mult,
+    ast.MatMult: ast.Add,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
+    ast.LShift: ast.RShift,
+    ast.RShift: ast.LShift,
     ast.BitXor: ast.BitAnd,
-}  # fmt: skip
+}
 COMPARISONS: dict[type[ast.cmpop], tuple[type[ast.cmpop], ...]] = {
-    ast.Lt: (ast.LtE, ast.GtE), ast.LtE: (ast.Lt, ast.Gt), ast.Gt: (ast.GtE, ast.LtE),
-    ast.GtE: (ast.Gt, ast.Lt), ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,), ast.Is: (ast.IsNot,),
-    ast.IsNot: (ast.Is,), ast.In: (ast.NotIn,), ast.NotIn: (ast.In,),
-}  # fmt: skip
+    ast.Lt: (ast.LtE, ast.GtE),
+    ast.LtE: (ast.Lt, ast.Gt),
+    ast.Gt: (ast.GtE, ast.LtE),
+    ast.GtE: (ast.Gt, ast.Lt),
+    ast.Eq: (ast.NotEq,),
+    ast.NotEq: (ast.Eq,),
+    ast.Is: (ast.IsNot,),
+    ast.IsNot: (ast.Is,),
+    ast.In: (ast.NotIn,),
+    ast.NotIn: (ast.In,),
+}
 _SPEAKS = {"warn", "InputError", "SourceError", "join"}
 """Calls whose arguments become words."""
 _HUGE = 1e15
@@ -178,6 +194,11 @@ def _returned(node: ast.AST) -> Iterator[tuple[ast.stmt, ast.AST]]:
 
 
 CHANGES: dict[str, Callable[[ast.AST], Iterator[tuple[ast.expr | ast.stmt, ast.AST]]]] = {
-    "arithmetic": _arithmetic, "comparison": _comparison, "constant": _constant,
-    "boolean": _boolean, "negation": _negation, "slice": _slice, "return": _returned,
-}  # fmt: skip
+    "arithmetic": _arithmetic,
+    "comparison": _comparison,
+    "constant": _constant,
+    "boolean": _boolean,
+    "negation": _negation,
+    "slice": _slice,
+    "return": _returned,
+}

@@ -37,13 +37,35 @@ LONGEST = 8.0
 """s of processor time: a test that takes longer is not used."""
 PATIENCE = 12.0
 """s of processor time for the tests of one mutant; those that cost more in sum are not run."""
-OPTIONS = ["-q", "-p", "no:cacheprovider", "-m", "not slow", "--tb=no",
-           "-W", "ignore::pytest.PytestAssertRewriteWarning"]  # fmt: skip
+OPTIONS = [
+    "-q",
+    "-p",
+    "no:cacheprovider",
+    "-m",
+    "not slow",
+    "--tb=no",
+    "-W",
+    "ignore::pytest.PytestAssertRewriteWarning",
+]
 
 
-_SHARED = ("numpy", "scipy.optimize", "scipy.signal", "scipy.stats", "scipy.interpolate",
-           "scipy.integrate", "scipy.ndimage", "scipy.sparse.linalg", "xarray", "pandas", "numba",
-           "cv2", "netCDF4", "hypothesis.strategies", "msgspec")  # fmt: skip
+_SHARED = (
+    "numpy",
+    "scipy.optimize",
+    "scipy.signal",
+    "scipy.stats",
+    "scipy.interpolate",
+    "scipy.integrate",
+    "scipy.ndimage",
+    "scipy.sparse.linalg",
+    "xarray",
+    "pandas",
+    "numba",
+    "cv2",
+    "netCDF4",
+    "hypothesis.strategies",
+    "msgspec",
+)
 """What every child needs is imported once; none of it is ours."""
 
 

@@ -15,14 +15,19 @@ def mach1_text(rows: int = 12) -> bytes:
     time = np.arange(rows) * 0.01
     common = {"Time, s": time, "Position (z), mm": 1e-3 + 1e-5 * time}
     ramp = mach1.make_block(
-        "Stress Relaxation", START, {**common, "Fz, N": -0.25 - 0.1 * time},
+        "Stress Relaxation",
+        START,
+        {**common, "Fz, N": -0.25 - 0.1 * time},
         {"Stage Axis": "Position (z)", "Amplitude, mm": "0.0393"},
-        load_cell=mach1.LOAD_CELLS["17N"], dividers=(rows // 2, rows),
-    )  # fmt: skip
+        load_cell=mach1.LOAD_CELLS["17N"],
+        dividers=(rows // 2, rows),
+    )
     wave = mach1.make_block(
-        "Sinusoid", START, {**common, "Fz, gf": 190 + np.sin(40 * time)},
+        "Sinusoid",
+        START,
+        {**common, "Fz, gf": 190 + np.sin(40 * time)},
         {"Stage Axis": "Position (z)", "Frequency, Hz": "6.36620"},
-    )  # fmt: skip
+    )
     return mach1.encode(mach1.assemble((ramp, wave)))
 
 
@@ -38,23 +43,33 @@ def anton_paar_text() -> bytes:
     """Two intervals of a rheometer, UTF-8."""
     frequency = np.array([10.0, 1.0, 0.1])
     intervals = [
-        anton_paar.make_interval("sample A", "Frequency sweep 1", number, [
-            anton_paar.make_column("Angular Frequency", "[rad/s]", frequency),
-            anton_paar.make_column("Storage Modulus", "[MPa]", 1e6 * (number + frequency)),
-            anton_paar.make_column("Loss Modulus", "[MPa]", 1e5 * (number + frequency)),
-            anton_paar.make_column("Temperature", "[°C]", np.full(3, 20.5 + number)),
-            anton_paar.make_column("Status", "", ["TruStrain™", "ME-,taD", "TruStrain™"]),
-        ])
+        anton_paar.make_interval(
+            "sample A",
+            "Frequency sweep 1",
+            number,
+            [
+                anton_paar.make_column("Angular Frequency", "[rad/s]", frequency),
+                anton_paar.make_column("Storage Modulus", "[MPa]", 1e6 * (number + frequency)),
+                anton_paar.make_column("Loss Modulus", "[MPa]", 1e5 * (number + frequency)),
+                anton_paar.make_column("Temperature", "[°C]", np.full(3, 20.5 + number)),
+                anton_paar.make_column("Status", "", ["TruStrain™", "ME-,taD", "TruStrain™"]),
+            ],
+        )
         for number in (1, 2)
-    ]  # fmt: skip
+    ]
     table = anton_paar.assemble(intervals, project="Sweep | PC, 2/27/2020 | 2")
     return anton_paar.encode(table).decode("utf-16").encode("utf-8")
 
 
 def film_bytes(
-    folder: Path, count: int = 6, rows: int = 4, columns: int = 8, bits: int = 12,
-    time: np.ndarray | None = None, packed: bool = False,
-) -> bytes:  # fmt: skip
+    folder: Path,
+    count: int = 6,
+    rows: int = 4,
+    columns: int = 8,
+    bits: int = 12,
+    time: np.ndarray | None = None,
+    packed: bool = False,
+) -> bytes:
     """A film of random pixels at 10,000 frames a second, the trigger at its third frame."""
     images = np.random.default_rng(3).integers(64, 2 ** min(bits, 12), (count, rows, columns))
     kind = np.uint8 if bits == 8 else np.uint16

@@ -60,9 +60,7 @@ def test_an_annotation_that_reaches_into_the_next_frame_is_no_frame(
 
 
 @pytest.mark.parametrize("frame", range(1, COUNT))
-def test_of_two_frames_at_one_place_one_is_refused(
-    tmp_path: Path, images: list[np.ndarray], frame: int
-) -> None:
+def test_of_two_frames_at_one_place_one_is_refused(tmp_path: Path, images: list[np.ndarray], frame: int) -> None:
     path = film(tmp_path, (TABLE + 8 * frame, "q", FIRST))
     assert sound_frames(read(path), images) == [i for i in range(COUNT) if i != frame]
 
@@ -76,9 +74,7 @@ def test_an_offset_anywhere_spoils_no_other_frame(
     assert sound_frames(read(path), images) == [i for i in range(COUNT) if i != frame]
 
 
-def test_offsets_backwards_are_frames_in_another_order(
-    tmp_path: Path, images: list[np.ndarray]
-) -> None:
+def test_offsets_backwards_are_frames_in_another_order(tmp_path: Path, images: list[np.ndarray]) -> None:
     places = [(TABLE + 8 * i, "q", FIRST + (COUNT - 1 - i) * FRAME) for i in range(COUNT)]
     frames = read(film(tmp_path, *places))
     assert frames.valid.all()
@@ -86,17 +82,13 @@ def test_offsets_backwards_are_frames_in_another_order(
 
 
 @pytest.mark.parametrize("stated", [1, 3, 5, 7])
-def test_a_count_that_the_stamps_and_the_offsets_contradict_is_refused(
-    tmp_path: Path, stated: int
-) -> None:
+def test_a_count_that_the_stamps_and_the_offsets_contradict_is_refused(tmp_path: Path, stated: int) -> None:
     with pytest.raises(SourceError, match=rf"ImageCount is {stated}, .* of {COUNT} images"):
         read(film(tmp_path, (20, "I", stated)))
 
 
 @pytest.mark.parametrize(("black", "white"), [(-5, 4064), (64, 2**20), (64, 64), (4064, 64)])
-def test_levels_that_cannot_be_are_the_range_of_the_type(
-    tmp_path: Path, black: int, white: int
-) -> None:
+def test_levels_that_cannot_be_are_the_range_of_the_type(tmp_path: Path, black: int, white: int) -> None:
     path = film(tmp_path, (SETUP + 5732, "i", black), (SETUP + 5736, "i", white))
     assert read(path).levels == (0.0, 4095.0)
 
@@ -136,9 +128,7 @@ SECONDS = STAMPS + 4  # of the first stamp; the fractions stand before them
 
 @pytest.mark.parametrize("frame", range(15))
 @pytest.mark.parametrize("shift", [-1_000_000, -7, 5_000_000, 2_000_000_000])
-def test_one_damaged_stamp_is_replaced_within_its_burst(
-    tmp_path: Path, frame: int, shift: int
-) -> None:
+def test_one_damaged_stamp_is_replaced_within_its_burst(tmp_path: Path, frame: int, shift: int) -> None:
     time = bursts(60.0)
     start = struct.unpack_from("<I", film(tmp_path, time=time).read_bytes(), SECONDS)[0]
     stamp = start + int(time[frame]) + shift
@@ -152,9 +142,7 @@ def test_one_damaged_stamp_is_replaced_within_its_burst(
 
 
 @pytest.mark.parametrize("damaged", [(1, 2), (6, 7, 8), (0, 5, 10)])
-def test_some_damaged_stamps_do_not_outvote_the_others(
-    tmp_path: Path, damaged: tuple[int, ...]
-) -> None:
+def test_some_damaged_stamps_do_not_outvote_the_others(tmp_path: Path, damaged: tuple[int, ...]) -> None:
     time = np.arange(15) * 1e-4
     changes = [(SECONDS + 8 * i, "I", 1_700_000_900 - i) for i in damaged]
     with pytest.warns(UserWarning, match=f"{len(damaged)} time stamp"):
@@ -168,12 +156,8 @@ def test_one_frame_has_the_time_of_its_stamp(tmp_path: Path) -> None:
     assert axis.flag.tolist() == [0]
 
 
-@pytest.mark.parametrize(
-    ("rate", "decimation"), [(0, 1.0), (10_000, -1.0), (10_000, float("inf")), (0, float("nan"))]
-)
-def test_without_stamps_and_rate_no_time_is_invented(
-    tmp_path: Path, rate: int, decimation: float
-) -> None:
+@pytest.mark.parametrize(("rate", "decimation"), [(0, 1.0), (10_000, -1.0), (10_000, float("inf")), (0, float("nan"))])
+def test_without_stamps_and_rate_no_time_is_invented(tmp_path: Path, rate: int, decimation: float) -> None:
     path = film(
         tmp_path,
         (STAMPS - 4, "H", 999),  # a block of an unknown kind instead of the stamps
@@ -190,9 +174,7 @@ def test_without_stamps_and_rate_no_time_is_invented(
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize(
-    ("bits", "packed"), [(8, False), (12, False), (16, False), (10, True), (12, True)]
-)
+@pytest.mark.parametrize(("bits", "packed"), [(8, False), (12, False), (16, False), (10, True), (12, True)])
 def test_flipped_bits_are_refused_flagged_or_in_the_pixels(
     tmp_path: Path, bits: int, packed: bool, amount: Amount
 ) -> None:

@@ -10,8 +10,7 @@ from pipelines.rig.samples import laser_record
 
 SPHERE = 'sphere = { radius = "9.5 mm", mass = "0.5 kg", material = "acrylic" }\n'
 KINDS = {
-    "ball_drop": 'laser = ["a.csv", "b.csv"]\ncalibration = "laser.toml"\nheight = "2 mm"\n'
-    + SPHERE,
+    "ball_drop": 'laser = ["a.csv", "b.csv"]\ncalibration = "laser.toml"\nheight = "2 mm"\n' + SPHERE,
     "dma": 'rheometer = ["a.csv", "b.csv"]\nmode = "tension"\nnu = 0.4\n',
     "contact_area": 'film = "a.cine"\ncamera = "laser.toml"\nheight = "2 mm"\n' + SPHERE,
     "dic_validation": 'film = "a.cine"\ncamera = "laser.toml"\n',
@@ -22,11 +21,7 @@ KINDS = {
     '{ mass = "0.2 kg" }]\nsphere = { radius = "9.5 mm", material = "acrylic" }\n',
     "harmonic": 'mach1 = "a.txt"\n',
 }
-GARBAGE = {
-    "nothing": b"",
-    "text": b"this is no recording\n",
-    "zeros": bytes(5000),
-}
+GARBAGE = {"nothing": b"", "text": b"this is no recording\n", "zeros": bytes(5000)}
 
 
 def session(folder: Path, data: bytes) -> Path:

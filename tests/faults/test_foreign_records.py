@@ -39,9 +39,7 @@ FOREIGN = {
 
 
 @pytest.mark.parametrize("what", [*FOREIGN, "another record"])
-def test_a_sealed_record_in_the_wrong_place_is_not_believed(
-    processed: toy.Session, what: str
-) -> None:
+def test_a_sealed_record_in_the_wrong_place_is_not_believed(processed: toy.Session, what: str) -> None:
     """Copied over the index, the last keys, and a result's record: all are made again."""
     before = toy.contents(processed)
     store = processed.folder / "store"

@@ -21,19 +21,17 @@ def changed(data: bytes, old: bytes, new: bytes) -> bytes:
 
 
 REFUSED: dict[str, tuple[bytes, Callable[[Path], object], str]] = {
-    "a sampling cycle beyond any number": (
-        changed(KEYENCE, b"50us", b"501e999us"), keyence.read, "sampling cycle"),
+    "a sampling cycle beyond any number": (changed(KEYENCE, b"50us", b"501e999us"), keyence.read, "sampling cycle"),
     "a sampling cycle of a year": (changed(KEYENCE, b"50us", b"8766h"), keyence.read, "cycle"),
-    "a sampling rate beyond any clock": (
-        changed(KEYENCE, b"50us", b"1e300kHz"), keyence.read, "sampling cycle"),
-    "a storage factor of 500 digits": (
-        changed(KEYENCE, b"x1", b"x" + b"9" * 500), keyence.read, "storage cycle"),
-    "a storage cycle beyond any number": (
-        changed(KEYENCE, b"x1", b"1e999 s"), keyence.read, "storage cycle"),
+    "a sampling rate beyond any clock": (changed(KEYENCE, b"50us", b"1e300kHz"), keyence.read, "sampling cycle"),
+    "a storage factor of 500 digits": (changed(KEYENCE, b"x1", b"x" + b"9" * 500), keyence.read, "storage cycle"),
+    "a storage cycle beyond any number": (changed(KEYENCE, b"x1", b"1e999 s"), keyence.read, "storage cycle"),
     "a point at infinity": (
         b"COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y\n1,2,3,-inf\n",
-        lambda path: dice.read(path.rename(path.with_name("DICe_solution_0.txt"))), "-inf"),
-}  # fmt: skip
+        lambda path: dice.read(path.rename(path.with_name("DICe_solution_0.txt"))),
+        "-inf",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)

@@ -41,9 +41,7 @@ def run_and_tell(folder: Path) -> str:
     return f"{code} {texts}"
 
 
-def test_a_disk_of_any_size_is_named_as_too_small_or_large_enough(
-    tmp_path: Path, amount: Amount
-) -> None:
+def test_a_disk_of_any_size_is_named_as_too_small_or_large_enough(tmp_path: Path, amount: Amount) -> None:
     calm = toy.make_session(tmp_path / "calm")
     assert run(calm.root) == (0, [])
     expected = toy.contents(calm)
@@ -102,9 +100,7 @@ def test_a_disk_that_fills_up_while_a_sensor_is_recorded_keeps_what_came(tmp_pat
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs umount")
-def test_a_share_that_vanishes_at_any_operation_is_told_and_found_sound_again(
-    tmp_path: Path, amount: Amount
-) -> None:
+def test_a_share_that_vanishes_at_any_operation_is_told_and_found_sound_again(tmp_path: Path, amount: Amount) -> None:
     calm = toy.make_session(tmp_path / "calm")
     run(calm.root)
     expected = toy.contents(calm)

@@ -96,9 +96,11 @@ TIFFS = {
     "no page": (b"II*\0\0\0\0\0", "holds no image"),
     "a palette": (b"II*\0" + struct.pack("<IHHHII", 8, 1, 262, 3, 1, 3) + bytes(4), "palette"),
     "a field of an unknown type": (
-        b"II*\0" + struct.pack("<IHHHII", 8, 1, 256, 99, 1, 3) + bytes(4), "field of type 99"),
+        b"II*\0" + struct.pack("<IHHHII", 8, 1, 256, 99, 1, 3) + bytes(4),
+        "field of type 99",
+    ),
     "big, an offset outside": (b"MM\0+" + bytes(4) + b"\xff" * 8, "points outside of itself"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", TIFFS)

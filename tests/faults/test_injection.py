@@ -41,10 +41,11 @@ BROKEN = "=broken & 'cell'"
 
 def quoted(text: str) -> str:
     """Write any text for TOML: everything beyond plain ASCII as an escape."""
-    return '"' + "".join(
-        c if c.isascii() and c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}"
-        for c in text
-    ) + '"'  # fmt: skip
+    return (
+        '"'
+        + "".join(c if c.isascii() and c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in text)
+        + '"'
+    )
 
 
 def with_values(text: str, values: dict[str, str]) -> str:
@@ -59,10 +60,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A processed session: one drop that works and one that is damaged."""
     folder = tmp_path_factory.mktemp("hostile")
     acrylic = materials.load("acrylic")
-    (name,) = write_drops(
-        folder, "drop", DropRig(duration=0.15), acrylic, 1.5e-3, 1, 11,
-        datetime(2024, 5, 14, 9, 30),
-    )  # fmt: skip
+    (name,) = write_drops(folder, "drop", DropRig(duration=0.15), acrylic, 1.5e-3, 1, 11, datetime(2024, 5, 14, 9, 30))
     sound = (folder / name).read_text("utf-8-sig")
     head = f"Comment,{SHORT} {MARK}</script>\nOperator,=1+1\n"
     sound = sound.replace("Model,LK-G5001", f"Model,LK-G5001 {SHORT}\n{head.strip()}")
@@ -72,9 +70,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "laser/broken.csv").write_text(broken, "utf-8")
     record = with_values(laser_record(), {k: quoted(PAYLOAD) for k in ("id", "who", "how")})
     files.write_text(folder / "calibration/laser.toml", record)
-    head = with_values(
-        session_head("x"), {k: quoted(PAYLOAD) for k in ("title", "operator", "notes")}
-    )
+    head = with_values(session_head("x"), {k: quoted(PAYLOAD) for k in ("title", "operator", "notes")})
     one = drop_section(NAME, [f"laser/{NAME}.csv"], 1.5e-3, "acrylic")
     files_of_two = [f"laser/{NAME}.csv", "laser/broken.csv"]
     two = drop_section(BROKEN, files_of_two, 1.5e-3, "acrylic")
@@ -120,9 +116,7 @@ class Page(HTMLParser):
 
 
 def pages(folder: Path) -> list[Path]:
-    found = sorted((folder / "labpipe").glob("*.html")) + sorted(
-        (folder / "labpipe/reports").glob("*.html")
-    )
+    found = sorted((folder / "labpipe").glob("*.html")) + sorted((folder / "labpipe/reports").glob("*.html"))
     assert len(found) >= 3
     return found
 
@@ -138,9 +132,10 @@ def test_no_text_becomes_an_element_an_attribute_or_a_script(hostile: Path) -> N
     for path in pages(hostile):
         page = Page(path.read_text("utf-8"))
         policy = next(
-            a["content"] or "" for t, a in page.elements
+            a["content"] or ""
+            for t, a in page.elements
             if t == "meta" and a.get("http-equiv") == "Content-Security-Policy"
-        )  # fmt: skip
+        )
         assert policy.startswith("default-src 'none'")
         for tag, attributes in page.elements:
             assert tag not in {"iframe", "object", "embed", "base", "form", "foreignobject"}
@@ -185,11 +180,17 @@ def obeyed(text: str) -> set[str]:
 
 @pytest.mark.parametrize(
     "command",
-    [["plan", "."], ["plan", ".", "--json"], ["compare", "."], ["inspect", "."],
-     ["inspect", "laser/broken.csv"], ["inspect", f"laser/{NAME}.csv"],
-     ["inspect", "calibration/laser.toml"]],
+    [
+        ["plan", "."],
+        ["plan", ".", "--json"],
+        ["compare", "."],
+        ["inspect", "."],
+        ["inspect", "laser/broken.csv"],
+        ["inspect", f"laser/{NAME}.csv"],
+        ["inspect", "calibration/laser.toml"],
+    ],
     ids=" ".join,
-)  # fmt: skip
+)
 def test_a_terminal_is_told_nothing_that_it_would_obey(
     hostile: Path, command: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -203,9 +204,7 @@ def test_a_terminal_is_told_nothing_that_it_would_obey(
 
 def test_a_spreadsheet_finds_no_formula(hostile: Path, tmp_path: Path) -> None:
     """Every cell of every table is a number, or begins with nothing that is computed."""
-    code, said = command_line(
-        "export", str(hostile), "--only", NAME, "--out", str(tmp_path / "out")
-    )
+    code, said = command_line("export", str(hostile), "--only", NAME, "--out", str(tmp_path / "out"))
     assert code == 0, said
     tables = list((tmp_path / "out").rglob("*.csv"))
     assert tables

@@ -74,7 +74,7 @@ def make_journal(folder: Path) -> None:
     started = datetime(2026, 5, 14, 12, tzinfo=UTC)
     samples = [Sample(n, n * 1e-3 + 1e-4, 1e-4, Reading((n,), (Status.VALID,))) for n in range(300)]
     text = journals.first_line(journals.Head(SETUP, started, 0.25)) + journals.lines(
-        samples, Tally(1, 1, "no whole answer within 1 s", 0)
+        samples, Tally(1, 1, "no complete answer within 1 s", 0)
     )
     (folder / "a.csv.recording").write_text(text)
 
@@ -92,9 +92,7 @@ PROGRAMS: dict[str, tuple[Callable[[Path], None], Callable[[Path], None]]] = {
 }
 
 
-@pytest.mark.parametrize(
-    "what", [pytest.param(p, marks=pytest.mark.slow) if p == "figure" else p for p in PROGRAMS]
-)
+@pytest.mark.parametrize("what", [pytest.param(p, marks=pytest.mark.slow) if p == "figure" else p for p in PROGRAMS])
 def test_killed_before_any_operation_the_next_run_ends_as_an_undisturbed_one(
     tmp_path: Path, what: str, amount: Amount
 ) -> None:
@@ -136,9 +134,7 @@ class _Counting:
         return
 
 
-def test_a_recording_killed_at_any_time_is_whole_but_for_the_last_look(
-    tmp_path: Path, amount: Amount
-) -> None:
+def test_a_recording_killed_at_any_time_is_whole_but_for_the_last_look(tmp_path: Path, amount: Amount) -> None:
     rng = random.Random(9)
     found = 0
     for n in range(amount(3, 60)):

@@ -56,9 +56,7 @@ def test_a_file_is_the_old_or_the_new_one_at_every_moment(tmp_path: Path, kind: 
         assert path.read_bytes() == contents[1]
 
 
-def test_a_dataset_is_the_old_or_the_new_one_however_long_it_was_written(
-    tmp_path: Path, amount: Amount
-) -> None:
+def test_a_dataset_is_the_old_or_the_new_one_however_long_it_was_written(tmp_path: Path, amount: Amount) -> None:
     path = tmp_path / "result.nc"
     contents = []
     for value in (1.0, 2.0):
@@ -70,9 +68,7 @@ def test_a_dataset_is_the_old_or_the_new_one_however_long_it_was_written(
     cut = 0
     for _ in range(amount(6, 600)):
         path.write_bytes(contents[0])
-        cut += killed_after(
-            rng.uniform(0.0, took), lambda: files.write_dataset(path, dataset(2.0, 200_000))
-        )
+        cut += killed_after(rng.uniform(0.0, took), lambda: files.write_dataset(path, dataset(2.0, 200_000)))
         assert path.read_bytes() in contents
     assert cut
 
@@ -126,9 +122,7 @@ def test_a_run_killed_before_any_operation_is_finished_by_the_next(
 
 
 @pytest.mark.usefixtures("laboratory")
-def test_a_run_killed_again_and_again_ends_as_an_undisturbed_one(
-    tmp_path: Path, amount: Amount
-) -> None:
+def test_a_run_killed_again_and_again_ends_as_an_undisturbed_one(tmp_path: Path, amount: Amount) -> None:
     calm, session = (toy.make_session(tmp_path / name) for name in ("calm", "killed"))
     run_toys(calm.root)
     rng = random.Random(2)
@@ -138,8 +132,13 @@ def test_a_run_killed_again_and_again_ends_as_an_undisturbed_one(
     assert toy.contents(session) == toy.contents(calm)
 
 
-DISKS = {"full": errno.ENOSPC, "read-only": errno.EROFS, "no permission": errno.EACCES,
-         "share gone": errno.ESTALE, "failing": errno.EIO}  # fmt: skip
+DISKS = {
+    "full": errno.ENOSPC,
+    "read-only": errno.EROFS,
+    "no permission": errno.EACCES,
+    "share gone": errno.ESTALE,
+    "failing": errno.EIO,
+}
 
 
 def run_and_tell(folder: Path) -> str:

@@ -71,9 +71,7 @@ def test_a_spoilt_module_is_imported_in_a_child_and_its_file_is_left_alone(
     assert path.read_text() == SOURCE
 
 
-def test_the_sample_is_the_same_every_time_and_of_the_whole_core(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_sample_is_the_same_every_time_and_of_the_whole_core(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(Path(__file__).parents[2])
     monkeypatch.setattr("tests.faults.mutation.CORE", ("calibration",))
     assert sample(20) == sample(20)

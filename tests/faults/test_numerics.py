@@ -80,9 +80,7 @@ def record(time: Array, values: Array) -> xr.DataArray:
     time, values = time.ravel()[:size], values.ravel()[:size]
     attrs = {"units": "m", "long_name": "displacement"}
     axis = ("time", time, {"units": "s", "long_name": "time"})
-    return xr.DataArray(
-        values, dims="time", coords={"time": axis}, name="displacement", attrs=attrs
-    )
+    return xr.DataArray(values, dims="time", coords={"time": axis}, name="displacement", attrs=attrs)
 
 
 STEPS: dict[str, tuple[Callable[[], Columns], Callable[..., object]]] = {
@@ -92,14 +90,14 @@ STEPS: dict[str, tuple[Callable[[], Columns], Callable[..., object]]] = {
     "repeats": (fall, lambda t, y: signals.combine_repeats([record(t, y)] * 2, [0.0, 0.01])),
     "compare": (fall, lambda t, y: signals.compare(record(t, y), record(t, y[::-1]))),
     "agreement": (wave, signals.agreement),
-    "determination": (wave, signals.determination),
+    "determination": (wave, signals.coefficient_of_determination),
     "nrmse": (wave, signals.nrmse),
     "sinusoid": (wave, signals.fit_sinusoid),
     "common fit": (indented, signals.common_fit),
     "window": (wave, signals.active_window),
-    "loops": (indented, lambda t, x, f: signals.loops(t, x, f, 1.0)),
+    "loops": (indented, lambda t, x, f: signals.hysteresis_loops(t, x, f, 1.0)),
     "vibration": (ring, signals.damped_oscillation),
-    "ringing": (ring, lambda t, y: signals.ringing(t, y, longest_blow=4e-3, shortest_pause=0.05)),
+    "ringing": (ring, lambda t, y: signals.ringing(t, y, longest_impact=4e-3, shortest_pause=0.05)),
     "first touch": (approach, first_touch),
 }
 
@@ -174,21 +172,34 @@ def strided(column: Array) -> Array:
 
 
 FAULTS: dict[str, Fault] = {
-    "empty": kept(0), "one point": kept(1), "two points": kept(2), "nine points": kept(9),
+    "empty": kept(0),
+    "one point": kept(1),
+    "two points": kept(2),
+    "nine points": kept(9),
     "constant": one(lambda c, rng: np.full_like(c, rng.choice([0.0, 1e-9, 3.0]))),
     "all NaN": one(lambda c, rng: np.full_like(c, np.nan)),
-    "NaN": put(np.nan), "infinite": put(np.inf), "minus infinite": put(-np.inf),
-    "outlier": put(1e3), "far outlier": put(-1e300),
-    "gap": one(gap), "held": one(held), "saturated": one(saturated), "swapped": one(swapped),
-    "uneven": uneven, "one column shorter": one(lambda c, rng: c[:-1]),
+    "NaN": put(np.nan),
+    "infinite": put(np.inf),
+    "minus infinite": put(-np.inf),
+    "outlier": put(1e3),
+    "far outlier": put(-1e300),
+    "gap": one(gap),
+    "held": one(held),
+    "saturated": one(saturated),
+    "swapped": one(swapped),
+    "uneven": uneven,
+    "one column shorter": one(lambda c, rng: c[:-1]),
     "offset": one(lambda c, rng: c + rng.choice([1e9, -1e9, 1e6])),
-    "huge": one(lambda c, rng: c * 1e200), "tiny": one(lambda c, rng: c * 1e-200),
-    "backwards": one(lambda c, rng: c[::-1]), "negative": one(lambda c, rng: -c),
+    "huge": one(lambda c, rng: c * 1e200),
+    "tiny": one(lambda c, rng: c * 1e-200),
+    "backwards": one(lambda c, rng: c[::-1]),
+    "negative": one(lambda c, rng: -c),
     "single precision": every(lambda c: c.astype(np.float32)),
     "two dimensions": one(lambda c, rng: c.reshape(-1, 1)),
     "not contiguous": every(strided),
-    "zero": one(lambda c, rng: 0.0 * c), "steps": one(lambda c, rng: np.round(c, 5)),
-}  # fmt: skip
+    "zero": one(lambda c, rng: 0.0 * c),
+    "steps": one(lambda c, rng: np.round(c, 5)),
+}
 COSTLY = {"bounces": 3, "velocity": 12, "lag": 12}
 """Examples in every run, of steps that take a tenth of a second."""
 

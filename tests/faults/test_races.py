@@ -43,10 +43,12 @@ def test_two_runs_of_one_session_make_every_result_once(tmp_path: Path, amount: 
     for n in range(amount(2, 200)):
         session = toy.make_session(tmp_path / str(n))
         late = 0.01 * (n % 20)
-        made = at_once([
-            lambda root=session.root: run_toys(root),  # type: ignore[misc]
-            lambda root=session.root, late=late: run_toys(root, late),  # type: ignore[misc]
-        ])  # fmt: skip
+        made = at_once(
+            [
+                lambda root=session.root: run_toys(root),  # type: ignore[misc]
+                lambda root=session.root, late=late: run_toys(root, late),  # type: ignore[misc]
+            ]
+        )
         assert sum(map(int, made)) == total, n
         assert toy.contents(session) == expected, n
         assert not list(session.folder.rglob(".*.part")), n
@@ -54,9 +56,7 @@ def test_two_runs_of_one_session_make_every_result_once(tmp_path: Path, amount: 
 
 
 @pytest.mark.slow
-def test_eight_writers_and_readers_of_one_key_never_see_a_torn_result(
-    tmp_path: Path, amount: Amount
-) -> None:
+def test_eight_writers_and_readers_of_one_key_never_see_a_torn_result(tmp_path: Path, amount: Amount) -> None:
     """The same ingredients give the same result, so whoever comes last changes nothing."""
     values = ("time", np.arange(500.0), {"units": "m", "long_name": "z"})
     dataset = xr.Dataset({"z": values})

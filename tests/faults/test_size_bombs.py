@@ -41,8 +41,15 @@ def tiff(entries: list[tuple[int, int, int, int]], more: bytes = b"", following:
     return b"II*\0" + struct.pack("<I", 8) + count + fields + struct.pack("<I", following) + more
 
 
-GREY = [(256, 4, 1, 80), (257, 4, 1, 64), (258, 3, 1, 8), (262, 3, 1, 1), (273, 4, 1, 8),
-        (277, 3, 1, 1), (279, 4, 1, 5120)]  # fmt: skip
+GREY = [
+    (256, 4, 1, 80),
+    (257, 4, 1, 64),
+    (258, 3, 1, 8),
+    (262, 3, 1, 1),
+    (273, 4, 1, 8),
+    (277, 3, 1, 1),
+    (279, 4, 1, 5120),
+]
 
 
 def grey(**changes: tuple[int, int, int, int]) -> list[tuple[int, int, int, int]]:
@@ -115,55 +122,54 @@ CASES: dict[str, Case] = {
     "PNG within the limit but empty": ("1.png", lambda f: png(8192, 8192), one_image),
     "TIFF of 1e10 px": (
         "a.tif",
-        lambda f: tiff(grey(columns=(256, 4, 1, 100_000), rows=(257, 4, 1, 100_000))), one_image,
+        lambda f: tiff(grey(columns=(256, 4, 1, 100_000), rows=(257, 4, 1, 100_000))),
+        one_image,
     ),
-    "TIFF of a list of 4e9 places": (
-        "a.tif", lambda f: tiff(grey(starts=(273, 4, 2**32 - 1, 8))), one_image,
-    ),
+    "TIFF of a list of 4e9 places": ("a.tif", lambda f: tiff(grey(starts=(273, 4, 2**32 - 1, 8))), one_image),
     "TIFF of many lists in one place": (
-        "a.tif", lambda f: tiff([(273, 1, 900_000, 8)] * 400 + GREY, b"\1" * 950_000), one_image,
+        "a.tif",
+        lambda f: tiff([(273, 1, 900_000, 8)] * 400 + GREY, b"\1" * 950_000),
+        one_image,
     ),
-    "TIFF of pages that share a list": (
-        "a.tif", lambda f: tiff_pages_that_share_a_list(2000, 150_000), one_image,
-    ),
+    "TIFF of pages that share a list": ("a.tif", lambda f: tiff_pages_that_share_a_list(2000, 150_000), one_image),
     "TIFF of pages in a circle": ("a.tif", lambda f: tiff(GREY, following=8), one_image),
     "TIFF of an empty list": ("a.tif", lambda f: tiff(grey(rows=(257, 3, 0, 0))), one_image),
     "workbook that unpacks to 200 MB": ("a.xlsx", workbook, anton_paar.read),
-    "Mach-1 of one line": (
-        "a.txt", lambda f: b"<Mach-1 File>\r\n" + b"1" * 40_000_000, mach1.read,
-    ),
+    "Mach-1 of one line": ("a.txt", lambda f: b"<Mach-1 File>\r\n" + b"1" * 40_000_000, mach1.read),
     "Keyence of one line": (
-        "a.csv", lambda f: b"KEYENCE\r\nOUT1\r\n" + b"1," * 20_000_000,
+        "a.csv",
+        lambda f: b"KEYENCE\r\nOUT1\r\n" + b"1," * 20_000_000,
         lambda path: keyence.read(path, cycle="1 ms"),
     ),
-    "Anton Paar of one line": (
-        "a.csv", lambda f: b"Interval:\t1\t9\r\n" + b"1\t" * 20_000_000, anton_paar.read,
-    ),
+    "Anton Paar of one line": ("a.csv", lambda f: b"Interval:\t1\t9\r\n" + b"1\t" * 20_000_000, anton_paar.read),
     "file of nothing but line ends": ("a.txt", lambda f: b"\n" * 20_000_000, instruments.read),
     "session of 100 MB": ("session.toml", lambda f: b"#" * 100_000_000, session),
     "session 10,000 arrays deep": (
-        "session.toml", lambda f: b"labpipe = 1\na = " + b"[" * 10_000 + b"]" * 10_000, session,
+        "session.toml",
+        lambda f: b"labpipe = 1\na = " + b"[" * 10_000 + b"]" * 10_000,
+        session,
     ),
     "session of a key 300,000 deep": ("session.toml", lambda f: chain("a", 300_000), session),
-    "session of a quoted key 200,000 deep": (
-        "session.toml", lambda f: chain("'a'", 200_000), session,
-    ),
+    "session of a quoted key 200,000 deep": ("session.toml", lambda f: chain("'a'", 200_000), session),
     "session of a table 300,000 deep": (
-        "session.toml", lambda f: b"labpipe = 1\n[" + b"a." * 300_000 + b"a]\n", session,
+        "session.toml",
+        lambda f: b"labpipe = 1\n[" + b"a." * 300_000 + b"a]\n",
+        session,
     ),
-    "session of an integer of 900,000 digits": (
-        "session.toml", lambda f: b"labpipe = " + b"1" * 900_000, session,
-    ),
+    "session of an integer of 900,000 digits": ("session.toml", lambda f: b"labpipe = " + b"1" * 900_000, session),
     "session of 2,000 experiments with mistakes": (
         "session.toml",
-        lambda f: b"labpipe = 1\n" + b"".join(
-            b"[experiments.e%d]\nkind = 'ball_drop'\nfoo = 1\n" % i for i in range(2_000)),
+        lambda f: (
+            b"labpipe = 1\n" + b"".join(b"[experiments.e%d]\nkind = 'ball_drop'\nfoo = 1\n" % i for i in range(2_000))
+        ),
         session,
     ),
     "record of 15,000 unknown keys": (
-        "laser.toml", lambda f: b"".join(b"abcdef%d = 1\n" % i for i in range(15_000)), load_record,
+        "laser.toml",
+        lambda f: b"".join(b"abcdef%d = 1\n" % i for i in range(15_000)),
+        load_record,
     ),
-}  # fmt: skip
+}
 
 
 def address_space() -> int:

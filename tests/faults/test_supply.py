@@ -16,8 +16,22 @@ ROOT = Path(__file__).parents[2]
 PACKAGES = ["labpipe", "instruments", "calibration", "pipelines"]
 SPEAKS = {"instruments/keyence/_live.py"}
 """Modules that open a connection: the live acquisition."""
-NETWORK = {"socket", "ssl", "http", "ftplib", "smtplib", "urllib.request", "xmlrpc", "requests",
-           "httpx", "aiohttp", "pooch", "webbrowser", "asyncio", "socketserver"}  # fmt: skip
+NETWORK = {
+    "socket",
+    "ssl",
+    "http",
+    "ftplib",
+    "smtplib",
+    "urllib.request",
+    "xmlrpc",
+    "requests",
+    "httpx",
+    "aiohttp",
+    "pooch",
+    "webbrowser",
+    "asyncio",
+    "socketserver",
+}
 
 
 def modules_of(path: Path) -> set[str]:

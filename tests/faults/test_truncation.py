@@ -58,10 +58,7 @@ def test_no_cut_of_a_real_export_is_silent(tmp_path: Path, name: str, amount: Am
     whole, _ = outcome(path, data, instrument)
     assert whole is not None
     late = [end for end in line_ends(data[:-4]) if end >= HEAD]
-    cuts = [
-        *range(1, min(HEAD, len(data)), amount(83, 3)),
-        *late[:: -(-len(late) // amount(5, 100)) or 1],
-    ]
+    cuts = [*range(1, min(HEAD, len(data)), amount(83, 3)), *late[:: -(-len(late) // amount(5, 100)) or 1]]
     for cut in cuts:
         found, is_noticed = outcome(path, data[:cut], instrument)
         if is_noticed or found is None or found.sizes["sample"] == whole.sizes["sample"]:

@@ -71,8 +71,11 @@ class Emulator:
         if fault == "late":
             time.sleep(self.delay)
         if fault in ("garbage", "error", "long"):
-            reply = {"garbage": b"?!\r\n" if self.protocol == "dl-en1" else bytes(120),
-                     "error": b"ER,M0,022\r\n", "long": b"x" * 2000}[fault]  # fmt: skip
+            reply = {
+                "garbage": b"?!\r\n" if self.protocol == "dl-en1" else bytes(120),
+                "error": b"ER,M0,022\r\n",
+                "long": b"x" * 2000,
+            }[fault]
         if fault == "random":
             reply = random.Random(number).randbytes(len(reply))
         if fault == "http":

@@ -10,10 +10,7 @@ OPERATIONS = ("delete", "insert", "replace", "drop line", "repeat line", "swap l
 
 # One file a test is enough: it is written anew by every example.
 usual = settings(
-    max_examples=400,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    max_examples=400, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 
 

@@ -22,31 +22,64 @@ ROWS = [
     ["2", "6.283", "2.4000E+09", "1.1000E+08", "0.046", "25.02", "0.010", "ME-,taD"],
     ["3", "0.6283", "2.3001E+09", "9.9000E+07", "0.043", "25.00", "0.010", ""],
 ]
-ENGLISH = ["Point No.", "Angular Frequency", "Storage Modulus", "Loss Modulus", "Loss Factor",
-           "Temperature", "Shear Strain", "Status"]  # fmt: skip
+ENGLISH = [
+    "Point No.",
+    "Angular Frequency",
+    "Storage Modulus",
+    "Loss Modulus",
+    "Loss Factor",
+    "Temperature",
+    "Shear Strain",
+    "Status",
+]
 UNITS = ["", "[rad/s]", "[Pa]", "[Pa]", "[1]", "[°C]", "[%]", ""]
-GERMAN = ["Punkt-Nr.", "Kreisfrequenz", "Speichermodul", "Verlustmodul", "Verlustfaktor",
-          "Temperatur", "Scherdeformation", "Status"]  # fmt: skip
-FRENCH = ["Point No.", "Fréquence angulaire", "Module de Stockage", "Module de Perte",
-          "Facteur de perte", "Température", "Déformation de cisaillement", "Etat"]  # fmt: skip
-PORTUGUESE = ["No. do Ponto", "Frequência angular", "Módulo de armazenamento", "Módulo de perda",
-              "Fator de perda", "Temperatura", "Deformação de cisalhamento", "Estado"]  # fmt: skip
+GERMAN = [
+    "Punkt-Nr.",
+    "Kreisfrequenz",
+    "Speichermodul",
+    "Verlustmodul",
+    "Verlustfaktor",
+    "Temperatur",
+    "Scherdeformation",
+    "Status",
+]
+FRENCH = [
+    "Point No.",
+    "Fréquence angulaire",
+    "Module de Stockage",
+    "Module de Perte",
+    "Facteur de perte",
+    "Température",
+    "Déformation de cisaillement",
+    "Etat",
+]
+PORTUGUESE = [
+    "No. do Ponto",
+    "Frequência angular",
+    "Módulo de armazenamento",
+    "Módulo de perda",
+    "Fator de perda",
+    "Temperatura",
+    "Deformação de cisalhamento",
+    "Estado",
+]
 
 
-def rheocompass(
-    rows=ROWS, columns=ENGLISH, units=UNITS, language="en", delimiter="\t", declared=None
-):  # fmt: skip
+def rheocompass(rows=ROWS, columns=ENGLISH, units=UNITS, language="en", delimiter="\t", declared=None):
     labels = anton_paar.LANGUAGES[language]
     lines = [
-        [labels[0], "Sweep | PC, 2/27/2020 | 2"], [],
-        [labels[1], "sample A 25C"], [],
-        [labels[2], "Frequency sweep 1"], [],
+        [labels[0], "Sweep | PC, 2/27/2020 | 2"],
+        [],
+        [labels[1], "sample A 25C"],
+        [],
+        [labels[2], "Frequency sweep 1"],
+        [],
         [labels[3], "1", str(len(rows) if declared is None else declared)],
         [labels[4], *columns],
         ["", *[""] * len(columns)],
         ["", *units],
         *(["", *row] for row in rows),
-    ]  # fmt: skip
+    ]
 
     def joined(cells):
         return delimiter.join(f'"{c}"' if delimiter == "," and "," in c else c for c in cells)
@@ -64,7 +97,7 @@ def rheoplus(rows=ROWS, delimiter="\t"):
         ['"Meas. Pts."', *ENGLISH[1:]],
         UNITS,
         *rows,
-    ]  # fmt: skip
+    ]
     return "\r\n".join(delimiter.join(line) for line in lines) + "\r\n"
 
 
@@ -97,10 +130,7 @@ def test_every_codec_and_delimiter_gives_the_same_numbers(tmp_path, encoding, de
     assert_is_the_sweep(read_text(tmp_path, rheocompass(delimiter=delimiter), encoding))
 
 
-@pytest.mark.parametrize(
-    ("language", "columns"),
-    [("en", ENGLISH), ("de", GERMAN), ("fr", FRENCH), ("pt", PORTUGUESE)],
-)
+@pytest.mark.parametrize(("language", "columns"), [("en", ENGLISH), ("de", GERMAN), ("fr", FRENCH), ("pt", PORTUGUESE)])
 @pytest.mark.parametrize("rows", [ROWS, commas(ROWS)], ids=["dot", "comma"])
 def test_every_language_and_decimal_sign_gives_the_same_numbers(tmp_path, language, columns, rows):
     found = read_text(tmp_path, rheocompass(rows, columns, language=language))
@@ -202,8 +232,7 @@ def test_an_angular_frequency_may_leave_the_radian_out_but_a_frequency_may_not(t
         read_text(tmp_path, rheocompass(columns=columns, units=units))
 
 
-MEASUREMENTS = ("freqsweep.csv", "multiple_relaxation.csv", "multiple_relaxation.xlsx",
-                "viscosity_curves.csv")  # fmt: skip
+MEASUREMENTS = ("freqsweep.csv", "multiple_relaxation.csv", "multiple_relaxation.xlsx", "viscosity_curves.csv")
 
 
 @pytest.mark.skipif(not SAMPLES.exists(), reason="the real files lie outside the project")
@@ -252,20 +281,23 @@ NUMBERS = st.floats(1e-9, 1e9).map(lambda x: float(f"{x:.5g}"))
 )
 def test_what_is_written_is_read(tmp_path_factory, tables, language, signs, encoding):
     intervals = [
-        make_interval("test, one", "sweep", number, [
-            make_column("Frequency", "[Hz]", [a for a, _ in table]),
-            make_column("Storage Modulus", "[MPa]", [b for _, b in table]),
-            make_column("Torque", "[µN·m]", [a * 1e-6 for a, _ in table]),
-            make_column("Status", "", ["ME-,taD"] * len(table)),
-        ])
+        make_interval(
+            "test, one",
+            "sweep",
+            number,
+            [
+                make_column("Frequency", "[Hz]", [a for a, _ in table]),
+                make_column("Storage Modulus", "[MPa]", [b for _, b in table]),
+                make_column("Torque", "[µN·m]", [a * 1e-6 for a, _ in table]),
+                make_column("Status", "", ["ME-,taD"] * len(table)),
+            ],
+        )
         for number, table in enumerate(tables, 1)
-    ]  # fmt: skip
+    ]
     made = assemble(intervals, project="p | x | 1")
     path = tmp_path_factory.mktemp("round") / "x.csv"
     delimiter, decimal = signs
-    anton_paar.write(
-        path, made, encoding=encoding, delimiter=delimiter, decimal=decimal, language=language
-    )
+    anton_paar.write(path, made, encoding=encoding, delimiter=delimiter, decimal=decimal, language=language)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = anton_paar.read(path, decimal=decimal)

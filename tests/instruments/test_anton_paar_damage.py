@@ -18,17 +18,22 @@ from labpipe.text import Limits
 def recording():
     frequency = np.array([10.0, 1.0, 0.1])
     intervals = [
-        make_interval(test, "Frequency sweep 1", number, [
-            make_column("Angular Frequency", "[rad/s]", frequency),
-            make_column("Storage Modulus", "[MPa]", 1e6 * (number + frequency)),
-            make_column("Loss Modulus", "[MPa]", 1e5 * (number + frequency)),
-            make_column("Loss Factor", "[1]", np.full(3, 0.1)),
-            make_column("Temperature", "[°C]", np.full(3, 20.5 + number)),
-            make_column("Torque", "[mN·m]", 1e-4 * frequency),
-            make_column("Status", "", ["TruStrain™", "ME-,taD", "TruStrain™"]),
-        ])
+        make_interval(
+            test,
+            "Frequency sweep 1",
+            number,
+            [
+                make_column("Angular Frequency", "[rad/s]", frequency),
+                make_column("Storage Modulus", "[MPa]", 1e6 * (number + frequency)),
+                make_column("Loss Modulus", "[MPa]", 1e5 * (number + frequency)),
+                make_column("Loss Factor", "[1]", np.full(3, 0.1)),
+                make_column("Temperature", "[°C]", np.full(3, 20.5 + number)),
+                make_column("Torque", "[mN·m]", 1e-4 * frequency),
+                make_column("Status", "", ["TruStrain™", "ME-,taD", "TruStrain™"]),
+            ],
+        )
         for test, number in (("sample A", 1), ("sample A", 2), ("sample B", 1))
-    ]  # fmt: skip
+    ]
     return assemble(intervals, project="Sweep | PC, 2/27/2020 | 2")
 
 
@@ -87,18 +92,18 @@ REFUSED = {
     "first_cell_filled": (TEXT.replace(ROW, "x" + ROW, 1), "first cell"),
     "row_moved_left": (TEXT.replace(ROW, ROW[1:], 1), "first cell|cells"),
     "point_repeated": (TEXT.replace(ROW, ROW + "\r\n" + ROW, 1), "expected a number above"),
-    "points_swapped": (
-        TEXT.replace(f"{ROW}\r\n{SECOND}", f"{SECOND}\r\n{ROW}", 1), "expected a number above",
-    ),
+    "points_swapped": (TEXT.replace(f"{ROW}\r\n{SECOND}", f"{SECOND}\r\n{ROW}", 1), "expected a number above"),
     "point_number_negative": (replaced("\t1\t10.0", "\t-1\t10.0"), "point number"),
     "point_number_is_text": (replaced("\t1\t10.0", "\tone\t10.0"), "point number"),
     "point_mark_unknown": (replaced("\t1\t10.0", "\t1 (perhaps)\t10.0"), "point number"),
     "first_table_without_its_labels": (
-        replaced("Interval and data points:\t1\t3\r\nInterval data:", "Idata:"), "outside a table"
+        replaced("Interval and data points:\t1\t3\r\nInterval data:", "Idata:"),
+        "outside a table",
     ),
     "blank_line_inside_a_table": (TEXT.replace(SECOND, "\r\n" + SECOND, 1), "outside a table"),
     "header_of_a_table_lost": (
-        "\r\n".join(x for i, x in enumerate(TEXT.split("\r\n")) if i != 7), "names of the columns",
+        "\r\n".join(x for i, x in enumerate(TEXT.split("\r\n")) if i != 7),
+        "names of the columns",
     ),
     "column_name_lost": (replaced("Loss Modulus", ""), "no name"),
     "nul_inside": (replaced("10.0", "1\0.0"), "control character"),
@@ -115,37 +120,30 @@ REFUSED = {
     "text_in_the_modulus": (replaced("\t11.0\t", "\tTruStrain™\t"), "expected a number"),
     "huge_number": (replaced("\t11.0\t", "\t1E999\t"), "expected a number"),
     "row_joined_with_the_next": (replaced(ROW + "\r\n", ROW), "cells|number"),
-}  # fmt: skip
+}
 
 REPORTED = {
     "declared_more_points": (replaced("points:\t1\t3", "points:\t1\t11"), "declares 11 points"),
     "declared_fewer_points": (replaced("points:\t1\t3", "points:\t1\t2"), "declares 2 points"),
     "declared_none": (replaced("points:\t1\t3", "points:\t1\t0"), "declares 0 points"),
     "second_project": (TEXT + "\r\n" + TEXT, "second project"),
-    "count_line_lost": (
-        replaced("Interval and data points:\t1\t3\r\n", ""), "without the line that states",
-    ),
+    "count_line_lost": (replaced("Interval and data points:\t1\t3\r\n", ""), "without the line that states"),
     "header_word_lost_its_dot": (replaced("Point No.", "Point No,"), "taken as the column point"),
     "ends_after_a_label": (TEXT + "\r\nTest:\tsample C\r\n", "ends after a label"),
     "ends_with_a_blank_line": (TEXT + "\r\n", "empty line"),
-    "ends_after_a_count_line": (
-        TEXT + "\r\nInterval and data points:\t2\t7\r\n", "declares 7 points and holds 0",
-    ),
-    "ends_after_the_units": (
-        TEXT + "\r\n" + "\r\n".join(TEXT.split("\r\n")[6:10]) + "\r\n", "declares 3 points",
-    ),
-}  # fmt: skip
+    "ends_after_a_count_line": (TEXT + "\r\nInterval and data points:\t2\t7\r\n", "declares 7 points and holds 0"),
+    "ends_after_the_units": (TEXT + "\r\n" + "\r\n".join(TEXT.split("\r\n")[6:10]) + "\r\n", "declares 3 points"),
+}
 
 HARMLESS = {
     "trailing_tabs": TEXT.replace("\r\n", "\t\t\r\n"),
     "line_feeds_only": TEXT.replace("\r\n", "\n"),
     "sub_label_row_lost": TEXT.replace("\t" * 8 + "\r\n", ""),
-    "quotes_on_the_project": TEXT.replace("Sweep | PC, 2/27/2020 | 2",
-                                          '"Sweep | PC, 2/27/2020 | 2"'),
+    "quotes_on_the_project": TEXT.replace("Sweep | PC, 2/27/2020 | 2", '"Sweep | PC, 2/27/2020 | 2"'),
     "spaces_around_numbers": TEXT.replace("\t10.0\t", "\t 10.0 \t"),
     "micro_as_mu": TEXT.replace("[mN·m]", "[mN\N{DOT OPERATOR}m]"),
     "utf8_read_as_cp1252": TEXT.encode().decode("cp1252"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", sorted(REFUSED))
@@ -177,11 +175,10 @@ def test_harmless_changes_change_nothing(tmp_path, name):
 
 def test_a_comma_that_may_be_either_is_asked_about(tmp_path):
     text = "\r\n".join(
-        line if not line.startswith("\t") or "[" in line else f"\t{i}\t1,234\t2,345\t3,456\t1,000"
-        "\t25,125\t1,111\tok"
+        line if not line.startswith("\t") or "[" in line else f"\t{i}\t1,234\t2,345\t3,456\t1,000\t25,125\t1,111\tok"
         for i, line in enumerate(TEXT.split("Interval and data points:\t2")[0].split("\r\n"), -9)
         if line.strip("\t") or not line
-    )  # fmt: skip
+    )
     found, _ = outcome(tmp_path, utf16(text))
     assert "decimal" in str(found)
     found, _ = outcome(tmp_path, utf16(text), decimal=",")
@@ -326,10 +323,7 @@ def check_mutated_workbook(folder, source):
 
 def repacked(changes):
     stream = io.BytesIO()
-    with (
-        zipfile.ZipFile(io.BytesIO(BOOK)) as source,
-        zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as target,
-    ):
+    with zipfile.ZipFile(io.BytesIO(BOOK)) as source, zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as target:
         for name in source.namelist():
             target.writestr(name, changes.get(name, source.read(name)))
     return stream.getvalue()

@@ -14,10 +14,7 @@ HEADER = "SUBSET_ID,COORDINATE_X,COORDINATE_Y,DISPLACEMENT_X,DISPLACEMENT_Y,SIGM
 def write_run(folder: Path, numbers: tuple[int, ...] = (0, 20, 40), sigma: float = 0.004) -> None:
     folder.mkdir()
     for k, number in enumerate(numbers):
-        rows = [
-            f"{p},{10 + p}.0,{20 + p}.0,{0.5 * k:.4E},{-1.5 * k:.4E},{sigma:.4E},1E-3,0"
-            for p in range(3)
-        ]
+        rows = [f"{p},{10 + p}.0,{20 + p}.0,{0.5 * k:.4E},{-1.5 * k:.4E},{sigma:.4E},1E-3,0" for p in range(3)]
         preamble = "*** Digital Image Correlation Engine (DICe)\n*** Image: x\n"
         text = preamble + HEADER + "\n" + "\n".join(rows) + "\n"
         (folder / f"DICe_solution_{number:03d}.txt").write_text(text)

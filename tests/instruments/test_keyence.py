@@ -55,11 +55,7 @@ def test_example_is_read_in_si_with_states(tmp_path):
     assert readings.attrs["start"] == "2024-05-14T10:22:31"
     assert readings.attrs["sampling_interval"] == pytest.approx(50e-6)
     assert readings.attrs["header"] == EXAMPLE[: EXAMPLE.index("1,+")].rstrip("\n")
-    assert json.loads(readings.attrs["status_counts"])["status2"] == {
-        "VALID": 1,
-        "RANGEOVER_N": 1,
-        "WAITING": 1,
-    }
+    assert json.loads(readings.attrs["status_counts"])["status2"] == {"VALID": 1, "RANGEOVER_N": 1, "WAITING": 1}
 
 
 @pytest.mark.parametrize("codec", ["utf-8", "utf-8-sig", "utf-16", "cp1252", "cp932"])
@@ -148,9 +144,7 @@ def test_all_nines_of_an_unpadded_column_are_a_number(tmp_path):
     np.testing.assert_allclose(readings.out1.values * 1e3, [9.9999, 10.1234, 99.9999, -1.5])
 
 
-@pytest.mark.parametrize(
-    ("delimiter", "decimal"), [(",", "."), (";", ","), (";", "."), ("\t", "."), ("\t", ",")]
-)
+@pytest.mark.parametrize(("delimiter", "decimal"), [(",", "."), (";", ","), (";", "."), ("\t", "."), ("\t", ",")])
 @pytest.mark.parametrize("codec", ["utf-8", "utf-16", "cp932"])
 def test_what_is_written_is_read(tmp_path, delimiter, decimal, codec):
     made = recording(measuring_range=4e-3, averaging=16, storage_factor=2)
@@ -167,11 +161,7 @@ def test_what_is_written_is_read(tmp_path, delimiter, decimal, codec):
 
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(
-    st.lists(
-        st.tuples(st.floats(-0.0999, 0.0999), st.sampled_from(list(Status))),
-        min_size=1,
-        max_size=40,
-    ),
+    st.lists(st.tuples(st.floats(-0.0999, 0.0999), st.sampled_from(list(Status))), min_size=1, max_size=40),
     st.sampled_from([("mm", 3), ("mm", 4), ("mm", 5), ("um", 2), ("µm", 3), ("V", 4), ("m/s2", 3)]),
 )
 def test_write_read_is_the_identity(tmp_path_factory, points, display):
@@ -180,11 +170,7 @@ def test_write_read_is_the_identity(tmp_path_factory, points, display):
     largest = 10.0 ** (6 - decimals) * 0.999
     values = np.array([value for value, _ in points]) / 0.1 * min(largest, 9.0) * factor
     made = keyence.make_recording(
-        {3: values},
-        cycle=1e-4,
-        start=datetime(2024, 2, 29),
-        unit_text=unit_text,
-        decimals=decimals,
+        {3: values}, cycle=1e-4, start=datetime(2024, 2, 29), unit_text=unit_text, decimals=decimals
     )
     states = np.array([state for _, state in points], dtype=np.int8)
     made["status3"] = made.status3.copy(data=states)
@@ -206,10 +192,7 @@ def test_resolution_is_that_of_the_display(tmp_path):
 
 def test_units_may_stand_in_the_names_or_below_them(tmp_path):
     plain = EXAMPLE.replace("Unit,mm,µm\n", "")
-    for text in (
-        plain.replace("OUT1,OUT2", "OUT1(mm),OUT2 [um]"),
-        plain.replace("OUT1,OUT2\n", "OUT1,OUT2\n,mm,um\n"),
-    ):
+    for text in (plain.replace("OUT1,OUT2", "OUT1(mm),OUT2 [um]"), plain.replace("OUT1,OUT2\n", "OUT1,OUT2\n,mm,um\n")):
         assert read_text(tmp_path, text).out2.values[0] == pytest.approx(-1.2e-8, rel=1e-6, abs=0.0)
 
 
@@ -239,9 +222,7 @@ def test_sampling_cycle_is_read_in_its_spellings(tmp_path, line, interval):
     assert readings.attrs["sampling_interval"] == pytest.approx(interval)
 
 
-@pytest.mark.parametrize(
-    ("line", "factor"), [("x10", 10), ("×10", 10), ("10", 10), ("500us", 10), ("0.5ms", 10)]
-)
+@pytest.mark.parametrize(("line", "factor"), [("x10", 10), ("×10", 10), ("10", 10), ("500us", 10), ("0.5ms", 10)])
 def test_storage_cycle_is_a_factor_or_a_time(tmp_path, line, factor):
     readings = read_text(tmp_path, EXAMPLE.replace("cycle,x1", f"cycle,{line}"))
     assert readings.attrs["storage_factor"] == factor
@@ -297,14 +278,7 @@ def test_option_against_the_file_is_refused(tmp_path, option, message):
 
 
 @pytest.mark.parametrize(
-    "option",
-    [
-        {"cycle": "fast"},
-        {"cycle": "1 mm"},
-        {"decimal": ";"},
-        {"delimiter": ""},
-        {"storage_factor": 0},
-    ],
+    "option", [{"cycle": "fast"}, {"cycle": "1 mm"}, {"decimal": ";"}, {"delimiter": ""}, {"storage_factor": 0}]
 )
 def test_option_that_makes_no_sense_is_refused(tmp_path, option):
     with pytest.raises(InputError):
@@ -342,9 +316,7 @@ def test_averaging_count_is_passed_on(tmp_path):
 def test_last_line_without_end_is_accepted_only_when_the_count_is_stated(tmp_path):
     with pytest.raises(SourceError, match="the last line is cut"):
         read_text(tmp_path, EXAMPLE.rstrip("\n"))
-    stated = EXAMPLE.replace("Unit", "Data count,3\nUnit").replace(
-        "3,+FFFFFFF,-------", "3,+01.5000,+01.2345"
-    )
+    stated = EXAMPLE.replace("Unit", "Data count,3\nUnit").replace("3,+FFFFFFF,-------", "3,+01.5000,+01.2345")
     readings = read_text(tmp_path, stated.rstrip("\n"))
     assert readings.sizes["time"] == 3
     with pytest.raises(SourceError, match="the last line is cut"):

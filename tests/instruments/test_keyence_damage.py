@@ -52,9 +52,7 @@ def cell(index, new, row=ROW):
 
 def in_row(number, new):
     """Replace a whole row, counted from 0."""
-    return once(
-        "\r\n" + ROWS[number] + "\r\n", "\r\n" + new + "\r\n" if new is not None else "\r\n"
-    )
+    return once("\r\n" + ROWS[number] + "\r\n", "\r\n" + new + "\r\n" if new is not None else "\r\n")
 
 
 def renumber(text, change):
@@ -100,12 +98,7 @@ REFUSED = {
     "return inside a row": (in_row(5, ROW.replace(",", "\r", 1)), AT, None, "cells, expected 3"),
     "repeated row": (in_row(5, ROW + "\r\n" + ROW), None, None, "251 rows, the header states 250"),
     "missing row": (once(ROW + "\r\n", ""), None, None, "249 rows, the header states 250"),
-    "swapped rows": (
-        once(ROWS[5] + "\r\n" + ROWS[6], ROWS[6] + "\r\n" + ROWS[5]),
-        AT + 1,
-        1,
-        "6 after 7, expected 8",
-    ),
+    "swapped rows": (once(ROWS[5] + "\r\n" + ROWS[6], ROWS[6] + "\r\n" + ROWS[5]), AT + 1, 1, "6 after 7, expected 8"),
     "repeated counter": (cell(0, "5"), AT, 1, "5 after 5, expected 6"),
     "backward counter": (cell(0, "2"), AT, 1, "2 after 5, expected 6"),
     "gap in the counter": (
@@ -127,36 +120,23 @@ REFUSED = {
         1,
         "2 at the beginning",
     ),
-    "header in the middle": (
-        in_row(5, HEAD + "\r\n" + ROW), AT, None, "cells, expected 3",
-    ),
+    "header in the middle": (in_row(5, HEAD + "\r\n" + ROW), AT, None, "cells, expected 3"),
     "two exports joined": (lambda t: t + t, None, None, "expected"),
-    "names twice": (
-        once("No.,OUT1,OUT2", "No.,OUT1,OUT2\r\nNo.,OUT1,OUT2"),
-        line_of("No.,") + 1,
-        None,
-        "named twice",
-    ),
+    "names twice": (once("No.,OUT1,OUT2", "No.,OUT1,OUT2\r\nNo.,OUT1,OUT2"), line_of("No.,") + 1, None, "named twice"),
     "names too few": (once("No.,OUT1,OUT2", "No.,OUT1"), FIRST_ROW, 1, "its names are 2"),
     "names too many": (once("OUT1,OUT2", "OUT1,OUT2,OUT3"), FIRST_ROW, 1, "its names are 4"),
     "output named twice": (once("OUT1,OUT2", "OUT1,OUT1"), line_of("No.,"), 1, "each once"),
     "name misspelt": (once("OUT1,OUT2", "OUT1,AUS2"), line_of("No.,"), 1, "'AUS2'"),
-    "prose below the names": (
-        once("OUT1,OUT2\r\n", "OUT1,OUT2\r\nhello\r\n"), FIRST_ROW, 1, "'hello'",
-    ),
+    "prose below the names": (once("OUT1,OUT2\r\n", "OUT1,OUT2\r\nhello\r\n"), FIRST_ROW, 1, "'hello'"),
     "unit missing": (once("Unit,mm,mm\r\n", ""), None, None, 'units=["mm"]'),
     "unit unknown": (once("Unit,mm,mm", "Unit,mm,inch"), line_of("Unit"), None, "'inch'"),
     "unit that lost a letter": (once("Unit,mm", "Unit,m"), line_of("Unit"), None, "'m'"),
     "unit of another quantity": (once("Unit,mm,mm", "Unit,mm,N"), line_of("Unit"), None, "'N'"),
-    "one unit for two outputs": (
-        once("Unit,mm,mm", "Unit,mm"), line_of("Unit"), None, "1 units for 2 outputs",
-    ),
+    "one unit for two outputs": (once("Unit,mm,mm", "Unit,mm"), line_of("Unit"), None, "1 units for 2 outputs"),
     "German unit label": (once("Unit,mm,mm", "Einheit,mm,mm"), None, None, 'units=["mm"]'),
     "cycle missing": (once("Sampling cycle,50us\r\n", ""), None, None, 'cycle="50 us"'),
     "cycle label misspelt": (once("Sampling cycle", "Sampling circle"), None, None, "cycle="),
-    "cycle without unit": (
-        once("cycle,50us", "cycle,50"), line_of("Sampling"), None, "expected a time with its unit",
-    ),
+    "cycle without unit": (once("cycle,50us", "cycle,50"), line_of("Sampling"), None, "expected a time with its unit"),
     "cycle in millimetres": (once("50us", "50mm"), line_of("Sampling"), None, "expected a time"),
     "cycle zero": (once("50us", "0us"), line_of("Sampling"), None, "expected a time"),
     "cycle negative": (once("50us", "-50us"), line_of("Sampling"), None, "expected a time"),
@@ -167,9 +147,7 @@ REFUSED = {
     "count with a letter": (once("count,250", "count,25o"), line_of("Data"), None, "whole number"),
     "count too high": (once("count,250", "count,300"), None, None, "the header states 300"),
     "count too low": (once("count,250", "count,200"), None, None, "the header states 200"),
-    "averaging with a letter": (
-        once("Averaging,1", "Averaging,l"), line_of("Averaging"), None, "whole number",
-    ),
+    "averaging with a letter": (once("Averaging,1", "Averaging,l"), line_of("Averaging"), None, "whole number"),
     "NUL in a row": (once(ROW, ROW[:4] + "\0" + ROW[5:]), AT, 5, "NUL"),
     "NUL in the header": (once("LK-G5001", "LK-G\x005001"), 2, None, "NUL"),
     "header only": (lambda _: HEAD + "\r\n", None, None, "no row of readings"),
@@ -179,10 +157,8 @@ REFUSED = {
     "prose": (lambda _: "dear reader\r\nthis is no data\r\n", None, None, "no row of readings"),
     "half a file": (lambda t: t[: len(t) // 2], None, None, "the last line is cut"),
     "cut in the last row": (lambda t: t[:-4], FIRST_ROW + 249, None, "the last line is cut"),
-    "rows missing at the end": (
-        lambda t: t[: t.rindex("\r\n250") + 2], None, None, "249 rows, the header states 250",
-    ),
-}  # fmt: skip
+    "rows missing at the end": (lambda t: t[: t.rindex("\r\n250") + 2], None, None, "249 rows, the header states 250"),
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -209,9 +185,7 @@ def same(text):
 
 def european(text):
     head, names, rows = text.partition("No.")
-    return head.replace(",", ";") + (names + rows).replace(",", ";").replace(".", ",").replace(
-        "No,", "No."
-    )
+    return head.replace(",", ";") + (names + rows).replace(",", ";").replace(".", ",").replace("No,", "No.")
 
 
 HARMLESS = {
@@ -243,7 +217,7 @@ HARMLESS = {
     "no count stated": as_bytes(once("Data count,250\r\n", "")),
     "no date": as_bytes(lambda t: re.sub(r"Date.*\r\n", "", t)),
     "unpadded numbers": as_bytes(lambda t: re.sub(r"\+0(?=\d\.)", "", t).replace("-0", "-")),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", HARMLESS)
@@ -260,9 +234,7 @@ def test_ambiguous_thousands_are_refused_until_the_decimal_sign_is_given(tmp_pat
     path = tmp_path / "ambiguous.csv"
     rows = "".join(f"{i};1,23{i}\r\n" for i in range(1, 5))
     path.write_text(
-        HEAD.replace(",", ";").replace(";OUT2", "").replace("mm;mm", "mm").replace("250", "4")
-        + "\r\n"
-        + rows,
+        HEAD.replace(",", ";").replace(";OUT2", "").replace("mm;mm", "mm").replace("250", "4") + "\r\n" + rows,
         newline="",
     )
     with pytest.raises(SourceError, match=r'decimal="\." or decimal=","'):
@@ -344,9 +316,7 @@ def check_mutation(path, steps):
     for position, name in enumerate(outputs, start=len(cells[0]) - len(outputs)):
         factor = {"m": 1e-3}.get(readings[name].attrs["units"])
         original = readings[name].attrs["original_unit"].strip("[]() ")
-        for row, value, state in zip(
-            cells, readings[name].values, readings["status" + name[3:]].values, strict=True
-        ):
+        for row, value, state in zip(cells, readings[name].values, readings["status" + name[3:]].values, strict=True):
             if state:
                 assert np.isnan(value)
                 is_nines = set(row[position][1:]) <= set("9.")

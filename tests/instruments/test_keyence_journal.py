@@ -15,13 +15,14 @@ from labpipe.errors import SourceError
 
 HEAD = journals.Head(
     Setup((1, 3), (4, 2), ("mm", "um"), 0.01, "LK-G5001"),
-    datetime(2026, 5, 14, 12, tzinfo=UTC), 2.5, Trigger(3, -1.5e-3, False, 0.1),
-)  # fmt: skip
+    datetime(2026, 5, 14, 12, tzinfo=UTC),
+    2.5,
+    Trigger(3, -1.5e-3, False, 0.1),
+)
 SAMPLES = [
-    Sample(slot, slot * 0.01 + 1e-4 / 3, 1e-3 / 7,
-           Reading((slot, -slot), (Status.VALID, Status.ALARM)))
+    Sample(slot, slot * 0.01 + 1e-4 / 3, 1e-3 / 7, Reading((slot, -slot), (Status.VALID, Status.ALARM)))
     for slot in (4, 5, 9)
-]  # fmt: skip
+]
 
 
 def text() -> str:

@@ -12,16 +12,7 @@ import pytest
 import instruments
 from instruments.keyence._live import DL_EN1, LK_G5000, Connection, ProtocolError, Reading
 from instruments.keyence._markers import Status
-from instruments.keyence._recorder import (
-    Recorder,
-    Ring,
-    Sample,
-    Setup,
-    Trigger,
-    recording,
-    stamps,
-    timing,
-)
+from instruments.keyence._recorder import Recorder, Ring, Sample, Setup, Trigger, recording, stamps, timing
 from labpipe.errors import InputError, SourceError
 from tests.instruments.keyence_emulator import emulator
 
@@ -47,9 +38,7 @@ def test_the_ascii_protocol_reads_values_and_markers() -> None:
     with emulator(DL_EN1, lambda n: values) as made:
         found = ask(made, (1, 2, 3, 4, 5))
     assert found.counts == tuple(values)
-    assert found.states == (
-        Status.VALID, Status.ALARM, Status.RANGEOVER_P, Status.RANGEOVER_N, Status.INVALID,
-    )  # fmt: skip
+    assert found.states == (Status.VALID, Status.ALARM, Status.RANGEOVER_P, Status.RANGEOVER_N, Status.INVALID)
 
 
 @pytest.mark.parametrize("protocol", [LK_G5000, DL_EN1])
@@ -65,28 +54,26 @@ def test_an_answer_that_comes_byte_by_byte_is_put_together(protocol: str) -> Non
         (LK_G5000, "short", "closed the connection after 58 bytes"),
         (LK_G5000, "garbage", "found an answer of 120 bytes, expected 116"),
         (LK_G5000, "long", "bytes, expected 116|bytes without an end"),
-        (LK_G5000, "random", "in which no readings are\n  Something else may answer"),
-        (LK_G5000, "http", r"found the answer b'HTTP/1.1 400'…, in which no readings are"),
-        (LK_G5000, "silent", "no whole answer within 0.2 s"),
-        (LK_G5000, "slow", "no whole answer within 0.2 s"),
-        (DL_EN1, "http", "found the answer|bytes without an end|no whole answer"),
-        (DL_EN1, "slow", "no whole answer within 0.2 s"),
+        (LK_G5000, "random", "which holds no readings\n  Something else may answer"),
+        (LK_G5000, "http", r"found the answer b'HTTP/1.1 400'…, which holds no readings"),
+        (LK_G5000, "silent", "no complete answer within 0.2 s"),
+        (LK_G5000, "slow", "no complete answer within 0.2 s"),
+        (DL_EN1, "http", "found the answer|bytes without an end|no complete answer"),
+        (DL_EN1, "slow", "no complete answer within 0.2 s"),
         (DL_EN1, "close", "closed the connection"),
         (DL_EN1, "short", "closed the connection"),
         (DL_EN1, "garbage", 'found the answer "\\?!", expected for example "M0,\\+000012345"'),
         (DL_EN1, "long", "bytes without an end"),
         (DL_EN1, "error", 'the error "ER,M0,022"'),
-        (DL_EN1, "silent", "no whole answer within 0.2 s"),
+        (DL_EN1, "silent", "no complete answer within 0.2 s"),
     ],
 )
-def test_every_fault_is_an_error_that_names_the_controller(
-    protocol: str, fault: str, words: str
-) -> None:
+def test_every_fault_is_an_error_that_names_the_controller(protocol: str, fault: str, words: str) -> None:
     with emulator(protocol, lambda n: [1], {0: fault}) as made:
         with pytest.raises(SourceError, match=words) as caught:
             ask(made, timeout=0.2)
         assert caught.value.path == f"127.0.0.1:{made.port}"
-        is_late = "no whole answer" in str(caught.value)
+        is_late = "no complete answer" in str(caught.value)
         assert type(caught.value) is (SourceError if is_late else ProtocolError)
 
 
@@ -99,7 +86,7 @@ def test_a_number_that_no_display_shows_is_no_reading() -> None:
 def test_random_answers_of_the_right_length_are_never_readings() -> None:
     with emulator(LK_G5000, lambda n: [1], dict.fromkeys(range(200), "random")) as made:
         for _ in range(200):
-            with pytest.raises(ProtocolError, match="no readings are"):
+            with pytest.raises(ProtocolError, match="holds no readings"):
                 ask(made)
 
 
@@ -107,7 +94,7 @@ def test_patience_ends_although_bytes_trickle_in() -> None:
     """One byte after the other comes, but no reading; the recording is given up all the same."""
     with emulator(LK_G5000, lambda n: [1], dict.fromkeys(range(99), "slow"), delay=0.1) as made:
         rec = recorder(made, interval=0.02, patience=0.4, timeout=0.2)
-        with pytest.raises(SourceError, match=r"silent for 0.4 s\n  Last error: .*no whole answer"):
+        with pytest.raises(SourceError, match=r"silent for 0.4 s\n  Last error: .*complete answer"):
             rec.record(60.0)
     assert rec.kept == []
     assert rec.tally.errors >= 1
@@ -130,9 +117,13 @@ def test_nobody_at_the_address_is_told() -> None:
 
 @pytest.mark.parametrize(
     ("protocol", "outputs", "words"),
-    [("lk-g3000", (1,), "unknown protocol"), (LK_G5000, (13,), "from 1 to 12"),
-     (DL_EN1, (), "from 1 to 16"), (DL_EN1, (1, 1), "different numbers")],
-)  # fmt: skip
+    [
+        ("lk-g3000", (1,), "unknown protocol"),
+        (LK_G5000, (13,), "from 1 to 12"),
+        (DL_EN1, (), "from 1 to 16"),
+        (DL_EN1, (1, 1), "different numbers"),
+    ],
+)
 def test_what_does_not_exist_is_refused(protocol: str, outputs: tuple, words: str) -> None:
     with pytest.raises(InputError, match=words):
         Connection(protocol, "127.0.0.1", 1, outputs)
@@ -144,11 +135,7 @@ def test_what_does_not_exist_is_refused(protocol: str, outputs: tuple, words: st
 def recorder(made, interval=0.01, patience=2.0, timeout=0.3, outputs=(1,)) -> Recorder:
     count = len(outputs)
     setup = Setup(outputs, (4,) * count, ("mm",) * count, interval, "LK-G5001")
-    return Recorder(
-        setup,
-        lambda: Connection(made.protocol, "127.0.0.1", made.port, outputs, timeout),
-        patience,
-    )
+    return Recorder(setup, lambda: Connection(made.protocol, "127.0.0.1", made.port, outputs, timeout), patience)
 
 
 @pytest.mark.parametrize("protocol", [LK_G5000, DL_EN1])
@@ -198,9 +185,7 @@ def test_a_late_answer_empties_the_slots_it_missed() -> None:
     assert rec.tally.errors == 0
 
 
-def test_a_controller_that_stays_silent_ends_the_recording_and_keeps_what_came(
-    tmp_path: Path,
-) -> None:
+def test_a_controller_that_stays_silent_ends_the_recording_and_keeps_what_came(tmp_path: Path) -> None:
     from instruments.keyence import record
 
     faults = dict.fromkeys(range(10, 10_000), "silent")
@@ -208,7 +193,7 @@ def test_a_controller_that_stays_silent_ends_the_recording_and_keeps_what_came(
         rec = recorder(made, timeout=0.1)
         with pytest.raises(SourceError, match=r"silent for 0\.5 s") as caught:
             record(tmp_path / "a.csv", rec.setup, rec.connect, 60.0, patience=0.5)
-    assert "no whole answer" in str(caught.value)
+    assert "no complete answer" in str(caught.value)
     assert instruments.read(tmp_path / "a.csv").sizes["time"] >= 10
 
 

@@ -20,9 +20,7 @@ SAMPLES = Path(__file__).parents[2] / "../shared/samples/mach1"
 DYNAMIC = SAMPLES / "dynamic_5_sinusoid_blocks.txt"
 RELAXATION = SAMPLES / "stress_relaxation_3_ramps.txt"
 
-needs_samples = pytest.mark.skipif(
-    not SAMPLES.exists(), reason="the public sample files are not beside the checkout"
-)
+needs_samples = pytest.mark.skipif(not SAMPLES.exists(), reason="the public sample files are not beside the checkout")
 
 GF = 0.00980665
 
@@ -132,10 +130,7 @@ def test_old_spelling_of_frequency_is_known(tmp_path):
 
 def test_start_is_iso_and_per_block_past_midnight(tmp_path):
     readings = read_blocks(tmp_path, relaxation(), sinusoid())
-    assert readings.start_time.values.tolist() == [
-        "2023-07-19T23:59:59.900",
-        "2024-01-24T10:08:47.546",
-    ]
+    assert readings.start_time.values.tolist() == ["2023-07-19T23:59:59.900", "2024-01-24T10:08:47.546"]
     assert readings.attrs["start"] == "2023-07-19T23:59:59.900"
 
 

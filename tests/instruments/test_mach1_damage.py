@@ -39,11 +39,7 @@ def _blocks():
     wave = mach1.make_block(
         "Sinusoid",
         datetime(2023, 7, 19, 12, 20),
-        {
-            "Time, s": time,
-            "Position (z), mm": 1e-3 + 1e-5 * np.sin(40 * time),
-            "Fz, gf": 190 + np.sin(40 * time),
-        },
+        {"Time, s": time, "Position (z), mm": 1e-3 + 1e-5 * np.sin(40 * time), "Fz, gf": 190 + np.sin(40 * time)},
         {"Stage Axis": "Position (z)", "Amplitude, mm": "0.0100", "Frequency, Hz": "6.36620"},
     )
     return ramp, wave
@@ -127,20 +123,16 @@ REFUSED = {
     "missing row": (once(ROW + "\r\n", ""), AT, 1, "rows are missing"),
     "missing first row": (once(row(0, 0) + "\r\n", ""), line_of(row(0, 0)), 1, "start at zero"),
     "time jumps ahead": (cell(0, "0.057000"), AT, 1, "rows are missing or added"),
-    "time restarts without a block": (
-        once(row(0, 12), row(0, 0)),
-        line_of(row(0, 12)),
-        1,
-        "does not go on",
-    ),
+    "time restarts without a block": (once(row(0, 12), row(0, 0)), line_of(row(0, 12)), 1, "does not go on"),
     "NUL in a row": (once(ROW, ROW[:10] + "\0" + ROW[11:]), AT, 11, "NUL"),
     "NUL in the header": (once("V500c", "V5\0c"), 7, None, "NUL"),
     "unknown unit of a column": (once("Fz, N\t", "Fz, Q\t"), AT - 6, None, 'unknown unit "Q"'),
-    "unit that lost a letter": (
-        once("(z), mm\t", "(z), m\t"), AT - 6, None, "found the unit 'm', expected mm",
-    ),
+    "unit that lost a letter": (once("(z), mm\t", "(z), m\t"), AT - 6, None, "found the unit 'm', expected mm"),
     "declared unit that lost a letter": (
-        once("Amplitude, mm", "Amplitude, m"), line_of("Amplitude, mm"), 12, "found the unit 'm'",
+        once("Amplitude, mm", "Amplitude, m"),
+        line_of("Amplitude, mm"),
+        12,
+        "found the unit 'm'",
     ),
     "no unit of a column": (once("\tFz, N\t", "\tFz\t"), AT - 6, None, "a comma and its unit"),
     "no time column": (once("Time, s\t", "Zeit, s\t"), AT - 6, 1, "expected 'Time, s'"),
@@ -153,12 +145,7 @@ REFUSED = {
     "END INFO misspelt": (once("<END INFO>", "<END INF>"), line_of("<END INFO>"), 1, "<END INFO>"),
     "INFO missing": (once("<INFO>\r\n", ""), 2, 1, "expected <INFO>"),
     "INFO twice": (once("<INFO>\r\n", "<INFO>\r\n<INFO>\r\n"), 3, 1, "expected 'Key:'"),
-    "function tag missing": (
-        once("<Stress Relaxation>\r\n", ""),
-        line_of("<Stress"),
-        1,
-        "a function's tag",
-    ),
+    "function tag missing": (once("<Stress Relaxation>\r\n", ""), line_of("<Stress"), 1, "a function's tag"),
     "DATA tag missing": (once("<DATA>\r\n", ""), line_of("<DATA>"), 1, "expected 'Key:'"),
     "DATA tag misspelt": (once("<DATA>", "<DATEN>"), line_of("<DATA>"), 1, "expected <DATA>"),
     "END DATA missing": (once("<END DATA>\r\n", ""), line_of("<END DATA>"), 1, "<END DATA>"),
@@ -181,12 +168,7 @@ REFUSED = {
         1,
         "expected 'Key:'",
     ),
-    "letter in the calibration factor": (
-        once("1.000491", "1.00x491"),
-        line_of("1.000491"),
-        31,
-        "'1.00x491'",
-    ),
+    "letter in the calibration factor": (once("1.000491", "1.00x491"), line_of("1.000491"), 31, "'1.00x491'"),
     "letter in the filter's cutoff": (once("20.00", "2O.00"), line_of("20.00"), None, "'2O.00'"),
     "letter in a declared amplitude": (once("0.0393", "0.o393"), line_of("0.0393"), 16, "0.o393"),
     "unknown unit of a declared number": (
@@ -201,12 +183,7 @@ REFUSED = {
         1,
         "expected 'Key:'",
     ),
-    "prose between blocks": (
-        once(SECOND, "hello\r\n" + SECOND),
-        line_of("<INFO>", nth=1),
-        1,
-        "hello",
-    ),
+    "prose between blocks": (once(SECOND, "hello\r\n" + SECOND), line_of("<INFO>", nth=1), 1, "hello"),
     "half a file": (lambda t: t[: len(t) // 2], None, None, "expected <END DATA>"),
     "no END DATA at the end": (after_last("<END DATA>\r\n", ""), None, None, "expected <END DATA>"),
     "cut in the last row": (
@@ -219,7 +196,7 @@ REFUSED = {
     "title only": (lambda t: t[:15], 1, 1, "before its first block"),
     "empty": (lambda _: "", None, None, "empty"),
     "blank lines only": (lambda _: "\r\n\r\n", 1, 1, "expected <Mach-1 File>"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -260,9 +237,7 @@ HARMLESS = {
     "blank lines at the end": as_bytes(lambda t: t + "\r\n\r\n"),
     "blank line between blocks": as_bytes(once(SECOND, "\r\n" + SECOND)),
     "quoted column names": as_bytes(once("Time, s\t", '"Time, s"\t')),
-    "tabs after tags and keys": as_bytes(
-        lambda t: re.sub(r"(?m)^(<.*>|[A-Z].*:\t.*)\r", r"\1\t\t\r", t)
-    ),
+    "tabs after tags and keys": as_bytes(lambda t: re.sub(r"(?m)^(<.*>|[A-Z].*:\t.*)\r", r"\1\t\t\r", t)),
     "tabs after every row": as_bytes(lambda t: re.sub(r"(?m)^([0-9].*)\r", r"\1\t\t\r", t)),
     "fewer header lines": as_bytes(once("Mach-1 System Model:\tV500c\r\n", "")),
     "more header lines": as_bytes(once("<END INFO>", "Operator:\tA: B\r\n<END INFO>")),
@@ -272,10 +247,8 @@ HARMLESS = {
     "blanks around numbers": as_bytes(cell(3, f"  {CELLS[3]} ")),
     "exponents": as_bytes(cell(3, f"{float(CELLS[3]):.17e}")),
     "plus sign": as_bytes(cell(0, "+" + CELLS[0])),
-    "no filter declared": as_bytes(
-        lambda t: re.sub(r"Load Cell Low-pass filter[^\r]*\r\n", "", t)
-    ),
-}  # fmt: skip
+    "no filter declared": as_bytes(lambda t: re.sub(r"Load Cell Low-pass filter[^\r]*\r\n", "", t)),
+}
 
 
 @pytest.mark.parametrize("name", HARMLESS)

@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 
 from instruments.phantom import read
-from instruments.phantom._pixels import (
-    companded_from_linear,
-    linear_from_companded,
-    pack10,
-    pack12,
-    unpack10,
-    unpack12,
-)
+from instruments.phantom._pixels import companded_from_linear, linear_from_companded, pack10, pack12, unpack10, unpack12
 from instruments.phantom._times import TimeFlag
 from instruments.phantom._writer import Recording, write
 from labpipe.errors import InputError, LabpipeError, SourceError
@@ -142,10 +135,7 @@ def test_stamps_rounded_to_a_microsecond_are_no_dropped_frames(tmp_path: Path) -
 
 def test_decimation_shows_in_the_times_not_in_the_frame_rate(tmp_path: Path) -> None:
     images = np.zeros((5, 4, 16), np.uint8)
-    write(
-        tmp_path / "f.cine", images, images.shape, np.arange(5) * 1.111e-4,
-        Recording(90_000, 1e-6, bits=8),
-    )  # fmt: skip
+    write(tmp_path / "f.cine", images, images.shape, np.arange(5) * 1.111e-4, Recording(90_000, 1e-6, bits=8))
     frames = read(patched(tmp_path / "f.cine", 84 + 10388, "f", 10.0))
     np.testing.assert_allclose(np.diff(frames.time), 1.111e-4, rtol=1e-5)
 
@@ -176,9 +166,7 @@ def test_an_impossible_exposure_is_nan_not_a_number_to_compute_with(tmp_path: Pa
         (84 + 140, "H", 0, 'mark "ST"'),
     ],
 )
-def test_a_refusal_names_what_was_found(
-    tmp_path: Path, offset: int, layout: str, value: int, words: str
-) -> None:
+def test_a_refusal_names_what_was_found(tmp_path: Path, offset: int, layout: str, value: int, words: str) -> None:
     film(tmp_path / "f.cine")
     with pytest.raises(SourceError, match=words) as caught:
         read(patched(tmp_path / "f.cine", offset, layout, value))
@@ -187,22 +175,52 @@ def test_a_refusal_names_what_was_found(
 
 
 HEADER_FIELDS = {
-    "Type": (0, "H"), "Headersize": (2, "H"), "Compression": (4, "H"), "Version": (6, "H"),
-    "FirstMovieImage": (8, "i"), "TotalImageCount": (12, "I"), "FirstImageNo": (16, "i"),
-    "ImageCount": (20, "I"), "OffImageHeader": (24, "I"), "OffSetup": (28, "I"),
-    "OffImageOffsets": (32, "I"), "TriggerFraction": (36, "I"), "TriggerSeconds": (40, "I"),
-    "biSize": (44, "I"), "biWidth": (48, "i"), "biHeight": (52, "i"), "biPlanes": (56, "H"),
-    "biBitCount": (58, "H"), "biCompression": (60, "I"), "biSizeImage": (64, "I"),
-    "biClrUsed": (76, "I"), "biClrImportant": (80, "I"), "FrameRate16": (84, "H"),
-    "Mark": (84 + 140, "H"), "Length": (84 + 142, "H"), "Serial": (84 + 743, "I"),
-    "FrameRate": (84 + 768, "I"), "Shutter": (84 + 772, "I"), "Software": (84 + 800, "I"),
-    "TimeZone": (84 + 804, "i"), "CFA": (84 + 808, "I"), "RealBPP": (84 + 896, "I"),
-    "ShutterNs": (84 + 1568, "I"), "BlackLevel": (84 + 5732, "i"), "WhiteLevel": (84 + 5736, "i"),
-    "RecBPP": (84 + 10112, "I"), "Decimation": (84 + 10388, "I"), "ImWidth": (84 + 737, "H"),
-    "TimesSize": (10496, "I"), "TimesType": (10500, "H"), "TimesMore": (10502, "H"),
-    "FirstStamp": (10504, "I"), "FirstSeconds": (10508, "I"), "ExposuresSize": (10552, "I"),
+    "Type": (0, "H"),
+    "Headersize": (2, "H"),
+    "Compression": (4, "H"),
+    "Version": (6, "H"),
+    "FirstMovieImage": (8, "i"),
+    "TotalImageCount": (12, "I"),
+    "FirstImageNo": (16, "i"),
+    "ImageCount": (20, "I"),
+    "OffImageHeader": (24, "I"),
+    "OffSetup": (28, "I"),
+    "OffImageOffsets": (32, "I"),
+    "TriggerFraction": (36, "I"),
+    "TriggerSeconds": (40, "I"),
+    "biSize": (44, "I"),
+    "biWidth": (48, "i"),
+    "biHeight": (52, "i"),
+    "biPlanes": (56, "H"),
+    "biBitCount": (58, "H"),
+    "biCompression": (60, "I"),
+    "biSizeImage": (64, "I"),
+    "biClrUsed": (76, "I"),
+    "biClrImportant": (80, "I"),
+    "FrameRate16": (84, "H"),
+    "Mark": (84 + 140, "H"),
+    "Length": (84 + 142, "H"),
+    "Serial": (84 + 743, "I"),
+    "FrameRate": (84 + 768, "I"),
+    "Shutter": (84 + 772, "I"),
+    "Software": (84 + 800, "I"),
+    "TimeZone": (84 + 804, "i"),
+    "CFA": (84 + 808, "I"),
+    "RealBPP": (84 + 896, "I"),
+    "ShutterNs": (84 + 1568, "I"),
+    "BlackLevel": (84 + 5732, "i"),
+    "WhiteLevel": (84 + 5736, "i"),
+    "RecBPP": (84 + 10112, "I"),
+    "Decimation": (84 + 10388, "I"),
+    "ImWidth": (84 + 737, "H"),
+    "TimesSize": (10496, "I"),
+    "TimesType": (10500, "H"),
+    "TimesMore": (10502, "H"),
+    "FirstStamp": (10504, "I"),
+    "FirstSeconds": (10508, "I"),
+    "ExposuresSize": (10552, "I"),
     "FirstOffset": (10584, "q"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -216,9 +234,7 @@ def test_any_header_field_may_lie_without_harm(tmp_path: Path, field: str, kind:
     signed = layout in "iq"
     old = struct.unpack_from("<" + layout, (tmp_path / "f.cine").read_bytes(), offset)[0]
     top = 2 ** (bits - 1) - 1 if signed else 2**bits - 1
-    value = {"zero": 0, "one": 1, "largest": top, "off by one": min(old + 1, top)}.get(
-        kind, -1 if signed else top - 1
-    )
+    value = {"zero": 0, "one": 1, "largest": top, "off by one": min(old + 1, top)}.get(kind, -1 if signed else top - 1)
     path = patched(tmp_path / "f.cine", offset, layout, value)
     tracemalloc.start()
     try:
@@ -268,9 +284,7 @@ def test_one_damaged_frame_is_flagged_and_the_others_are_used(
 
 @pytest.mark.parametrize("frame", range(6))
 @pytest.mark.parametrize("value", [-1, 0, 2**40, 2**63 - 1])
-def test_an_offset_out_of_range_damages_one_frame_only(
-    tmp_path: Path, frame: int, value: int
-) -> None:
+def test_an_offset_out_of_range_damages_one_frame_only(tmp_path: Path, frame: int, value: int) -> None:
     images = film(tmp_path / "f.cine")
     table = FIRST - 48
     frames = read(patched(tmp_path / "f.cine", table + 8 * frame, "q", value))
@@ -330,13 +344,7 @@ def test_two_thousand_random_bit_flips_are_never_worse_than_an_error(tmp_path: P
 def test_the_writer_refuses_what_the_format_cannot_hold(tmp_path: Path) -> None:
     images = np.zeros((2, 4, 10), np.uint16)
     with pytest.raises(InputError, match="multiple of 4"):
-        write(
-            tmp_path / "f",
-            images,
-            images.shape,
-            np.zeros(2),
-            Recording(1, 0.5, bits=10, packed=True),
-        )
+        write(tmp_path / "f", images, images.shape, np.zeros(2), Recording(1, 0.5, bits=10, packed=True))
     with pytest.raises(InputError, match="no format"):
         write(tmp_path / "f", images, images.shape, np.zeros(2), Recording(1, 0.5, bits=11))
     with pytest.raises(InputError, match="2 were announced"):
@@ -346,9 +354,7 @@ def test_the_writer_refuses_what_the_format_cannot_hold(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-needs_samples = pytest.mark.skipif(
-    not SAMPLES.is_dir(), reason="the public sample films are not beside the checkout"
-)
+needs_samples = pytest.mark.skipif(not SAMPLES.is_dir(), reason="the public sample films are not beside the checkout")
 
 # shape, first and last time in s, sum of the middle frame's pixels; the unpacked sums are those
 # that the independent reader pims 0.7 returns for the same frames

@@ -48,16 +48,24 @@ def test_a_table_with_a_row_of_units_is_read_in_si(tmp_path):
     "text",
     [
         SWEEPS.replace(",", "\t"),
-        SWEEPS.replace(",", ";").replace("20.1", "20,1").replace("20.2", "20,2")
-        .replace("40.0", "40,0").replace("40.1", "40,1").replace("0.1;", "0,1;"),
-        SWEEPS.replace("f,E_stor,E_loss,T,Set\nHz, MPa, MPa, C, -",
-                       "Frequency (Hz),E' [MPa],E'' [MPa],Temperature (°C),sweep"),
+        SWEEPS.replace(",", ";")
+        .replace("20.1", "20,1")
+        .replace("20.2", "20,2")
+        .replace("40.0", "40,0")
+        .replace("40.1", "40,1")
+        .replace("0.1;", "0,1;"),
+        SWEEPS.replace(
+            "f,E_stor,E_loss,T,Set\nHz, MPa, MPa, C, -", "Frequency (Hz),E' [MPa],E'' [MPa],Temperature (°C),sweep"
+        ),
         SWEEPS.replace("E_stor,E_loss", "Speichermodul,Verlustmodul"),
-        SWEEPS.replace("20.1", "293.25").replace("20.2", "293.35").replace("40.0", "313.15")
-        .replace("40.1", "313.25").replace("C, -", "K, -"),
+        SWEEPS.replace("20.1", "293.25")
+        .replace("20.2", "293.35")
+        .replace("40.0", "313.15")
+        .replace("40.1", "313.25")
+        .replace("C, -", "K, -"),
         SWEEPS.replace("\n", ",,\r\n"),
     ],
-)  # fmt: skip
+)
 def test_other_forms_give_the_same_numbers(tmp_path, text):
     assert_is_the_table(read(tmp_path, text))
 
@@ -75,8 +83,7 @@ def test_encodings_are_told_apart(tmp_path, encoding):
 
 
 @pytest.mark.parametrize(
-    "text",
-    [SHIFTS, "T,aT\nC,-\n40,0.0316227766\n20,1\n", "T,ln aT\nC,1\n40,-3.4538776394910684\n20,0\n"],
+    "text", [SHIFTS, "T,aT\nC,-\n40,0.0316227766\n20,1\n", "T,ln aT\nC,1\n40,-3.4538776394910684\n20,0\n"]
 )
 def test_shift_factors_become_decimal_logarithms(tmp_path, text):
     found = read(tmp_path, text)

@@ -18,9 +18,7 @@ from labpipe.errors import SourceError, UsageError
 @pytest.fixture
 def laser(tmp_path):
     path = tmp_path / "drop.csv"
-    made = keyence.make_recording(
-        {1: np.linspace(0, 1e-3, 50)}, cycle="50 us", start=datetime(2024, 5, 14)
-    )
+    made = keyence.make_recording({1: np.linspace(0, 1e-3, 50)}, cycle="50 us", start=datetime(2024, 5, 14))
     keyence.write(path, made)
     return path
 
@@ -123,8 +121,14 @@ def test_raw_file_is_not_touched(laser):
 
 def test_names_are_those_that_results_state():
     assert [each.name for each in instruments.OURS] == [
-        "mach1", "phantom", "anton_paar", "plain_table", "dice", "image_stack", "keyence",
-    ]  # fmt: skip
+        "mach1",
+        "phantom",
+        "anton_paar",
+        "plain_table",
+        "dice",
+        "image_stack",
+        "keyence",
+    ]
     assert {each.content for each in instruments.OURS} <= set(instruments.CONTENTS)
 
 

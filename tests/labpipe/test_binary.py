@@ -27,9 +27,7 @@ def large(tmp_path: Path) -> Path:
 
 
 @pytest.mark.skipif(not _STATUS.exists(), reason="only Linux tells how much of a file is held")
-def test_going_through_a_large_file_does_not_fill_the_memory(
-    large: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_going_through_a_large_file_does_not_fill_the_memory(large: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(binary, "_KEPT", 2**20)
     window = Window(large)
     before, peak, step = mapped_bytes(), 0, 2**19
@@ -40,9 +38,7 @@ def test_going_through_a_large_file_does_not_fill_the_memory(
     assert peak < _SIZE / 4
 
 
-def test_arrays_stay_valid_when_their_pages_are_given_back(
-    large: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_arrays_stay_valid_when_their_pages_are_given_back(large: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(binary, "_KEPT", 0)
     window = Window(large)
     part = window.array("<u4", 4000, 1000, "numbers")

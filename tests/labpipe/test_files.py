@@ -88,9 +88,7 @@ def test_a_disk_that_refuses_keeps_the_old_file(
     assert [p.name for p in tmp_path.iterdir()] == ["a"]
 
 
-def test_what_cannot_be_read_back_does_not_come_to_exist(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_read_back_does_not_come_to_exist(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(files, "digest", lambda path: "0" * 64)
     with pytest.raises(StorageError, match="cannot be read back"):
         files.write_bytes(tmp_path / "a", b"data")
@@ -118,10 +116,7 @@ def test_a_limit_on_file_size_leaves_the_old_dataset_whole(tmp_path: Path, limit
     files.write_dataset(target, some_dataset())
     before = target.read_bytes()
     done = subprocess.run(
-        [sys.executable, "-c", LIMITED, str(target), str(limit)],
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, "-c", LIMITED, str(target), str(limit)], capture_output=True, text=True, check=False
     )
     assert "refused: " in done.stderr
     assert "bytes" in done.stderr
@@ -161,9 +156,7 @@ PY
 def test_a_full_disk_leaves_the_old_dataset_whole(tmp_path: Path) -> None:
     try:
         probe = subprocess.run(
-            ["unshare", "-rm", "mount", "-t", "tmpfs", "tmpfs", str(tmp_path)],
-            capture_output=True,
-            check=False,
+            ["unshare", "-rm", "mount", "-t", "tmpfs", "tmpfs", str(tmp_path)], capture_output=True, check=False
         )
     except FileNotFoundError:
         pytest.skip("no unshare here")
@@ -194,9 +187,7 @@ def test_a_kill_while_writing_leaves_the_old_dataset_or_the_new(
     target = tmp_path / "a.nc"
     rng = random.Random(7)
     for _ in range(amount(6, 24)):
-        writer = subprocess.Popen(
-            [sys.executable, "-c", WRITER, str(target)], stdout=subprocess.PIPE, text=True
-        )
+        writer = subprocess.Popen([sys.executable, "-c", WRITER, str(target)], stdout=subprocess.PIPE, text=True)
         assert writer.stdout is not None
         writer.stdout.readline()
         time.sleep(rng.uniform(0.0, 0.15))
@@ -255,9 +246,7 @@ def settled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("settled")
-def test_an_index_does_not_read_an_unchanged_file_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_index_does_not_read_an_unchanged_file_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a").write_bytes(b"abc")
     index = files.HashIndex(tmp_path / "index.json")
     found = index.digest(tmp_path / "a")
@@ -369,9 +358,28 @@ def test_a_name_that_could_leave_or_mislead_is_refused(tmp_path: Path, name: str
 
 @pytest.mark.parametrize(
     "name",
-    ["a", "a/b.csv", "./a", "a//b", ".hidden", "Messung ü.csv", "e\u0301.csv", "🏀.csv", "コン",
-     "console", "com10", "a..b", "...x", "n" * 255, "a'b", "a;b&c", "-rf", "$HOME", "مرحبا.csv"],
-)  # fmt: skip
+    [
+        "a",
+        "a/b.csv",
+        "./a",
+        "a//b",
+        ".hidden",
+        "Messung ü.csv",
+        "e\u0301.csv",
+        "🏀.csv",
+        "コン",
+        "console",
+        "com10",
+        "a..b",
+        "...x",
+        "n" * 255,
+        "a'b",
+        "a;b&c",
+        "-rf",
+        "$HOME",
+        "مرحبا.csv",
+    ],
+)
 def test_an_ordinary_name_is_joined(tmp_path: Path, name: str) -> None:
     joined = files.safe_join(tmp_path, name)
     assert joined == (tmp_path / name).resolve()
@@ -411,18 +419,14 @@ def check_inside(root: Path, name: str) -> None:
     assert joined.is_relative_to(root.resolve())
 
 
-@settings(
-    max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(name=NAMES)
 def test_no_name_leads_out_of_the_root(tmp_path: Path, name: str) -> None:
     check_inside(tmp_path, name)
 
 
 @pytest.mark.nightly
-@settings(
-    max_examples=5_000, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=5_000, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(name=NAMES)
 def test_of_many_names_none_leads_out_of_the_root(tmp_path: Path, name: str) -> None:
     check_inside(tmp_path, name)
@@ -494,9 +498,7 @@ def test_writing_does_not_change_the_dataset(tmp_path: Path) -> None:
     assert dataset.attrs["flag"] is True
 
 
-@settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     values=st.lists(st.floats(width=64), max_size=20),
     kind=st.sampled_from(["f8", "f4", ">f8", "i8", "u2", "i1"]),
@@ -510,8 +512,7 @@ def test_any_dataset_survives_the_round_trip(
         numbers = np.array(values) if "f" in kind else np.nan_to_num(values, posinf=3, neginf=4)
         numbers = (numbers if "f" in kind else np.mod(numbers, 100)).astype(kind)
     dataset = xr.Dataset(
-        {"n": ("time", numbers), "w": ("word", np.array(words, dtype=object))},
-        attrs={"attribute": attribute},
+        {"n": ("time", numbers), "w": ("word", np.array(words, dtype=object))}, attrs={"attribute": attribute}
     )
     files.write_dataset(tmp_path / "a.nc", dataset)
     found = files.read_dataset(tmp_path / "a.nc")
@@ -609,9 +610,7 @@ def test_a_file_that_is_not_there_is_a_source_error(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("is_coordinate", [False, True])
-def test_a_small_file_that_declares_gigabytes_is_refused_before_allocation(
-    tmp_path: Path, is_coordinate: bool
-) -> None:
+def test_a_small_file_that_declares_gigabytes_is_refused_before_allocation(tmp_path: Path, is_coordinate: bool) -> None:
     import netCDF4
 
     resource = pytest.importorskip("resource", reason="measures memory as Unix tells it")

@@ -7,10 +7,7 @@ import xarray as xr
 from labpipe.errors import InputError
 from labpipe.schema import Schema, Variable, check
 
-SCHEMA = Schema("motion", {
-    "z": Variable(("time",), "m"),
-    "noise": Variable((), "m", optional=True),
-})  # fmt: skip
+SCHEMA = Schema("motion", {"z": Variable(("time",), "m"), "noise": Variable((), "m", optional=True)})
 
 
 def dataset(**changes: object) -> xr.Dataset:
@@ -28,13 +25,12 @@ def test_what_fits_is_returned_unchanged() -> None:
     [
         (dataset().drop_vars("z"), 'variable "z" is missing'),
         (dataset().rename(time="frame"), "has dimensions"),
-        (dataset().assign(z=("time", np.zeros(3), {"units": "mm", "long_name": "z"})),
-         'is in "mm", expected "m"'),
+        (dataset().assign(z=("time", np.zeros(3), {"units": "mm", "long_name": "z"})), 'is in "mm", expected "m"'),
         (dataset().assign(z=("time", np.zeros(3))), "carries no long_name"),
         (dataset(x=((), 1.0)), '"x" carries no units; "x" carries no long_name'),
         (dataset(u_x=((), 1.0, {"units": "m", "long_name": "u"})), 'stands without "x"'),
     ],
-)  # fmt: skip
+)
 def test_what_does_not_fit_is_named(wrong: xr.Dataset, says: str) -> None:
     with pytest.raises(InputError, match=says):
         check(wrong, SCHEMA)

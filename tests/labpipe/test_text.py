@@ -82,16 +82,10 @@ def test_lines_do_not_depend_on_where_pieces_are_cut(tmp_path_factory, content, 
         text._PIECE = before
     lines = list(source.lines())
     assert source.n_lines == len(lines)
-    assert "\n".join(lines) == ("x" + content).replace("\r\n", "\n").replace(
-        "\r", "\n"
-    ).removesuffix("\n")
+    assert "\n".join(lines) == ("x" + content).replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n")
 
 
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [(b"", "empty"), (b"a\nb\0c\n", "NUL")],
-    ids=["empty", "nul"],
-)
+@pytest.mark.parametrize(("data", "message"), [(b"", "empty"), (b"a\nb\0c\n", "NUL")], ids=["empty", "nul"])
 def test_empty_files_and_nul_are_refused(tmp_path, data, message):
     with pytest.raises(SourceError, match=message):
         text.survey(_file(tmp_path, data))

@@ -17,11 +17,5 @@ def printed_without_cache(program: str, folder: Path) -> str:
         "NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator",
         "PYTHONPATH": os.pathsep.join(sys.path),
     }
-    run = subprocess.run(
-        [sys.executable, "-c", program],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    run = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
     return run.stdout

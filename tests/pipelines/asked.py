@@ -7,13 +7,27 @@ from pipelines.experiments.shared.budget_quantity import ASKED, Quantity
 from pipelines.session import derive, opened
 
 ITEMS = {
-    "clock": "sampling", "first_touch": "zero", "tare": "zero", "drift": "zero", "stage": "zero",
-    "pulse_shape": "noise", "phase": "noise", "force_amplitude": "noise", "amplitude": "noise",
-    "tip_radius": "radius", "sphere_radius": "radius", "pixel_distance": "pixel size",
-    "reference_length": "pixel size", "filter_gain": "filter lag", "mass_of_the_loads": "mass",
-    "load": "mass", "mass_of_sphere": "mass", "plate_mass": "mass", "heights": "height",
+    "clock": "sampling",
+    "first_touch": "zero",
+    "tare": "zero",
+    "drift": "zero",
+    "stage": "zero",
+    "pulse_shape": "noise",
+    "phase": "noise",
+    "force_amplitude": "noise",
+    "amplitude": "noise",
+    "tip_radius": "radius",
+    "sphere_radius": "radius",
+    "pixel_distance": "pixel size",
+    "reference_length": "pixel size",
+    "filter_gain": "filter lag",
+    "mass_of_the_loads": "mass",
+    "load": "mass",
+    "mass_of_sphere": "mass",
+    "plate_mass": "mass",
+    "heights": "height",
     "inclination_and_gain": "inclination",
-}  # fmt: skip
+}
 """Names of inputs, and what of the list that is asked they are."""
 
 

@@ -100,8 +100,7 @@ def settings_of(folder: Path, name: str) -> Any:
 def ball_drops(folder: Path, seed: int, scores: Scores) -> None:
     """Drops on floors from stiff to light: single bounces, and the mean of two repeats."""
     random = np.random.default_rng(seed)
-    floor = Floor(float(np.exp(random.uniform(np.log(20), np.log(2000)))),
-                  float(random.uniform(100, 450)), 0.03)  # fmt: skip
+    floor = Floor(float(np.exp(random.uniform(np.log(20), np.log(2000)))), float(random.uniform(100, 450)), 0.03)
     angle = float(np.deg2rad(12 + random.normal(0.0, 0.1)))
     rig = DropRig(floor=floor, duration=0.12, sensor=LaserSensor(inclination=angle))
     solid, height = POLYMERS[seed % 4], _HEIGHTS[(seed // 4) % 4]
@@ -110,32 +109,36 @@ def ball_drops(folder: Path, seed: int, scores: Scores) -> None:
     settings, parts = settings_of(folder, "d"), []
     for name in names:
         readings = ball_drop.readings(folder / name, settings=settings)
-        moved = ball_drop.displacement(
-            readings, folder / "calibration/laser.toml", settings=settings
-        )
+        moved = ball_drop.displacement(readings, folder / "calibration/laser.toml", settings=settings)
         parts.append((moved, ball_drop.bounces(moved, settings=settings)))
     known = [truth(folder, f"d_{i}") for i in (1, 2)]
     for (_, found), one in zip(parts, known, strict=True):
         count = min(3, found.sizes["impact"], len(one["liftoff_time"]))
-        for name in ("restitution", "incoming_speed", "outgoing_speed", "touch_time",
-                     "liftoff_time"):  # fmt: skip
-            note(scores, name.replace("_", " "), found[name].values[:count] - one[name][:count],
-                 found[f"u_{name}"].values[:count])  # fmt: skip
+        for name in ("restitution", "incoming_speed", "outgoing_speed", "touch_time", "liftoff_time"):
+            note(
+                scores,
+                name.replace("_", " "),
+                found[name].values[:count] - one[name][:count],
+                found[f"u_{name}"].values[:count],
+            )
     slow = [ball_drop.velocity(*part, settings=settings) for part in parts]
     moved, found = ([p[i] for p in parts] for i in (0, 1))
     made = ball_drop.repeats(moved, slow, found, settings=settings)
     count = min(3, made.sizes["impact"], *(len(one["liftoff_time"]) for one in known))
     for name in ("restitution", "outgoing_speed"):
         true = np.mean([one[name][:count] for one in known], axis=0)
-        note(scores, f"{name.replace('_', ' ')}, mean of two", made[name].values[:count] - true,
-             made[f"u_{name}"].values[:count])  # fmt: skip
+        note(
+            scores,
+            f"{name.replace('_', ' ')}, mean of two",
+            made[name].values[:count] - true,
+            made[f"u_{name}"].values[:count],
+        )
 
 
 def plates(folder: Path, seed: int, scores: Scores) -> None:
     """A plate whose mass, frequency and damping are drawn, heard under one drop."""
     random = np.random.default_rng(seed)
-    floor = Floor(float(random.uniform(20, 60)), float(random.uniform(170, 300)),
-                  float(random.uniform(0.02, 0.05)))  # fmt: skip
+    floor = Floor(float(random.uniform(20, 60)), float(random.uniform(170, 300)), float(random.uniform(0.02, 0.05)))
     angle = float(np.deg2rad(5 + random.normal(0.0, 0.1)))
     sensor = replace(PLATE_RIG.sensor, inclination=angle)
     rig = replace(PLATE_RIG, floor=floor, sensor=sensor, duration=0.12)
@@ -155,8 +158,7 @@ def plates(folder: Path, seed: int, scores: Scores) -> None:
     for quantity in ("natural_frequency", "damping_ratio", "amplitude"):
         error = found[quantity].values[0] - known[quantity]
         note(scores, quantity.replace("_", " "), error, found[f"u_{quantity}"].values[0])
-    note(scores, "time of impact", float(ringing["blow_time"]) - known["blow_time"],
-         float(ringing["u_blow_time"]))  # fmt: skip
+    note(scores, "time of impact", float(ringing["blow_time"]) - known["blow_time"], float(ringing["u_blow_time"]))
     made = plate_vibration_model.plate(found, settings=settings)
     note(scores, "modal mass", float(made["mass"]) - floor.mass, float(made["u_mass"]))
 
@@ -171,9 +173,8 @@ def static_loadings(folder: Path, seed: int, scores: Scores) -> None:
     begun(folder, static_section("s", file, stated, "ptfe"), laser=laser_record())
     settings = settings_of(folder, "s")
     moved = static_loading.displacement(
-        static_loading.readings(folder / file, settings=settings),
-        folder / "calibration/laser.toml", settings=settings,
-    )  # fmt: skip
+        static_loading.readings(folder / file, settings=settings), folder / "calibration/laser.toml", settings=settings
+    )
     steps = load_steps.steps(moved, settings=settings)
     found = static_loading.approach(moved, steps, settings=settings)
     known, time = truth(folder, "s"), found["time"].values
@@ -181,13 +182,21 @@ def static_loadings(folder: Path, seed: int, scores: Scores) -> None:
     radius = np.sqrt(stated.radius * approach)
     seen = np.isfinite(found["contact_radius"].values) & (time > 10.0)
     some = np.flatnonzero(seen)[:: max(int(seen.sum()) // 12, 1)]
-    note(scores, "contact radius", (found["contact_radius"].values - radius)[some],
-         found["u_contact_radius"].values[some])  # fmt: skip
+    note(
+        scores,
+        "contact radius",
+        (found["contact_radius"].values - radius)[some],
+        found["u_contact_radius"].values[some],
+    )
     for load, edges in enumerate(zip(steps["begin"].values, steps["end"].values, strict=True)):
         first, last = (approach[w].mean() for w in static_loading.windows(time, edges, settings))
         for name, true in (("level_approach", last), ("creep", last - first)):
-            note(scores, f"{name.replace('_', ' ')} under a load",
-                 found[name].values[load] - true, found[f"u_{name}"].values[load])  # fmt: skip
+            note(
+                scores,
+                f"{name.replace('_', ' ')} under a load",
+                found[name].values[load] - true,
+                found[f"u_{name}"].values[load],
+            )
 
 
 def relaxations(folder: Path, seed: int, scores: Scores) -> None:
@@ -203,26 +212,27 @@ def relaxations(folder: Path, seed: int, scores: Scores) -> None:
     curves = relaxation_moduli.curves(loads, ramps, None, None, settings=settings)
     known = truth(folder, Path(names[0]).stem)
     for name in ("plateau_force", "depth"):
-        note(scores, name.replace("_", " "), float(ramps[name][0]) - known[name],
-             ramps[f"u_{name}"].values[0])  # fmt: skip
-    note(scores, "first touch", float(ramps["contact_position"]) - known["surface"],
-         ramps["u_contact_position"].values)  # fmt: skip
-    note(scores, "peak force", float(curves["peak_force_unfiltered"][0]) - known["peak_force"],
-         curves["u_peak_force_unfiltered"].values[0])  # fmt: skip
+        note(scores, name.replace("_", " "), float(ramps[name][0]) - known[name], ramps[f"u_{name}"].values[0])
+    note(scores, "first touch", float(ramps["contact_position"]) - known["surface"], ramps["u_contact_position"].values)
+    note(
+        scores,
+        "peak force",
+        float(curves["peak_force_unfiltered"][0]) - known["peak_force"],
+        curves["u_peak_force_unfiltered"].values[0],
+    )
     # The plateau's own modulus is asked for here, not the relaxed one that it still falls to.
     real = Geometry.of(
         msgspec.structs.replace(
-            settings.punch,
-            radius=Quantity(specimen.tip_radius, 0.0, "m"),
-            depth=Quantity(specimen.depth, 0.0, "m"),
+            settings.punch, radius=Quantity(specimen.tip_radius, 0.0, "m"), depth=Quantity(specimen.depth, 0.0, "m")
         ),
-        settings.substrate, settings.model, 0.5,
-    )  # fmt: skip
+        settings.substrate,
+        settings.model,
+        0.5,
+    )
     modulus = known["plateau_force"] / float(elastic_force(np.array([0.1e-3]), real)[0])
     unfinished = float(ramps["unfinished"][0] / ramps["plateau_force"][0])
     found, u = (float(curves[f"{p}reduced_modulus"][0]) for p in ("", "u_"))
-    note(scores, "modulus of the plateau", found - modulus,
-         np.sqrt(u**2 - (unfinished * found) ** 2))  # fmt: skip
+    note(scores, "modulus of the plateau", found - modulus, np.sqrt(u**2 - (unfinished * found) ** 2))
 
 
 def oscillations(folder: Path, seed: int, scores: Scores) -> None:
@@ -238,8 +248,14 @@ def oscillations(folder: Path, seed: int, scores: Scores) -> None:
     loads = harmonic.loads(readings, folder / "calibration/load_cell.toml", settings=settings)
     found = harmonic.oscillations(loads, settings=settings)
     for i, known in enumerate(truth(folder, "h")["oscillations"]):
-        for name in ("frequency", "amplitude", "force_amplitude", "storage_stiffness",
-                     "loss_stiffness", "work_per_cycle"):  # fmt: skip
+        for name in (
+            "frequency",
+            "amplitude",
+            "force_amplitude",
+            "storage_stiffness",
+            "loss_stiffness",
+            "work_per_cycle",
+        ):
             error = float(found[name][i]) - known[name]
             note(scores, name.replace("_", " "), error, found[f"u_{name}"].values[i])
 
@@ -265,23 +281,25 @@ def rheometers(folder: Path, seed: int, scores: Scores) -> None:
     name = POLYMERS[seed % 4]
     solid = SOLIDS[name]
     protocol = Protocol(
-        temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0),
-        frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()),
+        temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0), frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist())
     )
     export = write_dma(folder, name, solid, protocol, seed)
     settings = Dma(
-        kind="dma", rheometer=[export], mode=solid.mode, nu=Quantity(solid.nu, 0.0, "1"),
+        kind="dma",
+        rheometer=[export],
+        mode=solid.mode,
+        nu=Quantity(solid.nu, 0.0, "1"),
         T_ref=Quantity(solid.T_ref, 0.0, "degC"),
-    )  # fmt: skip
+    )
     read = dma.readings(folder / export, settings=settings)
     found = dma_model.master_curve(dma.gathered([read], settings=settings), settings=settings)
-    note(scores, "shift factors", found["log10_aT"].values - truth(folder, name)["log10_aT"],
-         found["u_log10_aT"].values)  # fmt: skip
+    note(
+        scores, "shift factors", found["log10_aT"].values - truth(folder, name)["log10_aT"], found["u_log10_aT"].values
+    )
     frequency = found["reduced_frequency"].values
     true = solid.modulus(frequency, np.full(frequency.size, solid.T_ref))
     for part, values in (("storage", true.real), ("loss", true.imag)):
-        note(scores, f"{part} modulus", found[f"master_{part}"].values - values,
-             found[f"u_master_{part}"].values)  # fmt: skip
+        note(scores, f"{part} modulus", found[f"master_{part}"].values - values, found[f"u_master_{part}"].values)
 
 
 def films_from_below(folder: Path, seed: int, scores: Scores) -> None:
@@ -293,8 +311,7 @@ def films_from_below(folder: Path, seed: int, scores: Scores) -> None:
         centre=tuple(random.uniform(-5, 5, 2).tolist()),
     )
     material, height = POLYMERS[seed % 3], 1.5e-3
-    body = Body(materials.load(material), height, radius=9.525e-3 + random.normal(0.0, 5e-6),
-                floor=Floor())  # fmt: skip
+    body = Body(materials.load(material), height, radius=9.525e-3 + random.normal(0.0, 5e-6), floor=Floor())
     times = burst_times(body, camera.release, Bursts(spacing=2e-4, slow=10e-3))
     film = write_under(folder, "u", body, camera, times[times < 0.023], seed)
     begun(folder, under_section(film, "u", height), camera_under=under_record())
@@ -319,11 +336,9 @@ def films_from_the_front(folder: Path, seed: int, scores: Scores) -> None:
     camera = replace(camera, pixel_size=size)
     height, material = 1.5e-3, POLYMERS[seed % 4]
     film = write_front(folder, material, height, camera, seed)
-    laser = write_drops(folder, "d", DropRig(duration=0.06), materials.load(material), height, 1,
-                        seed, START)  # fmt: skip
+    laser = write_drops(folder, "d", DropRig(duration=0.06), materials.load(material), height, 1, seed, START)
     sections = drop_section("ptfe_1p5mm", laser, height, material)
-    begun(folder, sections + front_section(film, camera, height), camera_front=front_record(),
-          laser=laser_record())  # fmt: skip
+    begun(folder, sections + front_section(film, camera, height), camera_front=front_record(), laser=laser_record())
     settings = settings_of(folder, "ptfe_film")
     track = dic_validation.track(folder / film, settings=settings, full=False)
     record = folder / "calibration/camera_front.toml"
@@ -339,8 +354,12 @@ def films_from_the_front(folder: Path, seed: int, scores: Scores) -> None:
     pixels = track["dy"].values[:, 0] - np.array(known["dy"])[track["frame"].values]
     note(scores, "displacement in px", pixels[some], track["u_dy"].values[some, 0])
     bounces = dic_validation.bounces(moved, settings=settings)
-    note(scores, "first contact", float(bounces["first_contact_time"]) - known["touch_time"][0],
-         float(bounces["u_first_contact_time"]))  # fmt: skip
+    note(
+        scores,
+        "first contact",
+        float(bounces["first_contact_time"]) - known["touch_time"][0],
+        float(bounces["u_first_contact_time"]),
+    )
     speed = dic_validation.velocity(moved, bounces, settings=settings)
     # In the fall the truth is gravity's.
     time = moved["time"].values

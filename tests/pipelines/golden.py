@@ -50,11 +50,7 @@ def _numbers(dataset: xr.Dataset) -> Iterator[tuple[str, float, float]]:
         spread = dataset.get(f"u_{name}")
         values = variable.values.ravel()[:MOST_VALUES].tolist()
         for i, value in enumerate(values):
-            u = (
-                math.nan
-                if spread is None
-                else float(spread.values.ravel()[min(i, spread.size - 1)])
-            )
+            u = math.nan if spread is None else float(spread.values.ravel()[min(i, spread.size - 1)])
             tolerance = max(SHARE * u, 1e-9 * abs(value)) if u > 0 else RELATIVE * abs(value)
             if math.isfinite(value):
                 yield f"{name}[{i}]", value, tolerance

@@ -80,15 +80,12 @@ def _verdicts(name: str, trials: Sequence[Trial]) -> Point:
     }
     if widths:
         extra["standard uncertainty, median (%)"] = 100.0 * float(np.median(widths))
-    return Point(
-        f"{name}: verdict on E_relaxed", 1.0 - share, _seconds(trials), is_default=True, extra=extra
-    )
+    return Point(f"{name}: verdict on E_relaxed", 1.0 - share, _seconds(trials), is_default=True, extra=extra)
 
 
 def _point(
-    setting: str, scores: Sequence[Score], trials: Sequence[Trial], extra: Mapping[str, float],
-    *, in_percent: bool,
-) -> Point:  # fmt: skip
+    setting: str, scores: Sequence[Score], trials: Sequence[Trial], extra: Mapping[str, float], *, in_percent: bool
+) -> Point:
     errors = [s.error for s in scores]
     spread = _rms(errors)
     told = {

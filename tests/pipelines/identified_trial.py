@@ -8,10 +8,9 @@ from typing import Any
 import msgspec
 import numpy as np
 from msgspec.structs import replace
-from numpy.typing import NDArray
 
 from labpipe.errors import InputError, LabpipeError
-from labpipe.identification import Evidence, Parameter, Posterior, frequencies, moduli, split
+from labpipe.identification import Evidence, Parameter, Posterior, informative_range, moduli, split_by_group
 from labpipe.materials import Prony
 from labpipe.workflow.results import Results
 from pipelines.experiments import KINDS
@@ -20,8 +19,6 @@ from pipelines.identify import Identified, Wish, identify_materials
 from pipelines.rig.indentations import Specimen
 from pipelines.session import derive, opened
 from tests.pipelines.random_sessions import DEPTH, Truth, recorded, write
-
-Array = NDArray[np.float64]
 
 _PULSE = "pulse shape"  # no number of the rig: a real pulse is none of the fitted shapes
 _REACH = 1.96  # standard deviations to a limit of 95 %
@@ -133,27 +130,33 @@ def _compared(truth: Truth, folder: Path, found: Identified, wish: Wish) -> dict
         "evidence": _at_the_truth(results, names, truth.solid, exact, wish.impacts),
         "relaxed": _relaxed(found, truth.solid.E_relaxed),
         "misfits": {f"{e}: {g}": m.relative for (e, g), m in known.fit.misfits.items()},
-        "is_settled": known.fit.is_settled,
+        "is_settled": known.fit.is_converged,
     }
 
 
 def _moduli(known: Posterior, solid: Prony) -> dict[str, Score | None]:
     """Compare moduli at set places of the data's own frequencies."""
-    low, high = frequencies(known)
+    low, high = informative_range(known)
     curve = moduli(known, low * (high / low) ** np.array(PLACES))
     exact = solid.complex_modulus(2.0 * np.pi * curve.frequency)
     # without what is stated for structure that no data resolve: the bound of van Trees
-    bound = np.sqrt(np.diag(known.carried(curve.derivatives)))
+    bound = np.sqrt(np.diag(known.covariance_of(curve.derivatives)))
     made: dict[str, Score | None] = {}
-    for part, (text, value, u, prior, true) in enumerate((
-        ("storage modulus", curve.storage, curve.u_ln_storage, curve.prior_ln_storage, exact.real),
-        ("loss factor", curve.loss_factor, curve.u_ln_loss_factor, curve.prior_ln_loss_factor,
-         exact.imag / exact.real),
-    )):  # fmt: skip
+    for part, (text, value, u, prior, true) in enumerate(
+        (
+            ("storage modulus", curve.storage, curve.u_ln_storage, curve.prior_ln_storage, exact.real),
+            (
+                "loss factor",
+                curve.loss_factor,
+                curve.u_ln_loss_factor,
+                curve.prior_ln_loss_factor,
+                exact.imag / exact.real,
+            ),
+        )
+    ):
         error = np.log(value / true) / u
         for i, place in enumerate(PLACES):
-            score = Score(float(error[i]), float(u[i]), float(bound[part * len(PLACES) + i]),
-                          float(prior[i]))  # fmt: skip
+            score = Score(float(error[i]), float(u[i]), float(bound[part * len(PLACES) + i]), float(prior[i]))
             made[f"{text} at {place:.0%}"] = score if curve.is_determined[i] else None
     return made
 
@@ -210,10 +213,7 @@ def true_value(name: str, truth: Truth, results: Results, experiments: list[str]
     """
     owner = next((e for e in experiments if name.startswith(f"{e} ")), "")
     role = name.removeprefix(f"{owner} ") if owner else name
-    if truth.kind == "drop":
-        found = _of_drop(role, truth, results)
-    else:
-        found = _of_indentation(role, owner, truth, results)
+    found = _of_drop(role, truth, results) if truth.kind == "drop" else _of_indentation(role, owner, truth, results)
     if found is None:
         message = f"the truth of the unknown {name} is not known; teach it to this comparison"
         raise InputError(message)
@@ -298,6 +298,6 @@ def _at_the_truth(
         numbers = evidence.model.refined(solid, exact)
         if numbers is None:
             numbers = evidence.model.predict(solid, exact)
-        for group, part in zip(evidence.groups, split(evidence, numbers), strict=True):
+        for group, part in zip(evidence.groups, split_by_group(evidence, numbers), strict=True):
             made[f"{name}: {group.name}"] = ((group.values - part) / group.u).tolist()
     return made

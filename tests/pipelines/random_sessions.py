@@ -180,9 +180,7 @@ def write(truth: Truth, folder: Path) -> None:
 
 
 def _drop(truth: Truth, folder: Path) -> str:
-    names = write_drops(
-        folder, "drop", truth.rig, truth.solid, truth.mean_height, _REPEATS, 10 * truth.seed, _START
-    )
+    names = write_drops(folder, "drop", truth.rig, truth.solid, truth.mean_height, _REPEATS, 10 * truth.seed, _START)
     files.write_text(folder / "calibration/laser.toml", laser_record())
     extra = ""
     if truth.is_on_plate:
@@ -200,9 +198,7 @@ def _indentations(truth: Truth, folder: Path) -> str:
     """Write one or two files on one specimen; only Poisson's ratio is used of the library's."""
     stated, is_joint = Specimen(truth.solid), truth.kind == "rubber"
     held = _SHORTER if is_joint else _HELD
-    names = write_relaxation(
-        folder, "relaxation", truth.specimen, held, truth.tester, 10 * truth.seed, _START
-    )
+    names = write_relaxation(folder, "relaxation", truth.specimen, held, truth.tester, 10 * truth.seed, _START)
     delay = f'"{truth.stated_delay:.4f} ± {_U_DELAY:g} ms"'
     record = cell_record(NOTE).replace('"15.9 ± 0.2 ms"', delay)
     files.write_text(folder / "calibration/load_cell.toml", record)
@@ -210,9 +206,8 @@ def _indentations(truth: Truth, folder: Path) -> str:
     if not is_joint:
         return sections
     write_harmonic(
-        folder, "harmonic", truth.specimen, _WAVES, truth.tester, 10 * truth.seed + 5,
-        _START + timedelta(hours=1),
-    )  # fmt: skip
+        folder, "harmonic", truth.specimen, _WAVES, truth.tester, 10 * truth.seed + 5, _START + timedelta(hours=1)
+    )
     return sections + oscillation_section("harmonic", stated)
 
 

@@ -26,10 +26,24 @@ from tests.instruments.keyence_emulator import emulator
 
 def test_the_command_writes_a_file_and_says_what_was_lost(tmp_path: Path) -> None:
     with emulator("lk-g5000", lambda n: [1234], {3: "close"}) as made:
-        done = CliRunner().invoke(acquire, [
-            "keyence", str(tmp_path / "a.csv"), "--host", "127.0.0.1", "--port", str(made.port),
-            "--decimals", "4", "--duration", "0.6 s", "--model", "LK-G5001", "--json",
-        ])  # fmt: skip
+        done = CliRunner().invoke(
+            acquire,
+            [
+                "keyence",
+                str(tmp_path / "a.csv"),
+                "--host",
+                "127.0.0.1",
+                "--port",
+                str(made.port),
+                "--decimals",
+                "4",
+                "--duration",
+                "0.6 s",
+                "--model",
+                "LK-G5001",
+                "--json",
+            ],
+        )
     assert done.exit_code == 0, done.output
     document = json.loads(done.output)
     assert document["errors"] == 1
@@ -41,11 +55,28 @@ def test_the_command_writes_a_file_and_says_what_was_lost(tmp_path: Path) -> Non
 def test_ctrl_c_keeps_what_came_and_is_130(tmp_path: Path) -> None:
     with emulator("dl-en1", lambda n: [n]) as made:
         child = subprocess.Popen(
-            [sys.executable, "-m", "labpipe", "acquire", "keyence", str(tmp_path / "a.csv"),
-             "--host", "127.0.0.1", "--port", str(made.port), "--protocol", "dl-en1",
-             "--decimals", "3", "--duration", "600 s"],
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
+            [
+                sys.executable,
+                "-m",
+                "labpipe",
+                "acquire",
+                "keyence",
+                str(tmp_path / "a.csv"),
+                "--host",
+                "127.0.0.1",
+                "--port",
+                str(made.port),
+                "--protocol",
+                "dl-en1",
+                "--decimals",
+                "3",
+                "--duration",
+                "600 s",
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
         deadline = time.monotonic() + 60
         while made.answered < 30 and time.monotonic() < deadline:
             time.sleep(0.02)
@@ -64,9 +95,7 @@ def test_ctrl_c_keeps_what_came_and_is_130(tmp_path: Path) -> None:
         (["--decimals", "3", "--duration", "-1 s"], 'such as "10 ms"'),
     ],
 )
-def test_options_that_do_not_fit_are_usage_errors(
-    options: list[str], words: str, tmp_path: Path
-) -> None:
+def test_options_that_do_not_fit_are_usage_errors(options: list[str], words: str, tmp_path: Path) -> None:
     arguments = ["keyence", str(tmp_path / "a.csv"), "--host", "127.0.0.1", *options]
     done = CliRunner().invoke(acquire, arguments)
     assert done.exit_code == 2
@@ -87,8 +116,12 @@ def test_a_raw_file_is_never_replaced_and_the_trigger_must_be_recorded(tmp_path:
         record(tmp_path / "a.csv", setup, lambda: None, 1.0)  # type: ignore[arg-type,return-value]
     with pytest.raises(InputError, match="looks at out2, which is not recorded"):
         record(
-            tmp_path / "b.csv", setup, lambda: None, 1.0, parse_trigger("out2 > 1 mm")  # type: ignore[arg-type,return-value]
-        )  # fmt: skip
+            tmp_path / "b.csv",
+            setup,
+            lambda: None,
+            1.0,
+            parse_trigger("out2 > 1 mm"),  # type: ignore[arg-type,return-value]
+        )
 
 
 class Slow:
@@ -114,18 +147,13 @@ def unfinished(folder: Path, count: int = 40, first: int = 0) -> Path:
     """What a recording killed after some readings leaves."""
     setup = Setup((1,), (4,), ("mm",), 0.01, "LK-G5001")
     head = journals.Head(setup, datetime(2026, 5, 14, 12, tzinfo=UTC), 10.0)
-    samples = [
-        Sample(n, n * 0.01 + 0.001, 0.0005, Reading((n,), (Status.VALID,)))
-        for n in range(first, first + count)
-    ]
+    samples = [Sample(n, n * 0.01 + 0.001, 0.0005, Reading((n,), (Status.VALID,))) for n in range(first, first + count)]
     path = folder / "a.csv.recording"
     path.write_text(journals.first_line(head) + journals.lines(samples, Tally(1, 2, "?", 0)))
     return path
 
 
-def test_what_a_killed_recording_left_becomes_the_file_it_would_have_written(
-    tmp_path: Path,
-) -> None:
+def test_what_a_killed_recording_left_becomes_the_file_it_would_have_written(tmp_path: Path) -> None:
     path = unfinished(tmp_path)
     with path.open("a") as stream:
         stream.write("[40, 0.4")
@@ -196,9 +224,7 @@ def test_after_a_trigger_the_journal_holds_what_came_before_it_too(tmp_path: Pat
 
 def test_process_names_the_unfinished_recording_of_a_file_that_it_misses(tmp_path: Path) -> None:
     unfinished(tmp_path)
-    (tmp_path / "session.toml").write_text(
-        'labpipe = 1\n[experiments.drop]\nkind = "ball_drop"\nlaser = ["a.csv"]\n'
-    )
+    (tmp_path / "session.toml").write_text('labpipe = 1\n[experiments.drop]\nkind = "ball_drop"\nlaser = ["a.csv"]\n')
     done = CliRunner().invoke(cli, ["process", str(tmp_path)])
     assert isinstance(done.exception, ConfigError)
     assert 'labpipe acquire recover "a.csv.recording"' in str(done.exception)

@@ -34,9 +34,7 @@ def test_help_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
-def test_every_command_has_help_with_an_example(
-    capsys: pytest.CaptureFixture[str], name: str
-) -> None:
+def test_every_command_has_help_with_an_example(capsys: pytest.CaptureFixture[str], name: str) -> None:
     code, out, _ = run(capsys, name, "--help")
     assert code == 0
     assert re.search(rf"^  +labpipe {name}", out, re.MULTILINE)  # on a line of its own
@@ -54,31 +52,23 @@ def test_quick_commands_import_nothing_numerical(arguments: list[str], small_ses
         "assert not heavy, heavy\n"
     )
     words = [str(small_session) if a == "SESSION" else a for a in arguments]
-    done = subprocess.run(
-        [sys.executable, "-c", script, *words], capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", script, *words], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
 def test_python_m_labpipe_is_the_same_command() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "labpipe", "--version"], capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-m", "labpipe", "--version"], capture_output=True, text=True, check=False)
     assert done.returncode == 0
     assert "labpipe" in done.stdout
 
 
-def test_a_misspelt_command_is_answered_with_the_nearest(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_misspelt_command_is_answered_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = run(capsys, "proccess", "x")
     assert code == 2
     assert 'Did you mean "process"?' in err
 
 
-def test_plan_and_process_of_a_processed_session(
-    capsys: pytest.CaptureFixture[str], processed_session: Path
-) -> None:
+def test_plan_and_process_of_a_processed_session(capsys: pytest.CaptureFixture[str], processed_session: Path) -> None:
     code, out, _ = run(capsys, "plan", str(processed_session), "--json")
     assert code == 0
     assert json.loads(out)["to_run"] == 0
@@ -88,9 +78,7 @@ def test_plan_and_process_of_a_processed_session(
     assert set(document["reports"]) == {"drop", "nbr"}
 
 
-def test_bad_configuration_is_exit_3_and_says_so_in_json(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_bad_configuration_is_exit_3_and_says_so_in_json(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     (tmp_path / "session.toml").write_text("labpipe = 1\n[experiments.a]\nkind = 'nothing'\n")
     code, out, _ = run(capsys, "plan", str(tmp_path), "--json")
     assert code == 3
@@ -100,18 +88,14 @@ def test_bad_configuration_is_exit_3_and_says_so_in_json(
     assert "session.toml:3" in err
 
 
-def test_a_newer_session_file_is_refused(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_newer_session_file_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     (tmp_path / "session.toml").write_text("labpipe = 99\n")
     code, _, err = run(capsys, "plan", str(tmp_path))
     assert code == 3
     assert "99" in err
 
 
-def test_inspect_says_what_a_file_is(
-    capsys: pytest.CaptureFixture[str], small_session: Path
-) -> None:
+def test_inspect_says_what_a_file_is(capsys: pytest.CaptureFixture[str], small_session: Path) -> None:
     code, out, _ = run(capsys, "inspect", str(small_session / "laser/drop_1.csv"), "--json")
     document = json.loads(out)
     assert code == 0
@@ -122,9 +106,7 @@ def test_inspect_says_what_a_file_is(
     assert "force_z" in out
 
 
-def test_inspect_of_an_unknown_file_is_exit_3(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_inspect_of_an_unknown_file_is_exit_3(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     (tmp_path / "x.bin").write_bytes(bytes(range(256)))
     code, _, err = run(capsys, "inspect", str(tmp_path / "x.bin"))
     assert code == 3
@@ -158,9 +140,11 @@ def test_what_a_file_leaves_unsaid_is_asked_for_as_it_is_typed(
     code, _, err = run(capsys, *line)
     assert "drop this row with --option allow_incomplete=true" in err
     with pytest.warns(UserWarning, match="the last line is cut"):
-        write_sheet(bare, tmp_path / "b.png", {
-            "instrument": "keyence", "cycle": "50 us", "units": ["mm"], "allow_incomplete": True,
-        })  # fmt: skip
+        write_sheet(
+            bare,
+            tmp_path / "b.png",
+            {"instrument": "keyence", "cycle": "50 us", "units": ["mm"], "allow_incomplete": True},
+        )
     code, out, _ = run(capsys, *line, "--option", "allow_incomplete=true")
     assert (code, "the last line is cut" in out) == (0, True)
 
@@ -184,9 +168,7 @@ def test_an_option_that_there_is_not_is_usage(
         assert (code, said in err) == (2, True), err
 
 
-def test_an_option_of_another_instrument_is_usage(
-    capsys: pytest.CaptureFixture[str], small_session: Path
-) -> None:
+def test_an_option_of_another_instrument_is_usage(capsys: pytest.CaptureFixture[str], small_session: Path) -> None:
     for command in ("inspect", "export"):
         code, _, err = run(capsys, command, str(small_session / "mach1/nbr.txt"), "--unit", "mm")
         assert (code, 'mach1 has no option "units"; it has decimal,' in err) == (2, True), err
@@ -200,17 +182,14 @@ def test_a_named_pipe_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: P
         assert (code, "is a named pipe, expected a file" in err) == (3, True), err
 
 
-def test_simulate_writes_what_is_asked_for(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_simulate_writes_what_is_asked_for(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     from labpipe import files
 
     out = tmp_path / "drop.nc"
     picture = tmp_path / "drop.png"
     code, text, _ = run(
-        capsys, "simulate", "drop", "--duration", "0.03 s", "--out", str(out),
-        "--picture", str(picture), "--json",
-    )  # fmt: skip
+        capsys, "simulate", "drop", "--duration", "0.03 s", "--out", str(out), "--picture", str(picture), "--json"
+    )
     document = json.loads(text)
     assert code == 0
     assert document["first restitution"] == pytest.approx(0.9386, abs=2e-4)
@@ -219,10 +198,7 @@ def test_simulate_writes_what_is_asked_for(
 
 
 def test_simulate_indent_states_its_solver(capsys: pytest.CaptureFixture[str]) -> None:
-    code, text, _ = run(
-        capsys, "simulate", "indent", "--cycles", "1", "--hold", "1 s", "--elements", "256",
-        "--json",
-    )  # fmt: skip
+    code, text, _ = run(capsys, "simulate", "indent", "--cycles", "1", "--hold", "1 s", "--elements", "256", "--json")
     assert code == 0
     assert json.loads(text)["solver"] == "springs"
 
@@ -272,12 +248,8 @@ def test_json_is_one_document_and_nothing_else(
     assert err == ""
 
 
-@pytest.mark.parametrize(
-    "arguments", [("proces", "x"), ("plan",), ("export", ".", "--format", "x")]
-)
-def test_a_wrong_line_is_a_document_too(
-    capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
-) -> None:
+@pytest.mark.parametrize("arguments", [("proces", "x"), ("plan",), ("export", ".", "--format", "x")])
+def test_a_wrong_line_is_a_document_too(capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]) -> None:
     code, out, err = run(capsys, *arguments, "--json")
     assert (code, err) == (2, "")
     found = json.loads(out)
@@ -287,8 +259,7 @@ def test_a_wrong_line_is_a_document_too(
 
 
 @pytest.mark.parametrize(
-    ("option", "words"),
-    [("1.5", "expected for example"), ("1.5 s", "is in s"), ("1.5 cubits", "unknown unit")],
+    ("option", "words"), [("1.5", "expected for example"), ("1.5 s", "is in s"), ("1.5 cubits", "unknown unit")]
 )
 def test_a_length_without_a_right_unit_is_a_usage_error(
     capsys: pytest.CaptureFixture[str], option: str, words: str
@@ -304,9 +275,7 @@ def test_half_a_plate_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> No
     assert "together" in err
 
 
-def test_samples_are_listed_and_go_into_new_folders_only(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_samples_are_listed_and_go_into_new_folders_only(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     code, out, _ = run(capsys, "sample")
     assert code == 0
     assert "core" in out
@@ -331,9 +300,7 @@ def test_demo_goes_on_with_its_own_session_and_leaves_a_foreign_one(
     assert set(json.loads(out)["reports"]) == {"drop", "nbr"}
 
 
-def test_doctor_finds_a_damaged_result(
-    capsys: pytest.CaptureFixture[str], session_copy: Path
-) -> None:
+def test_doctor_finds_a_damaged_result(capsys: pytest.CaptureFixture[str], session_copy: Path) -> None:
     code, out, _ = run(capsys, "doctor", str(session_copy))
     assert code == 0
     assert "no problem found" in out
@@ -378,9 +345,12 @@ def test_a_foreign_package_of_our_name_is_told_by_every_command(
     for json_option in ([], ["--json"]):
         done = subprocess.run(
             [sys.executable, "-m", "labpipe", *line, *json_option],
-            check=False, capture_output=True, text=True, cwd=tmp_path,
+            check=False,
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
             env=os.environ | {"PYTHONPATH": path},
-        )  # fmt: skip
+        )
         said = json.loads(done.stdout)["error"]["message"] if json_option else done.stderr
         assert done.returncode == 3
         assert f"the module `{name}` at {face} is not labpipe's" in said
@@ -441,9 +411,7 @@ def test_several_sessions_are_one_document_and_a_broken_one_stops_no_other(
     assert "there is no such file" in err
 
 
-def test_a_single_session_keeps_its_exit_code_and_document(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_single_session_keeps_its_exit_code_and_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = run(capsys, "process", str(tmp_path), "--json")
     assert (code, json.loads(out)["exit_code"]) == (3, 3)
     assert "session" not in json.loads(out)

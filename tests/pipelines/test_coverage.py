@@ -16,9 +16,15 @@ import pytest
 from tests.pipelines.coverage import KINDS, share, swept
 
 FEW = {
-    "ball_drop": 6, "plate_vibration": 8, "static_loading": 6, "relaxation": 5, "harmonic": 6,
-    "dma": 8, "contact_area": 2, "dic_validation": 3,
-}  # fmt: skip
+    "ball_drop": 6,
+    "plate_vibration": 8,
+    "static_loading": 6,
+    "relaxation": 5,
+    "harmonic": 6,
+    "dma": 8,
+    "contact_area": 2,
+    "dic_validation": 3,
+}
 """Experiments of each kind in every run; those of the nightly run stand in ``KINDS``."""
 
 
@@ -57,10 +63,7 @@ def stored(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.slow
 def test_a_run_killed_again_and_again_ends_as_an_undisturbed_one(
-    small_session: Path,
-    processed_session: Path,
-    tmp_path: Path,
-    amount: Callable[[int, int], int],
+    small_session: Path, processed_session: Path, tmp_path: Path, amount: Callable[[int, int], int]
 ) -> None:
     folder = tmp_path / "session"
     shutil.copytree(small_session, folder)

@@ -38,9 +38,7 @@ def test_a_library_that_is_too_old_or_missing_is_named(
     assert any("numpy is 1.26.4, needed is 2.1 or newer" in p for p in problems)
 
 
-def test_a_folder_that_cannot_be_written_is_told(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError(13, "Permission denied")
 
@@ -50,13 +48,9 @@ def test_a_folder_that_cannot_be_written_is_told(
     assert "cannot write here" in text
 
 
-def test_a_broken_session_is_exit_3_and_its_store_is_read_all_the_same(
-    session_copy: Path,
-) -> None:
+def test_a_broken_session_is_exit_3_and_its_store_is_read_all_the_same(session_copy: Path) -> None:
     path = session_copy / "session.toml"
-    path.write_text(
-        path.read_text("utf-8").replace("[experiments.drop]", "[experiments.drop]\nx=1")
-    )
+    path.write_text(path.read_text("utf-8").replace("[experiments.drop]", "[experiments.drop]\nx=1"))
     code, text = run(session_copy)
     assert code == 3
     assert "unknown key" in text

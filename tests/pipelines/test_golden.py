@@ -18,9 +18,7 @@ def test_the_numbers_of_the_small_session_are_the_recorded_ones(processed_sessio
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", [name for name in SESSIONS if name != "small"])
-def test_the_numbers_of_the_sample_sessions_are_the_recorded_ones(
-    tmp_path: Path, name: str
-) -> None:
+def test_the_numbers_of_the_sample_sessions_are_the_recorded_ones(tmp_path: Path, name: str) -> None:
     now = numbers(processed(name, tmp_path))
     shutil.rmtree(tmp_path)
     assert changes(recorded()["numbers"][name], now) == [], ADVICE

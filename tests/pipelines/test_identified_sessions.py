@@ -73,9 +73,7 @@ def test_trials_are_counted_and_survive_a_file(hold: tuple[Path, Trial]) -> None
 
 
 @pytest.mark.nightly
-def test_a_drop_is_compared_with_all_that_it_leaves_unknown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_drop_is_compared_with_all_that_it_leaves_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(random_sessions, "_FALLS", 5.5)  # three touches
     monkeypatch.setattr(random_sessions, "_REPEATS", 1)
     trial = session_trial(drawn("drop", 0), tmp_path / "session")

@@ -25,9 +25,7 @@ def children(pid: int) -> list[int]:
     return [int(word) for word in path.read_text().split()] if path.is_file() else []
 
 
-def test_two_results_are_told_apart_by_their_values_and_not_by_the_commit(
-    processed_session: Path,
-) -> None:
+def test_two_results_are_told_apart_by_their_values_and_not_by_the_commit(processed_session: Path) -> None:
     found = results(processed_session)
     first, second = (without_commit(found[name]) for name in sorted(found)[:2])
     assert first == without_commit(found[sorted(found)[0]])
@@ -37,9 +35,7 @@ def test_two_results_are_told_apart_by_their_values_and_not_by_the_commit(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of Unix")
-@pytest.mark.parametrize(
-    ("name", "code"), by_day([("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)], 1)
-)
+@pytest.mark.parametrize(("name", "code"), by_day([("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)], 1))
 def test_an_interrupted_run_leaves_no_worker_no_part_and_goes_on(
     small_session: Path, processed_session: Path, tmp_path: Path, name: str, code: int
 ) -> None:
@@ -47,8 +43,10 @@ def test_an_interrupted_run_leaves_no_worker_no_part_and_goes_on(
     shutil.copytree(small_session, folder)
     child = subprocess.Popen(
         [sys.executable, "-m", "labpipe", "process", str(folder)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     deadline = time.monotonic() + 60
     while started(folder) < 3 and child.poll() is None and time.monotonic() < deadline:
         time.sleep(0.02)

@@ -34,8 +34,14 @@ def test_session_plan_and_run_are_tables(session_copy: Path) -> None:
 def test_hostile_texts_stay_texts() -> None:
     evil = '"><script>alert(1)</script>'
     assert {tag for tag, _ in Tags(html_table(evil, (evil,), [(evil,)])).found} == {
-        "table", "caption", "thead", "tr", "th", "tbody", "td",
-    }  # fmt: skip
+        "table",
+        "caption",
+        "thead",
+        "tr",
+        "th",
+        "tbody",
+        "td",
+    }
 
 
 def test_a_report_is_shown_in_a_frame_that_reaches_nothing_else(processed_session: Path) -> None:
@@ -55,8 +61,7 @@ def test_results_of_an_experiment_are_one_tree(processed_session: Path, tmp_path
     assert set(tree.children) >= {"readings", "bounces", "repeats", "model", "comparison"}
     assert set(tree["bounces"].children) == {"drop_1", "drop_2"}
     xr.testing.assert_identical(
-        tree["bounces/drop_1"].to_dataset(),
-        result(processed_session, "drop", "bounces", "laser/drop_1.csv"),
+        tree["bounces/drop_1"].to_dataset(), result(processed_session, "drop", "bounces", "laser/drop_1.csv")
     )
 
 

@@ -24,9 +24,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Terminal:
     return found
 
 
-@pytest.mark.parametrize(
-    ("speed", "text"), [(12.34, "12.3/s"), (0.5, "30.0/min"), (None, ""), (0.0, "")]
-)
+@pytest.mark.parametrize(("speed", "text"), [(12.34, "12.3/s"), (0.5, "30.0/min"), (None, ""), (0.0, "")])
 def test_a_rate_is_written_in_a_unit_that_can_be_read(speed: float | None, text: str) -> None:
     assert rate(speed) == text
 

@@ -5,12 +5,12 @@ import sys
 from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
+from types import CodeType, FrameType
 from typing import Any
 
 import pytest
 
-from labpipe.workflow import code, worker
+from labpipe.workflow import _worker, code
 from labpipe.workflow._definitions import OURS
 from labpipe.workflow.tasks import Task
 from pipelines import process
@@ -22,18 +22,15 @@ _IMPORTING = {"lazily"}
 
 def ran_in_stages(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, set[tuple[str, str]]]:
     """Process a session and return module and name of every function of ours, by stage."""
-    ran: dict[str, set[tuple[str, str]]] = defaultdict(set)
-    imported = worker._import
+    codes: dict[str, set[CodeType]] = defaultdict(set)
+    imported = _worker._import
 
     def watched(task: Task) -> Callable[..., Any]:
         function = imported(task)
 
         def look(frame: FrameType, event: str, argument: object) -> None:
-            place = Path(frame.f_code.co_filename)
-            if event == "call" and place.suffix == ".py" and place.is_relative_to(ROOT):
-                module = ".".join(place.relative_to(ROOT).with_suffix("").parts)
-                name = frame.f_code.co_qualname
-                ran[task.stage.function].add((module.removesuffix(".__init__"), name))
+            if event == "call":
+                codes[task.stage.function].add(frame.f_code)
 
         def call(*arguments: Any, **keywords: Any) -> Any:
             sys.setprofile(look)
@@ -44,15 +41,23 @@ def ran_in_stages(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, se
 
         return call
 
-    monkeypatch.setattr(worker, "_import", watched)
+    monkeypatch.setattr(_worker, "_import", watched)
     assert process.process(folder, jobs=0).exit_code == 0
-    return ran
+    return {
+        function: {(_module(found), found.co_qualname) for found in ours if _module(found)}
+        for function, ours in codes.items()
+    }
+
+
+def _module(found: CodeType) -> str:
+    place = Path(found.co_filename)
+    if place.suffix != ".py" or not place.is_relative_to(ROOT):
+        return ""
+    return ".".join(place.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
 @pytest.mark.slow
-def test_what_runs_is_what_is_reached(
-    small_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_runs_is_what_is_reached(small_session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shutil.copytree(small_session, tmp_path / "session")
     ran = ran_in_stages(tmp_path / "session", monkeypatch)
     assert len(ran) > 10

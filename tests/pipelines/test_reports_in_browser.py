@@ -30,9 +30,7 @@ def test_a_report_opens_without_complaints_or_requests(
     assert window.run("document.documentElement.scrollWidth") <= width
 
 
-def test_the_slider_leads_into_one_impact_of_one_millisecond_and_back(
-    window: Browser, processed_session: Path
-) -> None:
+def test_the_slider_leads_into_one_impact_of_one_millisecond_and_back(window: Browser, processed_session: Path) -> None:
     window.open(processed_session / "labpipe/reports/drop.html")
     charts = Charts(window)
     whole = charts.window(0)
@@ -65,9 +63,7 @@ def test_each_repeat_shows_where_one_points_and_the_same_one_in_every_chart(
 
 
 @pytest.mark.parametrize("name", ["drop", "nbr"])
-def test_without_scripts_every_chart_is_a_still_picture(
-    window: Browser, processed_session: Path, name: str
-) -> None:
+def test_without_scripts_every_chart_is_a_still_picture(window: Browser, processed_session: Path, name: str) -> None:
     window.open(processed_session / f"labpipe/reports/{name}.html", scripts=False)
     window.send("Emulation.setScriptExecutionDisabled", value=False)
     counts = window.run(
@@ -85,6 +81,5 @@ def test_a_report_leads_to_the_session_and_back(window: Browser, processed_sessi
     window.open(processed_session / "labpipe/index.html")
     links = window.run("[...document.querySelectorAll('table.index a')].map(a => a.href)")
     assert links == [
-        (processed_session / f"labpipe/reports/{name}.html").resolve().as_uri()
-        for name in ("drop", "nbr")
+        (processed_session / f"labpipe/reports/{name}.html").resolve().as_uri() for name in ("drop", "nbr")
     ]

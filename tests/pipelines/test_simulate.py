@@ -21,10 +21,23 @@ def test_a_drop_on_a_plate_shows_units_ledger_and_what_the_plate_takes(
 ) -> None:
     out = tmp_path / "drop.nc"
     code, text, _ = run(
-        capsys, "drop", "--duration", "0.03 s", "--rtol", "1e-3", "--map", "18 ms",
-        "--plate-mass", "30 kg", "--plate-frequency", "180 Hz", "--plate-damping", "0.03",
-        "--out", str(out),
-    )  # fmt: skip
+        capsys,
+        "drop",
+        "--duration",
+        "0.03 s",
+        "--rtol",
+        "1e-3",
+        "--map",
+        "18 ms",
+        "--plate-mass",
+        "30 kg",
+        "--plate-frequency",
+        "180 Hz",
+        "--plate-damping",
+        "0.03",
+        "--out",
+        str(out),
+    )
     assert code == 0
     rows = {line[:34].strip(): line[34:].split() for line in text.splitlines()}
     assert rows["first peak force"][1] == "N"
@@ -41,9 +54,21 @@ def test_an_indentation_keeps_maps_and_says_what_its_steps_mislay(
 ) -> None:
     out, picture = tmp_path / "indent.nc", tmp_path / "indent.svg"
     code, text, _ = run(
-        capsys, "indent", "--cycles", "1", "--hold", "1 s", "--elements", "128", "--maps",
-        "--out", str(out), "--picture", str(picture), "--json",
-    )  # fmt: skip
+        capsys,
+        "indent",
+        "--cycles",
+        "1",
+        "--hold",
+        "1 s",
+        "--elements",
+        "128",
+        "--maps",
+        "--out",
+        str(out),
+        "--picture",
+        str(picture),
+        "--json",
+    )
     document = json.loads(text)
     assert code == 0
     assert document["units"]["peak force"] == "N"
@@ -52,13 +77,23 @@ def test_an_indentation_keeps_maps_and_says_what_its_steps_mislay(
     assert b"<svg" in picture.read_bytes()
 
 
-def test_a_drop_says_whether_adhesion_and_heating_matter(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_drop_says_whether_adhesion_and_heating_matter(capsys: pytest.CaptureFixture[str]) -> None:
     code, text, _ = run(
-        capsys, "drop", "--duration", "0.03 s", "--rtol", "1e-3", "--temperature", "39 degC",
-        "--vertical-shift", "1.1", "--adhesion", "50 mJ/m2", "--heating", "--json",
-    )  # fmt: skip
+        capsys,
+        "drop",
+        "--duration",
+        "0.03 s",
+        "--rtol",
+        "1e-3",
+        "--temperature",
+        "39 degC",
+        "--vertical-shift",
+        "1.1",
+        "--adhesion",
+        "50 mJ/m2",
+        "--heating",
+        "--json",
+    )
     assert code == 0
     document = json.loads(text)
     assert document["adhesion"] == document["self-heating"] == "negligible"
@@ -73,9 +108,8 @@ def test_adhesion_and_amplitude_are_simulated_drawn_and_kept(
 ) -> None:
     out, picture = tmp_path / "jkr.nc", tmp_path / "jkr.svg"
     code, text, _ = run(
-        capsys, "adhesion", "--theory", "maugis", "--out", str(out), "--picture", str(picture),
-        "--json",
-    )  # fmt: skip
+        capsys, "adhesion", "--theory", "maugis", "--out", str(out), "--picture", str(picture), "--json"
+    )
     document = json.loads(text)
     assert code == 0
     assert document["regime"] == "JKR"

@@ -98,9 +98,7 @@ def test_it_is_inspected_and_exported(session: Path, tmp_path: Path) -> None:
     assert ranges[1]["max"] == pytest.approx(2 * ranges[0]["max"], rel=1e-12)
     run("export", str(path), "--out", str(tmp_path / "out"), "--format", "json")
     (exported,) = (tmp_path / "out").glob("*.json")
-    assert json.loads(json.loads(exported.read_text())["remarks"]["provenance"])["reader"] == (
-        "toy_vibrometer"
-    )
+    assert json.loads(json.loads(exported.read_text())["remarks"]["provenance"])["reader"] == ("toy_vibrometer")
     with pytest.raises(UsageError, match='toy_vibrometer has no option "cycle"; it has gain'):
         describe(path, {"cycle": "50 us"})
     path.write_text(path.read_text() + "twelve\n")
@@ -153,10 +151,7 @@ BROKEN: dict[str, tuple[str, str]] = {
         "INSTRUMENT = replace(toy, name='keyence')",
         'the name "keyence" is taken',
     ),
-    "twice": (
-        "from toy_vibrometer import INSTRUMENT",
-        'the name "toy_vibrometer" is taken',
-    ),
+    "twice": ("from toy_vibrometer import INSTRUMENT", 'the name "toy_vibrometer" is taken'),
 }
 
 
@@ -167,12 +162,8 @@ def broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, session: Path) -> Ca
     def install(source: str) -> None:
         home = tmp_path / "site"
         (home / "zz_lab-2.0.dist-info").mkdir(parents=True)
-        (home / "zz_lab-2.0.dist-info/METADATA").write_text(
-            "Metadata-Version: 2.1\nName: zz-lab\nVersion: 2.0\n"
-        )
-        (home / "zz_lab-2.0.dist-info/entry_points.txt").write_text(
-            "[labpipe.instruments]\nbad = zz_lab:INSTRUMENT\n"
-        )
+        (home / "zz_lab-2.0.dist-info/METADATA").write_text("Metadata-Version: 2.1\nName: zz-lab\nVersion: 2.0\n")
+        (home / "zz_lab-2.0.dist-info/entry_points.txt").write_text("[labpipe.instruments]\nbad = zz_lab:INSTRUMENT\n")
         (home / "zz_lab.py").write_text(source + "\n")
         monkeypatch.delitem(sys.modules, "zz_lab", raising=False)
         visible(monkeypatch, HOME, home)
@@ -181,9 +172,7 @@ def broken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, session: Path) -> Ca
 
 
 @pytest.mark.parametrize("fault", BROKEN)
-def test_a_broken_one_is_named_once_and_left_out(
-    fault: str, broken: Callable[[str], None], session: Path
-) -> None:
+def test_a_broken_one_is_named_once_and_left_out(fault: str, broken: Callable[[str], None], session: Path) -> None:
     source, reason = BROKEN[fault]
     broken(source)
     with telling() as told:
@@ -217,9 +206,7 @@ def test_one_whose_sniff_raises_is_named_once_and_left_out(
     assert "zz-lab 2.0 is left out: its sniff raised IndexError" in line
 
 
-def test_one_whose_reader_raises_is_named_in_the_error(
-    broken: Callable[[str], None], session: Path
-) -> None:
+def test_one_whose_reader_raises_is_named_in_the_error(broken: Callable[[str], None], session: Path) -> None:
     broken(
         "from toy_vibrometer import INSTRUMENT as toy\nfrom dataclasses import replace\n"
         "def read(path): return {}['out1']\n"

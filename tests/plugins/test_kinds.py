@@ -38,9 +38,13 @@ def run(lines: list[list[str]], *homes: Path) -> dict[str, tuple[int, Any]]:
     """Run command lines in one process that finds some distributions; return code and JSON."""
     path = os.pathsep.join(map(str, (*homes, ROOT)))
     done = subprocess.run(
-        [sys.executable, "-c", VERBS], input=json.dumps(lines), text=True, check=False,
-        capture_output=True, env={**os.environ, "PYTHONPATH": path},
-    )  # fmt: skip
+        [sys.executable, "-c", VERBS],
+        input=json.dumps(lines),
+        text=True,
+        check=False,
+        capture_output=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout.splitlines()[-1])
     return {name: (code, json.loads(text) if text else None) for name, (code, text) in said.items()}
@@ -103,9 +107,7 @@ def test_its_settings_and_steps_are_known(said: dict[str, tuple[int, Any]]) -> N
     assert len(rows) == 6
 
 
-def test_its_results_are_right_and_on_the_page_of_the_session(
-    said: dict[str, tuple[int, Any]],
-) -> None:
+def test_its_results_are_right_and_on_the_page_of_the_session(said: dict[str, tuple[int, Any]]) -> None:
     folder = said["folder"][1]
     index = (folder / "labpipe/index.html").read_text("utf-8")
     assert "bar frequency" in index
@@ -136,17 +138,19 @@ def test_it_is_catalogued(said: dict[str, tuple[int, Any]]) -> None:
 def test_its_results_are_exported(said: dict[str, tuple[int, Any]]) -> None:
     names = sorted(Path(path).name for path in said["export"][1]["files"])
     assert names == [
-        "bar.comparison.json", "bar.frequency.bar_1.json", "bar.frequency.bar_2.json",
-        "bar.readings.bar_1.json", "bar.readings.bar_2.json",
-    ]  # fmt: skip
+        "bar.comparison.json",
+        "bar.frequency.bar_1.json",
+        "bar.frequency.bar_2.json",
+        "bar.readings.bar_1.json",
+        "bar.readings.bar_2.json",
+    ]
 
 
 BROKEN = {
     "absent": ("import nothing_of_this_name", "ModuleNotFoundError"),
     "no kind": ("KIND = 3", "expected a Kind"),
     "ours": (
-        "from dataclasses import replace\nfrom toy_kind.kind import KIND as toy\n"
-        'KIND = replace(toy, name="ball_drop")',
+        'from dataclasses import replace\nfrom toy_kind.kind import KIND as toy\nKIND = replace(toy, name="ball_drop")',
         'the name "ball_drop" is taken',
     ),
     "stages": (
@@ -173,10 +177,9 @@ def test_a_broken_one_is_named_and_left_out(tmp_path: Path) -> None:
         (home / f"{module}.py").write_text(source + "\n")
     empty = tmp_path / "empty"
     empty.mkdir()
-    _, found = run(
-        [["doctor", str(empty), "--json"]],
-        HERE / "toy_instrument", HERE / "toy_kind", tmp_path / "site",
-    )["doctor"]  # fmt: skip
+    _, found = run([["doctor", str(empty), "--json"]], HERE / "toy_instrument", HERE / "toy_kind", tmp_path / "site")[
+        "doctor"
+    ]
     listed = "\n".join(line for line in found["plugins"] if "left out" in line)
     for _, reason in BROKEN.values():
         assert reason in listed

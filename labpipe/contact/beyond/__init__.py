@@ -7,18 +7,18 @@ from labpipe.contact.beyond._adhesion import (
     jkr_at_force,
     lost_energy,
     maugis,
+    maugis_parameter,
     pull_off,
     tabor,
-    transition,
 )
 from labpipe.contact.beyond._adhesion_estimate import AdhesionEstimate, adhesion_in_impact
 from labpipe.contact.beyond._adhesive_mdr import adhesive_indentation, adhesive_pull_off
 from labpipe.contact.beyond._adhesive_states import adhesive_states
 from labpipe.contact.beyond._amplitude import amplitude_sweep
-from labpipe.contact.beyond._heating import MATTERS, Heating, flash_temperature, self_heating
+from labpipe.contact.beyond._heating import NOTICEABLE, Heating, flash_temperature, self_heating
 
 __all__ = [
-    "MATTERS",
+    "NOTICEABLE",
     "AdhesionEstimate",
     "Heating",
     "adhesion_in_impact",
@@ -33,8 +33,8 @@ __all__ = [
     "jkr_at_force",
     "lost_energy",
     "maugis",
+    "maugis_parameter",
     "pull_off",
     "self_heating",
     "tabor",
-    "transition",
 ]

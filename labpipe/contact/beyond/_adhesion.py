@@ -23,12 +23,12 @@ References
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
-Array = NDArray[np.float64]
 Theory = Literal["jkr", "dmt", "maugis"]
 
 EQUILIBRIUM_DISTANCE = 0.3e-9
@@ -59,15 +59,13 @@ class AdhesiveContact(NamedTuple):
         Up to here the surfaces attract each other; the contact radius itself in JKR.
     """
 
-    contact_radius: Array
-    force: Array
-    indentation: Array
-    cohesive_radius: Array
+    contact_radius: Floats
+    force: Floats
+    indentation: Floats
+    cohesive_radius: Floats
 
 
-def jkr(
-    contact_radius: ArrayLike, radius: float, reduced_modulus: float, work: float
-) -> AdhesiveContact:
+def jkr(contact_radius: ArrayLike, radius: float, reduced_modulus: float, work: float) -> AdhesiveContact:
     """State at a contact radius: F = 4E*a³/3R − √(8πwE*a³), δ = a²/R − √(2πaw/E*).
 
     Parameters
@@ -99,9 +97,7 @@ def jkr(
     return AdhesiveContact(a, force, indentation, a)
 
 
-def dmt(
-    contact_radius: ArrayLike, radius: float, reduced_modulus: float, work: float
-) -> AdhesiveContact:
+def dmt(contact_radius: ArrayLike, radius: float, reduced_modulus: float, work: float) -> AdhesiveContact:
     """State of a stiff small sphere: Hertz, and the attraction 2πwR around it.
 
     See :func:`jkr` for the parameters.
@@ -111,9 +107,7 @@ def dmt(
     return AdhesiveContact(a, force, a**2 / radius, a)
 
 
-def jkr_at_force(
-    force: ArrayLike, radius: float, reduced_modulus: float, work: float
-) -> AdhesiveContact:
+def jkr_at_force(force: ArrayLike, radius: float, reduced_modulus: float, work: float) -> AdhesiveContact:
     """Stable state under a load: a³ = (3R/4E*)(F + 3πwR + √(6πwRF + (3πwR)²)).
 
     Raises
@@ -140,10 +134,7 @@ def jkr_at_force(
 
 
 def tabor(
-    radius: float,
-    reduced_modulus: float,
-    work: float,
-    equilibrium_distance: float = EQUILIBRIUM_DISTANCE,
+    radius: float, reduced_modulus: float, work: float, equilibrium_distance: float = EQUILIBRIUM_DISTANCE
 ) -> float:
     """Tabor's parameter μ = (R w²/(E*² z₀³))^{1/3}: height of the neck over the reach of forces.
 
@@ -173,7 +164,7 @@ def cohesive_stress(work: float, equilibrium_distance: float = EQUILIBRIUM_DISTA
     return _STRONGEST * work / equilibrium_distance
 
 
-def transition(radius: float, reduced_modulus: float, work: float, stress: float) -> float:
+def maugis_parameter(radius: float, reduced_modulus: float, work: float, stress: float) -> float:
     """Maugis's parameter λ = σ₀ (9R/(2πwE*²))^{1/3}, which is 1.16 μ.
 
     Parameters
@@ -190,11 +181,7 @@ def transition(radius: float, reduced_modulus: float, work: float, stress: float
 
 
 def maugis(
-    contact_radius: ArrayLike,
-    radius: float,
-    reduced_modulus: float,
-    work: float,
-    stress: float,
+    contact_radius: ArrayLike, radius: float, reduced_modulus: float, work: float, stress: float
 ) -> AdhesiveContact:
     """State after Maugis: a constant attraction σ₀ acts between a and c, where the gap is w/σ₀.
 
@@ -221,7 +208,7 @@ def maugis(
     True
     """
     a = _checked(contact_radius, radius, reduced_modulus, work)
-    rate = transition(radius, reduced_modulus, work, stress)
+    rate = maugis_parameter(radius, reduced_modulus, work, stress)
     if not np.all(a > 0.0):
         message = f"contact_radius is {a} m; Maugis's theory needs more than 0"
         raise InputError(message)
@@ -235,11 +222,7 @@ def maugis(
 
 
 def pull_off(
-    radius: float,
-    reduced_modulus: float,
-    work: float,
-    theory: Theory = "jkr",
-    stress: float | None = None,
+    radius: float, reduced_modulus: float, work: float, theory: Theory = "jkr", stress: float | None = None
 ) -> float:
     """Force [N] that parts the surfaces, positive.
 
@@ -265,9 +248,7 @@ def pull_off(
     if theory != "maugis":
         message = f'theory "{theory}" is unknown; use "jkr", "dmt" or "maugis"'
         raise InputError(message)
-    rate = transition(
-        radius, reduced_modulus, work, cohesive_stress(work) if stress is None else stress
-    )
+    rate = maugis_parameter(radius, reduced_modulus, work, cohesive_stress(work) if stress is None else stress)
 
     def force(log_radius: float) -> float:
         A = np.asarray(np.exp(log_radius))
@@ -302,7 +283,7 @@ def lost_energy(radius: float, reduced_modulus: float, work: float) -> float:
     return float(scale * (integral(np.pi / 8.0) - integral(2.0 * np.pi)))
 
 
-def _neck(A: Array, rate: float) -> Array:
+def _neck(A: Floats, rate: float) -> Floats:
     """Angle θ with c/a = 1/cos θ at which the gap at c is w/σ₀, by halving: it is monotone."""
     low, high = np.zeros_like(A), np.full_like(A, 0.5 * np.pi)
     for _ in range(_HALVINGS):
@@ -316,14 +297,14 @@ def _neck(A: Array, rate: float) -> Array:
     return np.asarray(0.5 * (low + high))
 
 
-def _maugis_state(A: Array, rate: float, angle: Array) -> tuple[Array, Array]:
+def _maugis_state(A: Floats, rate: float, angle: Floats) -> tuple[Floats, Floats]:
     """Force over πwR and indentation over (π²w²R/K²)^{1/3}."""
     tangent = np.tan(angle)
     force = A**3 - rate * A**2 * (tangent + angle * (1.0 + tangent**2))
     return force, A**2 - 4.0 / 3.0 * rate * A * tangent
 
 
-def _checked(contact_radius: ArrayLike, radius: float, modulus: float, work: float) -> Array:
+def _checked(contact_radius: ArrayLike, radius: float, modulus: float, work: float) -> Floats:
     _positive("radius", radius, "m")
     _positive("reduced_modulus", modulus, "Pa")
     if not (np.isfinite(work) and work >= 0.0):

@@ -4,14 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labpipe.contact.beyond._adhesion import (
-    EQUILIBRIUM_DISTANCE,
-    cohesive_stress,
-    lost_energy,
-    pull_off,
-    regime,
-    tabor,
-)
+from labpipe.contact.beyond._adhesion import EQUILIBRIUM_DISTANCE, cohesive_stress, lost_energy, pull_off, regime, tabor
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 
@@ -19,7 +12,7 @@ WORK_OF_ADHESION = 0.05
 """J/m2; of a clean smooth polymer on glass or sapphire, the most to expect. Roughness and dust
 take away most of it."""
 
-MATTERS = 1e-3
+NOTICEABLE = 1e-3
 """Share of the impact's force or energy from which adhesion is said to matter: about what a
 measured restitution is good to."""
 
@@ -103,8 +96,7 @@ def adhesion_in_impact(
     >>> found.verdict, f"{found.pull_off:.2g}"
     ('negligible', '0.0022')
     """
-    given = {"mass": mass, "speed": speed, "contact_duration": contact_duration,
-             "peak_force": peak_force}  # fmt: skip
+    given = {"mass": mass, "speed": speed, "contact_duration": contact_duration, "peak_force": peak_force}
     for name, value in given.items():
         if not (np.isfinite(value) and value > 0.0):
             message = f"{name} is {value}, expected a positive number"
@@ -113,9 +105,7 @@ def adhesion_in_impact(
     relaxed = material.E_relaxed if not material.is_liquid else modulus / material.factor("contact")
     enhanced = work * material.E_unrelaxed / relaxed
     reach = tabor(radius, modulus, work, equilibrium_distance)
-    held = pull_off(
-        radius, modulus, work, "maugis", cohesive_stress(work, equilibrium_distance)
-    ) if work > 0.0 else 0.0  # fmt: skip
+    held = pull_off(radius, modulus, work, "maugis", cohesive_stress(work, equilibrium_distance)) if work > 0.0 else 0.0
     bound = 2.0 * np.pi * enhanced * radius
     energy = 0.5 * mass * speed**2
     lost = lost_energy(radius, modulus, enhanced)
@@ -129,5 +119,5 @@ def adhesion_in_impact(
         force_share=shares[0],
         energy_share=shares[1],
         sticking_speed=float(np.sqrt(2.0 * lost / mass)),
-        verdict="negligible" if max(shares) < MATTERS else "may matter",
+        verdict="negligible" if max(shares) < NOTICEABLE else "may matter",
     )

@@ -27,14 +27,14 @@ References
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq, minimize_scalar
 
+from labpipe.arrays import Floats
 from labpipe.contact.beyond._adhesion import AdhesiveContact
 from labpipe.errors import InputError
 
-Array = NDArray[np.float64]
-Slope = Callable[[Array], Array]
+Slope = Callable[[Floats], Floats]
 
 _POINTS = 64
 _LEGENDRE = np.polynomial.legendre.leggauss(_POINTS)
@@ -71,11 +71,7 @@ def slope_of(shape: str, size: float) -> Slope:
 
 
 def adhesive_indentation(
-    slope: Slope,
-    contact_radius: ArrayLike,
-    reduced_modulus: float,
-    work: float,
-    stress: float | None = None,
+    slope: Slope, contact_radius: ArrayLike, reduced_modulus: float, work: float, stress: float | None = None
 ) -> AdhesiveContact:
     """States of an adhesive contact of any profile.
 
@@ -126,11 +122,7 @@ def adhesive_indentation(
 
 
 def adhesive_pull_off(
-    slope: Slope,
-    reduced_modulus: float,
-    work: float,
-    bounds: tuple[float, float],
-    stress: float | None = None,
+    slope: Slope, reduced_modulus: float, work: float, bounds: tuple[float, float], stress: float | None = None
 ) -> float:
     """Largest force [N] with which a contact pulls, over contact radii within bounds [m]."""
 
@@ -143,15 +135,13 @@ def adhesive_pull_off(
     return -min(float(best.fun), force(float(ends[0])), force(float(ends[1])))
 
 
-def line_profile(slope: Slope, position: Array) -> Array:
+def line_profile(slope: Slope, position: Floats) -> Floats:
     """One-dimensional profile g(x) [m] = x ∫₀^{π/2} f′(x sin φ) dφ at positions (n,) [m]."""
     sines = np.sin(0.5 * np.pi * _NODES)
     return np.asarray(position * 0.5 * np.pi * (slope(position[:, None] * sines) @ _WEIGHTS))
 
 
-def _state(
-    slope: Slope, a: float, modulus: float, work: float, stress: float | None
-) -> tuple[float, float, float]:
+def _state(slope: Slope, a: float, modulus: float, work: float, stress: float | None) -> tuple[float, float, float]:
     edge = float(line_profile(slope, np.array([a]))[0])
     # E* ∫(δ − g) over the contact is a δ less the area under g.
     area = a * float(line_profile(slope, a * _NODES) @ _WEIGHTS)
@@ -165,9 +155,7 @@ def _state(
     return float(2.0 * modulus * (indentation * a - area) - pull), float(indentation), reach
 
 
-def _cohesive_radius(
-    slope: Slope, a: float, edge: float, modulus: float, work: float, stress: float
-) -> float:
+def _cohesive_radius(slope: Slope, a: float, edge: float, modulus: float, work: float, stress: float) -> float:
     """Radius at which the gap times the stress is the work of adhesion."""
 
     def excess(log_width: float) -> float:

@@ -4,16 +4,11 @@ import numpy as np
 import xarray as xr
 from scipy.optimize import brentq
 
-from labpipe.contact.beyond._adhesion import (
-    EQUILIBRIUM_DISTANCE,
-    cohesive_stress,
-    lost_energy,
-    regime,
-    tabor,
-)
+from labpipe.contact.beyond._adhesion import EQUILIBRIUM_DISTANCE, cohesive_stress, lost_energy, regime, tabor
 from labpipe.contact.beyond._adhesive_mdr import adhesive_indentation, adhesive_pull_off, slope_of
 from labpipe.errors import InputError
 from labpipe.materials import Prony
+from labpipe.variables import variable
 
 VALIDITY = "elastic (relaxed modulus), smooth, quasi-static, contact much narrower than the body"
 # Smallest contact looked at, as a part of that under the load.
@@ -114,6 +109,6 @@ def adhesive_states(
         scalars["tabor"] = ("1", "Tabor's parameter", reach)
         scalars["lost_energy"] = ("J", "Energy lost, closing and opening", lost)
         attributes["regime"] = regime(reach)
-    variables = {n: ("state", v, {"units": u, "long_name": t}) for n, (u, t, v) in columns.items()}
-    single = {n: ((), v, {"units": u, "long_name": t}) for n, (u, t, v) in scalars.items()}
+    variables = {n: variable("state", v, u, t) for n, (u, t, v) in columns.items()}
+    single = {n: variable((), v, u, t) for n, (u, t, v) in scalars.items()}
     return xr.Dataset({**variables, **single}, attrs=attributes)

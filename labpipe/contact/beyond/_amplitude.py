@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from labpipe.contact.line import dynamic_stiffness, equilibrium, tapping_amplitude
 from labpipe.errors import InputError
 from labpipe.materials import Kraus, Prony
+from labpipe.variables import variable
 
 
 def amplitude_sweep(
@@ -89,9 +90,9 @@ def amplitude_sweep(
         "work_per_cycle": (np.pi * stiffness.imag * swing**2, "J", "work dissipated in a cycle"),
         "lifts_off": (swing > limit, "1", "beyond the amplitude at which the punch lifts off"),
     }
-    axis = ("amplitude", swing, {"units": "m", "long_name": "amplitude of the displacement"})
+    axis = variable("amplitude", swing, "m", "amplitude of the displacement")
     return xr.Dataset(
-        {n: ("amplitude", v, {"units": u, "long_name": t}) for n, (v, u, t) in columns.items()},
+        {n: variable("amplitude", v, u, t) for n, (v, u, t) in columns.items()},
         {"amplitude": axis},
         {"tapping_amplitude": limit, "half_width": state.half_width},
-    )  # fmt: skip
+    )

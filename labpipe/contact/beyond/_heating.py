@@ -24,21 +24,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import erf, erfc
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials import Material, Thermal
+from labpipe.variables import described, variable
 
-Array = NDArray[np.float64]
-
-MATTERS = 0.01
+NOTICEABLE = 0.01
 """Relative change of |E*| from which heating is said to matter: 0.4 % of an impact's force."""
 
 
-def flash_temperature(
-    flux: ArrayLike, radius: ArrayLike, time: ArrayLike, thermal: Thermal
-) -> Array:
+def flash_temperature(flux: ArrayLike, radius: ArrayLike, time: ArrayLike, thermal: Thermal) -> Floats:
     """Rise [K] at the centre of a disc that heats an insulated half-space.
 
     Parameters
@@ -72,7 +70,7 @@ def flash_temperature(
     return np.asarray(q * length / thermal.conductivity * share)
 
 
-def remaining_share(radius: ArrayLike, time: ArrayLike, thermal: Thermal) -> Array:
+def remaining_share(radius: ArrayLike, time: ArrayLike, thermal: Thermal) -> Floats:
     """Share of its rise that the centre of an evenly heated (half) sphere keeps after a time.
 
     Parameters
@@ -127,9 +125,7 @@ class Heating:
     verdict: str
 
 
-def self_heating(
-    drop: xr.Dataset, material: Material, thermal: Thermal, temperature: float | None = None
-) -> Heating:
+def self_heating(drop: xr.Dataset, material: Material, thermal: Thermal, temperature: float | None = None) -> Heating:
     """Estimate the self-heating of a simulated drop, and what it does to the modulus.
 
     Parameters
@@ -179,9 +175,9 @@ def self_heating(
     change = float(changes[np.argmax(np.abs(changes))])
     largest = _modulus_change(material, temperature, float(adiabatic[-1]), omega)
     verdict = "may matter"
-    if abs(largest) < MATTERS:
+    if abs(largest) < NOTICEABLE:
         verdict = "negligible"
-    elif abs(change) >= MATTERS:
+    elif abs(change) >= NOTICEABLE:
         verdict = "matters"
     columns = {
         "bulk_rise": (bulk, "temperature rise of the contact's hemisphere by one impact"),
@@ -189,26 +185,23 @@ def self_heating(
         "train_rise": (train, "temperature rise after all impacts so far, with conduction"),
         "train_rise_adiabatic": (adiabatic, "the same, without conduction"),
     }
-    dataset = xr.Dataset(
-        {n: ("impact", v, {"units": "K", "long_name": text}) for n, (v, text) in columns.items()}
-    )
-    label = {
-        "units": "1",
-        "long_name": "relative change of |E*| by the temperature rise after the impact",
-    }
+    dataset = xr.Dataset({n: variable("impact", v, "K", text) for n, (v, text) in columns.items()})
+    label = described("1", "relative change of |E*| by the temperature rise after the impact")
     dataset["modulus_change"] = ("impact", changes, label)
     return Heating(
-        dataset, float(bulk.max()), float(surface.max()), float(train.max()),
-        float(adiabatic.max()), change, largest, verdict,
-    )  # fmt: skip
+        dataset,
+        float(bulk.max()),
+        float(surface.max()),
+        float(train.max()),
+        float(adiabatic.max()),
+        change,
+        largest,
+        verdict,
+    )
 
 
-def _modulus_change(
-    material: Material, temperature: float | None, rise: float, omega: float
-) -> float:
+def _modulus_change(material: Material, temperature: float | None, rise: float, omega: float) -> float:
     """Relative change of |E*(ω)| when the temperature rises."""
     start = material.T_ref if temperature is None else temperature
-    before, after = (
-        abs(complex(material.at(t).complex_modulus(omega))) for t in (start, start + rise)
-    )
+    before, after = (abs(complex(material.at(t).complex_modulus(omega))) for t in (start, start + rise))
     return after / before - 1.0

@@ -8,13 +8,4 @@ from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._rings import ring_springs
 from labpipe.contact.impact._setup import Shortcuts
 
-__all__ = [
-    "Plate",
-    "Profile",
-    "Shortcuts",
-    "Solver",
-    "Springs",
-    "drop",
-    "line_springs",
-    "ring_springs",
-]
+__all__ = ["Plate", "Profile", "Shortcuts", "Solver", "Springs", "drop", "line_springs", "ring_springs"]

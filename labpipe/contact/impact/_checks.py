@@ -1,4 +1,4 @@
-"""What a drop may be asked for: every value is checked before anything is computed."""
+"""Checks of the arguments of a drop, before anything is computed."""
 
 import warnings
 from math import isfinite
@@ -7,9 +7,9 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.contact.impact._dataset import Setting
 from labpipe.contact.impact._line_springs import Profile
-from labpipe.contact.memory import Array
 from labpipe.errors import InputError
 from labpipe.units import Measure
 
@@ -63,7 +63,7 @@ def checked(setting: Setting) -> Setting:
     return setting
 
 
-def checked_times(name: str, times: ArrayLike, duration: float) -> Array:
+def checked_times(name: str, times: ArrayLike, duration: float) -> Floats:
     """Refuse instants that do not rise within the duration; return them as an array (time,)."""
     wanted = np.atleast_1d(np.asarray(times, dtype=float))
     is_inside = np.all((wanted >= 0.0) & (wanted <= duration))

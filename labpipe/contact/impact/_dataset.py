@@ -7,20 +7,14 @@ from math import nan, sqrt
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.contact.impact._line_springs import Profile
 from labpipe.contact.impact._motion import Body, Counts, Snapshot, Springs, counted
 from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._thesis_scheme import ThesisRun
-from labpipe.contact.impact._trajectory import (
-    Columns,
-    Contact,
-    Flight,
-    Segment,
-    columns,
-    peak,
-    record_columns,
-)
-from labpipe.contact.memory import Array, Condensed
+from labpipe.contact.impact._trajectory import Columns, Contact, Flight, Segment, columns, peak, record_columns
+from labpipe.contact.memory import Condensed
+from labpipe.variables import described, variable
 
 # Maps reach so far beyond the largest contact radius, with so many points.
 _MAP_REACH, _MAP_POINTS = 1.25, 201
@@ -35,7 +29,7 @@ _SERIES = {
     "potential_energy": ("J", "potential energy of the sphere, 0 at first touch"),
     "stored_energy": ("J", "energy held elastically by the material"),
     "dissipated_energy": ("J", "energy dissipated so far"),
-    "numerical_energy": ("J", "energy mislaid by the discretisation so far"),
+    "numerical_energy": ("J", "numerical energy error so far"),
     "plate_displacement": ("m", "displacement of the plate, downwards"),
     "plate_energy": ("J", "kinetic and elastic energy of the plate"),
 }
@@ -50,7 +44,7 @@ _ROWS = {
     "peak_contact_radius": ("m", "largest contact radius"),
     "peak_approach": ("m", "largest approach"),
     "energy_dissipated": ("J", "energy dissipated during the contact"),
-    "energy_stored": ("J", "energy still held by the dent at lift-off"),
+    "energy_stored": ("J", "elastic energy remaining in the dent at lift-off"),
 }
 _SCALARS = {
     "sphere_radius": ("m", "radius of the sphere"),
@@ -103,11 +97,7 @@ class DropRun:
 
 
 def dataset(
-    run: DropRun,
-    setting: Setting,
-    times: Array | None,
-    rigid_restitution: float | None,
-    seconds: float,
+    run: DropRun, setting: Setting, times: Floats | None, rigid_restitution: float | None, seconds: float
 ) -> xr.Dataset:
     """Assemble the Dataset that :func:`labpipe.contact.drop` returns.
 
@@ -161,16 +151,11 @@ def _maps(run: DropRun, setting: Setting) -> dict[str, xr.DataArray]:
     surface = [run.springs.surface(s.displacement, radius) for s in run.snapshots]
     time = np.array([s.time for s in run.snapshots]) + setting.fall_time
     coords = {
-        "map_time": ("map_time", time, {"units": "s", "long_name": "time since the release"}),
-        "r": ("r", radius, {"units": "m", "long_name": "distance from the axis"}),
+        "map_time": variable("map_time", time, "s", "time since the release"),
+        "r": variable("r", radius, "m", "distance from the axis"),
     }
     return {
-        name: xr.DataArray(
-            np.array(values),
-            dims=("map_time", "r"),
-            coords=coords,
-            attrs={"units": units, "long_name": long_name},
-        )
+        name: xr.DataArray(np.array(values), dims=("map_time", "r"), coords=coords, attrs=described(units, long_name))
         for name, values, units, long_name in (
             ("pressure", pressure, "Pa", "contact pressure"),
             ("surface", surface, "m", "displacement of the surface, into the sphere"),
@@ -178,12 +163,10 @@ def _maps(run: DropRun, setting: Setting) -> dict[str, xr.DataArray]:
     }
 
 
-def mislaid_energy(run: DropRun, setting: Setting) -> float:
-    """Largest energy that the discretisation mislaid, relative to that of the drop."""
+def energy_error(run: DropRun, setting: Setting) -> float:
+    """Largest numerical energy error of the discretisation, relative to the energy of the drop."""
     values = columns(run.segments, run.body, None)
-    return float(np.abs(_ledger(values, setting)["numerical_energy"]).max()) / _energy_scale(
-        values, setting
-    )
+    return float(np.abs(_ledger(values, setting)["numerical_energy"]).max()) / _energy_scale(values, setting)
 
 
 def _energy_scale(values: Columns, setting: Setting) -> float:
@@ -192,9 +175,7 @@ def _energy_scale(values: Columns, setting: Setting) -> float:
     return setting.mass * setting.gravity * max(setting.height, deepest)
 
 
-def thesis_dataset(
-    run: ThesisRun, setting: Setting, times: Array | None, seconds: float
-) -> xr.Dataset:
+def thesis_dataset(run: ThesisRun, setting: Setting, times: Floats | None, seconds: float) -> xr.Dataset:
     """Assemble the same Dataset, without a ledger, from the thesis's scheme."""
     time = run.time + setting.fall_time
     inside = time <= setting.duration * (1.0 + 1e-12)
@@ -212,10 +193,7 @@ def thesis_dataset(
         height = setting.height - 0.5 * setting.gravity * fall**2
         zero = np.zeros_like(fall)
         before = {"displacement": height, "velocity": -setting.gravity * fall, "approach": -height}
-        series = {
-            name: np.concatenate([before.get(name, zero), values])
-            for name, values in series.items()
-        }
+        series = {name: np.concatenate([before.get(name, zero), values]) for name, values in series.items()}
         time = np.concatenate([fall, time])
     if times is not None:
         series = {name: np.interp(times, time, values) for name, values in series.items()}
@@ -231,9 +209,9 @@ def thesis_dataset(
 
 
 def _assemble(
-    time: Array,
-    series: dict[str, Array],
-    rows: dict[str, Array],
+    time: Floats,
+    series: dict[str, Floats],
+    rows: dict[str, Floats],
     scalars: dict[str, float],
     setting: Setting,
     work: dict[str, int | float],
@@ -252,18 +230,13 @@ def _assemble(
     ):
         for name, value in values.items():
             units, long_name = names[name]
-            variables[name] = (dims, value, {"units": units, "long_name": long_name})
-    attrs = {
-        "solver": setting.solver,
-        "profile": setting.profile,
-        "rtol": setting.rtol,
-        "work": json.dumps(work),
-    }
-    clock = ("time", time, {"units": "s", "long_name": "time since the release"})
+            variables[name] = variable(dims, value, units, long_name)
+    attrs = {"solver": setting.solver, "profile": setting.profile, "rtol": setting.rtol, "work": json.dumps(work)}
+    clock = variable("time", time, "s", "time since the release")
     return xr.Dataset(variables, coords={"time": clock}, attrs=attrs)
 
 
-def _ledger(values: Columns, setting: Setting) -> dict[str, Array]:
+def _ledger(values: Columns, setting: Setting) -> dict[str, Floats]:
     """Energies over time; ``numerical`` closes the sum."""
     kinetic = 0.5 * setting.mass * values.velocity**2
     potential = -setting.mass * setting.gravity * values.position
@@ -280,10 +253,8 @@ def _ledger(values: Columns, setting: Setting) -> dict[str, Array]:
     }
 
 
-def _identity_error(
-    run: DropRun, values: Columns, ledger: dict[str, Array], setting: Setting
-) -> float:
-    """How far what the discretisation mislaid is from the trapezoid of the force less the work.
+def _identity_error(run: DropRun, values: Columns, ledger: dict[str, Floats], setting: Setting) -> float:
+    """Deviation of the numerical energy error from the trapezoid of the force less the work.
 
     The largest deviation relative to the energy of the drop, up to rest, where the motion has no
     inertia any more; average acceleration leaves rounding.
@@ -297,7 +268,7 @@ def _identity_error(
     return float(deviation.max()) / scale
 
 
-def _series(values: Columns, ledger: dict[str, Array], *, has_plate: bool) -> dict[str, Array]:
+def _series(values: Columns, ledger: dict[str, Floats], *, has_plate: bool) -> dict[str, Floats]:
     series = {
         "displacement": -values.position,
         "velocity": -values.velocity,
@@ -312,7 +283,7 @@ def _series(values: Columns, ledger: dict[str, Array], *, has_plate: bool) -> di
     return series
 
 
-def _rows(run: DropRun, setting: Setting) -> dict[str, Array]:
+def _rows(run: DropRun, setting: Setting) -> dict[str, Floats]:
     """One row per contact that ended in a flight."""
     rows = []
     for contact, following in zip(run.segments, run.segments[1:], strict=False):
@@ -341,7 +312,7 @@ def _rows(run: DropRun, setting: Setting) -> dict[str, Array]:
     return dict(zip(_ROWS, table.T, strict=True))
 
 
-def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Array]:
+def _thesis_rows(run: ThesisRun, setting: Setting) -> dict[str, Floats]:
     """Rows as far as steps of equal length can tell: a contact is a run of steps with force."""
     loaded = np.concatenate([[0], (run.force > 0.0).astype(int), [0]])
     starts = np.flatnonzero(np.diff(loaded) == 1).tolist()

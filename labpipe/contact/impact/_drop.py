@@ -26,13 +26,7 @@ from labpipe.contact.impact._dataset import (
 from labpipe.contact.impact._line_springs import Profile
 from labpipe.contact.impact._motion import AnnularContactError
 from labpipe.contact.impact._plate import Plate
-from labpipe.contact.impact._setup import (
-    ALL_SHORTCUTS,
-    MARGIN,
-    Effort,
-    Shortcuts,
-    scales,
-)
+from labpipe.contact.impact._setup import ALL_SHORTCUTS, MARGIN, Effort, Shortcuts, scales
 from labpipe.contact.impact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.impact._trajectory import Contact, Flight
 from labpipe.contact.memory import Array, Creep
@@ -159,7 +153,7 @@ def drop(
     -----
     Thesis equations (3.1)-(3.9), without its time stepping. The ledger counts the work on every
     spring exactly for the loads as they were assumed inside a step, so that what it calls
-    dissipated never decreases; ``numerical_energy`` is what the discretisation mislaid, a measure
+    dissipated never decreases; ``numerical_energy`` is the numerical energy error, a measure
     of its error.
     """
     started = perf_counter()
@@ -194,25 +188,21 @@ def drop(
         )
         return thesis_dataset(thesis, setting, wanted, perf_counter() - started)
     effort = Effort(rtol, ring_width, fold, max_steps, shortcuts)
-    run, mislaid = _refined(setting, creep, effort, looks, observe)
+    run, error = _refined(setting, creep, effort, looks, observe)
     rigid = None if plate is None else _rigid_restitution(setting, creep, effort)
     result = dataset(run, setting, wanted, rigid, perf_counter() - started)
-    result.attrs["energy_error"] = mislaid
+    result.attrs["energy_error"] = error
     return result
 
 
 def _refined(
-    setting: Setting,
-    creep: Creep,
-    effort: Effort,
-    looks: Array | None,
-    observe: Callable[[float], None] | None,
+    setting: Setting, creep: Creep, effort: Effort, looks: Floats | None, observe: Callable[[float], None] | None
 ) -> tuple[DropRun, float]:
     """Simulate, and again more finely when the first run says that it was too coarse.
 
     It happens where the instantaneous compliance hardly matters (a modulus ratio beyond 1e3 with
     few terms): the pressure then ends in a step at the edge, and long steps ring. Returns also the
-    energy mislaid, relative to that of the drop.
+    numerical energy error, relative to the energy of the drop.
     """
     from labpipe.contact.impact._simulate import simulate
 
@@ -220,23 +210,23 @@ def _refined(
     may_refine = finer.rtol >= _FINEST
     try:
         run = simulate(setting, creep, effort, looks, observe)
-        mislaid = mislaid_energy(run, setting)
+        error = energy_error(run, setting)
     except AnnularContactError:
         if not may_refine:
             raise
-        mislaid = inf
-    if mislaid > _ENERGY_LIMIT * setting.rtol and may_refine:
+        error = inf
+    if error > _ENERGY_LIMIT * setting.rtol and may_refine:
         run = simulate(setting, creep, finer, looks, observe)
-        mislaid = mislaid_energy(run, setting)
-    if mislaid <= _ENERGY_LIMIT * setting.rtol:
-        return run, mislaid
+        error = energy_error(run, setting)
+    if error <= _ENERGY_LIMIT * setting.rtol:
+        return run, error
     message = (
-        f"the discretisation mislaid {mislaid:.1e} of the drop's energy, more than rtol = "
-        f"{setting.rtol:.0e} leads to expect; restitution and forces are about that uncertain. "
-        "A smaller rtol improves them"
+        f"the numerical energy error is {error:.1e} of the drop's energy, more than expected for "
+        f"rtol = {setting.rtol:.0e}; restitution and forces are uncertain by about as much. "
+        "A smaller rtol reduces it"
     )
     warnings.warn(message, UserWarning, stacklevel=3)
-    return run, mislaid
+    return run, error
 
 
 @dataclass(slots=True)

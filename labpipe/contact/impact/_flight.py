@@ -7,8 +7,8 @@ the undeformed surface would be.
 import numpy as np
 from scipy.optimize import brentq
 
+from labpipe.arrays import Floats
 from labpipe.contact.impact._plate import Plate, PlateState
-from labpipe.contact.memory import Array
 from labpipe.errors import LabpipeError
 
 # A ringing plate is looked at this often per period when the next touch is sought.
@@ -17,7 +17,7 @@ _LOOKS_PER_PERIOD = 32
 _PRECISION = 4e-16 * 4
 
 
-def time_to_touch(velocity: float, gravity: float, dent: Array, rate: Array) -> float:
+def time_to_touch(velocity: float, gravity: float, dent: Floats, rate: Floats) -> float:
     """Time in s until the sphere meets its recovering dent again; 0 when it does not part from it.
 
     Parameters
@@ -55,12 +55,7 @@ def time_to_touch(velocity: float, gravity: float, dent: Array, rate: Array) -> 
 
 
 def time_to_touch_plate(
-    velocity: float,
-    gravity: float,
-    dent: Array,
-    rate: Array,
-    plate: Plate,
-    state: PlateState,
+    velocity: float, gravity: float, dent: Floats, rate: Floats, plate: Plate, state: PlateState
 ) -> float:
     """As :func:`time_to_touch` from lift-off, above a plate that rings: the first touch.
 

@@ -22,7 +22,7 @@ from typing import Literal
 
 import numpy as np
 
-from labpipe.contact.memory import Array
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
 Profile = Literal["parabola", "sphere"]
@@ -53,17 +53,17 @@ class LineSprings:
     core: float
     per_radius: float
     profile: Profile
-    position: Array
-    gap: Array
-    weight: Array
-    last_weight: Array
+    position: Floats
+    gap: Floats
+    weight: Floats
+    last_weight: Floats
     edge_bias: float = nan
 
     def covering(self, radius: float) -> int:
         """Return how many springs reach out to a radius [m] (at least two)."""
         return max(2, int(np.searchsorted(self.position, radius)) + 1)
 
-    def pressure(self, load: Array, edge: float, radius: Array) -> Array:
+    def pressure(self, load: Floats, edge: float, radius: Floats) -> Floats:
         """Pressure (radius,) in Pa at given radii, from the loads (spring,) of the inner springs.
 
         ``p(r) = -1/pi int_r^a q'(x) / sqrt(x^2 - r^2) dx`` with ``q`` linear in ``x^2`` up to the
@@ -75,7 +75,7 @@ class LineSprings:
         roots = np.sqrt(np.maximum(squares - radius[:, None] ** 2, 0.0))
         return -2.0 / pi * np.diff(roots, axis=1) @ slopes
 
-    def surface(self, displacement: Array, radius: Array) -> Array:
+    def surface(self, displacement: Floats, radius: Floats) -> Floats:
         """Displacement (radius,) in m of the surface, from that of the inner springs.
 
         ``u(r) = 2/pi int_0^r w(x) / sqrt(r^2 - x^2) dx`` with ``w`` linear in ``x^2``.
@@ -96,11 +96,7 @@ class LineSprings:
 
 
 def line_springs(
-    radius_of_sphere: float,
-    reach: float,
-    core: float,
-    per_radius: float,
-    profile: Profile = "parabola",
+    radius_of_sphere: float, reach: float, core: float, per_radius: float, profile: Profile = "parabola"
 ) -> LineSprings:
     """Lay springs along the line.
 

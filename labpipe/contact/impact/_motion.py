@@ -10,8 +10,8 @@ from typing import NamedTuple, Protocol, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.contact.impact._plate import Plate
-from labpipe.contact.memory import Array
 from labpipe.errors import InputError
 
 
@@ -84,19 +84,19 @@ class Springs(Protocol):
     """Nested springs: the common shape of the method of dimensionality reduction and of rings."""
 
     @property
-    def position(self) -> Array:
+    def position(self) -> Floats:
         """Distance from the axis (spring,) in m."""
 
     @property
-    def gap(self) -> Array:
+    def gap(self) -> Floats:
         """Approach at which each unloaded spring touches (spring,) in m."""
 
     @property
-    def weight(self) -> Array:
+    def weight(self) -> Floats:
         """Force per load of each spring (spring,)."""
 
     @property
-    def last_weight(self) -> Array:
+    def last_weight(self) -> Floats:
         """Weight of each spring as the last in contact, without its outer cell (spring,)."""
 
     @property
@@ -106,10 +106,10 @@ class Springs(Protocol):
     def covering(self, radius: float) -> int:
         """Return how many springs reach out to a radius."""
 
-    def pressure(self, load: Array, edge: float, radius: Array) -> Array:
+    def pressure(self, load: Floats, edge: float, radius: Floats) -> Floats:
         """Pressure in Pa at given radii in m, from loads and the contact radius."""
 
-    def surface(self, displacement: Array, radius: Array) -> Array:
+    def surface(self, displacement: Floats, radius: Floats) -> Floats:
         """Displacement in m of the surface at given radii in m."""
 
     def extended(self, radius: float) -> Self:
@@ -136,8 +136,8 @@ class Snapshot(NamedTuple):
     """The springs at one instant; ``load`` in Pa m and ``displacement`` in m, (spring,)."""
 
     time: float
-    load: Array
-    displacement: Array
+    load: Floats
+    displacement: Floats
     contact_radius: float
 
 

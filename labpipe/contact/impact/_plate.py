@@ -1,4 +1,4 @@
-"""The substrate as a damped oscillator: what the sphere lands on may move.
+"""The substrate as a damped oscillator: the plate under the sphere may vibrate.
 
 The plate under the sapphire rings after an impact (thesis, appendix B). Its lowest mode is one mass
 on a spring and a dashpot; its displacement ``u`` is positive downwards and 0 at rest::
@@ -56,10 +56,7 @@ class Plate:
                 message = f"the plate's {name} is {value}, expected a finite positive number"
                 raise InputError(message)
         if not 0.0 <= self.damping_ratio < 1.0:
-            message = (
-                f"the plate's damping ratio is {self.damping_ratio}, expected 0 to below 1: "
-                "a plate that rings"
-            )
+            message = f"the plate's damping ratio is {self.damping_ratio}, expected 0 to below 1: a plate that rings"
             raise InputError(message)
 
     @property

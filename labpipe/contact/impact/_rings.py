@@ -25,8 +25,8 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import ellipe, ellipk
 
+from labpipe.arrays import Floats
 from labpipe.contact.impact._line_springs import Profile
-from labpipe.contact.memory import Array
 from labpipe.errors import InputError
 
 # The edge between the last loaded and the next ring, found by the sign of the load, lies outside
@@ -37,7 +37,7 @@ _MOST_RINGS = 4000
 _BLOCK = 64
 
 
-def disc_displacement(r: Array, c: Array) -> Array:
+def disc_displacement(r: Floats, c: Floats) -> Floats:
     """Displacement at ``r`` under unit pressure on a disc of radius ``c``, at unit compliance.
 
     Parameters
@@ -59,11 +59,11 @@ def disc_displacement(r: Array, c: Array) -> Array:
     return 4.0 / pi * np.where(r <= c, larger * second, larger * (second - first))
 
 
-def _finite_k(parameter: Array) -> Array:
+def _finite_k(parameter: Floats) -> Floats:
     return ellipk(np.where(parameter < 1.0, parameter, 0.0))
 
 
-def influence(n_rings: int) -> Array:
+def influence(n_rings: int) -> Floats:
     """Displacement at the middle of each ring by unit pressure on each (thesis, eq. 3.4).
 
     Shape (ring, ring), for rings of unit width and unit compliance.
@@ -76,8 +76,8 @@ def influence(n_rings: int) -> Array:
 class Factors(NamedTuple):
     """Factors of the influence matrix of rings of unit width; shared by all widths."""
 
-    lower: Array
-    upper: Array
+    lower: Floats
+    upper: Floats
 
 
 @lru_cache(maxsize=4)
@@ -90,10 +90,7 @@ def factors(n_rings: int) -> Factors:
         _factor_block(matrix[start:stop, start:stop], lower[start:stop, start:stop])
         corner = matrix[start:stop, start:stop]
         matrix[start:stop, stop:] = solve_triangular(
-            lower[start:stop, start:stop],
-            matrix[start:stop, stop:],
-            lower=True,
-            unit_diagonal=True,
+            lower[start:stop, start:stop], matrix[start:stop, stop:], lower=True, unit_diagonal=True
         )
         below = solve_triangular(corner, matrix[stop:, start:stop].T, trans="T").T
         lower[stop:, start:stop] = below
@@ -103,7 +100,7 @@ def factors(n_rings: int) -> Factors:
     return Factors(lower, matrix)
 
 
-def _factor_block(matrix: Array, lower: Array) -> None:
+def _factor_block(matrix: Floats, lower: Floats) -> None:
     """Gaussian elimination without pivoting, in place; the diagonal dominates."""
     for i in range(matrix.shape[0] - 1):
         multiplier = matrix[i + 1 :, i] / matrix[i, i]
@@ -112,7 +109,7 @@ def _factor_block(matrix: Array, lower: Array) -> None:
         matrix[i + 1 :, i] = 0.0
 
 
-def surface_gap(r: Array, radius_of_sphere: float, profile: Profile) -> Array:
+def surface_gap(r: Floats, radius_of_sphere: float, profile: Profile) -> Floats:
     """Distance (ring,) in m of the undeformed sphere from the flat when its pole touches."""
     if profile == "sphere":
         return r**2 / (radius_of_sphere + np.sqrt(radius_of_sphere**2 - r**2))
@@ -138,12 +135,12 @@ class RingSprings:
     radius_of_sphere: float
     width: float
     profile: Profile
-    position: Array
-    gap: Array
-    weight: Array
-    unit: Array
+    position: Floats
+    gap: Floats
+    weight: Floats
+    unit: Floats
 
-    def pressure(self, load: Array, edge: float, radius: Array) -> Array:
+    def pressure(self, load: Floats, edge: float, radius: Floats) -> Floats:
         """Pressure (radius,) in Pa at given radii, from the loads (spring,) of the inner springs.
 
         Linear between the middles of the rings, and zero beyond the edge.
@@ -154,7 +151,7 @@ class RingSprings:
         on_rings = solve_triangular(upper, known) / self.width
         return np.where(radius < edge, np.interp(radius, self.position, on_rings), 0.0)
 
-    def surface(self, displacement: Array, radius: Array) -> Array:
+    def surface(self, displacement: Floats, radius: Floats) -> Floats:
         """Displacement (radius,) in m of the surface, from that of the inner springs."""
         lower, _ = factors(self.position.size)
         known = np.zeros(self.position.size)
@@ -166,7 +163,7 @@ class RingSprings:
         return max(2, ceil(radius / self.width) + 1)
 
     @property
-    def last_weight(self) -> Array:
+    def last_weight(self) -> Floats:
         """Weight of the last spring in contact: a ring counts whole."""
         return self.weight
 
@@ -180,9 +177,7 @@ class RingSprings:
         return ring_springs(self.radius_of_sphere, radius, self.width, self.profile)
 
 
-def ring_springs(
-    radius_of_sphere: float, reach: float, width: float, profile: Profile = "parabola"
-) -> RingSprings:
+def ring_springs(radius_of_sphere: float, reach: float, width: float, profile: Profile = "parabola") -> RingSprings:
     """Cover a disc with rings and turn them into springs.
 
     Parameters

@@ -10,6 +10,7 @@ from math import ceil, nan, sqrt
 
 import numpy as np
 
+from labpipe.arrays import Floats
 from labpipe.contact.impact._dataset import DropRun, Setting
 from labpipe.contact.impact._flight import time_to_touch, time_to_touch_plate
 from labpipe.contact.impact._motion import MOTION, Body, Motion, Stillness, motion
@@ -26,7 +27,7 @@ from labpipe.contact.impact._setup import (
 )
 from labpipe.contact.impact._stepper import Stepper
 from labpipe.contact.impact._trajectory import Contact, Flight, Segment
-from labpipe.contact.memory import Array, Condensed, Creep, condense
+from labpipe.contact.memory import Condensed, Creep, condense
 from labpipe.errors import InputError
 
 # Terms may be folded away or frozen where that costs this part of rtol.
@@ -39,11 +40,7 @@ _REST_RANGE = (1e-5, 1e-3)
 
 
 def _stepper(
-    setting: Setting,
-    creep: Creep,
-    expected: Scales,
-    effort: Effort,
-    observe: Callable[[float], None] | None,
+    setting: Setting, creep: Creep, expected: Scales, effort: Effort, observe: Callable[[float], None] | None
 ) -> Stepper:
     if expected.radius > setting.radius:
         message = (
@@ -71,9 +68,7 @@ def _stillness(setting: Setting, expected: Scales, effort: Effort) -> Stillness:
     tolerance = min(max(effort.rtol, _REST_RANGE[0]), _REST_RANGE[1])
     plate_period = 1.0 / setting.plate.frequency if setting.plate else 0.0
     return Stillness(
-        tolerance if effort.shortcuts.rest else 0.0,
-        max(expected.rest_period, plate_period),
-        expected.rest_speed,
+        tolerance if effort.shortcuts.rest else 0.0, max(expected.rest_period, plate_period), expected.rest_speed
     )
 
 
@@ -95,7 +90,7 @@ def simulate(
     setting: Setting,
     creep: Creep,
     effort: Effort,
-    looks: Array | None,
+    looks: Floats | None,
     observe: Callable[[float], None] | None,
     *,
     first_contact_only: bool = False,
@@ -170,12 +165,7 @@ def _at_release(setting: Setting) -> Motion:
 
 
 def _bounce(
-    stepper: Stepper,
-    reach: float,
-    end: float,
-    segments: list[Segment],
-    effort: Effort,
-    first_contact_only: bool,
+    stepper: Stepper, reach: float, end: float, segments: list[Segment], effort: Effort, first_contact_only: bool
 ) -> tuple[float, float]:
     """Alternate contacts and flights; return the last touch and the start of rest, or NaN."""
     now = stepper.now

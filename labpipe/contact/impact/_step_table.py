@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from labpipe.contact.memory import Array, Creep, late_share
+from labpipe.arrays import Floats
+from labpipe.contact.memory import Creep, late_share
 
 # A load that is linear in time rings from step to step when the step is long against the fastest
 # relaxation. Where one step would leave more than this part of the ringing, a share of the load's
@@ -20,20 +21,20 @@ class StepTable(NamedTuple):
     new load, ``dwell`` that of what each element holds at the start.
     """
 
-    dt: Array
-    compliance: Array
-    old_total: Array
-    jump: Array
-    old_integral: Array
-    new_integral: Array
-    jump_compliance: Array
-    decay: Array
-    dwell: Array
-    old: Array
-    new: Array
+    dt: Floats
+    compliance: Floats
+    old_total: Floats
+    jump: Floats
+    old_integral: Floats
+    new_integral: Floats
+    jump_compliance: Floats
+    decay: Floats
+    dwell: Floats
+    old: Floats
+    new: Floats
 
 
-def step_table(creep: Creep, dt: Array) -> StepTable:
+def step_table(creep: Creep, dt: Floats) -> StepTable:
     """Weights of steps of the lengths ``dt`` (length,) [s], and of the work done in them.
 
     Examples

@@ -14,6 +14,7 @@ from typing import cast
 import numpy as np
 from scipy.optimize import brentq
 
+from labpipe.arrays import Floats
 from labpipe.contact.impact import _steps as kernel
 from labpipe.contact.impact._motion import (
     COUNTS,
@@ -33,7 +34,7 @@ from labpipe.contact.impact._plate import PlateState
 from labpipe.contact.impact._setup import FIRST_STEP, LONGEST_STEP
 from labpipe.contact.impact._step_table import StepTable, step_table
 from labpipe.contact.impact._steps import PACE, Block, Pace, Rules
-from labpipe.contact.memory import Array, Creep
+from labpipe.contact.memory import Creep
 from labpipe.errors import InputError
 
 # A plate's oscillation is followed with at least this many steps.
@@ -100,15 +101,15 @@ class Stepper:
     now: Motion = field(default_factory=motion)
     counts: Counts = field(default_factory=lambda: cast("Counts", blank(COUNTS)))
     snapshots: list[Snapshot] = field(default_factory=list)
-    memory: Array = field(init=False)
+    memory: Floats = field(init=False)
     block: Block = field(init=False)
     rules: Rules = field(init=False)
     _pace: Pace = field(init=False)
     _table: StepTable = field(init=False)
     _trail: list[Trail] = field(default_factory=list)
     _batch: Trail = field(init=False)
-    _inverse: Array = field(init=False)
-    _outer_stored: Array = field(init=False)
+    _inverse: Floats = field(init=False)
+    _outer_stored: Floats = field(init=False)
     _outer_time: float = 0.0
 
     def __post_init__(self) -> None:
@@ -144,7 +145,7 @@ class Stepper:
         now = self.now
         return PlateState(now.plate_displacement, now.plate_velocity, now.plate_acceleration)
 
-    def free_stored(self) -> Array:
+    def free_stored(self) -> Floats:
         """Energy (element,) in J that the unloaded springs hold now."""
         return self._inverse * ((self.memory * self.memory) @ self.springs.weight)
 
@@ -247,14 +248,7 @@ class Stepper:
     def _many_steps(self, stop: float) -> int:
         """Take compiled steps of the table's lengths; return why they ended."""
         filled, outcome = kernel.steps(
-            self.now,
-            self._pace,
-            self.rules,
-            self._table,
-            stop,
-            self.block,
-            self.counts,
-            self._batch,
+            self.now, self._pace, self.rules, self._table, stop, self.block, self.counts, self._batch
         )
         if filled:
             self._keep(self._batch[:filled].copy())
@@ -288,11 +282,7 @@ class Stepper:
 
     def _one_step(self, dt: float, *, releases: bool) -> int:
         table = step_table(self.creep_law, np.array([dt]))
-        return int(
-            kernel.one_step(
-                self.now, self._pace, self.rules, table, 0, self.block, self.counts, releases
-            )
-        )
+        return int(kernel.one_step(self.now, self._pace, self.rules, table, 0, self.block, self.counts, releases))
 
     def _tabulated(self, dt: float) -> float:
         """Return the longest length of the table's series that is not longer than ``dt`` [s]."""

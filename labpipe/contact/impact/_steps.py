@@ -14,10 +14,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from labpipe.arrays import Floats
 from labpipe.compilation import compiled
 from labpipe.contact.impact._motion import Counts, Motion, Trail
 from labpipe.contact.impact._step_table import StepTable
-from labpipe.contact.memory import Array
 
 # How a step, or a run of them, ends.
 ACCEPTED, REJECTED, OUTGROWN, ANNULAR, LIFTED, RELEASED, LAST, OFF_TABLE, RESTING, FULL = range(10)
@@ -84,20 +84,20 @@ class Block(NamedTuple):
     ``1/C``. ``reach`` is the approach that would leave each spring unloaded.
     """
 
-    gap: Array
-    weight: Array
-    position: Array
-    last_weight: Array
-    total: Array
+    gap: Floats
+    weight: Floats
+    position: Floats
+    last_weight: Floats
+    total: Floats
     edge_bias: float
-    memory: Array
-    inverse: Array
-    load: Array
-    displacement: Array
-    reach: Array
-    moments: Array
-    new_load: Array
-    new_displacement: Array
+    memory: Floats
+    inverse: Floats
+    load: Floats
+    displacement: Floats
+    reach: Floats
+    moments: Floats
+    new_load: Floats
+    new_displacement: Floats
 
 
 @compiled()
@@ -190,20 +190,13 @@ def _remember(table: StepTable, i: int, block: Block) -> tuple[float, float]:
 
 
 @compiled(fastmath=_FAST)
-def _move_on(
-    now: Motion, rules: Rules, table: StepTable, i: int, block: Block, approach: float
-) -> bool:
+def _move_on(now: Motion, rules: Rules, table: StepTable, i: int, block: Block, approach: float) -> bool:
     """Bring springs, memory and ledger to the end of a step; false unless the inner ones carry.
 
     The work on the springs is ``int q dw``, exact for the loads as they are assumed in the step.
     """
     compliance, jump = table.compliance[i], table.jump[i]
-    load, new, before, after = (
-        block.load,
-        block.new_load,
-        block.displacement,
-        block.new_displacement,
-    )
+    load, new, before, after = (block.load, block.new_load, block.displacement, block.new_displacement)
     loaded = 0
     for j in range(load.size):
         new[j] = max(approach - block.reach[j], 0.0) / compliance
@@ -301,14 +294,7 @@ def _error(now: Motion, pace: Pace, rules: Rules, acceleration: float, dt: float
 
 @compiled()
 def one_step(
-    now: Motion,
-    pace: Pace,
-    rules: Rules,
-    table: StepTable,
-    i: int,
-    block: Block,
-    counts: Counts,
-    releases: bool,
+    now: Motion, pace: Pace, rules: Rules, table: StepTable, i: int, block: Block, counts: Counts, releases: bool
 ) -> int:
     """Try one step.
 
@@ -386,14 +372,7 @@ def rests(now: Motion, pace: Pace, rules: Rules) -> bool:
 
 @compiled()
 def steps(
-    now: Motion,
-    pace: Pace,
-    rules: Rules,
-    table: StepTable,
-    until: float,
-    block: Block,
-    counts: Counts,
-    trail: Trail,
+    now: Motion, pace: Pace, rules: Rules, table: StepTable, until: float, block: Block, counts: Counts, trail: Trail
 ) -> tuple[int, int]:
     """Step on as long as steps come from the table.
 
@@ -436,9 +415,7 @@ def steps(
 
 
 @compiled()
-def creep_step(
-    now: Motion, rules: Rules, table: StepTable, i: int, block: Block, counts: Counts
-) -> int:
+def creep_step(now: Motion, rules: Rules, table: StepTable, i: int, block: Block, counts: Counts) -> int:
     """Sink in under the weight alone for one step.
 
     Returns ACCEPTED, OUTGROWN, or REJECTED: the surface would flow further in this step than the

@@ -23,9 +23,10 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.contact.impact._line_springs import Profile
 from labpipe.contact.impact._rings import influence, surface_gap
-from labpipe.contact.memory import Array, Creep
+from labpipe.contact.memory import Creep
 from labpipe.errors import InputError, LabpipeError
 
 # The thesis's ring width and time step.
@@ -40,20 +41,20 @@ _MOST_SETS = 200
 class ThesisRun:
     """Histories over time (time,), lengths downwards positive, and the work they took."""
 
-    time: Array
-    position: Array
-    velocity: Array
-    force: Array
-    contact_radius: Array
+    time: Floats
+    position: Floats
+    velocity: Floats
+    force: Floats
+    contact_radius: Floats
     active_set_solves: int
     history_products: int
 
 
 @dataclass(frozen=True, slots=True)
 class _Rings:
-    matrix: Array
-    gap: Array
-    area: Array
+    matrix: Floats
+    gap: Floats
+    area: Floats
     width: float
 
 
@@ -143,9 +144,7 @@ def drop_thesis(
     return ThesisRun(time, position, velocity, force, contact, solves, products)
 
 
-def _active_set(
-    matrix: Array, compliance: float, overlap: Array, active: NDArray[np.bool_]
-) -> tuple[Array, int]:
+def _active_set(matrix: Floats, compliance: float, overlap: Floats, active: NDArray[np.bool_]) -> tuple[Floats, int]:
     """Pressures (ring,) in Pa that press an overlap (ring,) [m] away, and the solves it took."""
     active = active if active.any() else overlap > 0.0
     # Rounding must not let a ring on the edge enter and leave for ever.

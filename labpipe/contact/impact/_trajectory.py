@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
+from labpipe.arrays import Floats
 from labpipe.contact.impact._motion import Body, Motion, Trail
 from labpipe.contact.impact._plate import Plate, PlateState
-from labpipe.contact.memory import Array
 
 # Samples of a flight when no times are asked for: enough for a smooth parabola.
 _FLIGHT_SAMPLES = 24
@@ -37,8 +37,8 @@ class Flight:
 
     start: Motion
     end: float
-    stored: Array
-    rate: Array
+    stored: Floats
+    rate: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,20 +60,20 @@ Segment = Flight | Contact
 class Columns(NamedTuple):
     """Values over time (time,) in SI; lengths downwards positive."""
 
-    time: Array
-    position: Array
-    velocity: Array
-    approach: Array
-    force: Array
-    contact_radius: Array
-    stored: Array
-    spring_work: Array
-    plate_displacement: Array
-    plate_energy: Array
-    plate_loss: Array
+    time: Floats
+    position: Floats
+    velocity: Floats
+    approach: Floats
+    force: Floats
+    contact_radius: Floats
+    stored: Floats
+    spring_work: Floats
+    plate_displacement: Floats
+    plate_energy: Floats
+    plate_loss: Floats
 
 
-def columns(segments: list[Segment], body: Body, times: Array | None) -> Columns:
+def columns(segments: list[Segment], body: Body, times: Floats | None) -> Columns:
     """Put the segments one behind the other.
 
     Parameters
@@ -120,13 +120,13 @@ def _natural(segment: Segment, body: Body, *, is_first: bool, is_last: bool) -> 
     return _at(segment, body, times[(0 if is_first else 1) : (None if is_last else -1)])
 
 
-def _at(segment: Segment, body: Body, times: Array) -> Columns:
+def _at(segment: Segment, body: Body, times: Floats) -> Columns:
     if isinstance(segment, Flight):
         return _of_flight(segment, times, body)
     return _of_contact(segment, times, body)
 
 
-def _of_flight(flight: Flight, times: Array, body: Body) -> Columns:
+def _of_flight(flight: Flight, times: Floats, body: Body) -> Columns:
     start = flight.start
     s = times - start.time
     position = start.position + (start.velocity + 0.5 * body.gravity * s) * s
@@ -153,7 +153,7 @@ def _of_flight(flight: Flight, times: Array, body: Body) -> Columns:
     )
 
 
-def _of_contact(contact: Contact, times: Array, body: Body) -> Columns:
+def _of_contact(contact: Contact, times: Floats, body: Body) -> Columns:
     steps = record_columns(contact.records, body.plate)
     if steps.time.size == 1:
         return Columns(*(np.repeat(column, times.size) for column in steps))
@@ -165,15 +165,10 @@ def _of_contact(contact: Contact, times: Array, body: Body) -> Columns:
     motion = CubicHermiteSpline(steps.time, steps.position, steps.velocity)(inside)
     acceleration = body.gravity - steps.force / body.mass
     speed = CubicHermiteSpline(steps.time, steps.velocity, acceleration)(inside)
-    return result._replace(
-        time=times,
-        position=motion,
-        velocity=speed,
-        approach=motion - result.plate_displacement,
-    )
+    return result._replace(time=times, position=motion, velocity=speed, approach=motion - result.plate_displacement)
 
 
-def peak(time: Array, values: Array) -> float:
+def peak(time: Floats, values: Floats) -> float:
     """Largest value, refined by the parabola through its neighbours."""
     i = int(np.argmax(values))
     if not 0 < i < values.size - 1:

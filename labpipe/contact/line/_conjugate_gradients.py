@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from labpipe.arrays import Floats
 from labpipe.contact.line._kernels import LineKernel
 from labpipe.contact.springs import EDGE_OFFSET, Answer
 from labpipe.errors import InputError
-
-Array = NDArray[np.float64]
 
 # Largest gap in the contact, or penetration outside it, relative to the largest approach.
 _TOLERANCE = 1e-11
@@ -56,15 +55,15 @@ class GeneralContact:
     """
 
     kernel: LineKernel
-    profile: Array
+    profile: Floats
     limit: str
     has_end: bool = True
     products: int = 0
     pivots: int = 0
-    _start: Array = field(init=False)
-    _preconditioner: Array = field(init=False)
+    _start: Floats = field(init=False)
+    _preconditioner: Floats = field(init=False)
     _present: NDArray[np.bool_] = field(init=False)
-    _heights: Array = field(init=False)
+    _heights: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         """Prepare what every step needs."""
@@ -82,21 +81,15 @@ class GeneralContact:
         return self.kernel.elements
 
     @property
-    def weights(self) -> Array:
+    def weights(self) -> Floats:
         """Force per unit pressure (element,)."""
         return np.full(self.size, self.kernel.spacing)
 
-    def inner(self, left: Array, right: Array) -> Array:
+    def inner(self, left: Floats, right: Floats) -> Floats:
         """Energy products (...,) of pressures (..., element)."""
         return self.kernel.spacing * np.sum(left * self.kernel.displacement(right), axis=-1)
 
-    def press(
-        self,
-        history: Array,
-        compliance: float,
-        displacement: float,
-        before: float = 0.0,
-    ) -> Answer:
+    def press(self, history: Floats, compliance: float, displacement: float, before: float = 0.0) -> Answer:
         """Solve at a prescribed displacement.
 
         Parameters
@@ -137,13 +130,7 @@ class GeneralContact:
         width = self.kernel.spacing * (0.5 * touched - EDGE_OFFSET * patches)
         return Answer(load, force, displacement, max(width, 0.0))
 
-    def push(
-        self,
-        history: Array,
-        compliance: float,
-        force: float,
-        before: float,
-    ) -> Answer:
+    def push(self, history: Floats, compliance: float, force: float, before: float) -> Answer:
         """Solve at a prescribed force, by Newton's method for the displacement."""
         free = self._heights + self.kernel.displacement(history)
         low = float(free[self._present].min())
@@ -164,9 +151,7 @@ class GeneralContact:
         message = f"no displacement was found that carries {force} N/m per tip; {self.limit}"
         raise InputError(message)
 
-    def _press_open(
-        self, history: Array, compliance: float, displacement: float, low: float
-    ) -> tuple[Answer, float]:
+    def _press_open(self, history: Floats, compliance: float, displacement: float, low: float) -> tuple[Answer, float]:
         """Solve at a displacement, or at one nearer to first touch if that closes the period."""
         for _ in range(_MAX_FORCE_ITERATIONS):
             try:
@@ -192,7 +177,7 @@ class GeneralContact:
             load, gap, previous = load - length * direction, gap - length * image, measure
         return self.kernel.spacing * float(load.sum())
 
-    def _solve(self, approach: Array, tolerance: float) -> Array:
+    def _solve(self, approach: Floats, tolerance: float) -> Floats:
         """Pressure times compliance (element,) with G P = approach in contact, more outside."""
         pressure = np.where(self._present, self._start, 0.0)
         if not np.any(pressure > 0.0):
@@ -221,15 +206,15 @@ class GeneralContact:
             gap = self._gap(pressure, approach)
         return self._pivot(pressure > 0.0, approach, tolerance)
 
-    def _gap(self, pressure: Array, approach: Array) -> Array:
+    def _gap(self, pressure: Floats, approach: Floats) -> Floats:
         self.products += 1
         return self.kernel.displacement(pressure) - approach
 
-    def _precondition(self, residual: Array) -> Array:
+    def _precondition(self, residual: Floats) -> Floats:
         spectrum = np.fft.rfft(residual) * self._preconditioner
         return np.fft.irfft(spectrum, n=self.size)
 
-    def _pivot(self, contact: NDArray[np.bool_], approach: Array, tolerance: float) -> Array:
+    def _pivot(self, contact: NDArray[np.bool_], approach: Floats, tolerance: float) -> Floats:
         """Block principal pivoting, with Murty's single pivots when blocks make no progress."""
         contact = contact.copy()
         fewest, patience = self.size + 1, _PATIENCE
@@ -256,7 +241,7 @@ class GeneralContact:
         )
         raise InputError(message)
 
-    def _dense(self, contact: NDArray[np.bool_], approach: Array) -> Array:
+    def _dense(self, contact: NDArray[np.bool_], approach: Floats) -> Floats:
         """Pressure (element,) on a given contact by a dense solve."""
         index = np.flatnonzero(contact)
         pressure = np.zeros(self.size)

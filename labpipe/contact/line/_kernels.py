@@ -19,12 +19,10 @@ are absolute.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import zeta
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-
-Array = NDArray[np.float64]
 
 _MIN_ELEMENTS = 8
 # exp(-2z) is below the rounding of the half-plane part from here on.
@@ -53,8 +51,8 @@ class LineKernel:
     """
 
     period: float
-    influence: Array
-    symbol: Array
+    influence: Floats
+    symbol: Floats
     mean_compliance: float
 
     @property
@@ -72,15 +70,13 @@ class LineKernel:
         """What displacements are relative to."""
         return "mean surface" if self.mean_compliance == 0.0 else "rigid base (absolute)"
 
-    def displacement(self, pressure: Array) -> Array:
+    def displacement(self, pressure: Floats) -> Floats:
         """Displacement (..., element) under the pressures (..., element), by one FFT product."""
         spectrum = np.fft.rfft(pressure, axis=-1)
         return np.fft.irfft(spectrum * self.symbol, n=self.elements, axis=-1)
 
 
-def line_kernel(
-    period: float, elements: int, thickness: float = np.inf, nu: float = 0.5
-) -> LineKernel:
+def line_kernel(period: float, elements: int, thickness: float = np.inf, nu: float = 0.5) -> LineKernel:
     """Influence coefficients of a periodic half-plane, or of a layer bonded to a rigid base.
 
     Parameters
@@ -141,7 +137,7 @@ def line_kernel(
     return LineKernel(float(period), influence, symbol, float(mean))
 
 
-def _layer_deviation(z: Array, nu: float) -> Array:
+def _layer_deviation(z: Floats, nu: float) -> Floats:
     """S(z) − 1, without cancellation at either end."""
     c = 5.0 - 12.0 * nu + 8.0 * nu**2
     k = 3.0 - 4.0 * nu
@@ -161,7 +157,7 @@ def _layer_deviation(z: Array, nu: float) -> Array:
     return np.asarray(deviation)
 
 
-def clausen(angle: Array) -> Array:
+def clausen(angle: Floats) -> Floats:
     """Clausen's function Cl2(θ) = −∫ ln|2 sin(t/2)| dt from 0 to θ.
 
     Examples
@@ -179,7 +175,7 @@ def clausen(angle: Array) -> Array:
     return np.asarray(theta * (1.0 - logarithm + series))
 
 
-def _half_plane(period: float, elements: int) -> Array:
+def _half_plane(period: float, elements: int) -> Floats:
     """−(2/π) ∫ ln|2 sin(πx/λ)| over one strip, seen from the centre of every strip."""
     half = elements // 2
     edges = 2.0 * np.pi * (np.arange(half + 1) + 0.5) / elements
@@ -189,7 +185,7 @@ def _half_plane(period: float, elements: int) -> Array:
     return period / np.pi**2 * np.concatenate([values, values[half - 1 : 0 : -1]])
 
 
-def _layer_excess(period: float, elements: int, thickness: float, nu: float) -> Array:
+def _layer_excess(period: float, elements: int, thickness: float, nu: float) -> Floats:
     """Return what a layer adds to the half-plane's influence, its mean (q = 0) left out."""
     q0 = 2.0 * np.pi / period
     n_modes = int(np.ceil(_DEEP / (q0 * thickness))) + 1
@@ -204,7 +200,5 @@ def _layer_excess(period: float, elements: int, thickness: float, nu: float) -> 
     strip = 2.0 * np.sin(0.5 * q * period / elements) / q
     # Both signs of q add up to a cosine, hence the factor 2.
     amplitude = 2.0 / period * (2.0 / q) * _layer_deviation(q * thickness, nu) * strip
-    folded = np.bincount(
-        np.arange(1, n_modes + 1) % elements, weights=amplitude, minlength=elements
-    )
+    folded = np.bincount(np.arange(1, n_modes + 1) % elements, weights=amplitude, minlength=elements)
     return np.asarray(np.fft.fft(folded).real)

@@ -3,11 +3,11 @@
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
-Array = NDArray[np.float64]
 Profile = Literal["parabola", "circle", "cosine"]
 PROFILES: tuple[str, ...] = ("parabola", "circle", "cosine")
 
@@ -22,7 +22,7 @@ def cosine_amplitude(tip_radius: float, period: float) -> float:
     return period**2 / (4.0 * np.pi**2 * tip_radius)
 
 
-def tip_height(profile: str, x: Array, tip_radius: float, period: float) -> Array:
+def tip_height(profile: str, x: Floats, tip_radius: float, period: float) -> Floats:
     """Height (n,) [m] of a tip over its lowest point at ``x`` (n,) [m], |x| up to half a period.
 
     ``"parabola"`` is x²/(2R), ``"circle"`` is R − √(R² − x²) and infinite (no indenter) beyond R,
@@ -54,7 +54,7 @@ def tip_height(profile: str, x: Array, tip_radius: float, period: float) -> Arra
     raise InputError(message)
 
 
-def strip_heights(profile: str, tip_radius: float, period: float, elements: int) -> Array:
+def strip_heights(profile: str, tip_radius: float, period: float, elements: int) -> Floats:
     """Height (element,) [m] that collocation at the strips' centres should see; x = 0 at N/2.
 
     The curvature inside a strip is accounted for, see :mod:`labpipe.contact.springs._bed`.
@@ -64,16 +64,14 @@ def strip_heights(profile: str, tip_radius: float, period: float, elements: int)
     height = tip_height(profile, x, tip_radius, period)
     if profile == "cosine":
         wave = 2.0 * np.pi / period
-        return height + _COLLOCATION * spacing**2 * (
-            cosine_amplitude(tip_radius, period) * wave**2 * np.cos(wave * x)
-        )
+        return height + _COLLOCATION * spacing**2 * (cosine_amplitude(tip_radius, period) * wave**2 * np.cos(wave * x))
     if profile == "circle":
         root = np.sqrt(np.maximum(tip_radius**2 - x**2, (0.25 * tip_radius) ** 2))
         return height + _COLLOCATION * spacing**2 * tip_radius**2 / root**3
     return height + _COLLOCATION * spacing**2 / tip_radius
 
 
-def sampled_heights(profile: ArrayLike) -> Array:
+def sampled_heights(profile: ArrayLike) -> Floats:
     """Heights (element,) [m] of a profile given as an array over one period.
 
     Raises
@@ -87,10 +85,7 @@ def sampled_heights(profile: ArrayLike) -> Array:
         raise InputError(message)
     bad = np.flatnonzero(np.isnan(heights) | (heights == -np.inf))
     if bad.size:
-        message = (
-            f"profile[{bad[0]}] is {heights[bad[0]]}; heights are metres, infinite where there is "
-            "no indenter"
-        )
+        message = f"profile[{bad[0]}] is {heights[bad[0]]}; heights are metres, infinite where there is no indenter"
         raise InputError(message)
     if not np.any(np.isfinite(heights)):
         message = "every height of the profile is infinite: there is no indenter"
@@ -98,7 +93,7 @@ def sampled_heights(profile: ArrayLike) -> Array:
     return heights
 
 
-def is_symmetric(heights: Array) -> bool:
+def is_symmetric(heights: Floats) -> bool:
     """Tell whether a profile is its own mirror image about its centre, index N/2.
 
     Examples

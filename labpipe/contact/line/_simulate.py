@@ -3,12 +3,13 @@
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.contact.line._conjugate_gradients import GeneralContact
 from labpipe.contact.line._kernels import LineKernel, line_kernel
 from labpipe.contact.line._profiles import is_symmetric, sampled_heights, strip_heights
@@ -17,8 +18,8 @@ from labpipe.contact.memory import Creep
 from labpipe.contact.springs import Control, March, NotNestedError, State
 from labpipe.errors import InputError
 from labpipe.materials import Prony
+from labpipe.variables import variable
 
-Array = NDArray[np.float64]
 Solver = Literal["auto", "springs", "general"]
 Output = Literal["pressure", "surface", "energy"]
 
@@ -55,15 +56,15 @@ class _Geometry:
     """One period of the indenter over its surface."""
 
     kernel: LineKernel
-    heights: Array
+    heights: Floats
     is_smooth: bool
     limit: str
 
 
 def simulate(
     request: Request,
-    time: Array,
-    value: Array,
+    time: Floats,
+    value: Floats,
     control: Control,
     rtol: float | None,
     outputs: Sequence[Output],
@@ -90,7 +91,7 @@ def simulate(
     geometry = _geometry(request, value if control == "displacement" else None)
     values = value if control == "displacement" else value / request.depth
     settings = (creep, control, rtol, "energy" in outputs)
-    reason = "as asked for" if solver != "auto" else _why_general(geometry)
+    reason = "as requested" if solver != "auto" else _why_general(geometry)
     if solver == "springs" or not reason:
         run = _spring_run(geometry, values, settings)
         try:
@@ -102,9 +103,7 @@ def simulate(
         if solver == "springs":
             message = f'{reason}; use solver="auto" or "general"'
             raise InputError(message)
-    contact = GeneralContact(
-        geometry.kernel, geometry.heights, geometry.limit, has_end=not geometry.is_smooth
-    )
+    contact = GeneralContact(geometry.kernel, geometry.heights, geometry.limit, has_end=not geometry.is_smooth)
     run = _Run("general", March(contact, *settings), lambda load: load, contact)
     rows = _record(run, geometry.kernel, time, values, outputs, progress)
     return _dataset(run, rows, request, time, geometry.kernel, reason)
@@ -116,13 +115,11 @@ class _Run:
 
     solver: str
     march: March
-    pressure: Callable[[Array], Array]
+    pressure: Callable[[Floats], Floats]
     general: GeneralContact | None = None
 
 
-def _spring_run(
-    geometry: _Geometry, value: Array, settings: tuple[Creep, Control, float | None, bool]
-) -> _Run:
+def _spring_run(geometry: _Geometry, value: Floats, settings: tuple[Creep, Control, float | None, bool]) -> _Run:
     # The strip at half a period is stored once, at index 0.
     half = np.append(geometry.heights[geometry.heights.size // 2 :], geometry.heights[0])
     present = np.isfinite(half)
@@ -141,11 +138,7 @@ def _spring_run(
 
 
 def _require_known(
-    request: Request,
-    rtol: float | None,
-    outputs: Sequence[Output],
-    solver: Solver,
-    n_times: int,
+    request: Request, rtol: float | None, outputs: Sequence[Output], solver: Solver, n_times: int
 ) -> None:
     if not (np.isfinite(request.depth) and request.depth > 0.0):
         message = f"the depth (contact length) is {request.depth} m, expected a positive length"
@@ -170,7 +163,7 @@ def _require_known(
         raise InputError(message)
 
 
-def _geometry(request: Request, displacement: Array | None) -> _Geometry:
+def _geometry(request: Request, displacement: Floats | None) -> _Geometry:
     named = isinstance(request.profile, str)
     sampled = None if named else sampled_heights(request.profile)
     elements = request.elements or (DEFAULT_ELEMENTS if sampled is None else sampled.size)
@@ -196,7 +189,7 @@ def _geometry(request: Request, displacement: Array | None) -> _Geometry:
     return _Geometry(kernel, heights, named, limit)
 
 
-def _limit_text(kernel: LineKernel, heights: Array, request: Request) -> str:
+def _limit_text(kernel: LineKernel, heights: Floats, request: Request) -> str:
     if kernel.mean_compliance == 0.0 and np.all(np.isfinite(heights)):
         return (
             f"the contact closes over the whole period: a half-plane cannot be pressed by "
@@ -209,7 +202,7 @@ def _limit_text(kernel: LineKernel, heights: Array, request: Request) -> str:
     )
 
 
-def _require_below_full_contact(heights: Array, displacement: Array, limit: str) -> None:
+def _require_below_full_contact(heights: Floats, displacement: Floats, limit: str) -> None:
     beyond = np.flatnonzero(displacement >= heights.mean())
     if beyond.size:
         n = beyond[0]
@@ -231,11 +224,11 @@ def _why_general(geometry: _Geometry) -> str:
 def _record(
     run: _Run,
     kernel: LineKernel,
-    time: Array,
-    value: Array,
+    time: Floats,
+    value: Floats,
     outputs: Sequence[Output],
     progress: Callable[[float], None] | None,
-) -> dict[str, Array]:
+) -> dict[str, Floats]:
     """March through the history and keep what is asked for, one row per sample."""
     names = ["displacement", "force", "contact_half_width"]
     if "energy" in outputs:
@@ -251,11 +244,9 @@ def _record(
     return rows
 
 
-def _row(
-    run: _Run, kernel: LineKernel, state: State, names: Iterable[str]
-) -> dict[str, Array | float]:
+def _row(run: _Run, kernel: LineKernel, state: State, names: Iterable[str]) -> dict[str, Floats | float]:
     answer = state.answer
-    row: dict[str, Array | float] = {
+    row: dict[str, Floats | float] = {
         "displacement": answer.displacement,
         "force": answer.force,
         "contact_half_width": answer.half_width,
@@ -272,7 +263,7 @@ def _row(
     return row
 
 
-def _not_negative(pressure: Array) -> Array:
+def _not_negative(pressure: Floats) -> Floats:
     """Remove rounding below zero; anything larger is a defect and is said so."""
     if pressure.min() < -_PRESSURE_ROUNDING * float(pressure.max()):
         message = (
@@ -297,25 +288,20 @@ _PER_DEPTH = ("force", "work_done", "stored_energy", "dissipated_energy")
 
 
 def _dataset(
-    run: _Run,
-    rows: dict[str, Array],
-    request: Request,
-    time: Array,
-    kernel: LineKernel,
-    reason: str,
+    run: _Run, rows: dict[str, Floats], request: Request, time: Floats, kernel: LineKernel, reason: str
 ) -> xr.Dataset:
-    variables: dict[str, tuple[tuple[str, ...], Array, dict[str, str]]] = {}
+    variables: dict[str, Any] = {}
     for name, values in rows.items():
         units, text = _VARIABLES[name]
         dims = ("time", "x") if values.ndim == 2 else ("time",)
         scaled = values * request.depth if name in _PER_DEPTH else values
-        variables[name] = (dims, scaled, {"units": units, "long_name": text})
-    coordinates: dict[str, tuple[str, Array, dict[str, str]]] = {}
-    coordinates["time"] = ("time", time, {"units": "s", "long_name": "Time"})
+        variables[name] = variable(dims, scaled, units, text)
+    coordinates: dict[str, Any] = {}
+    coordinates["time"] = variable("time", time, "s", "Time")
     if any(values.ndim == 2 for values in rows.values()):
         first = -(kernel.elements // 2)
         x = kernel.spacing * np.arange(first, first + kernel.elements, dtype=float)
-        coordinates["x"] = ("x", x, {"units": "m", "long_name": "Position along the period"})
+        coordinates["x"] = variable("x", x, "m", "Position along the period")
     march = run.march
     counts = {
         "solver_steps": march.ledger.steps,
@@ -339,8 +325,8 @@ def _dataset(
     return xr.Dataset(variables, coordinates, attributes)
 
 
-def _energy_error(rows: dict[str, Array]) -> float:
+def _energy_error(rows: dict[str, Floats]) -> float:
     """Largest numerical energy error of the time steps, relative to the largest energy."""
-    mislaid = rows["work_done"] - rows["stored_energy"] - rows["dissipated_energy"]
+    error = rows["work_done"] - rows["stored_energy"] - rows["dissipated_energy"]
     largest = max(float(np.abs(rows[name]).max()) for name in ("work_done", "stored_energy"))
-    return float(np.abs(mislaid).max()) / max(largest, np.finfo(float).tiny)
+    return float(np.abs(error).max()) / max(largest, np.finfo(float).tiny)

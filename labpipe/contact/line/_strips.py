@@ -7,14 +7,12 @@ see :mod:`labpipe.contact.springs._bed` for what the factor means.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
+from labpipe.arrays import Floats
 from labpipe.contact.line._kernels import LineKernel
 from labpipe.contact.springs import EDGE_OFFSET, SpringBed
 from labpipe.errors import InputError
-
-Array = NDArray[np.float64]
 
 # The last strips before a half-plane closes carry the logarithmic singularity of full contact.
 _OPEN_STRIPS = 3
@@ -25,19 +23,13 @@ _SPARE_SPRINGS = 16
 class FoldedLine(NamedTuple):
     """The factored half period behind a line's spring bed, for pressures and surfaces."""
 
-    factor: Array
-    scale: Array
-    counts: Array
+    factor: Floats
+    scale: Floats
+    counts: Floats
 
 
 def line_bed(
-    kernel: LineKernel,
-    profile: Array,
-    reach: float,
-    *,
-    is_smooth: bool,
-    has_end: bool,
-    limit: str,
+    kernel: LineKernel, profile: Floats, reach: float, *, is_smooth: bool, has_end: bool, limit: str
 ) -> tuple[SpringBed, FoldedLine]:
     """Factor the half period of a symmetric profile from the centre outwards.
 
@@ -102,9 +94,7 @@ def line_bed(
     return bed, FoldedLine(folded.factor[:keep, :keep], folded.scale[:keep], folded.counts[:keep])
 
 
-def _factor(
-    kernel: LineKernel, profile: Array, *, is_smooth: bool, limit: str
-) -> tuple[SpringBed, FoldedLine]:
+def _factor(kernel: LineKernel, profile: Floats, *, is_smooth: bool, limit: str) -> tuple[SpringBed, FoldedLine]:
     matrix, counts = folded_matrix(kernel, profile.size)
     try:
         factor = cholesky(matrix, lower=True, overwrite_a=True, check_finite=False)
@@ -115,7 +105,7 @@ def _factor(
         )
         raise InputError(message) from None
     both = np.stack([counts, counts * profile], axis=1)
-    solved: Array = solve_triangular(factor, both, lower=True, check_finite=False)
+    solved: Floats = solve_triangular(factor, both, lower=True, check_finite=False)
     scale, reduced = solved.T
     index = np.arange(profile.size)
     bed = SpringBed(
@@ -129,7 +119,7 @@ def _factor(
     return bed, FoldedLine(factor, scale, counts)
 
 
-def folded_matrix(kernel: LineKernel, n: int) -> tuple[Array, Array]:
+def folded_matrix(kernel: LineKernel, n: int) -> tuple[Floats, Floats]:
     """Influence matrix (n, n) of the folded half period, made symmetric, and the strip counts (n,).
 
     Strip 0 (and the one at half a period) occurs once, every other one twice.
@@ -145,7 +135,7 @@ def folded_matrix(kernel: LineKernel, n: int) -> tuple[Array, Array]:
     return 0.5 * counts[:, None] * counts * matrix, counts
 
 
-def line_pressure(kernel: LineKernel, folded: FoldedLine, load: Array) -> Array:
+def line_pressure(kernel: LineKernel, folded: FoldedLine, load: Floats) -> Floats:
     """Pressure (..., element), centred on x = 0 at index N/2, from spring loads (..., spring)."""
     scaled = np.atleast_2d(load * folded.scale)
     half = solve_triangular(folded.factor, scaled.T, lower=True, trans="T", check_finite=False).T

@@ -20,13 +20,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from labpipe.arrays import Floats
 from labpipe.contact.line._kernels import LineKernel, line_kernel
 from labpipe.contact.line._profiles import tip_height
 from labpipe.contact.memory import checked_history
 from labpipe.errors import InputError
 from labpipe.materials import Prony
-
-Array = NDArray[np.float64]
+from labpipe.variables import described, variable
 
 _MAX_ITERATIONS = 200
 # Steps may differ by rounding of the time column only.
@@ -95,16 +95,16 @@ def indent_thesis_scheme(
         force[n] = depth * kernel.spacing * pressure.sum()
         width[n] = 0.5 * kernel.spacing * np.count_nonzero(pressure)
     work = {"history_products": products, "active_set_solves": solves, "elements": elements}
-    labels = {"units": "N", "long_name": "Normal force"}
-    edges = {"units": "m", "long_name": "Half of the contact length of one period"}
+    labels = described("N", "Normal force")
+    edges = described("m", "Half of the contact length of one period")
     return xr.Dataset(
         {"force": ("time", force, labels), "contact_half_width": ("time", width, edges)},
-        {"time": ("time", times, {"units": "s", "long_name": "Time"})},
+        {"time": variable("time", times, "s", "Time")},
         {"work": json.dumps(work), "datum": kernel.datum},
     )
 
 
-def _uniform_step(time: Array) -> float:
+def _uniform_step(time: Floats) -> float:
     if time.size < 2:
         return 0.0
     steps = np.diff(time)
@@ -116,8 +116,8 @@ def _uniform_step(time: Array) -> float:
 
 
 def _active_set(
-    kernel: LineKernel, compliance: float, displacement: Array, start: NDArray[np.bool_]
-) -> tuple[Array, int]:
+    kernel: LineKernel, compliance: float, displacement: Floats, start: NDArray[np.bool_]
+) -> tuple[Floats, int]:
     """Pressure (element,) with J(0) G p = displacement in contact; and the number of solves."""
     contact = start if np.any(start) else displacement > 0.0
     pressure = np.zeros(displacement.size)

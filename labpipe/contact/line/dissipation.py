@@ -21,15 +21,14 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Complexes, Floats
 from labpipe.contact.line._profiles import cosine_amplitude
 from labpipe.contact.line.westergaard import from_displacement
 from labpipe.errors import InputError
 from labpipe.materials import Prony
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from labpipe.variables import described
 
 
 class Equilibrium(NamedTuple):
@@ -92,13 +91,8 @@ def equilibrium(
 
 
 def dynamic_stiffness(
-    material: Prony,
-    frequency: ArrayLike,
-    mean_indentation: float,
-    tip_radius: float,
-    period: float,
-    depth: float = 1.0,
-) -> ComplexArray:
+    material: Prony, frequency: ArrayLike, mean_indentation: float, tip_radius: float, period: float, depth: float = 1.0
+) -> Complexes:
     """Complex contact stiffness κ̂(ω) [N/m], eqs. (2.24) and (2.25).
 
     Parameters
@@ -137,7 +131,7 @@ def dissipated_work(
     depth: float = 1.0,
     *,
     beyond: Literal["formula", "nan"] = "formula",
-) -> Array:
+) -> Floats:
     """Work dissipated in one cycle, W = π Im κ̂(ω) α² [J], eq. (2.31).
 
     Parameters
@@ -181,12 +175,8 @@ def dissipated_work(
 
 
 def tapping_amplitude(
-    material: Prony,
-    frequency: ArrayLike,
-    mean_indentation: float,
-    tip_radius: float,
-    period: float,
-) -> Array:
+    material: Prony, frequency: ArrayLike, mean_indentation: float, tip_radius: float, period: float
+) -> Floats:
     """Amplitude α(ω) [m] at which the indenter starts to leave the surface, eqs. (2.33), (2.34).
 
     It falls as the frequency rises.
@@ -264,7 +254,7 @@ def dissipation_map(
     )
 
 
-def dimensionless_frequency(frequency: ArrayLike, characteristic_time: float) -> Array:
+def dimensionless_frequency(frequency: ArrayLike, characteristic_time: float) -> Floats:
     """Return f̃ = f τ₀, eq. (2.38).
 
     Examples
@@ -275,14 +265,12 @@ def dimensionless_frequency(frequency: ArrayLike, characteristic_time: float) ->
     return np.asarray(frequency, dtype=float) * characteristic_time
 
 
-def dimensionless_length(length: ArrayLike, tip_radius: float) -> Array:
+def dimensionless_length(length: ArrayLike, tip_radius: float) -> Floats:
     """Return Δ̃ = Δ/R or α̃ = α/R, eqs. (2.36) and (2.37)."""
     return np.asarray(length, dtype=float) / tip_radius
 
 
-def dimensionless_work(
-    work: ArrayLike, material: Prony, tip_radius: float, period: float, depth: float
-) -> Array:
+def dimensionless_work(work: ArrayLike, material: Prony, tip_radius: float, period: float, depth: float) -> Floats:
     """Return W̃ = W/(E_relaxed λ R d) of a work [J] on a contact length d [m].
 
     Notes
@@ -294,4 +282,4 @@ def dimensionless_work(
 
 
 def _labels(units: str, long_name: str) -> dict[str, str]:
-    return {"units": units, "long_name": long_name}
+    return described(units, long_name)

@@ -28,13 +28,13 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import spence
 
+from labpipe.arrays import Floats
 from labpipe.contact.line._profiles import cosine_amplitude
 from labpipe.errors import InputError
 
-Array = NDArray[np.float64]
 Profile = Literal["cosine", "parabola"]
 
 # Bisection in ln(a/(λ/2 − a)) from one end of double precision to the other.
@@ -58,18 +58,14 @@ class LineContact(NamedTuple):
     peak_pressure : array [Pa]
     """
 
-    half_width: Array
-    displacement: Array
-    force: Array
-    peak_pressure: Array
+    half_width: Floats
+    displacement: Floats
+    force: Floats
+    peak_pressure: Floats
 
 
 def from_half_width(
-    half_width: ArrayLike,
-    tip_radius: float,
-    period: float,
-    reduced_modulus: float = 1.0,
-    profile: Profile = "parabola",
+    half_width: ArrayLike, tip_radius: float, period: float, reduced_modulus: float = 1.0, profile: Profile = "parabola"
 ) -> LineContact:
     """Force, approach and peak pressure that belong to a contact half width.
 
@@ -138,13 +134,10 @@ def from_displacement(
     approach = np.asarray(displacement, dtype=float)
     full = full_contact(tip_radius, period, profile)
     if not np.all(approach < full):
-        message = (
-            f"an approach of {approach.max():.6g} m closes the period: a half-plane takes less "
-            f"than {full:.6g} m"
-        )
+        message = f"an approach of {approach.max():.6g} m closes the period: a half-plane takes less than {full:.6g} m"
         raise InputError(message)
 
-    def excess(a: Array) -> Array:
+    def excess(a: Floats) -> Floats:
         return from_half_width(a, tip_radius, period, 1.0, profile).displacement - approach
 
     half_width = np.where(approach > 0.0, _bisected(excess, approach.shape, period), 0.0)
@@ -152,11 +145,7 @@ def from_displacement(
 
 
 def from_force(
-    force: ArrayLike,
-    tip_radius: float,
-    period: float,
-    reduced_modulus: float = 1.0,
-    profile: Profile = "parabola",
+    force: ArrayLike, tip_radius: float, period: float, reduced_modulus: float = 1.0, profile: Profile = "parabola"
 ) -> LineContact:
     """Contact under a force per tip and unit depth [N/m].
 
@@ -195,7 +184,7 @@ def pressure(
     period: float,
     reduced_modulus: float = 1.0,
     profile: Profile = "parabola",
-) -> Array:
+) -> Floats:
     """Contact pressure [Pa] at positions ``x`` [m] from the tip's centre; 0 outside the contact.
 
     Examples
@@ -228,7 +217,7 @@ def _require_known(profile: str) -> None:
         raise InputError(message)
 
 
-def _dilogarithm_rest(z: Array) -> Array:
+def _dilogarithm_rest(z: Floats) -> Floats:
     """π²/6 − Li2(1 − z) = ln z ln(1 − z) + Li2(z), to full relative accuracy from z = 0 on."""
     small = np.minimum(z, _SERIES_BELOW)
     series = np.zeros_like(z)
@@ -240,7 +229,7 @@ def _dilogarithm_rest(z: Array) -> Array:
     return np.where(z < _SERIES_BELOW, near, np.pi**2 / 6.0 - spence(z))
 
 
-def _bisected(excess: Callable[[Array], Array], shape: tuple[int, ...], period: float) -> Array:
+def _bisected(excess: Callable[[Floats], Floats], shape: tuple[int, ...], period: float) -> Floats:
     """Half width where an increasing function changes sign, to the last digits."""
     low, high = np.full(shape, -_LOGIT_BOUND), np.full(shape, _LOGIT_BOUND)
     for _ in range(_BISECTIONS):
@@ -250,6 +239,6 @@ def _bisected(excess: Callable[[Array], Array], shape: tuple[int, ...], period: 
     return _width_at(0.5 * (low + high), period)
 
 
-def _width_at(logit: Array, period: float) -> Array:
+def _width_at(logit: Floats, period: float) -> Floats:
     width = 0.5 * period / (1.0 + np.exp(-logit))
     return np.asarray(np.minimum(width, np.nextafter(0.5 * period, 0.0)))

@@ -2,7 +2,4 @@
 
 from labpipe.contact.lumped._collision import collision, contact_stiffness
 
-__all__ = [
-    "collision",
-    "contact_stiffness",
-]
+__all__ = ["collision", "contact_stiffness"]

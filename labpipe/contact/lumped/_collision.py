@@ -32,8 +32,9 @@ import warnings
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.contact.lumped._motion import Bounce, CollisionLaw, Motion, Phase, grid
 from labpipe.errors import InputError
 from labpipe.units import Measure, si
@@ -136,9 +137,7 @@ def collision(
     return _dataset(phases, bounces, instants, motion.evaluations)
 
 
-def contact_stiffness(
-    radius: float, youngs_modulus: float, nu: float, *, as_printed: bool = False
-) -> float:
+def contact_stiffness(radius: float, youngs_modulus: float, nu: float, *, as_printed: bool = False) -> float:
     """Hertz stiffness χ [N/m^1.5] of a sphere on a rigid flat, 4E√a/(3(1 − ν²)).
 
     ``as_printed=True`` gives the thesis's 2E√a/(3(1 − ν²)), half as much.
@@ -179,11 +178,11 @@ def _law(
     return CollisionLaw(stiffness, damping, yield_depth, unloading_multiplier, as_printed)
 
 
-def _instants(phases: list[Phase]) -> Array:
+def _instants(phases: list[Phase]) -> Floats:
     return np.unique(np.concatenate([grid(phase) for phase in phases]))
 
 
-def _checked_times(time: ArrayLike, duration: float) -> Array:
+def _checked_times(time: ArrayLike, duration: float) -> Floats:
     times = np.asarray(time, dtype=float)
     if times.ndim != 1 or times.size == 0 or not np.all(np.diff(times) > 0.0):
         message = f"output times must be one rising row, found the shape {times.shape}"
@@ -194,7 +193,7 @@ def _checked_times(time: ArrayLike, duration: float) -> Array:
     return times
 
 
-def _sampled(phases: list[Phase], time: Array) -> tuple[Array, Array, Array, Array]:
+def _sampled(phases: list[Phase], time: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Position, velocity, force and permanent overlap at the times."""
     starts = np.array([phase.start for phase in phases])
     which = np.clip(np.searchsorted(starts, time, side="right") - 1, 0, len(phases) - 1)
@@ -218,9 +217,7 @@ _ROWS = {
 }
 
 
-def _dataset(
-    phases: list[Phase], bounces: list[Bounce], time: Array, evaluations: int
-) -> xr.Dataset:
+def _dataset(phases: list[Phase], bounces: list[Bounce], time: Floats, evaluations: int) -> xr.Dataset:
     x, velocity, force, permanent = _sampled(phases, time)
     series = {
         "displacement": (x, "m", "displacement of the sphere, upwards, 0 at first touch"),
@@ -229,19 +226,16 @@ def _dataset(
         "overlap": (np.maximum(-x, 0.0), "m", "overlap of sphere and flat"),
         "permanent_overlap_so_far": (permanent, "m", "permanent overlap so far"),
     }
-    variables = {
-        name: ("time", values, {"units": units, "long_name": text})
-        for name, (values, units, text) in series.items()
-    }
+    variables = {name: variable("time", values, units, text) for name, (values, units, text) in series.items()}
     for name, (units, text) in _ROWS.items():
         values = np.array([getattr(bounce, name) for bounce in bounces])
-        variables[name] = ("impact", values, {"units": units, "long_name": text})
+        variables[name] = variable("impact", values, units, text)
     restitution = variables["rebound_speed"][1] / variables["impact_speed"][1]
-    labels = {"units": "1", "long_name": "coefficient of restitution"}
+    labels = described("1", "coefficient of restitution")
     variables["restitution"] = ("impact", restitution, labels)
     coordinates = {
-        "time": ("time", time, {"units": "s", "long_name": "time from the release"}),
-        "impact": ("impact", np.arange(len(bounces)), {"units": "1", "long_name": "impact"}),
+        "time": variable("time", time, "s", "time from the release"),
+        "impact": variable("impact", np.arange(len(bounces)), "1", "impact"),
     }
     work = json.dumps({"evaluations": evaluations, "phases": len(phases)})
     return xr.Dataset(variables, coordinates, {"work": work})

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-
-Array = NDArray[np.float64]
 
 _RTOL = 1e-11
 _POINTS_IN_CONTACT = 65
@@ -65,7 +63,7 @@ class Phase(NamedTuple):
 
     start: float
     end: float
-    motion: Callable[[Array], tuple[Array, Array, Array]]
+    motion: Callable[[Floats], tuple[Floats, Floats, Floats]]
     permanent: float
     is_contact: bool
 
@@ -149,7 +147,7 @@ class Motion:
         fall = max(x + permanent, 0.0)
         landing = now + (v + np.sqrt(v**2 + 2.0 * g * fall)) / g
 
-        def motion(t: Array) -> tuple[Array, Array, Array]:
+        def motion(t: Floats) -> tuple[Floats, Floats, Floats]:
             s = t - now
             return x + v * s - 0.5 * g * s**2, v - g * s, np.zeros_like(s)
 
@@ -164,21 +162,17 @@ class Motion:
     def _resting(self, now: float, level: float, permanent: float, end: float) -> Phase:
         weight = self.mass * self.gravity
 
-        def motion(t: Array) -> tuple[Array, Array, Array]:
+        def motion(t: Floats) -> tuple[Floats, Floats, Floats]:
             return np.full_like(t, level), np.zeros_like(t), np.full_like(t, weight)
 
         return Phase(now, end, motion, permanent, is_contact=True)
 
-    def _contact(
-        self, now: float, x: float, v: float, dent: Dent, end: float
-    ) -> Iterator[tuple[Phase, Dent]]:
+    def _contact(self, now: float, x: float, v: float, dent: Dent, end: float) -> Iterator[tuple[Phase, Dent]]:
         """Yield the phases of one contact, each with the dent it leaves."""
         can_leave = True
         while True:
             loading = v < 0.0
-            phase, reason = self._integrate(
-                now, x, v, dent, end, loading=loading, can_leave=can_leave
-            )
+            phase, reason = self._integrate(now, x, v, dent, end, loading=loading, can_leave=can_leave)
             now = phase.end
             x, v = (float(column[0]) for column in phase.motion(np.array([now]))[:2])
             if reason == "turned" and loading:
@@ -206,30 +200,22 @@ class Motion:
         return all(abs(force / weight - 1.0) < _REST_UNBALANCE for force in forces)
 
     def _integrate(
-        self,
-        now: float,
-        x: float,
-        v: float,
-        dent: Dent,
-        end: float,
-        *,
-        loading: bool,
-        can_leave: bool,
+        self, now: float, x: float, v: float, dent: Dent, end: float, *, loading: bool, can_leave: bool
     ) -> tuple[Phase, str]:
-        def unclipped(state: Array) -> float:
+        def unclipped(state: Floats) -> float:
             return self.force(float(state[0]), float(state[1]), dent, loading=loading)
 
-        def rates(_t: float, state: Array) -> list[float]:
+        def rates(_t: float, state: Floats) -> list[float]:
             push = max(unclipped(state), 0.0)
             return [float(state[1]), push / self.mass - self.gravity]
 
-        def turned(_t: float, state: Array) -> float:
+        def turned(_t: float, state: Floats) -> float:
             return float(state[1])
 
-        def left(_t: float, state: Array) -> float:
+        def left(_t: float, state: Floats) -> float:
             return float(-state[0] - dent.permanent)
 
-        def released(_t: float, state: Array) -> float:
+        def released(_t: float, state: Floats) -> float:
             # Divided by the root of the overlap, so that it crosses zero with a slope.
             elastic = max(float(-state[0]) - dent.permanent, 0.0)
             multiplier = self.law.unloading_multiplier
@@ -263,7 +249,7 @@ class Motion:
             raise InputError(message)
         dense = solution.sol
 
-        def motion(t: Array) -> tuple[Array, Array, Array]:
+        def motion(t: Floats) -> tuple[Floats, Floats, Floats]:
             states = np.atleast_2d(dense(t - now).T)
             force = np.array([max(unclipped(state), 0.0) for state in states])
             return states[:, 0], states[:, 1], force
@@ -298,7 +284,7 @@ class Motion:
         )
 
 
-def grid(phase: Phase) -> Array:
+def grid(phase: Phase) -> Floats:
     """Return the times (time,) in s at which a phase is sampled, its ends included."""
     points = _POINTS_IN_CONTACT if phase.is_contact else _POINTS_IN_FLIGHT
     return np.linspace(phase.start, phase.end, points)

@@ -1,7 +1,6 @@
 """The fading memory of linear viscoelastic springs, and the histories that load them."""
 
 from labpipe.contact.memory._creep import (
-    Array,
     Condensed,
     Creep,
     CreepMaterial,
@@ -15,7 +14,6 @@ from labpipe.contact.memory._creep import (
 from labpipe.contact.memory._histories import checked_history
 
 __all__ = [
-    "Array",
     "Condensed",
     "Creep",
     "CreepMaterial",

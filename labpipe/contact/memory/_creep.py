@@ -25,11 +25,10 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-
-Array = NDArray[np.float64]
 
 # Below this dt/tau the difference of exponentials loses digits and its series is exact.
 _SERIES_BELOW = 0.05
@@ -52,7 +51,7 @@ class CreepMaterial(Protocol):
     def fluidity(self) -> float:
         """Inverse of the zero-rate viscosity in 1/(Pa s); 0 for a solid."""
 
-    def creep_terms(self) -> tuple[Array, Array]:
+    def creep_terms(self) -> tuple[Floats, Floats]:
         """Return the compliances C in 1/Pa and the retardation times tau in s."""
 
 
@@ -74,10 +73,10 @@ class Creep:
     """
 
     instantaneous: float
-    C: Array
-    tau: Array
+    C: Floats
+    tau: Floats
     fluidity: float = 0.0
-    rate: Array = field(init=False)
+    rate: Floats = field(init=False)
 
     def __post_init__(self) -> None:
         dashpot = [0.0] if self.fluidity > 0.0 else []
@@ -112,12 +111,7 @@ class Creep:
 
     @classmethod
     def from_terms(
-        cls,
-        instantaneous: float,
-        C: ArrayLike,
-        tau: ArrayLike,
-        nu: float = 0.0,
-        fluidity: float = 0.0,
+        cls, instantaneous: float, C: ArrayLike, tau: ArrayLike, nu: float = 0.0, fluidity: float = 0.0
     ) -> "Creep":
         """Build from uniaxial terms; ``J(0)``, ``C`` in 1/Pa, ``tau`` in s, fluidity in 1/(Pa s).
 
@@ -160,17 +154,17 @@ class Creep:
         return float(self.instantaneous + self.C.sum())
 
     @property
-    def inverse(self) -> Array:
+    def inverse(self) -> Floats:
         """``1/C`` of every row of the memory (element,) in Pa; a dashpot stores nothing: 0."""
         return np.concatenate([1.0 / self.C, np.zeros(self.rate.size - self.C.size)])
 
-    def compliance(self, time: Array | float) -> Array:
+    def compliance(self, time: Floats | float) -> Floats:
         """Return ``J*(time)`` in 1/Pa; the same shape as ``time`` [s]."""
         t = np.asarray(time, dtype=float)[..., None]
         terms = np.sum(self.C * np.expm1(-t / self.tau), axis=-1)
         return self.instantaneous - terms + self.fluidity * np.asarray(time, dtype=float)
 
-    def rest(self, n_springs: int) -> Array:
+    def rest(self, n_springs: int) -> Floats:
         """Return the memory (element, spring) of springs that never carried a load."""
         return np.zeros((self.rate.size, n_springs))
 
@@ -184,9 +178,9 @@ class StepWeights:
     """
 
     dt: float
-    decay: Array
-    old: Array
-    new: Array
+    decay: Floats
+    old: Floats
+    new: Floats
     compliance: float
     old_total: float
 
@@ -235,7 +229,7 @@ def step_weights(creep: Creep, dt: float, *, hold: bool = False, jump: float = 0
     return StepWeights(float(dt), np.exp(-dt * creep.rate), old, new, compliance, float(old.sum()))
 
 
-def late_share(x: Array, loss: Array) -> Array:
+def late_share(x: Floats, loss: Floats) -> Floats:
     """Return ``1 - (1 - exp(-x))/x`` without cancellation; ``loss`` is ``1 - exp(-x)``."""
     small = np.minimum(x, _SERIES_BELOW)
     series = np.zeros_like(x)
@@ -246,7 +240,7 @@ def late_share(x: Array, loss: Array) -> Array:
     return np.where(x < _SERIES_BELOW, series * small, direct)
 
 
-def history(weights: StepWeights, memory: Array, load: Array) -> Array:
+def history(weights: StepWeights, memory: Floats, load: Floats) -> Floats:
     """Displacement (spring,) that the springs would show at the end of the step at zero load.
 
     Parameters
@@ -261,7 +255,7 @@ def history(weights: StepWeights, memory: Array, load: Array) -> Array:
     return weights.decay @ memory + weights.old_total * load
 
 
-def advance(weights: StepWeights, memory: Array, load: Array, new_load: Array) -> Array:
+def advance(weights: StepWeights, memory: Floats, load: Floats, new_load: Floats) -> Floats:
     """Memory (element, spring) at the end of the step; the input is not changed."""
     result = weights.decay[:, None] * memory
     result += weights.old[:, None] * load
@@ -269,12 +263,12 @@ def advance(weights: StepWeights, memory: Array, load: Array, new_load: Array) -
     return result
 
 
-def decay(creep: Creep, memory: Array, dt: float) -> Array:
+def decay(creep: Creep, memory: Floats, dt: float) -> Floats:
     """Memory after a time ``dt`` [s] without load: a free flight or a hold is one step."""
     return np.exp(-dt * creep.rate)[:, None] * memory
 
 
-def stored_energy(creep: Creep, memory: Array, load: Array) -> Array:
+def stored_energy(creep: Creep, memory: Floats, load: Floats) -> Floats:
     """Energy (spring,) held elastically: ``(J(0) q^2 + sum w_k^2 / C_k) / 2``.
 
     Its unit is that of load times displacement; multiply by the springs' weights and sum.
@@ -329,6 +323,4 @@ def condense(creep: Creep, shortest: float, longest: float, tolerance: float) ->
         tau = np.concatenate([[mean_time], tau[kept]])
     else:
         C, tau = C[kept], tau[kept]
-    return Condensed(
-        Creep(creep.instantaneous, C, tau, creep.fluidity), max(n_fast - 1, 0), int(frozen.sum())
-    )
+    return Condensed(Creep(creep.instantaneous, C, tau, creep.fluidity), max(n_fast - 1, 0), int(frozen.sum()))

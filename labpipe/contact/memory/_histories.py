@@ -1,14 +1,13 @@
 """Check of a load or displacement history: which sample is wrong, and what to do."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 
-Array = NDArray[np.float64]
 
-
-def checked_history(time: ArrayLike, value: ArrayLike, name: str) -> tuple[Array, Array]:
+def checked_history(time: ArrayLike, value: ArrayLike, name: str) -> tuple[Floats, Floats]:
     """Return a history as two arrays (time,), or say where it is wrong.
 
     Raises
@@ -21,7 +20,7 @@ def checked_history(time: ArrayLike, value: ArrayLike, name: str) -> tuple[Array
     >>> checked_history([0.0, 1.0], [0.0, float("nan")], "displacement")
     Traceback (most recent call last):
     labpipe.errors.InputError: displacement[1] is nan (at 1 s); fill or cut the gap before simulating
-    """  # noqa: E501
+    """
     times, values = np.asarray(time, dtype=float), np.asarray(value, dtype=float)
     if times.ndim != 1 or times.shape != values.shape or times.size == 0:
         message = (
@@ -36,9 +35,7 @@ def checked_history(time: ArrayLike, value: ArrayLike, name: str) -> tuple[Array
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
         n = bad[0]
-        message = (
-            f"{name}[{n}] is {values[n]} (at {times[n]:g} s); fill or cut the gap before simulating"
-        )
+        message = f"{name}[{n}] is {values[n]} (at {times[n]:g} s); fill or cut the gap before simulating"
         raise InputError(message)
     back = np.flatnonzero(np.diff(times) < 0.0)
     if back.size:

@@ -12,8 +12,9 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.contact.memory import Creep, checked_history
 from labpipe.contact.sphere.hertz import static_approach, static_load
 from labpipe.contact.springs import Control, March, SpringBed, sphere_bed
@@ -21,7 +22,6 @@ from labpipe.errors import InputError
 from labpipe.materials import Solid, solid
 from labpipe.units import Measure, si
 
-Array = NDArray[np.float64]
 Profile = Literal["parabola", "sphere"]
 
 DEFAULT_SPRINGS = 400
@@ -138,17 +138,10 @@ def press_sphere(
     times, depth = checked_history(time, approach, "approach")
     deepest = max(float(depth.max()), np.finfo(float).tiny)
     reach = float(static_approach(deepest, radius, 1.0).contact_radius)
-    return _run(
-        _bed(radius, reach, springs, profile),
-        Creep.of(material),
-        times,
-        depth,
-        "displacement",
-        rtol,
-    )
+    return _run(_bed(radius, reach, springs, profile), Creep.of(material), times, depth, "displacement", rtol)
 
 
-def sphere_gap(position: Array, radius: float) -> Array:
+def sphere_gap(position: Floats, radius: float) -> Floats:
     """Approach [m] of an elastic contact of the exact sphere with the contact radius [m].
 
     (x/2) ln((R + x)/(R − x)) = x artanh(x/R).
@@ -180,9 +173,7 @@ def _bed(radius: float, reach: float, springs: int, profile: Profile) -> SpringB
     return sphere_bed(radius, _SPARE_REACH * reach, springs, gap=lambda x: sphere_gap(x, radius))
 
 
-def _run(
-    bed: SpringBed, creep: Creep, time: Array, value: Array, control: Control, rtol: float | None
-) -> xr.Dataset:
+def _run(bed: SpringBed, creep: Creep, time: Floats, value: Floats, control: Control, rtol: float | None) -> xr.Dataset:
     march = March(bed, creep, control, rtol)
     answers = [state.answer for state in march.run(time, value)]
     columns = {
@@ -198,10 +189,7 @@ def _run(
         "terms": creep.n_terms,
     }
     return xr.Dataset(
-        {
-            name: ("time", np.array(values), {"units": units, "long_name": text})
-            for name, (units, text, values) in columns.items()
-        },
-        {"time": ("time", time, {"units": "s", "long_name": "Time"})},
+        {name: variable("time", np.array(values), units, text) for name, (units, text, values) in columns.items()},
+        {"time": variable("time", time, "s", "Time")},
         {"work": json.dumps(counts)},
     )

@@ -22,14 +22,13 @@ References
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from labpipe.arrays import Floats
 from labpipe.contact.memory import checked_history
 from labpipe.errors import InputError
 from labpipe.materials import Prony
-
-Array = NDArray[np.float64]
 
 _POINTS = 12
 # A relaxation is followed from half its time to where it has died away, in panels that double.
@@ -40,8 +39,8 @@ _ROOT_TOLERANCE = 1e-15
 class TingResult(NamedTuple):
     """Force [N] and contact radius [m], both (time,), of :func:`ting`."""
 
-    force: Array
-    contact_radius: Array
+    force: Floats
+    contact_radius: Floats
 
 
 def ting(material: Prony, radius: float, time: ArrayLike, approach: ArrayLike) -> TingResult:
@@ -93,7 +92,7 @@ def ting(material: Prony, radius: float, time: ArrayLike, approach: ArrayLike) -
 class _Segments:
     """A piecewise linear approach and a sum of exponentials: all integrals in closed form."""
 
-    def __init__(self, time: Array, depth: Array, material: Prony) -> None:
+    def __init__(self, time: Floats, depth: Floats, material: Prony) -> None:
         self.time = time - time[0]
         self.depth = depth
         self.slope = np.diff(depth) / np.diff(time)
@@ -142,7 +141,7 @@ class _Segments:
         modulus = np.exp(-np.maximum(lag, 0.0)[..., None] * self.rate) @ self.weight
         return float(np.sum(half * self.weights * rise * modulus))
 
-    def _edges(self, end: float, now: float) -> Array:
+    def _edges(self, end: float, now: float) -> Floats:
         """Panels up to ``end`` in which neither the approach nor the modulus varies too fast."""
         lags = (_PANELS[:, None] / self.rate[self.rate > 0.0]).ravel()
         edges = np.concatenate([self.time, now - lags])

@@ -14,12 +14,11 @@ References
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import beta
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-
-Array = NDArray[np.float64]
 
 CONTACT_TIME = float(0.8 * beta(0.4, 0.5))
 """Duration of an elastic impact in units of (largest approach)/(impact speed): 2.9432751843."""
@@ -40,11 +39,11 @@ class SphereContact(NamedTuple):
     mean_pressure, peak_pressure : array [Pa]
     """
 
-    approach: Array
-    contact_radius: Array
-    force: Array
-    mean_pressure: Array
-    peak_pressure: Array
+    approach: Floats
+    contact_radius: Floats
+    force: Floats
+    mean_pressure: Floats
+    peak_pressure: Floats
 
 
 class Impact(NamedTuple):
@@ -58,10 +57,10 @@ class Impact(NamedTuple):
     contact_duration : array [s]
     """
 
-    peak_approach: Array
-    peak_force: Array
-    peak_contact_radius: Array
-    contact_duration: Array
+    peak_approach: Floats
+    peak_force: Floats
+    peak_contact_radius: Floats
+    contact_duration: Floats
 
 
 def static_load(force: ArrayLike, radius: float, reduced_modulus: float) -> SphereContact:
@@ -146,7 +145,7 @@ def impact(speed: ArrayLike, radius: float, mass: float, reduced_modulus: float)
     return Impact(depth, state.force, state.contact_radius, CONTACT_TIME * depth / v)
 
 
-def drop_speed(height: ArrayLike, gravity: float = 9.81) -> Array:
+def drop_speed(height: ArrayLike, gravity: float = 9.81) -> Floats:
     """Speed √(2gh) [m/s] after a fall through ``height`` [m].
 
     Examples
@@ -157,7 +156,7 @@ def drop_speed(height: ArrayLike, gravity: float = 9.81) -> Array:
     return np.asarray(np.sqrt(2.0 * gravity * _not_negative("height", height, "m")))
 
 
-def damping_ratio(speed: ArrayLike, mass: float, stiffness: float, damping: float) -> Array:
+def damping_ratio(speed: ArrayLike, mass: float, stiffness: float, damping: float) -> Floats:
     r"""Dimensionless damping b of m ẍ + c √x ẋ + k x^{3/2} = 0.
 
     Scaled to unit speed the motion is x″ + b √x x′ + x^{3/2} = 0 with b = (c/m) (v/(k/m)^3)^{1/5}.
@@ -181,7 +180,7 @@ def damping_ratio(speed: ArrayLike, mass: float, stiffness: float, damping: floa
     return np.asarray(damping / mass * v**0.2 * rate**-0.6)
 
 
-def dashpot_restitution(damping: ArrayLike) -> Array:
+def dashpot_restitution(damping: ArrayLike) -> Floats:
     """Coefficient of restitution of a dashpot sphere, Padé form of Müller and Pöschel.
 
     Parameters
@@ -209,14 +208,14 @@ def dashpot_restitution(damping: ArrayLike) -> Array:
     return np.asarray(above / np.polynomial.polynomial.polyval(root, _PADE_BELOW))
 
 
-def _state(contact_radius: Array, radius: float, force: Array) -> SphereContact:
+def _state(contact_radius: Floats, radius: float, force: Floats) -> SphereContact:
     area = np.pi * contact_radius**2
     with np.errstate(divide="ignore", invalid="ignore"):
         mean = np.where(area > 0.0, force / area, 0.0)
     return SphereContact(contact_radius**2 / radius, contact_radius, force, mean, 1.5 * mean)
 
 
-def _not_negative(name: str, values: ArrayLike, unit: str) -> Array:
+def _not_negative(name: str, values: ArrayLike, unit: str) -> Floats:
     array = np.asarray(values, dtype=float)
     if not np.all(array >= 0.0):
         message = f"{name} is {array} {unit}, expected numbers from 0 up"

@@ -3,13 +3,4 @@
 from labpipe.contact.springs._bed import EDGE_OFFSET, Answer, NotNestedError, SpringBed, sphere_bed
 from labpipe.contact.springs._march import Control, March, State
 
-__all__ = [
-    "EDGE_OFFSET",
-    "Answer",
-    "Control",
-    "March",
-    "NotNestedError",
-    "SpringBed",
-    "State",
-    "sphere_bed",
-]
+__all__ = ["EDGE_OFFSET", "Answer", "Control", "March", "NotNestedError", "SpringBed", "State", "sphere_bed"]

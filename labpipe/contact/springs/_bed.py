@@ -30,11 +30,9 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-
-Array = NDArray[np.float64]
 
 # The edge of the contact lies this fraction of a strip inside the strip whose pressure vanishes
 # (limit of many strips; calibrated on the closed form of the parabola).
@@ -60,7 +58,7 @@ class Answer(NamedTuple):
     ``force`` and ``half_width`` belong to one tip (per unit depth for a line contact).
     """
 
-    load: Array
+    load: Floats
     force: float
     displacement: float
     half_width: float
@@ -74,18 +72,16 @@ class Contact(Protocol):
         """Length of a load vector."""
 
     @property
-    def weights(self) -> Array:
+    def weights(self) -> Floats:
         """Force per unit load (size,)."""
 
-    def press(
-        self, history: Array, compliance: float, displacement: float, before: float
-    ) -> Answer:
+    def press(self, history: Floats, compliance: float, displacement: float, before: float) -> Answer:
         """Solve at a prescribed displacement."""
 
-    def push(self, history: Array, compliance: float, force: float, before: float) -> Answer:
+    def push(self, history: Floats, compliance: float, force: float, before: float) -> Answer:
         """Solve at a prescribed force."""
 
-    def inner(self, left: Array, right: Array) -> Array:
+    def inner(self, left: Floats, right: Floats) -> Floats:
         """Energy products (...,) of load vectors (..., size): force times displacement."""
 
 
@@ -111,9 +107,9 @@ class SpringBed:
         Contact half width with every spring in contact.
     """
 
-    gap: Array
-    stiffness: Array
-    edge: Array
+    gap: Floats
+    stiffness: Floats
+    edge: Floats
     is_smooth: bool
     open_springs: int
     limit: str
@@ -125,17 +121,15 @@ class SpringBed:
         return int(self.gap.size)
 
     @property
-    def weights(self) -> Array:
+    def weights(self) -> Floats:
         """Force per unit load (spring,)."""
         return self.stiffness
 
-    def inner(self, left: Array, right: Array) -> Array:
+    def inner(self, left: Floats, right: Floats) -> Floats:
         """Energy products (...,) of load vectors (..., spring)."""
         return np.asarray((left * right) @ self.stiffness)
 
-    def press(
-        self, history: Array, compliance: float, displacement: float, before: float
-    ) -> Answer:
+    def press(self, history: Floats, compliance: float, displacement: float, before: float) -> Answer:
         """Solve at a prescribed displacement.
 
         Parameters
@@ -170,7 +164,7 @@ class SpringBed:
         force += self._edge_force(trial, touched, share)
         return Answer(load, force, displacement, self._width(touched, share))
 
-    def push(self, history: Array, compliance: float, force: float, before: float) -> Answer:
+    def push(self, history: Floats, compliance: float, force: float, before: float) -> Answer:
         """Solve at a prescribed force; at zero force the indenter just touches.
 
         Raises
@@ -186,12 +180,10 @@ class SpringBed:
         if np.any(np.diff(threshold) < -_NESTED_TOLERANCE * np.abs(threshold).max()):
             raise NotNestedError
         threshold = np.maximum.accumulate(threshold)
-        answer = self.press(
-            history, compliance, self._inverse(threshold, compliance, force), before
-        )
+        answer = self.press(history, compliance, self._inverse(threshold, compliance, force), before)
         return answer._replace(force=force)
 
-    def _inverse(self, threshold: Array, compliance: float, force: float) -> float:
+    def _inverse(self, threshold: Floats, compliance: float, force: float) -> float:
         """Displacement at which springs with these thresholds carry the force.
 
         Newton's method within a bracket; the force is continuous and made of a plain sum, which is
@@ -225,7 +217,7 @@ class SpringBed:
                 break
         return displacement
 
-    def _smooth_share(self, trial: Array, touched: int) -> float:
+    def _smooth_share(self, trial: Floats, touched: int) -> float:
         """Where between two springs the edge lies, continuous as springs come and go.
 
         The distances from the inner and the outer spring to where the loads of either side, linear
@@ -239,7 +231,7 @@ class SpringBed:
         outside = -self._rest(trial, outer, outer + 1)
         return inside / max(inside + outside, 1e-300)
 
-    def _share(self, trial: Array, touched: int, *, shrinks: bool) -> float:
+    def _share(self, trial: Floats, touched: int, *, shrinks: bool) -> float:
         """Where between two springs (0 to 1 in the gap) the load, linear in the gap, reaches zero.
 
         While the contact grows, the springs outside tell (those inside have just begun to relax,
@@ -263,7 +255,7 @@ class SpringBed:
         inner, outer = self.edge[touched - 1 : touched + 1] ** 2
         return float(np.sqrt(inner + share * (outer - inner)))
 
-    def _edge_force(self, trial: Array, touched: int, share: float) -> float:
+    def _edge_force(self, trial: Floats, touched: int, share: float) -> float:
         """Force between the plain sum over the springs and the integral up to the edge.
 
         Continuous as springs come and go, if ``share`` is.
@@ -283,13 +275,13 @@ class SpringBed:
         slope = (trial[inner - 1] - trial[inner]) / float(self.gap[inner] - self.gap[inner - 1])
         return half_bernoulli * ((1.0 - share) * float(slope) * cell + float(trial[inner]))
 
-    def _rest(self, trial: Array, first: int, second: int) -> float:
+    def _rest(self, trial: Floats, first: int, second: int) -> float:
         """Gap (m) from the pair's nearer end to where its loads, on one line, are zero."""
         drop = float(trial[first] - trial[second])
         near = second if trial[second] > 0.0 else first
         return float(trial[near]) * float(self.gap[second] - self.gap[first]) / max(drop, 1e-300)
 
-    def _require_nested(self, load: Array, touched: int) -> None:
+    def _require_nested(self, load: Floats, touched: int) -> None:
         inside = load[:touched]
         if inside.min() <= 0.0:
             raise NotNestedError
@@ -305,7 +297,7 @@ def sphere_bed(
     radius: float,
     reach: float,
     springs: int,
-    gap: Callable[[Array], Array] | None = None,
+    gap: Callable[[Floats], Floats] | None = None,
     limit: str = "the contact reaches the end of the springs; give a larger reach",
 ) -> SpringBed:
     """Springs of a sphere on a half-space by the method of dimensionality reduction, for E* = 1.

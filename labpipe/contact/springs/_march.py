@@ -18,19 +18,12 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from labpipe.contact.memory import (
-    Creep,
-    StepWeights,
-    advance,
-    history,
-    step_weights,
-)
+from labpipe.arrays import Floats
+from labpipe.contact.memory import Creep, StepWeights, advance, history, step_weights
 from labpipe.contact.springs._bed import Answer, Contact, NotNestedError
 from labpipe.errors import InputError
 
-Array = NDArray[np.float64]
 Control = Literal["displacement", "force"]
 
 # Steps with constant load after a jump when the steps are not controlled.
@@ -66,7 +59,7 @@ class State:
     """
 
     answer: Answer
-    memory: Array
+    memory: Floats
     work: float
     dissipated: float
 
@@ -103,7 +96,7 @@ class March:
     _deepest: float = 1e-300
     _held: int = 0
 
-    def run(self, time: Array, value: Array) -> Iterator[State]:
+    def run(self, time: Floats, value: Floats) -> Iterator[State]:
         """Yield the state at every sample of the history.
 
         Parameters
@@ -215,9 +208,7 @@ class March:
         )
         raise InputError(message)
 
-    def _pair(
-        self, state: State, dt: float, middle_value: float, end_value: float
-    ) -> tuple[Answer, Answer, float]:
+    def _pair(self, state: State, dt: float, middle_value: float, end_value: float) -> tuple[Answer, Answer, float]:
         """Solve one step whole and in two halves; return the middle, the end and the error.
 
         Halves of linear load alone never forget an error made while the force was much larger:
@@ -241,7 +232,7 @@ class March:
         crept = crept - past_whole - (one.compliance - rigid) * whole.load
         return middle._replace(load=path), end, self._error(whole, end, crept)
 
-    def _solve(self, past: Array, compliance: float, value: float, before: Answer) -> Answer:
+    def _solve(self, past: Floats, compliance: float, value: float, before: Answer) -> Answer:
         self.ledger.solves += 1
         solve = self.contact.press if self.control == "displacement" else self.contact.push
         return solve(past, compliance, value, before.displacement)
@@ -259,7 +250,7 @@ class March:
         heat = self._heat(weights.dt, state, answer.load, hold=hold)
         return State(answer, memory, state.work + work, state.dissipated + heat)
 
-    def _error(self, whole: Answer, halves: Answer, crept: Array) -> float:
+    def _error(self, whole: Answer, halves: Answer, crept: Floats) -> float:
         """Difference of the two solutions in units of the tolerance.
 
         Springs that leave the contact carry no load in either, but differ in how far they have
@@ -302,14 +293,14 @@ class March:
             found = self._weights[key] = step_weights(self.creep, dt, hold=hold)
         return found
 
-    def _work(self, state: State, answer: Answer, memory: Array) -> float:
+    def _work(self, state: State, answer: Answer, memory: Floats) -> float:
         """Work on the springs in one step: mean load times displacement of each."""
         old = state.answer.load
         moved = self.creep.instantaneous * (answer.load - old)
         moved = moved + memory.sum(axis=0) - state.memory.sum(axis=0)
         return 0.5 * float(self.contact.inner(old + answer.load, moved))
 
-    def _elastic(self, load: Array) -> float:
+    def _elastic(self, load: Floats) -> float:
         return 0.5 * self.creep.instantaneous * float(self.contact.inner(load, load))
 
     def stored(self, state: State) -> float:
@@ -317,7 +308,7 @@ class March:
         kelvin = self.contact.inner(state.memory, state.memory) @ self.creep.inverse
         return self._elastic(state.answer.load) + 0.5 * float(kelvin)
 
-    def _heat(self, dt: float, state: State, new_load: Array, *, hold: bool) -> float:
+    def _heat(self, dt: float, state: State, new_load: Floats, *, hold: bool) -> float:
         r"""Heat of one step, exactly: the integral of (q − w/C)² C/τ; never negative."""
         C, inner = self.creep.C, self.contact.inner
         old_load = new_load if hold else state.answer.load
@@ -329,14 +320,12 @@ class March:
         return float(C @ np.maximum(heat, 0.0)) + self.creep.fluidity * dt * float(flow)
 
 
-def _heat_weights(x: Array) -> tuple[Array, Array, Array]:
+def _heat_weights(x: Floats) -> tuple[Floats, Floats, Floats]:
     """∫e^{-2s}, ∫e^{-s}(1-e^{-s})/x and ∫(1-e^{-s})²/x² over 0 < s < x = dt/τ."""
     loss = -np.expm1(-x)
     double = -0.5 * np.expm1(-2.0 * x)
     small = np.minimum(x, 0.05)
-    series = small * (
-        1 / 3 - small * (1 / 4 - small * (7 / 60 - small * (1 / 24 - small * 31 / 2520)))
-    )
+    series = small * (1 / 3 - small * (1 / 4 - small * (7 / 60 - small * (1 / 24 - small * 31 / 2520))))
     with np.errstate(divide="ignore", invalid="ignore"):
         direct = (x - 2.0 * loss + double) / x**2
         cross = 0.5 * loss**2 / x

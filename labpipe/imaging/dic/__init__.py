@@ -2,6 +2,4 @@
 
 from labpipe.imaging.dic._track import track
 
-__all__ = [
-    "track",
-]
+__all__ = ["track"]

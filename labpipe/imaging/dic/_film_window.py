@@ -6,8 +6,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats32
 from labpipe.frames import FrameSource
-from labpipe.imaging.dic._spline import HORIZON, Image32, prefilter
+from labpipe.imaging.dic._spline import HORIZON, prefilter
 from labpipe.imaging.dic._subset_solver import OVERHANG
 
 #: Rectangles start and end at multiples of this (px), so that they change seldom.
@@ -37,10 +38,10 @@ class Loaded:
 
     box: Box
     window: tuple[float, float, float, float]
-    coefficients: Image32 | None
+    coefficients: Floats32 | None
 
 
-def smooth(image: NDArray[np.generic], blur: float, out: Image32 | None = None) -> Image32:
+def smooth(image: NDArray[np.generic], blur: float, out: Floats32 | None = None) -> Floats32:
     """Convert to float32 and blur by a Gaussian of standard deviation ``blur`` (px).
 
     Parameters
@@ -87,8 +88,8 @@ class FilmWindow:
         _, self._rows, self._columns = frames.shape
         self._box: Box | None = None
         self._part = frames
-        self._buffers: list[Image32 | None] = [None, None]
-        self._grey: Image32 | None = None
+        self._buffers: list[Floats32 | None] = [None, None]
+        self._grey: Floats32 | None = None
         self.frames_read = 0
         self.pixels_read = 0
 
@@ -115,11 +116,7 @@ class FilmWindow:
         if box != self._box:
             left, right, top, bottom = box
             is_whole = box == self.whole
-            self._part = (
-                self._frames
-                if is_whole
-                else self._frames.roi(slice(top, bottom), slice(left, right))
-            )
+            self._part = self._frames if is_whole else self._frames.roi(slice(top, bottom), slice(left, right))
             self._box = box
         image = self._part[index]
         self.frames_read += 1
@@ -132,7 +129,7 @@ class FilmWindow:
         self._buffers[0] = prefilter(grey, self._order, self._buffers[0])
         return Loaded(box, window, self._buffers[0])
 
-    def read_whole(self, index: int) -> tuple[Image32, Loaded]:
+    def read_whole(self, index: int) -> tuple[Floats32, Loaded]:
         """Read a whole frame outside the alternation of :meth:`load`; grey levels as well."""
         image = self._frames[index]
         self.frames_read += 1

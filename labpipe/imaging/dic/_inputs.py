@@ -5,10 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
-
-Floats = NDArray[np.float64]
 
 #: Smallest subset (px) that holds enough pixels for six motions, gain and offset.
 _LEAST_SUBSET = 9
@@ -20,10 +19,7 @@ def check_points(
     """Points (point, 2), half widths and whether rigid, one of each per point."""
     places = np.array(points, float, ndmin=2)
     if places.ndim != 2 or places.shape[1] != 2 or not np.isfinite(places).all():
-        message = (
-            f"points must be finite numbers of shape (point, 2) as (x, y) in px, "
-            f"found shape {places.shape}"
-        )
+        message = f"points must be finite numbers of shape (point, 2) as (x, y) in px, found shape {places.shape}"
         raise InputError(message)
     count = len(places)
     widths = np.array(subset)
@@ -57,8 +53,7 @@ def check_settings(
         (len(film) > 0, "the film holds no frames"),
         (
             1 <= static_frames <= max(len(film), 1),
-            f"static_frames must be between 1 and the {len(film)} frames of the film, "
-            f"found {static_frames}",
+            f"static_frames must be between 1 and the {len(film)} frames of the film, found {static_frames}",
         ),
         (0.0 <= blur <= 5.0, f"blur must be between 0 and 5 px, found {blur}"),
         (tolerance > 0.0, f"tolerance must be positive, found {tolerance}"),
@@ -81,9 +76,7 @@ def check_seeds(seeds: ArrayLike | None, count: int) -> Floats | None:
     return start
 
 
-def selected_frames(
-    select: slice | Sequence[int] | NDArray[np.integer] | None, count: int
-) -> NDArray[np.int64]:
+def selected_frames(select: slice | Sequence[int] | NDArray[np.integer] | None, count: int) -> NDArray[np.int64]:
     """Increasing frame numbers."""
     if select is None:
         return np.arange(count)
@@ -97,9 +90,6 @@ def selected_frames(
         wanted = wanted.astype(np.int64).reshape(-1)
     is_right = len(wanted) > 0 and wanted[0] >= 0 and wanted[-1] < count
     if not is_right or (np.diff(wanted) <= 0).any():
-        message = (
-            f"select must name one or more increasing frames between 0 and {count - 1}, "
-            f"found {select}"
-        )
+        message = f"select must name one or more increasing frames between 0 and {count - 1}, found {select}"
         raise InputError(message)
     return wanted

@@ -5,22 +5,16 @@ arrays of fifty points take as long as filtering the image. So it is compiled.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.compilation import compiled
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 #: The constant-velocity prediction is not stretched over more than this times the last step.
 STRETCH = 3.0
 
 
 @compiled()
-def predicted(
-    motion: Floats, velocity: Floats, seen: Indices, step: Floats, is_tracked: Flags, index: int
-) -> Floats:
+def predicted(motion: Floats, velocity: Floats, seen: Integers, step: Floats, is_tracked: Flags, index: int) -> Floats:
     """Continue motions with constant velocity to a frame.
 
     Parameters
@@ -51,7 +45,7 @@ def predicted(
 
 
 @compiled()
-def extent(places: Floats, half: Indices, motion: Floats, chosen: Flags) -> Floats:
+def extent(places: Floats, half: Integers, motion: Floats, chosen: Flags) -> Floats:
     """Bound the moved subsets of chosen points.
 
     Parameters
@@ -87,12 +81,7 @@ def extent(places: Floats, half: Indices, motion: Floats, chosen: Flags) -> Floa
 
 @compiled()
 def converged_nearby(
-    motion: Floats,
-    expected: Floats,
-    has_converged: Flags,
-    zncc: Floats,
-    least_zncc: Floats,
-    farthest: float,
+    motion: Floats, expected: Floats, has_converged: Flags, zncc: Floats, least_zncc: Floats, farthest: float
 ) -> Flags:
     """Tell points that need no confirmation: close to where they were expected, and alike.
 
@@ -127,11 +116,11 @@ def remember(
     index: int,
     motion: Floats,
     velocity: Floats,
-    seen: Indices,
+    seen: Integers,
     step: Floats,
     last_zncc: Floats,
     is_tracked: Flags,
-    misses: Indices,
+    misses: Integers,
 ) -> None:
     """Update the state with what was found in a frame; the arrays after ``index`` are changed.
 

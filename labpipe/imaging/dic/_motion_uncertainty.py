@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.imaging.dic._spline import noise_gain, slope_noise_gain
 from labpipe.imaging.dic._subset_solver import Subsets
-
-Floats = NDArray[np.float64]
 
 #: Places per axis at which a subset's sub-pixel positions are sampled.
 _PLACES = np.linspace(-1.0, 1.0, 5)
@@ -118,11 +117,7 @@ def motion_variance(
     passed = np.maximum(passed, 0.0)
     inverse = subsets.inverse[chosen]
     covariance = (pixel_noise * passed * model.smoothing[chosen])[:, None] * np.stack(
-        [
-            inverse[:, 0, 0],
-            inverse[:, 3, 3],
-            0.25 * (inverse[:, 4, 4] + inverse[:, 2, 2] - 2.0 * inverse[:, 2, 4]),
-        ],
+        [inverse[:, 0, 0], inverse[:, 3, 3], 0.25 * (inverse[:, 4, 4] + inverse[:, 2, 2] - 2.0 * inverse[:, 2, 4])],
         axis=1,
     )
     slopes = subsets.normal[chosen][:, (0, 3), (0, 3)]

@@ -5,17 +5,13 @@ matches in the whole frame.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._film_window import Loaded
 from labpipe.imaging.dic._reference import Status
 from labpipe.imaging.dic._seeding import Pyramid, find_subset, fit_motion, make_pyramid, shift_of
 from labpipe.imaging.dic._subset_solver import LEFT_WINDOW
 from labpipe.imaging.dic._tracker import SURPRISE, Attempt, FrameResult, Tracker
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 #: Distance from a neighbour's or a template's proposal (px) within which it is confirmed.
 _CONFIRMED = 2.5
@@ -42,22 +38,13 @@ def follow(tracker: Tracker, index: int, loaded: Loaded) -> FrameResult:
     tracker.remember(index, attempt)
     status = np.where(attempt.trusted, Status.OK, Status.LOST).astype(np.int8)
     status[~attempt.trusted & attempt.reached] = Status.OUTSIDE
-    return FrameResult(
-        attempt.motion,
-        attempt.gain,
-        attempt.residual,
-        attempt.zncc,
-        attempt.iterations,
-        status,
-    )
+    return FrameResult(attempt.motion, attempt.gain, attempt.residual, attempt.zncc, attempt.iterations, status)
 
 
 class Recovery:
     """Confirm or find the points of one frame that the prediction did not lead to."""
 
-    def __init__(
-        self, tracker: Tracker, index: int, loaded: Loaded, attempt: Attempt, expected: Floats
-    ) -> None:
+    def __init__(self, tracker: Tracker, index: int, loaded: Loaded, attempt: Attempt, expected: Floats) -> None:
         self._tracker = tracker
         self._index = index
         self._loaded = loaded
@@ -116,7 +103,7 @@ class Recovery:
             # A neighbour that is wrong itself must not stand in the way: ask the next one.
             rank = 0 if self._try(waiting, start) else rank + 1
 
-    def _carry(self, sources: Indices, targets: Indices) -> Floats:
+    def _carry(self, sources: Integers, targets: Integers) -> Floats:
         """Motions of source points continued to the places of target points."""
         places = self._tracker.places
         start = self._attempt.motion[sources].copy()
@@ -130,9 +117,7 @@ class Recovery:
         if len(trusted) <= _NEIGHBOURS:
             return
         near = _nearest(tracker.places[trusted], tracker.places[trusted], _NEIGHBOURS + 1)
-        votes = np.stack(
-            [self._carry(trusted[near[:, k]], trusted) for k in range(1, _NEIGHBOURS + 1)]
-        )
+        votes = np.stack([self._carry(trusted[near[:, k]], trusted) for k in range(1, _NEIGHBOURS + 1)])
         start = np.median(votes, axis=0)
         apart = np.hypot(*(start - attempt.motion[trusted])[:, [0, 3]].T)
         odd = apart > _OUTVOTED
@@ -165,7 +150,7 @@ class Recovery:
                 where, start = where[fits], start[fits]
         return self._try(where, start)
 
-    def _match(self, chosen: Indices) -> dict[int, Floats]:
+    def _match(self, chosen: Integers) -> dict[int, Floats]:
         """Motions of those chosen points that a template match finds."""
         tracker = self._tracker
         subsets = tracker.reference.subsets
@@ -186,7 +171,7 @@ class Recovery:
             self._pyramid = make_pyramid(grey)
         return self._pyramid
 
-    def _try(self, chosen: Indices, start: Floats) -> bool:
+    def _try(self, chosen: Integers, start: Floats) -> bool:
         """Solve from proposed motions; trust those that stay near. True when any did."""
         tracker, attempt = self._tracker, self._attempt
         found = tracker.solve(self._loaded, chosen, start)
@@ -195,9 +180,7 @@ class Recovery:
             self._whole_frame()
             found = tracker.solve(self._loaded, chosen, start)
         attempt.iterations[chosen] += found.iterations
-        attempt.reached[chosen] = (found.code == LEFT_WINDOW) & (
-            self._loaded.box == tracker.film.whole
-        )
+        attempt.reached[chosen] = (found.code == LEFT_WINDOW) & (self._loaded.box == tracker.film.whole)
         if self._loaded.box != tracker.film.whole:
             attempt.reached[chosen] = ~self._is_in_frame(chosen, start)
         near = np.hypot(*(found.motion - start)[:, [0, 3]].T) <= _CONFIRMED
@@ -209,19 +192,19 @@ class Recovery:
         attempt.trusted[chosen[good]] = True
         return bool(good.any())
 
-    def _is_in_frame(self, chosen: Indices, start: Floats) -> Flags:
+    def _is_in_frame(self, chosen: Integers, start: Floats) -> Flags:
         """Whether the moved subsets lie wholly inside the frame."""
         _, right, _, bottom = self._tracker.film.whole
         half = self._tracker.reference.subsets.half[chosen]
         x, y = (self._tracker.places[chosen] + start[:, [0, 3]]).T
         return (x >= half) & (x < right - half) & (y >= half) & (y < bottom - half)
 
-    def _has_frame_around(self, chosen: Indices, start: Floats) -> bool:
+    def _has_frame_around(self, chosen: Integers, start: Floats) -> bool:
         """Whether any proposal lies inside the frame, though not in the loaded rectangle."""
         return bool(self._is_in_frame(chosen, start).any())
 
 
-def _nearest(places: Floats, others: Floats, count: int) -> Indices:
+def _nearest(places: Floats, others: Floats, count: int) -> Integers:
     """For every place the numbers of its nearest others, shape (place, count)."""
     from scipy.spatial import cKDTree
 

@@ -6,12 +6,13 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats32
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 from labpipe.imaging.dic._film_window import smooth
 from labpipe.imaging.dic._motion_uncertainty import NoiseModel, make_noise_model
 from labpipe.imaging.dic._seeding import Pyramid, make_pyramid
-from labpipe.imaging.dic._spline import Image32, node_gradients, prefilter
+from labpipe.imaging.dic._spline import node_gradients, prefilter
 from labpipe.imaging.dic._subset_solver import Subsets, cut_subsets
 
 #: Share of pixels at black or white from which a subset counts as saturated.
@@ -166,18 +167,16 @@ def make_reference(
 
 
 def _cut(
-    grey: Image32,
-    gradient_x: Image32,
-    gradient_y: Image32,
+    grey: Floats32,
+    gradient_x: Floats32,
+    gradient_y: Floats32,
     centres: NDArray[np.int64],
     half: NDArray[np.int64],
     is_rigid: NDArray[np.bool_],
     chosen: NDArray[np.int64],
 ) -> Subsets:
     """Cut the subsets of chosen points."""
-    return cut_subsets(
-        grey, gradient_x, gradient_y, centres[chosen], half[chosen], is_rigid[chosen]
-    )
+    return cut_subsets(grey, gradient_x, gradient_y, centres[chosen], half[chosen], is_rigid[chosen])
 
 
 def _reference_status(

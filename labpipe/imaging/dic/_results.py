@@ -3,19 +3,20 @@
 import json
 import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.imaging.dic._motion_uncertainty import motion_variance
 from labpipe.imaging.dic._reference import Reference, Status
 from labpipe.imaging.dic._seeding import shift_of
+from labpipe.variables import described, variable
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Floats = NDArray[np.float64]
 
 #: Range of the displacement over the static frames (px), median of the points, from which they
 #: are not static.
@@ -60,9 +61,7 @@ def empty_table(frames: int, points: int) -> Table:
     )
 
 
-def displacements(
-    table: Table, reference: Reference, is_static: NDArray[np.bool_]
-) -> Displacements:
+def displacements(table: Table, reference: Reference, is_static: NDArray[np.bool_]) -> Displacements:
     """Displacements at the points relative to the mean of the static frames.
 
     Parameters
@@ -83,9 +82,7 @@ def displacements(
         row, column = rows[first : first + _BLOCK], columns[first : first + _BLOCK]
         motion = table.motion[row, column]
         value[row, column, :2] = shift_of(motion, reference.offset[column])
-        value[row, column, 2] = np.arctan2(
-            motion[:, 4] - motion[:, 2], 2.0 + motion[:, 1] + motion[:, 5]
-        )
+        value[row, column, 2] = np.arctan2(motion[:, 4] - motion[:, 2], 2.0 + motion[:, 1] + motion[:, 5])
         variance, has_texture = motion_variance(
             reference.noise,
             reference.subsets,
@@ -102,9 +99,7 @@ def displacements(
     seen = is_origin.sum(axis=0)
     total = np.where(is_origin[..., None], value, 0.0).sum(axis=0)
     # A point that no static frame shows has no origin to count its displacement from.
-    status[:, seen == 0] = np.where(
-        status[:, seen == 0] == Status.OK, Status.LOST, status[:, seen == 0]
-    )
+    status[:, seen == 0] = np.where(status[:, seen == 0] == Status.OK, Status.LOST, status[:, seen == 0])
     value -= total / np.maximum(seen, 1)[:, None]
     is_bad = status != Status.OK
     value[is_bad] = np.nan
@@ -172,12 +167,12 @@ def make_dataset(
         "dy": ("px", "displacement downwards"),
         "rotation": ("rad", "rotation from x towards y"),
     }
-    variables: dict[str, tuple[tuple[str, str], NDArray[np.generic], dict[str, object]]] = {}
+    variables: dict[str, Any] = {}
     dims = ("frame", "point")
     for k, (name, (units, text)) in enumerate(texts.items()):
-        attrs: dict[str, object] = {"units": units, "long_name": text}
+        attrs: dict[str, object] = described(units, text)
         variables[name] = (dims, spread(found.value[..., k], np.nan), attrs)
-        u_attrs = {"units": units, "long_name": f"standard uncertainty of the {text}"}
+        u_attrs = described(units, f"standard uncertainty of the {text}")
         variables[f"u_{name}"] = (dims, spread(found.deviation[..., k], np.nan), dict(u_attrs))
     plain = {
         "zncc": (spread(found.zncc, np.nan), "zero-normalised cross-correlation"),
@@ -186,14 +181,14 @@ def make_dataset(
         "status": (status, "status of the displacement"),
     }
     for name, (values, text) in plain.items():
-        variables[name] = (dims, values, {"units": "1", "long_name": text})
+        variables[name] = variable(dims, values, "1", text)
     variables["status"][2]["flag_values"] = [int(code) for code in Status]
     variables["status"][2]["flag_meanings"] = " ".join(code.name.lower() for code in Status)
     pixel = {"units": "px"}
     coordinates = {
-        "frame": ("frame", wanted, {"units": "1", "long_name": "frame of the film"}),
-        "time": ("frame", time[wanted], {"units": "s", "long_name": "time"}),
-        "point": ("point", np.arange(len(places)), {"units": "1", "long_name": "point"}),
+        "frame": variable("frame", wanted, "1", "frame of the film"),
+        "time": variable("frame", time[wanted], "s", "time"),
+        "point": variable("point", np.arange(len(places)), "1", "point"),
         "x": ("point", places[:, 0], pixel | {"long_name": "column of the point"}),
         "y": ("point", places[:, 1], pixel | {"long_name": "row of the point"}),
         "subset": ("point", 2 * half + 1, pixel | {"long_name": "width of the subset"}),

@@ -9,9 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.imaging.dic._spline import Image32
-
-Floats = NDArray[np.float64]
+from labpipe.arrays import Floats, Floats32
 
 #: Least half width of a template in the full image (px): smaller ones are found everywhere.
 _TEMPLATE = 32
@@ -51,12 +49,12 @@ class Seed:
 class Pyramid:
     """An image and its reduced copy; ``factor`` full pixels make one reduced pixel."""
 
-    image: Image32
-    small: Image32
+    image: Floats32
+    small: Floats32
     factor: int
 
 
-def make_pyramid(image: Image32) -> Pyramid:
+def make_pyramid(image: Floats32) -> Pyramid:
     """Blur and reduce an image, by 4 where it is large enough.
 
     Parameters
@@ -80,9 +78,7 @@ def make_pyramid(image: Image32) -> Pyramid:
     return Pyramid(image, np.asarray(small, np.float32), factor)
 
 
-def find_subset(
-    reference: Pyramid, frame: Pyramid, centre: tuple[int, int], half: int
-) -> Seed | None:
+def find_subset(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], half: int) -> Seed | None:
     """Look for a subset of the reference anywhere in a frame.
 
     Parameters
@@ -111,9 +107,7 @@ def find_subset(
     return best
 
 
-def _coarse_shifts(
-    reference: Pyramid, frame: Pyramid, centre: tuple[int, int], reach: int
-) -> list[tuple[int, int]]:
+def _coarse_shifts(reference: Pyramid, frame: Pyramid, centre: tuple[int, int], reach: int) -> list[tuple[int, int]]:
     """Displacements (full px) of the best few places in the reduced frame."""
     import cv2
 
@@ -126,9 +120,7 @@ def _coarse_shifts(
     template = reference.small[top:bottom, left:right]
     if min(template.shape) < 4 or float(template.std()) == 0.0:
         return []
-    scores = np.nan_to_num(
-        cv2.matchTemplate(frame.small, template, cv2.TM_CCOEFF_NORMED), nan=-1.0, posinf=-1.0
-    )
+    scores = np.nan_to_num(cv2.matchTemplate(frame.small, template, cv2.TM_CCOEFF_NORMED), nan=-1.0, posinf=-1.0)
     found = []
     for _ in range(_CANDIDATES):
         row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
@@ -140,11 +132,7 @@ def _coarse_shifts(
 
 
 def _refine(
-    reference: Pyramid,
-    frame: Pyramid,
-    centre: tuple[int, int],
-    half: int,
-    shift: tuple[int, int],
+    reference: Pyramid, frame: Pyramid, centre: tuple[int, int], half: int, shift: tuple[int, int]
 ) -> Seed | None:
     """Search the full image around a displacement, in tiles when the subset is large."""
     if half <= _WHOLE:
@@ -171,11 +159,7 @@ def _refine(
 
 
 def _match_tile(
-    reference: Pyramid,
-    frame: Pyramid,
-    centre: tuple[int, int],
-    half: int,
-    shift: tuple[int, int],
+    reference: Pyramid, frame: Pyramid, centre: tuple[int, int], half: int, shift: tuple[int, int]
 ) -> tuple[float, float, float] | None:
     """Displacement (u, v) in whole px and correlation of a tile of the full image."""
     import cv2
@@ -194,11 +178,7 @@ def _match_tile(
     scores = cv2.matchTemplate(area, template, cv2.TM_CCOEFF_NORMED)
     scores = np.nan_to_num(scores, nan=-1.0, posinf=-1.0)
     row, column = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    return (
-        float(left + column + half - x),
-        float(top + row + half - y),
-        float(scores[row, column]),
-    )
+    return (float(left + column + half - x), float(top + row + half - y), float(scores[row, column]))
 
 
 def fit_motion(places: Floats, shifts: Floats) -> tuple[Floats, NDArray[np.bool_]]:
@@ -259,9 +239,5 @@ def shift_of(motion: Floats, offsets: Floats) -> Floats:
     """Displacement (point, 2) in px that motions (point, 6) give at offsets from their centre."""
     x, y = offsets[:, 0], offsets[:, 1]
     return np.stack(
-        [
-            motion[:, 0] + motion[:, 1] * x + motion[:, 2] * y,
-            motion[:, 3] + motion[:, 4] * x + motion[:, 5] * y,
-        ],
-        axis=1,
+        [motion[:, 0] + motion[:, 1] * x + motion[:, 2] * y, motion[:, 3] + motion[:, 4] * x + motion[:, 5] * y], axis=1
     )

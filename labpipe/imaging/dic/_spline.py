@@ -10,10 +10,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats32
 from labpipe.compilation import compiled
 from labpipe.errors import InputError
-
-Image32 = NDArray[np.float32]
 
 #: Poles of the interpolating prefilter of each supported order.
 POLES: dict[int, tuple[float, ...]] = {
@@ -28,10 +27,7 @@ NODE_WEIGHTS: dict[int, tuple[float, ...]] = {
     3: (1 / 6, 4 / 6, 1 / 6),
     5: (1 / 120, 26 / 120, 66 / 120, 26 / 120, 1 / 120),
 }
-NODE_SLOPES: dict[int, tuple[float, ...]] = {
-    3: (-1 / 2, 0.0, 1 / 2),
-    5: (-1 / 24, -10 / 24, 0.0, 10 / 24, 1 / 24),
-}
+NODE_SLOPES: dict[int, tuple[float, ...]] = {3: (-1 / 2, 0.0, 1 / 2), 5: (-1 / 24, -10 / 24, 0.0, 10 / 24, 1 / 24)}
 #: Mirrored coefficients on each side, so that a subset may touch the border of the frame.
 PADDING = 8
 #: The solver computes whole vectors of this many pixels; the surplus is read and dropped.
@@ -42,7 +38,7 @@ _STRIP = 64  # columns filtered together: 64 x 1280 float32 fit into a second-le
 
 
 @compiled(nogil=True, fastmath={"contract"})
-def _filter_columns(block: Image32, poles: NDArray[np.float64]) -> None:
+def _filter_columns(block: Floats32, poles: NDArray[np.float64]) -> None:
     """Run the recursive filter down every column, in place, mirrored at both ends."""
     rows, columns = block.shape
     width = np.uint64(columns)
@@ -73,7 +69,7 @@ def _filter_columns(block: Image32, poles: NDArray[np.float64]) -> None:
 
 
 @compiled(nogil=True, fastmath={"contract"})
-def _prefilter_into(image: Image32, poles: NDArray[np.float64], padded: Image32) -> None:
+def _prefilter_into(image: Floats32, poles: NDArray[np.float64], padded: Floats32) -> None:
     """Fill ``padded`` with the coefficients of ``image`` and their mirrored border."""
     rows, columns = image.shape
     gain = np.float32(1.0)
@@ -109,7 +105,7 @@ def _prefilter_into(image: Image32, poles: NDArray[np.float64], padded: Image32)
 
 
 @compiled(nogil=True)
-def _mirror_border(padded: Image32, rows: int, columns: int) -> None:
+def _mirror_border(padded: Floats32, rows: int, columns: int) -> None:
     """Copy the coefficients next to the border to their places beyond it."""
     for r in range(rows):
         line = padded[PADDING + r]
@@ -122,7 +118,7 @@ def _mirror_border(padded: Image32, rows: int, columns: int) -> None:
             padded[PADDING + rows - 1 + k, c] = padded[PADDING + rows - 1 - k, c]
 
 
-def prefilter(image: NDArray[np.generic], order: int, out: Image32 | None = None) -> Image32:
+def prefilter(image: NDArray[np.generic], order: int, out: Floats32 | None = None) -> Floats32:
     """Compute the B-spline coefficients of an image, with a mirrored border around them.
 
     Parameters
@@ -178,7 +174,7 @@ def prefilter(image: NDArray[np.generic], order: int, out: Image32 | None = None
     return out
 
 
-def node_gradients(coefficients: Image32, order: int) -> tuple[Image32, Image32]:
+def node_gradients(coefficients: Floats32, order: int) -> tuple[Floats32, Floats32]:
     """Differentiate the spline at the pixels themselves.
 
     Parameters
@@ -196,11 +192,9 @@ def node_gradients(coefficients: Image32, order: int) -> tuple[Image32, Image32]
     rows = coefficients.shape[0] - 2 * PADDING - 1
     columns = coefficients.shape[1] - 2 * PADDING - LANES
     reach = len(NODE_WEIGHTS[order]) // 2
-    area = coefficients[
-        PADDING - reach : PADDING + rows + reach, PADDING - reach : PADDING + columns + reach
-    ]
+    area = coefficients[PADDING - reach : PADDING + rows + reach, PADDING - reach : PADDING + columns + reach]
 
-    def weigh(values: Image32, weights: tuple[float, ...], axis: int) -> Image32:
+    def weigh(values: Floats32, weights: tuple[float, ...], axis: int) -> Floats32:
         count = values.shape[axis] - 2 * reach
         total = np.zeros((), np.float32)
         for k, weight in enumerate(weights):
@@ -246,9 +240,7 @@ def noise_gain(order: int, fraction: NDArray[np.float64], blur: float = 0.0) -> 
 
     coefficients = _impulse_response(order, blur)
     nodes = np.arange(HORIZON, 5 * HORIZON)[:, None] + np.asarray(fraction)[None, :]
-    values = map_coordinates(
-        coefficients, nodes.reshape(1, -1), order=order, prefilter=False, mode="mirror"
-    )
+    values = map_coordinates(coefficients, nodes.reshape(1, -1), order=order, prefilter=False, mode="mirror")
     return np.asarray((values.reshape(nodes.shape) ** 2).sum(axis=0))
 
 

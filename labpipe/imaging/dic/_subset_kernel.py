@@ -9,11 +9,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats, Floats32, Integers
 from labpipe.compilation import compiled
-from labpipe.imaging.dic._spline import LANES, Image32
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from labpipe.imaging.dic._spline import LANES
 
 #: Result codes of the solver.
 SOLVED, LEFT_WINDOW, NOT_CONVERGED, NO_TEXTURE = 0, 1, 2, 3
@@ -30,14 +28,7 @@ FAST = {"reassoc", "contract", "nsz", "arcp"}
 
 @compiled(nogil=True, fastmath=FAST)
 def _sample_row(
-    coefficients: Image32,
-    order: int,
-    x: float,
-    y: float,
-    step_x: float,
-    step_y: float,
-    width: int,
-    result: Image32,
+    coefficients: Floats32, order: int, x: float, y: float, step_x: float, step_y: float, width: int, result: Floats32
 ) -> None:
     """Interpolate a row of pixels whose positions advance by (1 + step_x, step_y).
 
@@ -89,7 +80,7 @@ def _cubic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, n
 
 @compiled(nogil=True, fastmath=FAST)
 def _sample_cubic(
-    coefficients: Image32,
+    coefficients: Floats32,
     row: int,
     column: int,
     fx: np.float32,
@@ -97,7 +88,7 @@ def _sample_cubic(
     dx: np.float32,
     dy: np.float32,
     lanes: np.uint64,
-    out: Image32,
+    out: Floats32,
 ) -> None:
     """Evaluate the cubic spline for a run of pixels."""
     c0 = coefficients[row, column:]
@@ -117,9 +108,7 @@ def _sample_cubic(
 
 
 @compiled(nogil=True, fastmath=FAST)
-def _quintic_weights(
-    t: np.float32,
-) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
+def _quintic_weights(t: np.float32) -> tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]:
     """Quintic B-spline at t + 2, t + 1, t, 1 - t, 2 - t, 3 - t."""
     one = np.float32(1.0)
     s = one - t
@@ -143,7 +132,7 @@ def _quintic_weights(
 
 @compiled(nogil=True, fastmath=FAST)
 def _sample_quintic(
-    coefficients: Image32,
+    coefficients: Floats32,
     row: int,
     column: int,
     fx: np.float32,
@@ -151,7 +140,7 @@ def _sample_quintic(
     dx: np.float32,
     dy: np.float32,
     lanes: np.uint64,
-    out: Image32,
+    out: Floats32,
 ) -> None:
     """Evaluate the quintic spline for a run of pixels."""
     c0 = coefficients[row, column:]
@@ -183,11 +172,11 @@ def _sample_quintic(
 
 @compiled(nogil=True, fastmath=FAST)
 def _accumulate(
-    values: Image32,
+    values: Floats32,
     level: np.float32,
-    grey: Image32,
-    gradient_x: Image32,
-    gradient_y: Image32,
+    grey: Floats32,
+    gradient_x: Floats32,
+    gradient_y: Floats32,
     half: float,
     width: int,
     offset: float,
@@ -245,9 +234,7 @@ def compose_with_inverse(p: Floats, step: Floats, is_rigid: bool) -> None:
 
 
 @compiled(nogil=True)
-def _is_inside(
-    x: float, y: float, half: float, p: Floats, window: tuple[float, float, float, float]
-) -> bool:
+def _is_inside(x: float, y: float, half: float, p: Floats, window: tuple[float, float, float, float]) -> bool:
     """Whether the four corners of the moved subset lie in the window."""
     for sj in (-1.0, 1.0):
         for si in (-1.0, 1.0):
@@ -263,14 +250,14 @@ def _is_inside(
 
 @compiled(nogil=True)
 def _sum_subset(
-    coefficients: Image32,
+    coefficients: Floats32,
     order: int,
     corner: tuple[float, float],
     layout: Integers,
-    packed: Image32,
+    packed: Floats32,
     level: float,
     p: Floats,
-    values: Image32,
+    values: Floats32,
     sums: Floats,
 ) -> None:
     """Interpolate a whole subset of the frame and sum what the normal equations need."""
@@ -334,13 +321,13 @@ def _gauss_newton_step(
 
 @compiled(nogil=True)
 def _iterate(
-    coefficients: Image32,
+    coefficients: Floats32,
     order: int,
     corner: tuple[float, float],
     window: tuple[float, float, float, float],
     layout: Integers,
     is_rigid: bool,
-    packed: Image32,
+    packed: Floats32,
     level: Floats,
     moments: Floats,
     normal: Floats,
@@ -349,7 +336,7 @@ def _iterate(
     max_iterations: int,
     p: Floats,
     quality: Floats,
-    work: tuple[Floats, Floats, Floats, Image32],
+    work: tuple[Floats, Floats, Floats, Floats32],
 ) -> tuple[int, int]:
     """Iterate one subset; evaluations and result code."""
     sums, step, before, values = work
@@ -397,14 +384,14 @@ def _iterate(
 
 @compiled(nogil=True)
 def solve_subsets(
-    coefficients: Image32,
+    coefficients: Floats32,
     order: int,
     corner: tuple[float, float],
     window: tuple[float, float, float, float],
     chosen: Integers,
     layout: Integers,
     is_rigid: NDArray[np.bool_],
-    packed: Image32,
+    packed: Floats32,
     level: Floats,
     moments: Floats,
     normal: Floats,
@@ -415,7 +402,7 @@ def solve_subsets(
     quality: Floats,
     counts: Integers,
     scratch: Floats,
-    values: Image32,
+    values: Floats32,
 ) -> None:
     """Iterate every chosen subset to convergence; ``motion`` holds the start and the result."""
     # Work arrays come from outside and results are set one by one: that spares half the compiling.

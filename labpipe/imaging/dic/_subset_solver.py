@@ -15,30 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats, Floats32, Integers
 from labpipe.compilation import compiled
-from labpipe.imaging.dic._spline import LANES, PADDING, Image32
-from labpipe.imaging.dic._subset_kernel import (
-    FAST,
-    LEFT_WINDOW,
-    NO_TEXTURE,
-    NOT_CONVERGED,
-    SOLVED,
-    solve_subsets,
-)
+from labpipe.imaging.dic._spline import LANES, PADDING
+from labpipe.imaging.dic._subset_kernel import FAST, LEFT_WINDOW, NO_TEXTURE, NOT_CONVERGED, SOLVED, solve_subsets
 
-__all__ = [
-    "LEFT_WINDOW",
-    "NOT_CONVERGED",
-    "NO_TEXTURE",
-    "SOLVED",
-    "Solution",
-    "Subsets",
-    "cut_subsets",
-    "solve",
-]
+__all__ = ["LEFT_WINDOW", "NOT_CONVERGED", "NO_TEXTURE", "SOLVED", "Solution", "Subsets", "cut_subsets", "solve"]
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 #: Error that may be left by stopping (px): a tenth of the least noise of a large subset.
 DEFAULT_TOLERANCE = 5e-5
@@ -81,7 +64,7 @@ class Subsets:
 
     layout: Integers
     is_rigid: NDArray[np.bool_]
-    packed: Image32
+    packed: Floats32
     level: Floats
     moments: Floats
     normal: Floats
@@ -136,9 +119,9 @@ class Solution:
 
 
 def cut_subsets(
-    image: Image32,
-    gradient_x: Image32,
-    gradient_y: Image32,
+    image: Floats32,
+    gradient_x: Floats32,
+    gradient_y: Floats32,
     centres: Integers,
     half: Integers,
     is_rigid: NDArray[np.bool_],
@@ -201,11 +184,11 @@ def _invert(normal: Floats, basis: Floats) -> Floats:
 
 @compiled(nogil=True, fastmath=FAST)
 def _cut(
-    image: Image32,
-    gradient_x: Image32,
-    gradient_y: Image32,
+    image: Floats32,
+    gradient_x: Floats32,
+    gradient_y: Floats32,
     layout: Integers,
-    packed: Image32,
+    packed: Floats32,
     level: Floats,
     moments: Floats,
     normal: Floats,
@@ -261,11 +244,7 @@ def _cut(
 
 @compiled(nogil=True)
 def _scatter(
-    first: tuple[np.float32, ...],
-    second: tuple[np.float32, ...],
-    i: float,
-    moments: Floats,
-    normal: Floats,
+    first: tuple[np.float32, ...], second: tuple[np.float32, ...], i: float, moments: Floats, normal: Floats
 ) -> None:
     """Add a row's sums, taken with 1, j, j², to those of the six steepest-descent images.
 
@@ -288,7 +267,7 @@ def _scatter(
 
 def solve(
     subsets: Subsets,
-    coefficients: Image32,
+    coefficients: Floats32,
     order: int,
     chosen: Integers,
     motion: Floats,

@@ -9,13 +9,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from labpipe.arrays import Floats
 from labpipe.frames import FrameSource, as_frames
-from labpipe.imaging.dic._inputs import (
-    check_points,
-    check_seeds,
-    check_settings,
-    selected_frames,
-)
+from labpipe.imaging.dic._inputs import check_points, check_seeds, check_settings, selected_frames
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -25,7 +21,6 @@ if TYPE_CHECKING:
     from labpipe.imaging.dic._results import Table
     from labpipe.imaging.dic._tracker import Tracker
 
-Floats = NDArray[np.float64]
 Shape = Literal["rigid", "affine"]
 
 #: Correlation below which a point counts as lost: far above a chance match of a usual subset,

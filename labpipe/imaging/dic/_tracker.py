@@ -10,14 +10,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Flags, Floats, Integers
 from labpipe.imaging.dic._film_window import Box, FilmWindow, Loaded
 from labpipe.imaging.dic._motion_state import converged_nearby, extent, predicted, remember
 from labpipe.imaging.dic._reference import Reference
 from labpipe.imaging.dic._subset_solver import SOLVED, Solution, solve
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 #: Distance from the prediction (px) up to which a converged point needs no confirmation:
 #: the velocity of a bouncing holder changes by at most 1 px per frame.
@@ -53,7 +50,7 @@ class FrameResult:
     gain: Floats
     residual: Floats
     zncc: Floats
-    iterations: Indices
+    iterations: Integers
     status: NDArray[np.int8]
 
 
@@ -65,8 +62,8 @@ class Attempt:
     zncc: Floats
     gain: Floats
     residual: Floats
-    iterations: Indices
-    code: Indices
+    iterations: Integers
+    code: Integers
     trusted: Flags
     reached: Flags = field(init=False)
 
@@ -79,20 +76,22 @@ class Attempt:
         count = len(expected)
         zncc, gain, residual = np.full((3, count), np.nan)
         nowhere = np.full(count, -1)
-        return cls(
-            expected.copy(), zncc, gain, residual, np.zeros(count, np.int64), nowhere,
-            np.zeros(count, bool),
-        )  # fmt: skip
+        return cls(expected.copy(), zncc, gain, residual, np.zeros(count, np.int64), nowhere, np.zeros(count, bool))
 
     @classmethod
     def of(cls, found: Solution) -> "Attempt":
         """Return the answers of all points, none of them trusted yet."""
         return cls(
-            found.motion, found.zncc.copy(), found.gain.copy(), found.residual.copy(),
-            found.iterations, found.code, np.zeros(len(found.code), bool),
-        )  # fmt: skip
+            found.motion,
+            found.zncc.copy(),
+            found.gain.copy(),
+            found.residual.copy(),
+            found.iterations,
+            found.code,
+            np.zeros(len(found.code), bool),
+        )
 
-    def take(self, chosen: Indices, found: Solution, better: Flags) -> None:
+    def take(self, chosen: Integers, found: Solution, better: Flags) -> None:
         """Replace the answers of chosen points where the new ones are better."""
         where = chosen[better]
         self.motion[where] = found.motion[better]
@@ -143,9 +142,7 @@ class Tracker:
         """Motion (point, 6) expected in a frame, from constant velocity."""
         motion = self._predictions.get(index)
         if motion is None:
-            motion = predicted(
-                self._motion, self._velocity, self._seen, self._step, self.is_tracked, index
-            )
+            motion = predicted(self._motion, self._velocity, self._seen, self._step, self.is_tracked, index)
             self._predictions[index] = motion
         return motion
 
@@ -172,7 +169,7 @@ class Tracker:
         """(left, right, top, bottom) of the subsets of chosen points as predicted."""
         return np.asarray(extent(self.places, self._half, self.predict(index), chosen))
 
-    def solve(self, loaded: Loaded, chosen: Indices, start: Floats) -> Solution:
+    def solve(self, loaded: Loaded, chosen: Integers, start: Floats) -> Solution:
         """Run the solver and count its work."""
         assert loaded.coefficients is not None  # noqa: S101 - frames with NaN are skipped before
         found = solve(
@@ -212,7 +209,7 @@ class Tracker:
         )
         return attempt
 
-    def accepts(self, code: Indices, zncc: Floats) -> Flags:
+    def accepts(self, code: Integers, zncc: Floats) -> Flags:
         """Whether points converged with enough correlation."""
         return (code == SOLVED) & (zncc >= self._options.min_zncc)
 

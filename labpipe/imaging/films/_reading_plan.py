@@ -13,12 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Flags, Floats
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Integers = NDArray[np.int64]
 
 #: Rows of a band.
 BAND_ROWS = 16
@@ -88,9 +85,7 @@ class FilmReader:
     def band(self, index: int, top: int, bottom: int) -> NDArray[np.float32]:
         """Read rows ``top`` to ``bottom - 1`` of a frame."""
         if (top, bottom) not in self._parts:
-            self._parts[top, bottom] = self.film.roi(
-                slice(top, bottom), slice(0, self.film.shape[2])
-            )
+            self._parts[top, bottom] = self.film.roi(slice(top, bottom), slice(0, self.film.shape[2]))
         image = np.asarray(self._parts[top, bottom][index])
         self.bands_read += 1
         self.pixels_read += image.size
@@ -230,9 +225,7 @@ class ReadingPlan:
     is_resting: Flags
 
 
-def plan_reading(
-    reader: FilmReader, wanted: Flags, known: dict[int, bool], places: Sequence[Place]
-) -> ReadingPlan:
+def plan_reading(reader: FilmReader, wanted: Flags, known: dict[int, bool], places: Sequence[Place]) -> ReadingPlan:
     """Choose the frames to read from their bands and from frames already known.
 
     Parameters
@@ -268,9 +261,7 @@ def plan_reading(
     last_index = -_LONGEST_REST
     for index in map(int, np.flatnonzero(wanted)):
         now = bands(index)
-        is_lit = any(
-            place.is_lit_in(band) for band, some in zip(now, through, strict=True) for place in some
-        )
+        is_lit = any(place.is_lit_in(band) for band, some in zip(now, through, strict=True) for place in some)
         if not is_lit and not known.get(index, False):
             continue
         is_same = index - last_index < _LONGEST_REST and _looks_like(now, last, noise)
@@ -283,13 +274,9 @@ def plan_reading(
     return ReadingPlan(read, resting)
 
 
-def _looks_like(
-    now: list[NDArray[np.float32]], other: list[NDArray[np.float32]], noise: float
-) -> bool:
+def _looks_like(now: list[NDArray[np.float32]], other: list[NDArray[np.float32]], noise: float) -> bool:
     """Tell whether bands show nothing but noise that others do not show."""
-    return bool(other) and not any(
-        is_different(a, b, noise) for a, b in zip(now, other, strict=True)
-    )
+    return bool(other) and not any(is_different(a, b, noise) for a, b in zip(now, other, strict=True))
 
 
 def _read_around(read: Flags, resting: Flags, wanted: Flags) -> None:

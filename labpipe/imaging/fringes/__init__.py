@@ -4,8 +4,4 @@ from labpipe.imaging.fringes._circle import fit_circle
 from labpipe.imaging.fringes._contact_radius import contact_radius
 from labpipe.imaging.fringes._interference import hertz_gap
 
-__all__ = [
-    "contact_radius",
-    "fit_circle",
-    "hertz_gap",
-]
+__all__ = ["contact_radius", "fit_circle", "hertz_gap"]

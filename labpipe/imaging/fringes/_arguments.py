@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -35,10 +34,7 @@ def check_film(film: FrameSource, options: FilmOptions) -> None:
     InputError
         With what was found and what was expected.
     """
-    lengths = {
-        "pixel_size": (options.pixel_size, 1e-9, 1e-3),
-        "sphere_radius": (options.sphere_radius, 1e-6, 10.0),
-    }
+    lengths = {"pixel_size": (options.pixel_size, 1e-9, 1e-3), "sphere_radius": (options.sphere_radius, 1e-6, 10.0)}
     if options.wavelength is not None:
         lengths["wavelength"] = (options.wavelength, 100e-9, 20e-6)
     for name, (value, low, high) in lengths.items():
@@ -65,8 +61,7 @@ def check_film(film: FrameSource, options: FilmOptions) -> None:
         is_shaped = exposure.shape in {(), (len(film),)}
         if not is_shaped or not (np.isfinite(exposure) & (exposure >= 0.0)).all():
             message = (
-                f"exposure must be one time in s or one per frame ({len(film)}), not negative; "
-                f"found {options.exposure}"
+                f"exposure must be one time in s or one per frame ({len(film)}), not negative; found {options.exposure}"
             )
             raise InputError(message)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Flags
 from labpipe.imaging.fringes._calibration import Calibration
 from labpipe.imaging.fringes._centre_votes import find_centres
 from labpipe.imaging.fringes._edge import Edge, find_edge
@@ -14,8 +15,6 @@ from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import Parameter, RingFit
 from labpipe.imaging.fringes._search import View, has_structure
 from labpipe.imaging.fringes._spots import Spot, find_spots, reduce_frame
-
-Flags = NDArray[np.bool_]
 
 #: A spot without fringes next to a contact has an edge softer than this share of the radius at
 #: most; one alone must be as sharp as this many widths of the first bright ring (Hertz's gap
@@ -107,9 +106,7 @@ def look_without_fringes(frame: NDArray[np.generic], view: View) -> Blank:
 def _edges_of(spots: Iterable[Spot], frame: NDArray[np.generic], view: View) -> tuple[Edge, ...]:
     """Edges of the spots that are larger than that of a sphere which just touches."""
     edges = (
-        find_edge(frame, spot.x, spot.y, spot.radius, view.black)
-        for spot in spots
-        if spot.radius >= view.newton_spot
+        find_edge(frame, spot.x, spot.y, spot.radius, view.black) for spot in spots if spot.radius >= view.newton_spot
     )
     least = _LEAST_SPOT * view.newton_spot
     return tuple(edge for edge in edges if edge is not None and edge.half_radius >= least)

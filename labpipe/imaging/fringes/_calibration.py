@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from labpipe.imaging.fringes._ring_fit import Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._search import View
 
-Floats = NDArray[np.float64]
-
 #: Frames that are used, the largest contacts first.
 _FRAMES = 8
 #: A freed quantity is believed when it lowers the squared misfit by this factor, ...
@@ -113,9 +111,7 @@ class _Trial:
 class _Attempt(Protocol):
     """Fits the chosen frames with further parameters free, some things being known."""
 
-    def __call__(
-        self, extra: Sequence[Parameter], known: Calibration, count: int = ...
-    ) -> _Trial | None:
+    def __call__(self, extra: Sequence[Parameter], known: Calibration, count: int = ...) -> _Trial | None:
         """Return the fits, or None when one of them fails."""
 
 
@@ -153,9 +149,7 @@ def calibrate(
     images = [frame_of(index) for index in chosen]
     starts = [fits[index] for index in chosen]
 
-    def attempt(
-        extra: Sequence[Parameter], known: Calibration, count: int = _FRAMES
-    ) -> _Trial | None:
+    def attempt(extra: Sequence[Parameter], known: Calibration, count: int = _FRAMES) -> _Trial | None:
         seen = known.applied(view)
         return _attempt(images[:count], starts[:count], seen, tuple(extra))
 
@@ -215,12 +209,7 @@ def _find_blur(
 
 
 def _find_optics(
-    attempt: _Attempt,
-    axes: Sequence[Parameter],
-    known: Calibration,
-    best: _Trial,
-    parameter: Parameter,
-    view: View,
+    attempt: _Attempt, axes: Sequence[Parameter], known: Calibration, best: _Trial, parameter: Parameter, view: View
 ) -> tuple[_Trial, Calibration] | None:
     """Phase or scale that the film shows, when it explains the frames much better."""
     trial = attempt((*axes, parameter), known)
@@ -251,10 +240,7 @@ def _choose(fits: dict[int, RingFit]) -> tuple[int, ...]:
 
 
 def _attempt(
-    images: Sequence[NDArray[np.generic]],
-    starts: Sequence[RingFit],
-    view: View,
-    extra: tuple[Parameter, ...],
+    images: Sequence[NDArray[np.generic]], starts: Sequence[RingFit], view: View, extra: tuple[Parameter, ...]
 ) -> _Trial | None:
     """Fit all frames with further parameters free; None when one of them fails."""
     free = tuple(dict.fromkeys(view.settings.free + extra))

@@ -13,11 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.imaging.fringes._circle import fit_circle
 from labpipe.imaging.fringes._spots import Spot, reduce_frame
-
-Floats = NDArray[np.float64]
 
 #: Places that vote, the steepest ones, and the share of the steepest slope that they have at least.
 _VOTERS, _LEAST_SLOPE = 1500, 0.1
@@ -87,12 +86,7 @@ def find_centres(frame: NDArray[np.generic]) -> Iterator[Spot]:
         if found is None:
             continue
         found = _follow_edge(small, found, _REACH_REDUCED)
-        whole = Spot(
-            found.x * factor + shift,
-            found.y * factor + shift,
-            found.radius * factor,
-            found.polarity,
-        )
+        whole = Spot(found.x * factor + shift, found.y * factor + shift, found.radius * factor, found.polarity)
         whole = _follow_edge(frame, whole, _REACH_WHOLE)
         if all(_is_apart(whole, other) for other in spots):
             spots.append(whole)
@@ -214,7 +208,5 @@ def _steepest_points(image: NDArray[np.generic], spot: Spot, reach: float) -> Fl
     direction = ((np.flatnonzero(is_whole) + 0.5) / _SECTORS - 0.5) * 2.0 * np.pi
     distance = inner + best + 0.5 + shift
     used = here > 0.0
-    points = np.stack(
-        [spot.x + distance * np.cos(direction), spot.y + distance * np.sin(direction)], axis=1
-    )
+    points = np.stack([spot.x + distance * np.cos(direction), spot.y + distance * np.sin(direction)], axis=1)
     return np.asarray(points[used])

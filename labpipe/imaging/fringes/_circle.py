@@ -1,11 +1,9 @@
 """A circle through scattered points."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-
-Floats = NDArray[np.float64]
 
 
 def fit_circle(points: Floats) -> tuple[float, float, float]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
 from labpipe.imaging.fringes._arguments import FilmOptions
 from labpipe.imaging.fringes._blank_frames import FilmResult
@@ -16,11 +17,11 @@ from labpipe.imaging.fringes._every_frame import NOMINAL_WAVELENGTH
 from labpipe.imaging.fringes._open_gap import has_free_gap
 from labpipe.imaging.fringes._radial_scan import has_resolved_fringes
 from labpipe.imaging.fringes._ring_fit import Parameter, RingFit
+from labpipe.variables import described, variable
 
 if TYPE_CHECKING:
     import xarray as xr
 
-Floats = NDArray[np.float64]
 
 NONE, FRINGES, EDGE, RESTING, FILLED, OPEN_GAP = 0, 1, 2, 3, 4, 5
 _METHODS = {
@@ -99,38 +100,33 @@ def make_dataset(
     _warn(options, result)
     static, u_static = _static_radius(values["radius"], values["u_radius"], method)
     data: dict[str, tuple[object, ...]] = {
-        name: ("frame", values[name], {"units": units, "long_name": text})
-        for name, (units, text) in _TEXTS.items()
+        name: variable("frame", values[name], units, text) for name, (units, text) in _TEXTS.items()
     }
-    flags = {"units": "1", "long_name": "method of the radius"}
-    data["method"] = ("frame", method, {
-        **flags, "flag_values": list(_METHODS), "flag_meanings": " ".join(_METHODS.values()),
-    })  # fmt: skip
-    data["in_contact"] = (
-        "frame", method != NONE, {"units": "1", "long_name": "whether there is a contact"},
-    )  # fmt: skip
+    flags = described("1", "method of the radius")
+    data["method"] = (
+        "frame",
+        method,
+        {**flags, "flag_values": list(_METHODS), "flag_meanings": " ".join(_METHODS.values())},
+    )
+    data["in_contact"] = variable("frame", method != NONE, "1", "whether there is a contact")
     valid = np.ones(count, bool)
     valid[list(result.damaged)] = False
-    data["valid"] = ("frame", valid, {"units": "1", "long_name": "whether the frame was usable"})
-    data["systematic_part"] = (("frame", "source"), parts, {
-        "units": "m", "long_name": "part of the systematic uncertainty of the contact radius",
-    })  # fmt: skip
+    data["valid"] = variable("frame", valid, "1", "whether the frame was usable")
+    data["systematic_part"] = variable(
+        ("frame", "source"), parts, "m", "part of the systematic uncertainty of the contact radius"
+    )
     rest = "mean contact radius at rest at the end of the film"
-    data["static_radius"] = ((), static, {"units": "m", "long_name": rest})
-    data["u_static_radius"] = (
-        (), u_static, {"units": "m", "long_name": f"standard uncertainty of the {rest}"},
-    )  # fmt: skip
+    data["static_radius"] = variable((), static, "m", rest)
+    data["u_static_radius"] = variable((), u_static, "m", f"standard uncertainty of the {rest}")
     coordinates = {
-        "frame": ("frame", np.arange(count), {"units": "1", "long_name": "frame of the film"}),
-        "time": ("frame", film.time, {"units": "s", "long_name": "time"}),
+        "frame": variable("frame", np.arange(count), "1", "frame of the film"),
+        "time": variable("frame", film.time, "s", "time"),
         "source": ("source", list(SOURCES), {"long_name": "source of systematic uncertainty"}),
     }
     return xr.Dataset(data, coordinates, _attributes(options, result, uncertainties))
 
 
-def _put_fit(
-    values: dict[str, Floats], index: int, fit: RingFit, result: FilmResult, pixel: float
-) -> None:
+def _put_fit(values: dict[str, Floats], index: int, fit: RingFit, result: FilmResult, pixel: float) -> None:
     """Enter one fit."""
     p = fit.parameters
     stretch, shear = float(p[Parameter.STRETCH]), float(p[Parameter.SHEAR])
@@ -155,9 +151,7 @@ def _put_fit(
     values["visibility"][index] = abs(float(p[Parameter.MODULATION])) / light
 
 
-def _systematic(
-    fit: RingFit, result: FilmResult, options: FilmOptions, uncertainties: dict[str, float]
-) -> Floats:
+def _systematic(fit: RingFit, result: FilmResult, options: FilmOptions, uncertainties: dict[str, float]) -> Floats:
     """Parts of the systematic uncertainty (m), in the order of :data:`SOURCES`.
 
     R, wavelength and pixel size change the scale of the phase; pixel size also the length itself.
@@ -167,12 +161,14 @@ def _systematic(
     by_phase = fit.sensitivity[Parameter.PHASE] * pixel
     radius = float(fit.parameters[Parameter.RADIUS]) * pixel
     relative = uncertainties["pixel_size"] / pixel
-    return np.abs([
-        by_scale * uncertainties["sphere_radius"] / options.sphere_radius,
-        by_scale * uncertainties["wavelength"] / (options.wavelength or NOMINAL_WAVELENGTH),
-        (radius - 2.0 * by_scale) * relative,
-        by_phase * math.hypot(uncertainties["phase"], result.calibration.u_phase_shift),
-    ])  # fmt: skip
+    return np.abs(
+        [
+            by_scale * uncertainties["sphere_radius"] / options.sphere_radius,
+            by_scale * uncertainties["wavelength"] / (options.wavelength or NOMINAL_WAVELENGTH),
+            (radius - 2.0 * by_scale) * relative,
+            by_phase * math.hypot(uncertainties["phase"], result.calibration.u_phase_shift),
+        ]
+    )
 
 
 def _edge_systematic(
@@ -182,9 +178,7 @@ def _edge_systematic(
     return np.array([0.0, 0.0, radius * uncertainties["pixel_size"], 0.0])
 
 
-def _interpolate(
-    values: dict[str, Floats], parts: Floats, method: NDArray[np.int8], time: Floats
-) -> None:
+def _interpolate(values: dict[str, Floats], parts: Floats, method: NDArray[np.int8], time: Floats) -> None:
     """Fill the frames at rest that were not read from those before and after."""
     known = np.flatnonzero(np.isin(method, (FRINGES, EDGE, OPEN_GAP)))
     resting = np.flatnonzero(method == RESTING)
@@ -195,9 +189,7 @@ def _interpolate(
         line[resting] = np.interp(time[resting], time[known], line[known])
 
 
-def _static_radius(
-    radius: Floats, deviation: Floats, method: NDArray[np.int8]
-) -> tuple[float, float]:
+def _static_radius(radius: Floats, deviation: Floats, method: NDArray[np.int8]) -> tuple[float, float]:
     """Mean radius over the last frames that hardly change, and its standard uncertainty."""
     used = np.flatnonzero(np.isfinite(radius))
     if not len(used) or used[-1] < len(radius) - 1:
@@ -257,9 +249,7 @@ def _has_fine_fringes(result: FilmResult) -> bool:
     )
 
 
-def _attributes(
-    options: FilmOptions, result: FilmResult, uncertainties: dict[str, float]
-) -> dict[str, object]:
+def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[str, float]) -> dict[str, object]:
     """Attributes of the Dataset."""
     sign = [float(fit.parameters[Parameter.MODULATION]) for fit in result.fits.values()]
     phase = result.view.optics.phase

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.imaging.fringes._circle import fit_circle
 from labpipe.imaging.fringes._interference import Optics, distance_at_phase
 from labpipe.imaging.fringes._radial_scan import radial_profile
-
-Floats = NDArray[np.float64]
 
 #: Directions in which the edge is looked for, and the fewest that must show it.
 _SECTORS, _LEAST_SECTORS = 72, 12
@@ -63,9 +62,7 @@ class Edge:
     outside: float
 
 
-def find_edge(
-    frame: NDArray[np.generic], x: float, y: float, radius: float, black: float = 0.0
-) -> Edge | None:
+def find_edge(frame: NDArray[np.generic], x: float, y: float, radius: float, black: float = 0.0) -> Edge | None:
     """Circle through the points where the light is half way between spot and surroundings.
 
     Parameters
@@ -91,9 +88,7 @@ def find_edge(
     return edge
 
 
-def _edge_about(
-    frame: NDArray[np.generic], x: float, y: float, radius: float, black: float
-) -> Edge | None:
+def _edge_about(frame: NDArray[np.generic], x: float, y: float, radius: float, black: float) -> Edge | None:
     """One round: profile about the centre, then a point in every direction, then a circle."""
     bins = int(_FAR * radius) + 4
     profile, counts = radial_profile(frame, x, y, 1.0, bins)
@@ -111,9 +106,7 @@ def _edge_about(
     light = max(outside, inside) - black
     if contrast < _LEAST_CONTRAST * light or float(core.std()) > _MOST_UNEVEN * contrast:
         return None
-    quarter, half, three = (
-        _crossing(line, inside + share * (outside - inside)) for share in (0.25, 0.5, 0.75)
-    )
+    quarter, half, three = (_crossing(line, inside + share * (outside - inside)) for share in (0.25, 0.5, 0.75))
     if quarter is None or half is None or three is None:
         return None
     points = _points(frame, x, y, near.start + half + 0.5, 0.5 * (inside + outside))

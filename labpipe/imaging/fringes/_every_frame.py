@@ -6,32 +6,18 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Flags, Floats
 from labpipe.frames import FrameSource
 from labpipe.imaging.films import FilmReader, Place, frames_in_windows, plan_reading
 from labpipe.imaging.fringes._arguments import FilmOptions, exposure_times
-from labpipe.imaging.fringes._blank_frames import (
-    FilmResult,
-    choose_edges,
-    find_filled,
-    look_without_fringes,
-)
+from labpipe.imaging.fringes._blank_frames import FilmResult, choose_edges, find_filled, look_without_fringes
 from labpipe.imaging.fringes._calibration import calibrate
 from labpipe.imaging.fringes._edge import corrected_radius
 from labpipe.imaging.fringes._interference import make_optics
 from labpipe.imaging.fringes._open_gap import fit_open_gap, is_doubtful
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import USUAL, FitSettings, Parameter, RingFit, fit_contact
-from labpipe.imaging.fringes._search import (
-    GOOD_MISFIT,
-    View,
-    fit_at,
-    fit_from,
-    is_contact,
-    search_contact,
-)
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from labpipe.imaging.fringes._search import GOOD_MISFIT, View, fit_at, fit_from, is_contact, search_contact
 
 #: Wavelength assumed for the edge of the spot when it is not known: the middle of white light.
 NOMINAL_WAVELENGTH = 550e-9
@@ -113,19 +99,10 @@ def _make_view(reader: FilmReader, options: FilmOptions, wanted: Flags) -> View:
     if wanted.any() and reader.whole(int(wanted.argmax())).dtype.kind == "f":
         # Nothing tells from where numbers that are no counts are saturated.
         white = math.inf
-    return View(
-        optics,
-        settings,
-        (film.shape[1], film.shape[2]),
-        black,
-        white,
-        alternatives=alternatives,
-    )
+    return View(optics, settings, (film.shape[1], film.shape[2]), black, white, alternatives=alternatives)
 
 
-def _follow_film(
-    reader: FilmReader, result: FilmResult, options: FilmOptions, wanted: Flags
-) -> Flags:
+def _follow_film(reader: FilmReader, result: FilmResult, options: FilmOptions, wanted: Flags) -> Flags:
     """Fit the frames that need it; learn about the optics on the way. Return the frames read."""
     read = wanted
     fits: dict[int, RingFit] = {}
@@ -166,9 +143,7 @@ def _make_phase(options: FilmOptions) -> float:
     return math.pi if options.phase is None else options.phase
 
 
-def _gate(
-    reader: FilmReader, result: FilmResult, wanted: Flags
-) -> tuple[Flags, dict[int, RingFit]]:
+def _gate(reader: FilmReader, result: FilmResult, wanted: Flags) -> tuple[Flags, dict[int, RingFit]]:
     """Look at frames far apart, then at thin bands of all others; return what to read whole."""
     known: dict[int, RingFit | None] = {}
     frames = np.flatnonzero(wanted)
@@ -204,9 +179,7 @@ def _distinct(places: list[Place]) -> list[Place]:
     return chosen
 
 
-def _follow(
-    reader: FilmReader, result: FilmResult, read: Flags, known: dict[int, RingFit]
-) -> dict[int, RingFit]:
+def _follow(reader: FilmReader, result: FilmResult, read: Flags, known: dict[int, RingFit]) -> dict[int, RingFit]:
     """Fit frame after frame, each from what the frames before it showed."""
     view = result.view
     fits: dict[int, RingFit] = {}
@@ -226,9 +199,7 @@ def _follow(
     return fits
 
 
-def _next_fit(
-    frame: NDArray[np.generic], view: View, last: RingFit | None, before: RingFit | None
-) -> RingFit | None:
+def _next_fit(frame: NDArray[np.generic], view: View, last: RingFit | None, before: RingFit | None) -> RingFit | None:
     """Fit a frame from the last contact if it is like it, from its centre, or from nothing."""
     if last is None:
         return search_contact(frame, view)
@@ -270,9 +241,7 @@ def _other_phase(reader: FilmReader, result: FilmResult, read: Flags) -> dict[in
     return fits
 
 
-def _refit(
-    reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, RingFit]
-) -> dict[int, RingFit]:
+def _refit(reader: FilmReader, result: FilmResult, read: Flags, fits: dict[int, RingFit]) -> dict[int, RingFit]:
     """Fit all frames again with the optics calibrated from the film."""
     view = result.view
     result.blanks.clear()
@@ -297,13 +266,7 @@ def _refit(
     return found
 
 
-def _repair(
-    reader: FilmReader,
-    result: FilmResult,
-    time: Floats,
-    exposure: Floats | None,
-    read: Flags,
-) -> None:
+def _repair(reader: FilmReader, result: FilmResult, time: Floats, exposure: Floats | None, read: Flags) -> None:
     """Fit blurred frames again, starting from where their neighbours say the contact was.
 
     Twice, because a repaired frame helps its neighbours.
@@ -367,12 +330,7 @@ def _neighbours(fits: dict[int, RingFit], index: int) -> dict[int, RingFit]:
 
 
 def _fit_blurred(
-    reader: FilmReader,
-    view: View,
-    index: int,
-    near: dict[int, RingFit],
-    time: Floats,
-    exposure: Floats | None,
+    reader: FilmReader, view: View, index: int, near: dict[int, RingFit], time: Floats, exposure: Floats | None
 ) -> RingFit | None:
     """Best fit of a frame from the radius and the travel that its neighbours tell."""
     beside = min(near, key=lambda other: abs(other - index))

@@ -6,14 +6,10 @@ Both stand in one file because compiled code is cached by file. Importing it imp
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats, Floats32, Integers
 from labpipe.compilation import compiled
 from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL
-
-Floats = NDArray[np.float64]
-Image32 = NDArray[np.float32]
-Integers = NDArray[np.int64]
 
 # Sums over pixels may be reordered and fused.
 FAST = {"reassoc", "contract", "nsz", "arcp"}
@@ -80,7 +76,7 @@ _PARAMETERS = 13
 
 @compiled(nogil=True, fastmath=FAST)
 def _find_pixels(
-    line: Image32,
+    line: Floats32,
     first_column: int,
     dy: float,
     inner: float,
@@ -158,9 +154,7 @@ def _evaluate(
 
 
 @compiled(nogil=True, fastmath=FAST)
-def _differentiate(
-    count: int, dy: float, down: float, parameters: Floats, work: Floats, slopes: Floats
-) -> None:
+def _differentiate(count: int, dy: float, down: float, parameters: Floats, work: Floats, slopes: Floats) -> None:
     """Differentiate the model by every parameter at the listed pixels."""
     radius, modulation = parameters[0], parameters[4]
     stretch, shear = parameters[9], parameters[10]
@@ -248,7 +242,7 @@ def _add_differences(
 
 @compiled(nogil=True)
 def accumulate(
-    image: Image32,
+    image: Floats32,
     first_row: int,
     first_column: int,
     stride: int,
@@ -296,9 +290,7 @@ def accumulate(
 
 
 @compiled(nogil=True, fastmath=FAST)
-def radial_sums(
-    image: Image32, x: float, y: float, row_step: float, width: float, bins: int
-) -> tuple[Floats, Floats]:
+def radial_sums(image: Floats32, x: float, y: float, row_step: float, width: float, bins: int) -> tuple[Floats, Floats]:
     """Sum grey levels and count pixels in rings of equal width around a point.
 
     The rows of the image stand ``row_step`` pixels apart.
@@ -333,7 +325,7 @@ def fill_templates(
     phase_scale: float,
     phase: float,
     samples: int,
-) -> Image32:
+) -> Floats32:
     """Interference term in rings of equal width for many contact radii, one row each."""
     result = np.zeros((len(radii), lengths.max()), np.float32)
     for row in range(len(radii)):

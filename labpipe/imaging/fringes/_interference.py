@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-
-Floats = NDArray[np.float64]
 
 #: Samples of the radial tables per pixel: fringes are at least two pixels wide, so that linear
 #: interpolation between samples is right to 0.3 % of the modulation.
@@ -48,9 +47,7 @@ class Optics:
     blur: float = 0.0
 
 
-def make_optics(
-    pixel_size: float, sphere_radius: float, wavelength: float, phase: float = math.pi
-) -> Optics:
+def make_optics(pixel_size: float, sphere_radius: float, wavelength: float, phase: float = math.pi) -> Optics:
     """Optics of a sphere on a flat in air, at normal incidence.
 
     Parameters
@@ -153,9 +150,7 @@ def _gap(r: float, a: float) -> float:
     return (a * root - (2.0 * a * a - r * r) * math.atan2(root, a)) / math.pi
 
 
-def outer_distance(
-    contact_radius: float, optics: Optics, fringes: float, least_spacing: float
-) -> float:
+def outer_distance(contact_radius: float, optics: Optics, fringes: float, least_spacing: float) -> float:
     """Distance from the centre up to which fringes are used.
 
     Parameters
@@ -181,9 +176,7 @@ def outer_distance(
     return low
 
 
-def ring_limits(
-    contact_radius: float, optics: Optics, fringes: float, least_spacing: float
-) -> tuple[float, float]:
+def ring_limits(contact_radius: float, optics: Optics, fringes: float, least_spacing: float) -> tuple[float, float]:
     """Inner and outer distance (px) of the ring around a contact that is compared with fringes.
 
     Inside the contact it is as wide as outside: the dark there tells the visibility.
@@ -274,9 +267,7 @@ def table_distances(inner: float, outer: float, blur: float) -> tuple[float, Flo
     return first * step, np.abs(samples + np.copysign(shift, samples))
 
 
-def radial_table(
-    inner: float, outer: float, contact_radius: float, travel: float, optics: Optics
-) -> RadialTable:
+def radial_table(inner: float, outer: float, contact_radius: float, travel: float, optics: Optics) -> RadialTable:
     """Tabulate the interference term between two distances.
 
     Parameters

@@ -14,11 +14,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.imaging.fringes._radial_scan import edge_width
 from labpipe.imaging.fringes._ring_fit import FitSettings, Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._search import View, is_contact
-
-Floats = NDArray[np.float64]
 
 #: Fringes of Hertz's gap over which the power law is taken to hold, and over which its error shows.
 _NEAR_FRINGES, _FAR_FRINGES = 2.0, 3.0
@@ -88,9 +87,7 @@ def fit_open_gap(
     return replace(found, spread=spread)
 
 
-def _best_trial(
-    frame: NDArray[np.generic], view: View, starts: Sequence[Floats], near: FitSettings
-) -> RingFit | None:
+def _best_trial(frame: NDArray[np.generic], view: View, starts: Sequence[Floats], near: FitSettings) -> RingFit | None:
     """Fit some of the pixels from every start, and keep what leaves least."""
     quick = replace(near, max_pixels=_PIXELS, max_iterations=_ITERATIONS)
     best: RingFit | None = None

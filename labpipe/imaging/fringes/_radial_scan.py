@@ -7,16 +7,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from labpipe.imaging.fringes._interference import (
-    Optics,
-    distance_at_phase,
-    exposure_nodes,
-    phase_slope,
-    ring_limits,
-)
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from labpipe.arrays import Floats, Integers
+from labpipe.imaging.fringes._interference import Optics, distance_at_phase, exposure_nodes, phase_slope, ring_limits
 
 #: Rings per half fringe next to the contact: enough to follow it, few enough to be quick.
 _RINGS_PER_EDGE = 6.0
@@ -103,9 +95,7 @@ def edge_width(radius: float, optics: Optics) -> float:
 
 
 @lru_cache(maxsize=2)
-def make_templates(
-    shape: tuple[int, int], optics: Optics, fringes: float, least_spacing: float
-) -> Templates | None:
+def make_templates(shape: tuple[int, int], optics: Optics, fringes: float, least_spacing: float) -> Templates | None:
     """Tabulate the contacts that may be seen in a frame, or None when no fringes are resolved.
 
     Parameters
@@ -122,11 +112,13 @@ def make_templates(
     reach = math.hypot(*shape)
     edge = edge_width(0.5 * reach, optics)
     width = max(_LEAST_WIDTH, 0.5 * math.floor(2.0 * edge / _RINGS_PER_EDGE))
-    radii = np.array([
-        a
-        for a in width * np.arange(math.ceil(2.0 / width), reach / width, _RINGS_PER_RADIUS)
-        if has_resolved_fringes(a, optics, least_spacing)
-    ])  # fmt: skip
+    radii = np.array(
+        [
+            a
+            for a in width * np.arange(math.ceil(2.0 / width), reach / width, _RINGS_PER_RADIUS)
+            if has_resolved_fringes(a, optics, least_spacing)
+        ]
+    )
     if not len(radii):
         return None
     limits = np.array([ring_limits(a, optics, fringes, least_spacing) for a in radii])
@@ -135,19 +127,26 @@ def make_templates(
     length = np.floor(outer / width).astype(np.int64) - first
     travels = edge * np.array(_TRAVELS)
     spacing = 2.0 * math.pi / phase_slope(float(outer[-1]), float(radii[-1]), optics)
-    values = np.stack([
-        fill_templates(
-            radii, first, length, width, travel, *exposure_nodes(travel, spacing),
-            optics.phase_scale, optics.phase, _SAMPLES,
-        )
-        for travel in travels
-    ])  # fmt: skip
+    values = np.stack(
+        [
+            fill_templates(
+                radii,
+                first,
+                length,
+                width,
+                travel,
+                *exposure_nodes(travel, spacing),
+                optics.phase_scale,
+                optics.phase,
+                _SAMPLES,
+            )
+            for travel in travels
+        ]
+    )
     return Templates(width, int((first + length).max()), radii, first, length, travels, values)
 
 
-def radial_profile(
-    frame: NDArray[np.generic], x: float, y: float, width: float, bins: int
-) -> tuple[Floats, Floats]:
+def radial_profile(frame: NDArray[np.generic], x: float, y: float, width: float, bins: int) -> tuple[Floats, Floats]:
     """Mean grey level and number of pixels in rings around a point.
 
     Parameters

@@ -8,6 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats, Floats32, Integers
 from labpipe.imaging.fringes._interference import (
     SAMPLES_PER_PIXEL,
     Optics,
@@ -19,11 +20,7 @@ from labpipe.imaging.fringes._interference import (
     ring_limits,
     table_distances,
 )
-from labpipe.uncertainty import beyond
-
-Floats = NDArray[np.float64]
-Image32 = NDArray[np.float32]
-Integers = NDArray[np.int64]
+from labpipe.uncertainty import excess_uncertainty
 
 
 class Parameter(IntEnum):
@@ -182,7 +179,7 @@ class RingFit:
     def misfit(self) -> float:
         """Residual beyond the noise as a share of the modulation [1]."""
         modulation = abs(float(self.parameters[Parameter.MODULATION]))
-        excess = beyond(self.residual, self.noise)
+        excess = excess_uncertainty(self.residual, self.noise)
         return excess / max(modulation, 1e-12)
 
 
@@ -190,7 +187,7 @@ class RingFit:
 class Ring:
     """The pixels of one fit: a piece of the frame, two distances, and every how many rows."""
 
-    image: Image32
+    image: Floats32
     first_row: int
     first_column: int
     stride: int
@@ -226,12 +223,7 @@ def pixels_in_ring(shape: tuple[int, int], x: float, y: float, inner: float, out
 
 
 def cut_ring(
-    frame: NDArray[np.generic],
-    start: Floats,
-    inner: float,
-    outer: float,
-    ceiling: float,
-    max_pixels: int,
+    frame: NDArray[np.generic], start: Floats, inner: float, outer: float, ceiling: float, max_pixels: int
 ) -> Ring | None:
     """Cut the piece of a frame that holds a ring, or None when they do not meet."""
     rows, columns = frame.shape
@@ -279,9 +271,7 @@ def by_smear(table: RadialTable, parameters: Floats) -> RadialTable:
     return table
 
 
-def compiled_sums(
-    ring: Ring, parameters: Floats, free: Integers, optics: Optics, is_last: bool
-) -> Sums:
+def compiled_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, is_last: bool) -> Sums:
     """Sum over the ring by compiled loops."""
     from labpipe.imaging.fringes._fit_kernel import accumulate
 
@@ -305,9 +295,7 @@ def compiled_sums(
     return Sums(normal, right, weighted, squares, int(pixels), differences, int(pairs))
 
 
-def plain_sums(
-    ring: Ring, parameters: Floats, free: Integers, optics: Optics, is_last: bool
-) -> Sums:
+def plain_sums(ring: Ring, parameters: Floats, free: Integers, optics: Optics, is_last: bool) -> Sums:
     """Sum over the ring by array operations: the reference for :func:`compiled_sums`."""
     radius, x_centre, y_centre, gain, modulation, slope_x, slope_y, bowl = parameters[:8]
     stretch, shear, _, scale = parameters[Parameter.STRETCH :]
@@ -318,17 +306,11 @@ def plain_sums(
     r = np.hypot(u, v)
     grey = ring.image[:: ring.stride].astype(float)
     used = (r >= ring.inner) & (r <= ring.outer) & (grey < ring.ceiling)
-    phased = replace(
-        optics,
-        phase=float(parameters[Parameter.PHASE]),
-        phase_scale=optics.phase_scale * math.exp(scale),
-    )
+    phased = replace(optics, phase=float(parameters[Parameter.PHASE]), phase_scale=optics.phase_scale * math.exp(scale))
     table = radial_table(ring.inner, ring.outer, float(radius), _travel(parameters), phased)
     table = by_smear(table, parameters)
     places = table.start + np.arange(table.values.shape[1]) / SAMPLES_PER_PIXEL
-    term, by_r, by_radius, by_phase, by_square = (
-        np.interp(r[used], places, line) for line in table.values
-    )
+    term, by_r, by_radius, by_phase, by_square = (np.interp(r[used], places, line) for line in table.values)
     across = (x[used] + ring.first_column - ring.origin[0]) / ring.origin[2]
     down = (y[used] + ring.first_row - ring.origin[1]) / ring.origin[2]
     curve = (across**2 + down**2 - ring.origin[3]) * ring.origin[4]
@@ -336,21 +318,23 @@ def plain_sums(
     core = gain + modulation * term
     u, v, dx, dy, distance = u[used], v[used], dx[used], dy[used], np.maximum(r[used], 1e-9)
     steep = modulation * light * by_r / distance
-    slopes = np.stack([
-        modulation * light * by_radius,
-        -steep * (u * (1.0 + stretch) + v * shear),
-        -steep * (v * (1.0 - stretch) + u * shear),
-        light,
-        light * term,
-        across * core,
-        down * core,
-        curve * core,
-        modulation * light * by_phase,
-        steep * (u * dx - v * dy),
-        steep * (u * dy + v * dx),
-        modulation * light * by_square,
-        0.5 * modulation * light * (r[used] * by_r + radius * by_radius),
-    ])[free]  # fmt: skip
+    slopes = np.stack(
+        [
+            modulation * light * by_radius,
+            -steep * (u * (1.0 + stretch) + v * shear),
+            -steep * (v * (1.0 - stretch) + u * shear),
+            light,
+            light * term,
+            across * core,
+            down * core,
+            curve * core,
+            modulation * light * by_phase,
+            steep * (u * dx - v * dy),
+            steep * (u * dy + v * dx),
+            modulation * light * by_square,
+            0.5 * modulation * light * (r[used] * by_r + radius * by_radius),
+        ]
+    )[free]
     residual = grey[used] - light * core
     differences, pairs = 0.0, 0
     if is_last:
@@ -460,11 +444,7 @@ def _solve(sums: Sums, damping: float) -> Floats | None:
 
 
 def _result(
-    parameters: Floats,
-    sums: Sums,
-    free: tuple[Parameter, ...],
-    is_converged: bool,
-    evaluations: int,
+    parameters: Floats, sums: Sums, free: tuple[Parameter, ...], is_converged: bool, evaluations: int
 ) -> RingFit:
     """Covariance, residuals and sensitivities at the end of an iteration."""
     count = len(free)
@@ -496,11 +476,7 @@ def _result(
 
 
 def fit_contact(
-    frame: NDArray[np.generic],
-    start: Floats,
-    optics: Optics,
-    settings: FitSettings,
-    ceiling: float = math.inf,
+    frame: NDArray[np.generic], start: Floats, optics: Optics, settings: FitSettings, ceiling: float = math.inf
 ) -> RingFit | None:
     """Fit one frame with the ring laid around the start.
 

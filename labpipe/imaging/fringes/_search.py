@@ -7,13 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.imaging.fringes._centre_votes import find_centres
-from labpipe.imaging.fringes._interference import (
-    SAMPLES_PER_PIXEL,
-    Optics,
-    radial_table,
-    ring_limits,
-)
+from labpipe.imaging.fringes._interference import SAMPLES_PER_PIXEL, Optics, radial_table, ring_limits
 from labpipe.imaging.fringes._radial_scan import (
     Match,
     Templates,
@@ -26,16 +22,8 @@ from labpipe.imaging.fringes._radial_scan import (
     radial_profile,
     template_of,
 )
-from labpipe.imaging.fringes._ring_fit import (
-    PARAMETERS,
-    FitSettings,
-    Parameter,
-    RingFit,
-    fit_contact,
-)
+from labpipe.imaging.fringes._ring_fit import PARAMETERS, FitSettings, Parameter, RingFit, fit_contact
 from labpipe.imaging.fringes._spots import find_spots, reduce_frame
-
-Floats = NDArray[np.float64]
 
 #: Share of the profile's variance that fringes must explain before a frame is fitted.
 _LEAST_SCORE = 0.5
@@ -119,9 +107,7 @@ class View:
         return make_templates(self.shape, self.optics, settings.fringes, settings.least_spacing)
 
 
-def search_contact(
-    frame: NDArray[np.generic], view: View, centre: tuple[float, float] | None = None
-) -> RingFit | None:
+def search_contact(frame: NDArray[np.generic], view: View, centre: tuple[float, float] | None = None) -> RingFit | None:
     """Find and fit the contact in a frame without knowing where it is.
 
     Parameters
@@ -144,11 +130,7 @@ def search_contact(
         found = fit_at(frame, view, *centre)
         if found is not None:
             return found
-    sights = [
-        sight
-        for spot in find_spots(frame)[:_MOST_SPOTS]
-        for sight in look_at(frame, view, spot.x, spot.y)
-    ]
+    sights = [sight for spot in find_spots(frame)[:_MOST_SPOTS] for sight in look_at(frame, view, spot.x, spot.y)]
     sights.sort(key=lambda sight: -sight[0].score)
     for match, x, y in sights[:_MOST_FITS]:
         found = fit_match(frame, view, match, x, y)
@@ -175,15 +157,11 @@ def _quiet_noise(frame: NDArray[np.generic]) -> float:
     bands = frame[:rows, :columns].reshape(-1, side, columns)
     bands = bands[:: max(1, bands.size // _NOISE_PIXELS)]
     steps = np.abs(np.diff(bands.astype(np.float32), axis=1))
-    blocks = (
-        steps.reshape(len(bands), side - 1, -1, side).swapaxes(1, 2).reshape(-1, side**2 - side)
-    )
+    blocks = steps.reshape(len(bands), side - 1, -1, side).swapaxes(1, 2).reshape(-1, side**2 - side)
     return float(np.percentile(np.median(blocks, axis=1), _QUIET)) / 0.954
 
 
-def look_at(
-    frame: NDArray[np.generic], view: View, x: float, y: float
-) -> list[tuple[Match, float, float]]:
+def look_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> list[tuple[Match, float, float]]:
     """Contacts that the rings around a point resemble, with that point."""
     templates = view.templates
     if templates is None:
@@ -214,9 +192,7 @@ def fit_at(frame: NDArray[np.generic], view: View, x: float, y: float) -> RingFi
     return None
 
 
-def fit_match(
-    frame: NDArray[np.generic], view: View, match: Match, x: float, y: float
-) -> RingFit | None:
+def fit_match(frame: NDArray[np.generic], view: View, match: Match, x: float, y: float) -> RingFit | None:
     """Fit from a match, with some of the pixels until it proves to be a contact."""
     found = fit_from(frame, view, start_of(match, view, x, y))
     if found is None or not is_contact(frame, view, found):
@@ -259,9 +235,7 @@ def fit_from(frame: NDArray[np.generic], view: View, start: Floats) -> RingFit |
         first = fit_contact(frame, other, view.optics, replace(near, free=free), view.white)
         if first is None:
             continue
-        trial = fit_contact(
-            frame, first.parameters, view.optics, replace(quick, free=free), view.white
-        )
+        trial = fit_contact(frame, first.parameters, view.optics, replace(quick, free=free), view.white)
         if trial is not None and trial.misfit < min(GOOD_MISFIT, found.misfit):
             return trial
     return found
@@ -303,13 +277,9 @@ def is_contact(frame: NDArray[np.generic], view: View, found: RingFit) -> bool:
     return not (is_small and is_sphere(window, term, distance, view.optics))
 
 
-def _profile_of(
-    frame: NDArray[np.generic], view: View, found: RingFit
-) -> tuple[Window, Floats, Floats]:
+def _profile_of(frame: NDArray[np.generic], view: View, found: RingFit) -> tuple[Window, Floats, Floats]:
     """Profile about the centre of a fit, the term that was fitted, and its distances."""
-    x, y, radius = (
-        float(found.parameters[p]) for p in (Parameter.X, Parameter.Y, Parameter.RADIUS)
-    )
+    x, y, radius = (float(found.parameters[p]) for p in (Parameter.X, Parameter.Y, Parameter.RADIUS))
     travel = math.sqrt(max(float(found.parameters[Parameter.SMEAR]), 0.0))
     settings = view.settings
     scale = math.exp(float(found.parameters[Parameter.SCALE]))

@@ -7,11 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats32
 from labpipe.errors import InputError
 from labpipe.imaging.fringes._circle import fit_circle
-
-Floats = NDArray[np.float64]
-Grey32 = NDArray[np.float32]
 
 #: Shorter side of the reduced image (px): a spot of a twentieth of it is still some pixels wide.
 _REDUCED_SIDE = 120
@@ -35,7 +33,7 @@ class Spot:
     polarity: int
 
 
-def reduce_frame(frame: NDArray[np.generic]) -> tuple[Grey32, int]:
+def reduce_frame(frame: NDArray[np.generic]) -> tuple[Floats32, int]:
     """Average a frame over squares of pixels; return it with the width of the squares."""
     factor = max(1, min(8, min(frame.shape) // _REDUCED_SIDE))
     rows, columns = (size // factor for size in frame.shape)
@@ -69,15 +67,13 @@ def find_spots(frame: NDArray[np.generic]) -> list[Spot]:
         for level in _levels(polarity * smooth):
             mask = (polarity * smooth > level).astype(np.uint8)
             for spot in _spots_of_mask(mask, factor, polarity):
-                is_new = all(
-                    math.hypot(spot.x - old.x, spot.y - old.y) > _SAME * factor for old in spots
-                )
+                is_new = all(math.hypot(spot.x - old.x, spot.y - old.y) > _SAME * factor for old in spots)
                 if is_new:
                     spots.append(spot)
     return spots
 
 
-def _levels(image: Grey32) -> list[float]:
+def _levels(image: Floats32) -> list[float]:
     """Thresholds above which a spot stands: Otsu's, and half way up to the brightest."""
     low, high = float(image.min()), float(image.max())
     scaled = ((image - low) * (255.0 / (high - low))).astype(np.uint8)

@@ -3,11 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.compilation import compiled
-
-Floats = NDArray[np.float64]
 
 
 @compiled(nogil=True)

@@ -37,8 +37,7 @@ NAMES = ("nbr", "acrylic", "peek", "nylon", "ptfe")
 STATUSES = ("measured", "datasheet", "estimate")
 
 _LARGEST_FILE = 1 << 20  # bytes
-_TABLES = {"labpipe_material", "name", "summary", "poisson", "density", "E_relaxed", "relaxation",
-           "shift"}  # fmt: skip
+_TABLES = {"labpipe_material", "name", "summary", "poisson", "density", "E_relaxed", "relaxation", "shift"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,10 +234,7 @@ class _Reader:
         table, _, field = key.partition(".")
         start = next((i for i, s in enumerate(self.lines) if s.strip().startswith(f"[{table}]")), 0)
         wanted = field or table
-        line = next(
-            (i for i, s in enumerate(self.lines) if i >= start and s.strip().startswith(wanted)),
-            start,
-        )
+        line = next((i for i, s in enumerate(self.lines) if i >= start and s.strip().startswith(wanted)), start)
         raise SourceError(self.path, f"{key}: {message}", line=line + 1)
 
     def table(self, name: str) -> dict[str, Any]:
@@ -269,8 +265,7 @@ class _Reader:
     def numbers(self, name: str) -> list[float]:
         found = self.table("relaxation").get(name)
         if not isinstance(found, list) or not all(
-            isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x)
-            for x in found
+            isinstance(x, int | float) and not isinstance(x, bool) and math.isfinite(x) for x in found
         ):
             self.fail(f"relaxation.{name}", "expected a list of finite numbers")
         return [float(x) for x in found]
@@ -322,6 +317,10 @@ class _Reader:
                 self.fail(name, f"expected a source and a status ({', '.join(STATUSES)})")
             entries.append(Entry(name, math.nan, 0.0, "", source, status))
         return Material(
-            str(self.tree.get("name", self.path.stem)), str(self.tree.get("summary", "")), prony,
-            tuple(entries), law.T_ref, law,
-        )  # fmt: skip
+            str(self.tree.get("name", self.path.stem)),
+            str(self.tree.get("summary", "")),
+            prony,
+            tuple(entries),
+            law.T_ref,
+            law,
+        )

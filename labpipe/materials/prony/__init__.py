@@ -6,12 +6,7 @@ from labpipe.materials.prony._interconversion import (
     creep_from_relaxation,
     relaxation_from_creep,
 )
-from labpipe.materials.prony._models import (
-    generalised_maxwell,
-    kelvin_voigt,
-    maxwell,
-    standard_linear_solid,
-)
+from labpipe.materials.prony._models import generalised_maxwell, kelvin_voigt, maxwell, standard_linear_solid
 from labpipe.materials.prony._prony import Prony
 
 __all__ = [

@@ -8,12 +8,11 @@ compliance, positive times.
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials.prony._interconversion import merged
-
-Array = NDArray[np.float64]
 
 # Rounding of ΣC against 1/E_relaxed: a smaller remainder counts as none.
 _ROUNDING = 4.0 * float(np.finfo(float).eps)
@@ -22,7 +21,7 @@ _ROUNDING = 4.0 * float(np.finfo(float).eps)
 _NEGLIGIBLE = 1e-100
 
 
-def frozen(values: Array) -> Array:
+def frozen(values: Floats) -> Floats:
     """Return a read-only copy."""
     copy = np.array(values, dtype=float)
     copy.setflags(write=False)
@@ -38,7 +37,7 @@ def not_negative(name: str, value: float, units: str) -> None:
 
 def checked_terms(
     weight_name: str, time_name: str, weight: ArrayLike, time: ArrayLike, constant: float
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """Return merged ascending terms, or say which term is not admissible."""
     weights, times = np.asarray(weight, dtype=float), np.asarray(time, dtype=float)
     if weights.ndim != 1 or weights.shape != times.shape:
@@ -64,7 +63,7 @@ def checked_terms(
     return merged(np.where(weights > floor, weights, 0.0), times)
 
 
-def instantaneous_compliance(E_relaxed: float, C: Array) -> float:
+def instantaneous_compliance(E_relaxed: float, C: Floats) -> float:
     """Return 1/E_relaxed − ΣC without cancellation, exactly zero when it is rounding."""
     exact = 1 / Fraction(E_relaxed) - sum((Fraction(c) for c in C), Fraction(0))
     remainder = float(exact)
@@ -79,7 +78,7 @@ def instantaneous_compliance(E_relaxed: float, C: Array) -> float:
     return remainder
 
 
-def times(t: ArrayLike) -> Array:
+def times(t: ArrayLike) -> Floats:
     """Return times as an array, refusing negative ones."""
     time = np.asarray(t, dtype=float)
     if (time < 0).any():
@@ -88,7 +87,7 @@ def times(t: ArrayLike) -> Array:
     return time
 
 
-def frequencies(omega: ArrayLike) -> Array:
+def frequencies(omega: ArrayLike) -> Floats:
     """Return angular frequencies as an array, refusing negative ones."""
     frequency = np.asarray(omega, dtype=float)
     if (frequency < 0).any():

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 # The rational steps converge quadratically (5 to 12 in practice); the bisection that guards them
 # halves a logarithm, so that this bound is never met by admissible terms.
@@ -54,8 +54,8 @@ class Relaxation:
     """
 
     relaxed: float
-    weight: Array
-    time: Array
+    weight: Floats
+    time: Floats
     viscosity: float = 0.0
 
 
@@ -75,12 +75,12 @@ class Retardation:
     """
 
     unrelaxed: float
-    weight: Array
-    time: Array
+    weight: Floats
+    time: Floats
     fluidity: float = 0.0
 
 
-def merged(weight: Array, time: Array) -> tuple[Array, Array]:
+def merged(weight: Floats, time: Floats) -> tuple[Floats, Floats]:
     """Sort terms by time, drop zero weights, and add up the weights of equal times.
 
     Times that agree to :data:`_SAME_TIME` are equal: no modulus tells them apart, while the digits
@@ -179,8 +179,8 @@ class _Roots:
     """Zeros of the secular equation as ``place`` × the pole ``origin``, and converted weights."""
 
     origin: NDArray[np.intp]
-    place: Array
-    weight: Array
+    place: Floats
+    weight: Floats
 
 
 @dataclass(slots=True)
@@ -192,21 +192,16 @@ class _Gaps:
     """
 
     origin: NDArray[np.intp]
-    scale: Array
-    base: Array
-    sign: Array
-    pole: Array
+    scale: Floats
+    base: Floats
+    sign: Floats
+    pole: Floats
     left: NDArray[np.bool_]  # (row, j): pole j lies below the root
-    upper: Array  # the distance is at most this
+    upper: Floats  # the distance is at most this
 
 
 def _zeros(
-    constant: float,
-    slope: float,
-    weight: Array,
-    poles: Array,
-    relative: Array,
-    offset_ratio: Array,
+    constant: float, slope: float, weight: Floats, poles: Floats, relative: Floats, offset_ratio: Floats
 ) -> _Roots:
     """Solve constant − slope x + Σ w x/(x − p) = 0 for all x > 0 (poles ascending).
 
@@ -222,29 +217,17 @@ def _zeros(
     return _Roots(gaps.origin, place, 1.0 / (total + slope * poles[gaps.origin] * place))
 
 
-def _spring_and_dashpot(
-    constant: float, slope: float, *, rate: bool
-) -> tuple[float, Array, Array, float]:
+def _spring_and_dashpot(constant: float, slope: float, *, rate: bool) -> tuple[float, Floats, Floats, float]:
     """Convert a family without terms: a spring, a dashpot, or both side by side."""
     if constant > 0 and slope > 0:
         time = slope / constant if rate else constant / slope
         return 0.0, np.array([1.0 / constant]), np.array([time]), 0.0
     nothing = np.empty(0)
-    return (
-        (1.0 / constant if constant > 0 else 0.0),
-        nothing,
-        nothing,
-        (1.0 / slope if slope > 0 else 0.0),
-    )
+    return ((1.0 / constant if constant > 0 else 0.0), nothing, nothing, (1.0 / slope if slope > 0 else 0.0))
 
 
 def _gaps(
-    constant: float,
-    slope: float,
-    weight: Array,
-    poles: Array,
-    relative: Array,
-    offset_ratio: Array,
+    constant: float, slope: float, weight: Floats, poles: Floats, relative: Floats, offset_ratio: Floats
 ) -> _Gaps:
     """Choose for every root the nearer end of its gap as origin."""
     n = poles.size
@@ -281,7 +264,7 @@ def _gaps(
 
 
 def _with_last_gap(
-    gaps: _Gaps, constant: float, slope: float, weight: Array, poles: Array, offset_ratio: Array
+    gaps: _Gaps, constant: float, slope: float, weight: Floats, poles: Floats, offset_ratio: Floats
 ) -> _Gaps:
     """Append the root beyond the last pole, which a parallel dashpot (or a flow) brings."""
     last = poles[-1]
@@ -297,7 +280,7 @@ def _with_last_gap(
     )
 
 
-def _solve(constant: float, slope: float, weight: Array, gaps: _Gaps) -> Array:
+def _solve(constant: float, slope: float, weight: Floats, gaps: _Gaps) -> Floats:
     """Find the distance of every root from its origin to full relative accuracy."""
     low = np.zeros(gaps.scale.size)
     high = gaps.upper.copy()
@@ -319,7 +302,7 @@ def _solve(constant: float, slope: float, weight: Array, gaps: _Gaps) -> Array:
     return distance
 
 
-def _first_guess(constant: float, slope: float, weight: Array, gaps: _Gaps) -> Array:
+def _first_guess(constant: float, slope: float, weight: Floats, gaps: _Gaps) -> Floats:
     """Balance the pole at the origin against everything else, taken at the origin.
 
     Exact in the limit of a weak pole, however weak, where a step from afar would cancel.
@@ -339,8 +322,8 @@ def _first_guess(constant: float, slope: float, weight: Array, gaps: _Gaps) -> A
 
 
 def _rational_step(
-    constant: float, slope: float, weight: Array, gaps: _Gaps, distance: Array
-) -> tuple[Array, Array]:
+    constant: float, slope: float, weight: Floats, gaps: _Gaps, distance: Floats
+) -> tuple[Floats, Floats]:
     """Evaluate the function, and the root of its two-pole model that matches value and slope.
 
     The poles below are lumped into r + s/(x − pole), those above likewise. The model's root
@@ -363,16 +346,14 @@ def _rational_step(
     below, above = fall_below * to_lower, fall_above * to_upper
     a = np.where(has_upper, below - above - value, -line)
     b = np.where(
-        has_upper,
-        value * (to_upper - to_lower) - below * to_upper - above * to_lower,
-        value - below - line * to_lower,
+        has_upper, value * (to_upper - to_lower) - below * to_upper - above * to_lower, value - below - line * to_lower
     )
     reach = np.where(has_upper, to_upper, np.inf)
     correction = _root_between(a, b, value * to_lower * to_upper, -to_lower, reach)
     return value, distance + gaps.sign * correction
 
 
-def _root_between(a: Array, b: Array, c: Array, lower: Array, upper: Array) -> Array:
+def _root_between(a: Floats, b: Floats, c: Floats, lower: Floats, upper: Floats) -> Floats:
     """Return the smaller root of a x² + b x + c inside (lower, upper), NaN if there is none."""
     with np.errstate(all="ignore"):
         q = -0.5 * (b + np.copysign(np.sqrt(np.maximum(b * b - 4 * a * c, 0.0)), b))

@@ -45,9 +45,7 @@ def maxwell(modulus: float, viscosity: float, nu: float = 0.5) -> Prony:
     return Prony(0.0, [modulus], [viscosity / modulus], nu)
 
 
-def standard_linear_solid(
-    E_relaxed: float, E_unrelaxed: float, relaxation_time: float, nu: float = 0.5
-) -> Prony:
+def standard_linear_solid(E_relaxed: float, E_unrelaxed: float, relaxation_time: float, nu: float = 0.5) -> Prony:
     """Return a spring beside a Maxwell element (Zener): the simplest solid that relaxes.
 
     Parameters
@@ -76,9 +74,7 @@ def standard_linear_solid(
     return Prony(E_relaxed, [E_unrelaxed - E_relaxed], [relaxation_time], nu)
 
 
-def generalised_maxwell(
-    E_relaxed: float, moduli: ArrayLike, relaxation_times: ArrayLike, nu: float = 0.5
-) -> Prony:
+def generalised_maxwell(E_relaxed: float, moduli: ArrayLike, relaxation_times: ArrayLike, nu: float = 0.5) -> Prony:
     """Return several Maxwell elements beside a spring (Wiechert), (1.41) and (1.42)."""
     return Prony(E_relaxed, moduli, relaxation_times, nu)
 

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials.prony._admissibility import (
     checked_terms,
@@ -33,7 +34,6 @@ from labpipe.materials.prony._interconversion import (
 )
 from labpipe.notebook import html_table, shown
 
-Array = NDArray[np.float64]
 Mode = Literal["tension", "shear", "contact"]
 
 
@@ -83,8 +83,8 @@ class Prony:
     """
 
     E_relaxed: float
-    E: Array
-    rho: Array
+    E: Floats
+    rho: Floats
     nu: float = 0.5
     viscosity: float = 0.0
     _given_creep: Retardation | None = field(default=None, repr=False)
@@ -174,9 +174,7 @@ class Prony:
         if self._given_creep is not None:
             return self._given_creep
         family = creep_from_relaxation(Relaxation(self.E_relaxed, self.E, self.rho, self.viscosity))
-        return Retardation(
-            family.unrelaxed, frozen(family.weight), frozen(family.time), family.fluidity
-        )
+        return Retardation(family.unrelaxed, frozen(family.weight), frozen(family.time), family.fluidity)
 
     @property
     def E_unrelaxed(self) -> float:
@@ -196,7 +194,7 @@ class Prony:
         """Inverse of the zero-rate (elongational) viscosity in 1/(Pa s); 0 for a solid."""
         return self._creep.fluidity
 
-    def creep_terms(self) -> tuple[Array, Array]:
+    def creep_terms(self) -> tuple[Floats, Floats]:
         """Return the weights C (1/Pa) and retardation times τ (s), ascending.
 
         A solid creeps as J(t) = 1/E_relaxed − Σ C exp(−t/τ). A liquid (E_relaxed = 0) creeps as
@@ -206,17 +204,13 @@ class Prony:
 
     def factor(self, mode: Mode) -> float:
         """Return what the tensile modulus is multiplied by: shear 1/2(1+ν), contact 1/(1−ν²)."""
-        factors = {
-            "tension": 1.0,
-            "shear": 0.5 / (1.0 + self.nu),
-            "contact": 1.0 / (1.0 - self.nu**2),
-        }
+        factors = {"tension": 1.0, "shear": 0.5 / (1.0 + self.nu), "contact": 1.0 / (1.0 - self.nu**2)}
         if mode not in factors:
             message = f'mode "{mode}" is unknown; use one of {", ".join(factors)}'
             raise InputError(message)
         return factors[mode]
 
-    def relaxation(self, t: ArrayLike, mode: Mode = "tension") -> Array:
+    def relaxation(self, t: ArrayLike, mode: Mode = "tension") -> Floats:
         """Return the relaxation modulus E(t) in Pa at the times t ≥ 0 (s), same shape.
 
         A dashpot in parallel adds an impulse at t = 0 only: infinite there, nothing later.
@@ -228,7 +222,7 @@ class Prony:
             value = np.where(time == 0, np.inf, value)
         return self.factor(mode) * value
 
-    def creep(self, t: ArrayLike, mode: Mode = "tension") -> Array:
+    def creep(self, t: ArrayLike, mode: Mode = "tension") -> Floats:
         """Return the creep compliance J(t) in 1/Pa at the times t ≥ 0 (s), same shape."""
         time = times(t)
         family = self._creep
@@ -251,9 +245,7 @@ class Prony:
         dashpot = self.viscosity * frequency if self.viscosity > 0 else 0.0
         return _complex(factor * (self.E_relaxed + storage), factor * (loss + dashpot))
 
-    def complex_compliance(
-        self, omega: ArrayLike, mode: Mode = "tension"
-    ) -> NDArray[np.complex128]:
+    def complex_compliance(self, omega: ArrayLike, mode: Mode = "tension") -> NDArray[np.complex128]:
         """Return J*(ω) = J′ − iJ″ in 1/Pa, from the retardation terms; E*(ω) J*(ω) = 1."""
         frequency = frequencies(omega)
         family = self._creep
@@ -265,7 +257,7 @@ class Prony:
         factor = self.factor(mode)
         return _complex((family.unrelaxed + soft) / factor, -(loss + flow) / factor)
 
-    def loss_factor(self, omega: ArrayLike) -> Array:
+    def loss_factor(self, omega: ArrayLike) -> Floats:
         """Return tan δ = E″/E′ at the angular frequencies ω (rad/s)."""
         value = self.complex_modulus(omega)
         return np.asarray(value.imag / value.real)
@@ -291,17 +283,8 @@ class Prony:
             raise InputError(message)
         creep = self._given_creep
         if creep is not None:
-            creep = Retardation(
-                creep.unrelaxed, creep.weight, frozen(creep.time * a_T), creep.fluidity / a_T
-            )
-        moved = Prony(
-            self.E_relaxed,
-            self.E,
-            self.rho * a_T,
-            self.nu,
-            self.viscosity * a_T,
-            _given_creep=creep,
-        )
+            creep = Retardation(creep.unrelaxed, creep.weight, frozen(creep.time * a_T), creep.fluidity / a_T)
+        moved = Prony(self.E_relaxed, self.E, self.rho * a_T, self.nu, self.viscosity * a_T, _given_creep=creep)
         return moved if b_T == 1.0 else moved.scaled(b_T)
 
     def scaled(self, factor: float) -> Prony:
@@ -312,18 +295,10 @@ class Prony:
         creep = self._given_creep
         if creep is not None:
             creep = Retardation(
-                creep.unrelaxed / factor,
-                frozen(creep.weight / factor),
-                creep.time,
-                creep.fluidity / factor,
+                creep.unrelaxed / factor, frozen(creep.weight / factor), creep.time, creep.fluidity / factor
             )
         return Prony(
-            self.E_relaxed * factor,
-            self.E * factor,
-            self.rho,
-            self.nu,
-            self.viscosity * factor,
-            _given_creep=creep,
+            self.E_relaxed * factor, self.E * factor, self.rho, self.nu, self.viscosity * factor, _given_creep=creep
         )
 
     def __eq__(self, other: object) -> bool:
@@ -362,24 +337,13 @@ class Prony:
         return _rebuilt, (*terms, self._given_creep)
 
 
-def _rebuilt(
-    E_relaxed: float,
-    E: Array,
-    rho: Array,
-    nu: float,
-    viscosity: float,
-    creep: Retardation | None,
-) -> Prony:
+def _rebuilt(E_relaxed: float, E: Floats, rho: Floats, nu: float, viscosity: float, creep: Retardation | None) -> Prony:
     if creep is not None:
-        creep = Retardation(
-            creep.unrelaxed, frozen(creep.weight), frozen(creep.time), creep.fluidity
-        )
+        creep = Retardation(creep.unrelaxed, frozen(creep.weight), frozen(creep.time), creep.fluidity)
     return Prony(E_relaxed, E, rho, nu, viscosity, _given_creep=creep)
 
 
-def _sum_over_terms(
-    weight: Array, scale: Array, argument: Array, shape: Callable[[Array], Array]
-) -> Array:
+def _sum_over_terms(weight: Floats, scale: Floats, argument: Floats, shape: Callable[[Floats], Floats]) -> Floats:
     """Return Σ weight · shape(argument/scale), one array of the argument's shape."""
     if weight.size == 0:
         return np.zeros(argument.shape)
@@ -388,20 +352,20 @@ def _sum_over_terms(
         return np.asarray(shape(argument[..., None] / scale) @ weight)
 
 
-def _complex(real: Array, imaginary: Array) -> NDArray[np.complex128]:
+def _complex(real: Floats, imaginary: Floats) -> NDArray[np.complex128]:
     """Join two real parts; complex arithmetic would turn an infinite part into NaN."""
     value = np.empty(np.shape(real), dtype=complex)
     value.real, value.imag = real, imaginary
     return value[()]
 
 
-def _loss_shape(x: Array) -> Array:
+def _loss_shape(x: Floats) -> Floats:
     """x/(1 + x²), without overflow."""
     with np.errstate(divide="ignore"):
         return np.asarray(1.0 / (x + 1.0 / x))
 
 
-def _storage_shape(x: Array) -> Array:
+def _storage_shape(x: Floats) -> Floats:
     """x²/(1 + x²), without overflow, one at infinity."""
     with np.errstate(divide="ignore"):
         smaller = np.minimum(x, 1.0 / x)
@@ -409,7 +373,7 @@ def _storage_shape(x: Array) -> Array:
     return np.where(x > 1.0, share, x * x * share)
 
 
-def _compliance_shape(x: Array) -> Array:
+def _compliance_shape(x: Floats) -> Floats:
     """1/(1 + x²), without overflow."""
     with np.errstate(over="ignore"):
         return np.asarray(1.0 / (1.0 + x * x))

@@ -20,16 +20,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.materials.spectrum._spectrum import (
-    Grid,
-    compress,
-    make_grid,
-    maxwell_shapes,
-    solve_by_cross_validation,
-)
+from labpipe.materials.spectrum._spectrum import Grid, compress, make_grid, maxwell_shapes, solve_by_cross_validation
+from labpipe.variables import described, variable
 
-Array = NDArray[np.float64]
 Verdict = Literal["pass", "warn", "fail"]
 
 #: Misfit of the common fit over the misfit of either modulus alone: limits of pass and warn.
@@ -113,15 +108,9 @@ def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) ->
     relative = 1.0 / first**2
     constant = float(np.sum((first - alone_loss.storage) * relative) / np.sum(relative))
     storage_from_loss = alone_loss.storage + constant
-    ratio = max(
-        common.misfit[0] / max(noise[0], _LEAST_MISFIT),
-        common.misfit[1] / max(noise[1], _LEAST_MISFIT),
-    )
+    ratio = max(common.misfit[0] / max(noise[0], _LEAST_MISFIT), common.misfit[1] / max(noise[1], _LEAST_MISFIT))
     middle = _middle(ln_omega)
-    errors = (
-        _rms((alone_storage.loss / second - 1.0)[middle]),
-        _rms((storage_from_loss / first - 1.0)[middle]),
-    )
+    errors = (_rms((alone_storage.loss / second - 1.0)[middle]), _rms((storage_from_loss / first - 1.0)[middle]))
     verdict, reason = _verdict(ratio, errors, f.size)
     return KramersKronig(
         verdict=verdict,
@@ -141,10 +130,7 @@ def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) ->
                 "storage": (first, "storage modulus"),
                 "loss": (second, "loss modulus"),
                 "storage_from_loss": (storage_from_loss, "storage modulus predicted from the loss"),
-                "loss_from_storage": (
-                    alone_storage.loss,
-                    "loss modulus predicted from the storage",
-                ),
+                "loss_from_storage": (alone_storage.loss, "loss modulus predicted from the storage"),
                 "loss_from_slope": (_slope_rule(ln_omega, first), "loss modulus by the slope rule"),
             },
         ),
@@ -153,18 +139,18 @@ def kramers_kronig(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) ->
 
 @dataclass(frozen=True, slots=True)
 class _Fitted:
-    storage: Array
-    loss: Array
+    storage: Floats
+    loss: Floats
     misfit: tuple[float, float]
     strength: float
 
 
 def _fit(
-    ln_omega: Array,
+    ln_omega: Floats,
     grid: Grid,
     *,
-    storage: Array | None = None,
-    loss: Array | None = None,
+    storage: Floats | None = None,
+    loss: Floats | None = None,
     noise: tuple[float, float] = (1.0, 1.0),
     near: float | None = None,
 ) -> _Fitted:
@@ -183,9 +169,7 @@ def _fit(
     used[-1] = storage is not None
     rows = np.vstack([block[0] for block in blocks])[:, used]
     target = np.concatenate([block[1] for block in blocks])
-    solution = solve_by_cross_validation(
-        *compress(rows, target), grid.penalty[:, used], target.size, near
-    )
+    solution = solve_by_cross_validation(*compress(rows, target), grid.penalty[:, used], target.size, near)
     coefficient = np.zeros(used.size)
     coefficient[used] = solution.coefficient
     fitted = (upper @ coefficient, lower @ coefficient)
@@ -198,14 +182,11 @@ def _fit(
     return _Fitted(fitted[0], fitted[1], errors, solution.strength)
 
 
-def _checked(
-    frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike
-) -> tuple[Array, Array, Array]:
+def _checked(frequency: ArrayLike, storage: ArrayLike, loss: ArrayLike) -> tuple[Floats, Floats, Floats]:
     arrays = [np.asarray(a, dtype=float) for a in (frequency, storage, loss)]
     if any(a.ndim != 1 or a.shape != arrays[0].shape for a in arrays):
         message = (
-            f"frequency, storage and loss have shapes {[a.shape for a in arrays]}; expected three "
-            "lists of one length"
+            f"frequency, storage and loss have shapes {[a.shape for a in arrays]}; expected three lists of one length"
         )
         raise InputError(message)
     for name, values in zip(("frequency", "storage", "loss"), arrays, strict=True):
@@ -231,13 +212,13 @@ def _verdict(ratio: float, errors: tuple[float, float], points: int) -> tuple[Ve
     return ("warn" if ratio <= WARN_RATIO else "fail"), text
 
 
-def _middle(ln_omega: Array) -> NDArray[np.bool_]:
+def _middle(ln_omega: Floats) -> NDArray[np.bool_]:
     low, high = ln_omega.min(), ln_omega.max()
     margin = 0.5 * (1.0 - MIDDLE_SHARE) * (high - low)
     return (ln_omega >= low + margin) & (ln_omega <= high - margin)
 
 
-def _slope_rule(ln_omega: Array, storage: Array) -> Array:
+def _slope_rule(ln_omega: Floats, storage: Floats) -> Floats:
     """(π/2) dE′/d ln ω from straight lines through the neighbourhood of every point."""
     slope = np.empty(ln_omega.size)
     for i, x in enumerate(ln_omega):
@@ -248,14 +229,11 @@ def _slope_rule(ln_omega: Array, storage: Array) -> Array:
     return 0.5 * np.pi * slope
 
 
-def _rms(values: Array) -> float:
+def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
-def _curves(frequency: Array, curves: dict[str, tuple[Array, str]]) -> xr.Dataset:
-    variables = {
-        name: ("frequency", values, {"units": "Pa", "long_name": text})
-        for name, (values, text) in curves.items()
-    }
-    attrs = {"units": "Hz", "long_name": "frequency"}
+def _curves(frequency: Floats, curves: dict[str, tuple[Floats, str]]) -> xr.Dataset:
+    variables = {name: variable("frequency", values, "Pa", text) for name, (values, text) in curves.items()}
+    attrs = described("Hz", "frequency")
     return xr.Dataset(variables, coords={"frequency": ("frequency", frequency, attrs)})

@@ -4,19 +4,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials.prony import Prony
 from labpipe.materials.spectrum._spectrum import maxwell_shapes
-
-Array = NDArray[np.float64]
 
 _POINTS_PER_DECADE = 10
 _NNLS_STEPS_PER_COLUMN = 50
 
 
-def fewest_terms(
-    material: Prony, lowest: float, highest: float, tolerance: float = 0.01
-) -> tuple[Prony, float]:
+def fewest_terms(material: Prony, lowest: float, highest: float, tolerance: float = 0.01) -> tuple[Prony, float]:
     """Return a series with the fewest equally spaced terms that keeps both moduli.
 
     Times are spaced evenly in their logarithm over the window and their weights solve a
@@ -70,7 +67,7 @@ def fewest_terms(
     return material, 0.0
 
 
-def _fitted(omega: Array, exact: NDArray[np.complex128], rho: Array) -> tuple[float, Array, float]:
+def _fitted(omega: Floats, exact: NDArray[np.complex128], rho: Floats) -> tuple[float, Floats, float]:
     """Return relaxed modulus, weights, and the larger rms relative error."""
     storage, loss = maxwell_shapes(np.log(omega), np.log(rho))
     ones = np.ones((omega.size, 1))

@@ -22,10 +22,9 @@ Baumgaertel & Winter, Rheol. Acta 28 (1989) 511, doi:10.1007/BF01332922.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 #: Terms per decade. One is too coarse (3-4 % on the loss of a broad material), two serve for use,
 #: three leave no error on any broad material; each further one costs a factor 8 in condition. A
@@ -62,9 +61,9 @@ class Grid:
     terms_per_decade : float
     """
 
-    ln_time: Array
-    scale: Array
-    penalty: Array
+    ln_time: Floats
+    scale: Floats
+    penalty: Floats
     terms_per_decade: float
 
 
@@ -86,14 +85,14 @@ class Solution:
         Effective number of coefficients: trace of the influence of the data on the fit.
     """
 
-    coefficient: Array
+    coefficient: Floats
     strength: float
     misfit: float
     roughness: float
     freedom: float
 
 
-def maxwell_shapes(ln_omega: Array, ln_time: Array) -> tuple[Array, Array]:
+def maxwell_shapes(ln_omega: Floats, ln_time: Floats) -> tuple[Floats, Floats]:
     """Return storage x²/(1+x²) and loss x/(1+x²) of every term at every frequency, x = ωτ.
 
     Examples
@@ -109,9 +108,9 @@ def maxwell_shapes(ln_omega: Array, ln_time: Array) -> tuple[Array, Array]:
 
 
 def make_grid(
-    ln_omega: Array,
-    storage: Array,
-    loss: Array,
+    ln_omega: Floats,
+    storage: Floats,
+    loss: Floats,
     *,
     terms_per_decade: float = TERMS_PER_DECADE,
     margin: float = MARGIN_DECADES,
@@ -140,14 +139,14 @@ def make_grid(
     )
 
 
-def _smoothed_log(x: Array, y: Array, at: Array, width: float) -> Array:
+def _smoothed_log(x: Floats, y: Floats, at: Floats, width: float) -> Floats:
     """Average y over x with a Gaussian window; far outside, the nearest points count."""
     square = (at[:, None] - x[None, :]) ** 2 / (2.0 * width**2)
     weight = np.exp(-(square - square.min(axis=1, keepdims=True)))
     return np.asarray((weight @ y) / weight.sum(axis=1))
 
 
-def _second_differences(terms: int, terms_per_decade: float) -> Array:
+def _second_differences(terms: int, terms_per_decade: float) -> Floats:
     """Second differences of the weights, times ppd^1.5 so that the strength keeps its meaning."""
     rows = np.arange(max(terms - 2, 0))
     matrix = np.zeros((rows.size, terms + 1))
@@ -157,7 +156,7 @@ def _second_differences(terms: int, terms_per_decade: float) -> Array:
     return matrix * terms_per_decade**1.5
 
 
-def compress(rows: Array, target: Array) -> tuple[Array, Array, float]:
+def compress(rows: Floats, target: Floats) -> tuple[Floats, Floats, float]:
     """Reduce a tall system to a triangular one with the same least-squares solutions.
 
     Returns
@@ -173,9 +172,7 @@ def compress(rows: Array, target: Array) -> tuple[Array, Array, float]:
     return factor[:columns, :columns], factor[:columns, columns], remainder
 
 
-def solve(
-    triangle: Array, projected: Array, remainder: float, penalty: Array, strength: float
-) -> Solution:
+def solve(triangle: Floats, projected: Floats, remainder: float, penalty: Floats, strength: float) -> Solution:
     """Solve one penalised problem of a compressed system."""
     root = np.sqrt(strength)
     stacked = np.vstack([triangle, root * penalty])
@@ -190,7 +187,7 @@ def solve(
     return Solution(coefficient, strength, misfit, roughness, freedom)
 
 
-def solve_nearby(rows: Array, target: Array, penalty: Array, guess: Solution) -> Solution | None:
+def solve_nearby(rows: Floats, target: Floats, penalty: Floats, guess: Solution) -> Solution | None:
     """Solve a problem like one solved before, exchanging only few of its zero weights.
 
     The conditions of the optimum are checked in full; None when they are not met within a few
@@ -221,7 +218,7 @@ def solve_nearby(rows: Array, target: Array, penalty: Array, guess: Solution) ->
     return None
 
 
-def solve_normal(matrix: Array, right: Array) -> Array:
+def solve_normal(matrix: Floats, right: Floats) -> Floats:
     """Solve a symmetric system; of a singular one the shortest solution."""
     try:
         return np.asarray(np.linalg.solve(matrix, right))
@@ -230,12 +227,7 @@ def solve_normal(matrix: Array, right: Array) -> Array:
 
 
 def solve_by_cross_validation(
-    triangle: Array,
-    projected: Array,
-    remainder: float,
-    penalty: Array,
-    rows: int,
-    near: float | None = None,
+    triangle: Floats, projected: Floats, remainder: float, penalty: Floats, rows: int, near: float | None = None
 ) -> Solution:
     """Choose the strength of the penalty by generalised cross-validation.
 

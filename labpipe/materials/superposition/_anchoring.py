@@ -8,16 +8,14 @@ which follows a smooth law exactly and a kink closely.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials.spectrum import TERMS_PER_DECADE
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._reweighting import Superposition
 from labpipe.materials.superposition._shift_law import fit_law
-from labpipe.uncertainty import carried
-
-Array = NDArray[np.float64]
+from labpipe.uncertainty import propagated_covariance
 
 # Weight of every shift in the law that carries the interpolation (decades, equal for all).
 _EQUAL = 0.05
@@ -46,9 +44,9 @@ class Anchor:
     """
 
     offset: float
-    share: Array
-    shift_by_parameter: Array
-    covariance: Array
+    share: Floats
+    shift_by_parameter: Floats
+    covariance: Floats
 
 
 def anchor_at(points: Points, found: Superposition) -> Anchor:
@@ -66,7 +64,7 @@ def anchor_at(points: Points, found: Superposition) -> Anchor:
         offset = trend[-1] + float(share @ deviation)
         interpolation = _interpolation_error(model.temperature, deviation, model.T_ref)
         moves = moves - share @ moves
-    covariance = carried(moves, found.covariance) if model.size else np.zeros((count, count))
+    covariance = propagated_covariance(moves, found.covariance) if model.size else np.zeros((count, count))
     if found.probe is not None:
         groups = found.probe.groups - (found.probe.groups @ share)[:, None]
         covariance = covariance + (groups.T * found.probe.variance) @ groups
@@ -86,7 +84,7 @@ def anchor_at(points: Points, found: Superposition) -> Anchor:
     return Anchor(offset, share, moves, covariance)
 
 
-def _gaps(points: Points, temperature: Array, log10_aT: Array) -> tuple[Array, Array]:
+def _gaps(points: Points, temperature: Floats, log10_aT: Floats) -> tuple[Floats, Floats]:
     """Return for every pair without overlap the colder side (one, others zero) and the gap."""
     order = np.argsort(temperature, kind="stable")
     place = np.log10(points.omega) + log10_aT[points.isotherm]
@@ -103,7 +101,7 @@ def _is_fine(found: Superposition) -> bool:
     return found.fit.grid.terms_per_decade > TERMS_PER_DECADE
 
 
-def _shares(temperature: Array, T_ref: float) -> Array:
+def _shares(temperature: Floats, T_ref: float) -> Floats:
     """Linear interpolation between the two neighbours; the nearest one beyond the ends."""
     order = np.argsort(temperature, kind="stable")
     unit = np.eye(temperature.size)
@@ -113,7 +111,7 @@ def _shares(temperature: Array, T_ref: float) -> Array:
     return shares / shares.sum()
 
 
-def _interpolation_error(temperature: Array, deviation: Array, T_ref: float) -> float:
+def _interpolation_error(temperature: Floats, deviation: Floats, T_ref: float) -> float:
     """Return the standard uncertainty of the interpolated deviation from the trend.
 
     Straight lines through the two isotherms on either side, continued to T_ref, differ from the
@@ -133,11 +131,11 @@ def _interpolation_error(temperature: Array, deviation: Array, T_ref: float) -> 
     return float(np.mean(np.abs(errors))) / 2.0 if errors else 0.0
 
 
-def _slope(x: Array, y: Array, a: int, b: int) -> float:
+def _slope(x: Floats, y: Floats, a: int, b: int) -> float:
     return float((y[b] - y[a]) / (x[b] - x[a]))
 
 
-def _trend(temperature: Array, log10_aT: Array, T_ref: float) -> Array:
+def _trend(temperature: Floats, log10_aT: Floats, T_ref: float) -> Floats:
     """WLF through the shifts, at the temperatures and (last) at T_ref; zero when there is none."""
     if temperature.size < 4:
         return np.zeros(temperature.size + 1)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from labpipe.arrays import Floats
 from labpipe.materials.spectrum import maxwell_shapes
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._shift_parameters import (
@@ -27,8 +28,6 @@ from labpipe.materials.superposition._shift_parameters import (
     STEP_SPREAD,
     STEP_SPREAD_PER_KELVIN,
 )
-
-Array = NDArray[np.float64]
 
 _LN10 = float(np.log(10.0))
 # Trial steps from an isotherm to its warmer neighbour, in decades of frequency; the best few of
@@ -49,9 +48,9 @@ _NNLS_STEPS_PER_COLUMN = 40
 class _Pair:
     """Two neighbouring isotherms, colder first, as rows relative to the measured values."""
 
-    ln_omega: tuple[Array, Array]
-    storage: tuple[Array, Array]
-    loss: tuple[Array, Array]
+    ln_omega: tuple[Floats, Floats]
+    storage: tuple[Floats, Floats]
+    loss: tuple[Floats, Floats]
     difference: float
 
 
@@ -59,11 +58,11 @@ class _Pair:
 class _Scan:
     """Trial steps of one pair and their scores, in units of twice the log-likelihood."""
 
-    step: Array
-    score: Array
+    step: Floats
+    score: Floats
 
 
-def scanned_shifts(points: Points, temperature: Array, ln_bT: Array) -> Array:
+def scanned_shifts(points: Points, temperature: Floats, ln_bT: Floats) -> Floats:
     """Return log10 a_T (isotherm,) from scans of all pairs together, zero at the warmest.
 
     A step of one pair alone may be ambiguous: two sweeps without loss in common fit at any
@@ -71,38 +70,30 @@ def scanned_shifts(points: Points, temperature: Array, ln_bT: Array) -> Array:
     and changes gradually, as the expectation of :mod:`._shift_parameters` has it.
     """
     order = np.argsort(temperature, kind="stable")
-    scans = [
-        _scanned(_pair(points, temperature, ln_bT, cold, warm))
-        for cold, warm in pairwise(order.tolist())
-    ]
+    scans = [_scanned(_pair(points, temperature, ln_bT, cold, warm)) for cold, warm in pairwise(order.tolist())]
     return _summed(order, _best_chain(scans, np.diff(temperature[order])))
 
 
-def overlapped_shifts(points: Points, temperature: Array, ln_bT: Array) -> Array:
+def overlapped_shifts(points: Points, temperature: Floats, ln_bT: Floats) -> Floats:
     """Chain the steps that continue the storage modulus; zero at the warmest isotherm."""
     return _chained(points, temperature, ln_bT, _overlapped_step)
 
 
-def _chained(
-    points: Points, temperature: Array, ln_bT: Array, step: "Callable[[_Pair], float]"
-) -> Array:
+def _chained(points: Points, temperature: Floats, ln_bT: Floats, step: "Callable[[_Pair], float]") -> Floats:
     """Find every step by itself."""
     order = np.argsort(temperature, kind="stable")
-    steps = [
-        step(_pair(points, temperature, ln_bT, cold, warm))
-        for cold, warm in pairwise(order.tolist())
-    ]
+    steps = [step(_pair(points, temperature, ln_bT, cold, warm)) for cold, warm in pairwise(order.tolist())]
     return _summed(order, steps)
 
 
-def _summed(order: NDArray[np.intp], steps: Sequence[float]) -> Array:
+def _summed(order: NDArray[np.intp], steps: Sequence[float]) -> Floats:
     """Add up the steps from the warmest isotherm to colder ones."""
     shifts = np.zeros(order.size)
     shifts[order[:-1]] = np.cumsum(steps[::-1])[::-1]
     return shifts
 
 
-def _pair(points: Points, temperature: Array, ln_bT: Array, cold: int, warm: int) -> _Pair:
+def _pair(points: Points, temperature: Floats, ln_bT: Floats, cold: int, warm: int) -> _Pair:
     masks = [points.isotherm == cold, points.isotherm == warm]
     scales = [np.exp(-ln_bT[k]) for k in (cold, warm)]
     return _Pair(
@@ -121,14 +112,9 @@ def _overlapped_step(pair: _Pair) -> float:
     """Mean difference of ln E' over the mean slope, kept within what polymers do."""
     (cold_x, warm_x), (cold_y, warm_y) = pair.ln_omega, [np.log(s) for s in pair.storage]
     mean, spread = _expected(pair.difference)
-    slopes = [
-        np.polyfit(x, y, 1)[0] if x.size > 1 else 0.0
-        for x, y in ((cold_x, cold_y), (warm_x, warm_y))
-    ]
+    slopes = [np.polyfit(x, y, 1)[0] if x.size > 1 else 0.0 for x, y in ((cold_x, cold_y), (warm_x, warm_y))]
     slope = max(float(np.mean(slopes)), _FLAT_SLOPE)
-    jump = float(np.mean(cold_y) - np.mean(warm_y)) - slope * float(
-        np.mean(cold_x) - np.mean(warm_x)
-    )
+    jump = float(np.mean(cold_y) - np.mean(warm_y)) - slope * float(np.mean(cold_x) - np.mean(warm_x))
     return float(np.clip(jump / slope / _LN10, mean - 3 * spread, mean + 3 * spread))
 
 
@@ -142,9 +128,7 @@ def _scanned(pair: _Pair) -> _Scan:
         costs = np.array([one.cost for one in tries])
     for k in _dips(costs):
         tries += trial.descended(tries[k])
-    steps, costs, terms = (
-        np.array([getattr(one, name) for one in tries]) for name in ("step", "cost", "terms")
-    )
+    steps, costs, terms = (np.array([getattr(one, name) for one in tries]) for name in ("step", "cost", "terms"))
     rows = 2.0 * (pair.ln_omega[0].size + pair.ln_omega[1].size)
     noise = max(float(np.min(costs / np.maximum(rows - terms, 1.0))), float(np.finfo(float).tiny))
     mean, spread = _expected(pair.difference)
@@ -152,12 +136,12 @@ def _scanned(pair: _Pair) -> _Scan:
     return _Scan(steps, costs / noise + 2.0 * terms + ((steps - mean) / spread) ** 2)
 
 
-def _has_a_clear_dip(costs: Array) -> bool:
+def _has_a_clear_dip(costs: Floats) -> bool:
     """Tell whether the best of some trial steps lies inside them, far below both ends."""
     return bool(np.min(costs[1:-1]) < _CLEAR * min(costs[0], costs[-1]))
 
 
-def _dips(costs: Array) -> NDArray[np.intp]:
+def _dips(costs: Floats) -> NDArray[np.intp]:
     """Return where trial steps are better than both neighbours, the best few, ends left out."""
     inner = np.flatnonzero((costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:])) + 1
     return inner[np.argsort(costs[inner], kind="stable")[:_MOST_DIPS]]
@@ -169,8 +153,8 @@ class _Tried:
 
     step: float
     cost: float
-    weight: Array
-    design: Array
+    weight: Floats
+    design: Floats
 
     @property
     def terms(self) -> int:
@@ -194,7 +178,7 @@ class _Trial:
         weight, rest = nnls(design, np.ones(design.shape[0]), maxiter=most)
         return _Tried(step, float(rest) ** 2, weight, design)
 
-    def _moving(self, step: float, rows: "Callable[[Array, Array, Array, Array], Array]") -> Array:
+    def _moving(self, step: float, rows: "Callable[[Floats, Floats, Floats, Floats], Floats]") -> Floats:
         ln_omega = self.pair.ln_omega[1] - step * _LN10
         return rows(ln_omega, self.pair.storage[1], self.pair.loss[1], self.ln_time) * self.scale
 
@@ -223,7 +207,7 @@ class _Trial:
         return found
 
 
-def _best_chain(scans: Sequence[_Scan], spacing: Array) -> list[float]:
+def _best_chain(scans: Sequence[_Scan], spacing: Floats) -> list[float]:
     """Return the steps with the least sum of scores and of changes from pair to pair.
 
     Dynamic programming over the trial steps of all pairs (Viterbi).
@@ -246,7 +230,7 @@ def _best_chain(scans: Sequence[_Scan], spacing: Array) -> list[float]:
     return [float(scan.step[i]) for scan, i in zip(scans, reversed(chosen), strict=True)]
 
 
-def _pair_terms(pair: _Pair) -> tuple[Array, Array]:
+def _pair_terms(pair: _Pair) -> tuple[Floats, Floats]:
     """Return a grid of times that covers every trial step, and the unit of the weights."""
     cold, warm = pair.ln_omega
     low = min(cold.min(), warm.min() - _STEPS[-1] * _LN10) - _MARGIN_DECADES * _LN10
@@ -256,7 +240,7 @@ def _pair_terms(pair: _Pair) -> tuple[Array, Array]:
     return ln_time, np.full(ln_time.size + 1, typical)
 
 
-def _relative_rows(ln_omega: Array, storage: Array, loss: Array, ln_time: Array) -> Array:
+def _relative_rows(ln_omega: Floats, storage: Floats, loss: Floats, ln_time: Floats) -> Floats:
     """Design rows of one isotherm divided by its measured moduli."""
     storage_shape, loss_shape = maxwell_shapes(ln_omega, ln_time)
     upper = np.column_stack([storage_shape, np.ones(ln_omega.size)]) / storage[:, None]
@@ -264,7 +248,7 @@ def _relative_rows(ln_omega: Array, storage: Array, loss: Array, ln_time: Array)
     return np.vstack([upper, lower])
 
 
-def _slope_rows(ln_omega: Array, storage: Array, loss: Array, ln_time: Array) -> Array:
+def _slope_rows(ln_omega: Floats, storage: Floats, loss: Floats, ln_time: Floats) -> Floats:
     """Slopes of the same rows over ln ω: 2 L² and L (1 − 2 S)."""
     first, second = maxwell_shapes(ln_omega, ln_time)
     none = np.zeros(ln_omega.size)

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials.spectrum import MARGIN_DECADES, MOST_TERMS_PER_DECADE, TERMS_PER_DECADE
 from labpipe.materials.superposition._first_shifts import overlapped_shifts, scanned_shifts
 from labpipe.materials.superposition._joint_fit import (
@@ -52,9 +52,7 @@ from labpipe.materials.superposition._shift_law import fit_law
 from labpipe.materials.superposition._shift_parameters import OuterModel, expected_shifts
 from labpipe.materials.superposition._step_search import Probe, probe_steps
 from labpipe.materials.superposition._vertical_law import Vertical
-from labpipe.uncertainty import carried
-
-Array = NDArray[np.float64]
+from labpipe.uncertainty import propagated_covariance
 
 # Vertical law, delay and levels are added one at a time, and may each be revised once.
 _MAX_EXTENSIONS = 5
@@ -71,7 +69,7 @@ def superpose(
     points: Points,
     model: OuterModel,
     *,
-    starts: Sequence[tuple[str, Array]] | None = None,
+    starts: Sequence[tuple[str, Floats]] | None = None,
     verticals: Sequence[Vertical] = ("none",),
     delay: bool | None = False,
     levels: bool | None = False,
@@ -102,10 +100,7 @@ def superpose(
     noise = first_noise(scatter, noise_ratio)
     options = Options(tuple(verticals), delay, levels, robust, noise_ratio, scatter)
     base = replace(
-        model,
-        vertical=verticals[0],
-        has_delay=delay is True,
-        level_spread=FIRST_LEVELS if levels is True else 0.0,
+        model, vertical=verticals[0], has_delay=delay is True, level_spread=FIRST_LEVELS if levels is True else 0.0
     )
     best = _best_start(points, base, noise, starts)
     current = _probed(points, _settled_finely(points, best, noise, options), options)
@@ -119,10 +114,7 @@ def superpose(
 
 
 def _doubted(
-    points: Points,
-    current: Superposition,
-    options: Options,
-    starts: Sequence[tuple[str, Array]] | None,
+    points: Points, current: Superposition, options: Options, starts: Sequence[tuple[str, Floats]] | None
 ) -> Superposition:
     """Where superposition does not hold to the scatter, look for other minima and other models."""
     free = current.model.horizontal == "free"
@@ -148,9 +140,7 @@ def _doubted(
     return replace(doubted, probe=_walked(points, doubted, options, length, may_move=False))
 
 
-def _settled_finely(
-    points: Points, candidate: Candidate, noise: Noise, options: Options
-) -> Superposition:
+def _settled_finely(points: Points, candidate: Candidate, noise: Noise, options: Options) -> Superposition:
     """Settle a fit, on a finer grid of times as long as that predicts much better.
 
     A single relaxation time between two of the grid leaves a misfit that delays and levels would
@@ -162,14 +152,7 @@ def _settled_finely(
         weight = weights_of(points, current.noise, fit.predicted) * huber(current, options)
         density, strength = fit.grid.terms_per_decade, fit.solution.strength
         present, finer = (
-            evaluate(
-                points,
-                weight,
-                grid_for(points, fit.state, count, MARGIN_DECADES),
-                fit.state,
-                None,
-                strength,
-            )
+            evaluate(points, weight, grid_for(points, fit.state, count, MARGIN_DECADES), fit.state, None, strength)
             for count in (density, 2 * density)
         )
         gain = predictive_cost(present, model) - predictive_cost(finer, model)
@@ -181,10 +164,7 @@ def _settled_finely(
 
 
 def _best_start(
-    points: Points,
-    model: OuterModel,
-    noise: Noise,
-    starts: Sequence[tuple[str, Array]] | None,
+    points: Points, model: OuterModel, noise: Noise, starts: Sequence[tuple[str, Floats]] | None
 ) -> Candidate:
     """Run the joint fit from every start and keep the best."""
     ln_bT = entropic_ln_bT(model) if model.vertical == "rho_T" else np.zeros(model.temperature.size)
@@ -195,19 +175,12 @@ def _best_start(
         )
     weight = weights_of(points, noise)
     runs = [_run(points, weight, model, name, shifts) for name, shifts in starts]
-    if (
-        len(runs) > 1
-        and model.horizontal == "free"
-        and np.unique(model.temperature).size > _LAW_NEEDS
-    ):
+    if len(runs) > 1 and model.horizontal == "free" and np.unique(model.temperature).size > _LAW_NEEDS:
         best = min(runs, key=lambda run: run.cost)
         runs.append(_run(points, weight, model, "law", _smoothed(points, best)))
     runs.sort(key=lambda run: run.cost)
     best_shifts = runs[0].fit.state.log10_aT
-    report = tuple(
-        (run.name, run.cost, float(np.max(np.abs(run.fit.state.log10_aT - best_shifts))))
-        for run in runs
-    )
+    report = tuple((run.name, run.cost, float(np.max(np.abs(run.fit.state.log10_aT - best_shifts)))) for run in runs)
     return Candidate(runs[0].model, runs[0].fit, report)
 
 
@@ -219,7 +192,7 @@ class _Run:
     model: OuterModel
 
 
-def _run(points: Points, weight: Array, model: OuterModel, name: str, shifts: Array) -> _Run:
+def _run(points: Points, weight: Floats, model: OuterModel, name: str, shifts: Floats) -> _Run:
     """Run the joint fit from one start, the spectrum stiff unless the data forbid it."""
     expectation = expected_shifts(model.temperature, shifts)
     started = replace(model, given=shifts - shifts[model.reference], expectation=expectation)
@@ -235,7 +208,7 @@ def _run(points: Points, weight: Array, model: OuterModel, name: str, shifts: Ar
     return _Run(name, predictive_cost(fit, started), fit, started)
 
 
-def _smoothed(points: Points, run: _Run) -> Array:
+def _smoothed(points: Points, run: _Run) -> Floats:
     """Put shifts on the WLF law through those that the data determine."""
     model, state = run.model, run.fit.state
     normal, _ = outer_problem(points, run.fit, model)
@@ -268,12 +241,10 @@ def _probed(points: Points, current: Superposition, options: Options) -> Superpo
     return current
 
 
-def _walked(
-    points: Points, current: Superposition, options: Options, length: float, may_move: bool
-) -> Probe:
+def _walked(points: Points, current: Superposition, options: Options, length: float, may_move: bool) -> Probe:
     """Walk the loose steps, every residual counting for one over the length of its run."""
     moves = current.model.directions(current.fit.state)[0]
-    known = carried(moves, current.covariance)
+    known = propagated_covariance(moves, current.covariance)
     weight = weights_of(points, current.noise, current.fit.predicted) * huber(current, options)
     weight = weight / np.sqrt(length)
     return probe_steps(points, weight, current.fit, current.model, known, may_move)

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials.spectrum import (
     Grid,
     Solution,
@@ -36,8 +37,6 @@ from labpipe.materials.spectrum import (
     solve_normal,
 )
 from labpipe.materials.superposition._shift_parameters import OuterModel, State
-
-Array = NDArray[np.float64]
 
 _LN10 = float(np.log(10.0))
 # Levenberg-Marquardt: first damping relative to the diagonal, its factors, and the stop. The
@@ -65,10 +64,10 @@ class Points:
         Number of isotherms.
     """
 
-    omega: Array
+    omega: Floats
     isotherm: NDArray[np.intp]
-    storage: Array
-    loss: Array
+    storage: Floats
+    loss: Floats
     count: int
 
 
@@ -92,13 +91,13 @@ class Fit:
     state: State
     grid: Grid
     solution: Solution
-    residual: Array
-    predicted: Array
-    rows: Array
-    normal: Array
-    by_shift: Array
-    by_vertical: Array
-    by_delay: Array
+    residual: Floats
+    predicted: Floats
+    rows: Floats
+    normal: Floats
+    by_shift: Floats
+    by_vertical: Floats
+    by_delay: Floats
 
     @property
     def cost(self) -> float:
@@ -106,7 +105,7 @@ class Fit:
         return self.solution.misfit + self.solution.roughness
 
 
-def reduced(points: Points, state: State) -> Array:
+def reduced(points: Points, state: State) -> Floats:
     """Return ln(a ω) of every point."""
     return np.log(points.omega) + _LN10 * state.log10_aT[points.isotherm]
 
@@ -125,7 +124,7 @@ def grid_for(points: Points, state: State, terms_per_decade: float, margin: floa
 
 def evaluate(
     points: Points,
-    weight: Array,
+    weight: Floats,
     grid: Grid,
     state: State,
     strength: float | None,
@@ -164,10 +163,7 @@ def evaluate(
     loss_slope = (loss * (1.0 - 2.0 * storage)) @ weights
     half = points.omega.size
     by_shift = np.concatenate(
-        [
-            turn[:, 0] * storage_slope - lean[:, 0] * loss_slope,
-            lean[:, 0] * storage_slope + turn[:, 0] * loss_slope,
-        ]
+        [turn[:, 0] * storage_slope - lean[:, 0] * loss_slope, lean[:, 0] * storage_slope + turn[:, 0] * loss_slope]
     )
     by_delay = np.concatenate([-points.omega * predicted[half:], points.omega * predicted[:half]])
     used = rows[:, active]
@@ -187,7 +183,7 @@ def evaluate(
     )
 
 
-def sensitivity(points: Points, fit: Fit, model: OuterModel) -> Array:
+def sensitivity(points: Points, fit: Fit, model: OuterModel) -> Floats:
     """Return the weighted change of every prediction per outer parameter, spectrum held."""
     shift, vertical, delay = model.directions(fit.state)
     index = np.concatenate([points.isotherm, points.isotherm])
@@ -198,14 +194,14 @@ def sensitivity(points: Points, fit: Fit, model: OuterModel) -> Array:
     )
 
 
-def projected_normal(fit: Fit, change: Array) -> tuple[Array, Array]:
+def projected_normal(fit: Fit, change: Floats) -> tuple[Floats, Floats]:
     """Return the outer normal matrix once the spectrum has followed, and the gradient."""
     coupling = fit.rows.T @ change
     followed = solve_normal(fit.normal, coupling)
     return change.T @ change - coupling.T @ followed, change.T @ fit.residual
 
 
-def outer_problem(points: Points, fit: Fit, model: OuterModel) -> tuple[Array, Array]:
+def outer_problem(points: Points, fit: Fit, model: OuterModel) -> tuple[Floats, Floats]:
     """Return normal matrix and gradient of the outer parameters, expectation included."""
     normal, gradient = projected_normal(fit, sensitivity(points, fit, model))
     more_normal, more_gradient = model.pull(fit.state)
@@ -214,7 +210,7 @@ def outer_problem(points: Points, fit: Fit, model: OuterModel) -> tuple[Array, A
 
 def minimise(
     points: Points,
-    weight: Array,
+    weight: Floats,
     fit: Fit,
     model: OuterModel,
     tolerance: float = _COST_TOLERANCE,
@@ -253,12 +249,7 @@ def predictive_cost(fit: Fit, model: OuterModel) -> float:
 
 
 def _damped_step(
-    points: Points,
-    weight: Array,
-    fit: Fit,
-    model: OuterModel,
-    problem: tuple[Array, Array],
-    damping: float,
+    points: Points, weight: Floats, fit: Fit, model: OuterModel, problem: tuple[Floats, Floats], damping: float
 ) -> tuple[Fit | None, float]:
     """Raise the damping until a step lowers the cost; None when no step does."""
     normal, gradient = problem

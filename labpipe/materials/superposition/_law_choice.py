@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials.spectrum import MARGIN_DECADES
 from labpipe.materials.superposition._first_shifts import overlapped_shifts, scanned_shifts
 from labpipe.materials.superposition._joint_fit import (
@@ -28,8 +28,6 @@ from labpipe.materials.superposition._reweighting import (
 from labpipe.materials.superposition._shift_parameters import OuterModel, State, expected_shifts
 from labpipe.materials.superposition._vertical_law import vertical_values
 
-Array = NDArray[np.float64]
-
 # Before the first fit the shifts may still move: the grid of times reaches further out.
 FIRST_MARGIN = 1.5
 # Smoothing for comparing starts, in units of the noise; cross-validation follows.
@@ -42,10 +40,7 @@ _SCREENING = (1e-3, 8)
 
 
 def extended_by_a_law(
-    points: Points,
-    current: Superposition,
-    options: Options,
-    starts: Sequence[tuple[str, Array]] | None,
+    points: Points, current: Superposition, options: Options, starts: Sequence[tuple[str, Floats]] | None
 ) -> Candidate | None:
     """Return the single change of laws that the criterion favours most, None if there is none."""
     moves = _moves(current.model, options)
@@ -106,29 +101,24 @@ def _may_gain(points: Points, current: Superposition, moves: list[OuterModel]) -
     return False
 
 
-def restarts(points: Points, current: Superposition, ln_bT: Array) -> list[State]:
+def restarts(points: Points, current: Superposition, ln_bT: Floats) -> list[State]:
     """Start anew under a vertical law, the phase's present delay taken out of the data."""
     model, delay = current.model, current.fit.state.delay
     turned = (points.storage + 1j * points.loss) * np.exp(-1j * points.omega * delay)
     if not (turned.imag > 0).all():
         turned = points.storage + 1j * points.loss
     clean = replace(points, storage=turned.real, loss=turned.imag)
-    found = (
-        overlapped_shifts(clean, model.temperature, ln_bT),
-        scanned_shifts(clean, model.temperature, ln_bT),
-    )
+    found = (overlapped_shifts(clean, model.temperature, ln_bT), scanned_shifts(clean, model.temperature, ln_bT))
     return [State(np.empty(0), shifts - shifts[model.reference], ln_bT, delay) for shifts in found]
 
 
-def entropic_ln_bT(model: OuterModel) -> Array:
+def entropic_ln_bT(model: OuterModel) -> Floats:
     """Return ln b of the law b ∝ T."""
     found = vertical_values("rho_T", np.empty(0), model.temperature, model.T_ref)
     return np.zeros(model.temperature.size) if found is None else found
 
 
-def screened(
-    points: Points, weight: Array, current: Superposition, model: OuterModel, first: State
-) -> Fit:
+def screened(points: Points, weight: Floats, current: Superposition, model: OuterModel, first: State) -> Fit:
     """Fit another model from a state, well enough to compare it."""
     strength, density = current.fit.solution.strength, current.fit.grid.terms_per_decade
     state = model.start(first)

@@ -19,19 +19,12 @@ _LAW_HOLDS = 4.0
 
 
 def limits_of(
-    data: SweepData,
-    found: Superposition,
-    law: LawName | None,
-    chosen: ShiftLaw,
-    overlap: xr.Dataset,
-    kk: KramersKronig,
+    data: SweepData, found: Superposition, law: LawName | None, chosen: ShiftLaw, overlap: xr.Dataset, kk: KramersKronig
 ) -> list[str]:
     """Say everything that limits the result, one sentence each."""
     notes: list[str] = []
     if data.points.count == 1:
-        notes.append(
-            "only one temperature: there is nothing to shift, the spectrum is that of this isotherm"
-        )
+        notes.append("only one temperature: there is nothing to shift, the spectrum is that of this isotherm")
     if found.model.horizontal == "free":
         notes += _identifiability(overlap)
         notes += _other_solutions(found)

@@ -15,9 +15,10 @@ from typing import Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials.superposition._fit import superpose
 from labpipe.materials.superposition._result import MasterCurve, assembled
@@ -27,8 +28,6 @@ from labpipe.materials.superposition._sweep_data import SweepData, read_sweeps
 from labpipe.materials.superposition._sweep_readings import Mode, gather_sweeps
 from labpipe.materials.superposition._vertical_law import VERTICAL_SIZE, Vertical
 from labpipe.units import Measure, si
-
-Array = NDArray[np.float64]
 
 _ALL_VERTICALS: tuple[Vertical, ...] = tuple(VERTICAL_SIZE)
 # Levels about a vertical law are looked for from this many isotherms on.
@@ -174,9 +173,7 @@ def _levels(levels: bool | Literal["auto"], count: int) -> bool | None:
     return None if levels == "auto" else levels
 
 
-def _check_options(
-    law: str | None, vertical: str, delay: object, levels: object, noise_ratio: float | None
-) -> None:
+def _check_options(law: str | None, vertical: str, delay: object, levels: object, noise_ratio: float | None) -> None:
     for name, value, allowed in (
         ("law", law, (None, "wlf", "arrhenius")),
         ("vertical", vertical, ("auto", *_ALL_VERTICALS)),
@@ -184,16 +181,14 @@ def _check_options(
         ("levels", levels, (True, False, "auto")),
     ):
         if value not in allowed:
-            message = (
-                f"{name} = {value!r} is unknown; expected one of {', '.join(map(repr, allowed))}"
-            )
+            message = f"{name} = {value!r} is unknown; expected one of {', '.join(map(repr, allowed))}"
             raise InputError(message)
     if noise_ratio is not None and not (np.isfinite(noise_ratio) and noise_ratio > 0):
         message = f"noise_ratio = {noise_ratio}: expected a positive number (loss over storage)"
         raise InputError(message)
 
 
-def _given_shifts(shifts: ArrayLike, sweeps: xr.Dataset, data: SweepData) -> Array:
+def _given_shifts(shifts: ArrayLike, sweeps: xr.Dataset, data: SweepData) -> Floats:
     values = np.asarray(shifts, dtype=float)
     count = sweeps.sizes["temperature"]
     if values.shape != (count,) or not np.isfinite(values[data.kept]).all():
@@ -205,14 +200,14 @@ def _given_shifts(shifts: ArrayLike, sweeps: xr.Dataset, data: SweepData) -> Arr
     return values[data.kept]
 
 
-def _reference(temperature: Array, T_ref: float | None) -> int:
+def _reference(temperature: Floats, T_ref: float | None) -> int:
     """Return the isotherm nearest to T_ref, or the middle one."""
     if T_ref is None:
         return int(np.argsort(temperature, kind="stable")[temperature.size // 2])
     return int(np.argmin(np.abs(temperature - T_ref)))
 
 
-def _check_reference(temperature: Array, T_ref: float, horizontal: Horizontal) -> None:
+def _check_reference(temperature: Floats, T_ref: float, horizontal: Horizontal) -> None:
     low, high = float(temperature.min()), float(temperature.max())
     if not np.isfinite(T_ref):
         message = f"T_ref = {T_ref}: expected a temperature in °C"

@@ -10,8 +10,8 @@ changed; the changes of the shifts are an uncertainty of their own.
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials.superposition._joint_fit import Fit, Points, predictive_cost
 from labpipe.materials.superposition._law_choice import restarts, screened
 from labpipe.materials.superposition._reweighting import (
@@ -23,8 +23,6 @@ from labpipe.materials.superposition._reweighting import (
     weights_of,
 )
 from labpipe.materials.superposition._shift_parameters import OuterModel
-
-Array = NDArray[np.float64]
 
 #: Noise of the fit over scatter of the sweeps, from which superposition counts as violated. The
 #: scatter of the fewest sweeps that are judged is known to a fifth.
@@ -79,9 +77,7 @@ def started_anew(points: Points, current: Superposition, options: Options) -> li
     return [screened(points, weight, current, current.model, first) for first in starts]
 
 
-def other_minimum(
-    points: Points, current: Superposition, options: Options, anew: list[Fit]
-) -> Candidate | None:
+def other_minimum(points: Points, current: Superposition, options: Options, anew: list[Fit]) -> Candidate | None:
     """Return the best of some further fits if it is better than the present one."""
     model = current.model
     weight = _weight(points, current, options)
@@ -94,7 +90,7 @@ def other_minimum(
 
 def alternatives(
     points: Points, current: Superposition, options: Options, anew: list[Fit]
-) -> tuple[tuple[str, Array], ...]:
+) -> tuple[tuple[str, Floats], ...]:
     """Return log10 a_T (isotherm,) of every repetition, with what was changed in it."""
     weight = _weight(points, current, options)
     model, state = current.model, current.fit.state
@@ -113,7 +109,7 @@ def alternatives(
     return tuple(found)
 
 
-def _weight(points: Points, current: Superposition, options: Options) -> Array:
+def _weight(points: Points, current: Superposition, options: Options) -> Floats:
     weight = weights_of(points, current.noise, current.fit.predicted)
     return np.asarray(weight * huber(current, options))
 

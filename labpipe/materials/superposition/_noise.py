@@ -11,11 +11,9 @@ few readings, tells of itself, there is no misfit to share out, and the residual
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials.superposition._joint_fit import Points
-
-Array = NDArray[np.float64]
 
 # Relative noise is never taken below this: cleaner data are limited by the grid of times.
 _LEAST_NOISE = 1e-6
@@ -62,7 +60,7 @@ def scatter_of_sweeps(points: Points) -> Scatter | None:
 
     The median of the absolute residuals is used, so that single outliers do not count.
     """
-    residuals: list[list[Array]] = [[], []]
+    residuals: list[list[Floats]] = [[], []]
     freedom = 0
     for k in range(points.count):
         mask = points.isotherm == k
@@ -90,9 +88,7 @@ def first_noise(scatter: Noise | None, ratio: float | None) -> Noise:
     return Noise(level, ratio * level)
 
 
-def next_noise(
-    noise: Noise, factors: tuple[float, float], scatter: Scatter | None, ratio: float | None
-) -> Noise:
+def next_noise(noise: Noise, factors: tuple[float, float], scatter: Scatter | None, ratio: float | None) -> Noise:
     """Return the levels that the residuals ask for.
 
     Parameters

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials.prony import Prony
 from labpipe.materials.spectrum import KramersKronig, kramers_kronig
 from labpipe.materials.superposition._anchoring import anchor_at
@@ -165,9 +165,7 @@ class MasterCurve:
         return merged
 
 
-def assembled(
-    sweeps: xr.Dataset, data: SweepData, found: Superposition, law: LawName | None, nu: float
-) -> MasterCurve:
+def assembled(sweeps: xr.Dataset, data: SweepData, found: Superposition, law: LawName | None, nu: float) -> MasterCurve:
     """Move the reference to T_ref and put the result into Datasets."""
     model, state = found.model, found.fit.state
     anchor = anchor_at(data.points, found)
@@ -182,10 +180,7 @@ def assembled(
     reduced = predictions(sweeps, data, found, log10_aT)
     kk = kramers_kronig(*(reduced[name].values[data.row, data.column] for name in _REDUCED_NAMES))
     overlap = overlap_of_neighbours(data, log10_aT, covariance, BARELY_DETERMINED)
-    window = (
-        float(np.nanmin(reduced["reduced_frequency"])),
-        float(np.nanmax(reduced["reduced_frequency"])),
-    )
+    window = (float(np.nanmin(reduced["reduced_frequency"])), float(np.nanmax(reduced["reduced_frequency"])))
     notes = limits_of(data, found, law, chosen, overlap, kk)
     for note in notes:
         warnings.warn(note, UserWarning, stacklevel=4)
@@ -197,24 +192,12 @@ def assembled(
         T_ref=model.T_ref,
         log10_aT=_over(temperature, data, log10_aT, "1", "log10 of the horizontal shift factor"),
         u_log10_aT=_over(
-            temperature,
-            data,
-            np.sqrt(np.maximum(np.diag(covariance), 0.0)),
-            "1",
-            "standard uncertainty of log10_aT",
+            temperature, data, np.sqrt(np.maximum(np.diag(covariance), 0.0)), "1", "standard uncertainty of log10_aT"
         ),
         covariance=_matrix_over(temperature, data, covariance),
         b_T=_over(temperature, data, law_b_T, "1", "vertical shift factor"),
-        u_b_T=_over(
-            temperature,
-            data,
-            law_b_T * _u_ln_bT(found),
-            "1",
-            "standard uncertainty of b_T",
-        ),
-        level=_over(
-            temperature, data, np.exp(levels), "1", "level of the sweep about the vertical law"
-        ),
+        u_b_T=_over(temperature, data, law_b_T * _u_ln_bT(found), "1", "standard uncertainty of b_T"),
+        level=_over(temperature, data, np.exp(levels), "1", "level of the sweep about the vertical law"),
         vertical=model.vertical,
         delay=state.delay,
         u_delay=float(np.sqrt(max(tail, 0.0))) * model.delay_unit,
@@ -229,24 +212,20 @@ def assembled(
         noise={"storage": float(found.noise.storage), "loss": float(found.noise.loss)},
         starts=found.starts,
         warnings=(*data.warnings, *notes),
-        work={
-            "isotherms": data.points.count,
-            "points": int(data.points.omega.size),
-            "terms": int(prony.E.size),
-        },
+        work={"isotherms": data.points.count, "points": int(data.points.omega.size), "terms": int(prony.E.size)},
     )
 
 
-def _u_ln_bT(found: Superposition) -> Array:
+def _u_ln_bT(found: Superposition) -> Floats:
     """Return the standard uncertainty of ln b_T of every isotherm."""
     if not found.model.size:
         return np.zeros(found.model.temperature.size)
     rows = found.model.directions(found.fit.state)[1]
     rows[:, found.model.level_slice] = 0.0
-    return spread(rows, found.covariance)
+    return propagated_u(rows, found.covariance)
 
 
-def _laws(model: OuterModel, log10_aT: Array, covariance: Array) -> dict[str, ShiftLaw]:
+def _laws(model: OuterModel, log10_aT: Floats, covariance: Floats) -> dict[str, ShiftLaw]:
     """Fit both laws through the shifts; the weights come from their covariance."""
     distinct = np.unique(model.temperature).size
     names: tuple[LawName, ...] = ("wlf", "arrhenius") if distinct > 2 else ("arrhenius",)
@@ -274,24 +253,22 @@ def _chosen_law(found: Superposition, law: LawName | None, laws: dict[str, Shift
     return min(laws.values(), key=lambda one: one.chi_square + price * len(one.parameters))
 
 
-def _over(
-    temperature: xr.DataArray, data: SweepData, values: Array, units: str, name: str
-) -> xr.DataArray:
+def _over(temperature: xr.DataArray, data: SweepData, values: Floats, units: str, name: str) -> xr.DataArray:
     """Put values of the used isotherms over all temperatures, NaN elsewhere."""
     full = np.full(temperature.size, np.nan)
     full[data.kept] = values
     coordinate = {"temperature": temperature}
-    attrs = {"units": units, "long_name": name}
+    attrs = described(units, name)
     return xr.DataArray(full, dims="temperature", coords=coordinate, attrs=attrs)
 
 
-def _matrix_over(temperature: xr.DataArray, data: SweepData, values: Array) -> xr.DataArray:
+def _matrix_over(temperature: xr.DataArray, data: SweepData, values: Floats) -> xr.DataArray:
     full = np.full((temperature.size,) * 2, np.nan)
     full[np.ix_(data.kept, data.kept)] = values
-    other = ("temperature_2", temperature.values, {"units": "degC", "long_name": "temperature"})
+    other = variable("temperature_2", temperature.values, "degC", "temperature")
     return xr.DataArray(
         full,
         dims=("temperature", "temperature_2"),
         coords={"temperature": temperature, "temperature_2": other},
-        attrs={"units": "1", "long_name": "covariance of log10_aT"},
+        attrs=described("1", "covariance of log10_aT"),
     )

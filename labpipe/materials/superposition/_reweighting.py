@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials.spectrum import MARGIN_DECADES
 from labpipe.materials.superposition._joint_fit import (
     Fit,
@@ -19,9 +19,7 @@ from labpipe.materials.superposition._noise import Noise, Scatter, next_noise
 from labpipe.materials.superposition._shift_parameters import OuterModel, expected_shifts
 from labpipe.materials.superposition._step_search import Probe
 from labpipe.materials.superposition._vertical_law import Vertical
-from labpipe.uncertainty import variance
-
-Array = NDArray[np.float64]
+from labpipe.uncertainty import propagated_variance
 
 # Passes of noise, outliers and smoothing around the joint fit, and when they have settled.
 _MAX_PASSES = 6
@@ -61,11 +59,11 @@ class Superposition:
     model: OuterModel
     fit: Fit
     noise: Noise
-    covariance: Array
-    standardised: Array
+    covariance: Floats
+    standardised: Floats
     starts: tuple[tuple[str, float, float], ...]
     probe: Probe | None = None
-    alternatives: tuple[tuple[str, Array], ...] = ()
+    alternatives: tuple[tuple[str, Floats], ...] = ()
     violation: float = 1.0
 
 
@@ -118,7 +116,7 @@ def settled(points: Points, candidate: Candidate, noise: Noise, options: Options
     return Superposition(model, fit, noise, covariance, standardised, candidate.starts)
 
 
-def _with_spread(model: OuterModel, fit: Fit, covariance: Array) -> OuterModel:
+def _with_spread(model: OuterModel, fit: Fit, covariance: Floats) -> OuterModel:
     """Estimate the spread of the levels from the levels, as noise from residuals."""
     if model.level_spread <= 0:
         return model
@@ -129,7 +127,7 @@ def _with_spread(model: OuterModel, fit: Fit, covariance: Array) -> OuterModel:
     return replace(model, level_spread=float(np.clip(spread, _LEAST_LEVELS, _MOST_LEVELS)))
 
 
-def weights_of(points: Points, noise: Noise, expected: Array | None = None) -> Array:
+def weights_of(points: Points, noise: Noise, expected: Floats | None = None) -> Floats:
     """One over the standard deviation of every modulus; relative to the model once there is one.
 
     Weights from the measured values themselves would favour low readings.
@@ -140,12 +138,12 @@ def weights_of(points: Points, noise: Noise, expected: Array | None = None) -> A
     return np.asarray(1.0 / (sigma * np.maximum(np.abs(size), np.finfo(float).tiny)))
 
 
-def huber(current: Superposition, options: Options) -> Array:
+def huber(current: Superposition, options: Options) -> Floats:
     """Square root of the weight of every residual of a settled fit."""
     return _root_of_influence(current.standardised, options)
 
 
-def _root_of_influence(standardised: Array, options: Options) -> Array:
+def _root_of_influence(standardised: Floats, options: Options) -> Floats:
     """One within the limit, beyond it such that the squared residual counts linearly."""
     if not options.robust:
         return np.ones(standardised.size)
@@ -153,22 +151,22 @@ def _root_of_influence(standardised: Array, options: Options) -> Array:
 
 
 def _covariance_and_noise(
-    points: Points, fit: Fit, model: OuterModel, residual: Array
-) -> tuple[Array, tuple[float, float]]:
+    points: Points, fit: Fit, model: OuterModel, residual: Floats
+) -> tuple[Floats, tuple[float, float]]:
     """Return the covariance of the outer parameters and the factors on both noise levels.
 
     Each modulus has as many free residuals as it has points, less its share of the fitted
     freedom (its leverage); so a noise ratio comes out right even when one modulus dominates.
     """
     inverse = np.asarray(np.linalg.pinv(fit.normal, hermitian=True))
-    leverage = variance(fit.rows, inverse)
+    leverage = propagated_variance(fit.rows, inverse)
     covariance = np.empty((0, 0))
     if model.size:
         change = sensitivity(points, fit, model)
         normal, _ = outer_problem(points, fit, model)
         covariance = np.asarray(np.linalg.pinv(normal, hermitian=True))
         followed = change - fit.rows @ (inverse @ (fit.rows.T @ change))
-        leverage += variance(followed, covariance)
+        leverage += propagated_variance(followed, covariance)
     half = points.omega.size
     factors = []
     for part in (slice(0, half), slice(half, None)):

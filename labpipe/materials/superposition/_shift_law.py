@@ -16,12 +16,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.uncertainty import spread
+from labpipe.uncertainty import propagated_u
 
-Array = NDArray[np.float64]
 LawName = Literal["wlf", "arrhenius"]
 
 #: 0 °C in kelvin.
@@ -51,11 +51,11 @@ class ShiftLaw:
     name: LawName
     T_ref: float
     parameters: tuple[float, ...]
-    covariance: Array
+    covariance: Floats
     chi_square: float = float("nan")
     freedom: int = 0
 
-    def log10_aT(self, temperature: ArrayLike) -> Array:
+    def log10_aT(self, temperature: ArrayLike) -> Floats:
         """Return log10 a_T at temperatures in °C.
 
         Raises
@@ -77,10 +77,10 @@ class ShiftLaw:
             raise InputError(message)
         return value
 
-    def u_log10_aT(self, temperature: ArrayLike) -> Array:
+    def u_log10_aT(self, temperature: ArrayLike) -> Floats:
         """Return the standard uncertainty of log10 a_T from the parameters' covariance."""
         slope = law_slopes(self.name, self.parameters, np.asarray(temperature, float), self.T_ref)
-        return spread(slope, self.covariance)
+        return propagated_u(slope, self.covariance)
 
     @property
     def C1(self) -> float:
@@ -103,7 +103,7 @@ class ShiftLaw:
         """Standard uncertainty of C₁."""
         m, q = self.parameters if self.name == "wlf" else (np.nan, np.nan)
         slope = np.array([1.0 / q, -m / q**2])
-        return float(spread(slope, self.covariance)) if self.name == "wlf" else np.nan
+        return float(propagated_u(slope, self.covariance)) if self.name == "wlf" else np.nan
 
     @property
     def u_C2(self) -> float:
@@ -137,8 +137,8 @@ def arrhenius(activation_energy: float, T_ref: float) -> ShiftLaw:
 
 
 def law_values(
-    name: LawName, parameters: tuple[float, ...] | Array, temperature: Array, T_ref: float
-) -> Array | None:
+    name: LawName, parameters: tuple[float, ...] | Floats, temperature: Floats, T_ref: float
+) -> Floats | None:
     """Return log10 a_T, or None where the WLF law has passed its pole."""
     difference = temperature - T_ref
     if name == "wlf":
@@ -148,9 +148,7 @@ def law_values(
     return np.asarray(parameters[0] * _inverse_temperature(temperature, T_ref))
 
 
-def law_slopes(
-    name: LawName, parameters: tuple[float, ...] | Array, temperature: Array, T_ref: float
-) -> Array:
+def law_slopes(name: LawName, parameters: tuple[float, ...] | Floats, temperature: Floats, T_ref: float) -> Floats:
     """Return the derivatives of log10 a_T, last axis over the parameters."""
     difference = temperature - T_ref
     if name == "wlf":
@@ -160,7 +158,7 @@ def law_slopes(
     return _inverse_temperature(temperature, T_ref)[..., None]
 
 
-def shift_at(law: ShiftLaw, temperature: Array, log10_aT: Array, where: float) -> float:
+def shift_at(law: ShiftLaw, temperature: Floats, log10_aT: Floats, where: float) -> float:
     """Return log10 a_T at any temperature: the law, and what the shifts deviate from it there.
 
     Parameters
@@ -199,15 +197,13 @@ def shift_at(law: ShiftLaw, temperature: Array, log10_aT: Array, where: float) -
     return float(law.log10_aT(where)) + float(np.interp(where, at, knots))
 
 
-def _inverse_temperature(temperature: Array, T_ref: float) -> Array:
+def _inverse_temperature(temperature: Floats, T_ref: float) -> Floats:
     """(1/T − 1/T_ref)/(R ln 10) in mol/J."""
     kelvin, reference = temperature + ZERO_CELSIUS, T_ref + ZERO_CELSIUS
     return np.asarray((1.0 / kelvin - 1.0 / reference) / _GAS_LN10)
 
 
-def fit_law(
-    name: LawName, temperature: Array, log10_aT: Array, covariance: Array, T_ref: float
-) -> ShiftLaw:
+def fit_law(name: LawName, temperature: Floats, log10_aT: Floats, covariance: Floats, T_ref: float) -> ShiftLaw:
     """Fit a law to free shifts by generalised least squares.
 
     Parameters
@@ -255,12 +251,12 @@ def fit_law(
     )
 
 
-def _information(covariance: Array) -> Array:
+def _information(covariance: Floats) -> Floats:
     """Pseudo-inverse of a covariance; an exact reference shift carries no information here."""
     return np.asarray(np.linalg.pinv(covariance, rcond=1e-12, hermitian=True))
 
 
-def _first_parameters(name: LawName, temperature: Array, log10_aT: Array, T_ref: float) -> Array:
+def _first_parameters(name: LawName, temperature: Floats, log10_aT: Floats, T_ref: float) -> Floats:
     """Start inside the domain: a straight line for Arrhenius, a gentle curve for WLF."""
     if name == "arrhenius":
         column = _inverse_temperature(temperature, T_ref)

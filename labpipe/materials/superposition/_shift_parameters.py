@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials.superposition._shift_law import fit_law, law_slopes, law_values
 from labpipe.materials.superposition._vertical_law import (
     VERTICAL_SIZE,
@@ -20,7 +20,6 @@ from labpipe.materials.superposition._vertical_law import (
     vertical_values,
 )
 
-Array = NDArray[np.float64]
 Horizontal = Literal["free", "wlf", "arrhenius", "fixed"]
 
 #: Steps of polymers: 0.03 to 0.3 decades per kelvin, hardly known beforehand.
@@ -43,9 +42,9 @@ class State:
     delay : float [s]
     """
 
-    parameters: Array
-    log10_aT: Array
-    ln_bT: Array
+    parameters: Floats
+    log10_aT: Floats
+    ln_bT: Floats
     delay: float
 
 
@@ -59,15 +58,15 @@ class Expectation:
     on the continuation of its neighbours with an uncertainty of about a decade.
     """
 
-    rows: Array
-    target: Array
+    rows: Floats
+    target: Floats
 
-    def cost(self, log10_aT: Array) -> float:
+    def cost(self, log10_aT: Floats) -> float:
         """Return the squared deviation in units of the expectation's own spread."""
         return float(np.sum((self.rows @ log10_aT - self.target) ** 2))
 
 
-def expected_shifts(temperature: Array, log10_aT: Array) -> Expectation:
+def expected_shifts(temperature: Floats, log10_aT: Floats) -> Expectation:
     """Return the weak expectation around the present shifts, for free shifts only."""
     order = np.argsort(temperature, kind="stable")
     count = temperature.size
@@ -112,10 +111,10 @@ class OuterModel:
         Weak pull on free shifts.
     """
 
-    temperature: Array
+    temperature: Floats
     T_ref: float
     reference: int
-    given: Array
+    given: Floats
     delay_unit: float
     horizontal: Horizontal = "free"
     vertical: Vertical = "none"
@@ -151,7 +150,7 @@ class OuterModel:
         first = self.horizontal_size + VERTICAL_SIZE[self.vertical]
         return slice(first, first + (self.temperature.size if self.level_spread > 0 else 0))
 
-    def levels(self, parameters: Array) -> Array:
+    def levels(self, parameters: Floats) -> Floats:
         """Return ln of the level of every isotherm about the vertical law; zero without."""
         found = parameters[self.level_slice]
         return found if found.size else np.zeros(self.temperature.size)
@@ -179,11 +178,9 @@ class OuterModel:
             raise ValueError(message)
         return started
 
-    def state(self, parameters: Array) -> State | None:
+    def state(self, parameters: Floats) -> State | None:
         """Return the state of a set of parameters, None outside the domain of a law."""
-        head, vertical, tail = np.split(
-            parameters, [self.horizontal_size, self.size - int(self.has_delay)]
-        )
+        head, vertical, tail = np.split(parameters, [self.horizontal_size, self.size - int(self.has_delay)])
         shifts = self._shifts(head)
         if shifts is None:
             return None
@@ -195,7 +192,7 @@ class OuterModel:
         delay = float(tail[0]) * self.delay_unit if self.has_delay else 0.0
         return State(parameters, shifts, ln_bT, delay)
 
-    def pull(self, state: State) -> tuple[Array, Array]:
+    def pull(self, state: State) -> tuple[Floats, Floats]:
         """Return what the expectations add to the normal matrix and the gradient."""
         normal, gradient = np.zeros((self.size, self.size)), np.zeros(self.size)
         if self.expectation is not None and self.horizontal == "free":
@@ -220,7 +217,7 @@ class OuterModel:
             cost += float(np.sum((levels / self.level_spread) ** 2))
         return cost
 
-    def directions(self, state: State) -> tuple[Array, Array, Array]:
+    def directions(self, state: State) -> tuple[Floats, Floats, Floats]:
         """Return the changes of log10 a (isotherm, p), ln b (isotherm, p) and delay (p,)."""
         count, n = self.temperature.size, self.horizontal_size
         shift, vertical = np.zeros((count, self.size)), np.zeros((count, self.size))
@@ -240,14 +237,14 @@ class OuterModel:
             delay[-1] = self.delay_unit
         return shift, vertical, delay
 
-    def _shifts(self, head: Array) -> Array | None:
+    def _shifts(self, head: Floats) -> Floats | None:
         if self.horizontal == "fixed":
             return self.given
         if self.horizontal == "free":
             return np.insert(head, self.reference, 0.0)
         return law_values(self.horizontal, head, self.temperature, self.T_ref)
 
-    def _horizontal_from(self, shifts: Array) -> Array:
+    def _horizontal_from(self, shifts: Floats) -> Floats:
         if self.horizontal == "fixed":
             return np.empty(0)
         if self.horizontal == "free":
@@ -256,6 +253,6 @@ class OuterModel:
         law = fit_law(self.horizontal, self.temperature, anchored, np.eye(shifts.size), self.T_ref)
         return np.array(law.parameters)
 
-    def _ascending(self, shifts: Array) -> tuple[Array, Array]:
+    def _ascending(self, shifts: Floats) -> tuple[Floats, Floats]:
         order = np.argsort(self.temperature)
         return self.temperature[order], shifts[order]

@@ -11,18 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials.spectrum import MARGIN_DECADES
-from labpipe.materials.superposition._joint_fit import (
-    Fit,
-    Points,
-    evaluate,
-    grid_for,
-    minimise,
-    predictive_cost,
-)
+from labpipe.materials.superposition._joint_fit import Fit, Points, evaluate, grid_for, minimise, predictive_cost
 from labpipe.materials.superposition._shift_parameters import OuterModel, State
-
-Array = NDArray[np.float64]
 
 #: Steps known worse than this (decades) are walked.
 LOOSE = 0.1
@@ -59,13 +51,13 @@ class Probe:
         A fit from which to settle anew: some step was in a minimum that is not the best.
     """
 
-    groups: Array
-    variance: Array
+    groups: Floats
+    variance: Floats
     better: Fit | None
 
 
 def probe_steps(
-    points: Points, weight: Array, fit: Fit, model: OuterModel, known: Array, may_move: bool = True
+    points: Points, weight: Floats, fit: Fit, model: OuterModel, known: Floats, may_move: bool = True
 ) -> Probe:
     """Walk every step of free shifts that is loose or leaves a gap, one after the other.
 
@@ -93,11 +85,11 @@ def probe_steps(
     return Probe(np.array(groups).reshape(-1, model.temperature.size), variance, better)
 
 
-def _loose_steps(points: Points, fit: Fit, model: OuterModel, known: Array) -> list[Array]:
+def _loose_steps(points: Points, fit: Fit, model: OuterModel, known: Floats) -> list[Floats]:
     """Return the isotherms on the side away from the reference of every step to walk."""
     order = np.argsort(model.temperature, kind="stable")
     at = int(np.flatnonzero(order == model.reference)[0])
-    groups: list[Array] = []
+    groups: list[Floats] = []
     for k in range(order.size - 1):
         cold, warm = order[k], order[k + 1]
         variance = float(known[cold, cold] + known[warm, warm] - 2.0 * known[cold, warm])
@@ -109,9 +101,7 @@ def _loose_steps(points: Points, fit: Fit, model: OuterModel, known: Array) -> l
     return groups
 
 
-def _walked(
-    points: Points, weight: Array, present: Fit, model: OuterModel, group: Array
-) -> tuple[Fit | None, float]:
+def _walked(points: Points, weight: Floats, present: Fit, model: OuterModel, group: Floats) -> tuple[Fit | None, float]:
     """Walk one step; return the best fit if it is another minimum, and the spread of the step."""
     strength = present.solution.strength
     costs = _walk(points, weight, present, model, group, strength)
@@ -137,14 +127,7 @@ def _walked(
     return best, spread
 
 
-def _refitted(
-    points: Points,
-    weight: Array,
-    present: Fit,
-    model: OuterModel,
-    shifts: Array,
-    strength: float,
-) -> Fit:
+def _refitted(points: Points, weight: Floats, present: Fit, model: OuterModel, shifts: Floats, strength: float) -> Fit:
     """Fit anew from other shifts, the smoothing chosen near a first one."""
     anchored = shifts - shifts[model.reference]
     state = _moved(model, present.state, anchored)
@@ -160,7 +143,7 @@ def _overlap(points: Points, state: State, cold: int, warm: int) -> float:
     return float(min(one.max(), other.max()) - max(one.min(), other.min()))
 
 
-def _lowest_minima(costs: Array) -> NDArray[np.intp]:
+def _lowest_minima(costs: Floats) -> NDArray[np.intp]:
     """Return the lowest promising dips of a walk away from its middle, the ends included."""
     padded = np.concatenate([[np.inf], costs, [np.inf]])
     dips = (costs <= padded[:-2]) & (costs <= padded[2:]) & (costs < _PROMISING)
@@ -169,9 +152,7 @@ def _lowest_minima(costs: Array) -> NDArray[np.intp]:
     return at[np.argsort(costs[at], kind="stable")[:_MOST_DIPS]]
 
 
-def _walk(
-    points: Points, weight: Array, fit: Fit, model: OuterModel, group: Array, strength: float
-) -> Array:
+def _walk(points: Points, weight: Floats, fit: Fit, model: OuterModel, group: Floats, strength: float) -> Floats:
     """Return the total cost at every offset of a group, less that at none."""
     points, weight = _near_the_step(points, weight, model, group)
     grid = grid_for(points, fit.state, fit.grid.terms_per_decade, _MARGIN)
@@ -187,9 +168,7 @@ def _walk(
     return costs - costs[middle]
 
 
-def _near_the_step(
-    points: Points, weight: Array, model: OuterModel, group: Array
-) -> tuple[Points, Array]:
+def _near_the_step(points: Points, weight: Floats, model: OuterModel, group: Floats) -> tuple[Points, Floats]:
     """Leave out the isotherms that are far from the step."""
     order = np.argsort(model.temperature, kind="stable")
     step = int(np.flatnonzero(np.diff(group[order]))[0])
@@ -206,7 +185,7 @@ def _near_the_step(
     return fewer, weight[np.concatenate([kept, kept])]
 
 
-def _moved(model: OuterModel, state: State, log10_aT: Array) -> State:
+def _moved(model: OuterModel, state: State, log10_aT: Floats) -> State:
     parameters = state.parameters.copy()
     head = np.delete(log10_aT - log10_aT[model.reference], model.reference)
     parameters[: model.horizontal_size] = head

@@ -11,11 +11,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials.superposition._joint_fit import Points
 from labpipe.materials.superposition._shift_law import ZERO_CELSIUS
-
-Array = NDArray[np.float64]
 
 _UNITS = {"storage": "Pa", "loss": "Pa", "frequency": "Hz", "temperature": "degC"}
 # A loss modulus at or below zero is noise about a small value; more than this share of them is
@@ -49,7 +48,7 @@ class SweepData:
     """
 
     points: Points
-    temperature: Array
+    temperature: Floats
     kept: NDArray[np.intp]
     row: NDArray[np.intp]
     column: NDArray[np.intp]
@@ -77,9 +76,7 @@ def read_sweeps(sweeps: xr.Dataset) -> SweepData:
     half = np.isfinite(storage) ^ np.isfinite(loss)
     if half.any():
         where = _where(half, temperature, frequency)
-        notes.append(
-            f"{half.sum()} points have only one of the two moduli and are left out, {where}"
-        )
+        notes.append(f"{half.sum()} points have only one of the two moduli and are left out, {where}")
     _refuse_bad_storage(storage, temperature, frequency)
     lost = present & ~(loss > 0)
     if lost.sum() > _MAX_SHARE_OF_LOST_POINTS * present.sum():
@@ -92,20 +89,15 @@ def read_sweeps(sweeps: xr.Dataset) -> SweepData:
     if lost.any():
         where = _where(lost, temperature, frequency)
         notes.append(
-            f"loss modulus zero or negative at {lost.sum()} points, {where}; left out (noise "
-            f"around a small loss)"
+            f"loss modulus zero or negative at {lost.sum()} points, {where}; left out (noise around a small loss)"
         )
     present &= ~lost
     if present.sum() < _LEAST_POINTS:
-        message = (
-            f"only {present.sum()} points with both moduli; "
-            f"a spectrum needs {_LEAST_POINTS} at least"
-        )
+        message = f"only {present.sum()} points with both moduli; a spectrum needs {_LEAST_POINTS} at least"
         raise InputError(message)
     kept = np.flatnonzero(present.any(axis=1))
     notes += [
-        f"no valid point at {temperature[k]:g} °C; its shift is NaN"
-        for k in np.flatnonzero(~present.any(axis=1))
+        f"no valid point at {temperature[k]:g} °C; its shift is NaN" for k in np.flatnonzero(~present.any(axis=1))
     ]
     notes += _repeated(temperature[kept])
     row, column = np.nonzero(present)
@@ -122,7 +114,7 @@ def read_sweeps(sweeps: xr.Dataset) -> SweepData:
     return SweepData(points, temperature[kept], kept, row, column, tuple(notes))
 
 
-def _arrays(sweeps: xr.Dataset) -> tuple[Array, Array, Array, Array]:
+def _arrays(sweeps: xr.Dataset) -> tuple[Floats, Floats, Floats, Floats]:
     """Return moduli as (temperature, frequency) arrays with both coordinates, units checked."""
     missing = [name for name in _UNITS if name not in sweeps.variables]
     if missing:
@@ -138,16 +130,10 @@ def _arrays(sweeps: xr.Dataset) -> tuple[Array, Array, Array, Array]:
             raise InputError(message)
     for name in ("storage", "loss"):
         if set(sweeps[name].dims) != {"temperature", "frequency"}:
-            message = (
-                f'"{name}" has dimensions {tuple(sweeps[name].dims)}, expected '
-                "(temperature, frequency)"
-            )
+            message = f'"{name}" has dimensions {tuple(sweeps[name].dims)}, expected (temperature, frequency)'
             raise InputError(message)
     order = ("temperature", "frequency")
-    storage, loss = (
-        np.asarray(sweeps[name].transpose(*order).values, dtype=float)
-        for name in ("storage", "loss")
-    )
+    storage, loss = (np.asarray(sweeps[name].transpose(*order).values, dtype=float) for name in ("storage", "loss"))
     temperature, frequency = (np.asarray(sweeps[name].values, dtype=float) for name in order)
     if not (np.isfinite(temperature) & (temperature > -ZERO_CELSIUS)).all():
         message = f"temperature {temperature} °C: expected finite values above {-ZERO_CELSIUS} °C"
@@ -158,7 +144,7 @@ def _arrays(sweeps: xr.Dataset) -> tuple[Array, Array, Array, Array]:
     return storage, loss, temperature, frequency
 
 
-def _refuse_bad_storage(storage: Array, temperature: Array, frequency: Array) -> None:
+def _refuse_bad_storage(storage: Floats, temperature: Floats, frequency: Floats) -> None:
     bad = np.isinf(storage) | (storage <= 0)
     if bad.any():
         message = (
@@ -169,12 +155,12 @@ def _refuse_bad_storage(storage: Array, temperature: Array, frequency: Array) ->
         raise InputError(message)
 
 
-def _where(mask: NDArray[np.bool_], temperature: Array, frequency: Array) -> str:
+def _where(mask: NDArray[np.bool_], temperature: Floats, frequency: Floats) -> str:
     row, column = (int(i[0]) for i in np.nonzero(mask))
     return f"first at {temperature[row]:g} °C, {frequency[column]:.4g} Hz"
 
 
-def _repeated(temperature: Array) -> list[str]:
+def _repeated(temperature: Floats) -> list[str]:
     ordered = np.sort(temperature)
     close = np.flatnonzero(np.diff(ordered) < _REPEAT)
     return [
@@ -184,7 +170,7 @@ def _repeated(temperature: Array) -> list[str]:
     ]
 
 
-def _falling(points: Points, temperature: Array) -> list[str]:
+def _falling(points: Points, temperature: Floats) -> list[str]:
     """Name the isotherms whose storage modulus falls with frequency beyond the scatter."""
     curves = []
     for k in range(points.count):
@@ -204,7 +190,7 @@ def _falling(points: Points, temperature: Array) -> list[str]:
     return notes
 
 
-def _largest_fall(y: Array, scatter: float) -> tuple[float, float]:
+def _largest_fall(y: Floats, scatter: float) -> tuple[float, float]:
     """Return the largest drop between means of neighbouring points, and its scatter."""
     window = max(y.size // 4, 1)
     means = np.convolve(y, np.full(window, 1.0 / window), mode="valid")

@@ -2,17 +2,16 @@
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials.prony import Prony
 from labpipe.materials.spectrum import maxwell_shapes, solve_normal
 from labpipe.materials.superposition._anchoring import Anchor
 from labpipe.materials.superposition._joint_fit import Fit, Points, evaluate, sensitivity
 from labpipe.materials.superposition._reweighting import Superposition
 from labpipe.materials.superposition._sweep_data import SweepData
-from labpipe.uncertainty import variance
-
-Array = NDArray[np.float64]
+from labpipe.uncertainty import propagated_variance
+from labpipe.variables import described, variable
 
 _LN10 = float(np.log(10.0))
 # Points per decade of the drawn master curve.
@@ -21,9 +20,7 @@ _CURVE_POINTS = 12
 _OTHER_STRENGTHS = tuple(float(s) for s in np.logspace(-2.0, 2.0, 9) if s != 1.0)
 
 
-def predictions(
-    sweeps: xr.Dataset, data: SweepData, found: Superposition, log10_aT: Array
-) -> xr.Dataset:
+def predictions(sweeps: xr.Dataset, data: SweepData, found: Superposition, log10_aT: Floats) -> xr.Dataset:
     """Return measured, reduced and fitted moduli over (temperature, frequency).
 
     ``storage_reduced`` and ``loss_reduced`` are the measurement as it would have been at the
@@ -54,14 +51,12 @@ def predictions(
     for name, (values, units, text) in columns.items():
         full = np.full(shape, np.nan)
         full[data.row, data.column] = values
-        variables[name] = (("temperature", "frequency"), full, {"units": units, "long_name": text})
+        variables[name] = variable(("temperature", "frequency"), full, units, text)
     coordinates = {name: sweeps[name] for name in ("temperature", "frequency")}
     return xr.Dataset(variables, coords=coordinates)
 
 
-def overlap_of_neighbours(
-    data: SweepData, log10_aT: Array, covariance: Array, limit: float
-) -> xr.Dataset:
+def overlap_of_neighbours(data: SweepData, log10_aT: Floats, covariance: Floats, limit: float) -> xr.Dataset:
     """Return step, uncertainty and overlap of every pair of neighbouring temperatures."""
     order = np.argsort(data.temperature, kind="stable")
     cold, warm = order[:-1], order[1:]
@@ -79,12 +74,7 @@ def overlap_of_neighbours(
         "overlap": (shared, "1", "common decades of reduced frequency, negative for a gap"),
         "determined": (u_step <= limit, "1", "whether the data determine the step"),
     }
-    return xr.Dataset(
-        {
-            name: ("pair", values, {"units": units, "long_name": text})
-            for name, (values, units, text) in columns.items()
-        }
-    )
+    return xr.Dataset({name: variable("pair", values, units, text) for name, (values, units, text) in columns.items()})
 
 
 def terms_of(prony: Prony, window: tuple[float, float]) -> xr.Dataset:
@@ -99,22 +89,16 @@ def terms_of(prony: Prony, window: tuple[float, float]) -> xr.Dataset:
     low, high = (1.0 / (2.0 * np.pi * f) for f in reversed(window))
     outside = (prony.rho < low) | (prony.rho > high)
     variables = {
-        "E": ("term", prony.E, {"units": "Pa", "long_name": "weight of the relaxation term"}),
-        "rho": ("term", prony.rho, {"units": "s", "long_name": "relaxation time"}),
-        "extrapolated": (
-            "term",
-            outside,
-            {"units": "1", "long_name": "relaxation time outside the covered window"},
-        ),
-        "C": ("creep_term", C, {"units": "1/Pa", "long_name": "weight of the creep term"}),
-        "tau": ("creep_term", tau, {"units": "s", "long_name": "retardation time"}),
+        "E": variable("term", prony.E, "Pa", "weight of the relaxation term"),
+        "rho": variable("term", prony.rho, "s", "relaxation time"),
+        "extrapolated": variable("term", outside, "1", "relaxation time outside the covered window"),
+        "C": variable("creep_term", C, "1/Pa", "weight of the creep term"),
+        "tau": variable("creep_term", tau, "s", "retardation time"),
     }
     return xr.Dataset(variables)
 
 
-def bands(
-    points: Points, found: Superposition, anchor: Anchor, window: tuple[float, float]
-) -> xr.Dataset:
+def bands(points: Points, found: Superposition, anchor: Anchor, window: tuple[float, float]) -> xr.Dataset:
     """Return the master curve over the covered window with standard uncertainties.
 
     The uncertainty joins that of the spectrum and that of the shifts, vertical law and delay. How
@@ -142,25 +126,17 @@ def bands(
         squared = sum(share * _from_spectrum(one, design, value) for share, one in possible)
         squared += _from_outer(points, found, anchor, design, frequency, design[:, active])
         variables[name] = (value, f"{name} modulus at the reference temperature")
-        variables[f"u_{name}"] = (
-            np.sqrt(np.maximum(squared, 0.0)),
-            f"standard uncertainty of the {name} modulus",
-        )
+        variables[f"u_{name}"] = (np.sqrt(np.maximum(squared, 0.0)), f"standard uncertainty of the {name} modulus")
     dataset = xr.Dataset(
-        {
-            name: ("reduced_frequency", values, {"units": "Pa", "long_name": text})
-            for name, (values, text) in variables.items()
-        },
+        {name: variable("reduced_frequency", values, "Pa", text) for name, (values, text) in variables.items()},
         coords={
-            "reduced_frequency": (
-                "reduced_frequency",
-                frequency,
-                {"units": "Hz", "long_name": "frequency at the reference temperature"},
+            "reduced_frequency": variable(
+                "reduced_frequency", frequency, "Hz", "frequency at the reference temperature"
             )
         },
     )
     factor = dataset["loss"] / dataset["storage"]
-    factor.attrs = {"units": "1", "long_name": "loss factor at the reference temperature"}
+    factor.attrs = described("1", "loss factor at the reference temperature")
     return dataset.assign(loss_factor=factor)
 
 
@@ -169,30 +145,24 @@ def _possible_spectra(points: Points, fit: Fit) -> list[tuple[float, Fit]]:
     weight = fit.by_vertical / fit.predicted
     chosen = fit.solution
     fits = [fit] + [
-        evaluate(points, weight, fit.grid, fit.state, chosen.strength * factor)
-        for factor in _OTHER_STRENGTHS
+        evaluate(points, weight, fit.grid, fit.state, chosen.strength * factor) for factor in _OTHER_STRENGTHS
     ]
     price = np.array([one.solution.misfit + 2.0 * one.solution.freedom for one in fits])
     share = np.exp(-0.5 * (price - price.min()))
     return list(zip((share / share.sum()).tolist(), fits, strict=True))
 
 
-def _from_spectrum(fit: Fit, design: Array, value: Array) -> Array:
+def _from_spectrum(fit: Fit, design: Floats, value: Floats) -> Floats:
     """Variance of the curve ``value`` if this fit's smoothing were the right one."""
     used = design[:, fit.solution.coefficient > 0]
     covariance = np.linalg.pinv(fit.normal, hermitian=True)
     moved = design @ fit.solution.coefficient - value
-    return variance(used, covariance) + moved**2
+    return propagated_variance(used, covariance) + moved**2
 
 
 def _from_outer(
-    points: Points,
-    found: Superposition,
-    anchor: Anchor,
-    design: Array,
-    frequency: Array,
-    used: Array,
-) -> Array:
+    points: Points, found: Superposition, anchor: Anchor, design: Floats, frequency: Floats, used: Floats
+) -> Floats:
     """Variance of the curve from the outer parameters, the spectrum following them."""
     model, fit = found.model, found.fit
     if not model.size:
@@ -204,4 +174,4 @@ def _from_outer(
     slope = np.gradient(value, np.log10(frequency)) if frequency.size > 1 else np.zeros(1)
     reference = anchor.share @ model.directions(fit.state)[0]
     by_parameter += slope[:, None] * reference
-    return variance(by_parameter, found.covariance)
+    return propagated_variance(by_parameter, found.covariance)

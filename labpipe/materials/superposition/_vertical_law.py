@@ -10,11 +10,10 @@ shifts. The polynomials are those of b_T itself, so that b_T ∝ T is a special 
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials.superposition._shift_law import ZERO_CELSIUS
 
-Array = NDArray[np.float64]
 Vertical = Literal["none", "rho_T", "linear", "quadratic"]
 
 #: Every law and its number of parameters, simplest first.
@@ -25,9 +24,7 @@ _UNIT = 100.0
 _LEAST = 0.02
 
 
-def vertical_values(
-    name: Vertical, parameters: Array, temperature: Array, T_ref: float
-) -> Array | None:
+def vertical_values(name: Vertical, parameters: Floats, temperature: Floats, T_ref: float) -> Floats | None:
     """Return ln b at temperatures in °C, or None where the law would turn negative."""
     if name == "rho_T":
         return np.asarray(np.log((temperature + ZERO_CELSIUS) / (T_ref + ZERO_CELSIUS)))
@@ -35,13 +32,13 @@ def vertical_values(
     return None if np.any(factor < _LEAST) else np.asarray(np.log(factor))
 
 
-def vertical_slopes(name: Vertical, parameters: Array, temperature: Array, T_ref: float) -> Array:
+def vertical_slopes(name: Vertical, parameters: Floats, temperature: Floats, T_ref: float) -> Floats:
     """Return the derivatives of ln b, (temperature, parameter)."""
     powers = _powers(name, temperature, T_ref)
     return np.asarray(powers / (1.0 + powers @ parameters)[:, None])
 
 
-def fit_vertical(name: Vertical, ln_bT: Array, temperature: Array, T_ref: float) -> Array:
+def fit_vertical(name: Vertical, ln_bT: Floats, temperature: Floats, T_ref: float) -> Floats:
     """Return the parameters that come nearest to given ln b."""
     powers = _powers(name, temperature, T_ref)
     if not powers.size:
@@ -49,6 +46,6 @@ def fit_vertical(name: Vertical, ln_bT: Array, temperature: Array, T_ref: float)
     return np.asarray(np.linalg.lstsq(powers, np.expm1(ln_bT), rcond=None)[0])
 
 
-def _powers(name: Vertical, temperature: Array, T_ref: float) -> Array:
+def _powers(name: Vertical, temperature: Floats, T_ref: float) -> Floats:
     step = (temperature - T_ref) / _UNIT
     return np.stack([step, step**2], axis=1)[:, : VERTICAL_SIZE[name]]

@@ -11,18 +11,7 @@ from labpipe.workflow.engines._calls import Call, Crew, Died, Engine, Serial, si
 from labpipe.workflow.engines._dask import Dask
 from labpipe.workflow.engines._processes import Processes, processors
 
-__all__ = [
-    "Call",
-    "Crew",
-    "Dask",
-    "Died",
-    "Engine",
-    "Processes",
-    "Serial",
-    "choose",
-    "processors",
-    "side_by_side",
-]
+__all__ = ["Call", "Crew", "Dask", "Died", "Engine", "Processes", "Serial", "choose", "processors", "side_by_side"]
 
 
 def choose(jobs: int, cluster: str | None = None) -> Engine:

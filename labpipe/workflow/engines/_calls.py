@@ -114,11 +114,7 @@ class _Alone:
 
 
 def side_by_side(
-    engine: Engine,
-    function: str,
-    tasks: Mapping[Key, tuple[Any, ...]],
-    *,
-    imports: Sequence[str] = ("numpy", "xarray"),
+    engine: Engine, function: str, tasks: Mapping[Key, tuple[Any, ...]], *, imports: Sequence[str] = ("numpy", "xarray")
 ) -> Generator[tuple[Key, Any]]:
     """Call a function with the arguments of every task.
 

@@ -66,9 +66,7 @@ class _Crew:
         self.topic = f"labpipe-{uuid4().hex}"
         self.news: SimpleQueue[tuple[str, bool, Any]] = SimpleQueue()
         self.under_way: dict[str, tuple[Any, Any, Tell]] = {}
-        client.subscribe_topic(
-            self.topic, lambda event: self.news.put((event[1][0], True, event[1][1]))
-        )
+        client.subscribe_topic(self.topic, lambda event: self.news.put((event[1][0], True, event[1][1])))
 
     def _hear(self, event: tuple[float, tuple[str, Any]]) -> None:
         _, (name, value) = event

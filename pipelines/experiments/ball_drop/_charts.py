@@ -31,25 +31,40 @@ def motion(repeats: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset
         speed.append(_simulated("velocity", model, 1.0))
     hint = " Point at the chart to show each repeat." if repeats.sizes["repeat"] > 1 else ""
     charts: list[Block] = [
-        LineChart("Displacement", _LABEL, "height over first contact / mm", tuple(position),
-                  group="drop", views=views,
-                  caption=f"Mean of the repeats with the band of ± 2 standard deviations.{hint}"),
-    ]  # fmt: skip
+        LineChart(
+            "Displacement",
+            _LABEL,
+            "height over first contact / mm",
+            tuple(position),
+            group="drop",
+            views=views,
+            caption=f"Mean of the repeats with the band of ± 2 standard deviations.{hint}",
+        )
+    ]
     if comparison is not None:
         charts.append(_difference(repeats, comparison, views))
-    charts.append(
-        LineChart("Velocity", _LABEL, "velocity / (m/s), upwards", tuple(speed), group="drop",
-                  views=views)
-    )  # fmt: skip
+    charts.append(LineChart("Velocity", _LABEL, "velocity / (m/s), upwards", tuple(speed), group="drop", views=views))
     if model is not None:
         charts += [
-            LineChart("Contact force (model)", _LABEL, "force / N",
-                      (_simulated("force", model, 1.0),), group="drop", views=views,
-                      height_px=220),
-            LineChart("Contact radius (model)", _LABEL, "contact radius / mm",
-                      (_simulated("contact_radius", model, _MM),), group="drop", views=views,
-                      height_px=220),
-        ]  # fmt: skip
+            LineChart(
+                "Contact force (model)",
+                _LABEL,
+                "force / N",
+                (_simulated("force", model, 1.0),),
+                group="drop",
+                views=views,
+                height_px=220,
+            ),
+            LineChart(
+                "Contact radius (model)",
+                _LABEL,
+                "contact radius / mm",
+                (_simulated("contact_radius", model, _MM),),
+                group="drop",
+                views=views,
+                height_px=220,
+            ),
+        ]
     return Section("Motion", tuple(charts))
 
 
@@ -74,10 +89,9 @@ def _measured(name: str, repeats: xr.Dataset, factor: float) -> list[Series | Ba
         return [curve]
     wide = 2 * repeats[f"{name}_sd"].values * factor
     single = [
-        Series(_repeat_name(repeats, i), time, repeats[name].values[i] * factor, role="repeat",
-               on_hover=True)
+        Series(_repeat_name(repeats, i), time, repeats[name].values[i] * factor, role="repeat", on_hover=True)
         for i in range(repeats.sizes["repeat"])
-    ]  # fmt: skip
+    ]
     return [Band(_SPREAD, time, mean - wide, mean + wide, role="measured"), *single, curve]
 
 
@@ -91,20 +105,22 @@ def _simulated(name: str, model: xr.Dataset, factor: float) -> Series:
     return Series("model", since, model[name].values * factor, role="model")
 
 
-def _difference(
-    repeats: xr.Dataset, comparison: xr.Dataset, views: tuple[tuple[str, float, float], ...]
-) -> LineChart:
+def _difference(repeats: xr.Dataset, comparison: xr.Dataset, views: tuple[tuple[str, float, float], ...]) -> LineChart:
     """Draw measured minus model, and behind it how far the repeats differ among themselves."""
     time = comparison["time"].values
-    difference = Series("difference", time * _MS, comparison["residual"].values * _UM,
-                        role="residual")  # fmt: skip
+    difference = Series("difference", time * _MS, comparison["residual"].values * _UM, role="residual")
     series: list[Series | Band] = [difference]
     if repeats.sizes["repeat"] > 1:
         wide = 2 * repeats["displacement_sd"].sel(time=time).values * _UM
         series.insert(0, Band(_SPREAD, time * _MS, -wide, wide, role="repeat"))
     return LineChart(
-        "Measured minus model", _LABEL, "difference / µm", tuple(series),
-        group="drop", views=views, height_px=220,
+        "Measured minus model",
+        _LABEL,
+        "difference / µm",
+        tuple(series),
+        group="drop",
+        views=views,
+        height_px=220,
         caption="An impact that is early or late in the model shows as a spike, as both curves "
-                "are steep there; the table of bounces gives the difference in time.",
-    )  # fmt: skip
+        "are steep there; the table of bounces gives the difference in time.",
+    )

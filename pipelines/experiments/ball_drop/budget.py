@@ -7,15 +7,15 @@ from math import cos
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.uncertainty import Input
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.budget_quantity import (
     IMPACTS,
     MEASURED,
-    Array,
     Quantity,
     clock,
-    of_model,
+    model_quantity,
     repeats,
     summed,
 )
@@ -28,15 +28,12 @@ _MODEL = (
 )
 _ZERO = ("zero", "a difference of two readings has none")
 _HEIGHT = ("height", "that of session.toml enters only the model")
-_RATIO = (
-    "inclination, sampling", "common to both speeds, so that the scales of length and time cancel"
-)  # fmt: skip
+_RATIO = ("inclination, sampling", "common to both speeds, so that the scales of length and time cancel")
 
 
 def quantities(
-    bounces: Sequence[xr.Dataset], displacement: Sequence[xr.Dataset], model: xr.Dataset | None,
-    *, settings: BallDrop,
-) -> Iterator[Quantity]:  # fmt: skip
+    bounces: Sequence[xr.Dataset], displacement: Sequence[xr.Dataset], model: xr.Dataset | None, *, settings: BallDrop
+) -> Iterator[Quantity]:
     """Yield drop height, speed of the first impact, and restitutions of the first ones.
 
     Parameters
@@ -54,43 +51,42 @@ def quantities(
     for i in range(min(IMPACTS, *(b.sizes["impact"] for b in made))):
         yield from _restitution(made, i)
     if model is not None and model.sizes["impact"] and "budget" in model.attrs:
-        yield of_model(
-            "restitution of the model, impact 1", float(model["restitution"][0]), "1",
+        yield model_quantity(
+            "restitution of the model, impact 1",
+            float(model["restitution"][0]),
+            "1",
             json.loads(model.attrs["budget"]),
             ("mass", "radius", "height", "Poisson's ratio", "temperature"),
-        )  # fmt: skip
+        )
 
 
 def _fall(made: list[xr.Dataset], moved: xr.Dataset) -> Quantity:
     inputs, _ = _along(made, moved, "drop_height", "m")
     return Quantity(
-        "height of the fall", "m",
+        "height of the fall",
+        "m",
         lambda measured, gain, inclination, noise, repeatability, pulse_shape: (
             (measured + noise) * gain / cos(inclination) + repeatability + pulse_shape
         ),
         inputs,
-        (
-            _CAMERA, _ZERO, ("sampling", "levels are fitted and do not depend on time"),
-            _LAG, _MODEL, _HEIGHT,
-        ),
-    )  # fmt: skip
+        (_CAMERA, _ZERO, ("sampling", "levels are fitted and do not depend on time"), _LAG, _MODEL, _HEIGHT),
+    )
 
 
 def _speed(made: list[xr.Dataset], moved: xr.Dataset) -> Quantity:
     inputs, _ = _along(made, moved, "incoming_speed", "m/s")
     return Quantity(
-        "speed of the first impact", "m/s",
+        "speed of the first impact",
+        "m/s",
         lambda measured, gain, inclination, noise, repeatability, pulse_shape, clock: (
             (measured + noise) * gain / cos(inclination) / clock + repeatability + pulse_shape
         ),
         inputs | {"clock": clock(moved)},
         (_CAMERA, _ZERO, _LAG, _MODEL, _HEIGHT),
-    )  # fmt: skip
+    )
 
 
-def _along(
-    made: list[xr.Dataset], moved: xr.Dataset, name: str, unit: str
-) -> tuple[dict[str, Input], Array]:
+def _along(made: list[xr.Dataset], moved: xr.Dataset, name: str, unit: str) -> tuple[dict[str, Input], Floats]:
     """Return the inputs of what goes with the scale of the laser, and the repeats."""
     tilt = Input(float(moved["inclination"]), float(moved["u_inclination"]), "rad")
     gain = Input(float(moved["gain"]), float(moved["u_gain"]))
@@ -101,10 +97,13 @@ def _along(
     noise, scatter = repeats(values, own)
     along = float(values.mean()) * cos(tilt.value) / gain.value
     return {
-        MEASURED: Input(along, 0.0, unit), "gain": gain, "inclination": tilt,
-        "noise": noise._replace(unit=unit), "repeatability": scatter._replace(unit=unit),
+        MEASURED: Input(along, 0.0, unit),
+        "gain": gain,
+        "inclination": tilt,
+        "noise": noise._replace(unit=unit),
+        "repeatability": scatter._replace(unit=unit),
         "pulse_shape": shape._replace(unit=unit),
-    }, values  # fmt: skip
+    }, values
 
 
 def _restitution(made: list[xr.Dataset], impact: int) -> Iterator[Quantity]:
@@ -115,11 +114,13 @@ def _restitution(made: list[xr.Dataset], impact: int) -> Iterator[Quantity]:
     shape = _pulse_shape(made, "restitution", impact)
     noise, scatter = repeats(values, np.sqrt(np.maximum(own**2 - shape.u**2, 0.0)))
     yield Quantity(
-        f"restitution, impact {impact + 1}", "1", summed,
-        {MEASURED: Input(float(values.mean()), 0.0), "noise": noise, "repeatability": scatter,
-         "pulse_shape": shape},
-        (_RATIO, _CAMERA, _ZERO, _LAG, _MODEL, _HEIGHT), "restitution",
-    )  # fmt: skip
+        f"restitution, impact {impact + 1}",
+        "1",
+        summed,
+        {MEASURED: Input(float(values.mean()), 0.0), "noise": noise, "repeatability": scatter, "pulse_shape": shape},
+        (_RATIO, _CAMERA, _ZERO, _LAG, _MODEL, _HEIGHT),
+        "restitution",
+    )
 
 
 def _pulse_shape(made: list[xr.Dataset], name: str, impact: int) -> Input:
@@ -130,5 +131,5 @@ def _pulse_shape(made: list[xr.Dataset], name: str, impact: int) -> Input:
     return Input(0.0, float(np.sqrt(np.mean(shared**2))))
 
 
-def _first(made: list[xr.Dataset], name: str) -> Array:
+def _first(made: list[xr.Dataset], name: str) -> Floats:
     return np.array([float(np.atleast_1d(b[name].values)[0]) for b in made])

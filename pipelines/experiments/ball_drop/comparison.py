@@ -7,8 +7,12 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
+from labpipe.variables import variable
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
+
+SCALE = "scale of length"
+"""Input of the rows beside those of the model: the laser's gain and inclination together."""
 
 
 def comparison(repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) -> xr.Dataset:
@@ -40,28 +44,69 @@ def _bounces_compared(repeats: xr.Dataset, model: xr.Dataset, first: float) -> x
             (f"{name}_model", b, "model"),
             (f"{name}_difference", a - b, "measured minus model"),
         ):
-            table[key] = ("impact", values, {"units": units, "long_name": f"{name}, {text}"})
-        table[f"u_{name}_difference"] = (
-            "impact", u, {"units": units, "long_name": f"standard uncertainty: {name} difference"},
-        )  # fmt: skip
+            table[key] = variable("impact", values, units, f"{name}, {text}")
+        table[f"u_{name}_difference"] = variable("impact", u, units, f"standard uncertainty: {name} difference")
     return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
 
 
-def rows(
-    comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop
-) -> Iterator[Row]:
-    """Yield the rows of ``compare``."""
+def rows(comparison: xr.Dataset, repeats: xr.Dataset, model: xr.Dataset, *, settings: BallDrop) -> Iterator[Row]:
+    """Yield the rows of ``compare``: the curve, and what each impact shows."""
     del settings
     n = int(repeats.sizes["repeat"])
     relative = float(repeats.attrs["u_systematic_relative"])
     mean_size = float(np.abs(repeats["displacement_mean"]).mean())
-    yield row("displacement", "m", n, nrmse=comparison["nrmse"], difference=comparison["bias"],
-              u_difference=relative * mean_size)  # fmt: skip
-    for i in range(min(IMPACTS, comparison.sizes["impact"])):
-        yield row(
-            f"restitution, impact {i + 1}", "1", int(repeats["n_repeats"][i]),
-            measured=comparison["restitution_measured"][i], u_measured=repeats["u_restitution"][i],
-            model=comparison["restitution_model"][i], u_model=model["u_restitution"][i],
-            difference=comparison["restitution_difference"][i],
-            u_difference=comparison["u_restitution_difference"][i],
-        )  # fmt: skip
+    yield row(
+        "displacement",
+        "m",
+        n,
+        nrmse=comparison["nrmse"],
+        difference=comparison["bias"],
+        u_difference=relative * mean_size,
+    )
+    shown = min(IMPACTS, comparison.sizes["impact"])
+    for i in range(shown):
+        yield _event(f"restitution, impact {i + 1}", "1", ("restitution",) * 2, i, repeats, model)
+    for i in range(shown):
+        names = ("contact_duration",) * 2
+        yield _event(f"contact duration, impact {i + 1}", "s", names, i, repeats, model)
+    if shown:
+        for title, unit, names in (
+            ("speed of the first impact", "m/s", ("incoming_speed", "impact_speed")),
+            ("penetration of the first impact", "m", ("penetration", "peak_approach")),
+        ):
+            yield _event(title, unit, names, 0, repeats, model, is_length=True)
+
+
+def _event(
+    title: str,
+    unit: str,
+    names: tuple[str, str],
+    impact: int,
+    repeats: xr.Dataset,
+    model: xr.Dataset,
+    *,
+    is_length: bool = False,
+) -> Row:
+    """Return one row; `names` are its variable in the repeats and in the model."""
+    ours, theirs = names
+    measured, u_measured = float(repeats[ours][impact]), float(repeats[f"u_{ours}"][impact])
+    expected, u_expected = float(model[theirs][impact]), float(model[f"u_{theirs}"][impact])
+    slopes = {
+        str(name): -float(slope)
+        for name, slope in zip(model["slope_input"].values, model[f"slope_{theirs}"].values[:, impact], strict=True)
+        if np.isfinite(slope)
+    }
+    if is_length:
+        slopes[SCALE] = measured
+    return row(
+        title,
+        unit,
+        int(repeats["n_repeats"][impact]),
+        slopes=slopes,
+        measured=measured,
+        u_measured=u_measured,
+        model=expected,
+        u_model=u_expected,
+        difference=measured - expected,
+        u_difference=np.hypot(u_measured, u_expected),
+    )

@@ -5,14 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.identification import Bounces
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.drop_evidence import body, mean_height, of_drop
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
-
-Array = NDArray[np.float64]
 
 _LEAST_OF_TIME = 5e-5  # of a time of touch: what simulated and recorded clocks are good for
 
@@ -42,32 +40,27 @@ def evidence(
     u_touch = np.maximum(u_touch, _LEAST_OF_TIME * touch.mean(axis=0))
     table = repeats.isel(impact=slice(count))
     names, unknowns = body(settings.sphere)
-    height = mean_height(
-        name, settings.height, np.array([float(b["drop_height"]) for b in bounces])
-    )
+    height = mean_height(name, settings.height, np.array([float(b["drop_height"]) for b in bounces]))
     trigger = nuisance(f"{name} trigger", 0.0, float(u_touch[0]), "s", "delay of the first contact")
-    pulse = nuisance(
-        "pulse shape", 0.0, 1.0, "1", "shape of the force pulse, in standard uncertainties"
-    )
+    pulse = nuisance("pulse shape", 0.0, 1.0, "1", "shape of the force pulse, in standard uncertainties")
     names |= {"height": height.name, "trigger": trigger.name, "pulse": pulse.name}
     unknowns += [height, trigger, pulse]
     none = np.full(count, np.nan)
     shared = np.mean([b["shared_u_contact_duration"].values[:count] ** 2 for b in bounces], axis=0)
     u_duration = np.sqrt(np.maximum(table["u_contact_duration"].values ** 2 - shared, 0.0))
     seen = Bounces(
-        touch.mean(axis=0), u_touch, table["contact_duration"].values, u_duration, none, none,
-        np.sqrt(shared),
-    )  # fmt: skip
+        touch.mean(axis=0), u_touch, table["contact_duration"].values, u_duration, none, none, np.sqrt(shared)
+    )
     return of_drop(name, settings, seen, names, unknowns, plate, file, fitted)
 
 
-def _own_square(bounces: xr.Dataset, name: str, count: int) -> Array:
+def _own_square(bounces: xr.Dataset, name: str, count: int) -> Floats:
     """Return the squared uncertainty (impact,) without the part that the pulse's shape makes."""
     stated, shared = (bounces[f"{part}{name}"].values[:count] for part in ("u_", "shared_u_"))
     return np.asarray(np.maximum(stated**2 - shared**2, 0.0))
 
 
-def _scatter(touch: Array) -> Array:
+def _scatter(touch: Floats) -> Floats:
     """Return the scatter (impact,) of times between repeats that their heights do not explain.
 
     All times go with the root of the height: what repeats have in common with the mean is height.

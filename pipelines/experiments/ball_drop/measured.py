@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 import calibration
 from calibration import laser
 from labpipe import signals
+from labpipe.arrays import Floats
 from labpipe.units import Quantity
+from labpipe.variables import variable
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.laser_readings import read_laser
 
-Array = NDArray[np.float64]
-
 _SPEEDS = ("incoming_speed", "outgoing_speed")
-_PER_IMPACT = ("restitution", "touch_time", "incoming_speed", "outgoing_speed", "contact_duration")
+_LENGTHS = (*_SPEEDS, "penetration")  # that go with the scale of length
+_PER_IMPACT = ("restitution", "touch_time", *_LENGTHS, "contact_duration")
 
 
 def readings(path: Path, *, settings: BallDrop) -> xr.Dataset:
@@ -82,17 +82,12 @@ def velocity(displacement: xr.Dataset, bounces: xr.Dataset, *, settings: BallDro
         options["releases"] = [release] if np.isfinite(release) else []
     found = signals.velocity(displacement["displacement"], **options)
     return xr.Dataset(
-        {"velocity": found.drop_vars("u_velocity"), "u_velocity": found["u_velocity"].variable},
-        attrs=found.attrs,
+        {"velocity": found.drop_vars("u_velocity"), "u_velocity": found["u_velocity"].variable}, attrs=found.attrs
     )
 
 
 def repeats(
-    displacement: list[xr.Dataset],
-    velocity: list[xr.Dataset],
-    bounces: list[xr.Dataset],
-    *,
-    settings: BallDrop,
+    displacement: list[xr.Dataset], velocity: list[xr.Dataset], bounces: list[xr.Dataset], *, settings: BallDrop
 ) -> xr.Dataset:
     """Align the repeats at first contact: mean, band, outliers, and the table of bounces."""
     del settings
@@ -107,10 +102,11 @@ def repeats(
     made = made.merge(speeds.drop_vars(["is_outlier", "n"]))
     relative = float(displacement[0].attrs["u_systematic_relative"])
     random = made["displacement_sd"].values / np.sqrt(np.maximum(made["n"].values, 1))
-    made["u_displacement_mean"] = (
+    made["u_displacement_mean"] = variable(
         "time",
         np.hypot(np.nan_to_num(random), relative * made["displacement_mean"].values),
-        {"units": "m", "long_name": "standard uncertainty: mean displacement"},
+        "m",
+        "standard uncertainty: mean displacement",
     )
     made = made.merge(_table(bounces, relative))
     made.attrs = {"u_systematic_relative": relative}
@@ -127,15 +123,16 @@ def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
     table: dict[str, Any] = {}
     for name in _PER_IMPACT:
         shift = [float(b["first_contact_time"]) if name == "touch_time" else 0.0 for b in bounces]
-        values = np.array([
-            padded(b[name].values - s, count) for b, s in zip(bounces, shift, strict=True)
-        ])  # fmt: skip
+        values = np.array([padded(b[name].values - s, count) for b, s in zip(bounces, shift, strict=True)])
         own = np.array([padded(b[f"u_{name}"].values, count) for b in bounces])
         n = np.isfinite(values).sum(axis=0)
         mean = np.nanmean(values, axis=0)
-        shape = np.array([padded(b[f"shared_u_{name}"].values, count) for b in bounces])
+        of_shape = f"shared_u_{name}"
+        shape = np.array(
+            [padded(b[of_shape].values if of_shape in b else 0.0 * b[name].values, count) for b in bounces]
+        )
         shared = np.nanmean(shape**2, axis=0)
-        if name in _SPEEDS:
+        if name in _LENGTHS:
             shared = shared + (relative * mean) ** 2
         # scatter between repeats, but never less than what each repeat states of itself
         scatter = np.sqrt(np.nansum((values - mean) ** 2, axis=0) / np.maximum(n - 1, 1))
@@ -144,17 +141,14 @@ def _table(bounces: list[xr.Dataset], relative: float) -> xr.Dataset:
         u = np.hypot(apart, np.sqrt(shared))
         text = bounces[0][name].attrs
         table[name] = ("impact", mean, text)
-        table[f"u_{name}"] = (
-            "impact", u, {"units": text["units"], "long_name": f"standard uncertainty: {name}"},
-        )  # fmt: skip
-        table[f"{name}_sd"] = (
-            "impact", np.where(n > 1, scatter, np.nan),
-            {"units": text["units"], "long_name": f"standard deviation over repeats: {name}"},
-        )  # fmt: skip
-    table["n_repeats"] = ("impact", n, {"units": "1", "long_name": "repeats that show the bounce"})
+        table[f"u_{name}"] = variable("impact", u, text["units"], f"standard uncertainty: {name}")
+        table[f"{name}_sd"] = variable(
+            "impact", np.where(n > 1, scatter, np.nan), text["units"], f"standard deviation over repeats: {name}"
+        )
+    table["n_repeats"] = variable("impact", n, "1", "repeats that show the bounce")
     return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
 
 
-def padded(values: Array, count: int) -> Array:
+def padded(values: Floats, count: int) -> Floats:
     """Return values (impact,) and NaN up to a number of impacts."""
     return np.concatenate([values, np.full(count - values.size, np.nan)])

@@ -7,24 +7,33 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import contact
+from labpipe.arrays import Floats
 from labpipe.materials import Prony
-from labpipe.uncertainty import Source, table
+from labpipe.uncertainty import Source, budget_rows
 from labpipe.units import Quantity
+from labpipe.variables import variable
 from pipelines.experiments.ball_drop.measured import padded
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_plate
 
-Array = NDArray[np.float64]
-
 _CURVE_STEP = 5e-5  # s, spacing of the model's curve; contacts of 1 ms get twenty points
 _COARSE = 1e-3  # tolerance of the simulations by which sensitivities are found
 _OF_PLATE = "plate "
 _LEAST_CHANGE = 1e-3  # relative change of an input by which a sensitivity is found
-_UNCERTAIN = ("restitution", "impact_time", "peak_force", "peak_contact_radius")
+_UNCERTAIN = (
+    "restitution",
+    "impact_time",
+    "peak_force",
+    "peak_contact_radius",
+    "contact_duration",
+    "peak_approach",
+    "impact_speed",
+)
+_MODULUS = "modulus"
+_STIFFER = 0.01  # relative change of the modulus by which its sensitivity is found
 
 
 def model(
@@ -52,15 +61,24 @@ def model(
     inputs = body | {f"{_OF_PLATE}{name}": quantity for name, quantity in floor.items()}
     solids = variations(sphere, material_file, fitted)
 
-    def simulate(other: Prony, rtol: float, times: Array | None, **change: float) -> xr.Dataset:
+    def simulate(other: Prony, rtol: float, times: Floats | None, **change: float) -> xr.Dataset:
         values = {name: quantity.value for name, quantity in inputs.items()} | change
         moved = {name: values[f"{_OF_PLATE}{name}"] for name in floor}
         return contact.drop(
-            other, values["radius"], values["mass"], values["height"], duration, chosen.solver,
-            chosen.profile, rtol, gravity=gravity, times=times,
+            other,
+            values["radius"],
+            values["mass"],
+            values["height"],
+            duration,
+            chosen.solver,
+            chosen.profile,
+            rtol,
+            gravity=gravity,
+            times=times,
             plate=None if substrate is None else replace(substrate, **moved),
-            fold=not full, shortcuts=contact.Shortcuts.chosen(full=full),
-        )  # fmt: skip
+            fold=not full,
+            shortcuts=contact.Shortcuts.chosen(full=full),
+        )
 
     made = simulate(solid, chosen.rtol, times)
     # On a ringing plate a later touch meets it at another moment when the height changes, so the
@@ -75,6 +93,8 @@ def model(
             slopes[key] = given, _slopes(off, reference, change, count)
     for key, (given, change, other) in solids.items():
         slopes[key] = given, _slopes(simulate(other, coarse, None), reference, change, count)
+    stiffer = simulate(solid.scaled(1.0 + _STIFFER), coarse, None)
+    slopes[_MODULUS] = Quantity(1.0, 0.0, "1"), _slopes(stiffer, reference, _STIFFER, count)
     made = _with_uncertainty(made, slopes)
     made.attrs["plate"] = json.dumps(None if substrate is None else asdict(substrate))
     work = json.loads(made.attrs["work"])
@@ -83,9 +103,7 @@ def model(
     return made
 
 
-def _slopes(
-    other: xr.Dataset, reference: xr.Dataset, change: float, count: int
-) -> dict[str, Array]:
+def _slopes(other: xr.Dataset, reference: xr.Dataset, change: float, count: int) -> dict[str, Floats]:
     """Return the change (impact,) of each uncertain result per change of one input."""
     shared = min(other.sizes["impact"], reference.sizes["impact"], count)
     found = {}
@@ -97,24 +115,34 @@ def _slopes(
     return found
 
 
-def _with_uncertainty(
-    made: xr.Dataset, slopes: Mapping[str, tuple[Quantity, dict[str, Array]]]
-) -> xr.Dataset:
+def _with_uncertainty(made: xr.Dataset, slopes: Mapping[str, tuple[Quantity, dict[str, Floats]]]) -> xr.Dataset:
     """Add what the uncertainties of the inputs do to restitution, times, forces and radii."""
     for name in _UNCERTAIN:
         parts = [np.nan_to_num(by[name]) * given.u for given, by in slopes.values()]
-        made[f"u_{name}"] = (
+        made[f"u_{name}"] = variable(
             "impact",
             np.sqrt(np.sum(np.square(parts), axis=0)) if parts else np.zeros(made.sizes["impact"]),
-            {
-                "units": made[name].attrs["units"],
-                "long_name": f"standard uncertainty from {', '.join(slopes)}: {name}",
-            },
+            made[name].attrs["units"],
+            f"standard uncertainty from {', '.join(slopes)}: {name}",
+        )
+    made = made.assign_coords(slope_input=np.array(list(slopes), dtype=str))
+    given = [quantity for quantity, _ in slopes.values()]
+    for name, values, text in (
+        ("input_value", [q.value for q in given], "value of an input of the model, SI"),
+        ("input_u", [q.u for q in given], "standard uncertainty of an input of the model, SI"),
+    ):
+        made[name] = variable("slope_input", values, "1", text)
+    for name in _UNCERTAIN:
+        made[f"slope_{name}"] = variable(
+            ("slope_input", "impact"),
+            np.array([by[name] for _, by in slopes.values()]),
+            made[name].attrs["units"],
+            f"change per SI unit of input: {name}",
         )
     sources = [
         Source.of(key, given, float(np.nan_to_num(by["restitution"][0])))
         for key, (given, by) in slopes.items()
-        if made.sizes["impact"]
+        if made.sizes["impact"] and given.u > 0.0
     ]
-    made.attrs["budget"] = json.dumps(table(sources))
+    made.attrs["budget"] = json.dumps(budget_rows(sources))
     return made

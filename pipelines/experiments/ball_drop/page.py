@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe.report import (
     Block,
@@ -22,10 +21,10 @@ from labpipe.report import (
 from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop._charts import motion
 from pipelines.experiments.ball_drop.budget import quantities
+from pipelines.experiments.ball_drop.comparison import rows as compared_rows
 from pipelines.experiments.ball_drop.settings import BallDrop
 from pipelines.experiments.shared import budget_blocks, pages
-
-Array = NDArray[np.float64]
+from pipelines.experiments.shared.judgements import verdict_section
 
 _RIGID_FLOOR = (
     "The model assumes a rigid floor. A real floor takes up energy: a floor of mass M lowers the "
@@ -36,6 +35,7 @@ _RIGID_FLOOR = (
 
 
 def page(
+    judgement: xr.Dataset | None,
     readings: list[xr.Dataset | None] | None,
     displacement: list[xr.Dataset | None] | None,
     velocity: list[xr.Dataset | None] | None,
@@ -50,7 +50,12 @@ def page(
     """Write the page; a step that failed leaves its section out and its error in."""
     del velocity
     moved = pages.present(displacement)
+    rows = []
+    if repeats is not None and model is not None and comparison is not None:
+        rows = list(compared_rows(comparison, repeats, model, settings=settings))
     sections = [_summary(settings, repeats, model, comparison, context)]
+    if (verdict := verdict_section(judgement, rows)) is not None:
+        sections.insert(0, verdict)
     if repeats is not None:
         sections += [motion(repeats, model, comparison), _bounces(repeats, comparison)]
     if pages.present(bounces):
@@ -81,26 +86,32 @@ def _summary(
     if repeats is not None and repeats.sizes["impact"]:
         e, u = float(repeats["restitution"][0]), float(repeats["u_restitution"][0])
         rows.append(
-            ("restitution of the first impact, measured", value_with_uncertainty(e, u, "1"),
-             f"mean of {pages.counted(int(repeats['n_repeats'][0]), 'repeat')}; standard "
-             f"uncertainty")
-        )  # fmt: skip
+            (
+                "restitution of the first impact, measured",
+                value_with_uncertainty(e, u, "1"),
+                f"mean of {pages.counted(int(repeats['n_repeats'][0]), 'repeat')}; standard uncertainty",
+            )
+        )
     if model is not None and model.sizes["impact"]:
         e, u = float(model["restitution"][0]), float(model["u_restitution"][0])
         rows.append(
-            ("restitution of the first impact, model", value_with_uncertainty(e, u, "1"),
-             "uncertainty from height, radius, mass, plate, and from temperature and Poisson's "
-             "ratio where stated with an uncertainty; the moduli are taken as exact")
-        )  # fmt: skip
+            (
+                "restitution of the first impact, model",
+                value_with_uncertainty(e, u, "1"),
+                "uncertainty from height, radius, mass, plate, and from temperature and Poisson's "
+                "ratio where stated with an uncertainty; the moduli are taken as exact",
+            )
+        )
     if comparison is not None:
         rows += [
-            ("nRMSE of displacement", f"{float(comparison['nrmse']) * 100:.2f} %",
-             "root mean square of measured minus model, over the range of the measurement"),
-            ("bias", quantity(float(comparison["bias"]), "m"),
-             "mean difference"),
-            ("largest difference",
-             quantity(float(comparison["max_error"]), "m"), ""),
-        ]  # fmt: skip
+            (
+                "nRMSE of displacement",
+                f"{float(comparison['nrmse']) * 100:.2f} %",
+                "root mean square of measured minus model, over the range of the measurement",
+            ),
+            ("bias", quantity(float(comparison["bias"]), "m"), "mean difference"),
+            ("largest difference", quantity(float(comparison["max_error"]), "m"), ""),
+        ]
     blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
     if comparison is None and not context.failures:
         blocks.append(Notice("info", "There is no comparison with a model."))
@@ -121,17 +132,9 @@ def _measured(settings: BallDrop, readings: list[xr.Dataset], context: Context) 
         interval = float(first.attrs["sampling_interval"])
         rate = value_with_uncertainty(1 / interval, 0.0, "Hz")
         name, model = (str(first.attrs.get(key, "")) for key in ("instrument", "model"))
-        rows[1:1] = [
-            ("instrument", name, model),
-            ("sampling", rate, f"{first.sizes['time']} points"),
-        ]
+        rows[1:1] = [("instrument", name, model), ("sampling", rate, f"{first.sizes['time']} points")]
         if first.attrs.get("layout") == "assumed":
-            blocks.append(
-                Notice(
-                    "info",
-                    "The layout of Keyence storage files is assumed, as no such file is public.",
-                )
-            )
+            blocks.append(Notice("info", "The layout of Keyence storage files is assumed, as no such file is public."))
         blocks += pages.raw_headers(readings)
     return Section("What was measured", (KeyValues([r for r in rows if r[1]]), *blocks))
 
@@ -145,9 +148,7 @@ def _calibration(displacement: list[xr.Dataset]) -> Section:
             [
                 (
                     "inclination used",
-                    value_with_uncertainty(
-                        float(first["inclination"]), float(first["u_inclination"]), "rad"
-                    ),
+                    value_with_uncertainty(float(first["inclination"]), float(first["u_inclination"]), "rad"),
                     "true displacement = reading / cos(inclination)",
                 ),
                 (
@@ -155,18 +156,10 @@ def _calibration(displacement: list[xr.Dataset]) -> Section:
                     f"{float(attrs['u_systematic_relative']) * 100:.3f} %",
                     "inclination and gain; the same for every sample",
                 ),
-                (
-                    "noise of a sample",
-                    quantity(float(attrs["noise"]), "m"),
-                    "from the part at rest before the drop",
-                ),
+                ("noise of a sample", quantity(float(attrs["noise"]), "m"), "from the part at rest before the drop"),
             ]
         ),
-        *budget_table(
-            json.loads(attrs["budget"]),
-            "Budget for the largest displacement of the first repeat",
-            "m",
-        ),
+        *budget_table(json.loads(attrs["budget"]), "Budget for the largest displacement of the first repeat", "m"),
     ]
     if "inclination_of_record" in attrs:
         recorded = json.loads(attrs["inclination_of_record"])
@@ -178,19 +171,21 @@ def _calibration(displacement: list[xr.Dataset]) -> Section:
 
 def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None) -> Section:
     columns = (
-        Column("impact"), Column("repeats"),
-        Column("touch", unit="s", u=3), Column("u"),
-        Column("speed in", unit="m/s", u=5), Column("u"),
-        Column("speed out", unit="m/s", u=7), Column("u"),
-        Column("restitution", u=9), Column("u"),
-    )  # fmt: skip
+        Column("impact"),
+        Column("repeats"),
+        Column("touch", unit="s", u=3),
+        Column("u"),
+        Column("speed in", unit="m/s", u=5),
+        Column("u"),
+        Column("speed out", unit="m/s", u=7),
+        Column("u"),
+        Column("restitution", u=9),
+        Column("u"),
+    )
     names = ("touch_time", "incoming_speed", "outgoing_speed", "restitution")
     values = [repeats[key].values for name in names for key in (name, f"u_{name}")]
     counts = zip(repeats["impact"].values, repeats["n_repeats"].values, strict=True)
-    rows = [
-        (int(impact), int(n), *(float(v[i]) for v in values))
-        for i, (impact, n) in enumerate(counts)
-    ]
+    rows = [(int(impact), int(n), *(float(v[i]) for v in values)) for i, (impact, n) in enumerate(counts)]
     caption = (
         "Every bounce: mean over the repeats that show it, with its standard uncertainty. Touch "
         "times are counted from the first touch."
@@ -204,18 +199,20 @@ def _bounces(repeats: xr.Dataset, comparison: xr.Dataset | None) -> Section:
 def _against_model(comparison: xr.Dataset) -> Table:
     columns = (
         Column("impact"),
-        Column("restitution, model", digits=6), Column("measured − model", u=3), Column("u"),
+        Column("restitution, model", digits=6),
+        Column("measured − model", u=3),
+        Column("u"),
         Column("touch, model", unit="s", digits=6),
-        Column("measured − model", unit="s", u=6), Column("u"),
-    )  # fmt: skip
+        Column("measured − model", unit="s", u=6),
+        Column("u"),
+    )
     shown = [
         comparison[pattern.format(name)].values
         for name in ("restitution", "touch_time")
         for pattern in ("{}_model", "{}_difference", "u_{}_difference")
     ]
     rows = [
-        (int(impact), *(float(values[i]) for values in shown))
-        for i, impact in enumerate(comparison["impact"].values)
+        (int(impact), *(float(values[i]) for values in shown)) for i, impact in enumerate(comparison["impact"].values)
     ]
     caption = (
         "Comparison with the model. The uncertainty of a difference includes that of the model "
@@ -224,9 +221,7 @@ def _against_model(comparison: xr.Dataset) -> Table:
     return Table(columns, rows, caption=caption)
 
 
-def _repeats(
-    settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: xr.Dataset | None
-) -> Section:
+def _repeats(settings: BallDrop, bounces: Sequence[xr.Dataset | None], repeats: xr.Dataset | None) -> Section:
     rows = []
     for i, (name, found) in enumerate(zip(settings.laser, bounces, strict=True)):
         if found is None:
@@ -234,17 +229,28 @@ def _repeats(
         is_outlier = repeats is not None and bool(repeats["is_outlier"][i])
         rows.append(
             (
-                name, float(found["release_time"]), float(found["first_contact_time"]),
-                float(found["u_first_contact_time"]), float(found["drop_height"]),
-                float(found["u_drop_height"]), found.sizes["impact"],
-                float(found["rest_time"]), "outlier" if is_outlier else "",
+                name,
+                float(found["release_time"]),
+                float(found["first_contact_time"]),
+                float(found["u_first_contact_time"]),
+                float(found["drop_height"]),
+                float(found["u_drop_height"]),
+                found.sizes["impact"],
+                float(found["rest_time"]),
+                "outlier" if is_outlier else "",
             )
-        )  # fmt: skip
+        )
     columns = (
-        Column("recording"), Column("release", unit="s"), Column("first contact", unit="s", u=3),
-        Column("u"), Column("fall", unit="m", u=5), Column("u"), Column("bounces"),
-        Column("rest", unit="s"), Column("remark"),
-    )  # fmt: skip
+        Column("recording"),
+        Column("release", unit="s"),
+        Column("first contact", unit="s", u=3),
+        Column("u"),
+        Column("fall", unit="m", u=5),
+        Column("u"),
+        Column("bounces"),
+        Column("rest", unit="s"),
+        Column("remark"),
+    )
     text = "Times of each recording by its own clock. Outliers are flagged, never removed."
     if len(rows) < len(bounces):
         text += f" {len(bounces) - len(rows)} recording(s) gave no bounces: see the errors."
@@ -256,17 +262,25 @@ def _phases(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> Section
     rows = []
     for name, found in zip(settings.laser, bounces, strict=True):
         if found is not None:
-            touch, settled, rest = (
-                float(found[f"{which}_time"]) for which in ("first_contact", "settling", "rest")
-            )
+            touch, settled, rest = (float(found[f"{which}_time"]) for which in ("first_contact", "settling", "rest"))
             rows.append(
-                (name, settled - touch, rest - settled, rest - touch, float(found["u_rest_time"]),
-                 "" if np.isfinite(rest) else "still moving when the recording ends")
-            )  # fmt: skip
+                (
+                    name,
+                    settled - touch,
+                    rest - settled,
+                    rest - touch,
+                    float(found["u_rest_time"]),
+                    "" if np.isfinite(rest) else "still moving when the recording ends",
+                )
+            )
     columns = (
-        Column("recording"), Column("bouncing", unit="s"), Column("vibration", unit="s"),
-        Column("static from", unit="s", u=4), Column("u"), Column("remark"),
-    )  # fmt: skip
+        Column("recording"),
+        Column("bouncing", unit="s"),
+        Column("vibration", unit="s"),
+        Column("static from", unit="s", u=4),
+        Column("u"),
+        Column("remark"),
+    )
     text = (
         "Bouncing: from first contact to the last resolved flight. Vibration: until the speed "
         "stays below a hundredth of that of the first impact. Static: from then on. Times are "
@@ -278,14 +292,20 @@ def _phases(settings: BallDrop, bounces: Sequence[xr.Dataset | None]) -> Section
 def _model(model: xr.Dataset) -> Section:
     rows = [
         ("impacts in the simulated time", str(model.sizes["impact"]), ""),
-        ("peak force", value_with_uncertainty(
-            float(model["peak_force"][0]), float(model["u_peak_force"][0]), "N"), "first impact"),
-        ("largest contact radius", value_with_uncertainty(
-            float(model["peak_contact_radius"][0]), float(model["u_peak_contact_radius"][0]),
-            "m"), "first impact"),
-        ("contact duration", value_with_uncertainty(
-            float(model["contact_duration"][0]), 0.0, "s"), "first impact"),
-    ]  # fmt: skip
+        (
+            "peak force",
+            value_with_uncertainty(float(model["peak_force"][0]), float(model["u_peak_force"][0]), "N"),
+            "first impact",
+        ),
+        (
+            "largest contact radius",
+            value_with_uncertainty(
+                float(model["peak_contact_radius"][0]), float(model["u_peak_contact_radius"][0]), "m"
+            ),
+            "first impact",
+        ),
+        ("contact duration", value_with_uncertainty(float(model["contact_duration"][0]), 0.0, "s"), "first impact"),
+    ]
     plate = json.loads(model.attrs["plate"])
     floor = "a rigid flat" if plate is None else "a vibrating plate"
     text = (
@@ -297,11 +317,14 @@ def _model(model: xr.Dataset) -> Section:
     if plate is None:
         blocks.append(Paragraph(_RIGID_FLOOR))
     else:
-        rows.append((
-            "flat", f"{plate['mass']:.6g} kg, {plate['frequency']:.6g} Hz",
-            f"damping ratio {plate['damping_ratio']:.3g}; on a rigid one the first restitution "
-            f"is {float(model['rigid_restitution']):.5f}",
-        ))  # fmt: skip
+        rows.append(
+            (
+                "flat",
+                f"{plate['mass']:.6g} kg, {plate['frequency']:.6g} Hz",
+                f"damping ratio {plate['damping_ratio']:.3g}; on a rigid one the first restitution "
+                f"is {float(model['rigid_restitution']):.5f}",
+            )
+        )
     return Section("Model", tuple(blocks))
 
 
@@ -310,10 +333,7 @@ def _times(n: int) -> str:
 
 
 def _methods(
-    settings: BallDrop,
-    displacement: list[xr.Dataset],
-    repeats: xr.Dataset,
-    comparison: xr.Dataset | None,
+    settings: BallDrop, displacement: list[xr.Dataset], repeats: xr.Dataset, comparison: xr.Dataset | None
 ) -> str:
     sphere = settings.sphere
     source = sphere.material or sphere.material_file or sphere.material_from
@@ -324,12 +344,8 @@ def _methods(
     )
     if displacement:
         angle = displacement[0]
-        shown = value_with_uncertainty(
-            float(angle["inclination"]), float(angle["u_inclination"]), "rad"
-        )
-        text += (
-            f"The laser readings were divided by the cosine of the sensor's inclination ({shown}). "
-        )
+        shown = value_with_uncertainty(float(angle["inclination"]), float(angle["u_inclination"]), "rad")
+        text += f"The laser readings were divided by the cosine of the sensor's inclination ({shown}). "
     text += (
         "Velocity was obtained by a quintic smoothing spline with the noise level estimated from "
         "the record; contacts were located by fitting ballistic arcs and a contact pulse to each "
@@ -345,7 +361,6 @@ def _methods(
         )
     e, u = float(repeats["restitution"][0]), float(repeats["u_restitution"][0])
     text += (
-        f"The coefficient of restitution of the first impact was {value_with_uncertainty(e, u)} "
-        "(standard uncertainty)."
+        f"The coefficient of restitution of the first impact was {value_with_uncertainty(e, u)} (standard uncertainty)."
     )
     return text

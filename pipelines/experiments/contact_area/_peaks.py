@@ -3,9 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 STILL = 20e-3  # s of contact after which it is rest, not an impact
 WINDOW = 3e-3  # s around the largest radius in which film and model are compared
@@ -30,7 +29,7 @@ class Peak(NamedTuple):
     sampling: float = 0.0
 
 
-def peak_of(time: Array, a: Array, u: Array) -> Peak:
+def peak_of(time: Floats, a: Floats, u: Floats) -> Peak:
     """Find the largest radius by a polynomial through a² of the frames around the largest.
 
     a² goes with the approach, which passes its largest value smoothly; a itself does not. How far
@@ -48,7 +47,7 @@ def peak_of(time: Array, a: Array, u: Array) -> Peak:
     return best._replace(sampling=abs(best.radius - lower.radius) / np.sqrt(3.0))
 
 
-def _fitted(time: Array, a: Array, u: Array, top: int, beside: int, degree: int) -> Peak | None:
+def _fitted(time: Floats, a: Floats, u: Floats, top: int, beside: int, degree: int) -> Peak | None:
     """Fit the frames beside the largest; nothing where they are too few or have no maximum."""
     low, high = top - beside, top + beside + 1
     if low < 0 or high > len(a):
@@ -66,7 +65,7 @@ def _fitted(time: Array, a: Array, u: Array, top: int, beside: int, degree: int)
     return Peak(float(time[top] + place * scale), value, max(float(u[top]), scatter))
 
 
-def _summit(polynomial: Array) -> float | None:
+def _summit(polynomial: Floats) -> float | None:
     """Return where a polynomial has its maximum between -1 and 1, the nearest to 0."""
     slope = np.polyder(polynomial)
     roots = [float(r.real) for r in np.roots(slope) if abs(r.imag) < _REAL]

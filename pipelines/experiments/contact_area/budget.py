@@ -6,23 +6,20 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input, beyond
+from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.contact_area.settings import ContactArea
-from pipelines.experiments.shared.budget_quantity import (
-    IMPACTS,
-    MEASURED,
-    Quantity,
-    of_model,
-)
+from pipelines.experiments.shared.budget_quantity import IMPACTS, MEASURED, Quantity, model_quantity
 
 _NO_LASER = ("inclination, filter lag", "there is no laser and no filter")
 _UNDER = (
     _NO_LASER,
     ("zero", "the centre of the fringes is fitted"),
-    ("mass, height, Poisson's ratio, temperature",
-     "the measurement does not depend on the drop; they affect the model"),
+    (
+        "mass, height, Poisson's ratio, temperature",
+        "the measurement does not depend on the drop; they affect the model",
+    ),
     ("repeatability", "one film shows each impact once"),
-)  # fmt: skip
+)
 
 
 def quantities(
@@ -39,24 +36,29 @@ def quantities(
         radius, u = float(impacts["peak_radius"][i]), float(impacts["u_peak_radius"][i])
         sampling = float(impacts["peak_sampling"][i])
         inputs = {
-            MEASURED: Input(radius / size, 0.0, "px"), "pixel_size": Input(size, u_size, "m/px"),
-            "noise": Input(0.0, beyond(u, total * radius, sampling), "m"),
+            MEASURED: Input(radius / size, 0.0, "px"),
+            "pixel_size": Input(size, u_size, "m/px"),
+            "noise": Input(0.0, excess_uncertainty(u, total * radius, sampling), "m"),
             "sampling": Input(0.0, sampling, "m"),
-        } | {n: Input(0.0, share * radius, "m") for n, share in shares.items()
-             if n != "pixel_size"}  # fmt: skip
+        } | {n: Input(0.0, share * radius, "m") for n, share in shares.items() if n != "pixel_size"}
         yield Quantity(
-            f"largest contact radius, impact {i + 1}", "m",
+            f"largest contact radius, impact {i + 1}",
+            "m",
             lambda measured, pixel_size, **errors: (
                 measured * size * (pixel_size / size) ** power + sum(errors.values())
             ),
-            inputs, _UNDER, "largest contact radius",
-        )  # fmt: skip
+            inputs,
+            _UNDER,
+            "largest contact radius",
+        )
     if model is not None and model.sizes["impact"] and "budget" in model.attrs:
-        yield of_model(
+        yield model_quantity(
             "largest contact radius of the model, impact 1",
-            float(model["peak_contact_radius"][0]), "m", json.loads(model.attrs["budget"]),
+            float(model["peak_contact_radius"][0]),
+            "m",
+            json.loads(model.attrs["budget"]),
             ("mass", "radius", "height", "Poisson's ratio", "temperature"),
-        )  # fmt: skip
+        )
 
 
 def _shared(film: xr.Dataset) -> dict[str, float]:
@@ -64,10 +66,7 @@ def _shared(film: xr.Dataset) -> dict[str, float]:
     radius = film["radius"].values
     whole = film["radius_systematic"].values / radius
     total = float(np.nanmedian(whole)) if np.isfinite(whole).any() else 0.0
-    parts = {
-        str(name): film["systematic_part"].sel(source=name).values / radius
-        for name in film["source"].values
-    }
+    parts = {str(name): film["systematic_part"].sel(source=name).values / radius for name in film["source"].values}
     medians = {n: float(np.nanmedian(p)) if np.isfinite(p).any() else 0.0 for n, p in parts.items()}
     found = float(np.sqrt(sum(m**2 for m in medians.values())))
     names = {"phase": "phase_of_the_light"}

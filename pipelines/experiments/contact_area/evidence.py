@@ -30,8 +30,11 @@ def evidence(
         return "no impact was seen in the film"
     relative = float(film.attrs["u_systematic_relative"])
     radius = made["peak_radius"].values[:count]
-    u = np.sqrt(np.maximum(made["u_peak_radius"].values[:count] ** 2 - (relative * radius) ** 2,
-                           (_LEAST_RELATIVE * radius) ** 2))  # fmt: skip
+    u = np.sqrt(
+        np.maximum(
+            made["u_peak_radius"].values[:count] ** 2 - (relative * radius) ** 2, (_LEAST_RELATIVE * radius) ** 2
+        )
+    )
     names, unknowns = body(settings.sphere)
     height = mean_height(name, settings.height, np.empty(0))
     pixel = nuisance(f"{name} scale", 1.0, relative, "1", "scale of the film")

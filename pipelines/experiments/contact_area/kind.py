@@ -7,7 +7,8 @@ from pipelines.experiments.shared.schemas import DROP
 
 _STAGES = (
     Stage(
-        "radius", "pipelines.experiments.contact_area.measured:radius",
+        "radius",
+        "pipelines.experiments.contact_area.measured:radius",
         ("file:film", "file:camera"),
         ("view", "measured_on", "sphere.radius", "wavelength", "exposure", "frame_rate"),
         shortcuts=True,
@@ -15,35 +16,50 @@ _STAGES = (
         summary="fit the fringes around the contact",
     ),
     Stage(
-        "impacts", "pipelines.experiments.contact_area.measured:impacts", ("radius",),
+        "impacts",
+        "pipelines.experiments.contact_area.measured:impacts",
+        ("radius",),
         summary="find the largest radius of each impact, and the radius at rest",
     ),
     Stage(
-        "model", "pipelines.experiments.contact_area.model:model",
-        ("radius", "impacts", "file:sphere.material_file",
-         "other:sphere.material_from/master_curve", "other:plate_from/plate"),
-        ("height", "sphere", "model", "plate"), schema="drop",
+        "model",
+        "pipelines.experiments.contact_area.model:model",
+        (
+            "radius",
+            "impacts",
+            "file:sphere.material_file",
+            "other:sphere.material_from/master_curve",
+            "other:plate_from/plate",
+        ),
+        ("height", "sphere", "model", "plate"),
+        schema="drop",
         shortcuts=True,
         imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drop",
     ),
     Stage(
-        "comparison", "pipelines.experiments.contact_area.comparison:comparison",
+        "comparison",
+        "pipelines.experiments.contact_area.comparison:comparison",
         ("radius", "impacts", "model"),
         summary="measurement against model",
     ),
     Stage(
-        "keys", "pipelines.experiments.contact_area.measured:keys",
-        ("file:film", "radius", "impacts"), ("frame_rate",),
+        "keys",
+        "pipelines.experiments.contact_area.measured:keys",
+        ("file:film", "radius", "impacts"),
+        ("frame_rate",),
         summary="select key frames for the page",
     ),
     Stage(
-        "report", "pipelines.experiments.contact_area.page:page",
-        ("radius", "impacts", "model", "comparison", "keys"), ("*",),
-        output="page", context=True,
+        "report",
+        "pipelines.experiments.contact_area.page:page",
+        ("radius", "impacts", "model", "comparison", "keys"),
+        ("*",),
+        output="page",
+        context=True,
         summary="write the page",
     ),
-)  # fmt: skip
+)
 
 KIND = Kind(
     name="contact_area",
@@ -54,14 +70,8 @@ KIND = Kind(
     schemas=(DROP,),
     key_numbers=(KeyNumber("largest contact radius", "m", "impacts", "peak_radius"),),
     picture=Picture("radius", "time", "radius"),
-    rows=Derived(
-        "pipelines.experiments.contact_area.comparison:rows",
-        ("comparison", "impacts", "model"),
-    ),
-    budget=Derived(
-        "pipelines.experiments.contact_area.budget:quantities",
-        ("impacts", "radius", "model"),
-    ),
+    rows=Derived("pipelines.experiments.contact_area.comparison:rows", ("comparison", "impacts", "model")),
+    budget=Derived("pipelines.experiments.contact_area.budget:quantities", ("impacts", "radius", "model")),
     body="sphere",
     evidence=Derived(
         "pipelines.experiments.contact_area.evidence:evidence",

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 import calibration
 from calibration import camera as camera_scale
 from labpipe import imaging
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.variables import variable
 from pipelines.experiments.contact_area._peaks import STILL, peak_of
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
-
-Array = NDArray[np.float64]
 
 _IMPACTS = 3  # the thesis analyses the first three
 _GAP = 4.0  # usual intervals between two frames that end a contact even when both see one
@@ -37,17 +37,20 @@ def radius(film: Path, record: Path, *, settings: ContactArea, full: bool) -> xr
     size, checked = camera_scale.image_scale(known, settings.view, measured=day)
     sphere, light = settings.sphere.radius, settings.wavelength
     found = imaging.contact_radius(
-        source, size.value, sphere.value, None if light is None else light.value,
+        source,
+        size.value,
+        sphere.value,
+        None if light is None else light.value,
         None if settings.exposure is None else settings.exposure.value,
-        full=full, u_pixel_size=size.u, u_sphere_radius=sphere.u,
+        full=full,
+        u_pixel_size=size.u,
+        u_sphere_radius=sphere.u,
         u_wavelength=0.0 if light is None else light.u,
-    )  # fmt: skip
-    time = ("frame", source.time, {"units": "s", "long_name": "time in the film"})
+    )
+    time = variable("frame", source.time, "s", "time in the film")
     found = found.assign_coords(time=time)
-    found["pixel_size"] = ((), size.value, {"units": "m/px", "long_name": "length of one pixel"})
-    found["u_pixel_size"] = (
-        (), size.u, {"units": "m/px", "long_name": "standard uncertainty: length of one pixel"},
-    )  # fmt: skip
+    found["pixel_size"] = variable((), size.value, "m/px", "length of one pixel")
+    found["u_pixel_size"] = variable((), size.u, "m/px", "standard uncertainty: length of one pixel")
     return found.assign_attrs(
         scale_budget=json.dumps(checked.pop("budget")),
         calibration=json.dumps(checked, ensure_ascii=False),
@@ -63,10 +66,7 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     seen = radius["in_contact"].values.astype(bool)
     runs = _contacts(time, seen)
     if not any(np.isfinite(a[run]).any() for run in runs):
-        message = (
-            "no contact was found in the film; check the view under the disc, its scale and the "
-            "wavelength"
-        )
+        message = "no contact was found in the film; check the view under the disc, its scale and the wavelength"
         raise InputError(message)
     brief = _brief_contacts(time, a, runs)[:_IMPACTS]
     peaks = [peak_of(time[run], a[run], u[run]) for run in brief]
@@ -79,22 +79,19 @@ def impacts(radius: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     for name, values, units, text in (
         ("peak_time", np.array([p.time for p in peaks]), "s", "time of the largest radius"),
         ("peak_radius", largest, "m", "largest contact radius"),
-        ("u_peak_radius", np.hypot(own, relative * largest), "m",
-         "standard uncertainty: largest contact radius"),
-        ("peak_sampling", sampling, "m",
-         "part of that uncertainty from interpolation between the frames"),
-    ):  # fmt: skip
-        table[name] = ("impact", values, {"units": units, "long_name": text})
+        ("u_peak_radius", np.hypot(own, relative * largest), "m", "standard uncertainty: largest contact radius"),
+        ("peak_sampling", sampling, "m", "part of that uncertainty from interpolation between the frames"),
+    ):
+        table[name] = variable("impact", values, units, text)
     for name, place, text in (("first_seen", 0, "first"), ("last_seen", -1, "last")):
-        table[name] = (
-            "impact", np.array([time[run[place]] for run in brief], float),
-            {"units": "s", "long_name": f"{text} frame with contact"},
-        )  # fmt: skip
+        table[name] = variable(
+            "impact", np.array([time[run[place]] for run in brief], float), "s", f"{text} frame with contact"
+        )
     table |= _at_rest(time, a, u, runs, relative)
     return xr.Dataset(table, coords={"impact": np.arange(1, len(brief) + 1)})
 
 
-def _contacts(time: Array, is_seen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+def _contacts(time: Floats, is_seen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Group the frames with contact into contacts."""
     seen = np.flatnonzero(is_seen)
     if not len(seen):
@@ -106,9 +103,7 @@ def _contacts(time: Array, is_seen: NDArray[np.bool_]) -> list[NDArray[np.int64]
     return np.split(seen, np.flatnonzero(is_new) + 1)
 
 
-def _brief_contacts(
-    time: Array, a: Array, runs: list[NDArray[np.int64]]
-) -> list[NDArray[np.int64]]:
+def _brief_contacts(time: Floats, a: Floats, runs: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
     """Contacts that are impacts: neither rest nor a single frame mistaken for a contact.
 
     The time of an impact hardly depends on its speed (Hertz: as its fifth root), and grows from
@@ -130,7 +125,7 @@ def _brief_contacts(
     return [run for run in brief if is_impact(run)]
 
 
-def _without_rest(time: Array, brief: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
+def _without_rest(time: Floats, brief: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
     """Leave out a contact that the film's end cuts off when it is too long for an impact."""
     last = len(time) - 1
     ended = [run for run in brief if run[-1] < last]
@@ -142,9 +137,7 @@ def _without_rest(time: Array, brief: list[NDArray[np.int64]]) -> list[NDArray[n
     return ended if is_rest else brief
 
 
-def _at_rest(
-    time: Array, a: Array, u: Array, runs: list[NDArray[np.int64]], relative: float
-) -> dict[str, Any]:
+def _at_rest(time: Floats, a: Floats, u: Floats, runs: list[NDArray[np.int64]], relative: float) -> dict[str, Any]:
     """Radius in the last half of the last contact when that is rest; NaN otherwise."""
     last = runs[-1]
     value, own, start = np.nan, np.nan, np.nan
@@ -154,26 +147,21 @@ def _at_rest(
         scatter = float(np.std(a[half])) if len(half) > 1 else 0.0
         own = float(np.hypot(max(scatter, np.median(u[half])), relative * value))
     return {
-        "static_radius": ((), value, {"units": "m", "long_name": "contact radius at rest"}),
-        "u_static_radius": (
-            (), own, {"units": "m", "long_name": "standard uncertainty: contact radius at rest"},
-        ),
-        "static_since": ((), start, {"units": "s", "long_name": "start of the frames at rest"}),
-    }  # fmt: skip
+        "static_radius": variable((), value, "m", "contact radius at rest"),
+        "u_static_radius": variable((), own, "m", "standard uncertainty: contact radius at rest"),
+        "static_since": variable((), start, "s", "start of the frames at rest"),
+    }
 
 
-def keys(
-    film: Path, radius: xr.Dataset, impacts: xr.Dataset, *, settings: ContactArea
-) -> xr.Dataset:
+def keys(film: Path, radius: xr.Dataset, impacts: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     """Copy key frames with the fitted circles: around each largest radius, and at rest."""
     source = open_film(film, settings.frame_rate)
     time, seen = radius["time"].values, radius["in_contact"].values.astype(bool)
     wanted: set[int] = set()
     for i in range(impacts.sizes["impact"]):
         inside = np.flatnonzero(
-            seen & (time >= float(impacts["first_seen"][i]))
-            & (time <= float(impacts["last_seen"][i]))
-        )  # fmt: skip
+            seen & (time >= float(impacts["first_seen"][i])) & (time <= float(impacts["last_seen"][i]))
+        )
         top = int(inside[np.argmin(np.abs(time[inside] - float(impacts["peak_time"][i])))])
         wanted |= {int(inside[0]), top, int(inside[-1])}
     if np.isfinite(float(impacts["static_radius"])):
@@ -190,9 +178,13 @@ def keys(
         ("circle_minor", at["semi_axis_minor"].values / size, "px", "fitted minor semi-axis"),
         ("circle_angle", at["axis_angle"].values, "rad", "direction of the major axis"),
         ("key_radius", at["radius"].values, "m", "contact radius"),
-        ("u_key_radius", np.hypot(at["u_radius"].values, at["radius_systematic"].values), "m",
-         "standard uncertainty: contact radius"),
+        (
+            "u_key_radius",
+            np.hypot(at["u_radius"].values, at["radius_systematic"].values),
+            "m",
+            "standard uncertainty: contact radius",
+        ),
         ("key_method", at["method"].values.astype(float), "1", "method of the radius"),
-    ):  # fmt: skip
-        found[name] = ("key", values, {"units": units, "long_name": text})
+    ):
+        found[name] = variable("key", values, units, text)
     return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))

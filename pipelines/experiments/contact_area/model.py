@@ -9,7 +9,8 @@ import xarray as xr
 from labpipe import contact
 from labpipe.contact.sphere import hertz
 from labpipe.materials import Prony
-from labpipe.uncertainty import Source, combined, table
+from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
+from labpipe.variables import variable
 from pipelines.experiments.contact_area._peaks import WINDOW
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.material_choice import resolve, variations
@@ -39,31 +40,41 @@ def model(
     begun = float(impacts["first_seen"][0]) if impacts.sizes["impact"] else 0.0
     duration = fall + float(radius["time"][-1]) - begun + 2 * WINDOW
     made = contact.drop(
-        solid, sphere.radius.value, sphere.mass.value, settings.height.value, duration,
-        chosen.solver, chosen.profile, chosen.rtol, gravity=gravity,
+        solid,
+        sphere.radius.value,
+        sphere.mass.value,
+        settings.height.value,
+        duration,
+        chosen.solver,
+        chosen.profile,
+        chosen.rtol,
+        gravity=gravity,
         plate=resolve_plate(settings.plate, plate),
         times=np.arange(0.0, duration, _STEP),
-        fold=not full, shortcuts=contact.Shortcuts.chosen(full=full),
-    )  # fmt: skip
+        fold=not full,
+        shortcuts=contact.Shortcuts.chosen(full=full),
+    )
     largest = made["peak_contact_radius"].values
-    sources = [
-        s._replace(sensitivity=s.sensitivity * float(largest[0]))
-        for s in _relative_sources(settings, material_file, fitted, solid, made)
-    ] if largest.size else []  # fmt: skip
-    relative = combined(sources) / float(largest[0]) if sources else 0.0
-    made["u_peak_contact_radius"] = (
-        "impact", relative * largest,
-        {"units": "m", "long_name": "standard uncertainty from height, body and material: peak"},
-    )  # fmt: skip
-    made.attrs["budget"] = json.dumps(table(sources))
+    sources = (
+        [
+            s._replace(sensitivity=s.sensitivity * float(largest[0]))
+            for s in _relative_sources(settings, material_file, fitted, solid, made)
+        ]
+        if largest.size
+        else []
+    )
+    relative = combined_uncertainty(sources) / float(largest[0]) if sources else 0.0
+    made["u_peak_contact_radius"] = variable(
+        "impact", relative * largest, "m", "standard uncertainty from height, body and material: peak"
+    )
+    made.attrs["budget"] = json.dumps(budget_rows(sources))
     weight = sphere.mass.value * gravity
     for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
         reduced = float(modulus) / (1 - float(solid.nu) ** 2)
         state = hertz.static_load(weight, sphere.radius.value, reduced)
-        made[f"static_radius_{name}"] = (
-            (), float(state.contact_radius),
-            {"units": "m", "long_name": f"Hertz radius at rest with the {name} modulus"},
-        )  # fmt: skip
+        made[f"static_radius_{name}"] = variable(
+            (), float(state.contact_radius), "m", f"Hertz radius at rest with the {name} modulus"
+        )
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result
     made.attrs["work"] = json.dumps(work)
@@ -71,17 +82,15 @@ def model(
 
 
 def _relative_sources(
-    settings: ContactArea, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony,
-    made: xr.Dataset,
-) -> list[Source]:  # fmt: skip
+    settings: ContactArea, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony, made: xr.Dataset
+) -> list[Source]:
     """Return what makes the largest radius uncertain, relative to it.
 
     By the exponents of Hertz's impact, a ~ R^0.4 (m h)^0.2 E^-0.2, the modulus that at the
     frequency of the contact.
     """
     sphere = settings.sphere
-    given = (("radius", sphere.radius, 0.4), ("mass", sphere.mass, 0.2),
-             ("height", settings.height, 0.2))  # fmt: skip
+    given = (("radius", sphere.radius, 0.4), ("mass", sphere.mass, 0.2), ("height", settings.height, 0.2))
     sources = [Source.of(name, q, power / q.value) for name, q, power in given]
     omega = np.pi / float(made["contact_duration"][0])
     stiffness = abs(complex(solid.complex_modulus(omega)))

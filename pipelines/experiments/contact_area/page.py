@@ -25,7 +25,7 @@ from labpipe.report import (
     share_bars,
     value_with_uncertainty,
 )
-from labpipe.uncertainty import Source, table
+from labpipe.uncertainty import Source, budget_rows
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.budget import quantities
 from pipelines.experiments.contact_area.settings import ContactArea
@@ -36,13 +36,18 @@ _CIRCLE = (60, 120, 255)  # BGR, orange
 _SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
 _VIEW = 1.5  # ms around the largest radius of an impact that a button shows
 _METHODS = {
-    1: "fringe fit", 5: "fringe fit with a fitted gap factor (gap not Hertzian)", 2: "edge",
-    3: "interpolation between equal frames at rest", 4: "contact fills the view (no radius)",
-}  # fmt: skip
+    1: "fringe fit",
+    5: "fringe fit with a fitted gap factor (gap not Hertzian)",
+    2: "edge",
+    3: "interpolation between equal frames at rest",
+    4: "contact fills the view (no radius)",
+}
 _SOURCES = {
-    "sphere_radius": "radius of the sphere", "wavelength": "wavelength",
-    "pixel_size": "length of one pixel", "phase": "phase in the contact",
-}  # fmt: skip
+    "sphere_radius": "radius of the sphere",
+    "wavelength": "wavelength",
+    "pixel_size": "length of one pixel",
+    "phase": "phase in the contact",
+}
 _GROUP = "film"  # charts and frames over the film's time
 _SUB_PIXEL = 4  # binary digits of the drawn circle's place
 
@@ -87,47 +92,65 @@ def _summary(
     rows = [
         ("film", settings.film, f'view "{settings.view}"'),
         ("drop height", pages.stated(settings.height), "from session.toml"),
-        ("wavelength",
-         "not known" if settings.wavelength is None else pages.stated(settings.wavelength),
-         "from session.toml"),
-    ]  # fmt: skip
+        (
+            "wavelength",
+            "not known" if settings.wavelength is None else pages.stated(settings.wavelength),
+            "from session.toml",
+        ),
+    ]
     if impacts is not None and impacts.sizes["impact"]:
-        rows.append(("largest contact radius, film", value_with_uncertainty(
-            float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0]), "m"),
-            "first impact; includes the uncertainty of the image scale"))  # fmt: skip
+        rows.append(
+            (
+                "largest contact radius, film",
+                value_with_uncertainty(float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0]), "m"),
+                "first impact; includes the uncertainty of the image scale",
+            )
+        )
     if model is not None and model.sizes["impact"]:
-        rows.append(("largest contact radius, model", value_with_uncertainty(
-            float(model["peak_contact_radius"][0]), float(model["u_peak_contact_radius"][0]),
-            "m"), "first impact; uncertainty from height, radius and mass"))  # fmt: skip
+        rows.append(
+            (
+                "largest contact radius, model",
+                value_with_uncertainty(
+                    float(model["peak_contact_radius"][0]), float(model["u_peak_contact_radius"][0]), "m"
+                ),
+                "first impact; uncertainty from height, radius and mass",
+            )
+        )
     if comparison is not None and comparison.sizes["impact"]:
-        rows.append(("nRMSE of the radius", f"{float(comparison['nrmse'][0]) * 100:.2f} %",
-                     "first impact, relative to its largest radius"))  # fmt: skip
+        rows.append(
+            (
+                "nRMSE of the radius",
+                f"{float(comparison['nrmse'][0]) * 100:.2f} %",
+                "first impact, relative to its largest radius",
+            )
+        )
     if impacts is not None and np.isfinite(float(impacts["static_radius"])):
         rows.append(
             (
                 "contact radius at rest, film",
-                value_with_uncertainty(
-                    float(impacts["static_radius"]), float(impacts["u_static_radius"]), "m"
-                ),
+                value_with_uncertainty(float(impacts["static_radius"]), float(impacts["u_static_radius"]), "m"),
                 "",
             )
         )
         if model is not None:
             soft, stiff = (float(model[f"static_radius_{n}"]) for n in ("relaxed", "unrelaxed"))
-            rows.append(("Hertz radius at rest",
-                         f"{quantity(soft, 'm', 4)} relaxed, "
-                         f"{quantity(stiff, 'm', 4)} unrelaxed", ""))  # fmt: skip
+            rows.append(
+                ("Hertz radius at rest", f"{quantity(soft, 'm', 4)} relaxed, {quantity(stiff, 'm', 4)} unrelaxed", "")
+            )
     blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
     if settings.wavelength is None:
-        blocks.append(Notice("warning", "No wavelength is given: the radius was measured from "
-                                        "the edge of the dark spot, not from the fringes, and is "
-                                        "uncertain by several micrometres."))  # fmt: skip
+        blocks.append(
+            Notice(
+                "warning",
+                "No wavelength is given: the radius was measured from "
+                "the edge of the dark spot, not from the fringes, and is "
+                "uncertain by several micrometres.",
+            )
+        )
     if radius is not None:
         methods = radius["method"].values[radius["in_contact"].values.astype(bool)]
         counts = [(name, int(np.sum(methods == code))) for code, name in _METHODS.items()]
-        text = ", ".join(
-            f"{pages.counted(count, 'frame')} by {name}" for name, count in counts if count
-        )
+        text = ", ".join(f"{pages.counted(count, 'frame')} by {name}" for name, count in counts if count)
         if text:
             blocks.append(Notice("info", f"Method: {text}."))
     return Section("Summary", tuple(blocks))
@@ -137,10 +160,13 @@ def _key_frames(keys: xr.Dataset, settings: ContactArea) -> Section:
     pictures = [_picture(keys.isel(key=i)) for i in range(keys.sizes["key"])]
     top = int(np.nanargmax(keys["circle_radius"].values)) if pictures else 0
     gallery = Gallery(
-        "Key frames with the fitted circle", pictures, start=top, group=_GROUP,
+        "Key frames with the fitted circle",
+        pictures,
+        start=top,
+        group=_GROUP,
         caption="First frame, largest radius and last frame of each impact, and rest. The chart "
         "of the contact radius marks the frame that is shown.",
-    )  # fmt: skip
+    )
     header = pages.raw_header(keys.assign_attrs(source=settings.film))
     return Section("Film", (gallery,) if header is None else (gallery, header))
 
@@ -167,9 +193,11 @@ def _picture(key: xr.Dataset) -> Picture:
         value = value_with_uncertainty(float(key["key_radius"]), float(key["u_key_radius"]), "m")
         found = f"radius {value} ({r:.1f} px), {_METHODS[int(key['key_method'])]}"
     return Picture(
-        png(canvas), f"frame {frame} with the fitted contact circle",
-        f"frame {frame}, {time:.2f} ms in the film, {found}", at=time,
-    )  # fmt: skip
+        png(canvas),
+        f"frame {frame} with the fitted contact circle",
+        f"frame {frame}, {time:.2f} ms in the film, {found}",
+        at=time,
+    )
 
 
 def _budget(radius: xr.Dataset, impacts: xr.Dataset | None) -> tuple[Block, ...]:
@@ -182,8 +210,7 @@ def _budget(radius: xr.Dataset, impacts: xr.Dataset | None) -> tuple[Block, ...]
         chosen.append(("at rest", int(np.flatnonzero(np.isfinite(a))[-1])))
     at = [radius.isel(frame=frame) for _, frame in chosen]
     rows: list[list[float | int | str | bool | None]] = [
-        [text, *(float(one["systematic_part"].sel(source=name)) for one in at)]
-        for name, text in _SOURCES.items()
+        [text, *(float(one["systematic_part"].sel(source=name)) for one in at)] for name, text in _SOURCES.items()
     ]
     rows.append(["total, common to all frames", *(float(one["radius_systematic"]) for one in at)])
     rows.append(["noise and misfit of the frame", *(float(one["u_radius"]) for one in at)])
@@ -198,30 +225,23 @@ def _shares(one: xr.Dataset, where: str) -> Bars:
     """Draw what each source has in the variance of the radius in one frame."""
     parts = {text: float(one["systematic_part"].sel(source=n)) for n, text in _SOURCES.items()}
     parts["noise and misfit of the frame"] = float(one["u_radius"])
-    rows = table([Source(text, 0.0, u, "m", 1.0) for text, u in parts.items()])
+    rows = budget_rows([Source(text, 0.0, u, "m", 1.0) for text, u in parts.items()])
     return share_bars(rows, f"Share of the variance, {where}")
 
 
 def _calibration(radius: xr.Dataset, impacts: xr.Dataset | None) -> Section:
-    size = value_with_uncertainty(
-        float(radius["pixel_size"]), float(radius["u_pixel_size"]), "m/px"
-    )
+    size = value_with_uncertainty(float(radius["pixel_size"]), float(radius["u_pixel_size"]), "m/px")
     blocks: list[Block] = [
         pages.calibration_rows(radius.attrs["calibration"]),
         KeyValues([("length of one pixel", size, "in the plane of the disc")]),
-        *budget_table(
-            json.loads(radius.attrs["scale_budget"]), "Budget of the image scale", "m/px"
-        ),
+        *budget_table(json.loads(radius.attrs["scale_budget"]), "Budget of the image scale", "m/px"),
         *_budget(radius, impacts),
-    ]  # fmt: skip
+    ]
     return Section("Calibration and its uncertainty", tuple(blocks))
 
 
 def _over_time(
-    radius: xr.Dataset,
-    impacts: xr.Dataset | None,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
+    radius: xr.Dataset, impacts: xr.Dataset | None, model: xr.Dataset | None, comparison: xr.Dataset | None
 ) -> Section:
     time = radius["time"].values * 1e3
     seen = radius["in_contact"].values.astype(bool)
@@ -229,9 +249,7 @@ def _over_time(
     views: tuple[tuple[str, float, float], ...] = ()
     if impacts is not None:
         peaks = impacts["peak_time"].values * 1e3
-        views = tuple(
-            (f"impact {i + 1}", float(p - _VIEW), float(p + _VIEW)) for i, p in enumerate(peaks)
-        )
+        views = tuple((f"impact {i + 1}", float(p - _VIEW), float(p + _VIEW)) for i, p in enumerate(peaks))
     known = np.hypot(radius["u_radius"].values, radius["radius_systematic"].values) * 1e3
     known = np.where(seen & np.isfinite(known), known, 0.0)
     curves = [Series("film", time, shown, role="measured", style="points", u=known)]
@@ -250,10 +268,16 @@ def _over_time(
             )
         )
     charts: list[Block] = [
-        LineChart("Contact radius", "time in the film / ms", "contact radius / mm", tuple(curves),
-                  group=_GROUP, views=views,
-                  caption="Frames without contact stand at 0. Bars: standard uncertainty.")
-    ]  # fmt: skip
+        LineChart(
+            "Contact radius",
+            "time in the film / ms",
+            "contact radius / mm",
+            tuple(curves),
+            group=_GROUP,
+            views=views,
+            caption="Frames without contact stand at 0. Bars: standard uncertainty.",
+        )
+    ]
     charts += _gap_factor(radius)
     if comparison is not None:
         for i in range(comparison.sizes["impact"]):
@@ -283,41 +307,44 @@ def _around(comparison: xr.Dataset, i: int) -> tuple[LineChart, LineChart]:
     since = comparison["since_peak"].values[mine] * 1e3
     film, model, u = (comparison[name].values[mine] for name in ("film", "model", "u_film"))
     curves = LineChart(
-        f"Impact {i + 1} around its largest radius", "time since the largest radius / ms",
+        f"Impact {i + 1} around its largest radius",
+        "time since the largest radius / ms",
         "contact radius / mm",
         (
             Series("film", since, film * 1e3, role="measured", style="points", u=u * 1e3),
             Series("model", since, model * 1e3, role="model"),
         ),
-        group=f"impact {i + 1}", height_px=260,
-    )  # fmt: skip
+        group=f"impact {i + 1}",
+        height_px=260,
+    )
     residual = LineChart(
-        f"Film minus model, impact {i + 1}", "time since the largest radius / ms",
+        f"Film minus model, impact {i + 1}",
+        "time since the largest radius / ms",
         "difference / µm",
-        (Series("film minus model", since, (film - model) * 1e6, role="residual", style="points",
-                u=u * 1e6),),
-        group=f"impact {i + 1}", height_px=170,
+        (Series("film minus model", since, (film - model) * 1e6, role="residual", style="points", u=u * 1e6),),
+        group=f"impact {i + 1}",
+        height_px=170,
         caption="Bars: standard uncertainty of the film. A difference that rises or falls all the "
         "way is a small shift in time: both are aligned at the largest radius.",
-    )  # fmt: skip
+    )
     return curves, residual
 
 
 def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None) -> Section:
     columns = [
-        Column("impact"), Column("t_p in the film", unit="s"),
-        Column("largest radius, film", unit="m", u=3), Column("u"),
-    ]  # fmt: skip
+        Column("impact"),
+        Column("t_p in the film", unit="s"),
+        Column("largest radius, film", unit="m", u=3),
+        Column("u"),
+    ]
     if comparison is not None:
-        columns += [Column("model", unit="m"), Column("film − model", unit="m", u=6), Column("u"),
-                    Column("nRMSE")]  # fmt: skip
+        columns += [Column("model", unit="m"), Column("film − model", unit="m", u=6), Column("u"), Column("nRMSE")]
     rows: list[list[float | int | str | bool | None]] = []
     for i in range(impacts.sizes["impact"]):
         row: list[float | int | str | bool | None] = [i + 1]
         row += [float(impacts[n][i]) for n in ("peak_time", "peak_radius", "u_peak_radius")]
         if comparison is not None:
-            names = ("peak_radius_model", "peak_radius_difference", "u_peak_radius_difference",
-                     "nrmse")  # fmt: skip
+            names = ("peak_radius_model", "peak_radius_difference", "u_peak_radius_difference", "nrmse")
             has = i < comparison.sizes["impact"]
             row += [float(comparison[n][i]) if has else None for n in names]
         rows.append(row)
@@ -340,7 +367,6 @@ def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> 
     if impacts.sizes["impact"]:
         a, u = float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])
         text += (
-            f"The largest radius of the first impact was {value_with_uncertainty(a, u, 'm')} "
-            "(standard uncertainty)."
+            f"The largest radius of the first impact was {value_with_uncertainty(a, u, 'm')} (standard uncertainty)."
         )
     return text

@@ -7,18 +7,12 @@ from math import isfinite
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input, beyond
+from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.dic_validation.settings import DicValidation
-from pipelines.experiments.shared.budget_quantity import (
-    MEASURED,
-    Quantity,
-)
+from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
 
 _FRONT = (
-    (
-        "inclination, filter lag",
-        "there is no filter, and a tilt of the view is included in the pixel size",
-    ),
+    ("inclination, filter lag", "there is no filter, and a tilt of the view is included in the pixel size"),
     ("sampling", "a displacement does not depend on time"),
     ("mass, radius, height, Poisson's ratio, temperature", "the body has no effect"),
     ("repeatability", "one film shows one drop"),
@@ -26,14 +20,11 @@ _FRONT = (
 _AGAINST = (
     ("filter lag, sampling, zero", "both records are counted from first contact"),
     ("mass, radius, height, Poisson's ratio, temperature", "the body has no effect"),
-    ("repeatability", "included in the noise, which is estimated from the differences and their "
-                      "autocorrelation"),
-)  # fmt: skip
+    ("repeatability", "included in the noise, which is estimated from the differences and their autocorrelation"),
+)
 
 
-def quantities(
-    motion: xr.Dataset, comparison: xr.Dataset | None, *, settings: DicValidation
-) -> Iterator[Quantity]:
+def quantities(motion: xr.Dataset, comparison: xr.Dataset | None, *, settings: DicValidation) -> Iterator[Quantity]:
     """Yield the largest displacement in the film, and film against laser where there was one."""
     del settings
     size = float(motion["pixel_size"])
@@ -58,25 +49,33 @@ def quantities(
 
 def _against_laser(comparison: xr.Dataset, film: float) -> Iterator[Quantity]:
     """Yield mean difference and ratio of scales; both calibrations act on either."""
-    laser = beyond(float(comparison["expected_u_gain"]), film)
+    laser = excess_uncertainty(float(comparison["expected_u_gain"]), film)
     mean = float(comparison["film"].mean()), float(comparison["laser"].mean())
     yield Quantity(
-        "mean of film minus laser", "m",
+        "mean of film minus laser",
+        "m",
         lambda measured, noise, pixel_size, inclination_and_gain: (
             measured + noise + mean[0] * (pixel_size - 1.0) - mean[1] * (inclination_and_gain - 1.0)
         ),
-        {MEASURED: Input(float(comparison["bias"]), 0.0, "m"),
-         "noise": Input(0.0, float(comparison["u_bias"]), "m"),
-         "pixel_size": Input(1.0, film), "inclination_and_gain": Input(1.0, laser)},
+        {
+            MEASURED: Input(float(comparison["bias"]), 0.0, "m"),
+            "noise": Input(0.0, float(comparison["u_bias"]), "m"),
+            "pixel_size": Input(1.0, film),
+            "inclination_and_gain": Input(1.0, laser),
+        },
         _AGAINST,
-    )  # fmt: skip
+    )
     yield Quantity(
-        "ratio of displacements, laser over film", "1",
+        "ratio of displacements, laser over film",
+        "1",
         lambda measured, noise, pixel_size, inclination_and_gain: (
             (measured + noise) * inclination_and_gain / pixel_size
         ),
-        {MEASURED: Input(float(comparison["gain"]), 0.0),
-         "noise": Input(0.0, float(comparison["u_gain"])),
-         "pixel_size": Input(1.0, film), "inclination_and_gain": Input(1.0, laser)},
+        {
+            MEASURED: Input(float(comparison["gain"]), 0.0),
+            "noise": Input(0.0, float(comparison["u_gain"])),
+            "pixel_size": Input(1.0, film),
+            "inclination_and_gain": Input(1.0, laser),
+        },
         _AGAINST,
-    )  # fmt: skip
+    )

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe import signals
+from labpipe.variables import variable
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
 
@@ -22,11 +23,9 @@ def comparison(
         return xr.Dataset(attrs={"note": "no laser experiment is named"})
     start = float(bounces["first_contact_time"])
     level = float(bounces["contact_level"])
-    film = signals.from_event(
-        (motion["displacement"] - level).assign_attrs(motion["displacement"].attrs), start
-    )
+    film = signals.timed_from_event((motion["displacement"] - level).assign_attrs(motion["displacement"].attrs), start)
     reference = laser["displacement_mean"].dropna("time")
-    seen = signals.at_times(reference, film["time"].values)
+    seen = signals.interpolated_at(reference, film["time"].values)
     both = np.isfinite(film.values) & np.isfinite(seen.values)
     film, seen = film[both], seen[both].assign_coords(time=film["time"][both])
     made = signals.compare(film, seen)
@@ -46,15 +45,14 @@ def comparison(
         "gain": (shift.gain, "1", "laser's displacement per film's displacement"),
         "u_gain": (shift.u_gain, "1", "standard uncertainty (random): gain"),
         "expected_u_gain": (
-            float(np.hypot(motion.attrs["u_systematic_relative"],
-                           laser.attrs.get("u_systematic_relative", 0.0))), "1",
-            "standard uncertainty of the ratio of both scales, from both calibrations"),
-    }  # fmt: skip
+            float(np.hypot(motion.attrs["u_systematic_relative"], laser.attrs.get("u_systematic_relative", 0.0))),
+            "1",
+            "standard uncertainty of the ratio of both scales, from both calibrations",
+        ),
+    }
     for name, (value, units, text) in scalars.items():
-        made[name] = ((), value, {"units": units, "long_name": text})
-    made["film"] = film.drop_attrs().assign_attrs(
-        units="m", long_name="film, over the height of first contact"
-    )
+        made[name] = variable((), value, units, text)
+    made["film"] = film.drop_attrs().assign_attrs(units="m", long_name="film, over the height of first contact")
     made["laser"] = seen.drop_attrs().assign_attrs(
         units="m", long_name="mean of the laser's repeats, over the height of first contact"
     )
@@ -71,12 +69,8 @@ def _impacts(film: xr.Dataset, laser: xr.Dataset) -> xr.Dataset:
         theirs = laser[name].values[:count]
         u = np.hypot(film[f"u_{name}"].values[:count], laser[f"u_{name}"].values[:count])
         for key, values in (("film", ours), ("laser", theirs), ("difference", ours - theirs)):
-            table[f"{name}_{key}"] = (
-                "impact", values, {"units": units, "long_name": f"{name}, {key}"},
-            )  # fmt: skip
-        table[f"u_{name}_difference"] = (
-            "impact", u, {"units": units, "long_name": f"standard uncertainty: {name} difference"},
-        )  # fmt: skip
+            table[f"{name}_{key}"] = variable("impact", values, units, f"{name}, {key}")
+        table[f"u_{name}_difference"] = variable("impact", u, units, f"standard uncertainty: {name} difference")
     return xr.Dataset(table, coords={"impact": np.arange(1, count + 1)})
 
 
@@ -85,13 +79,23 @@ def rows(comparison: xr.Dataset, *, settings: DicValidation) -> Iterator[Row]:
     del settings
     if "bias" not in comparison:
         return
-    yield row("displacement", "m", int(comparison["n_compared"]), against="laser",
-              nrmse=comparison["nrmse"], difference=comparison["bias"],
-              u_difference=comparison["u_bias"])  # fmt: skip
+    yield row(
+        "displacement",
+        "m",
+        int(comparison["n_compared"]),
+        against="laser",
+        nrmse=comparison["nrmse"],
+        difference=comparison["bias"],
+        u_difference=comparison["u_bias"],
+    )
     for i in range(min(IMPACTS, comparison.sizes["impact"])):
         yield row(
-            f"restitution, impact {i + 1}", "1", 1, against="laser",
-            measured=comparison["restitution_film"][i], model=comparison["restitution_laser"][i],
+            f"restitution, impact {i + 1}",
+            "1",
+            1,
+            against="laser",
+            measured=comparison["restitution_film"][i],
+            model=comparison["restitution_laser"][i],
             difference=comparison["restitution_difference"][i],
             u_difference=comparison["u_restitution_difference"][i],
-        )  # fmt: skip
+        )

@@ -6,55 +6,71 @@ from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Propo
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared.schemas import BOUNCES, VELOCITY
 
-_FILM_MOTION = Schema("film_motion", {
-    "displacement": Variable(("time",), "m"),
-    "u_displacement": Variable(("time",), "m"),
-    "rotation": Variable(("time",), "rad"),
-    "pixel_size": Variable((), "m/px"),
-})  # fmt: skip
+_FILM_MOTION = Schema(
+    "film_motion",
+    {
+        "displacement": Variable(("time",), "m"),
+        "u_displacement": Variable(("time",), "m"),
+        "rotation": Variable(("time",), "rad"),
+        "pixel_size": Variable((), "m/px"),
+    },
+)
 
 _STAGES = (
     Stage(
-        "track", "pipelines.experiments.dic_validation.measured:track", ("file:film",),
+        "track",
+        "pipelines.experiments.dic_validation.measured:track",
+        ("file:film",),
         ("tracking", "frame_rate"),
         shortcuts=True,
         imports=("labpipe.imaging.dic._tracker",),
         summary="track the holder through the film",
     ),
     Stage(
-        "motion", "pipelines.experiments.dic_validation.measured:motion",
-        ("track", "file:camera"), ("view", "measured_on"), schema="film_motion",
+        "motion",
+        "pipelines.experiments.dic_validation.measured:motion",
+        ("track", "file:camera"),
+        ("view", "measured_on"),
+        schema="film_motion",
         summary="pixels to metres, with uncertainty",
     ),
     Stage(
-        "bounces", "pipelines.experiments.dic_validation.measured:bounces", ("motion",),
+        "bounces",
+        "pipelines.experiments.dic_validation.measured:bounces",
+        ("motion",),
         schema="bounces",
         summary="find release, contacts, bounces and rest",
     ),
     Stage(
-        "velocity", "pipelines.experiments.dic_validation.measured:velocity",
+        "velocity",
+        "pipelines.experiments.dic_validation.measured:velocity",
         ("motion", "bounces"),
         schema="velocity",
         summary="differentiate, without smoothing the impacts",
     ),
     Stage(
-        "keys", "pipelines.experiments.dic_validation.measured:keys",
-        ("file:film", "track", "bounces"), ("frame_rate",),
+        "keys",
+        "pipelines.experiments.dic_validation.measured:keys",
+        ("file:film", "track", "bounces"),
+        ("frame_rate",),
         summary="select key frames for the page",
     ),
     Stage(
-        "comparison", "pipelines.experiments.dic_validation.comparison:comparison",
+        "comparison",
+        "pipelines.experiments.dic_validation.comparison:comparison",
         ("motion", "bounces", "other:laser_experiment/repeats"),
         summary="film against laser",
     ),
     Stage(
-        "report", "pipelines.experiments.dic_validation.page:page",
-        ("track", "motion", "bounces", "velocity", "keys", "comparison",
-         "other:laser_experiment/repeats"), ("*",),
-        output="page", context=True,
+        "report",
+        "pipelines.experiments.dic_validation.page:page",
+        ("track", "motion", "bounces", "velocity", "keys", "comparison", "other:laser_experiment/repeats"),
+        ("*",),
+        output="page",
+        context=True,
         summary="write the page",
     ),
-)  # fmt: skip
+)
 
 KIND = Kind(
     name="dic_validation",
@@ -68,14 +84,8 @@ KIND = Kind(
         KeyNumber("film minus laser", "m", "comparison", "bias"),
     ),
     picture=Picture("motion", "time", "displacement"),
-    rows=Derived(
-        "pipelines.experiments.dic_validation.comparison:rows",
-        ("comparison",),
-    ),
-    budget=Derived(
-        "pipelines.experiments.dic_validation.budget:quantities",
-        ("motion", "comparison"),
-    ),
+    rows=Derived("pipelines.experiments.dic_validation.comparison:rows", ("comparison",)),
+    budget=Derived("pipelines.experiments.dic_validation.budget:quantities", ("motion", "comparison")),
     proposal=Proposal(
         ("film",),
         "pipelines.experiments.dic_validation.proposal:proposed",

@@ -18,6 +18,7 @@ from calibration import camera as camera_scale
 from labpipe import imaging, signals
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
+from labpipe.variables import variable
 from pipelines.experiments.dic_validation.settings import DicValidation, Tracking
 from pipelines.experiments.shared.film_frames import key_frames, open_film, recorded_on
 
@@ -37,9 +38,7 @@ def track(film: Path, *, settings: DicValidation, full: bool) -> xr.Dataset:
     chosen = settings.tracking
     points, subsets = _points(source, chosen)
     static = chosen.static_frames or _static_frames(source, points[0], subsets[0])
-    options: dict[str, Any] = {
-        "subset": subsets, "shape": "rigid", "order": chosen.order, "static_frames": static,
-    }  # fmt: skip
+    options: dict[str, Any] = {"subset": subsets, "shape": "rigid", "order": chosen.order, "static_frames": static}
     if full:
         found = imaging.track(source, points, **options)
         return _with_bytes(found, source, {})
@@ -131,7 +130,7 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
             "on the speckled holder that stays in the image while it falls"
         )
         raise InputError(message)
-    time = ("time", track["time"].values, {"units": "s", "long_name": "time in the film"})
+    time = variable("time", track["time"].values, "s", "time in the film")
     result = xr.Dataset(coords={"time": time})
     for name, of, text in (
         ("displacement", "displacement_y", "displacement of the holder, upwards"),
@@ -139,24 +138,17 @@ def motion(track: xr.Dataset, record: Path, *, settings: DicValidation) -> xr.Da
         ("rotation", "rotation", "rotation of the holder, clockwise in the image"),
     ):
         units = body[of].attrs["units"]
-        result[name] = ("time", body[of].values, {"units": units, "long_name": text})
-        result[f"u_{name}"] = (
-            "time", body[f"u_{of}"].values,
-            {"units": units, "long_name": f"standard uncertainty (random): {text}"},
-        )  # fmt: skip
+        result[name] = variable("time", body[of].values, units, text)
+        result[f"u_{name}"] = variable("time", body[f"u_{of}"].values, units, f"standard uncertainty (random): {text}")
     if moved.sizes["point"] > 1:
         line = moved["displacement_y"].isel(point=slice(1, None)).values
         scatter = np.full(len(line), np.nan)
         seen = np.isfinite(line).sum(axis=1) > 2
         scatter[seen] = np.nanstd(line[seen], axis=1, ddof=1)
-        result["line_scatter"] = (
-            "time", scatter,
-            {"units": "m", "long_name": "standard deviation along the line of subsets"},
-        )  # fmt: skip
+        result["line_scatter"] = variable("time", scatter, "m", "standard deviation along the line of subsets")
     for name in ("pixel_size", "u_pixel_size"):
         result[name] = moved[name]
-    result.attrs = {key: moved.attrs[key] for key in
-                    ("u_systematic_relative", "budget", "calibration")}  # fmt: skip
+    result.attrs = {key: moved.attrs[key] for key in ("u_systematic_relative", "budget", "calibration")}
     return result
 
 
@@ -172,14 +164,11 @@ def velocity(motion: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation
     edges = np.concatenate([bounces["touch_time"].values, bounces["liftoff_time"].values])
     found = signals.velocity(motion["displacement"], breaks=np.sort(edges[np.isfinite(edges)]))
     return xr.Dataset(
-        {"velocity": found.drop_vars("u_velocity"), "u_velocity": found["u_velocity"].variable},
-        attrs=found.attrs,
+        {"velocity": found.drop_vars("u_velocity"), "u_velocity": found["u_velocity"].variable}, attrs=found.attrs
     )
 
 
-def keys(
-    film: Path, track: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation
-) -> xr.Dataset:
+def keys(film: Path, track: xr.Dataset, bounces: xr.Dataset, *, settings: DicValidation) -> xr.Dataset:
     """Copy key frames with the places of the tracked points: release, contacts, tops, rest."""
     source = open_film(film, settings.frame_rate)
     events = [float(bounces["release_time"]), float(bounces["rest_time"])]
@@ -194,11 +183,7 @@ def keys(
     at = track.isel(frame=near)
     for axis, text in (("x", "column"), ("y", "row")):
         place = at[axis].values + at[f"d{axis}"].values
-        found[f"point_{axis}"] = (
-            ("key", "point"), place, {"units": "px", "long_name": f"{text} of a tracked point"},
-        )  # fmt: skip
-    found["turn"] = (
-        ("key", "point"), at["rotation"].values, {"units": "rad", "long_name": "rotation"},
-    )  # fmt: skip
-    found["subset"] = ("point", at["subset"].values, {"units": "px", "long_name": "subset"})
+        found[f"point_{axis}"] = variable(("key", "point"), place, "px", f"{text} of a tracked point")
+    found["turn"] = variable(("key", "point"), at["rotation"].values, "rad", "rotation")
+    found["subset"] = variable("point", at["subset"].values, "px", "subset")
     return found.assign_attrs(work=json.dumps({"key_frames": len(near)}))

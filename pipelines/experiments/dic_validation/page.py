@@ -77,9 +77,7 @@ def page(
 def _value(dataset: xr.Dataset, name: str, at: int | None = None) -> str:
     u = f"u_{name}"
     pick = dataset if at is None else dataset.isel(impact=at)
-    return value_with_uncertainty(
-        float(pick[name]), float(pick[u]) if u in dataset else 0.0, pick[name].attrs["units"]
-    )
+    return value_with_uncertainty(float(pick[name]), float(pick[u]) if u in dataset else 0.0, pick[name].attrs["units"])
 
 
 def _summary(
@@ -95,29 +93,40 @@ def _summary(
         count = track.sizes["point"]
         followed = "one point" if count == 1 else f"{count} points"
         rows.append(
-            ("frames", str(track.sizes["frame"]),
-             f"{followed} followed; found in {share * 100:.2f} % of the frames")
-        )  # fmt: skip
+            ("frames", str(track.sizes["frame"]), f"{followed} followed; found in {share * 100:.2f} % of the frames")
+        )
     if bounces is not None and bounces.sizes["impact"]:
-        rows.append(("restitution of the first impact, film", _value(bounces, "restitution", 0),
-                     "standard uncertainty"))  # fmt: skip
+        rows.append(
+            ("restitution of the first impact, film", _value(bounces, "restitution", 0), "standard uncertainty")
+        )
     if comparison is not None:
         rows += [
-            ("nRMSE, film against laser", f"{float(comparison['nrmse']) * 100:.2f} %",
-             "root mean square of the difference, over the range of the film"),
+            (
+                "nRMSE, film against laser",
+                f"{float(comparison['nrmse']) * 100:.2f} %",
+                "root mean square of the difference, over the range of the film",
+            ),
             ("bias", _value(comparison, "bias"), "mean of film minus laser"),
-            ("95 % limits of agreement",
-             f"{_value(comparison, 'limit_low')} to {_value(comparison, 'limit_high')}", ""),
-            ("ratio of the laser's scale to the film's", _value(comparison, "gain"),
-             "expected 1 within "
-             f"{float(comparison['expected_u_gain']) * 100:.2g} % from both calibrations"),
-        ]  # fmt: skip
+            (
+                "95 % limits of agreement",
+                f"{_value(comparison, 'limit_low')} to {_value(comparison, 'limit_high')}",
+                "",
+            ),
+            (
+                "ratio of the laser's scale to the film's",
+                _value(comparison, "gain"),
+                f"expected 1 within {float(comparison['expected_u_gain']) * 100:.2g} % from both calibrations",
+            ),
+        ]
     blocks: list[Block] = [KeyValues(rows), *pages.failed_notice(context)]
     if comparison is None and not context.failures:
         blocks.append(
-            Notice("info", "No laser experiment is named, so the film is not compared; name one "
-                           "as laser_experiment in session.toml.")
-        )  # fmt: skip
+            Notice(
+                "info",
+                "No laser experiment is named, so the film is not compared; name one "
+                "as laser_experiment in session.toml.",
+            )
+        )
     return Section("Summary", tuple(blocks))
 
 
@@ -153,24 +162,28 @@ def _picture(key: xr.Dataset, start: float | None) -> Picture:
             cv2.circle(canvas, centre, 4, _POINT, 2, cv2.LINE_AA)
     frame, time = int(key["frame"]), float(key["key_time"]) * 1e3
     return Picture(
-        png(canvas), f"frame {frame} of the film with the tracked subsets drawn on it",
+        png(canvas),
+        f"frame {frame} of the film with the tracked subsets drawn on it",
         f"frame {frame}, {time:.2f} ms in the film",
         at=None if start is None else time - start * 1e3,
-    )  # fmt: skip
+    )
 
 
 def _calibration(motion: xr.Dataset) -> Section:
     blocks: list[Block] = [
         pages.calibration_rows(motion.attrs["calibration"]),
-        KeyValues([
-            ("length of one pixel", _value(motion, "pixel_size"), "in the plane of the holder"),
-            ("relative uncertainty of the scale",
-             f"{float(motion.attrs['u_systematic_relative']) * 100:.3f} %",
-             "the same for every frame"),
-        ]),
-        *budget_table(json.loads(motion.attrs["budget"]), "Budget of the image scale",
-                            "m/px"),
-    ]  # fmt: skip
+        KeyValues(
+            [
+                ("length of one pixel", _value(motion, "pixel_size"), "in the plane of the holder"),
+                (
+                    "relative uncertainty of the scale",
+                    f"{float(motion.attrs['u_systematic_relative']) * 100:.3f} %",
+                    "the same for every frame",
+                ),
+            ]
+        ),
+        *budget_table(json.loads(motion.attrs["budget"]), "Budget of the image scale", "m/px"),
+    ]
     return Section("Calibration and its uncertainty", tuple(blocks))
 
 
@@ -200,9 +213,8 @@ def _motion(
             wide = 2 * inside["displacement_sd"].values * 1e3
             position.insert(0, Band(_SPREAD, when, mean - wide, mean + wide, role="reference"))
     charts: list[Block] = [
-        LineChart("Displacement", _LABEL, "height over first contact / mm", tuple(position),
-                  group=_GROUP, views=views)
-    ]  # fmt: skip
+        LineChart("Displacement", _LABEL, "height over first contact / mm", tuple(position), group=_GROUP, views=views)
+    ]
     if comparison is not None:
         charts.append(_difference(comparison, laser, views))
     if velocity is not None:
@@ -216,13 +228,20 @@ def _motion(
                     role="reference",
                 )
             )
-        charts.append(LineChart("Velocity", _LABEL, "velocity / (m/s), upwards", tuple(speed),
-                                group=_GROUP, views=views))  # fmt: skip
+        charts.append(
+            LineChart("Velocity", _LABEL, "velocity / (m/s), upwards", tuple(speed), group=_GROUP, views=views)
+        )
     charts.append(
-        LineChart("Rotation of the holder", _LABEL, "rotation / mrad, clockwise",
-                  (Series("film", time, motion["rotation"].values * 1e3, role="measured"),),
-                  group=_GROUP, views=views, height_px=220)
-    )  # fmt: skip
+        LineChart(
+            "Rotation of the holder",
+            _LABEL,
+            "rotation / mrad, clockwise",
+            (Series("film", time, motion["rotation"].values * 1e3, role="measured"),),
+            group=_GROUP,
+            views=views,
+            height_px=220,
+        )
+    )
     return Section("Motion", tuple(charts))
 
 
@@ -238,33 +257,48 @@ def _difference(
         wide = 2e6 * np.interp(time, laser["time"].values, laser["displacement_sd"].values)
         series.insert(0, Band(_SPREAD, time * 1e3, -wide, wide, role="reference"))
     return LineChart(
-        "Film minus laser", _LABEL, "difference / µm", tuple(series), group=_GROUP, views=views,
+        "Film minus laser",
+        _LABEL,
+        "difference / µm",
+        tuple(series),
+        group=_GROUP,
+        views=views,
         height_px=220,
-        caption="An impact that is early or late in one record shows as a spike, as both curves "
-                "are steep there.",
-    )  # fmt: skip
+        caption="An impact that is early or late in one record shows as a spike, as both curves are steep there.",
+    )
 
 
 def _agreement(comparison: xr.Dataset) -> Section:
     rows = [
         ("bias", _value(comparison, "bias"), "film minus laser"),
-        ("standard deviation of the difference",
-         quantity(float(comparison["difference_sd"]), "m"), ""),
+        ("standard deviation of the difference", quantity(float(comparison["difference_sd"]), "m"), ""),
         ("lower 95 % limit of agreement", _value(comparison, "limit_low"), ""),
         ("upper 95 % limit of agreement", _value(comparison, "limit_high"), ""),
         ("concordance", f"{float(comparison['concordance']):.6f}", "Lin's coefficient"),
         ("remaining lag", _value(comparison, "lag"), "lag of the laser after alignment"),
         ("largest difference", quantity(float(comparison["max_error"]), "m"), ""),
-    ]  # fmt: skip
+    ]
     columns = (
         Column("impact"),
-        Column("touch, film − laser", unit="s", u=2), Column("u"),
-        Column("incoming speed, film", unit="m/s"), Column("laser", unit="m/s"),
-        Column("restitution, film"), Column("laser"), Column("film − laser", u=8), Column("u"),
-    )  # fmt: skip
-    shown = ("touch_time_difference", "u_touch_time_difference", "incoming_speed_film",
-             "incoming_speed_laser", "restitution_film", "restitution_laser",
-             "restitution_difference", "u_restitution_difference")  # fmt: skip
+        Column("touch, film − laser", unit="s", u=2),
+        Column("u"),
+        Column("incoming speed, film", unit="m/s"),
+        Column("laser", unit="m/s"),
+        Column("restitution, film"),
+        Column("laser"),
+        Column("film − laser", u=8),
+        Column("u"),
+    )
+    shown = (
+        "touch_time_difference",
+        "u_touch_time_difference",
+        "incoming_speed_film",
+        "incoming_speed_laser",
+        "restitution_film",
+        "restitution_laser",
+        "restitution_difference",
+        "u_restitution_difference",
+    )
     table = [
         (int(comparison["impact"][i]), *(float(comparison[name][i]) for name in shown))
         for i in range(comparison.sizes["impact"])
@@ -283,20 +317,25 @@ def _tracking(track: xr.Dataset, motion: xr.Dataset | None) -> Section:
     size = track["subset"].values[0]
     rows = [
         ("subset on the holder", f"{size} px", "rigid: two shifts and a rotation"),
-        ("standard uncertainty of a displacement (noise)",
-         quantity(float(np.nanmedian(body["u_dy"])), "px"), "median"),
+        ("standard uncertainty of a displacement (noise)", quantity(float(np.nanmedian(body["u_dy"])), "px"), "median"),
         ("correlation", f"{float(np.nanmin(body['zncc'])):.4f}", "smallest over all frames"),
         ("lost", str(int((~body["valid"].values).sum())), "frames without a value"),
-    ]  # fmt: skip
+    ]
     if motion is not None and "line_scatter" in motion:
-        rows.append(("scatter along the line",
-                     quantity(float(np.nanmedian(motion["line_scatter"])), "m"),
-                     "median over frames; includes the rotation"))  # fmt: skip
+        rows.append(
+            (
+                "scatter along the line",
+                quantity(float(np.nanmedian(motion["line_scatter"])), "m"),
+                "median over frames; includes the rotation",
+            )
+        )
     chart = LineChart(
-        "Correlation of the large subset", "frame", "zero-normalised correlation",
+        "Correlation of the large subset",
+        "frame",
+        "zero-normalised correlation",
         (Series("ZNCC", frames.astype(float), body["zncc"].values, role="measured"),),
         height_px=200,
-    )  # fmt: skip
+    )
     return Section("Tracking", (KeyValues(rows), chart))
 
 

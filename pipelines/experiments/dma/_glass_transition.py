@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from labpipe.uncertainty import spread
-
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
+from labpipe.uncertainty import propagated_u
+from labpipe.variables import variable
 
 FEWEST = 9  # points of a temperature sweep in which a transition is looked for
 _HALF_WINDOW = 6.0  # K to either side in which a slope is fitted
@@ -26,9 +26,9 @@ class Ramp:
     """One temperature sweep in tension: frequency [Hz], temperatures [degC], moduli [Pa]."""
 
     frequency: float
-    temperature: Array
-    storage: Array
-    loss: Array
+    temperature: Floats
+    storage: Floats
+    loss: Floats
 
 
 def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
@@ -48,37 +48,24 @@ def transitions(ramps: Sequence[Ramp]) -> xr.Dataset:
         "temperature": (_joined(ordered, "temperature"), "degC", "measured temperature"),
         "storage": (_joined(ordered, "storage"), "Pa", "storage modulus, tension"),
         "loss": (_joined(ordered, "loss"), "Pa", "loss modulus, tension"),
-        "loss_factor": (
-            _joined(ordered, "loss") / _joined(ordered, "storage"), "1", "loss factor",
-        ),
-    }  # fmt: skip
+        "loss_factor": (_joined(ordered, "loss") / _joined(ordered, "storage"), "1", "loss factor"),
+    }
     found = [_transition(r) for r in ordered]
     texts = {
         "T_peak": "glass transition: maximum of the loss factor",
         "T_loss": "glass transition: maximum of the loss modulus",
         "T_drop": "glass transition: steepest fall of the storage modulus",
     }
-    variables = {
-        name: ("point", values, {"units": units, "long_name": text})
-        for name, (values, units, text) in columns.items()
-    }
+    variables = {name: variable("point", values, units, text) for name, (values, units, text) in columns.items()}
     for i, (name, text) in enumerate(texts.items()):
         values = [f[i] for f in found]
-        variables[name] = (
-            "ramp", np.array([v for v, _ in values]), {"units": "degC", "long_name": text},
-        )  # fmt: skip
-        variables[f"u_{name}"] = (
-            "ramp", np.array([u for _, u in values]),
-            {"units": "K", "long_name": f"standard uncertainty: {text}"},
-        )  # fmt: skip
+        variables[name] = variable("ramp", np.array([v for v, _ in values]), "degC", text)
+        variables[f"u_{name}"] = variable(
+            "ramp", np.array([u for _, u in values]), "K", f"standard uncertainty: {text}"
+        )
     drop = np.array([float(r.storage[0] / r.storage[-1]) for r in ordered])
-    variables["drop"] = (
-        "ramp", drop, {"units": "1", "long_name": "storage modulus, cold end over warm end"},
-    )  # fmt: skip
-    variables["frequency"] = (
-        "ramp", np.array([r.frequency for r in ordered]),
-        {"units": "Hz", "long_name": "frequency of the sweep"},
-    )  # fmt: skip
+    variables["drop"] = variable("ramp", drop, "1", "storage modulus, cold end over warm end")
+    variables["frequency"] = variable("ramp", np.array([r.frequency for r in ordered]), "Hz", "frequency of the sweep")
     work = {"temperature_sweeps": len(ordered), "points": int(sum(counts))}
     return xr.Dataset(variables, attrs={"work": json.dumps(work)})
 
@@ -88,7 +75,7 @@ def _ascending(ramp: Ramp) -> Ramp:
     return Ramp(ramp.frequency, ramp.temperature[order], ramp.storage[order], ramp.loss[order])
 
 
-def _joined(ramps: Sequence[Ramp], name: str) -> Array:
+def _joined(ramps: Sequence[Ramp], name: str) -> Floats:
     return np.concatenate([getattr(r, name) for r in ramps])
 
 
@@ -101,14 +88,14 @@ def _transition(ramp: Ramp) -> list[tuple[float, float]]:
     return [peak(T, ramp.loss / ramp.storage), peak(T, ramp.loss), _of_slope(T, slope)]
 
 
-def _of_slope(T: Array, slope: Array) -> tuple[float, float]:
+def _of_slope(T: Floats, slope: Floats) -> tuple[float, float]:
     """Return the steepest fall; neighbouring slopes share readings, so their noise is common."""
     where, u = peak(T, slope)
     shared = 2 * _HALF_WINDOW / max(float(np.median(np.diff(T))), 1e-3)
     return where, u * float(np.sqrt(max(shared, 1.0)))
 
 
-def _smooth_slope(T: Array, y: Array) -> Array:
+def _smooth_slope(T: Floats, y: Floats) -> Floats:
     """Return dy/dT by parabolas through the neighbourhood of every point."""
     slope = np.full(T.size, np.nan)
     for i, centre in enumerate(T):
@@ -119,7 +106,7 @@ def _smooth_slope(T: Array, y: Array) -> Array:
     return slope
 
 
-def peak(T: Array, y: Array) -> tuple[float, float]:
+def peak(T: Floats, y: Floats) -> tuple[float, float]:
     """Return where a curve has its maximum, by a cubic about it, with the uncertainty.
 
     NaN when the maximum lies at an end of the sweep or does not stand out.
@@ -150,7 +137,7 @@ def peak(T: Array, y: Array) -> tuple[float, float]:
     return centre + cubic[0], float(np.hypot(cubic[1], 0.5 * (cubic[0] - parabola[0])))
 
 
-def _summit(x: Array, y: Array, degree: int) -> tuple[float, float] | None:
+def _summit(x: Floats, y: Floats, degree: int) -> tuple[float, float] | None:
     """Return where a fitted polynomial has its maximum, with its uncertainty from the noise."""
     design = np.vander(x, degree + 1)
     coefficient, *_ = np.linalg.lstsq(design, y, rcond=None)
@@ -168,12 +155,12 @@ def _summit(x: Array, y: Array, degree: int) -> tuple[float, float] | None:
     gradient = np.array([k * top ** (k - 1) if k else 0.0 for k in range(degree, -1, -1)])
     curvature = float(np.polyval(bend, top))
     rows = np.array([k * (k - 1) * top ** max(k - 2, 0) for k in range(degree, -1, -1)])
-    if abs(curvature) < _SIGNIFICANT * spread(rows, covariance):
+    if abs(curvature) < _SIGNIFICANT * propagated_u(rows, covariance):
         return None
-    return top, float(spread(gradient, covariance)) / abs(curvature)
+    return top, float(propagated_u(gradient, covariance)) / abs(curvature)
 
 
-def _crest(T: Array, smooth: Array, top: int, edge: int) -> NDArray[np.bool_]:
+def _crest(T: Floats, smooth: Floats, top: int, edge: int) -> NDArray[np.bool_]:
     """Return the points about a maximum that lie above the share ``_CREST`` of its height."""
     height = smooth[top]
     base = min(float(smooth.min()), float(height))

@@ -4,14 +4,11 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import materials
+from labpipe.arrays import Floats
 from labpipe.materials import Prony
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 0.01
 """Largest root-mean-square relative error of the reduced series in both moduli."""
@@ -23,8 +20,8 @@ class Series:
     """A Prony series in tension, with the error that the reduction of its terms cost (rms)."""
 
     relaxed: float
-    E: Array
-    rho: Array
+    E: Floats
+    rho: Floats
     nu: float
     error: float
 
@@ -46,9 +43,7 @@ def fewest_terms(curve: xr.Dataset, tolerance: float = TOLERANCE) -> Series:
     tolerance : float
         Root-mean-square relative error over the covered window.
     """
-    full = Prony(
-        float(curve["E_relaxed"]), curve["E"].values, curve["rho"].values, float(curve["nu"])
-    )
+    full = Prony(float(curve["E_relaxed"]), curve["E"].values, curve["rho"].values, float(curve["nu"]))
     covered = curve["reduced_frequency"].values
     few, error = materials.fewest_terms(full, float(covered.min()), float(covered.max()), tolerance)
     return Series(few.E_relaxed, few.E, few.rho, few.nu, error)
@@ -80,14 +75,11 @@ def ansys(series: Series, law: dict[str, Any], T_ref: float) -> str:
         *_ansys_table("BULK", shares, series.rho),
     ]
     if _is_wlf(law):
-        lines += [
-            "TB,SHIFT,1,,3,WLF",
-            f"TBDATA,1,{T_ref:.8g},{law['C1']:.8g},{law['C2']:.8g}  ! temperatures in degC",
-        ]
+        lines += ["TB,SHIFT,1,,3,WLF", f"TBDATA,1,{T_ref:.8g},{law['C1']:.8g},{law['C2']:.8g}  ! temperatures in degC"]
     return "\n".join(lines) + "\n"
 
 
-def _ansys_table(name: str, shares: Array, times: Array) -> list[str]:
+def _ansys_table(name: str, shares: Floats, times: Floats) -> list[str]:
     lines = [f"TB,PRONY,1,,{shares.size},{name}"]
     for i, (share, time) in enumerate(zip(shares, times, strict=True)):
         lines.append(f"TBDATA,{2 * i + 1},{share:.8g},{time:.8g}")

@@ -6,9 +6,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.report import Block, Column, Details, LineChart, Paragraph, Section, Series, Table
-
-Array = NDArray[np.float64]
 
 _LOOSE = 0.15  # decades; as labpipe.materials calls a step barely determined
 _DIFFERENT = 2.0  # standard uncertainties
@@ -19,26 +18,36 @@ def section(found: xr.Dataset, curve: xr.Dataset) -> Section:
     """Draw both tables, their difference, and say where it comes from."""
     T = found["temperature"].values
     order = np.argsort(T, kind="stable")
-    fitted, u, published = (
-        found[n].values[order] for n in ("fitted", "u_fitted", "published")
-    )  # fmt: skip
+    fitted, u, published = (found[n].values[order] for n in ("fitted", "u_fitted", "published"))
     shared = np.isfinite(published)
     chart = LineChart(
-        "Shift factors, fitted and published", "temperature / °C", "log₁₀ a_T",
+        "Shift factors, fitted and published",
+        "temperature / °C",
+        "log₁₀ a_T",
         [
             Series("fitted", T[order], fitted, style="points", role="measured", u=u),
-            Series("published", T[order][shared], published[shared], style="points",
-                   role="reference"),
+            Series("published", T[order][shared], published[shared], style="points", role="reference"),
         ],
-        group="published", caption="Both are zero at the reference temperature of this page; bars "
-        "are standard uncertainties.",
-    )  # fmt: skip
+        group="published",
+        caption="Both are zero at the reference temperature of this page; bars are standard uncertainties.",
+    )
     gap = LineChart(
-        "Fitted less published", "temperature / °C", "difference of log₁₀ a_T",
-        [Series("difference", T[order][shared], (fitted - published)[shared], style="points",
-                role="measured", u=u[shared])],
-        group="published", height_px=220,
-    )  # fmt: skip
+        "Fitted less published",
+        "temperature / °C",
+        "difference of log₁₀ a_T",
+        [
+            Series(
+                "difference",
+                T[order][shared],
+                (fitted - published)[shared],
+                style="points",
+                role="measured",
+                u=u[shared],
+            )
+        ],
+        group="published",
+        height_px=220,
+    )
     blocks: list[Block] = [Paragraph(text) for text in reasons(found, curve)]
     return Section(
         "Comparison with published shifts",
@@ -99,8 +108,7 @@ def _where(found: xr.Dataset) -> str:
     firm = ~loose & (np.abs(change) > _DIFFERENT * np.maximum(u, 1e-12))
     if firm.any():
         listed = ", ".join(
-            f"{_celsius(a)} to {_celsius(b)} (fitted {s:.2f} ± {v:.2f}, published {p:.2f}, "
-            f"E′ alone {e:.2f})"
+            f"{_celsius(a)} to {_celsius(b)} (fitted {s:.2f} ± {v:.2f}, published {p:.2f}, E′ alone {e:.2f})"
             for a, b, s, v, p, e in _largest(found, firm, change)
         )
         parts.append(
@@ -113,12 +121,11 @@ def _where(found: xr.Dataset) -> str:
     return " ".join(parts)
 
 
-def _largest(found: xr.Dataset, which: NDArray[np.bool_], change: Array) -> list[tuple[float, ...]]:
+def _largest(found: xr.Dataset, which: NDArray[np.bool_], change: Floats) -> list[tuple[float, ...]]:
     """Return the three steps with the largest change."""
     at = np.flatnonzero(which)
     at = np.sort(at[np.argsort(-np.abs(change[at]), kind="stable")[:3]])
-    names = ("step_colder", "step_warmer", "step_fitted", "u_step_fitted", "step_published",
-             "step_storage")  # fmt: skip
+    names = ("step_colder", "step_warmer", "step_fitted", "u_step_fitted", "step_published", "step_storage")
     return [tuple(float(found[n].values[i]) for n in names) for i in at]
 
 
@@ -173,41 +180,62 @@ def _imposed(found: xr.Dataset, curve: xr.Dataset) -> str:
 def _shift_table(found: xr.Dataset, order: NDArray[np.intp]) -> Table:
     rows: list[list[float | str | None]] = []
     for i in order:
-        values = [float(found[n].values[i]) for n in
-                  ("fitted", "u_fitted", "published", "difference",
-                   "imposed_storage_residual", "imposed_loss_residual")]  # fmt: skip
+        values = [
+            float(found[n].values[i])
+            for n in (
+                "fitted",
+                "u_fitted",
+                "published",
+                "difference",
+                "imposed_storage_residual",
+                "imposed_loss_residual",
+            )
+        ]
         if not np.isfinite(values[2]):
             continue
         ratio = values[3] / values[1] if values[1] > 0 else float("nan")
-        rows.append([float(found["temperature"].values[i]), *values[:4], ratio,
-                     100 * values[4], 100 * values[5]])  # fmt: skip
+        rows.append([float(found["temperature"].values[i]), *values[:4], ratio, 100 * values[4], 100 * values[5]])
     return Table(
-        (Column("temperature / °C", digits=3), Column("fitted", u=2), Column("u"),
-         Column("published", digits=4), Column("difference", digits=3),
-         Column("difference / u", digits=2), Column("imposed: E′ / %", digits=2),
-         Column("E″ / %", digits=2)),
+        (
+            Column("temperature / °C", digits=3),
+            Column("fitted", u=2),
+            Column("u"),
+            Column("published", digits=4),
+            Column("difference", digits=3),
+            Column("difference / u", digits=2),
+            Column("imposed: E′ / %", digits=2),
+            Column("E″ / %", digits=2),
+        ),
         rows,
         caption="log₁₀ a_T. The last columns are the residuals (rms) that the published shifts "
         "leave when they are imposed.",
-    )  # fmt: skip
+    )
 
 
 def _step_table(found: xr.Dataset) -> Details:
     rows: list[list[float | str]] = []
     for i in range(found.sizes["step"]):
-        values = [float(found[n].values[i]) for n in
-                  ("step_colder", "step_warmer", "step_fitted", "u_step_fitted", "step_published",
-                   "step_storage")]  # fmt: skip
+        values = [
+            float(found[n].values[i])
+            for n in ("step_colder", "step_warmer", "step_fitted", "u_step_fitted", "step_published", "step_storage")
+        ]
         loose = "loose" if values[3] > _LOOSE else ""
         rows.append([*values, values[2] - values[4], loose])
     table = Table(
-        (Column("from / °C", digits=3), Column("to / °C", digits=3), Column("fitted", u=3),
-         Column("u"), Column("published", digits=3), Column("E′ alone", digits=3),
-         Column("difference", digits=3), Column("remark")),
+        (
+            Column("from / °C", digits=3),
+            Column("to / °C", digits=3),
+            Column("fitted", u=3),
+            Column("u"),
+            Column("published", digits=3),
+            Column("E′ alone", digits=3),
+            Column("difference", digits=3),
+            Column("remark"),
+        ),
         rows,
         caption="Steps of log₁₀ a_T. “E′ alone” continues the storage modulus without vertical "
         "factors, within what polymers do.",
-    )  # fmt: skip
+    )
     return Details("Step by step", (table,))
 
 
@@ -219,6 +247,6 @@ def _signed(value: float) -> str:
     return f"{value:+.2f}".replace("-", "\N{MINUS SIGN}")
 
 
-def _rms(values: Array) -> float:
+def _rms(values: Floats) -> float:
     good = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(good**2))) if good.size else float("nan")

@@ -6,24 +6,25 @@ from math import inf, isfinite, pi, sqrt, tan
 import numpy as np
 import xarray as xr
 
+from labpipe.arrays import Floats
 from labpipe.report import quantity
 from labpipe.uncertainty import Input
 from pipelines.experiments.dma.settings import Dma
-from pipelines.experiments.shared.budget_quantity import MEASURED, Array, Quantity, summed
+from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, summed
 
 _ABSENT = (
-    ("inclination, pixel size, mass, radius, height",
-     "they are included in the rheometer's moduli; session.toml states no uncertainty"),
+    (
+        "inclination, pixel size, mass, radius, height",
+        "they are included in the rheometer's moduli; session.toml states no uncertainty",
+    ),
     ("zero, filter lag", "the instrument's clock; a phase delay is fitted where the data show one"),
     ("repeatability", "one specimen; overlapping sweeps repeat each other: included in the noise"),
-)  # fmt: skip
+)
 _SHIFT = (
     ("sampling", "the fitted curve interpolates between the frequencies: included in the noise"),
     ("Poisson's ratio", "a shift is a ratio of frequencies"),
 )
-_MODULUS = (
-    ("sampling", "the fitted curve interpolates between the frequencies: included in the noise"),
-)
+_MODULUS = (("sampling", "the fitted curve interpolates between the frequencies: included in the noise"),)
 _PEAK = (
     ("Poisson's ratio", "a loss factor is a ratio of moduli"),
     ("sampling", "a cubic is fitted to the readings: included in the noise"),
@@ -48,11 +49,12 @@ def quantities(
     peak, u_peak = float(transition["T_peak"][0]), float(transition["u_T_peak"][0])
     if isfinite(peak) and isfinite(u_peak):
         yield Quantity(
-            "temperature of the loss peak", "degC", summed,
+            "temperature of the loss peak",
+            "degC",
+            summed,
             {MEASURED: Input(peak, 0.0, "degC"), "noise": Input(0.0, u_peak, "K")},
-            (*_PEAK, *_ABSENT,
-             ("temperature", "the thermometer's own error is not stated in session.toml")),
-        )  # fmt: skip
+            (*_PEAK, *_ABSENT, ("temperature", "the thermometer's own error is not stated in session.toml")),
+        )
 
 
 def _shift(sweeps: xr.Dataset, master: xr.Dataset) -> Quantity:
@@ -63,14 +65,17 @@ def _shift(sweeps: xr.Dataset, master: xr.Dataset) -> Quantity:
     slope = _slope(levels, shifts, far)
     total = float(master["u_log10_aT"][far])
     return Quantity(
-        f"log10 a_T at {quantity(float(levels[far]), 'degC', 3)}", "1",
-        lambda measured, noise, temperature: (
-            measured + noise + slope * (temperature - float(levels[far]))
-        ),
-        {MEASURED: Input(float(shifts[far]), 0.0), "noise": Input(0.0, total),
-         "temperature": Input(float(levels[far]), u_level, "degC")},
-        (*_SHIFT, *_ABSENT), "log10 a_T, the largest",
-    )  # fmt: skip
+        f"log10 a_T at {quantity(float(levels[far]), 'degC', 3)}",
+        "1",
+        lambda measured, noise, temperature: measured + noise + slope * (temperature - float(levels[far])),
+        {
+            MEASURED: Input(float(shifts[far]), 0.0),
+            "noise": Input(0.0, total),
+            "temperature": Input(float(levels[far]), u_level, "degC"),
+        },
+        (*_SHIFT, *_ABSENT),
+        "log10 a_T, the largest",
+    )
 
 
 def _temperature(sweeps: xr.Dataset, at: float) -> float:
@@ -83,7 +88,7 @@ def _temperature(sweeps: xr.Dataset, at: float) -> float:
     return float(sweeps["temperature_spread"][number]) / sqrt(12.0 * count)
 
 
-def _slope(levels: Array, shifts: Array, at: int) -> float:
+def _slope(levels: Floats, shifts: Floats, at: int) -> float:
     """Return decades per K by the neighbours."""
     order = np.argsort(levels)
     if order.size < 2:
@@ -94,8 +99,7 @@ def _slope(levels: Array, shifts: Array, at: int) -> float:
 def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
     slow = int(np.argmin(master["reduced_frequency"].values))
     frequency, storage, u_storage = (
-        float(master[name][slow])
-        for name in ("reduced_frequency", "master_storage", "u_master_storage")
+        float(master[name][slow]) for name in ("reduced_frequency", "master_storage", "u_master_storage")
     )
     factor = float(sweeps.attrs["u_modulus_factor"]) / float(sweeps.attrs["modulus_factor"])
     names = ("temperature", "the uncertainty of the shifts is included in the noise of the curve")
@@ -104,19 +108,26 @@ def _moduli(sweeps: xr.Dataset, master: xr.Dataset) -> Iterator[Quantity]:
     if factor:
         inputs["Poisson's_ratio"] = Input(1.0, factor)
     yield Quantity(
-        f"storage modulus at {quantity(frequency, 'Hz', 2)}, the slow end", "Pa", _product,
-        {MEASURED: Input(storage, 0.0, "Pa"), **inputs}, inert,
+        f"storage modulus at {quantity(frequency, 'Hz', 2)}, the slow end",
+        "Pa",
+        _product,
+        {MEASURED: Input(storage, 0.0, "Pa"), **inputs},
+        inert,
         "storage modulus at the slow end",
-    )  # fmt: skip
+    )
     left = still_falls(master["reduced_frequency"].values, master["master_loss"].values)
     if left < storage:
         yield Quantity(
-            "modulus after an infinite time", "Pa",
-            lambda measured, extrapolation, **factors: _product(measured, **factors)
-            + extrapolation,
-            {MEASURED: Input(float(master["E_relaxed"]), 0.0, "Pa"), **inputs,
-             "extrapolation": Input(0.0, left / sqrt(3.0), "Pa")}, inert,
-        )  # fmt: skip
+            "modulus after an infinite time",
+            "Pa",
+            lambda measured, extrapolation, **factors: _product(measured, **factors) + extrapolation,
+            {
+                MEASURED: Input(float(master["E_relaxed"]), 0.0, "Pa"),
+                **inputs,
+                "extrapolation": Input(0.0, left / sqrt(3.0), "Pa"),
+            },
+            inert,
+        )
 
 
 def _product(measured: float, **factors: float) -> float:
@@ -126,7 +137,7 @@ def _product(measured: float, **factors: float) -> float:
     return made
 
 
-def still_falls(frequency: Array, loss: Array) -> float:
+def still_falls(frequency: Floats, loss: Floats) -> float:
     """Return how far [Pa] the storage modulus falls beyond the slow end, if the loss goes on so.
 
     A loss that falls as the power m of the frequency belongs to a storage modulus that lies

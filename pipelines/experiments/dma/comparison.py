@@ -21,7 +21,11 @@ def rows(master_curve: xr.Dataset, *, settings: Dma) -> Iterator[Row]:
     ours = np.log10(measured[known])
     theirs = ours + np.log10(ratio[known])
     yield row(
-        "storage and loss modulus, log10", "1", int(known.sum()), against="fit",
-        nrmse=signals.nrmse(ours, theirs), difference=np.mean(ours - theirs),
+        "storage and loss modulus, log10",
+        "1",
+        int(known.sum()),
+        against="fit",
+        nrmse=signals.nrmse(ours, theirs),
+        difference=np.mean(ours - theirs),
         condition=f"{float(master_curve['T_ref']):g} °C",
-    )  # fmt: skip
+    )

@@ -2,14 +2,12 @@
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.identification import Evidence, modulus_evidence
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared.material_choice import fitted_at
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
-
-Array = NDArray[np.float64]
 
 _SPECIMEN = 0.05  # relative: what a rheometer's clamp and the specimen's size leave uncertain
 _PER_DECADE = 2  # frequencies of the rheometer's moduli
@@ -17,12 +15,7 @@ _LEAST_NOISE = (0.01, 0.03)  # relative, of its storage and loss modulus
 
 
 def prior(
-    sweeps: xr.Dataset,
-    master_curve: xr.Dataset,
-    *,
-    settings: Dma,
-    name: str,
-    temperature: float | None,
+    sweeps: xr.Dataset, master_curve: xr.Dataset, *, settings: Dma, name: str, temperature: float | None
 ) -> MaterialEvidence:
     """Return the moduli at the temperature [degC] of other experiments, as prior.
 
@@ -37,14 +30,10 @@ def prior(
     high = float(frequency.max() * shift.max() / own)
     places = np.geomspace(low, high, max(int(np.log10(high / low) * _PER_DECADE), 2))
     modulus = solid.complex_modulus(2.0 * np.pi * places)
-    u = [noise * part for noise, part in zip(_LEAST_NOISE, (modulus.real, modulus.imag),
-                                             strict=True)]  # fmt: skip
+    u = [noise * part for noise, part in zip(_LEAST_NOISE, (modulus.real, modulus.imag), strict=True)]
     scale = nuisance(f"{name} specimen", 1.0, _SPECIMEN, "1", "size of the rheometer's specimen")
 
-    def build(rho: Array) -> Evidence:
-        return modulus_evidence(
-            name, places, (modulus.real, u[0]), (modulus.imag, u[1]), rho, factors=(scale.name,)
-        )
+    def build(rho: Floats) -> Evidence:
+        return modulus_evidence(name, places, (modulus.real, u[0]), (modulus.imag, u[1]), rho, factors=(scale.name,))
 
-    return MaterialEvidence(float(solid.nu), (0.5 / np.pi / high, 0.5 / np.pi / low), (scale,),
-                            build)  # fmt: skip
+    return MaterialEvidence(float(solid.nu), (0.5 / np.pi / high, 0.5 / np.pi / low), (scale,), build)

@@ -5,57 +5,79 @@ from labpipe.workflow.graph import Stage
 from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal
 from pipelines.experiments.dma.settings import MODES, Dma
 
-_SWEEPS = Schema("sweeps", {
-    "storage": Variable(("temperature", "frequency"), "Pa"),
-    "loss": Variable(("temperature", "frequency"), "Pa"),
-    "temperature": Variable(("temperature",), "degC"),
-    "frequency": Variable(("frequency",), "Hz"),
-})  # fmt: skip
+_SWEEPS = Schema(
+    "sweeps",
+    {
+        "storage": Variable(("temperature", "frequency"), "Pa"),
+        "loss": Variable(("temperature", "frequency"), "Pa"),
+        "temperature": Variable(("temperature",), "degC"),
+        "frequency": Variable(("frequency",), "Hz"),
+    },
+)
 
-_MASTER_CURVE = Schema("master_curve", {
-    "E_relaxed": Variable((), "Pa"),
-    "nu": Variable((), "1"),
-    "E": Variable(("term",), "Pa"),
-    "rho": Variable(("term",), "s"),
-    "extrapolated": Variable(("term",), "1"),
-    "log10_aT": Variable(("temperature",), "1"),
-    "u_log10_aT": Variable(("temperature",), "1"),
-})  # fmt: skip
+_MASTER_CURVE = Schema(
+    "master_curve",
+    {
+        "E_relaxed": Variable((), "Pa"),
+        "nu": Variable((), "1"),
+        "E": Variable(("term",), "Pa"),
+        "rho": Variable(("term",), "s"),
+        "extrapolated": Variable(("term",), "1"),
+        "log10_aT": Variable(("temperature",), "1"),
+        "u_log10_aT": Variable(("temperature",), "1"),
+    },
+)
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.dma.measured:readings",
-        ("file:rheometer",), ("export",),
-        per="recording", over="rheometer",
+        "readings",
+        "pipelines.experiments.dma.measured:readings",
+        ("file:rheometer",),
+        ("export",),
+        per="recording",
+        over="rheometer",
         summary="read the rheometer export",
     ),
     Stage(
-        "sweeps", "pipelines.experiments.dma.measured:gathered",
-        ("readings",), ("mode", "nu", "sweeps"), schema="sweeps",
+        "sweeps",
+        "pipelines.experiments.dma.measured:gathered",
+        ("readings",),
+        ("mode", "nu", "sweeps"),
+        schema="sweeps",
         summary="collect isothermal sweeps, converted to tension",
     ),
     Stage(
-        "master_curve", "pipelines.experiments.dma.model:master_curve",
-        ("sweeps",), ("T_ref", "nu", "fit"), schema="master_curve",
+        "master_curve",
+        "pipelines.experiments.dma.model:master_curve",
+        ("sweeps",),
+        ("T_ref", "nu", "fit"),
+        schema="master_curve",
         summary="fit all shifts and one spectrum",
     ),
     Stage(
-        "published", "pipelines.experiments.dma.published:compared",
-        ("sweeps", "master_curve", "file:published.shifts"), ("nu", "fit", "export", "published"),
+        "published",
+        "pipelines.experiments.dma.published:compared",
+        ("sweeps", "master_curve", "file:published.shifts"),
+        ("nu", "fit", "export", "published"),
         summary="compare the shifts with a published table",
     ),
     Stage(
-        "temperature_sweep", "pipelines.experiments.dma.measured:temperature_sweep",
-        ("readings",), ("mode", "nu"),
+        "temperature_sweep",
+        "pipelines.experiments.dma.measured:temperature_sweep",
+        ("readings",),
+        ("mode", "nu"),
         summary="find the glass transition",
     ),
     Stage(
-        "report", "pipelines.experiments.dma.page:page",
-        ("readings", "sweeps", "master_curve", "published", "temperature_sweep"), ("*",),
-        output="page", context=True,
+        "report",
+        "pipelines.experiments.dma.page:page",
+        ("readings", "sweeps", "master_curve", "published", "temperature_sweep"),
+        ("*",),
+        output="page",
+        context=True,
         summary="write the page",
     ),
-)  # fmt: skip
+)
 
 KIND = Kind(
     name="dma",
@@ -66,21 +88,8 @@ KIND = Kind(
     schemas=(_SWEEPS, _MASTER_CURVE),
     key_numbers=(KeyNumber("relaxed modulus", "Pa", "master_curve", "E_relaxed"),),
     picture=Picture("master_curve", "reduced_frequency", "master_storage", "log"),
-    rows=Derived(
-        "pipelines.experiments.dma.comparison:rows",
-        ("master_curve",),
-    ),
-    budget=Derived(
-        "pipelines.experiments.dma.budget:quantities",
-        ("sweeps", "master_curve", "temperature_sweep"),
-    ),
-    prior=Derived(
-        "pipelines.experiments.dma.evidence:prior",
-        ("sweeps", "master_curve"),
-    ),
-    proposal=Proposal(
-        ("sweep",),
-        "pipelines.experiments.dma.proposal:proposed",
-        answers={"mode": MODES},
-    ),
+    rows=Derived("pipelines.experiments.dma.comparison:rows", ("master_curve",)),
+    budget=Derived("pipelines.experiments.dma.budget:quantities", ("sweeps", "master_curve", "temperature_sweep")),
+    prior=Derived("pipelines.experiments.dma.evidence:prior", ("sweeps", "master_curve")),
+    proposal=Proposal(("sweep",), "pipelines.experiments.dma.proposal:proposed", answers={"mode": MODES}),
 )

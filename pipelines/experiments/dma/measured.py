@@ -18,9 +18,13 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
     """Read one export, of a rheometer or as a plain table."""
     options = settings.export
     return instruments.read_table(
-        path, "sweep", "anton_paar", encoding=options.encoding, decimal=options.decimal,
+        path,
+        "sweep",
+        "anton_paar",
+        encoding=options.encoding,
+        decimal=options.decimal,
         allow_incomplete=options.allow_incomplete,
-    )  # fmt: skip
+    )
 
 
 def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
@@ -48,9 +52,7 @@ def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Datase
         if run.rows.size and _is_ramp(run)
     ]  # fmt: skip
     if not ramps:
-        return xr.Dataset(
-            attrs={"absent": "the exports hold no temperature sweep at one frequency"}
-        )
+        return xr.Dataset(attrs={"absent": "the exports hold no temperature sweep at one frequency"})
     return _glass_transition.transitions(ramps)
 
 
@@ -58,7 +60,5 @@ def _is_ramp(run: TableRun) -> bool:
     frequency, temperature = run.values("frequency"), run.values("temperature")
     spread = float(np.ptp(frequency)) / float(np.median(frequency))
     return bool(
-        spread < _ONE_FREQUENCY
-        and np.ptp(temperature) >= _LEAST_RAMP
-        and temperature.size >= _glass_transition.FEWEST
+        spread < _ONE_FREQUENCY and np.ptp(temperature) >= _LEAST_RAMP and temperature.size >= _glass_transition.FEWEST
     )

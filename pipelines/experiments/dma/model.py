@@ -9,6 +9,7 @@ import xarray as xr
 
 from labpipe import materials
 from labpipe.materials import MasterCurve
+from labpipe.variables import variable
 from pipelines.experiments.dma.settings import Dma
 
 _SWITCH: dict[str, bool | Literal["auto"]] = {"auto": "auto", "on": True, "off": False}
@@ -49,16 +50,15 @@ def _stored(made: MasterCurve, sweeps: xr.Dataset, u_nu: float) -> xr.Dataset:
     }
     for name, (value, units, text) in scalars.items():
         result.attrs.pop(name, None)
-        result[name] = ((), float(value), {"units": units, "long_name": text})
+        result[name] = variable((), float(value), units, text)
     curves = made.kramers_kronig.curves
     for name in map(str, curves.data_vars):
-        result[f"kk_{name}"] = (
-            "kk_frequency", curves[name].values, dict(curves[name].attrs),
-        )  # fmt: skip
+        result[f"kk_{name}"] = ("kk_frequency", curves[name].values, dict(curves[name].attrs))
     result = result.assign_coords(
-        kk_frequency=("kk_frequency", curves["frequency"].values,
-                      {"units": "Hz", "long_name": "frequency at the reference temperature"})
-    )  # fmt: skip
+        kk_frequency=variable(
+            "kk_frequency", curves["frequency"].values, "Hz", "frequency at the reference temperature"
+        )
+    )
     for name in ("extrapolated", "determined"):
         result[name] = result[name].astype(np.int8)
     kk = asdict(made.kramers_kronig)
@@ -78,14 +78,16 @@ def _stored(made: MasterCurve, sweeps: xr.Dataset, u_nu: float) -> xr.Dataset:
 
 def _law(law: Any) -> dict[str, Any]:
     """Return a shift law as plain numbers; what it does not have is None."""
-    entry = {"name": law.name, "T_ref": law.T_ref, "parameters": list(law.parameters),
-             "chi_square": law.chi_square, "freedom": law.freedom}  # fmt: skip
+    entry = {
+        "name": law.name,
+        "T_ref": law.T_ref,
+        "parameters": list(law.parameters),
+        "chi_square": law.chi_square,
+        "freedom": law.freedom,
+    }
     if law.name == "wlf":
         entry |= {name: float(getattr(law, name)) for name in ("C1", "u_C1", "C2", "u_C2")}
     else:
         entry["activation_energy"] = law.activation_energy
         entry["u_activation_energy"] = float(np.sqrt(law.covariance[0, 0]))
-    return {
-        key: None if isinstance(value, float) and not np.isfinite(value) else value
-        for key, value in entry.items()
-    }
+    return {key: None if isinstance(value, float) and not np.isfinite(value) else value for key, value in entry.items()}

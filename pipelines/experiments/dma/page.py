@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.report import (
     Band,
     Block,
@@ -28,8 +29,6 @@ from pipelines.experiments.dma import _material_files, _published_section
 from pipelines.experiments.dma.budget import quantities, still_falls
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import budget_blocks, pages
-
-Array = NDArray[np.float64]
 
 _MPA = 1e-6
 _COVERAGE = 1.96  # of the bands, 95 %
@@ -54,41 +53,28 @@ def page(
         sections += [_master(master_curve), _shifts(master_curve)]
         if published is not None and "absent" not in published.attrs:
             sections.append(_published_section.section(published, master_curve))
-        sections += [_spectrum(master_curve), _kramers_kronig(master_curve),
-                     _residuals(master_curve)]  # fmt: skip
+        sections += [_spectrum(master_curve), _kramers_kronig(master_curve), _residuals(master_curve)]
     if temperature_sweep is not None:
         sections.append(_transition(temperature_sweep))
     if sweeps is not None and master_curve is not None:
         found = quantities(sweeps, master_curve, temperature_sweep, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
     if master_curve is not None:
-        sections += [_terms(master_curve, context.experiment),
-                     pages.methods(_methods(settings, master_curve))]  # fmt: skip
+        sections += [_terms(master_curve, context.experiment), pages.methods(_methods(settings, master_curve))]
     return pages.document(context, "Dynamic mechanical analysis", sections).render()
 
 
-def _rms(values: Array) -> float:
+def _rms(values: Floats) -> float:
     good = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(good**2))) if good.size else float("nan")
 
 
-def _summary(
-    sweeps: xr.Dataset | None,
-    curve: xr.Dataset | None,
-    ramp: xr.Dataset | None,
-    context: Context,
-) -> Section:
+def _summary(sweeps: xr.Dataset | None, curve: xr.Dataset | None, ramp: xr.Dataset | None, context: Context) -> Section:
     rows: list[tuple[str, str, str]] = []
     blocks: list[Block] = [*pages.failed_notice(context)]
     if sweeps is not None:
         T = sweeps["temperature"].values
-        rows.append(
-            (
-                "isothermal sweeps",
-                str(T.size),
-                _celsius(T),
-            )
-        )
+        rows.append(("isothermal sweeps", str(T.size), _celsius(T)))
     if curve is not None:
         rows += _curve_rows(curve)
         verdict = json.loads(curve.attrs["kramers_kronig"])["verdict"]
@@ -110,18 +96,19 @@ def _curve_rows(curve: xr.Dataset) -> list[tuple[str, str, str]]:
     reference = f"{float(curve['T_ref']):.1f} °C".replace("-", "\N{MINUS SIGN}")
     return [
         ("reference temperature", reference, ""),
-        ("covered frequencies", f"{covered[0]:.2g} to {covered[-1]:.2g} Hz",
-         f"{np.log10(covered[-1] / covered[0]):.1f} decades at the reference temperature"),
-        ("relaxed modulus", _modulus(float(curve["E_relaxed"])),
-         f"after an infinite time; {_open_end(curve)}"),
-        ("unrelaxed modulus", _modulus(float(curve["E_unrelaxed"])),
-         "instantaneous; extrapolated beyond the window"),
+        (
+            "covered frequencies",
+            f"{covered[0]:.2g} to {covered[-1]:.2g} Hz",
+            f"{np.log10(covered[-1] / covered[0]):.1f} decades at the reference temperature",
+        ),
+        ("relaxed modulus", _modulus(float(curve["E_relaxed"])), f"after an infinite time; {_open_end(curve)}"),
+        ("unrelaxed modulus", _modulus(float(curve["E_unrelaxed"])), "instantaneous; extrapolated beyond the window"),
         ("relaxation terms", str(curve.sizes["term"]), f"{outside} outside the covered window"),
         _law_row(json.loads(curve.attrs["law"])),
         ("vertical shift", _vertical(curve), ""),
         ("residual of E′", f"{_rms(curve['storage_residual'].values) * 100:.2f} %", "rms"),
         ("residual of E″", f"{_rms(curve['loss_residual'].values) * 100:.2f} %", "rms"),
-    ]  # fmt: skip
+    ]
 
 
 def _open_end(curve: xr.Dataset) -> str:
@@ -144,7 +131,7 @@ def _vertical(curve: xr.Dataset) -> str:
     }[str(curve.attrs["vertical_law"])]
 
 
-def _celsius(T: Array) -> str:
+def _celsius(T: Floats) -> str:
     return f"{T.min():.1f} to {T.max():.1f} °C".replace("-", "\N{MINUS SIGN}")
 
 
@@ -159,9 +146,10 @@ def _law_row(law: dict[str, Any]) -> tuple[str, str, str]:
     if _material_files.holds(law):
         return "shift law", _law_text(law), _law_quality(law)
     return (
-        "shift law", "neither WLF nor Arrhenius holds over all temperatures",
+        "shift law",
+        "neither WLF nor Arrhenius holds over all temperatures",
         "the shifts are free; a kink indicates a transition",
-    )  # fmt: skip
+    )
 
 
 def _law_text(law: dict[str, Any]) -> str:
@@ -183,8 +171,11 @@ def _transition_rows(ramp: xr.Dataset | None) -> list[tuple[str, str, str]]:
     rows = []
     for i in range(ramp.sizes["ramp"]):
         at = f"at {float(ramp['frequency'][i]):.3g} Hz"
-        for name, text in (("T_peak", "maximum of tan δ"), ("T_loss", "maximum of E″"),
-                           ("T_drop", "steepest fall of E′")):  # fmt: skip
+        for name, text in (
+            ("T_peak", "maximum of tan δ"),
+            ("T_loss", "maximum of E″"),
+            ("T_drop", "steepest fall of E′"),
+        ):
             value = float(ramp[name][i])
             if np.isfinite(value):
                 shown = value_with_uncertainty(value, float(ramp[f"u_{name}"][i]), "degC")
@@ -192,9 +183,7 @@ def _transition_rows(ramp: xr.Dataset | None) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _isotherms(
-    table: xr.Dataset, name: str, x_name: str | None = None, factor: float = _MPA
-) -> list[Series]:
+def _isotherms(table: xr.Dataset, name: str, x_name: str | None = None, factor: float = _MPA) -> list[Series]:
     """Return one curve per temperature, sorted along x."""
     series = []
     for i, T in enumerate(table["temperature"].values):
@@ -203,11 +192,7 @@ def _isotherms(
         good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         good = good[np.argsort(x[good], kind="stable")]
         if good.size:
-            series.append(
-                Series(
-                    f"{T:.0f} °C".replace("-", "\N{MINUS SIGN}"), x[good], y[good], style="points"
-                )
-            )
+            series.append(Series(f"{T:.0f} °C".replace("-", "\N{MINUS SIGN}"), x[good], y[good], style="points"))
     return series
 
 
@@ -226,9 +211,16 @@ def _sweeps(settings: Dma, readings: list[xr.Dataset] | None, sweeps: xr.Dataset
     blocks.append(Paragraph(text))
     for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus")):
         blocks.append(
-            LineChart(title, "frequency / Hz", f"{title.lower()} / MPa",
-                      _isotherms(sweeps, name), x_scale="log", y_scale="log", group="sweeps")
-        )  # fmt: skip
+            LineChart(
+                title,
+                "frequency / Hz",
+                f"{title.lower()} / MPa",
+                _isotherms(sweeps, name),
+                x_scale="log",
+                y_scale="log",
+                group="sweeps",
+            )
+        )
     for reading in readings or ():
         header = pages.raw_header(reading)
         if header is not None:
@@ -245,22 +237,33 @@ def _master(curve: xr.Dataset) -> Section:
         low = np.maximum(y - _COVERAGE * u, y * 1e-3)  # a logarithmic axis shows no zero
         blocks.append(
             LineChart(
-                f"{title}, master curve", label, f"{title.lower()} / MPa",
+                f"{title}, master curve",
+                label,
+                f"{title.lower()} / MPa",
                 [
                     *_isotherms(curve, f"{name}_reduced", "point_reduced_frequency"),
                     Series("spectrum", x, y, role="model"),
                     Band("95 %", x, low, y + _COVERAGE * u, role="model"),
                 ],
-                x_scale="log", y_scale="log", group="master", height_px=360,
+                x_scale="log",
+                y_scale="log",
+                group="master",
+                height_px=360,
             )
-        )  # fmt: skip
+        )
     blocks.append(
-        LineChart("Loss factor, master curve", label, "tan δ",
-                  [Series("spectrum", x, curve["master_loss_factor"].values, role="model")],
-                  x_scale="log", group="master", height_px=220,
-                  caption="Bands include the uncertainty of the spectrum, the shifts, the "
-                          "vertical law and the delay; they assume that superposition holds.")
-    )  # fmt: skip
+        LineChart(
+            "Loss factor, master curve",
+            label,
+            "tan δ",
+            [Series("spectrum", x, curve["master_loss_factor"].values, role="model")],
+            x_scale="log",
+            group="master",
+            height_px=220,
+            caption="Bands include the uncertainty of the spectrum, the shifts, the "
+            "vertical law and the delay; they assume that superposition holds.",
+        )
+    )
     return Section("Master curve", tuple(blocks))
 
 
@@ -270,38 +273,54 @@ def _shifts(curve: xr.Dataset) -> Section:
     fine = np.linspace(T.min(), T.max(), 161)
     series = [Series("fitted", T[order], y[order], style="points", role="measured", u=u[order])]
     laws = json.loads(curve.attrs["laws"])
-    for (name, law), role in zip(sorted(laws.items(), reverse=True), ("model", "reference"),
-                                 strict=False):  # fmt: skip
+    for (name, law), role in zip(sorted(laws.items(), reverse=True), ("model", "reference"), strict=False):
         values = _law_curve(law, fine)
         title = {"wlf": "WLF", "arrhenius": "Arrhenius"}[name]
         series.append(Series(title, fine, values, role="model" if role == "model" else "reference"))
-    chart = LineChart("Horizontal shift factors", "temperature / °C", "log₁₀ a_T", series,
-                      caption="Bars are standard uncertainties.")  # fmt: skip
+    chart = LineChart(
+        "Horizontal shift factors", "temperature / °C", "log₁₀ a_T", series, caption="Bars are standard uncertainties."
+    )
     rows = [
-        [float(T[i]), float(y[i]), float(u[i]), float(curve["b_T"][i]),
-         float(curve["u_b_T"][i]), float(curve["level"][i]), *_neighbour(curve, float(T[i]))]
+        [
+            float(T[i]),
+            float(y[i]),
+            float(u[i]),
+            float(curve["b_T"][i]),
+            float(curve["u_b_T"][i]),
+            float(curve["level"][i]),
+            *_neighbour(curve, float(T[i])),
+        ]
         for i in order
-    ]  # fmt: skip
+    ]
     table = Table(
-        (Column("temperature / °C", digits=3), Column("log₁₀ a_T", u=2), Column("u"),
-         Column("b_T", u=4), Column("u"), Column("level", digits=4),
-         Column("overlap with the next / decades", digits=3), Column("step")),
+        (
+            Column("temperature / °C", digits=3),
+            Column("log₁₀ a_T", u=2),
+            Column("u"),
+            Column("b_T", u=4),
+            Column("u"),
+            Column("level", digits=4),
+            Column("overlap with the next / decades", digits=3),
+            Column("step"),
+        ),
         rows,
         caption="A step is “loose” when the data alone do not determine it; there the shift "
-                "relies on the prior, the usual behaviour of polymers.",
-    )  # fmt: skip
+        "relies on the prior, the usual behaviour of polymers.",
+    )
     fits = [
         (title, _law_text(law), _law_quality(law))
-        for title, law in (("law of " + n.upper() if n == "wlf" else "law of Arrhenius", entry)
-                           for n, entry in sorted(laws.items(), reverse=True))
-    ]  # fmt: skip
+        for title, law in (
+            ("law of " + n.upper() if n == "wlf" else "law of Arrhenius", entry)
+            for n, entry in sorted(laws.items(), reverse=True)
+        )
+    ]
     if float(curve["delay"]):
         shown = value_with_uncertainty(float(curve["delay"]), float(curve["u_delay"]), "s")
         fits.append(("delay of the instrument's phase", shown, "removed"))
     return Section("Shift factors", (chart, KeyValues(fits), table))
 
 
-def _law_curve(law: dict[str, Any], T: Array) -> Array:
+def _law_curve(law: dict[str, Any], T: Floats) -> Floats:
     zero, gas_ln10 = 273.15, 8.314462618 * np.log(10.0)
     parameters = law["parameters"]
     if law["name"] == "arrhenius":
@@ -331,24 +350,34 @@ def _neighbour(curve: xr.Dataset, T: float) -> list[float | str | None]:
 def _spectrum(curve: xr.Dataset) -> Section:
     outside = curve["extrapolated"].values.astype(bool)
     rho, E = curve["rho"].values, curve["E"].values * _MPA
-    series = [Series("inside the window", rho[~outside], E[~outside], style="points",
-                     role="measured")]  # fmt: skip
+    series = [Series("inside the window", rho[~outside], E[~outside], style="points", role="measured")]
     if outside.any():
-        series.append(Series("extrapolated", rho[outside], E[outside], style="points",
-                             role="reference"))  # fmt: skip
-    relaxation = LineChart("Relaxation spectrum", "relaxation time ρ / s", "E_i / MPa", series,
-                           x_scale="log", y_scale="log", group="spectrum")  # fmt: skip
+        series.append(Series("extrapolated", rho[outside], E[outside], style="points", role="reference"))
+    relaxation = LineChart(
+        "Relaxation spectrum",
+        "relaxation time ρ / s",
+        "E_i / MPa",
+        series,
+        x_scale="log",
+        y_scale="log",
+        group="spectrum",
+    )
     blocks: list[Block] = [relaxation]
     if "tau" in curve and curve.sizes.get("creep_term", 0):
         tau, C = curve["tau"].values, curve["C"].values * 1e6
         order = np.argsort(tau)
         blocks.append(
-            LineChart("Creep spectrum", "retardation time τ / s", "C_k / (1/MPa)",
-                      [Series("C_k", tau[order], C[order], style="points", role="measured")],
-                      x_scale="log", y_scale="log", group="spectrum",
-                      caption="J(t) = 1/E_relaxed − Σ C_k exp(−t/τ_k), from the relaxation series "
-                      "by exact interconversion.")
-        )  # fmt: skip
+            LineChart(
+                "Creep spectrum",
+                "retardation time τ / s",
+                "C_k / (1/MPa)",
+                [Series("C_k", tau[order], C[order], style="points", role="measured")],
+                x_scale="log",
+                y_scale="log",
+                group="spectrum",
+                caption="J(t) = 1/E_relaxed − Σ C_k exp(−t/τ_k), from the relaxation series by exact interconversion.",
+            )
+        )
     return Section("Spectrum", tuple(blocks))
 
 
@@ -361,20 +390,31 @@ def _kramers_kronig(curve: xr.Dataset) -> Section:
 
     label = f"frequency at {float(curve['T_ref']):.4g} °C / Hz"
     storage = LineChart(
-        "Storage modulus predicted from the loss", label, "storage modulus / MPa",
-        [line("kk_storage", "measured", "measured", "points"),
-         line("kk_storage_from_loss", "from E″", "model")],
-        x_scale="log", y_scale="log", group="kk", height_px=240,
-    )  # fmt: skip
+        "Storage modulus predicted from the loss",
+        label,
+        "storage modulus / MPa",
+        [line("kk_storage", "measured", "measured", "points"), line("kk_storage_from_loss", "from E″", "model")],
+        x_scale="log",
+        y_scale="log",
+        group="kk",
+        height_px=240,
+    )
     loss = LineChart(
-        "Loss modulus predicted from the storage", label, "loss modulus / MPa",
-        [line("kk_loss", "measured", "measured", "points"),
-         line("kk_loss_from_storage", "from E′", "model"),
-         line("kk_loss_from_slope", "slope rule (π/2) dE′/d ln ω", "reference")],
-        x_scale="log", y_scale="log", group="kk", height_px=300,
+        "Loss modulus predicted from the storage",
+        label,
+        "loss modulus / MPa",
+        [
+            line("kk_loss", "measured", "measured", "points"),
+            line("kk_loss_from_storage", "from E′", "model"),
+            line("kk_loss_from_slope", "slope rule (π/2) dE′/d ln ω", "reference"),
+        ],
+        x_scale="log",
+        y_scale="log",
+        group="kk",
+        height_px=300,
         caption="The slope rule is for orientation only: on noisy data it errs by tens of "
-                "percent. Near the ends the prediction lacks the data beyond the window.",
-    )  # fmt: skip
+        "percent. Near the ends the prediction lacks the data beyond the window.",
+    )
     notice = Notice(_KIND[kk["verdict"]], f"Verdict: {kk['verdict']}. {_sentence(kk['reason'])}")  # type: ignore[arg-type]
     return Section("Consistency of storage and loss modulus", (notice, storage, loss))
 
@@ -382,26 +422,47 @@ def _kramers_kronig(curve: xr.Dataset) -> Section:
 def _residuals(curve: xr.Dataset) -> Section:
     label = f"frequency at {float(curve['T_ref']):.4g} °C / Hz"
     blocks: list[Block] = [
-        LineChart(title, label, "model / measured − 1 / %",
-                  _isotherms(curve, name, "point_reduced_frequency", 100.0),
-                  x_scale="log", group="residuals", height_px=240)
-        for name, title in (("storage_residual", "Residuals of E′"),
-                            ("loss_residual", "Residuals of E″"))
-    ]  # fmt: skip
+        LineChart(
+            title,
+            label,
+            "model / measured − 1 / %",
+            _isotherms(curve, name, "point_reduced_frequency", 100.0),
+            x_scale="log",
+            group="residuals",
+            height_px=240,
+        )
+        for name, title in (("storage_residual", "Residuals of E′"), ("loss_residual", "Residuals of E″"))
+    ]
     rows = []
     for i, T in enumerate(curve["temperature"].values):
         storage, loss = (curve[n].values[i] for n in ("storage_residual", "loss_residual"))
-        rows.append([float(T), int(np.isfinite(storage).sum()), 100 * _rms(storage),
-                     100 * _largest(storage), 100 * _rms(loss), 100 * _largest(loss)])  # fmt: skip
+        rows.append(
+            [
+                float(T),
+                int(np.isfinite(storage).sum()),
+                100 * _rms(storage),
+                100 * _largest(storage),
+                100 * _rms(loss),
+                100 * _largest(loss),
+            ]
+        )
     blocks.append(
-        Table((Column("temperature / °C", digits=3), Column("points"),
-               Column("E′ rms / %", digits=3), Column("E′ max / %", digits=3),
-               Column("E″ rms / %", digits=3), Column("E″ max / %", digits=3)), rows)
-    )  # fmt: skip
+        Table(
+            (
+                Column("temperature / °C", digits=3),
+                Column("points"),
+                Column("E′ rms / %", digits=3),
+                Column("E′ max / %", digits=3),
+                Column("E″ rms / %", digits=3),
+                Column("E″ max / %", digits=3),
+            ),
+            rows,
+        )
+    )
     return Section("Residuals by temperature", tuple(blocks))
 
 
-def _largest(values: Array) -> float:
+def _largest(values: Floats) -> float:
     good = np.abs(values[np.isfinite(values)])
     return float(good.max()) if good.size else float("nan")
 
@@ -418,29 +479,44 @@ def _transition(ramp: xr.Dataset) -> Section:
             Series(f"E′, {name}", T, ramp["storage"].values[where] * _MPA, role="measured"),
             Series(f"E″, {name}", T, ramp["loss"].values[where] * _MPA, role="model"),
         ]
-        factors.append(
-            Series(f"tan δ, {name}", T, ramp["loss_factor"].values[where], role="measured")
-        )
+        factors.append(Series(f"tan δ, {name}", T, ramp["loss_factor"].values[where], role="measured"))
     rows = _transition_rows(ramp)
     lines = [
         (title, float(ramp[name][0]))
         for name, title in (("T_peak", "tan δ"), ("T_drop", "fall of E′"))
         if np.isfinite(float(ramp[name][0]))
     ]
-    note: Block = KeyValues(rows) if rows else Paragraph(
-        "This sweep shows no glass transition: the storage modulus falls too little, or the "
-        "maxima lie at its ends."
-    )  # fmt: skip
+    note: Block = (
+        KeyValues(rows)
+        if rows
+        else Paragraph(
+            "This sweep shows no glass transition: the storage modulus falls too little, or the maxima lie at its ends."
+        )
+    )
     return Section(
         "Temperature sweep",
         (
             note,
-            LineChart("Moduli over temperature", "temperature / °C", "modulus / MPa", moduli,
-                      y_scale="log", vlines=lines, group="ramp"),
-            LineChart("Loss factor over temperature", "temperature / °C", "tan δ", factors,
-                      vlines=lines, group="ramp", height_px=220),
+            LineChart(
+                "Moduli over temperature",
+                "temperature / °C",
+                "modulus / MPa",
+                moduli,
+                y_scale="log",
+                vlines=lines,
+                group="ramp",
+            ),
+            LineChart(
+                "Loss factor over temperature",
+                "temperature / °C",
+                "tan δ",
+                factors,
+                vlines=lines,
+                group="ramp",
+                height_px=220,
+            ),
         ),
-    )  # fmt: skip
+    )
 
 
 def _terms(curve: xr.Dataset, name: str) -> Section:
@@ -455,33 +531,29 @@ def _terms(curve: xr.Dataset, name: str) -> Section:
         "modulus). Other experiments of this session use the full series."
     )
     full = _term_table(
-        curve["rho"].values, curve["E"].values, outside,
+        curve["rho"].values,
+        curve["E"].values,
+        outside,
         f"All terms; E_relaxed = {_modulus(float(curve['E_relaxed']))}. Terms outside the covered "
         "window are extrapolation.",
-    )  # fmt: skip
-    few = _term_table(
-        reduced.rho, reduced.E, np.zeros(reduced.E.size, dtype=bool), "The reduced series."
     )
+    few = _term_table(reduced.rho, reduced.E, np.zeros(reduced.E.size, dtype=bool), "The reduced series.")
     blocks: tuple[Block, ...] = (
         Paragraph(text),
         few,
         Details(f"All {outside.size} terms", (full,)),
         Details("For ANSYS (APDL)", text=_material_files.ansys(reduced, law, T_ref)),
         Details("For Abaqus", text=_material_files.abaqus(reduced, law, T_ref, name)),
-        Details(
-            "CSV, all terms and the shift factors", text=_material_files.as_csv(curve, reduced)
-        ),
+        Details("CSV, all terms and the shift factors", text=_material_files.as_csv(curve, reduced)),
         Details("JSON, all terms and the shift law", text=_material_files.as_json(curve, reduced)),
     )
     return Section("Terms", blocks)
 
 
-def _term_table(rho: Array, E: Array, outside: NDArray[np.bool_], caption: str) -> Table:
+def _term_table(rho: Floats, E: Floats, outside: NDArray[np.bool_], caption: str) -> Table:
     rows = [
         [i + 1, time, weight * _MPA, "extrapolated" if is_outside else ""]
-        for i, (time, weight, is_outside) in enumerate(
-            zip(rho.tolist(), E.tolist(), outside.tolist(), strict=True)
-        )
+        for i, (time, weight, is_outside) in enumerate(zip(rho.tolist(), E.tolist(), outside.tolist(), strict=True))
     ]
     columns = [Column("term"), Column("ρ / s"), Column("E / MPa")]
     if outside.any():
@@ -494,9 +566,10 @@ def _methods(settings: Dma, curve: xr.Dataset) -> str:
     law = json.loads(curve.attrs["law"])
     asked = settings.fit.law
     shifts = (
-        "every isotherm had a shift of its own" if asked == "free"
+        "every isotherm had a shift of its own"
+        if asked == "free"
         else f"the shifts followed the {asked.upper() if asked == 'wlf' else 'Arrhenius'} law"
-    )  # fmt: skip
+    )
     text = (
         f"Storage and loss modulus were measured in {settings.mode} at "
         f"{pages.counted(T.size, 'temperature')} from "

@@ -9,19 +9,17 @@ from numpy.typing import NDArray
 
 import instruments
 from labpipe import materials
+from labpipe.arrays import Floats
 from labpipe.errors import SourceError
 from labpipe.materials.superposition import overlapped_shifts, read_sweeps
+from labpipe.variables import variable
 from pipelines.experiments.dma.settings import Dma
-
-Array = NDArray[np.float64]
 
 _LEAST_SHARED = 2
 _LEVELS_COUNT = 1e-9  # levels that were not fitted are exactly one
 
 
-def compared(
-    sweeps: xr.Dataset, master_curve: xr.Dataset, shifts: Path | None, *, settings: Dma
-) -> xr.Dataset:
+def compared(sweeps: xr.Dataset, master_curve: xr.Dataset, shifts: Path | None, *, settings: Dma) -> xr.Dataset:
     """Compare the fitted shifts with a published table, over ``temperature`` and ``step``.
 
     The published shifts are taken at the measured temperatures, relative to the reference of the
@@ -36,10 +34,11 @@ def compared(
     known = np.isfinite(published) & np.isfinite(master_curve["log10_aT"].values)
     if known.sum() < _LEAST_SHARED:
         raise SourceError(
-            shifts, f"the table holds {table[0].size} temperatures; it shares fewer than "
+            shifts,
+            f"the table holds {table[0].size} temperatures; it shares fewer than "
             f"{_LEAST_SHARED} with the sweeps, or T_ref = {T_ref:g} °C lies outside",
             hint="Compare tables of the same temperatures, or choose T_ref within the table.",
-        )  # fmt: skip
+        )
     kept = sweeps.isel(temperature=np.flatnonzero(known))
     imposed = _imposed(kept, published[known], master_curve, settings)
     found = _over_temperature(master_curve, published, known, imposed)
@@ -57,45 +56,42 @@ def compared(
     return found
 
 
-def _table(path: Path, settings: Dma) -> tuple[Array, Array]:
+def _table(path: Path, settings: Dma) -> tuple[Floats, Floats]:
     """Read temperatures and log10 a_T, ascending in temperature."""
     options = settings.export
-    read = instruments.read_table(
-        path, "sweep", "plain_table", encoding=options.encoding, decimal=options.decimal
-    )
+    read = instruments.read_table(path, "sweep", "plain_table", encoding=options.encoding, decimal=options.decimal)
     if "log10_aT" not in read:
         raise SourceError(
-            path, "found no column log_aT; this is not a table of shift factors", line=1,
+            path,
+            "found no column log_aT; this is not a table of shift factors",
+            line=1,
             hint="Begin the file with T,log_aT and a row of units such as C,-.",
-        )  # fmt: skip
+        )
     T, shift = read["temperature"].values, read["log10_aT"].values
     good = np.isfinite(T) & np.isfinite(shift)
     ascending, first = np.unique(T[good], return_index=True)
     return ascending, shift[good][first]
 
 
-def _ascending(x: Array, y: Array) -> tuple[Array, Array]:
+def _ascending(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     order = np.argsort(x, kind="stable")
     return x[order], y[order]
 
 
-def _at(table: tuple[Array, Array], T: Array) -> Array:
+def _at(table: tuple[Floats, Floats], T: Floats) -> Floats:
     """Interpolate; set temperatures are rounded, so half their spacing beyond the ends counts."""
     x, y = table
     if x.size < _LEAST_SHARED:
         return np.full(T.size, np.nan)
     reach = 0.5 * float(np.median(np.diff(x)))
     ends = (x[0] - reach, x[-1] + reach)
-    outer = (
-        y[0] - reach * (y[1] - y[0]) / (x[1] - x[0]),
-        y[-1] + reach * (y[-1] - y[-2]) / (x[-1] - x[-2]),
-    )
+    outer = (y[0] - reach * (y[1] - y[0]) / (x[1] - x[0]), y[-1] + reach * (y[-1] - y[-2]) / (x[-1] - x[-2]))
     knots = np.concatenate([[ends[0]], x, [ends[1]]])
     values = np.concatenate([[outer[0]], y, [outer[1]]])
     return np.asarray(np.interp(T, knots, values, left=np.nan, right=np.nan))
 
 
-def _imposed(sweeps: xr.Dataset, published: Array, curve: xr.Dataset, settings: Dma) -> xr.Dataset:
+def _imposed(sweeps: xr.Dataset, published: Floats, curve: xr.Dataset, settings: Dma) -> xr.Dataset:
     """Fit spectrum, vertical law, levels and delay as they were chosen, with published shifts."""
     noise = settings.fit.noise_ratio
     with warnings.catch_warnings():
@@ -116,7 +112,7 @@ def _imposed(sweeps: xr.Dataset, published: Array, curve: xr.Dataset, settings: 
 
 
 def _over_temperature(
-    curve: xr.Dataset, published: Array, known: NDArray[np.bool_], imposed: xr.Dataset
+    curve: xr.Dataset, published: Floats, known: NDArray[np.bool_], imposed: xr.Dataset
 ) -> xr.Dataset:
     fitted, u = curve["log10_aT"].values, curve["u_log10_aT"].values
     columns = {
@@ -132,17 +128,14 @@ def _over_temperature(
         columns[f"imposed_{name}"] = (values, text)
     return xr.Dataset(
         {
-            name: ("temperature", np.where(known, values, np.nan) if name != "fitted" else values,
-                   {"units": "1", "long_name": text})
+            name: variable("temperature", np.where(known, values, np.nan) if name != "fitted" else values, "1", text)
             for name, (values, text) in columns.items()
         },
         coords={"temperature": curve["temperature"]},
-    )  # fmt: skip
+    )
 
 
-def _over_steps(
-    sweeps: xr.Dataset, curve: xr.Dataset, published: Array, known: NDArray[np.bool_]
-) -> xr.Dataset:
+def _over_steps(sweeps: xr.Dataset, curve: xr.Dataset, published: Floats, known: NDArray[np.bool_]) -> xr.Dataset:
     """Compare the steps between neighbours; only they say where two tables part."""
     T = curve["temperature"].values[known]
     order = np.argsort(T, kind="stable")
@@ -161,23 +154,23 @@ def _over_steps(
         "step_colder": (T[order][cold], "degC", "colder temperature of the step"),
         "step_warmer": (T[order][warm], "degC", "warmer temperature of the step"),
         "step_fitted": (-np.diff(curve["log10_aT"].values[at]), "1", "fitted step of log10 a_T"),
-        "u_step_fitted": (np.sqrt(np.maximum(variance, 0.0)), "1",
-                          "standard uncertainty: fitted step of log10 a_T"),
+        "u_step_fitted": (np.sqrt(np.maximum(variance, 0.0)), "1", "standard uncertainty: fitted step of log10 a_T"),
         "step_published": (-np.diff(published[at]), "1", "published step of log10 a_T"),
-        "step_storage": (-np.diff(alone[order]), "1",
-                         "step that continues the storage modulus alone, without vertical factors"),
-        "step_vertical": (-np.diff(levels) / np.maximum(slope, 1e-6), "1",
-                          "step that the vertical factor and level are worth by the slope of E'"),
-    }  # fmt: skip
-    return xr.Dataset(
-        {
-            name: ("step", values, {"units": units, "long_name": text})
-            for name, (values, units, text) in columns.items()
-        }
-    )
+        "step_storage": (
+            -np.diff(alone[order]),
+            "1",
+            "step that continues the storage modulus alone, without vertical factors",
+        ),
+        "step_vertical": (
+            -np.diff(levels) / np.maximum(slope, 1e-6),
+            "1",
+            "step that the vertical factor and level are worth by the slope of E'",
+        ),
+    }
+    return xr.Dataset({name: variable("step", values, units, text) for name, (values, units, text) in columns.items()})
 
 
-def _slopes(sweeps: xr.Dataset) -> Array:
+def _slopes(sweeps: xr.Dataset) -> Floats:
     """Return the slope of ln E' per decade of frequency of every sweep."""
     x = np.log10(sweeps["frequency"].values)
     found = []
@@ -187,11 +180,11 @@ def _slopes(sweeps: xr.Dataset) -> Array:
     return np.array(found)
 
 
-def _farthest(published: Array, T: Array) -> float:
+def _farthest(published: Floats, T: Floats) -> float:
     """Return the largest distance of a measured temperature from the nearest published one."""
     return float(np.max(np.min(np.abs(published[None, :] - T[:, None]), axis=1)))
 
 
-def _rms(values: Array) -> float:
+def _rms(values: Floats) -> float:
     good = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(good**2))) if good.size else float("nan")

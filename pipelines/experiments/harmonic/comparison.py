@@ -7,15 +7,14 @@ import numpy as np
 import xarray as xr
 
 from labpipe.signals import nrmse
+from labpipe.variables import variable
 from pipelines.experiments.harmonic.measured import COLUMNS
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.comparison_rows import Row, row
 
 
-def comparison(
-    loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic
-) -> xr.Dataset:
+def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
     """Lay the simulated force, filtered as the cell filters, over the measured one."""
     del settings
     if "absent" in model.attrs:
@@ -36,41 +35,36 @@ def comparison(
         error.append(nrmse(measured, passed[used]))
         bias.append(float(np.mean(measured - passed[used])))
     table: dict[str, Any] = {
-        "simulated_force": (
-            "sample", simulated, {"units": "N", "long_name": "simulated force, filtered"},
-        ),
-        "nrmse": ("oscillation", error, {"units": "1", "long_name": "rms error over force range"}),
-        "bias": ("oscillation", bias, {"units": "N", "long_name": "mean of measured minus model"}),
-    }  # fmt: skip
+        "simulated_force": variable("sample", simulated, "N", "simulated force, filtered"),
+        "nrmse": variable("oscillation", error, "1", "rms error over force range"),
+        "bias": variable("oscillation", bias, "N", "mean of measured minus model"),
+    }
     for name in ("storage_stiffness", "loss_stiffness", "work_per_cycle"):
         units, text = COLUMNS[name]
         difference = oscillations[name].values - model[name].values
         u = np.hypot(oscillations[f"u_{name}"].values, model[f"u_{name}"].values)
-        table[f"{name}_difference"] = (
-            "oscillation", difference, {"units": units, "long_name": f"{text}, measured − model"},
-        )  # fmt: skip
-        table[f"u_{name}_difference"] = (
-            "oscillation", u, {"units": units, "long_name": f"standard uncertainty: {text}"},
-        )  # fmt: skip
+        table[f"{name}_difference"] = variable("oscillation", difference, units, f"{text}, measured − model")
+        table[f"u_{name}_difference"] = variable("oscillation", u, units, f"standard uncertainty: {text}")
     return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})
 
 
-def rows(
-    comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic
-) -> Iterator[Row]:
+def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> Iterator[Row]:
     """Yield the rows of ``compare``; none where nothing is simulated."""
     del settings
     if "nrmse" not in comparison:
         return
     for i in range(oscillations.sizes["oscillation"]):
         condition = f"{float(oscillations['frequency'][i]):.3g} Hz"
-        yield row("force", "N", 1, condition=condition, nrmse=comparison["nrmse"][i],
-                  difference=comparison["bias"][i])  # fmt: skip
+        yield row("force", "N", 1, condition=condition, nrmse=comparison["nrmse"][i], difference=comparison["bias"][i])
         yield row(
-            "dissipated work per cycle", "J", 1, condition=condition,
+            "dissipated work per cycle",
+            "J",
+            1,
+            condition=condition,
             measured=oscillations["work_per_cycle"][i],
             u_measured=oscillations["u_work_per_cycle"][i],
-            model=model["work_per_cycle"][i], u_model=model["u_work_per_cycle"][i],
+            model=model["work_per_cycle"][i],
+            u_model=model["u_work_per_cycle"][i],
             difference=comparison["work_per_cycle_difference"][i],
             u_difference=comparison["u_work_per_cycle_difference"][i],
-        )  # fmt: skip
+        )

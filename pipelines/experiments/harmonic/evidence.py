@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import contact
+from labpipe.arrays import Floats
 from labpipe.identification import Evidence, stiffness_evidence
 from labpipe.materials import Prony
 from labpipe.signals import common_fit
@@ -17,8 +17,6 @@ from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
 from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, of_punch
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
-
-Array = NDArray[np.float64]
 
 _LEAST_OF_STIFFNESS = 2e-4  # of its size: how well simulated oscillations agree with closed forms
 
@@ -43,11 +41,10 @@ def evidence(
     if mean.min() <= 0.0:
         return "an oscillation lies above first touch"
     frequency = waves["frequency"].values
-    zero = nuisance(f"{name} first touch", 0.0, touch.u, "m",
-                     "stage position of first touch")  # fmt: skip
+    zero = nuisance(f"{name} first touch", 0.0, touch.u, "m", "stage position of first touch")
     omega = 2.0 * np.pi * frequency
 
-    def slope(shift: float) -> Array:
+    def slope(shift: float) -> Floats:
         ends = [elastic_force(mean - shift + s * SHIFT, shared.geometry) for s in (1, -1)]
         return np.asarray((ends[0] - ends[1]) / (2.0 * SHIFT))
 
@@ -56,24 +53,27 @@ def evidence(
     here = slope(0.0)
     by_zero = (slope(SHIFT) - slope(-SHIFT)) / (2.0 * SHIFT)
 
-    def build(rho: Array) -> Evidence:
+    def build(rho: Floats) -> Evidence:
         return stiffness_evidence(
-            name, frequency, storage, loss, here, rho, shared.nu,
+            name,
+            frequency,
+            storage,
+            loss,
+            here,
+            rho,
+            shared.nu,
             slope_by={zero.name: by_zero},
-            factors=shared.factors, offsets={p.name: by_phase for p in late},
+            factors=shared.factors,
+            offsets={p.name: by_phase for p in late},
             fuller=_Oscillation(loads, waves, touch.value, shared.geometry, zero.name),
-        )  # fmt: skip
+        )
 
     return MaterialEvidence(
-        shared.nu,
-        (1.0 / float(omega.max()), 1.0 / float(omega.min())),
-        (*shared.unknowns, zero, *late), build,
-    )  # fmt: skip
+        shared.nu, (1.0 / float(omega.max()), 1.0 / float(omega.min())), (*shared.unknowns, zero, *late), build
+    )
 
 
-def _stiffness(
-    loads: xr.Dataset, waves: xr.Dataset
-) -> tuple[tuple[Array, Array], tuple[Array, Array], Array]:
+def _stiffness(loads: xr.Dataset, waves: xr.Dataset) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats], Floats]:
     """Return storage and loss with their random part, and what one deviation of delay does.
 
     The filter's delay turns all phases the same way and the cell's gain stretches all forces: each
@@ -105,16 +105,21 @@ class _Oscillation:
     geometry: Geometry
     zero: str
 
-    def __call__(self, material: Prony, given: Any) -> Array:
+    def __call__(self, material: Prony, given: Any) -> Floats:
         geometry, time = self.geometry, mach1_readings.clock(self.loads)
         depth = self.loads["position_z"].values - self.touch - given[self.zero]
         kept = mach1_readings.history(time, depth)
         made = contact.indent(
-            material, geometry.radius.value, geometry.period.value,
-            geometry.depth.value * geometry.tips, time[kept], depth[kept],
-            profile=geometry.model.profile, thickness=geometry.thickness,
+            material,
+            geometry.radius.value,
+            geometry.period.value,
+            geometry.depth.value * geometry.tips,
+            time[kept],
+            depth[kept],
+            profile=geometry.model.profile,
+            thickness=geometry.thickness,
             elements=geometry.model.elements,
-        )  # fmt: skip
+        )
         force = np.interp(time, time[kept], made["force"].values)
         found = []
         for i in range(self.waves.sizes["oscillation"]):
@@ -124,9 +129,7 @@ class _Oscillation:
             used = (clock >= float(at["begin"])) & (clock <= float(at["end"]))
             position = self.loads["position_z"].values[rows][used]
             wave = common_fit(clock[used], position, force[rows][used], float(at["frequency"]))
-            exact = along_chords(
-                material, wave.position.frequency, float(np.median(np.diff(clock)))
-            )
+            exact = along_chords(material, wave.position.frequency, float(np.median(np.diff(clock))))
             found.append(complex(wave.storage_stiffness, wave.loss_stiffness) / exact)
         stiffness = np.array(found)
         return np.concatenate([stiffness.real, stiffness.imag])

@@ -5,65 +5,86 @@ from labpipe.workflow.graph import Stage
 from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal
 from pipelines.experiments.harmonic.settings import Harmonic
 
-_OSCILLATIONS = Schema("oscillations", {
-    "frequency": Variable(("oscillation",), "Hz"),
-    "storage_stiffness": Variable(("oscillation",), "N/m"),
-    "loss_stiffness": Variable(("oscillation",), "N/m"),
-    "work_per_cycle": Variable(("oscillation",), "J"),
-})  # fmt: skip
+_OSCILLATIONS = Schema(
+    "oscillations",
+    {
+        "frequency": Variable(("oscillation",), "Hz"),
+        "storage_stiffness": Variable(("oscillation",), "N/m"),
+        "loss_stiffness": Variable(("oscillation",), "N/m"),
+        "work_per_cycle": Variable(("oscillation",), "J"),
+    },
+)
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.harmonic.measured:readings", ("file:mach1",),
-        summary="read the Mach-1 file",
+        "readings", "pipelines.experiments.harmonic.measured:readings", ("file:mach1",), summary="read the Mach-1 file"
     ),
     Stage(
-        "loads", "pipelines.experiments.harmonic.measured:loads",
-        ("readings", "file:load_cell.record"), ("load_cell",),
+        "loads",
+        "pipelines.experiments.harmonic.measured:loads",
+        ("readings", "file:load_cell.record"),
+        ("load_cell",),
         summary="compression-positive force, tared, with uncertainty",
     ),
     Stage(
-        "hold", "pipelines.experiments.harmonic.measured:hold",
-        ("loads",), ("contact", "plateau"),
+        "hold",
+        "pipelines.experiments.harmonic.measured:hold",
+        ("loads",),
+        ("contact", "plateau"),
         summary="peak and plateau of the relaxation before the oscillations",
     ),
     Stage(
-        "oscillations", "pipelines.experiments.harmonic.measured:oscillations",
-        ("loads",), ("cycles", "load_cell.correct_filter_lag"), schema="oscillations",
+        "oscillations",
+        "pipelines.experiments.harmonic.measured:oscillations",
+        ("loads",),
+        ("cycles", "load_cell.correct_filter_lag"),
+        schema="oscillations",
         summary="fit frequency, amplitude, phase; work and stiffness per cycle",
     ),
     Stage(
-        "loops", "pipelines.experiments.harmonic.measured:loops",
-        ("loads", "oscillations"), ("cycles",),
+        "loops",
+        "pipelines.experiments.harmonic.measured:loops",
+        ("loads", "oscillations"),
+        ("cycles",),
         summary="mean hysteresis loop per frequency; is contact lost?",
     ),
     Stage(
-        "model", "pipelines.experiments.harmonic.model:model",
-        ("loads", "oscillations", "file:substrate.material_file",
-         "other:substrate.material_from/master_curve"),
+        "model",
+        "pipelines.experiments.harmonic.model:model",
+        ("loads", "oscillations", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
         ("punch", "substrate", "contact", "model", "cycles"),
         summary="simulate with the measured displacement",
     ),
     Stage(
-        "theory", "pipelines.experiments.harmonic.theory:theory",
-        ("oscillations", "loops", "model", "file:substrate.material_file",
-         "other:substrate.material_from/master_curve"),
+        "theory",
+        "pipelines.experiments.harmonic.theory:theory",
+        (
+            "oscillations",
+            "loops",
+            "model",
+            "file:substrate.material_file",
+            "other:substrate.material_from/master_curve",
+        ),
         ("punch", "substrate", "characteristic_time"),
         summary="work by eq. (2.31), tapping front, dimensionless numbers",
     ),
     Stage(
-        "comparison", "pipelines.experiments.harmonic.comparison:comparison",
-        ("loads", "oscillations", "model"), (),
+        "comparison",
+        "pipelines.experiments.harmonic.comparison:comparison",
+        ("loads", "oscillations", "model"),
+        (),
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.harmonic.page:page",
+        "report",
+        "pipelines.experiments.harmonic.page:page",
         ("readings", "loads", "hold", "oscillations", "loops", "model", "theory", "comparison"),
         ("*",),
-        output="page", context=True,
+        output="page",
+        context=True,
         summary="write the page",
     ),
-)  # fmt: skip
+)
 
 KIND = Kind(
     name="harmonic",
@@ -74,26 +95,12 @@ KIND = Kind(
     schemas=(_OSCILLATIONS,),
     key_numbers=(KeyNumber("storage stiffness", "N/m", "oscillations", "storage_stiffness"),),
     picture=Picture("loops", "position", "force"),
-    rows=Derived(
-        "pipelines.experiments.harmonic.comparison:rows",
-        ("comparison", "oscillations", "model"),
-    ),
-    budget=Derived(
-        "pipelines.experiments.harmonic.budget:quantities",
-        ("oscillations", "loads"),
-    ),
+    rows=Derived("pipelines.experiments.harmonic.comparison:rows", ("comparison", "oscillations", "model")),
+    budget=Derived("pipelines.experiments.harmonic.budget:quantities", ("oscillations", "loads")),
     body="substrate",
     evidence=Derived(
         "pipelines.experiments.harmonic.evidence:evidence",
-        (
-            "loads",
-            "oscillations",
-            "file:substrate.material_file",
-            "other:substrate.material_from/master_curve",
-        ),
+        ("loads", "oscillations", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
     ),
-    proposal=Proposal(
-        ("force",),
-        "pipelines.experiments.harmonic.proposal:proposed",
-    ),
+    proposal=Proposal(("force",), "pipelines.experiments.harmonic.proposal:proposed"),
 )

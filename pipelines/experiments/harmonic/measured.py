@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import signals
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals import CommonFit, common_fit, quantisation_step
+from labpipe.variables import variable
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
-
-Array = NDArray[np.float64]
 
 _SINUSOID = "Sinusoid"
 _LOOP_POINTS = 200  # over one cycle
@@ -40,9 +39,8 @@ def readings(path: Path, *, settings: Harmonic) -> xr.Dataset:
 def loads(readings: xr.Dataset, record: Path | None, *, settings: Harmonic) -> xr.Dataset:
     """Make force compression-positive, and tare it where the file begins in air."""
     return mach1_readings.force(
-        readings, settings.load_cell.tare, record,
-        untared="mean forces include a preload, amplitudes and work do not",
-    )  # fmt: skip
+        readings, settings.load_cell.tare, record, untared="mean forces include a preload, amplitudes and work do not"
+    )
 
 
 def hold(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
@@ -66,9 +64,7 @@ def _sinusoids(loads: xr.Dataset) -> list[int]:
     return found
 
 
-def counted(
-    time: Array, position: Array, declared: float, skip: int
-) -> tuple[float, float, float, int]:
+def counted(time: Floats, position: Floats, declared: float, skip: int) -> tuple[float, float, float, int]:
     """Return begin and end of the evaluated cycles, the frequency, and how many cycles ran.
 
     The stage rests before and after. Cycles are counted from the first motion; the first ``skip``
@@ -98,16 +94,14 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
     declared = mach1_readings.declared_filter(loads)
     correct = settings.load_cell.correct_filter_lag and declared is not None
     rows = [
-        _oscillation(loads, block, settings.cycles.skip, declared if correct else None)
-        for block in _sinusoids(loads)
+        _oscillation(loads, block, settings.cycles.skip, declared if correct else None) for block in _sinusoids(loads)
     ]
     table: dict[str, Any] = {}
     for name, (units, text) in COLUMNS.items():
-        table[name] = ("oscillation", [r[name] for r in rows], {"units": units, "long_name": text})
-        table[f"u_{name}"] = (
-            "oscillation", [r[f"u_{name}"] for r in rows],
-            {"units": units, "long_name": f"standard uncertainty: {text}"},
-        )  # fmt: skip
+        table[name] = variable("oscillation", [r[name] for r in rows], units, text)
+        table[f"u_{name}"] = variable(
+            "oscillation", [r[f"u_{name}"] for r in rows], units, f"standard uncertainty: {text}"
+        )
     others = {
         "declared_frequency": ("Hz", "frequency in the header"),
         "declared_amplitude": ("m", "amplitude in the header"),
@@ -124,7 +118,7 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
         "block": ("1", "number of the block in the file"),
     }
     for name, (units, text) in others.items():
-        table[name] = ("oscillation", [r[name] for r in rows], {"units": units, "long_name": text})
+        table[name] = variable("oscillation", [r[name] for r in rows], units, text)
     work = {"cycles_fitted": int(sum(r["n_cycles"] for r in rows))}
     return xr.Dataset(
         table,
@@ -138,9 +132,7 @@ def oscillations(loads: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
     )
 
 
-def _oscillation(
-    loads: xr.Dataset, block: int, skip: int, declared: dict[str, float] | None
-) -> dict[str, float]:
+def _oscillation(loads: xr.Dataset, block: int, skip: int, declared: dict[str, float] | None) -> dict[str, float]:
     part = loads.isel(sample=mach1_readings.rows(loads, block))
     time, position, force = (part[n].values for n in ("time", "position_z", "force"))
     stated = float(loads["declared_frequency"][block])
@@ -162,10 +154,8 @@ def _oscillation(
     # A fast stage skips so many steps that they do not show; the file's decimals remain.
     finest = max(quantisation_step(position[used]), mach1_readings.LAST_DECIMAL)
     steps = (finest, float(loads.attrs["resolution"]))
-    fit = common_fit(
-        time[used], position[used], force[used], frequency, response=response, resolutions=steps
-    )
-    cut = signals.loops(time, position, force, fit.position.frequency, start=begin, end=end)
+    fit = common_fit(time[used], position[used], force[used], frequency, response=response, resolutions=steps)
+    cut = signals.hysteresis_loops(time, position, force, fit.position.frequency, start=begin, end=end)
     areas = cut["work"].values
     u_phase = float(np.hypot(fit.u_phase_lag, lag.u_phase if lag else 0.0))
     cell = float(np.nan_to_num(float(loads["u_gain"]))) / float(loads["gain"])
@@ -184,29 +174,36 @@ def _oscillation(
     }
 
 
-def _row(fit: CommonFit, areas: Array, u_phase: float, u_gain: float) -> dict[str, float]:
+def _row(fit: CommonFit, areas: Floats, u_phase: float, u_gain: float) -> dict[str, float]:
     """Return stiffness and work of one oscillation; u holds noise and the filter's unknown type."""
     x, f = fit.position, fit.force
     modulus = float(np.hypot(fit.storage_stiffness, fit.loss_stiffness))
     cosine, sine = fit.storage_stiffness / modulus, fit.loss_stiffness / modulus
-    u_relative = float(np.hypot(np.hypot(f.u_amplitude / f.amplitude,
-                                         x.u_amplitude / x.amplitude), u_gain))  # fmt: skip
+    u_relative = float(np.hypot(np.hypot(f.u_amplitude / f.amplitude, x.u_amplitude / x.amplitude), u_gain))
     u_storage = modulus * float(np.hypot(u_relative * cosine, u_phase * sine))
     u_loss = modulus * float(np.hypot(u_relative * sine, u_phase * cosine))
     work = np.pi * fit.loss_stiffness * x.amplitude**2
     spread = float(areas.std(ddof=1)) if areas.size > 1 else 0.0
     u_work = float(np.hypot(np.pi * x.amplitude**2 * u_loss, spread / np.sqrt(max(areas.size, 1))))
     return {
-        "frequency": x.frequency, "u_frequency": x.u_frequency,
-        "amplitude": x.amplitude, "u_amplitude": x.u_amplitude,
+        "frequency": x.frequency,
+        "u_frequency": x.u_frequency,
+        "amplitude": x.amplitude,
+        "u_amplitude": x.u_amplitude,
         "force_amplitude": f.amplitude,
         "u_force_amplitude": float(np.hypot(f.u_amplitude, u_gain * f.amplitude)),
-        "phase_lag": fit.phase_lag, "u_phase_lag": u_phase,
-        "storage_stiffness": fit.storage_stiffness, "u_storage_stiffness": u_storage,
-        "loss_stiffness": fit.loss_stiffness, "u_loss_stiffness": u_loss,
-        "work_per_cycle": work, "u_work_per_cycle": u_work,
-        "work_sd": spread, "loop_area": float(areas.mean()), "n_cycles": float(areas.size),
-    }  # fmt: skip
+        "phase_lag": fit.phase_lag,
+        "u_phase_lag": u_phase,
+        "storage_stiffness": fit.storage_stiffness,
+        "u_storage_stiffness": u_storage,
+        "loss_stiffness": fit.loss_stiffness,
+        "u_loss_stiffness": u_loss,
+        "work_per_cycle": work,
+        "u_work_per_cycle": u_work,
+        "work_sd": spread,
+        "loop_area": float(areas.mean()),
+        "n_cycles": float(areas.size),
+    }
 
 
 def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
@@ -240,26 +237,17 @@ def loops(loads: xr.Dataset, oscillations: xr.Dataset, *, settings: Harmonic) ->
     dims = ("oscillation", "cycle")
     return xr.Dataset(
         {
-            "position": (dims, positions, {"units": "m", "long_name": "stage position"}),
-            "force": (dims, forces, {"units": "N", "long_name": "force, compression positive"}),
-            "force_sd": (
-                dims, spreads, {"units": "N", "long_name": "standard deviation over cycles"},
+            "position": variable(dims, positions, "m", "stage position"),
+            "force": variable(dims, forces, "N", "force, compression positive"),
+            "force_sd": variable(dims, spreads, "N", "standard deviation over cycles"),
+            "least_force": variable("oscillation", [k[0] for k in kept], "N", "least force of the mean loop"),
+            "u_least_force": variable(
+                "oscillation", [k[1] for k in kept], "N", "standard uncertainty: least force of the mean loop"
             ),
-            "least_force": (
-                "oscillation", [k[0] for k in kept],
-                {"units": "N", "long_name": "least force of the mean loop"},
-            ),
-            "u_least_force": (
-                "oscillation", [k[1] for k in kept],
-                {"units": "N", "long_name": "standard uncertainty: least force of the mean loop"},
-            ),
-            "contact_loss": (
-                "oscillation", [k[2] for k in kept],
-                {"units": "1", "long_name": "share of a cycle without contact"},
-            ),
+            "contact_loss": variable("oscillation", [k[2] for k in kept], "1", "share of a cycle without contact"),
         },
         coords={
             "oscillation": oscillations["oscillation"],
-            "cycle": ("cycle", phase, {"units": "1", "long_name": "fraction of a cycle"}),
+            "cycle": variable("cycle", phase, "1", "fraction of a cycle"),
         },
-    )  # fmt: skip
+    )

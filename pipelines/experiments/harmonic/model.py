@@ -5,16 +5,15 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.signals import common_fit
+from labpipe.variables import variable
 from pipelines.experiments.harmonic.measured import COLUMNS
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.material_choice import resolve
 from pipelines.experiments.shared.punch_model import Geometry, simulated
-
-Array = NDArray[np.float64]
 
 
 def model(
@@ -38,19 +37,13 @@ def model(
     geometry = Geometry.of(punch, substrate, settings.model, float(solid.nu))
     force, u_force, attrs = simulated(loads, touch, solid, geometry)
     result = _model_rows(loads, oscillations, force, u_force)
-    result["contact_position"] = (
-        (), touch.value, {"units": "m", "long_name": "stage position of first touch"},
-    )  # fmt: skip
-    result["u_contact_position"] = (
-        (), touch.u, {"units": "m", "long_name": "standard uncertainty: position of first touch"},
-    )  # fmt: skip
+    result["contact_position"] = variable((), touch.value, "m", "stage position of first touch")
+    result["u_contact_position"] = variable((), touch.u, "m", "standard uncertainty: position of first touch")
     result.attrs |= attrs | {"contact": how}
     return result
 
 
-def _model_rows(
-    loads: xr.Dataset, oscillations: xr.Dataset, force: Array, u_force: Array
-) -> xr.Dataset:
+def _model_rows(loads: xr.Dataset, oscillations: xr.Dataset, force: Floats, u_force: Floats) -> xr.Dataset:
     """Fit the simulated force as the measured one was, and keep its curve beside the readings."""
     rows, lost = [], []
     for i in range(oscillations.sizes["oscillation"]):
@@ -64,29 +57,24 @@ def _model_rows(
         rows.append((fit, shifted))
         lost.append(float(np.mean(force[where][used] <= 0.0)))
     table: dict[str, Any] = {
-        "force": ("sample", force, {"units": "N", "long_name": "simulated force"}),
-        "u_force": (
-            "sample", u_force,
-            {"units": "N", "long_name": "standard uncertainty from first touch and punch"},
-        ),
-        "contact_loss": (
-            "oscillation", np.array(lost),
-            {"units": "1", "long_name": "share of a cycle without contact, simulated"},
-        ),
-    }  # fmt: skip
+        "force": variable("sample", force, "N", "simulated force"),
+        "u_force": variable("sample", u_force, "N", "standard uncertainty from first touch and punch"),
+        "contact_loss": variable("oscillation", np.array(lost), "1", "share of a cycle without contact, simulated"),
+    }
     for name in ("storage_stiffness", "loss_stiffness"):
         values = np.array([getattr(fit, name) for fit, _ in rows])
         moved = np.array([getattr(shifted, name) for _, shifted in rows])
         units, text = COLUMNS[name]
-        table[name] = ("oscillation", values, {"units": units, "long_name": f"{text}, simulated"})
-        table[f"u_{name}"] = (
-            "oscillation", np.abs(moved - values),
-            {"units": units, "long_name": f"standard uncertainty, touch and punch: {text}"},
-        )  # fmt: skip
+        table[name] = variable("oscillation", values, units, f"{text}, simulated")
+        table[f"u_{name}"] = variable(
+            "oscillation", np.abs(moved - values), units, f"standard uncertainty, touch and punch: {text}"
+        )
     amplitude = np.array([fit.position.amplitude for fit, _ in rows])
     for prefix in ("", "u_"):
-        table[f"{prefix}work_per_cycle"] = (
-            "oscillation", np.pi * amplitude**2 * table[f"{prefix}loss_stiffness"][1],
-            {"units": "J", "long_name": f"{prefix and 'standard uncertainty: '}simulated work"},
-        )  # fmt: skip
+        table[f"{prefix}work_per_cycle"] = variable(
+            "oscillation",
+            np.pi * amplitude**2 * table[f"{prefix}loss_stiffness"][1],
+            "J",
+            f"{prefix and 'standard uncertainty: '}simulated work",
+        )
     return xr.Dataset(table, coords={"oscillation": oscillations["oscillation"]})

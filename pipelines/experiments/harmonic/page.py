@@ -24,13 +24,7 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.harmonic.budget import quantities
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import budget_blocks, mach1_readings, pages, ramps_and_holds
-from pipelines.experiments.shared.punch_sections import (
-    blocks_table,
-    cell,
-    columns,
-    punch_rows,
-    substrate_name,
-)
+from pipelines.experiments.shared.punch_sections import blocks_table, cell, columns, punch_rows, substrate_name
 
 _UM = 1e6
 _POINTS_PER_DECADE = 12  # of a hold
@@ -50,10 +44,7 @@ def page(
     context: Context,
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
-    sections = [
-        _summary(oscillations, comparison, context),
-        _measured(settings, readings, loads, context),
-    ]
+    sections = [_summary(oscillations, comparison, context), _measured(settings, readings, loads, context)]
     if oscillations is not None:
         sections += [_frequencies(oscillations, comparison), _stiffness(oscillations, model)]
     if oscillations is not None and theory is not None and _is_there(theory):
@@ -78,36 +69,33 @@ def _is_there(dataset: xr.Dataset | None) -> bool:
     return dataset is not None and "absent" not in dataset.attrs
 
 
-def _summary(
-    oscillations: xr.Dataset | None, comparison: xr.Dataset | None, context: Context
-) -> Section:
+def _summary(oscillations: xr.Dataset | None, comparison: xr.Dataset | None, context: Context) -> Section:
     rows = []
     if oscillations is not None:
         frequency = oscillations["frequency"].values
         rows.append(("frequencies", ", ".join(f"{f:.4g}" for f in frequency), "Hz, fitted"))
         for at in (0, -1):
             shown = value_with_uncertainty(
-                float(oscillations["work_per_cycle"][at]),
-                float(oscillations["u_work_per_cycle"][at]),
-                "J",
+                float(oscillations["work_per_cycle"][at]), float(oscillations["u_work_per_cycle"][at]), "J"
             )
             rows.append((f"dissipated work per cycle at {frequency[at]:.4g} Hz", shown, ""))
     blocks: list[Block] = []
     if comparison is not None and _is_there(comparison):
         errors = comparison["nrmse"].values * 100
         rows.append(
-            ("nRMSE of force", f"{errors.min():.2f} to {errors.max():.2f} %",
-             "root mean square of measured minus model, over the range of the measurement")
-        )  # fmt: skip
+            (
+                "nRMSE of force",
+                f"{errors.min():.2f} to {errors.max():.2f} %",
+                "root mean square of measured minus model, over the range of the measurement",
+            )
+        )
     elif comparison is not None:
         blocks.append(Notice("info", f"No comparison with a model: {comparison.attrs['absent']}."))
     table: list[Block] = [KeyValues(rows)] if rows else []
     return Section("Summary", (*table, *blocks, *pages.failed_notice(context)))
 
 
-def _measured(
-    settings: Harmonic, readings: xr.Dataset | None, loads: xr.Dataset | None, context: Context
-) -> Section:
+def _measured(settings: Harmonic, readings: xr.Dataset | None, loads: xr.Dataset | None, context: Context) -> Section:
     rows = [("file", settings.mach1, ""), *punch_rows(settings.punch)]
     rows += [("operator", context.operator, ""), ("notes", context.notes, "")]
     blocks: list[Block] = [KeyValues([r for r in rows if r[1]])]
@@ -123,14 +111,20 @@ def _measured(
 
 def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Section:
     columns = [
-        Column("declared / Hz"), Column("frequency / Hz", digits=5),
+        Column("declared / Hz"),
+        Column("frequency / Hz", digits=5),
         Column("amplitude", unit="m"),
-        Column("phase lag", unit="rad", u=4), Column("u"),
-        Column("storage stiffness", unit="N/m", u=6), Column("u"),
-        Column("loss stiffness", unit="N/m", u=8), Column("u"),
-        Column("work per cycle", unit="J", u=10), Column("u"),
-        Column("spread over cycles", unit="J", digits=2), Column("cycles"),
-    ]  # fmt: skip
+        Column("phase lag", unit="rad", u=4),
+        Column("u"),
+        Column("storage stiffness", unit="N/m", u=6),
+        Column("u"),
+        Column("loss stiffness", unit="N/m", u=8),
+        Column("u"),
+        Column("work per cycle", unit="J", u=10),
+        Column("u"),
+        Column("spread over cycles", unit="J", digits=2),
+        Column("cycles"),
+    ]
     names = ("phase_lag", "storage_stiffness", "loss_stiffness", "work_per_cycle")
     has_model = comparison is not None and _is_there(comparison)
     if has_model:
@@ -149,12 +143,13 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Sec
         rows.append(row)
     notes: list[Block] = [
         Table(
-            tuple(columns), rows,
+            tuple(columns),
+            rows,
             caption="Frequency, amplitude and phase are fitted to the position; the header holds "
-                    "only the commanded values. Cycles of the transient and of the deceleration "
-                    "are left out.",
+            "only the commanded values. Cycles of the transient and of the deceleration "
+            "are left out.",
         )
-    ]  # fmt: skip
+    ]
     declared = json.loads(oscillations.attrs["filter"])
     if oscillations.attrs["is_filter_corrected"]:
         lag = oscillations["filter_phase"].values
@@ -170,10 +165,7 @@ def _frequencies(oscillations: xr.Dataset, comparison: xr.Dataset | None) -> Sec
         )
     elif declared is not None:
         notes.append(
-            Notice(
-                "warning",
-                "The load cell's low-pass was not corrected: phase lags and work are too small.",
-            )
+            Notice("warning", "The load cell's low-pass was not corrected: phase lags and work are too small.")
         )
     return Section("Frequencies", tuple(notes))
 
@@ -200,19 +192,28 @@ def _stiffness(oscillations: xr.Dataset, model: xr.Dataset | None) -> Section:
         ("work_per_cycle", "Dissipated work per cycle", "µJ", 1e6),
     ):
         series = [
-            Series("measured", frequency[order], oscillations[name].values[order] * factor,
-                   style="points", role="measured",
-                   u=oscillations[f"u_{name}"].values[order] * factor),
-        ]  # fmt: skip
-        if model is not None and _is_there(model):
-            series.append(
-                Series("model", frequency[order], model[name].values[order] * factor, role="model")
+            Series(
+                "measured",
+                frequency[order],
+                oscillations[name].values[order] * factor,
+                style="points",
+                role="measured",
+                u=oscillations[f"u_{name}"].values[order] * factor,
             )
+        ]
+        if model is not None and _is_there(model):
+            series.append(Series("model", frequency[order], model[name].values[order] * factor, role="model"))
         charts.append(
-            LineChart(title, "frequency / Hz", f"{title.lower()} / {unit}", tuple(series),
-                      x_scale="log", height_px=260,
-                      caption="Bars are standard uncertainties." if name.startswith("s") else "")
-        )  # fmt: skip
+            LineChart(
+                title,
+                "frequency / Hz",
+                f"{title.lower()} / {unit}",
+                tuple(series),
+                x_scale="log",
+                height_px=260,
+                caption="Bars are standard uncertainties." if name.startswith("s") else "",
+            )
+        )
     return Section("Stiffness and work", tuple(charts))
 
 
@@ -231,45 +232,60 @@ def _dissipation(theory: xr.Dataset, loops: xr.Dataset | None) -> Section:
         u = theory[f"u_dimensionless_work_{name}"].values[order]
         is_points = name == "measured"
         series.append(
-            Series(label, x[order] * 1e10, values * 1e6,
-                   style="points" if is_points else "line", role=role,
-                   u=u * 1e6 if is_points else None)
-        )  # fmt: skip
+            Series(
+                label,
+                x[order] * 1e10,
+                values * 1e6,
+                style="points" if is_points else "line",
+                role=role,
+                u=u * 1e6 if is_points else None,
+            )
+        )
     tau = float(theory["characteristic_time"])
     chart = LineChart(
-        "Dissipated work, dimensionless", "frequency f τ₀ / 10⁻¹⁰", "work W/(E λ R d) / 10⁻⁶",
-        tuple(series), x_scale="log", height_px=280,
+        "Dissipated work, dimensionless",
+        "frequency f τ₀ / 10⁻¹⁰",
+        "work W/(E λ R d) / 10⁻⁶",
+        tuple(series),
+        x_scale="log",
+        height_px=280,
         caption=f"τ₀ = {number(tau, 3)} s, E the relaxed modulus {_scale_text(theory)}. Bars: one "
         "standard uncertainty. Eq. (2.31) is the limit of small amplitudes.",
-    )  # fmt: skip
+    )
     wanted: tuple[str | tuple[str, str], ...] = (
-        "f τ₀", "α/R", ("work, measured", "J"), ("work, eq. (2.31)", "J"),
-        ("tapping front", "m"), ("least force", "N"), "contact lost / %",
-    )  # fmt: skip
+        "f τ₀",
+        "α/R",
+        ("work, measured", "J"),
+        ("work, eq. (2.31)", "J"),
+        ("tapping front", "m"),
+        ("least force", "N"),
+        "contact lost / %",
+    )
     rows: list[list[float | int | str | bool | None]] = []
     scale = float(theory["work_scale"])
     for i in range(theory.sizes["oscillation"]):
         at = theory.isel(oscillation=i)
         row: list[float | int | str | bool | None] = [
-            float(x[i]), float(at["dimensionless_amplitude"]),
+            float(x[i]),
+            float(at["dimensionless_amplitude"]),
             float(at["dimensionless_work_measured"]) * scale,
             float(at["u_dimensionless_work_measured"]) * scale,
-        ]  # fmt: skip
+        ]
         for name in ("dissipated_work", "tapping_amplitude"):
             row += [float(at[name]), float(at[f"u_{name}"])]
         if loops is None:
             row += [None, None, None]
         else:
             lost = loops.isel(oscillation=i)
-            row += [float(lost["least_force"]), float(lost["u_least_force"]),
-                    float(lost["contact_loss"]) * 100]  # fmt: skip
+            row += [float(lost["least_force"]), float(lost["u_least_force"]), float(lost["contact_loss"]) * 100]
         rows.append(row)
     table = Table(
-        columns(*wanted), rows,
+        columns(*wanted),
+        rows,
         caption="Contact is lost where the mean loop's force does not exceed twice its "
         "uncertainty; theory predicts loss of contact at amplitudes beyond the tapping front "
         "(2.34).",
-    )  # fmt: skip
+    )
     return Section("Dissipation and detachment", (chart, table))
 
 
@@ -282,14 +298,13 @@ def _hold(loads: xr.Dataset, hold: xr.Dataset, oscillations: xr.Dataset | None) 
     if not _is_there(hold):
         return Section("Relaxation before", (Notice("info", f"{hold.attrs['absent']}."),))
     rows = [
-        (text, value_with_uncertainty(float(hold[name][-1]), float(hold[f"u_{name}"][-1]), unit),
-         note)
+        (text, value_with_uncertainty(float(hold[name][-1]), float(hold[f"u_{name}"][-1]), unit), note)
         for name, text, unit, note in (
             ("depth", "indentation", "m", "from first touch"),
             ("peak_force", "peak", "N", "as recorded"),
             ("plateau_force", "plateau", "N", f"after {float(hold['duration'][-1]):.0f} s"),
         )
-    ]  # fmt: skip
+    ]
     blocks: list[Block] = []
     if oscillations is not None:
         last = float(oscillations["mean_force"][-1])
@@ -302,10 +317,15 @@ def _hold(loads: xr.Dataset, hold: xr.Dataset, oscillations: xr.Dataset | None) 
     lag, mean, _, _ = ramps_and_holds.binned(time, loads["force"].values[found.rows], edges)
     blocks += [
         KeyValues(rows),
-        LineChart("Force in the hold", "time since the stage arrived / s", "force / N",
-                  (Series("measured", lag, mean, style="points", role="measured"),),
-                  x_scale="log", height_px=200),
-    ]  # fmt: skip
+        LineChart(
+            "Force in the hold",
+            "time since the stage arrived / s",
+            "force / N",
+            (Series("measured", lag, mean, style="points", role="measured"),),
+            x_scale="log",
+            height_px=200,
+        ),
+    ]
     return Section("Relaxation before the oscillations", tuple(blocks))
 
 
@@ -324,22 +344,33 @@ def _curves(loads: xr.Dataset, oscillations: xr.Dataset, comparison: xr.Dataset 
             series.append(Series("model", time, simulated, role="model"))
             residual = (Series("measured − model", time, measured - simulated, role="residual"),)
         charts.append(
-            LineChart(f"Force at {label}", "time in the block / s", "force / N", tuple(series),
-                      group=label, views=views, height_px=240)
-        )  # fmt: skip
+            LineChart(
+                f"Force at {label}",
+                "time in the block / s",
+                "force / N",
+                tuple(series),
+                group=label,
+                views=views,
+                height_px=240,
+            )
+        )
         if comparison is not None and _is_there(comparison):
             charts.append(
-                LineChart(f"Difference at {label}", "time in the block / s", "difference / N",
-                          residual, group=label, views=views, height_px=150)
-            )  # fmt: skip
+                LineChart(
+                    f"Difference at {label}",
+                    "time in the block / s",
+                    "difference / N",
+                    residual,
+                    group=label,
+                    views=views,
+                    height_px=150,
+                )
+            )
     return Section("Force over time", tuple(charts))
 
 
 def _loops(
-    loops: xr.Dataset,
-    oscillations: xr.Dataset,
-    loads: xr.Dataset | None,
-    comparison: xr.Dataset | None,
+    loops: xr.Dataset, oscillations: xr.Dataset, loads: xr.Dataset | None, comparison: xr.Dataset | None
 ) -> Section:
     series = []
     for i in range(loops.sizes["oscillation"]):
@@ -357,22 +388,27 @@ def _loops(
             force = comparison["simulated_force"].values[where][used]
             series.append(Series(f"{name}, model", position, force, role="model"))
     chart = ScatterChart(
-        "Hysteresis loops", "position − mean / µm", "force / N", tuple(series),
+        "Hysteresis loops",
+        "position − mean / µm",
+        "force / N",
+        tuple(series),
         caption="Mean loop over the evaluated cycles, as recorded: it includes the load cell's "
-                "lag, as the model's loop does.",
-    )  # fmt: skip
+        "lag, as the model's loop does.",
+    )
     return Section("Loops", (chart,))
 
 
 def _model(settings: Harmonic, model: xr.Dataset) -> Section:
     rows = [
         ("material", substrate_name(settings.substrate), ""),
-        ("first touch", value_with_uncertainty(
-            float(model["contact_position"]), float(model["u_contact_position"]), "m"),
-         model.attrs["contact"]),
+        (
+            "first touch",
+            value_with_uncertainty(float(model["contact_position"]), float(model["u_contact_position"]), "m"),
+            model.attrs["contact"],
+        ),
         ("solver", model.attrs["solver"], model.attrs["solver_reason"]),
         ("datum of displacement", model.attrs["datum"], ""),
-    ]  # fmt: skip
+    ]
     text = (
         "Boundary elements of a periodic line contact with exact exponential memory, driven by the "
         "measured displacement of the whole file, approach and hold included."

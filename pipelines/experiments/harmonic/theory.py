@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import contact
+from labpipe.arrays import Floats
 from labpipe.contact.line import dissipation
 from labpipe.errors import InputError
+from labpipe.variables import variable
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared.material_choice import resolve
-
-Array = NDArray[np.float64]
 
 _LEAST_SHIFT = 1e-7  # m of first touch by which a sensitivity is found
 
@@ -50,7 +49,7 @@ def theory(
         raise InputError(message)
     step = max(u_touch, _LEAST_SHIFT)
 
-    def at(indentation: Array) -> tuple[Array, Array]:
+    def at(indentation: Floats) -> tuple[Floats, Floats]:
         shape = (radius, period)
         pairs = list(zip(frequency, amplitude, indentation, strict=True))
         work = [float(contact.dissipated_work(solid, f, a, i, *shape, depth)) for f, a, i in pairs]
@@ -63,10 +62,7 @@ def theory(
     shortest = float(solid.creep_terms()[1].min()) if len(solid.rho) else np.nan
     scale = (solid, radius, period, depth)
     sources = {
-        "measured": (
-            oscillations["work_per_cycle"].values,
-            oscillations["u_work_per_cycle"].values,
-        ),
+        "measured": (oscillations["work_per_cycle"].values, oscillations["u_work_per_cycle"].values),
         "model": (model["work_per_cycle"].values, model["u_work_per_cycle"].values),
         "theory": (work, np.abs(moved_work - work) * u_touch / step),
     }
@@ -74,35 +70,33 @@ def theory(
         "dissipated_work": (sources["theory"][0], "J", "dissipated work per cycle, eq. (2.31)"),
         "u_dissipated_work": (sources["theory"][1], "J", "standard uncertainty from first touch"),
         "tapping_amplitude": (front, "m", "amplitude at which contact is lost, eq. (2.34)"),
-        "u_tapping_amplitude": (
-            np.abs(moved_front - front) * u_touch / step, "m", "standard uncertainty: tapping",
-        ),
+        "u_tapping_amplitude": (np.abs(moved_front - front) * u_touch / step, "m", "standard uncertainty: tapping"),
         "mean_indentation": (mean, "m", "mean indentation"),
-        "u_mean_indentation": (
-            np.full(mean.size, u_touch), "m", "standard uncertainty: mean indentation",
-        ),
-        "work_difference": (
-            oscillations["work_per_cycle"].values - work, "J", "work, measured minus eq. (2.31)",
-        ),
+        "u_mean_indentation": (np.full(mean.size, u_touch), "m", "standard uncertainty: mean indentation"),
+        "work_difference": (oscillations["work_per_cycle"].values - work, "J", "work, measured minus eq. (2.31)"),
         "u_work_difference": (
-            np.hypot(sources["measured"][1], sources["theory"][1]), "J",
+            np.hypot(sources["measured"][1], sources["theory"][1]),
+            "J",
             "standard uncertainty: work difference",
         ),
         "dimensionless_mean": (mean / radius, "1", "mean indentation over R, eq. (2.36)"),
         "dimensionless_amplitude": (amplitude / radius, "1", "amplitude over R, eq. (2.37)"),
-    }  # fmt: skip
+    }
     time = shortest if tau is None else tau.value
     table["dimensionless_frequency"] = (
-        dissipation.dimensionless_frequency(frequency, time), "1", "f tau_0, eq. (2.38)",
-    )  # fmt: skip
+        dissipation.dimensionless_frequency(frequency, time),
+        "1",
+        "f tau_0, eq. (2.38)",
+    )
     for name, (values, u) in sources.items():
         for prefix, numbers in (("", values), ("u_", u)):
             table[f"{prefix}dimensionless_work_{name}"] = (
-                dissipation.dimensionless_work(numbers, *scale), "1",
+                dissipation.dimensionless_work(numbers, *scale),
+                "1",
                 f"{prefix and 'standard uncertainty: '}work, dimensionless (2.40), {name}",
-            )  # fmt: skip
+            )
     made = xr.Dataset(
-        {n: ("oscillation", v, {"units": u, "long_name": t}) for n, (v, u, t) in table.items()},
+        {n: variable("oscillation", v, u, t) for n, (v, u, t) in table.items()},
         coords={"oscillation": oscillations["oscillation"]},
     )
     for name, value, units, text in (
@@ -110,12 +104,12 @@ def theory(
         ("force_scale", solid.E_relaxed * period * depth, "N", "E_relaxed times period and depth"),
         ("work_scale", solid.E_relaxed * period * depth * radius, "J", "scale of the work (2.40)"),
     ):
-        made[name] = ((), float(value), {"units": units, "long_name": text})
+        made[name] = variable((), float(value), units, text)
     _warn_of_loss(loops, made, amplitude, front)
     return made
 
 
-def _warn_of_loss(loops: xr.Dataset, made: xr.Dataset, amplitude: Array, front: Array) -> None:
+def _warn_of_loss(loops: xr.Dataset, made: xr.Dataset, amplitude: Floats, front: Floats) -> None:
     """Say where contact is lost, or should be: the theory does not hold there."""
     frequency = made["dimensionless_frequency"].values / float(made["characteristic_time"])
     for label, where in (
@@ -124,6 +118,4 @@ def _warn_of_loss(loops: xr.Dataset, made: xr.Dataset, amplitude: Array, front: 
     ):
         if where.any():
             shown = ", ".join(f"{f:.3g}" for f in frequency[where])
-            warnings.warn(
-                f"{label} at {shown} Hz: eq. (2.31) is an extrapolation there", stacklevel=3
-            )
+            warnings.warn(f"{label} at {shown} Hz: eq. (2.31) is an extrapolation there", stacklevel=3)

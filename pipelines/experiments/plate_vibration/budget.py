@@ -6,7 +6,7 @@ from math import cos, isfinite
 import numpy as np
 import xarray as xr
 
-from labpipe.uncertainty import Input, beyond
+from labpipe.uncertainty import Input, excess_uncertainty
 from pipelines.experiments.plate_vibration.settings import FallingBody, PlateVibration
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity, clock
 
@@ -14,21 +14,25 @@ _NO_CAMERA = ("pixel size", "there is no camera")
 _LAG = ("filter lag", "the moving average of the sensor delays all readings equally")
 _OF_RINGING = (
     ("inclination, zero", "the amplitude scale does not affect frequency or decay"),
-    _NO_CAMERA, _LAG,
+    _NO_CAMERA,
+    _LAG,
     ("mass, radius, height, Poisson's ratio, temperature", "the impact conditions have no effect"),
-)  # fmt: skip
+)
 _OF_MASS = (
-    _NO_CAMERA, _LAG, ("zero", "the vibration is measured from its own mean"),
+    _NO_CAMERA,
+    _LAG,
+    ("zero", "the vibration is measured from its own mean"),
     ("sampling", "the effect of the clock, 5e-5, is a twentieth of that of the sphere's mass"),
-    ("radius, Poisson's ratio, temperature",
-     "they change the duration of the impact, not its momentum; materials are the library's"),
-)  # fmt: skip
+    (
+        "radius, Poisson's ratio, temperature",
+        "they change the duration of the impact, not its momentum; materials are the library's",
+    ),
+)
 
 
 def quantities(
-    displacement: Sequence[xr.Dataset], table: xr.Dataset, plate: xr.Dataset, *,
-    settings: PlateVibration,
-) -> Iterator[Quantity]:  # fmt: skip
+    displacement: Sequence[xr.Dataset], table: xr.Dataset, plate: xr.Dataset, *, settings: PlateVibration
+) -> Iterator[Quantity]:
     """Yield natural frequency, damping ratio and modal mass of the plate."""
     moved = displacement[0]  # the laser is the same for all drops
     yield _ringing("natural_frequency", "natural frequency", "Hz", moved, table)
@@ -37,15 +41,13 @@ def quantities(
         yield _modal_mass(settings, settings.sphere, moved, plate)
 
 
-def _ringing(
-    name: str, text: str, unit: str, moved: xr.Dataset, table: xr.Dataset
-) -> Quantity:  # fmt: skip
+def _ringing(name: str, text: str, unit: str, moved: xr.Dataset, table: xr.Dataset) -> Quantity:
     values, own = table[name].values, table[f"u_{name}"].values
     total, mean = float(table[f"u_plate_{name}"]), float(table[f"plate_{name}"])
     stated = min(float(1.0 / np.sqrt(np.sum(1.0 / own**2))), total)
     inputs = {MEASURED: Input(mean, 0.0, unit), "noise": Input(0.0, stated, unit)}
     time = clock(moved) if name == "natural_frequency" else Input(1.0, 0.0)
-    scatter = beyond(total, stated, time.u * mean)
+    scatter = excess_uncertainty(total, stated, time.u * mean)
     inputs["repeatability"] = Input(0.0, scatter, unit, max(values.size - 1.0, 1.0))
     if time.u:
         inputs["clock"] = time
@@ -54,33 +56,39 @@ def _ringing(
         return (measured + noise + repeatability) / clock
 
     return Quantity(
-        text, unit, model, inputs,
-        _OF_RINGING if time.u else (("sampling", "a ratio of two times"), *_OF_RINGING),
-    )  # fmt: skip
+        text, unit, model, inputs, _OF_RINGING if time.u else (("sampling", "a ratio of two times"), *_OF_RINGING)
+    )
 
 
-def _modal_mass(
-    settings: PlateVibration, ball: FallingBody, moved: xr.Dataset, plate: xr.Dataset
-) -> Quantity:
+def _modal_mass(settings: PlateVibration, ball: FallingBody, moved: xr.Dataset, plate: xr.Dataset) -> Quantity:
     mass = float(plate["mass"])
     angle = float(moved["inclination"])
     gain = float(moved["u_gain"]) / float(moved["gain"])
     tilt = Input(angle, float(moved["u_inclination"]), "rad")
     shared = mass * np.array([gain, np.tan(angle) * tilt.u, ball.mass.u / ball.mass.value])
     by_height, count = _by_heights(settings, plate)
-    rest = beyond(float(plate["u_mass"]), *map(float, shared), by_height)
+    rest = excess_uncertainty(float(plate["u_mass"]), *map(float, shared), by_height)
     return Quantity(
-        "modal mass", "kg",
+        "modal mass",
+        "kg",
         lambda measured, gain, inclination, mass_of_sphere, heights, repeatability: (
-            (measured + heights + repeatability) * mass_of_sphere / ball.mass.value / gain
-            * cos(inclination) / cos(angle)
+            (measured + heights + repeatability)
+            * mass_of_sphere
+            / ball.mass.value
+            / gain
+            * cos(inclination)
+            / cos(angle)
         ),
-        {MEASURED: Input(mass, 0.0, "kg"), "gain": Input(1.0, gain), "inclination": tilt,
-         "mass_of_sphere": Input(ball.mass.value, ball.mass.u, "kg"),
-         "heights": Input(0.0, by_height, "kg"),
-         "repeatability": Input(0.0, rest, "kg", max(count - 1.0, 1.0))},
+        {
+            MEASURED: Input(mass, 0.0, "kg"),
+            "gain": Input(1.0, gain),
+            "inclination": tilt,
+            "mass_of_sphere": Input(ball.mass.value, ball.mass.u, "kg"),
+            "heights": Input(0.0, by_height, "kg"),
+            "repeatability": Input(0.0, rest, "kg", max(count - 1.0, 1.0)),
+        },
         (("noise", "included in the repeatability"), *_OF_MASS),
-    )  # fmt: skip
+    )
 
 
 def _by_heights(settings: PlateVibration, plate: xr.Dataset) -> tuple[float, int]:

@@ -6,66 +6,96 @@ from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Propo
 from pipelines.experiments.plate_vibration.settings import PlateVibration
 from pipelines.experiments.shared.schemas import DISPLACEMENT
 
-_RINGING = Schema("ringing", {
-    "natural_frequency": Variable((), "Hz"),
-    "damping_ratio": Variable((), "1"),
-    "amplitude": Variable((), "m"),
-    "blow_time": Variable((), "s"),
-})  # fmt: skip
+_RINGING = Schema(
+    "ringing",
+    {
+        "natural_frequency": Variable((), "Hz"),
+        "damping_ratio": Variable((), "1"),
+        "amplitude": Variable((), "m"),
+        "blow_time": Variable((), "s"),
+    },
+)
 
-_PLATE = Schema("plate", {
-    "frequency": Variable((), "Hz"),
-    "damping_ratio": Variable((), "1"),
-    "mass": Variable((), "kg"),
-    "u_mass": Variable((), "kg"),
-})  # fmt: skip
+_PLATE = Schema(
+    "plate",
+    {
+        "frequency": Variable((), "Hz"),
+        "damping_ratio": Variable((), "1"),
+        "mass": Variable((), "kg"),
+        "u_mass": Variable((), "kg"),
+    },
+)
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.plate_vibration.measured:readings",
-        ("file:drops.laser",), ("keyence",), per="recording", over="drops.laser",
+        "readings",
+        "pipelines.experiments.plate_vibration.measured:readings",
+        ("file:drops.laser",),
+        ("keyence",),
+        per="recording",
+        over="drops.laser",
         summary="read the laser export",
     ),
     Stage(
-        "displacement", "pipelines.experiments.plate_vibration.measured:displacement",
-        ("readings", "file:calibration"), ("sensor", "measured_on"),
-        per="recording", over="drops.laser", schema="displacement",
+        "displacement",
+        "pipelines.experiments.plate_vibration.measured:displacement",
+        ("readings", "file:calibration"),
+        ("sensor", "measured_on"),
+        per="recording",
+        over="drops.laser",
+        schema="displacement",
         summary="correct the inclination, with uncertainty",
     ),
     Stage(
-        "ringing", "pipelines.experiments.plate_vibration.measured:ringing", ("displacement",),
-        ("blow",), per="recording", over="drops.laser", schema="ringing",
+        "ringing",
+        "pipelines.experiments.plate_vibration.measured:ringing",
+        ("displacement",),
+        ("blow",),
+        per="recording",
+        over="drops.laser",
+        schema="ringing",
         summary="fit the free vibration after the first impact",
     ),
     Stage(
-        "table", "pipelines.experiments.plate_vibration.measured:table",
-        ("ringing",), ("drops",),
+        "table",
+        "pipelines.experiments.plate_vibration.measured:table",
+        ("ringing",),
+        ("drops",),
         summary="frequency, damping and amplitude by material and height",
     ),
     Stage(
-        "plate", "pipelines.experiments.plate_vibration.model:plate", ("table",),
-        ("drops", "sphere", "model"), schema="plate",
+        "plate",
+        "pipelines.experiments.plate_vibration.model:plate",
+        ("table",),
+        ("drops", "sphere", "model"),
+        schema="plate",
         summary="find the modal mass from amplitude and momentum",
     ),
     Stage(
-        "model", "pipelines.experiments.plate_vibration.model:model", ("table", "plate"),
+        "model",
+        "pipelines.experiments.plate_vibration.model:model",
+        ("table", "plate"),
         ("drops", "sphere", "model"),
         shortcuts=True,
         imports=("labpipe.contact.impact._simulate",),
         summary="simulate the drops on the plate",
     ),
     Stage(
-        "comparison", "pipelines.experiments.plate_vibration.comparison:comparison",
+        "comparison",
+        "pipelines.experiments.plate_vibration.comparison:comparison",
         ("displacement", "ringing", "table", "model"),
         summary="measurement against model",
     ),
     Stage(
-        "report", "pipelines.experiments.plate_vibration.page:page",
-        ("readings", "displacement", "ringing", "table", "plate", "comparison"), ("*",),
-        output="page", context=True,
+        "report",
+        "pipelines.experiments.plate_vibration.page:page",
+        ("readings", "displacement", "ringing", "table", "plate", "comparison"),
+        ("*",),
+        output="page",
+        context=True,
         summary="write the page",
     ),
-)  # fmt: skip
+)
 
 KIND = Kind(
     name="plate_vibration",
@@ -76,14 +106,8 @@ KIND = Kind(
     schemas=(DISPLACEMENT, _RINGING, _PLATE),
     key_numbers=(KeyNumber("plate frequency", "Hz", "plate", "frequency"),),
     picture=Picture("displacement", "time", "displacement"),
-    rows=Derived(
-        "pipelines.experiments.plate_vibration.comparison:rows",
-        ("comparison", "table", "plate"),
-    ),
-    budget=Derived(
-        "pipelines.experiments.plate_vibration.budget:quantities",
-        ("displacement", "table", "plate"),
-    ),
+    rows=Derived("pipelines.experiments.plate_vibration.comparison:rows", ("comparison", "table", "plate")),
+    budget=Derived("pipelines.experiments.plate_vibration.budget:quantities", ("displacement", "table", "plate")),
     proposal=Proposal(
         ("displacement",),
         "pipelines.experiments.plate_vibration.proposal:proposed",

@@ -11,16 +11,15 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 import calibration
 from calibration import laser
 from labpipe import signals
+from labpipe.arrays import Floats
+from labpipe.variables import described
 from pipelines.experiments.plate_vibration.settings import Drops, PlateVibration
 from pipelines.experiments.shared.laser_readings import read_laser
-
-Array = NDArray[np.float64]
 
 _LEAST_CHANGE = 1e-2  # relative change of an input by which a sensitivity is found
 _PER_DROP = ("natural_frequency", "damping_ratio", "amplitude")
@@ -43,18 +42,24 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: PlateVibration
     if settings.sensor.serial is not None:
         readings = readings.assign_attrs(serial=settings.sensor.serial)
     return laser.displacement(
-        readings, calibration.load_record(record), output=settings.sensor.output,
-        direction=settings.sensor.direction, measured=settings.measured_on,
-    )  # fmt: skip
+        readings,
+        calibration.load_record(record),
+        output=settings.sensor.output,
+        direction=settings.sensor.direction,
+        measured=settings.measured_on,
+    )
 
 
 def ringing(displacement: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset:
     """Fit the free ringing after the first blow."""
     moved = displacement["displacement"]
     found = signals.ringing(
-        moved["time"].values, moved.values, noise=float(displacement.attrs["noise"]),
-        longest_blow=settings.blow.longest.value, shortest_pause=settings.blow.pause.value,
-    )  # fmt: skip
+        moved["time"].values,
+        moved.values,
+        noise=float(displacement.attrs["noise"]),
+        longest_impact=settings.blow.longest.value,
+        shortest_pause=settings.blow.pause.value,
+    )
     fit = found.fit
     relative = float(displacement.attrs["u_systematic_relative"])
     values = {
@@ -80,27 +85,23 @@ def ringing(displacement: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset
     count = int(((moved["time"] >= found.free_from) & (moved["time"] <= found.free_to)).sum())
     work = {"readings_fitted": count, "readings_total": int(moved.size)}
     u_clock = float(json.loads(displacement.attrs["time_base"])["u_relative"])
-    return made.assign_attrs(
-        u_systematic_relative=relative, u_clock_relative=u_clock, work=json.dumps(work)
-    )
+    return made.assign_attrs(u_systematic_relative=relative, u_clock_relative=u_clock, work=json.dumps(work))
 
 
 def scalar(value: float, units: str, text: str) -> xr.DataArray:
     """Return a variable without dimensions."""
-    return xr.DataArray(float(value), attrs={"units": units, "long_name": text})
+    return xr.DataArray(float(value), attrs=described(units, text))
 
 
 def table(ringing: list[xr.Dataset], *, settings: PlateVibration) -> xr.Dataset:
     """Gather the repeats by material and height, and pool what belongs to the plate."""
     groups = _groups(ringing, settings)
     made = xr.Dataset(coords={"series": np.arange(1, len(groups) + 1)})
-    made["series"].attrs = {"units": "1", "long_name": "number of the drops"}
+    made["series"].attrs = described("1", "number of the drops")
     heights = [drops.height for drops in settings.drops]
     made["material"] = ("series", [d.material for d in settings.drops], _text("material"))
     made["height"] = ("series", [h.value for h in heights], described("m", "drop height"))
-    made["u_height"] = (
-        "series", [h.u for h in heights], described("m", "standard uncertainty: drop height"),
-    )  # fmt: skip
+    made["u_height"] = ("series", [h.u for h in heights], described("m", "standard uncertainty: drop height"))
     made["n"] = ("series", [len(group) for group in groups], described("1", "recordings"))
     relative = float(ringing[0].attrs["u_systematic_relative"])
     for name in _PER_DROP:
@@ -117,9 +118,10 @@ def table(ringing: list[xr.Dataset], *, settings: PlateVibration) -> xr.Dataset:
     u_clock = float(ringing[0].attrs["u_clock_relative"])
     own = float(made["u_plate_natural_frequency"])
     made["u_plate_natural_frequency"] = scalar(
-        np.hypot(own, u_clock * float(made["plate_natural_frequency"])), "Hz",
+        np.hypot(own, u_clock * float(made["plate_natural_frequency"])),
+        "Hz",
         f"standard uncertainty: {NAMES['natural_frequency']}",
-    )  # fmt: skip
+    )
     return made.assign_attrs(u_systematic_relative=relative)
 
 
@@ -127,11 +129,6 @@ def _groups(ringing: list[xr.Dataset], settings: PlateVibration) -> list[list[xr
     """Deal the recordings out to their drops."""
     remaining = iter(ringing)
     return [[next(remaining) for _ in drops.laser] for drops in settings.drops]
-
-
-def described(units: str, text: str) -> dict[str, str]:
-    """Return the attributes of a variable."""
-    return {"units": units, "long_name": text}
 
 
 def _text(text: str) -> dict[str, str]:
@@ -146,7 +143,7 @@ def _mean(group: list[xr.Dataset], name: str) -> tuple[float, float]:
     return float(values.mean()), float(max(scatter, stated) / np.sqrt(len(values)))
 
 
-def _pooled(values: Array, u: Array, name: str) -> xr.Dataset:
+def _pooled(values: Floats, u: Floats, name: str) -> xr.Dataset:
     """Weighted mean over all drops, and the probability that they differ as much by chance."""
     mean, u_mean, ratio = weighted_mean(values, u)
     probability = float(chi2.sf(ratio * (len(values) - 1), len(values) - 1)) if len(u) > 1 else 1.0
@@ -155,14 +152,12 @@ def _pooled(values: Array, u: Array, name: str) -> xr.Dataset:
         {
             f"plate_{name}": scalar(mean, units, f"{text}, all drops"),
             f"u_plate_{name}": scalar(u_mean, units, f"standard uncertainty: {text}"),
-            f"probability_{name}": scalar(
-                probability, "1", f"probability of so large a difference by chance: {text}"
-            ),
+            f"probability_{name}": scalar(probability, "1", f"probability of so large a difference by chance: {text}"),
         }
     )
 
 
-def weighted_mean(values: Array, u: Array) -> tuple[float, float, float]:
+def weighted_mean(values: Floats, u: Floats) -> tuple[float, float, float]:
     """Weighted mean, its uncertainty enlarged by a scatter that the parts do not explain.
 
     Returns

@@ -5,21 +5,14 @@ import warnings
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import contact, materials
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.materials import Prony
-from pipelines.experiments.plate_vibration.measured import (
-    NAMES,
-    described,
-    drops_label,
-    scalar,
-    weighted_mean,
-)
+from labpipe.variables import described
+from pipelines.experiments.plate_vibration.measured import NAMES, drops_label, scalar, weighted_mean
 from pipelines.experiments.plate_vibration.settings import PlateVibration
-
-Array = NDArray[np.float64]
 
 _COVERED = 6e-3  # s of simulation after first touch: any contact ends before
 _FINE = 4e-6  # s, spacing of the simulated force: 250 points in a contact
@@ -38,10 +31,7 @@ def plate(table: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset:
         {
             name: table[f"{prefix}plate_{kept}"].assign_attrs(table[f"{prefix}plate_{kept}"].attrs)
             for prefix in ("", "u_")
-            for name, kept in (
-                (f"{prefix}frequency", "natural_frequency"),
-                (f"{prefix}damping_ratio", "damping_ratio"),
-            )
+            for name, kept in ((f"{prefix}frequency", "natural_frequency"), (f"{prefix}damping_ratio", "damping_ratio"))
         }
     )
     known = _known(settings)
@@ -56,10 +46,12 @@ def plate(table: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset:
     mass, solves = np.inf, 0
     for _ in range(_ROUNDS):
         substrate = None if np.isinf(mass) else contact.Plate(mass, frequency, zeta)
-        heard = np.array([
-            _momentum(settings, solid, settings.drops[i].height.value, substrate, frequency, zeta)
-            for i, solid in known.items()
-        ])  # fmt: skip
+        heard = np.array(
+            [
+                _momentum(settings, solid, settings.drops[i].height.value, substrate, frequency, zeta)
+                for i, solid in known.items()
+            ]
+        )
         solves += len(known)
         each = heard / (amplitude * damped)
         u_each = each * _relative_uncertainty(table, settings, list(known))
@@ -67,9 +59,7 @@ def plate(table: xr.Dataset, *, settings: PlateVibration) -> xr.Dataset:
     shared = float(table.attrs["u_systematic_relative"])
     shared = float(np.hypot(shared, settings.sphere.mass.u / settings.sphere.mass.value))
     made["mass"] = scalar(mass, "kg", NAMES["modal_mass"])
-    made["u_mass"] = scalar(
-        np.hypot(u_mass, shared * mass), "kg", f"standard uncertainty: {NAMES['modal_mass']}"
-    )
+    made["u_mass"] = scalar(np.hypot(u_mass, shared * mass), "kg", f"standard uncertainty: {NAMES['modal_mass']}")
     full = np.full((2, table.sizes["series"]), np.nan)
     full[0, list(known)], full[1, list(known)] = each, u_each
     made["modal_mass"] = ("series", full[0], described("kg", "modal mass by each of the drops"))
@@ -88,7 +78,7 @@ def _known(settings: PlateVibration) -> dict[int, Prony]:
     return found
 
 
-def _relative_uncertainty(table: xr.Dataset, settings: PlateVibration, chosen: list[int]) -> Array:
+def _relative_uncertainty(table: xr.Dataset, settings: PlateVibration, chosen: list[int]) -> Floats:
     """Relative uncertainty of the masses from amplitude and height, different in each of them.
 
     The momentum goes with the square root of the height.
@@ -102,18 +92,26 @@ def _relative_uncertainty(table: xr.Dataset, settings: PlateVibration, chosen: l
 
 
 def _momentum(
-    settings: PlateVibration, solid: Prony, height: float, substrate: contact.Plate | None,
-    frequency: float, zeta: float,
-) -> float:  # fmt: skip
+    settings: PlateVibration,
+    solid: Prony,
+    height: float,
+    substrate: contact.Plate | None,
+    frequency: float,
+    zeta: float,
+) -> float:
     """Momentum [N s] that the plate listens to, stated at the time of the blow."""
     heard, _ = _transform(settings, solid, height, substrate, frequency, zeta)
     return heard
 
 
 def _transform(
-    settings: PlateVibration, solid: Prony, height: float, substrate: contact.Plate | None,
-    frequency: float, zeta: float,
-) -> tuple[float, float]:  # fmt: skip
+    settings: PlateVibration,
+    solid: Prony,
+    height: float,
+    substrate: contact.Plate | None,
+    frequency: float,
+    zeta: float,
+) -> tuple[float, float]:
     """Momentum heard, and the time from first touch to the blow of no duration.
 
     A force F(s) leaves the ringing Im[exp(i w t) int F(s) exp((r - i w) s) ds] exp(-r t) / (m w);
@@ -127,10 +125,18 @@ def _transform(
     fall = float(np.sqrt(2 * height / gravity))
     times = np.arange(fall, fall + _COVERED, _FINE)
     made = contact.drop(
-        solid, body.radius.value, body.mass.value, height, float(times[-1]),
-        settings.model.solver, settings.model.profile, settings.model.rtol, gravity=gravity,
-        plate=substrate, times=times,
-    )  # fmt: skip
+        solid,
+        body.radius.value,
+        body.mass.value,
+        height,
+        float(times[-1]),
+        settings.model.solver,
+        settings.model.profile,
+        settings.model.rtol,
+        gravity=gravity,
+        plate=substrate,
+        times=times,
+    )
     s, force = times - fall, made["force"].values
     omega = 2 * np.pi * frequency
     rate, damped = zeta * omega, omega * np.sqrt(1 - zeta**2)
@@ -139,9 +145,7 @@ def _transform(
     return float(np.abs(whole) * np.exp(-rate * blow)), blow
 
 
-def model(
-    table: xr.Dataset, plate: xr.Dataset, *, settings: PlateVibration, full: bool = False
-) -> xr.Dataset:
+def model(table: xr.Dataset, plate: xr.Dataset, *, settings: PlateVibration, full: bool = False) -> xr.Dataset:
     """Simulate every drop on the plate that was found: what the laser should have seen.
 
     ``full`` takes the simulator's shortcuts away; the numbers stay the same within ``rtol``.
@@ -163,20 +167,22 @@ def model(
         start = float(np.sqrt(2 * height / gravity)) + blow
         times = time + start
         made = contact.drop(
-            solid, body.radius.value, body.mass.value, height, float(times[-1]),
-            settings.model.solver, settings.model.profile, settings.model.rtol,
-            gravity=gravity, plate=found, times=times,
-            fold=not full, shortcuts=contact.Shortcuts.chosen(full=full),
-        )  # fmt: skip
+            solid,
+            body.radius.value,
+            body.mass.value,
+            height,
+            float(times[-1]),
+            settings.model.solver,
+            settings.model.profile,
+            settings.model.rtol,
+            gravity=gravity,
+            plate=found,
+            times=times,
+            fold=not full,
+            shortcuts=contact.Shortcuts.chosen(full=full),
+        )
         curves[i] = -made["plate_displacement"].values
     return xr.Dataset(
-        {
-            "displacement": (
-                ("series", "time"), curves, described("m", "simulated displacement of the plate"),
-            )
-        },
-        coords={
-            "series": table["series"],
-            "time": ("time", time, described("s", "time since impact")),
-        },
-    )  # fmt: skip
+        {"displacement": (("series", "time"), curves, described("m", "simulated displacement of the plate"))},
+        coords={"series": table["series"], "time": ("time", time, described("s", "time since impact"))},
+    )

@@ -31,10 +31,7 @@ from pipelines.experiments.shared import budget_blocks, pages
 _UM = 1e6
 _BESIDE = 0.06  # mm by which the materials are drawn apart, so that their error bars can be told
 _UNLIKELY = 0.01  # probability below which a difference between drops is called real
-_SHOWN = {
-    "natural_frequency": ("natural frequency", "Hz"),
-    "damping_ratio": ("damping ratio", "1"),
-}
+_SHOWN = {"natural_frequency": ("natural frequency", "Hz"), "damping_ratio": ("damping ratio", "1")}
 
 
 def page(
@@ -49,10 +46,7 @@ def page(
     context: Context,
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
-    sections = [
-        _summary(table, plate, comparison, context),
-        _measured(settings, pages.present(readings), context),
-    ]
+    sections = [_summary(table, plate, comparison, context), _measured(settings, pages.present(readings), context)]
     if moved := pages.present(displacement):
         sections.append(_calibration(moved[0]))
     if comparison is not None:
@@ -71,39 +65,33 @@ def page(
 
 
 def _summary(
-    table: xr.Dataset | None,
-    plate: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-    context: Context,
+    table: xr.Dataset | None, plate: xr.Dataset | None, comparison: xr.Dataset | None, context: Context
 ) -> Section:
     rows = []
     blocks: list[Block] = []
     if table is not None:
         count = int(table["n"].sum())
         for name, (title, unit) in _SHOWN.items():
-            shown = value_with_uncertainty(
-                float(table[f"plate_{name}"]), float(table[f"u_plate_{name}"]), unit
-            )
-            rows.append(
-                (
-                    title,
-                    shown,
-                    f"weighted mean of {pages.counted(count, 'recording')}; standard uncertainty",
-                )
-            )
+            shown = value_with_uncertainty(float(table[f"plate_{name}"]), float(table[f"u_plate_{name}"]), unit)
+            rows.append((title, shown, f"weighted mean of {pages.counted(count, 'recording')}; standard uncertainty"))
             blocks.append(_verdict(table, name, title))
     if plate is not None and np.isfinite(float(plate["mass"])):
         rows.append(
-            ("modal mass", value_with_uncertainty(float(plate["mass"]), float(plate["u_mass"]),
-             "kg"), "from amplitude and simulated momentum; the material's uncertainty is not "
-             "included")
-        )  # fmt: skip
+            (
+                "modal mass",
+                value_with_uncertainty(float(plate["mass"]), float(plate["u_mass"]), "kg"),
+                "from amplitude and simulated momentum; the material's uncertainty is not included",
+            )
+        )
     if comparison is not None:
         worst = float(comparison["nrmse"].max()) * 100
         rows.append(
-            ("nRMSE of displacement", f"at most {worst:.2f} %",
-             "root mean square of measured minus model, over the range of the measurement")
-        )  # fmt: skip
+            (
+                "nRMSE of displacement",
+                f"at most {worst:.2f} %",
+                "root mean square of measured minus model, over the range of the measurement",
+            )
+        )
     elif not context.failures:
         blocks.append(Notice("info", "There is no comparison with a model."))
     return Section("Summary", (KeyValues(rows), *blocks, *pages.failed_notice(context)))
@@ -113,10 +101,7 @@ def _verdict(table: xr.Dataset, name: str, title: str) -> Notice:
     """Say whether the drops agree in what should belong to the plate alone."""
     probability = float(table[f"probability_{name}"])
     if table.sizes["series"] < 2:
-        return Notice(
-            "info",
-            f"Only one kind of drop: whether the {title} belongs to the plate cannot be tested.",
-        )
+        return Notice("info", f"Only one kind of drop: whether the {title} belongs to the plate cannot be tested.")
     if probability < _UNLIKELY:
         text = (
             f"The {title} differs between the drops by more than its uncertainty (probability "
@@ -138,18 +123,13 @@ def _measured(settings: PlateVibration, readings: list[xr.Dataset], context: Con
         ("notes", context.notes, ""),
     ]
     if settings.sphere is not None:
-        for title, quantity in (
-            ("sphere radius", settings.sphere.radius),
-            ("moving mass", settings.sphere.mass),
-        ):
-            rows.insert(1, (title, value_with_uncertainty(quantity.value, quantity.u, quantity.si),
-                            ""))  # fmt: skip
+        for title, quantity in (("sphere radius", settings.sphere.radius), ("moving mass", settings.sphere.mass)):
+            rows.insert(1, (title, value_with_uncertainty(quantity.value, quantity.u, quantity.si), ""))
     blocks: list[Block] = []
     if readings:
         first = readings[0]
         interval = float(first.attrs["sampling_interval"])
-        rows.insert(1, ("sampling", value_with_uncertainty(1 / interval, 0.0, "Hz"),
-                        f"{first.sizes['time']} points"))  # fmt: skip
+        rows.insert(1, ("sampling", value_with_uncertainty(1 / interval, 0.0, "Hz"), f"{first.sizes['time']} points"))
         header = pages.raw_header(first)
         blocks += [] if header is None else [header]
     return Section("What was measured", (KeyValues([r for r in rows if r[1]]), *blocks))
@@ -158,23 +138,23 @@ def _measured(settings: PlateVibration, readings: list[xr.Dataset], context: Con
 def _calibration(first: xr.Dataset) -> Section:
     attrs = first.attrs
     rows = [
-        ("inclination used", value_with_uncertainty(
-            float(first["inclination"]), float(first["u_inclination"]), "rad"),
-         "true displacement = reading / cos(inclination)"),
-        ("relative uncertainty of the scale",
-         f"{float(attrs['u_systematic_relative']) * 100:.3f} %",
-         "inclination and gain; the same in every recording"),
-        ("noise of a sample", quantity(float(attrs["noise"]), "m"),
-         "from the quiet beginning"),
-    ]  # fmt: skip
+        (
+            "inclination used",
+            value_with_uncertainty(float(first["inclination"]), float(first["u_inclination"]), "rad"),
+            "true displacement = reading / cos(inclination)",
+        ),
+        (
+            "relative uncertainty of the scale",
+            f"{float(attrs['u_systematic_relative']) * 100:.3f} %",
+            "inclination and gain; the same in every recording",
+        ),
+        ("noise of a sample", quantity(float(attrs["noise"]), "m"), "from the quiet beginning"),
+    ]
     budget = budget_table(
-        json.loads(attrs["budget"]),
-        "Budget for the largest displacement of the first recording",
-        "m",
+        json.loads(attrs["budget"]), "Budget for the largest displacement of the first recording", "m"
     )
     return Section(
-        "Calibration and its uncertainty",
-        (pages.calibration_rows(attrs["calibration"]), KeyValues(rows), *budget),
+        "Calibration and its uncertainty", (pages.calibration_rows(attrs["calibration"]), KeyValues(rows), *budget)
     )
 
 
@@ -186,20 +166,20 @@ def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
         curves: list[Series] = []
         for i, drops in group:
             at = comparison.isel(series=i)
-            curves.append(
-                Series(drops.material, time, at["measured"].values * _UM, role="measured")
-            )
+            curves.append(Series(drops.material, time, at["measured"].values * _UM, role="measured"))
             if np.isfinite(at["model"].values).any():
-                curves.append(
-                    Series(f"{drops.material}, model", time, at["model"].values * _UM, role="model")
-                )
+                curves.append(Series(f"{drops.material}, model", time, at["model"].values * _UM, role="model"))
         charts.append(
             LineChart(
-                f"Plate after a drop from {height * 1e3:g} mm", "time since impact / ms",
-                "displacement, upwards / µm", tuple(curves), group="plate",
-                views=(("first ringing", -2.0, 20.0),), height_px=260,
+                f"Plate after a drop from {height * 1e3:g} mm",
+                "time since impact / ms",
+                "displacement, upwards / µm",
+                tuple(curves),
+                group="plate",
+                views=(("first ringing", -2.0, 20.0),),
+                height_px=260,
             )
-        )  # fmt: skip
+        )
     text = (
         "Mean of the repeats and the simulated drop on the fitted plate. Times are counted from "
         "the instantaneous impulse that would start the same vibration."
@@ -208,24 +188,26 @@ def _motion(settings: PlateVibration, comparison: xr.Dataset) -> Section:
 
 
 def _table(
-    settings: PlateVibration,
-    table: xr.Dataset,
-    plate: xr.Dataset | None,
-    comparison: xr.Dataset | None,
+    settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | None, comparison: xr.Dataset | None
 ) -> Section:
     columns = [
-        Column("material"), Column("height", unit="m"), Column("n"),
-        Column("natural frequency", unit="Hz", u=4), Column("u"),
-        Column("damping ratio", u=6), Column("u"),
-        Column("amplitude", unit="m", u=8), Column("u"),
-        Column("mass", unit="kg", u=10), Column("u"), Column("nRMSE", digits=2),
-    ]  # fmt: skip
+        Column("material"),
+        Column("height", unit="m"),
+        Column("n"),
+        Column("natural frequency", unit="Hz", u=4),
+        Column("u"),
+        Column("damping ratio", u=6),
+        Column("u"),
+        Column("amplitude", unit="m", u=8),
+        Column("u"),
+        Column("mass", unit="kg", u=10),
+        Column("u"),
+        Column("nRMSE", digits=2),
+    ]
     rows: list[list[float | int | str | bool | None]] = []
     for i, drops in enumerate(settings.drops):
         at = table.isel(series=i)
-        row: list[float | int | str | bool | None] = [
-            drops.material, drops.height.value, len(drops.laser)
-        ]  # fmt: skip
+        row: list[float | int | str | bool | None] = [drops.material, drops.height.value, len(drops.laser)]
         for name in ("natural_frequency", "damping_ratio", "amplitude"):
             row += [float(at[name]), float(at[f"u_{name}"])]
         has_mass = plate is not None and "modal_mass" in plate
@@ -252,9 +234,14 @@ def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section:
             at = table.isel(series=sorted(chosen, key=lambda i: float(table["height"][i])))
             beside = _BESIDE * (place - 0.5 * (len(numbers) - 1))
             made.append(
-                Series(material, at["height"].values * 1e3 + beside, at[name].values * factor,
-                       style="points", u=at[f"u_{name}"].values * factor)
-            )  # fmt: skip
+                Series(
+                    material,
+                    at["height"].values * 1e3 + beside,
+                    at[name].values * factor,
+                    style="points",
+                    u=at[f"u_{name}"].values * factor,
+                )
+            )
         return tuple(made)
 
     charts = tuple(
@@ -277,13 +264,19 @@ def _dependence(settings: PlateVibration, table: xr.Dataset) -> Section:
 
 def _recordings(settings: PlateVibration, ringing: Sequence[xr.Dataset | None]) -> Section:
     columns = (
-        Column("recording"), Column("drop"), Column("blow", unit="s"),
-        Column("free from", unit="s"), Column("free to", unit="s"),
-        Column("natural frequency", unit="Hz", u=6), Column("u"),
-        Column("damping ratio", u=8), Column("u"),
-        Column("amplitude", unit="m", u=10), Column("u"),
+        Column("recording"),
+        Column("drop"),
+        Column("blow", unit="s"),
+        Column("free from", unit="s"),
+        Column("free to", unit="s"),
+        Column("natural frequency", unit="Hz", u=6),
+        Column("u"),
+        Column("damping ratio", u=8),
+        Column("u"),
+        Column("amplitude", unit="m", u=10),
+        Column("u"),
         Column("scatter over noise, squared", digits=2),
-    )  # fmt: skip
+    )
     named = [(name, drops_label(drops)) for drops in settings.drops for name in drops.laser]
     rows: list[tuple[float | int | str | bool | None, ...]] = []
     for (name, label), found in zip(named, ringing, strict=True):
@@ -305,9 +298,7 @@ def _methods(settings: PlateVibration, table: xr.Dataset, plate: xr.Dataset | No
     frequency = value_with_uncertainty(
         float(table["plate_natural_frequency"]), float(table["u_plate_natural_frequency"]), "Hz"
     )
-    damping = value_with_uncertainty(
-        float(table["plate_damping_ratio"]), float(table["u_plate_damping_ratio"])
-    )
+    damping = value_with_uncertainty(float(table["plate_damping_ratio"]), float(table["u_plate_damping_ratio"]))
     text = (
         f"The laser was directed at the plate beside the disc while spheres ({', '.join(kinds)}) "
         f"were dropped in {pages.counted(int(table['n'].sum()), 'recording')}. The free "

@@ -4,22 +4,19 @@ from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
+from labpipe.variables import variable
 from pipelines.experiments.relaxation.moduli import through
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.comparison_rows import Row, row
 from pipelines.experiments.shared.ramps_and_holds import Hold
 
-Array = NDArray[np.float64]
-
 _PARTS = ("ramp", "early", "late", "all")
 
 
-def comparison(
-    loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, settings: Relaxation
-) -> xr.Dataset:
+def comparison(loads: xr.Dataset, ramps: xr.Dataset, model: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
     """Lay the simulated force, filtered as the cell filters, over the measured one.
 
     Errors of ramp, early and late relaxation are all relative to the range of the whole test, so
@@ -48,9 +45,7 @@ def comparison(
                 "plateau_force_model": plateau,
                 "peak_force_difference": float(at["peak_force"]) - peak,
                 "plateau_force_difference": float(at["plateau_force"]) - plateau,
-                "u_plateau_force_difference": float(
-                    np.hypot(float(at["u_plateau_force"]), u_plateau)
-                ),
+                "u_plateau_force_difference": float(np.hypot(float(at["u_plateau_force"]), u_plateau)),
             }
         )
     columns = {f"nrmse_{p}": ("1", f"rms error over range of force, {p}") for p in _PARTS}
@@ -63,15 +58,11 @@ def comparison(
         "u_plateau_force_difference": ("N", "standard uncertainty: plateau force difference"),
     }
     made = xr.Dataset(ramps_and_holds.over_ramps(rows, columns), coords={"ramp": ramps["ramp"]})
-    made["simulated_force"] = (
-        "sample", passed, {"units": "N", "long_name": "simulated force, behind the cell's filter"},
-    )  # fmt: skip
+    made["simulated_force"] = variable("sample", passed, "N", "simulated force, behind the cell's filter")
     return made
 
 
-def _errors(
-    loads: xr.Dataset, hold: Hold, measured: Array, simulated: Array, early: float
-) -> dict[str, float]:
+def _errors(loads: xr.Dataset, hold: Hold, measured: Floats, simulated: Floats, early: float) -> dict[str, float]:
     """Return nRMSE and bias of the parts of one test."""
     time = loads["time"].values[hold.rows]
     ours, theirs = measured[hold.rows], simulated[hold.rows]
@@ -98,13 +89,22 @@ def rows(tests: xr.Dataset, *, settings: Relaxation) -> Iterator[Row]:
     for i in range(tests.sizes["test"]):
         condition = f"{float(tests['depth'][i]) * 1e3:.2g} mm"
         for part in ("ramp", "early", "late"):
-            yield row(f"force, {part}", "N", 1, condition=condition,
-                      nrmse=tests[f"nrmse_{part}"][i],
-                      difference=tests[f"bias_{part}"][i])  # fmt: skip
+            yield row(
+                f"force, {part}",
+                "N",
+                1,
+                condition=condition,
+                nrmse=tests[f"nrmse_{part}"][i],
+                difference=tests[f"bias_{part}"][i],
+            )
         yield row(
-            "plateau force", "N", 1, condition=condition,
-            measured=tests["plateau_force"][i], u_measured=tests["u_plateau_force"][i],
+            "plateau force",
+            "N",
+            1,
+            condition=condition,
+            measured=tests["plateau_force"][i],
+            u_measured=tests["u_plateau_force"][i],
             model=tests["plateau_force_model"][i],
             difference=tests["plateau_force_difference"][i],
             u_difference=tests["u_plateau_force_difference"][i],
-        )  # fmt: skip
+        )

@@ -8,14 +8,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.identification import Evidence, JoinedModel, Parameter, force_evidence, lee_radok_basis
 from pipelines.experiments.relaxation.moduli import elastic_area
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
 from pipelines.experiments.shared.punch_evidence import FILTER, SHIFT, PunchEvidence, of_punch
-
-Array = NDArray[np.float64]
 
 _DELAYS = 20.0  # time constants of the cell's filter after which it leaves a relaxation as it is
 _LEAST_OF_FORCE = 1e-5  # of a force in a hold: what chords of histories are good for
@@ -48,9 +47,10 @@ def evidence(
     lags = np.concatenate([part.lag for part in parts])
     return MaterialEvidence(
         parts[0].shared.nu,
-        (float(lags.min()), float(lags.max())), tuple(unknowns),
+        (float(lags.min()), float(lags.max())),
+        tuple(unknowns),
         lambda rho: _joined(name, [part.evidence(rho) for part in parts]),
-    )  # fmt: skip
+    )
 
 
 class _Hold:
@@ -61,8 +61,9 @@ class _Hold:
     after their mean, has the mean of any arc of second degree.
     """
 
-    def __init__(self, label: str, loads: xr.Dataset, ramps: xr.Dataset, curves: xr.Dataset,
-                 shared: PunchEvidence) -> None:  # fmt: skip
+    def __init__(
+        self, label: str, loads: xr.Dataset, ramps: xr.Dataset, curves: xr.Dataset, shared: PunchEvidence
+    ) -> None:
         self.label, self.shared = label, shared
         declared = mach1_readings.declared_filter(loads)
         quickest = 0.0 if declared is None else _DELAYS / (2.0 * np.pi * declared["cutoff"])
@@ -70,11 +71,10 @@ class _Hold:
         kept = (lag >= quickest) & np.isfinite(force)
         self.lag, self.force, width = lag[kept], force[kept], curves["time_spread"].values[kept]
         self.u = np.maximum(curves["u_force"].values[kept], _LEAST_OF_FORCE * self.force)
-        self.zero = nuisance(f"{label} first touch", 0.0, float(ramps["u_contact_position"]), "m",
-                              "stage position of first touch")  # fmt: skip
-        self.tare = nuisance(
-            f"{label} tare", 0.0, max(float(loads["u_tare"]), 1e-6), "N", "zero of the force"
+        self.zero = nuisance(
+            f"{label} first touch", 0.0, float(ramps["u_contact_position"]), "m", "stage position of first touch"
         )
+        self.tare = nuisance(f"{label} tare", 0.0, max(float(loads["u_tare"]), 1e-6), "N", "zero of the force")
         delay = mach1_readings.filter_delay(loads)
         self.u_delay = delay.u
         at = _clock_of(loads, np.nonzero(kept)[0]) + self.lag - delay.value
@@ -88,34 +88,39 @@ class _Hold:
         self.time = np.union1d(clock[kept], self.places)
         self.rows = np.searchsorted(self.time, self.places)
         self.areas = [
-            np.interp(self.time, clock[kept],
-                      elastic_area(position[kept] - touch - shift, self.shared.geometry))
+            np.interp(self.time, clock[kept], elastic_area(position[kept] - touch - shift, self.shared.geometry))
             for shift in (0.0, SHIFT)
-        ]  # fmt: skip
+        ]
 
     @property
     def unknowns(self) -> list[Parameter]:
         late = [FILTER] if self.u_delay > 0.0 else []
         return [*self.shared.unknowns, self.zero, self.tare, *late]
 
-    def _basis(self, rho: Array, area: Array) -> tuple[Array, Array]:
+    def _basis(self, rho: Floats, area: Floats) -> tuple[Floats, Floats]:
         """Return the basis (number, 1 + term), and the same with a delay one deviation longer."""
         made = lee_radok_basis(self.time, area, rho, self.shared.nu)
         early, late, *longer = (made[rows] for rows in self.rows)
         return 0.5 * (early + late), 0.5 * (longer[0] + longer[1])
 
-    def evidence(self, rho: Array) -> Evidence:
+    def evidence(self, rho: Floats) -> Evidence:
         basis, longer = self._basis(rho, self.areas[0])
         shifts = {self.zero.name: (self._basis(rho, self.areas[1])[0] - basis) / SHIFT}
         if self.u_delay > 0.0:
             shifts[FILTER.name] = longer - basis
         return force_evidence(
-            self.label, self.lag, self.force, self.u, basis, shifts=shifts,
-            factors=self.shared.factors, offsets=(self.tare.name,),
-        )  # fmt: skip
+            self.label,
+            self.lag,
+            self.force,
+            self.u,
+            basis,
+            shifts=shifts,
+            factors=self.shared.factors,
+            offsets=(self.tare.name,),
+        )
 
 
-def _clock_of(loads: xr.Dataset, ramp: NDArray[np.intp]) -> Array:
+def _clock_of(loads: xr.Dataset, ramp: NDArray[np.intp]) -> Floats:
     """Return the file's time (number,) at which the stage arrived from every number's ramp."""
     clock, time = mach1_readings.clock(loads), loads["time"].values
     begins = [clock[h.rows.start] - time[h.rows.start] + h.end for h in ramps_and_holds.find(loads)]
@@ -126,9 +131,5 @@ def _joined(name: str, parts: list[Evidence]) -> Evidence:
     """Return the holds of several files as one experiment."""
     if len(parts) == 1:
         return parts[0]
-    groups = tuple(
-        replace(g, name=f"{g.name}, test {i + 1}")
-        for i, part in enumerate(parts)
-        for g in part.groups
-    )
+    groups = tuple(replace(g, name=f"{g.name}, test {i + 1}") for i, part in enumerate(parts) for g in part.groups)
     return Evidence(name, groups, JoinedModel(tuple(part.model for part in parts)))

@@ -8,17 +8,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from labpipe.variables import variable
 from pipelines.experiments.relaxation.settings import Relaxation
 
 _BIRGE_LIMIT = 2.0  # of chance alone, three depths exceed it once in fifty
 
 
 def tests(
-    ramps: list[xr.Dataset],
-    curves: list[xr.Dataset],
-    comparison: list[xr.Dataset],
-    *,
-    settings: Relaxation,
+    ramps: list[xr.Dataset], curves: list[xr.Dataset], comparison: list[xr.Dataset], *, settings: Relaxation
 ) -> xr.Dataset:
     """Gather every ramp of every file, and average the modulus over the depths."""
     names = [
@@ -28,19 +25,19 @@ def tests(
     ]
     parts = [
         xr.merge(
-            [found, curve.drop_dims(["lag", "elapsed"], errors="ignore"),
-             compared.drop_dims("sample", errors="ignore")],
+            [
+                found,
+                curve.drop_dims(["lag", "elapsed"], errors="ignore"),
+                compared.drop_dims("sample", errors="ignore"),
+            ],
             combine_attrs="drop_conflicts",
         )
         for found, curve, compared in zip(ramps, curves, comparison, strict=True)
-    ]  # fmt: skip
+    ]
     wanted = sorted({str(n) for part in parts for n in part.data_vars if "ramp" in part[n].dims})
     table: dict[str, Any] = {}
     for name in wanted:
-        values = [
-            part[name].values if name in part else np.full(part.sizes["ramp"], np.nan)
-            for part in parts
-        ]
+        values = [part[name].values if name in part else np.full(part.sizes["ramp"], np.nan) for part in parts]
         attrs = next(part[name].attrs for part in parts if name in part)
         table[name] = ("test", np.concatenate(values), attrs)
     made = xr.Dataset(table, coords={"test": np.arange(1, len(names) + 1)})
@@ -81,7 +78,4 @@ def _averaged(table: xr.Dataset, nu: float) -> xr.Dataset:
         "mean_relaxed_modulus": (mean * tension, "Pa", "relaxed modulus in tension"),
         "u_mean_relaxed_modulus": (u * tension, "Pa", "standard uncertainty: relaxed modulus"),
     }
-    return xr.Dataset({
-        name: ((), number, {"units": units, "long_name": text})
-        for name, (number, units, text) in rows.items()
-    })  # fmt: skip
+    return xr.Dataset({name: variable((), number, units, text) for name, (number, units, text) in rows.items()})

@@ -5,67 +5,104 @@ from labpipe.workflow.graph import Stage
 from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Proposal
 from pipelines.experiments.relaxation.settings import Relaxation
 
-_RAMPS = Schema("ramps", {
-    name: Variable(("ramp",), units)
-    for name, units in (
-        ("depth", "m"), ("u_depth", "m"), ("peak_force", "N"), ("u_peak_force", "N"),
-        ("plateau_force", "N"), ("u_plateau_force", "N"), ("ratio", "1"),
-    )
-})  # fmt: skip
+_RAMPS = Schema(
+    "ramps",
+    {
+        name: Variable(("ramp",), units)
+        for name, units in (
+            ("depth", "m"),
+            ("u_depth", "m"),
+            ("peak_force", "N"),
+            ("u_peak_force", "N"),
+            ("plateau_force", "N"),
+            ("u_plateau_force", "N"),
+            ("ratio", "1"),
+        )
+    },
+)
 
-_RELAXATIONS = Schema("relaxations", {
-    "depth": Variable(("test",), "m"),
-    "peak_force": Variable(("test",), "N"),
-    "plateau_force": Variable(("test",), "N"),
-})  # fmt: skip
+_RELAXATIONS = Schema(
+    "relaxations",
+    {
+        "depth": Variable(("test",), "m"),
+        "peak_force": Variable(("test",), "N"),
+        "plateau_force": Variable(("test",), "N"),
+    },
+)
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.relaxation.measured:readings", ("file:mach1",),
-        per="recording", over="mach1",
+        "readings",
+        "pipelines.experiments.relaxation.measured:readings",
+        ("file:mach1",),
+        per="recording",
+        over="mach1",
         summary="read the Mach-1 file",
     ),
     Stage(
-        "loads", "pipelines.experiments.relaxation.measured:loads",
-        ("readings", "file:load_cell.record"), ("load_cell.tare",), per="recording", over="mach1",
+        "loads",
+        "pipelines.experiments.relaxation.measured:loads",
+        ("readings", "file:load_cell.record"),
+        ("load_cell.tare",),
+        per="recording",
+        over="mach1",
         summary="compression-positive force, tared, with uncertainty",
     ),
     Stage(
-        "ramps", "pipelines.experiments.relaxation.measured:ramps",
-        ("loads",), ("contact", "hold.plateau"), per="recording", over="mach1", schema="ramps",
+        "ramps",
+        "pipelines.experiments.relaxation.measured:ramps",
+        ("loads",),
+        ("contact", "hold.plateau"),
+        per="recording",
+        over="mach1",
+        schema="ramps",
         summary="find touch, ramps and holds: peak and plateau",
     ),
     Stage(
-        "curves", "pipelines.experiments.relaxation.moduli:curves",
-        ("loads", "ramps", "file:substrate.material_file",
-         "other:substrate.material_from/master_curve"),
-        ("punch", "substrate", "model"), per="recording", over="mach1",
+        "curves",
+        "pipelines.experiments.relaxation.moduli:curves",
+        ("loads", "ramps", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
+        ("punch", "substrate", "model"),
+        per="recording",
+        over="mach1",
         summary="relaxation curve, and moduli from the force",
     ),
     Stage(
-        "model", "pipelines.experiments.relaxation.model:model",
-        ("loads", "ramps", "file:substrate.material_file",
-         "other:substrate.material_from/master_curve"),
-        ("punch", "substrate", "model"), per="recording", over="mach1",
+        "model",
+        "pipelines.experiments.relaxation.model:model",
+        ("loads", "ramps", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
+        ("punch", "substrate", "model"),
+        per="recording",
+        over="mach1",
         summary="simulate with the measured displacement",
     ),
     Stage(
-        "comparison", "pipelines.experiments.relaxation.comparison:comparison",
-        ("loads", "ramps", "model"), ("hold",), per="recording", over="mach1",
+        "comparison",
+        "pipelines.experiments.relaxation.comparison:comparison",
+        ("loads", "ramps", "model"),
+        ("hold",),
+        per="recording",
+        over="mach1",
         summary="measurement against model: ramp, early, late",
     ),
     Stage(
-        "tests", "pipelines.experiments.relaxation.gathered:tests",
-        ("ramps", "curves", "comparison"), ("mach1",), schema="relaxations",
+        "tests",
+        "pipelines.experiments.relaxation.gathered:tests",
+        ("ramps", "curves", "comparison"),
+        ("mach1",),
+        schema="relaxations",
         summary="combine the tests, average the modulus",
     ),
     Stage(
-        "report", "pipelines.experiments.relaxation.page:page",
-        ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"), ("*",),
-        output="page", context=True,
+        "report",
+        "pipelines.experiments.relaxation.page:page",
+        ("readings", "loads", "ramps", "curves", "model", "comparison", "tests"),
+        ("*",),
+        output="page",
+        context=True,
         summary="write the page",
     ),
-)  # fmt: skip
+)
 
 KIND = Kind(
     name="relaxation",
@@ -77,27 +114,12 @@ KIND = Kind(
     key_numbers=(KeyNumber("plateau force", "N", "tests", "plateau_force"),),
     picture=Picture("loads", "time", "force"),
     error="nrmse_all",
-    rows=Derived(
-        "pipelines.experiments.relaxation.comparison:rows",
-        ("tests",),
-    ),
-    budget=Derived(
-        "pipelines.experiments.relaxation.budget:quantities",
-        ("loads", "ramps", "curves"),
-    ),
+    rows=Derived("pipelines.experiments.relaxation.comparison:rows", ("tests",)),
+    budget=Derived("pipelines.experiments.relaxation.budget:quantities", ("loads", "ramps", "curves")),
     body="substrate",
     evidence=Derived(
         "pipelines.experiments.relaxation.evidence:evidence",
-        (
-            "loads",
-            "ramps",
-            "curves",
-            "file:substrate.material_file",
-            "other:substrate.material_from/master_curve",
-        ),
+        ("loads", "ramps", "curves", "file:substrate.material_file", "other:substrate.material_from/master_curve"),
     ),
-    proposal=Proposal(
-        ("force",),
-        "pipelines.experiments.relaxation.proposal:proposed",
-    ),
+    proposal=Proposal(("force",), "pipelines.experiments.relaxation.proposal:proposed"),
 )

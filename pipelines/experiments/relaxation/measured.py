@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from labpipe.errors import InputError
+from labpipe.variables import variable
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 
@@ -20,9 +21,8 @@ def readings(path: Path, *, settings: Relaxation) -> xr.Dataset:
 def loads(readings: xr.Dataset, record: Path | None, *, settings: Relaxation) -> xr.Dataset:
     """Make force compression-positive, and tare it where the file begins in air."""
     return mach1_readings.force(
-        readings, settings.load_cell.tare, record,
-        untared="peak and plateau hold the cell's offset and a preload",
-    )  # fmt: skip
+        readings, settings.load_cell.tare, record, untared="peak and plateau hold the cell's offset and a preload"
+    )
 
 
 def ramps(loads: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
@@ -36,8 +36,6 @@ def ramps(loads: xr.Dataset, *, settings: Relaxation) -> xr.Dataset:
     result = ramps_and_holds.measured(loads, touch, settings.hold.plateau.value)
     value, u = (np.nan, np.nan) if touch is None else (touch.value, touch.u)
     text = "stage position of first touch"
-    result["contact_position"] = ((), value, {"units": "m", "long_name": text})
-    result["u_contact_position"] = (
-        (), u, {"units": "m", "long_name": f"standard uncertainty: {text}"},
-    )  # fmt: skip
+    result["contact_position"] = variable((), value, "m", text)
+    result["u_contact_position"] = variable((), u, "m", f"standard uncertainty: {text}")
     return result.assign_attrs(contact=how)

@@ -6,22 +6,15 @@ import numpy as np
 import xarray as xr
 
 from labpipe.units import Quantity
+from labpipe.variables import variable
 from pipelines.experiments.relaxation.moduli import BINS_PER_DECADE
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared.material_choice import resolve
-from pipelines.experiments.shared.punch_model import (
-    Geometry,
-    simulated,
-)
+from pipelines.experiments.shared.punch_model import Geometry, simulated
 
 
 def model(
-    loads: xr.Dataset,
-    ramps: xr.Dataset,
-    material_file: Path | None,
-    fitted: xr.Dataset | None,
-    *,
-    settings: Relaxation,
+    loads: xr.Dataset, ramps: xr.Dataset, material_file: Path | None, fitted: xr.Dataset | None, *, settings: Relaxation
 ) -> xr.Dataset:
     """Simulate the whole file with the measured displacement.
 
@@ -42,24 +35,18 @@ def model(
     elapsed = np.geomspace(interval, longest, int(np.log10(longest / interval) * BINS_PER_DECADE))
     return xr.Dataset(
         {
-            "force": ("sample", force, {"units": "N", "long_name": text}),
-            "u_force": (
-                "sample", u_force,
-                {"units": "N", "long_name": "standard uncertainty from first touch and punch"},
+            "force": variable("sample", force, "N", text),
+            "u_force": variable("sample", u_force, "N", "standard uncertainty from first touch and punch"),
+            "reduced_modulus": variable(
+                (), float(solid.E_relaxed) / (1 - float(solid.nu) ** 2), "Pa", "relaxed reduced modulus of the material"
             ),
-            "reduced_modulus": (
-                (), float(solid.E_relaxed) / (1 - float(solid.nu) ** 2),
-                {"units": "Pa", "long_name": "relaxed reduced modulus of the material"},
-            ),
-            "relaxation_modulus": (
-                "elapsed", np.asarray(solid.relaxation(elapsed)) / (1 - float(solid.nu) ** 2),
-                {"units": "Pa", "long_name": "reduced relaxation modulus of the material"},
+            "relaxation_modulus": variable(
+                "elapsed",
+                np.asarray(solid.relaxation(elapsed)) / (1 - float(solid.nu) ** 2),
+                "Pa",
+                "reduced relaxation modulus of the material",
             ),
         },
-        coords={
-            "elapsed": (
-                "elapsed", elapsed, {"units": "s", "long_name": "time since a step of strain"},
-            ),
-        },
+        coords={"elapsed": variable("elapsed", elapsed, "s", "time since a step of strain")},
         attrs=attrs,
-    )  # fmt: skip
+    )

@@ -21,19 +21,15 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
-from labpipe.uncertainty import Row, Source, beyond, combined, table
+from labpipe.uncertainty import Row, Source, budget_rows, combined_uncertainty, excess_uncertainty
+from labpipe.variables import variable
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
 from pipelines.experiments.shared.material_choice import resolve
-from pipelines.experiments.shared.punch_model import (
-    Geometry,
-    elastic_force,
-    relative_sources,
-)
+from pipelines.experiments.shared.punch_model import Geometry, elastic_force, relative_sources
 from pipelines.experiments.shared.ramps_and_holds import Hold
-
-Array = NDArray[np.float64]
 
 BINS_PER_DECADE = 12  # of the relaxation curve
 _TERMS_PER_DECADE = 3  # of the modulus that is fitted
@@ -44,12 +40,7 @@ _SETTLED = 5.0  # s of a hold after which the filter's delay changes the force b
 
 
 def curves(
-    loads: xr.Dataset,
-    ramps: xr.Dataset,
-    material_file: Path | None,
-    fitted: xr.Dataset | None,
-    *,
-    settings: Relaxation,
+    loads: xr.Dataset, ramps: xr.Dataset, material_file: Path | None, fitted: xr.Dataset | None, *, settings: Relaxation
 ) -> xr.Dataset:
     """Return relaxation curves over the time since the ramp, and moduli where the depth is known.
 
@@ -68,15 +59,12 @@ def curves(
     columns = {
         "reduced_modulus": ("Pa", "relaxed reduced modulus E/(1 - nu^2), from the plateau"),
         "u_reduced_modulus": ("Pa", "standard uncertainty: relaxed reduced modulus"),
-        "reduced_modulus_own_part": (
-            "Pa",
-            "part of its uncertainty that other depths do not share",
-        ),
+        "reduced_modulus_own_part": ("Pa", "part of its uncertainty that other depths do not share"),
         "reduced_modulus_cosine": ("Pa", "the same by eq. (2.17), for a cosine on a half-plane"),
     }
     result = result.merge(xr.Dataset(ramps_and_holds.over_ramps([m for m, _ in moduli], columns)))
     result.attrs = {"budgets": json.dumps([b for _, b in moduli])}
-    result["nu"] = ((), np.nan if nu is None else nu, {"units": "1", "long_name": "Poisson ratio"})
+    result["nu"] = variable((), np.nan if nu is None else nu, "1", "Poisson ratio")
     if loads.attrs["is_tared"]:
         fit = _fitted(loads, found, touch, geometry)
         result = result.merge(fit, combine_attrs="drop_conflicts")
@@ -102,9 +90,7 @@ def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
         place = np.searchsorted(edges, t, side="right") - 1
         force[i, place], middle[i, place] = mean, t
         width[i, place] = ramps_and_holds.binned(since, since, edges)[2]
-        spread[i, place] = ramps_and_holds.u_of_means(
-            since, values, edges, ramps_and_holds.noise(loads, hold), step
-        )
+        spread[i, place] = ramps_and_holds.u_of_means(since, values, edges, ramps_and_holds.noise(loads, hold), step)
     kept = np.isfinite(force).any(axis=0)
     text = "force in the hold, as recorded behind the cell's filter"
     table = {
@@ -115,57 +101,55 @@ def _relaxation_curves(loads: xr.Dataset, found: list[Hold]) -> xr.Dataset:
     }
     return xr.Dataset(
         {
-            name: (("ramp", "lag"), values[:, kept], {"units": units, "long_name": text})
+            name: variable(("ramp", "lag"), values[:, kept], units, text)
             for name, (values, units, text) in table.items()
         },
         coords={
             "ramp": np.arange(1, len(found) + 1),
-            "lag": ("lag", lag[kept], {"units": "s", "long_name": "time since the stage arrived"}),
+            "lag": variable("lag", lag[kept], "s", "time since the stage arrived"),
         },
     )
 
 
-def _modulus(
-    loads: xr.Dataset, at: xr.Dataset, geometry: Geometry
-) -> tuple[dict[str, float], list[Row]]:
+def _modulus(loads: xr.Dataset, at: xr.Dataset, geometry: Geometry) -> tuple[dict[str, float], list[Row]]:
     """Invert the plateau: reduced modulus, its uncertainty, and the budget."""
     depth, force = float(at["depth"]), float(at["plateau_force"])
     if depth <= 0:
-        message = (
-            f"the hold lies {-depth * 1e6:.3g} µm above first touch; the position of first touch "
-            "cannot be right"
-        )
+        message = f"the hold lies {-depth * 1e6:.3g} µm above first touch; the position of first touch cannot be right"
         raise InputError(message)
     value = force / float(elastic_force(np.array([depth]), geometry)[0])
     cosine = Geometry(
-        geometry.radius, geometry.period, geometry.depth, geometry.tips, np.inf, geometry.nu,
+        geometry.radius,
+        geometry.period,
+        geometry.depth,
+        geometry.tips,
+        np.inf,
+        geometry.nu,
         type(geometry.model)(profile="cosine"),
-    )  # fmt: skip
+    )
     gain = float(np.nan_to_num(float(loads["u_gain"])))
     tare = float(loads["u_tare"])
-    noise = beyond(float(at["u_plateau_force"]), ramps_and_holds.systematic(loads, force))
+    noise = excess_uncertainty(float(at["u_plateau_force"]), ramps_and_holds.systematic(loads, force))
     of_force = value / force
     sources = [
         Source("noise of the plateau", force, noise, "N", of_force, "random"),
         Source("tare", float(loads["tare"]), tare, "N", -of_force, "systematic"),
-        Source("relaxation not finished", 0.0, float(at["unfinished"]), "N", -of_force,
-               "systematic"),
+        Source("relaxation not finished", 0.0, float(at["unfinished"]), "N", -of_force, "systematic"),
         Source("gain of the cell", float(loads["gain"]), gain, "1", value, "systematic"),
-    ]  # fmt: skip
+    ]
     # a deeper contact at the same force is a softer one
     sources += [
-        s._replace(sensitivity=-value * s.sensitivity)
-        for s in relative_sources(depth, float(at["u_depth"]), geometry)
+        s._replace(sensitivity=-value * s.sensitivity) for s in relative_sources(depth, float(at["u_depth"]), geometry)
     ]
     shared = {"gain of the cell", "tip radius", "period", "length of a tip"}
     own = [s for s in sources if s.source not in shared]
     row = {
         "reduced_modulus": value,
-        "u_reduced_modulus": combined(sources),
-        "reduced_modulus_own_part": combined(own),
+        "u_reduced_modulus": combined_uncertainty(sources),
+        "reduced_modulus_own_part": combined_uncertainty(own),
         "reduced_modulus_cosine": force / float(elastic_force(np.array([depth]), cosine)[0]),
     }
-    return row, table(sources)
+    return row, budget_rows(sources)
 
 
 def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geometry) -> xr.Dataset:
@@ -187,9 +171,7 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
     answers = []
     kinds = mach1_readings.filter_kinds(loads)
     for kind in kinds:
-        passed = np.column_stack([
-            through(loads, column, interval, declared, kind)[rows] for column in basis.T
-        ])  # fmt: skip
+        passed = np.column_stack([through(loads, column, interval, declared, kind)[rows] for column in basis.T])
         scale = np.maximum(np.abs(passed).max(axis=0), 1e-300)
         found_weights, _ = nnls(passed / scale, measured)
         answers.append(found_weights / scale)
@@ -206,31 +188,22 @@ def _fitted(loads: xr.Dataset, found: list[Hold], touch: float, geometry: Geomet
     u_peak = np.sqrt(systematic**2 + misfit**2 + of_filter**2)
     return xr.Dataset(
         {
-            "relaxation_modulus": (
-                "elapsed", modulus,
-                {"units": "Pa", "long_name": "reduced relaxation modulus, fitted to the force"},
+            "relaxation_modulus": variable("elapsed", modulus, "Pa", "reduced relaxation modulus, fitted to the force"),
+            "peak_force_unfiltered": variable("ramp", peaks[0], "N", "largest force before the filter"),
+            "u_peak_force_unfiltered": variable(
+                "ramp", u_peak, "N", "standard uncertainty: largest force before filter"
             ),
-            "peak_force_unfiltered": (
-                "ramp", peaks[0], {"units": "N", "long_name": "largest force before the filter"},
-            ),
-            "u_peak_force_unfiltered": (
-                "ramp", u_peak,
-                {"units": "N", "long_name": "standard uncertainty: largest force before filter"},
-            ),
-            "peak_filter_part": (
-                "ramp", of_filter,
-                {"units": "N", "long_name": "part of it that the unknown kind of filter leaves"},
-            ),
+            "peak_filter_part": variable("ramp", of_filter, "N", "part of it that the unknown kind of filter leaves"),
         },
         coords={
             "ramp": np.arange(1, len(found) + 1),
-            "elapsed": ("elapsed", lag, {"units": "s", "long_name": "time since a step of strain"}),
+            "elapsed": variable("elapsed", lag, "s", "time since a step of strain"),
         },
         attrs={"work": json.dumps({"fit_rows": int(rows.size), "fit_terms": int(rho.size + 1)})},
-    )  # fmt: skip
+    )
 
 
-def elastic_area(depth: Array, geometry: Geometry) -> Array:
+def elastic_area(depth: Floats, geometry: Geometry) -> Floats:
     """Return elastic force over reduced modulus of a history that only grows, by interpolation."""
     deepest = float(depth.max())
     grid = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 200) * deepest])
@@ -240,7 +213,7 @@ def elastic_area(depth: Array, geometry: Geometry) -> Array:
     return np.asarray(np.interp(reached, grid, area))
 
 
-def _maxwell(time: Array, area: Array, rho: float) -> Array:
+def _maxwell(time: Floats, area: Floats, rho: float) -> Floats:
     """Return ∫ exp(−(t − s)/ρ) dA(s) on the samples, A linear between them."""
     step = np.diff(time) / rho
     decay = np.exp(-step)
@@ -255,12 +228,8 @@ def _maxwell(time: Array, area: Array, rho: float) -> Array:
 
 
 def through(
-    loads: xr.Dataset,
-    force: Array,
-    interval: float,
-    declared: dict[str, float] | None,
-    kind: str = "butterworth",
-) -> Array:
+    loads: xr.Dataset, force: Floats, interval: float, declared: dict[str, float] | None, kind: str = "butterworth"
+) -> Floats:
     """Pass the force of every block through the cell's filter, while the stage moves and after.
 
     In a long hold the force is so slow that a filter leaves it as it is.
@@ -289,7 +258,7 @@ def _fit_rows(loads: xr.Dataset, found: list[Hold], interval: float) -> NDArray[
     return np.array(sorted(set(rows)), dtype=np.int64)
 
 
-def _misfit(loads: xr.Dataset, rest: Array, rows: NDArray[np.int64], hold: Hold) -> float:
+def _misfit(loads: xr.Dataset, rest: Floats, rows: NDArray[np.int64], hold: Hold) -> float:
     """Return the root mean square misfit [N] around the end of a ramp."""
     time = loads["time"].values[rows]
     inside = (rows >= hold.rows.start) & (rows < hold.rows.stop)

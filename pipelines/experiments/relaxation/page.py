@@ -5,7 +5,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe.report import (
     Block,
@@ -25,14 +24,7 @@ from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.budget import quantities
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import budget_blocks, pages, ramps_and_holds
-from pipelines.experiments.shared.punch_sections import (
-    columns,
-    header_blocks,
-    punch_rows,
-    substrate_name,
-)
-
-Array = NDArray[np.float64]
+from pipelines.experiments.shared.punch_sections import columns, header_blocks, punch_rows, substrate_name
 
 _UM = 1e6
 _MPA = 1e-6
@@ -89,9 +81,7 @@ def _label(tests: xr.Dataset, number: int) -> str:
     return _names(tests)[number]
 
 
-def _summary(
-    tests: xr.Dataset | None, comparison: Sequence[xr.Dataset] | None, context: Context
-) -> Section:
+def _summary(tests: xr.Dataset | None, comparison: Sequence[xr.Dataset] | None, context: Context) -> Section:
     blocks: list[Block] = []
     rows = []
     if tests is not None:
@@ -105,22 +95,33 @@ def _summary(
             rows.append((f"peak and plateau at {_label(tests, i)}", shown, "force"))
         if "mean_relaxed_modulus" in tests and np.isfinite(float(tests["mean_relaxed_modulus"])):
             rows.append(
-                ("relaxed modulus", value_with_uncertainty(
-                    float(tests["mean_relaxed_modulus"]), float(tests["u_mean_relaxed_modulus"]),
-                    "Pa"), "in tension, from the plateaus of all tests")
-            )  # fmt: skip
+                (
+                    "relaxed modulus",
+                    value_with_uncertainty(
+                        float(tests["mean_relaxed_modulus"]), float(tests["u_mean_relaxed_modulus"]), "Pa"
+                    ),
+                    "in tension, from the plateaus of all tests",
+                )
+            )
         elif "mean_reduced_modulus" in tests:
             rows.append(
-                ("relaxed reduced modulus", value_with_uncertainty(
-                    float(tests["mean_reduced_modulus"]), float(tests["u_mean_reduced_modulus"]),
-                    "Pa"), "E/(1 − ν²), from the plateaus of all tests")
-            )  # fmt: skip
+                (
+                    "relaxed reduced modulus",
+                    value_with_uncertainty(
+                        float(tests["mean_reduced_modulus"]), float(tests["u_mean_reduced_modulus"]), "Pa"
+                    ),
+                    "E/(1 − ν²), from the plateaus of all tests",
+                )
+            )
         if "nrmse_all" in tests:
             errors = tests["nrmse_all"].values * 100
             rows.append(
-                ("nRMSE of force", f"{np.nanmin(errors):.2f} to {np.nanmax(errors):.2f} %",
-                 "root mean square of measured minus model, over the range of each test")
-            )  # fmt: skip
+                (
+                    "nRMSE of force",
+                    f"{np.nanmin(errors):.2f} to {np.nanmax(errors):.2f} %",
+                    "root mean square of measured minus model, over the range of each test",
+                )
+            )
     if rows:
         blocks.append(KeyValues(rows))
     reasons = sorted({str(c.attrs["absent"]) for c in comparison or () if "absent" in c.attrs})
@@ -129,10 +130,7 @@ def _summary(
 
 
 def _measured(
-    settings: Relaxation,
-    readings: list[xr.Dataset] | None,
-    loads: list[xr.Dataset] | None,
-    context: Context,
+    settings: Relaxation, readings: list[xr.Dataset] | None, loads: list[xr.Dataset] | None, context: Context
 ) -> Section:
     rows = [("files", ", ".join(settings.mach1), "")]
     rows += punch_rows(settings.punch)
@@ -149,8 +147,12 @@ def _tests(tests: xr.Dataset) -> Section:
     names = ["depth", "peak_force", "plateau_force", "ratio"]
     has_model = "nrmse_all" in tests
     wanted: list[str | tuple[str, str]] = [
-        "test", ("depth", "m"), ("peak", "N"), ("plateau", "N"), ("peak/plateau", ""),
-    ]  # fmt: skip
+        "test",
+        ("depth", "m"),
+        ("peak", "N"),
+        ("plateau", "N"),
+        ("peak/plateau", ""),
+    ]
     parts = ("ramp", "early", "late", "all")
     rows, errors = [], []
     for i, name in enumerate(_names(tests)):
@@ -162,19 +164,24 @@ def _tests(tests: xr.Dataset) -> Section:
         if has_model:
             motion += [float(at[f"nrmse_{p}"]) * 100 for p in parts]
         errors.append(motion)
-    caption = (
-        "The peak is as recorded, after the load cell's filter; the plateau is the mean over the "
-        "end of the hold."
-    )
+    caption = "The peak is as recorded, after the load cell's filter; the plateau is the mean over the end of the hold."
     second = [Column("test"), Column("ramp speed", "m/s"), Column("hold", "s")]
     if has_model:
         second += [Column(f"nRMSE {p}", "%", digits=3) for p in parts]
-    return Section("Tests", (
-        Table(columns(*wanted), rows, caption=caption),
-        Table(tuple(second), errors,
-              caption="Measured displacement, and errors of the simulated force relative to the "
-              "range of the force in the whole test." if has_model else "Measured displacement."),
-    ))  # fmt: skip
+    return Section(
+        "Tests",
+        (
+            Table(columns(*wanted), rows, caption=caption),
+            Table(
+                tuple(second),
+                errors,
+                caption="Measured displacement, and errors of the simulated force relative to the "
+                "range of the force in the whole test."
+                if has_model
+                else "Measured displacement.",
+            ),
+        ),
+    )
 
 
 def _each(
@@ -192,10 +199,7 @@ def _title(tests: xr.Dataset | None, number: int) -> str:
 
 
 def _ramps(
-    loads: Sequence[xr.Dataset],
-    ramps: Sequence[xr.Dataset],
-    comparison: Sequence[xr.Dataset],
-    tests: xr.Dataset | None,
+    loads: Sequence[xr.Dataset], ramps: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None
 ) -> Section:
     charts: list[Block] = []
     touches = [float(r["contact_position"]) for r in ramps for _ in range(r.sizes["ramp"])]
@@ -209,24 +213,32 @@ def _ramps(
             theirs = compared["simulated_force"].values[hold.rows][near]
             series.append(Series("model", since, theirs, role="model"))
         charts.append(
-            LineChart(f"Force around the ramp to {label}", "time since the ramp began / s",
-                      "force / N", tuple(series), group=label, height_px=240,
-                      caption="The load cell's filter was applied to the model too.")
-        )  # fmt: skip
+            LineChart(
+                f"Force around the ramp to {label}",
+                "time since the ramp began / s",
+                "force / N",
+                tuple(series),
+                group=label,
+                height_px=240,
+                caption="The load cell's filter was applied to the model too.",
+            )
+        )
         position = load["position_z"].values[hold.rows][near]
         datum = touches[number] if np.isfinite(touches[number]) else hold.start
         charts.append(
-            LineChart(f"Indentation around the ramp to {label}", "time since the ramp began / s",
-                      "indentation / mm", (Series("measured, input of the model", since,
-                      (position - datum) * 1e3, role="measured"),), group=label,
-                      height_px=150)
-        )  # fmt: skip
+            LineChart(
+                f"Indentation around the ramp to {label}",
+                "time since the ramp began / s",
+                "indentation / mm",
+                (Series("measured, input of the model", since, (position - datum) * 1e3, role="measured"),),
+                group=label,
+                height_px=150,
+            )
+        )
     return Section("Ramp and peak", tuple(charts))
 
 
-def _holds(
-    loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None
-) -> Section:
+def _holds(loads: Sequence[xr.Dataset], comparison: Sequence[xr.Dataset], tests: xr.Dataset | None) -> Section:
     curves, gaps = [], []
     for number, (load, compared, hold) in enumerate(_each(loads, comparison)):
         label = _title(tests, number)
@@ -247,23 +259,33 @@ def _holds(
         curves.append(Series(f"{label}, model", lag, model, role="model"))
         gaps.append(Series(label, lag, gap, role="residual", u=u))
     charts: list[Block] = [
-        LineChart("Relaxation", "time since the stage arrived / s", "force / N", tuple(curves),
-                  x_scale="log", height_px=320,
-                  caption="Means over equal steps of the logarithm of time.")
-    ]  # fmt: skip
+        LineChart(
+            "Relaxation",
+            "time since the stage arrived / s",
+            "force / N",
+            tuple(curves),
+            x_scale="log",
+            height_px=320,
+            caption="Means over equal steps of the logarithm of time.",
+        )
+    ]
     if gaps:
         charts.append(
-            LineChart("Measured minus model", "time since the stage arrived / s", "difference / N",
-                      tuple(gaps), x_scale="log", height_px=200,
-                      caption="Bars: noise of each mean, one standard uncertainty. An error of "
-                              "the depth, the gain or the modulus shifts the whole curve.")
-        )  # fmt: skip
+            LineChart(
+                "Measured minus model",
+                "time since the stage arrived / s",
+                "difference / N",
+                tuple(gaps),
+                x_scale="log",
+                height_px=200,
+                caption="Bars: noise of each mean, one standard uncertainty. An error of "
+                "the depth, the gain or the modulus shifts the whole curve.",
+            )
+        )
     return Section("Relaxation", tuple(charts))
 
 
-def _moduli(
-    curves: Sequence[xr.Dataset], models: Sequence[xr.Dataset] | None, tests: xr.Dataset
-) -> Section:
+def _moduli(curves: Sequence[xr.Dataset], models: Sequence[xr.Dataset] | None, tests: xr.Dataset) -> Section:
     absent = next((str(c.attrs["absent"]) for c in curves if "absent" in c.attrs), None)
     if absent is not None:
         return Section("Modulus", (Notice("info", f"{absent}."),))
@@ -280,23 +302,32 @@ def _moduli(
     for curve in curves:
         if "relaxation_modulus" in curve:
             series.append(
-                Series(_label(tests, number), curve["elapsed"].values,
-                       curve["relaxation_modulus"].values * _MPA, role="measured")
-            )  # fmt: skip
+                Series(
+                    _label(tests, number),
+                    curve["elapsed"].values,
+                    curve["relaxation_modulus"].values * _MPA,
+                    role="measured",
+                )
+            )
         number += curve.sizes["ramp"]
     there = next((m for m in models or () if "relaxation_modulus" in m), None)
     if series and there is not None:
         series.append(
-            Series("of the material", there["elapsed"].values,
-                   there["relaxation_modulus"].values * _MPA, role="model")
-        )  # fmt: skip
+            Series("of the material", there["elapsed"].values, there["relaxation_modulus"].values * _MPA, role="model")
+        )
     if series:
         blocks.append(
-            LineChart("Relaxation modulus from the force", "time / s",
-                      "reduced modulus / MPa", tuple(series), x_scale="log", height_px=280,
-                      caption="For a linear material all curves coincide. They begin where ramp "
-                              "and filter allow processes to be resolved.")
-        )  # fmt: skip
+            LineChart(
+                "Relaxation modulus from the force",
+                "time / s",
+                "reduced modulus / MPa",
+                tuple(series),
+                x_scale="log",
+                height_px=280,
+                caption="For a linear material all curves coincide. They begin where ramp "
+                "and filter allow processes to be resolved.",
+            )
+        )
     blocks.append(_modulus_table(tests))
     budgets = json.loads(curves[0].attrs["budgets"])
     blocks += budget_table(budgets[0], f"Budget of the reduced modulus at {_label(tests, 0)}", "Pa")
@@ -312,25 +343,26 @@ def _modulus_table(tests: xr.Dataset) -> Table:
             row += [float(at[name]), float(at[f"u_{name}"])] if name in tests else [np.nan, np.nan]
         rows.append([*row, float(at["reduced_modulus_cosine"])])
     return Table(
-        (*columns("depth", ("reduced modulus", "Pa"), ("peak before the filter", "N")),
-         Column("by eq. (2.17) as printed", "Pa", digits=4)),
+        (
+            *columns("depth", ("reduced modulus", "Pa"), ("peak before the filter", "N")),
+            Column("by eq. (2.17) as printed", "Pa", digits=4),
+        ),
         rows,
         caption="Eq. (2.17) holds for a cosine on a half-plane. The peak before the filter "
         "follows from the fit; its uncertainty includes the filter's unknown type.",
         sortable=False,
-    )  # fmt: skip
+    )
 
 
 def _model(settings: Relaxation, models: Sequence[xr.Dataset]) -> Section:
     there = next(m for m in models if "absent" not in m.attrs)
     rows = [
         ("material", substrate_name(settings.substrate), ""),
-        ("its relaxed reduced modulus", value_with_uncertainty(
-            float(there["reduced_modulus"]), 0.0, "Pa"), ""),
+        ("its relaxed reduced modulus", value_with_uncertainty(float(there["reduced_modulus"]), 0.0, "Pa"), ""),
         ("profile of the tips", settings.model.profile, ""),
         ("solver", there.attrs["solver"], there.attrs["solver_reason"]),
         ("datum of displacement", there.attrs["datum"], ""),
-    ]  # fmt: skip
+    ]
     text = (
         "Boundary elements of a periodic line contact with exact exponential memory, driven by the "
         "measured displacement of the whole file, approach included."
@@ -342,10 +374,7 @@ def _methods(settings: Relaxation, tests: xr.Dataset) -> str:
     depths = tests["depth"].values * 1e3
     speed = float(np.median(tests["speed"])) * 1e3
     hold = float(np.median(tests["duration"]))
-    text = (
-        f"In {pages.counted(tests.sizes['test'], 'relaxation test')} a periodic punch was pressed "
-        "into the sample"
-    )
+    text = f"In {pages.counted(tests.sizes['test'], 'relaxation test')} a periodic punch was pressed into the sample"
     if np.isfinite(depths).all():
         text += f" to {', '.join(f'{d:.3f}' for d in depths)} mm"
     text += (

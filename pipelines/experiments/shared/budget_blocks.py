@@ -17,7 +17,7 @@ from labpipe.report import (
     shown_source,
     value_with_uncertainty,
 )
-from labpipe.uncertainty import Budget, MonteCarlo, agrees, apart, linear, monte_carlo
+from labpipe.uncertainty import Budget, MonteCarlo, interval_difference, intervals_agree, linear_budget, monte_carlo
 from pipelines.experiments.shared.budget_quantity import MEASURED, Quantity
 
 _MANY = 1000.0  # degrees of freedom: beyond, Student's law is the normal one
@@ -43,47 +43,51 @@ def section(experiment: str, quantities: Iterable[Quantity]) -> tuple[Section, .
     """
     found: list[Propagated] = []
     for each in quantities:
-        budget = linear(each.model, each.inputs)
+        budget = linear_budget(each.model, each.inputs)
         if isfinite(budget.value) and isfinite(budget.u):
             found.append((each, budget, monte_carlo(each.model, each.inputs, draws=_DRAWS)))
     if not found:
         return ()
     largest = [budget.rows[0] for _, budget, _ in found]
     table = overview(
-        found, "largest source",
+        found,
+        "largest source",
         [f"{shown_source(r['source'])}, {100.0 * r['share']:.0f} %" for r in largest],
         "After the GUM; repeats are type A with Student's quantile. To see which input to "
         f"measure better: labpipe sensitivity SESSION {experiment}.",
-    )  # fmt: skip
+    )
     folded = (Details(each[0].name, blocks=blocks(*each)) for each in found)
     return (Section("Uncertainty budgets", (table, *folded)),)
 
 
-def overview(
-    found: Sequence[Propagated], last: str, texts: Sequence[str], caption: str = ""
-) -> Table:
+def overview(found: Sequence[Propagated], last: str, texts: Sequence[str], caption: str = "") -> Table:
     """Return one line for each quantity, which ends with a text under a heading of its own."""
     rows = [
         (
-            each.name, value_with_uncertainty(budget.value, budget.u, each.unit),
-            half_width(budget, each.unit), coverage_factor(budget),
-            _number(budget.degrees_of_freedom), compared(budget, drawn), text,
+            each.name,
+            value_with_uncertainty(budget.value, budget.u, each.unit),
+            half_width(budget, each.unit),
+            coverage_factor(budget),
+            _number(budget.degrees_of_freedom),
+            compared(budget, drawn),
+            text,
         )
         for (each, budget, drawn), text in zip(found, texts, strict=True)
-    ]  # fmt: skip
+    ]
     columns = (
-        Column("quantity"), Column("value"), Column("expanded uncertainty, 95 %"),
-        Column("coverage factor", digits=3), Column("degrees of freedom"),
-        Column("linear and Monte Carlo"), Column(last),
-    )  # fmt: skip
+        Column("quantity"),
+        Column("value"),
+        Column("expanded uncertainty, 95 %"),
+        Column("coverage factor", digits=3),
+        Column("degrees of freedom"),
+        Column("linear and Monte Carlo"),
+        Column(last),
+    )
     return Table(columns, rows, caption=caption, sortable=False)
 
 
 def blocks(
-    found: Quantity,
-    budget: Budget,
-    drawn: MonteCarlo,
-    columns: Mapping[str, Mapping[str, Any]] | None = None,
+    found: Quantity, budget: Budget, drawn: MonteCarlo, columns: Mapping[str, Mapping[str, Any]] | None = None
 ) -> tuple[Block, ...]:
     """Return one budget as text, table and bars.
 
@@ -112,9 +116,7 @@ def blocks(
     return Paragraph(text), *_table(found, budget, columns or {}), *_others(found)
 
 
-def _table(
-    found: Quantity, budget: Budget, columns: Mapping[str, Mapping[str, Any]]
-) -> tuple[Block, ...]:
+def _table(found: Quantity, budget: Budget, columns: Mapping[str, Mapping[str, Any]]) -> tuple[Block, ...]:
     """Return the uncertain inputs as table and bars, the largest first."""
     rows = [row for row in budget.rows if row["u"] > 0.0]
     freedom = {n: _number(g.degrees_of_freedom) for n, g in found.inputs.items()}
@@ -139,23 +141,20 @@ def half_width(budget: Budget, unit: str) -> str:
 
 def compared(budget: Budget, drawn: MonteCarlo) -> str:
     """Say whether the linear interval stands, or by which share of its half width it does not."""
-    if agrees(budget, drawn):
+    if intervals_agree(budget, drawn):
         return "agree"
-    return f"differ by {100.0 * apart(budget, drawn) / budget.expanded():.0f} %"
+    return f"differ by {100.0 * interval_difference(budget, drawn) / budget.expanded():.0f} %"
 
 
 def _reason(budget: Budget, drawn: MonteCarlo) -> str:
-    if agrees(budget, drawn):
+    if intervals_agree(budget, drawn):
         return ""
     if isfinite(budget.degrees_of_freedom):
         return (
             " of the half width, as repeats are few: effective degrees of freedom only "
             "approximate the Student distribution of one input; use the Monte Carlo interval"
         )
-    return (
-        " of the half width, as the result is nonlinear within the uncertainty; use the Monte "
-        "Carlo interval"
-    )
+    return " of the half width, as the result is nonlinear within the uncertainty; use the Monte Carlo interval"
 
 
 def coverage_factor(budget: Budget) -> float:

@@ -13,11 +13,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from labpipe.uncertainty import Input, Model, beyond
-
-Array = NDArray[np.float64]
+from labpipe.arrays import Floats
+from labpipe.uncertainty import Input, Model, excess_uncertainty
 
 IMPACTS = 3
 """Impacts that are shown; the thesis analyses the first three."""
@@ -26,14 +24,22 @@ TESTS = 3
 """Depths or frequencies of an indentation that are shown."""
 
 ASKED = (
-    "inclination", "pixel size", "zero", "noise", "sampling", "filter lag", "mass", "radius",
-    "height", "Poisson's ratio", "temperature", "repeatability",
-)  # fmt: skip
+    "inclination",
+    "pixel size",
+    "zero",
+    "noise",
+    "sampling",
+    "filter lag",
+    "mass",
+    "radius",
+    "height",
+    "Poisson's ratio",
+    "temperature",
+    "repeatability",
+)
 """Inputs that every budget is asked about."""
 
-NOTHING_FALLS = (
-    ("inclination, pixel size, mass, height", "there is no laser, no camera, and nothing falls"),
-)
+NOTHING_FALLS = (("inclination, pixel size, mass, height", "there is no laser, no camera, and nothing falls"),)
 """What does not act on an indentation, and why."""
 
 MEASURED = "measured"
@@ -64,14 +70,14 @@ class Quantity:
     family: str = ""
 
 
-def repeats(values: Array, own: Array) -> tuple[Input, Input]:
+def repeats(values: Floats, own: Floats) -> tuple[Input, Input]:
     """Return what repeats state of themselves, averaged, and their scatter beyond it."""
     n = values.size
     stated = float(np.sqrt(np.mean(own**2)) / sqrt(n))
     if n < 2:
         return Input(0.0, stated), Input(0.0, 0.0)
     scatter = float(np.std(values, ddof=1) / sqrt(n))
-    return Input(0.0, stated), Input(0.0, beyond(scatter, stated), degrees_of_freedom=n - 1)
+    return Input(0.0, stated), Input(0.0, excess_uncertainty(scatter, stated), degrees_of_freedom=n - 1)
 
 
 def clock(displacement: xr.Dataset) -> Input:
@@ -84,7 +90,7 @@ def summed(**inputs: float) -> float:
     return sum(inputs.values())
 
 
-def of_model(
+def model_quantity(
     name: str, value: float, unit: str, rows: Sequence[Mapping[str, Any]], asked: Sequence[str]
 ) -> Quantity:
     """Return what a model gave, of which only the sensitivities are known.
@@ -94,7 +100,7 @@ def of_model(
     name, unit : str
     value : float
     rows : sequence of mapping
-        As :func:`labpipe.uncertainty.table` makes them.
+        As :func:`labpipe.uncertainty.budget_rows` makes them.
     asked : sequence of str
         Inputs of the model; those without a row are stated as exact.
     """

@@ -1,6 +1,8 @@
 """One row of ``compare``: a curve or a single value, measured and simulated."""
 
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from math import erfc, sqrt
 from typing import Any
 
 import numpy as np
@@ -29,6 +31,9 @@ class Row:
         Of a curve only the difference is given: the bias, and its uncertainty where one is stated.
     nrmse : float or None
         Of a curve, relative to the range of the measurement.
+    slopes : mapping of str to float
+        Derivative of the difference to each input that several rows share, SI: what hangs together
+        is counted once, and says what the comparison could notice.
     kept : tuple of str
         Results behind it that earlier code made and that were taken as they are.
     """
@@ -48,6 +53,7 @@ class Row:
     difference: float | None = None
     u_difference: float | None = None
     nrmse: float | None = None
+    slopes: Mapping[str, float] = field(default_factory=dict)
     kept: tuple[str, ...] = ()
 
     @property
@@ -64,7 +70,13 @@ class Row:
 
     def document(self) -> dict[str, Any]:
         """Return the row for JSON."""
-        return asdict(self) | {"deviation": self.deviation}
+        shown = asdict(self) | {"deviation": self.deviation, "p": self.p}
+        return {name: value for name, value in shown.items() if name != "slopes"}
+
+    @property
+    def p(self) -> float | None:
+        """Probability of a larger difference, if model and uncertainties are right."""
+        return None if self.deviation is None else erfc(abs(self.deviation) / sqrt(2))
 
 
 def row(
@@ -75,6 +87,7 @@ def row(
     material: str = "",
     condition: str = "",
     against: str = "model",
+    slopes: Mapping[str, float] | None = None,
     **values: Any,
 ) -> Row:
     """Return a row without its experiment; values that are not finite become None.
@@ -84,7 +97,7 @@ def row(
     >>> row("restitution", "1", 3, measured=0.8, u_measured=float("nan")).u_measured
     """
     plain: dict[str, Any] = {name: _plain(value) for name, value in values.items()}
-    return Row("", "", material, condition, quantity, unit, n, against, **plain)
+    return Row("", "", material, condition, quantity, unit, n, against, slopes=slopes or {}, **plain)
 
 
 def _plain(value: Any) -> float | None:

@@ -5,8 +5,8 @@ from typing import Protocol
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.identification import Bounces, DropModel, Parameter, drop_evidence
 from labpipe.units import Quantity
@@ -14,8 +14,6 @@ from pipelines.experiments.shared import settings as given
 from pipelines.experiments.shared.material_choice import resolve
 from pipelines.experiments.shared.material_evidence import MaterialEvidence, nuisance
 from pipelines.experiments.shared.plate_under_drop import plate_inputs, resolve_plate
-
-Array = NDArray[np.float64]
 
 
 class Drop(Protocol):
@@ -41,25 +39,19 @@ class Drop(Protocol):
 def body(sphere: given.Sphere) -> tuple[dict[str, str], list[Parameter]]:
     """Return mass and radius of a sphere; equal spheres are one."""
     names, unknowns = {}, []
-    for role, stated, text in (
-        ("mass", sphere.mass, "moving mass"),
-        ("radius", sphere.radius, "radius of the sphere"),
-    ):
+    for role, stated, text in (("mass", sphere.mass, "moving mass"), ("radius", sphere.radius, "radius of the sphere")):
         if stated.u > 0.0:
             names[role] = f"{role} {stated.value:g} {stated.si}"
             unknowns.append(nuisance(names[role], stated.value, stated.u, stated.si, text))
     return names, unknowns
 
 
-def mean_height(name: str, stated: Quantity, heights: Array) -> Parameter:
+def mean_height(name: str, stated: Quantity, heights: Floats) -> Parameter:
     """Return the mean height of the repeats: the stated one, as far as it is repeated."""
     spread = float(np.std(heights, ddof=1)) if heights.size > 1 else 0.0
     sd = float(np.hypot(stated.u, spread / np.sqrt(max(heights.size, 1))))
     if sd == 0.0:
-        message = (
-            f"{name}: the height is stated without an uncertainty; write it as "
-            f'"{stated.value * 1e3:g} ± 0.01 mm"'
-        )
+        message = f'{name}: the height is stated without an uncertainty; write it as "{stated.value * 1e3:g} ± 0.01 mm"'
         raise InputError(message)
     return nuisance(f"{name} height", stated.value, sd, "m", "mean height of the drops")
 
@@ -93,24 +85,28 @@ def of_drop(
     model = _model(settings, plate, names, unknowns)
     evidence = drop_evidence(name, seen, model)
     solid = resolve(settings.sphere, file, fitted)
-    return MaterialEvidence(
-        float(solid.nu), evidence.model.window, tuple(unknowns), lambda rho: evidence
-    )
+    return MaterialEvidence(float(solid.nu), evidence.model.window, tuple(unknowns), lambda rho: evidence)
 
 
-def _model(
-    settings: Drop, found: xr.Dataset | None, names: dict[str, str], unknowns: list[Parameter]
-) -> DropModel:
+def _model(settings: Drop, found: xr.Dataset | None, names: dict[str, str], unknowns: list[Parameter]) -> DropModel:
     plate = resolve_plate(settings.plate, found)
     mass = plate_inputs(settings.plate, found).get("mass")
     if plate is not None and mass is not None and mass.u > 0.0:
         names["plate"] = "mass of the plate"
-        unknowns.append(
-            nuisance(names["plate"], plate.mass, mass.u, "kg", "modal mass of the plate")
-        )
+        unknowns.append(nuisance(names["plate"], plate.mass, mass.u, "kg", "modal mass of the plate"))
     empty = np.empty(0, dtype=np.int64)
     return DropModel(
-        settings.sphere.radius.value, settings.sphere.mass.value, settings.height.value,
-        settings.model.gravity.value, empty, empty, empty, 0.0, 0.0, names,
-        settings.model.profile, plate, settings.model.rtol,
-    )  # fmt: skip
+        settings.sphere.radius.value,
+        settings.sphere.mass.value,
+        settings.height.value,
+        settings.model.gravity.value,
+        empty,
+        empty,
+        empty,
+        0.0,
+        0.0,
+        names,
+        settings.model.profile,
+        plate,
+        settings.model.rtol,
+    )

@@ -15,8 +15,7 @@ import instruments
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
 from labpipe.units import Quantity
-
-Array = NDArray[np.float64]
+from labpipe.variables import variable
 
 _FIRST_DAY = 946_684_800  # s since 1970: the year 2000, before the format was in use
 _WIDEST = 640  # px of a stored key frame: what a page shows
@@ -68,21 +67,16 @@ def key_frames(film: FrameSource, chosen: Sequence[int]) -> xr.Dataset:
     _, rows, columns = film.shape
     factor = max(1.0, columns / _WIDEST)
     size = (round(columns / factor), max(1, round(rows / factor)))
-    images = [
-        cv2.resize(_eight_bit(film[i], low, high), size, interpolation=cv2.INTER_AREA)
-        for i in sound
-    ]
+    images = [cv2.resize(_eight_bit(film[i], low, high), size, interpolation=cv2.INTER_AREA) for i in sound]
     return xr.Dataset(
         {
-            "image": (("key", "y", "x"), np.stack(images),
-                      {"units": "1", "long_name": "grey level of a key frame"}),
-            "frame": ("key", np.array(sound), {"units": "1", "long_name": "frame of the film"}),
-            "key_time": ("key", film.time[sound], {"units": "s", "long_name": "time in the film"}),
-            "reduction": ((), columns / size[0],
-                          {"units": "1", "long_name": "px of the film per px of the image"}),
+            "image": variable(("key", "y", "x"), np.stack(images), "1", "grey level of a key frame"),
+            "frame": variable("key", np.array(sound), "1", "frame of the film"),
+            "key_time": variable("key", film.time[sound], "s", "time in the film"),
+            "reduction": variable((), columns / size[0], "1", "px of the film per px of the image"),
         },
         attrs={"header": "\n".join(_header_lines(getattr(film, "header", None)))},
-    )  # fmt: skip
+    )
 
 
 def _header_lines(header: Any) -> list[str]:

@@ -26,11 +26,15 @@ def read_laser(path: Path, given: Keyence) -> xr.Dataset:
     """
     try:
         return instruments.read_table(
-            path, "displacement", "keyence",
+            path,
+            "displacement",
+            "keyence",
             cycle=None if given.cycle is None else given.cycle.value,
-            storage_factor=given.storage_factor, units=given.units,
-            encoding=given.encoding, decimal=given.decimal,
-        )  # fmt: skip
+            storage_factor=given.storage_factor,
+            units=given.units,
+            encoding=given.encoding,
+            decimal=given.decimal,
+        )
     except SourceError as error:
         raise _with_place(error) from None
 
@@ -41,6 +45,10 @@ def _with_place(error: SourceError) -> SourceError:
         return error
     example = 'keyence = { cycle = "50 us", storage_factor = 1, units = ["mm"] }'
     return SourceError(
-        error.path, error.message, line=error.line, column=error.column, offset=error.offset,
+        error.path,
+        error.message,
+        line=error.line,
+        column=error.column,
+        offset=error.offset,
         hint=f"{error.hint} In session.toml, for the experiment: {example}.",
-    )  # fmt: skip
+    )

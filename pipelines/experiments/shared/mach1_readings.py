@@ -16,11 +16,10 @@ import calibration
 import instruments
 from calibration import load_cell
 from calibration.record import LoadCellRecord
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.units import Quantity
 from pipelines.experiments.shared import mach1_touch
-
-Array = NDArray[np.float64]
 
 LAST_DECIMAL = 1e-9
 """Last decimal of a position in m: every file has six of a millimetre."""
@@ -38,9 +37,7 @@ def read(path: Path) -> xr.Dataset:
     return instruments.read_table(path, "force", "mach1")
 
 
-def force(
-    readings: xr.Dataset, tare: bool, record: Path | None = None, *, untared: str
-) -> xr.Dataset:
+def force(readings: xr.Dataset, tare: bool, record: Path | None = None, *, untared: str) -> xr.Dataset:
     """Add compression-positive force; tared where the file begins with a free approach.
 
     Parameters
@@ -107,9 +104,11 @@ def force_lag(loads: xr.Dataset, frequency: float) -> load_cell.FilterLag | None
     u_gain = 0.0 if filter_kinds(loads) == _KINDS[:1] else lag.u_gain
     return lag._replace(
         u_gain=u_gain,
-        phase=lag.phase * value / slow, u_phase=lag.phase * u / slow,
-        delay=lag.delay * value / slow, note=note,
-    )  # fmt: skip
+        phase=lag.phase * value / slow,
+        u_phase=lag.phase * u / slow,
+        delay=lag.delay * value / slow,
+        note=note,
+    )
 
 
 def filter_delay(loads: xr.Dataset) -> Quantity:
@@ -134,10 +133,7 @@ def filter_kinds(loads: xr.Dataset) -> tuple[str, ...]:
     order, turn = int(declared["order"]), 2 * np.pi * declared["cutoff"]
     value, u = measured
     fitting = []
-    for kind, poles in (
-        ("butterworth", buttap(order)[1]),
-        ("bessel", besselap(order, norm="mag")[1]),
-    ):
+    for kind, poles in (("butterworth", buttap(order)[1]), ("bessel", besselap(order, norm="mag")[1])):
         delay = float(np.real(np.sum(-1 / poles))) / turn
         if abs(delay - value) <= _CONSISTENT * u:
             fitting.append(kind)
@@ -145,11 +141,8 @@ def filter_kinds(loads: xr.Dataset) -> tuple[str, ...]:
 
 
 def filtered(
-    force_values: Array,
-    interval: float,
-    declared: dict[str, float] | None,
-    kind: str = "butterworth",
-) -> Array:
+    force_values: Floats, interval: float, declared: dict[str, float] | None, kind: str = "butterworth"
+) -> Floats:
     """Pass a force through the load cell's filter, assumed causal.
 
     Parameters
@@ -172,11 +165,11 @@ def filtered(
     rate = _FILTER_FINENESS / interval
     sections = _sections(declared, kind, rate)
     passed, _ = sosfilt(sections, force_between, zi=sosfilt_zi(sections) * force_between[0])
-    result: Array = passed[::_FILTER_FINENESS]
+    result: Floats = passed[::_FILTER_FINENESS]
     return result
 
 
-def _sections(declared: dict[str, float], kind: str, rate: float) -> Array:
+def _sections(declared: dict[str, float], kind: str, rate: float) -> Floats:
     """Return the load cell's filter (section, 6) at a rate [Hz]."""
     order, cutoff = int(declared["order"]), declared["cutoff"]
     if kind == "bessel":
@@ -184,7 +177,7 @@ def _sections(declared: dict[str, float], kind: str, rate: float) -> Array:
     return np.asarray(butter(order, cutoff, fs=rate, output="sos"))
 
 
-def clock(loads: xr.Dataset) -> Array:
+def clock(loads: xr.Dataset) -> Floats:
     """Return the time of every sample since the file's first block began, in s."""
     starts = []
     for block in blocks(loads):
@@ -193,7 +186,7 @@ def clock(loads: xr.Dataset) -> Array:
             raise InputError(message)
         starts.append(datetime.fromisoformat(block["start"]))
     since = np.array([(s - starts[0]).total_seconds() for s in starts])
-    absolute: Array = loads["time"].values + since[loads["block"].values.astype(int)]
+    absolute: Floats = loads["time"].values + since[loads["block"].values.astype(int)]
     return absolute
 
 
@@ -224,15 +217,12 @@ def _touch(part: xr.Dataset, declared: dict[str, float] | None) -> Quantity:
     if declared is None:
         return mach1_touch.touched(part, 0.0, [np.empty((0, 6))])
     interval = float(np.median(np.diff(part["time"].values)))
-    filters = [
-        _sections(declared, kind, mach1_touch.FINENESS / interval) for kind in filter_kinds(part)
-    ]
-    delay = load_cell.filter_lag(_SLOW * declared["cutoff"], int(declared["order"]),
-                                 declared["cutoff"]).delay  # fmt: skip
+    filters = [_sections(declared, kind, mach1_touch.FINENESS / interval) for kind in filter_kinds(part)]
+    delay = load_cell.filter_lag(_SLOW * declared["cutoff"], int(declared["order"]), declared["cutoff"]).delay
     return mach1_touch.touched(part, delay, filters)
 
 
-def history(time: Array, displacement: Array) -> NDArray[np.int64]:
+def history(time: Floats, displacement: Floats) -> NDArray[np.int64]:
     """Choose the samples that a simulation needs: all in motion, few at rest.
 
     Returns

@@ -12,13 +12,11 @@ normal; so it is summed over both.
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.signal import fftconvolve, sosfilt
 
+from labpipe.arrays import Floats
 from labpipe.signals import FirstTouch, first_touch, independent_count
 from labpipe.units import Quantity
-
-Array = NDArray[np.float64]
 
 FINENESS = 10  # steps per reading: a touch lies between two of them
 _GROWTH = 1.09  # power of a line contact's force over its first micrometres: 1.06 to 1.13
@@ -34,7 +32,7 @@ _FEWEST = 20  # free readings that tell how noise is correlated
 _LEAST_NOISE = 1e-9  # of the force's range
 
 
-def touched(part: xr.Dataset, delay: float, filters: list[Array]) -> Quantity:
+def touched(part: xr.Dataset, delay: float, filters: list[Floats]) -> Quantity:
     """Return the position of first touch [m].
 
     Parameters
@@ -58,8 +56,7 @@ def touched(part: xr.Dataset, delay: float, filters: list[Array]) -> Quantity:
     early = np.interp(time - delay, time, position)
     rough = first_touch(early, force)
     used = _moving_and_little_more(position, rough, delay / float(np.median(np.diff(time))))
-    model = _Model(position[:used], force[:used], rough, filters,
-                   float(part.attrs.get("resolution", 0.0)))  # fmt: skip
+    model = _Model(position[:used], force[:used], rough, filters, float(part.attrs.get("resolution", 0.0)))
     low = max(rough.position - _BEFORE * model.unit, float(position[0]))
     high = rough.position + _BEHIND * model.unit
     for _ in range(_ROUNDS):
@@ -76,19 +73,19 @@ def touched(part: xr.Dataset, delay: float, filters: list[Array]) -> Quantity:
     return Quantity(mean, float(np.hypot(spread, _STEP / np.sqrt(12.0))), "m")
 
 
-def _farthest(position: Array) -> int:
+def _farthest(position: Floats) -> int:
     """Return where the stage has arrived."""
     return int(np.argmax(position >= position.max() - _STEP / 2))
 
 
-def _without_return(position: Array) -> int:
+def _without_return(position: Floats) -> int:
     """Return how many readings pass until the stage goes back."""
     farthest = _farthest(position)
     back = np.flatnonzero(position[farthest:] < position[farthest] - 2.0 * _STEP)
     return farthest + int(back[0]) if back.size else position.size
 
 
-def _moving_and_little_more(position: Array, rough: FirstTouch, late: float) -> int:
+def _moving_and_little_more(position: Floats, rough: FirstTouch, late: float) -> int:
     """Return how many readings tell of the touch: until the stage has rested for a while."""
     farthest = _farthest(position)
     touch = int(np.argmax(position > min(rough.position, position[farthest] - _STEP)))
@@ -99,8 +96,7 @@ def _moving_and_little_more(position: Array, rough: FirstTouch, late: float) -> 
 class _Model:
     """Likelihood of an approach's forces, whatever their level and the stiffness."""
 
-    def __init__(self, position: Array, force: Array, rough: FirstTouch, filters: list[Array],
-                 step: float) -> None:  # fmt: skip
+    def __init__(self, position: Floats, force: Floats, rough: FirstTouch, filters: list[Floats], step: float) -> None:
         self.force, self.filters = force - force.mean(), filters
         self.unit = max(float(position.max()) - rough.position, _STEP)
         fine = np.arange((position.size - 1) * FINENESS + 1) / FINENESS
@@ -111,19 +107,17 @@ class _Model:
         least = max(step / np.sqrt(12.0), _LEAST_NOISE * float(np.ptp(force)))
         self.least = force.size * least**2
 
-    def log_likelihood(self, places: Array) -> Array:
+    def log_likelihood(self, places: Floats) -> Floats:
         """Return it (power and filter, place), for the best level and stiffness."""
         reached = np.maximum.accumulate(self.fine)
         start = max(int(np.searchsorted(reached, places[0])) - 1, 0)
         depth = np.maximum(self.fine[start:] - places[:, None], 0.0) / self.unit
         made = [
-            self._of(_relaxed(depth, float(power)), sections, start)
-            for power in _POWERS
-            for sections in self.filters
+            self._of(_relaxed(depth, float(power)), sections, start) for power in _POWERS for sections in self.filters
         ]
         return np.array(made)
 
-    def _of(self, force: Array, sections: Array, start: int) -> Array:
+    def _of(self, force: Floats, sections: Floats, start: int) -> Floats:
         passed = sosfilt(sections, force, axis=1) if len(sections) else force
         rows = np.arange(-(-start // FINENESS), self.force.size)
         shape = np.zeros((len(force), self.force.size))
@@ -135,7 +129,7 @@ class _Model:
         return np.asarray(-self.weight * np.log(np.maximum(rest, self.least)))
 
 
-def _relaxed(depth: Array, power: float) -> Array:
+def _relaxed(depth: Floats, power: float) -> Floats:
     """Return the force (place, step) of a growing contact, in any unit."""
     growth = max(power, _GROWTH)
     order = growth - power

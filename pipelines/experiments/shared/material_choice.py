@@ -60,9 +60,7 @@ class Variation(NamedTuple):
     solid: Prony
 
 
-def variations(
-    choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
-) -> dict[str, Variation]:
+def variations(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None) -> dict[str, Variation]:
     """Return what is uncertain of the material, each with the solid of a changed input.
 
     The temperature shifts the material by its law; Poisson's ratio changes the modulus of a
@@ -98,13 +96,10 @@ def variations(
     return found
 
 
-def _poisson_ratio(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None
-                   ) -> Quantity:  # fmt: skip
+def _poisson_ratio(choice: MaterialChoice, file: Path | None, fitted: xr.Dataset | None) -> Quantity:
     if fitted is not None:
         return Quantity(float(fitted["nu"]), float(fitted["u_nu"]), "1")
-    known = materials.describe(choice.material or "") if file is None else (
-        materials.read_material(file)
-    )  # fmt: skip
+    known = materials.describe(choice.material or "") if file is None else (materials.read_material(file))
     entry = next(e for e in known.entries if e.name == "poisson")
     return Quantity(entry.value, entry.u, "1")
 
@@ -123,19 +118,12 @@ def fitted_at(fitted: xr.Dataset, temperature: float | None) -> Prony:
     UserWarning
         The temperature lies outside the isotherms.
     """
-    at_reference = Prony(
-        float(fitted["E_relaxed"]),
-        fitted["E"].values,
-        fitted["rho"].values,
-        nu=float(fitted["nu"]),
-    )
+    at_reference = Prony(float(fitted["E_relaxed"]), fitted["E"].values, fitted["rho"].values, nu=float(fitted["nu"]))
     if temperature is None or temperature == float(fitted["T_ref"]):
         return at_reference
     stored = json.loads(fitted.attrs["law"])
     size = len(stored["parameters"])
-    law = ShiftLaw(
-        stored["name"], stored["T_ref"], tuple(stored["parameters"]), np.zeros((size, size))
-    )
+    law = ShiftLaw(stored["name"], stored["T_ref"], tuple(stored["parameters"]), np.zeros((size, size)))
     measured = fitted["temperature"].values
     log10_aT = shift_at(law, measured, fitted["log10_aT"].values, temperature)
     if not measured.min() <= temperature <= measured.max():

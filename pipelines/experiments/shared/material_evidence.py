@@ -3,12 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from labpipe.arrays import Floats
 from labpipe.identification import Evidence, Parameter
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +25,7 @@ class MaterialEvidence:
     nu: float
     window: tuple[float, float]
     unknowns: tuple[Parameter, ...]
-    build: Callable[[Array], Evidence]
+    build: Callable[[Floats], Evidence]
 
 
 def nuisance(name: str, mean: float, sd: float, unit: str, text: str) -> Parameter:

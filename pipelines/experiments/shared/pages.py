@@ -82,8 +82,7 @@ def kept_notice(context: Context) -> tuple[Notice, ...]:
 def failed_notice(context: Context) -> tuple[Notice, ...]:
     """Say which steps gave no result, so that a missing section is explained."""
     return tuple(
-        Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}")
-        for f in context.failures
+        Notice("error", f"{f.stage}{f' [{f.recording}]' if f.recording else ''}: {f.text}") for f in context.failures
     )
 
 
@@ -114,10 +113,18 @@ def calibration_rows(text: str) -> KeyValues:
     """Show which record was used and what could be checked of it."""
     checked = json.loads(text)
     shown = {
-        "id": "record", "instrument": "instrument", "serial": "serial number", "view": "view",
-        "how": "method", "who": "calibrated by", "when": "on", "valid_from": "valid from",
-        "valid_until": "valid until", "sensor_check": "sensor", "validity_check": "validity",
-    }  # fmt: skip
+        "id": "record",
+        "instrument": "instrument",
+        "serial": "serial number",
+        "view": "view",
+        "how": "method",
+        "who": "calibrated by",
+        "when": "on",
+        "valid_from": "valid from",
+        "valid_until": "valid until",
+        "sensor_check": "sensor",
+        "validity_check": "validity",
+    }
     rows = [(title, str(checked[key]), "") for key, title in shown.items() if checked.get(key)]
     return KeyValues(rows, caption="Calibration record")
 
@@ -147,10 +154,7 @@ def raw_headers(datasets: Sequence[xr.Dataset]) -> tuple[Details, ...]:
 
 def ledger(context: Context) -> Section:
     """Show what was done and what was skipped for this page."""
-    rows = [
-        (row.stage or "all steps", row.name.replace("_", " "), row.done, row.skipped)
-        for row in context.ledger
-    ]
+    rows = [(row.stage or "all steps", row.name.replace("_", " "), row.done, row.skipped) for row in context.ledger]
     blocks: tuple[Block, ...] = (
         Table(
             (Column("step"), Column("work"), Column("done"), Column("skipped")),

@@ -28,9 +28,7 @@ def resolve_plate(given: Plate | None, found: xr.Dataset | None) -> contact.Plat
         if given is None:
             return None
         return contact.Plate(given.mass.value, given.frequency.value, given.damping_ratio.value)
-    return contact.Plate(
-        modal_mass(found).value, float(found["frequency"]), float(found["damping_ratio"])
-    )
+    return contact.Plate(modal_mass(found).value, float(found["frequency"]), float(found["damping_ratio"]))
 
 
 def plate_inputs(given: Plate | None, found: xr.Dataset | None) -> dict[str, Quantity]:
@@ -44,14 +42,11 @@ def plate_inputs(given: Plate | None, found: xr.Dataset | None) -> dict[str, Qua
     if found is not None:
         others = {"frequency": "Hz", "damping_ratio": "1"}
         return {"mass": modal_mass(found)} | {
-            name: Quantity(float(found[name]), float(found[f"u_{name}"]), unit)
-            for name, unit in others.items()
+            name: Quantity(float(found[name]), float(found[f"u_{name}"]), unit) for name, unit in others.items()
         }
     if given is None:
         return {}
-    return {
-        "mass": given.mass, "frequency": given.frequency, "damping_ratio": given.damping_ratio,
-    }  # fmt: skip
+    return {"mass": given.mass, "frequency": given.frequency, "damping_ratio": given.damping_ratio}
 
 
 def modal_mass(found: xr.Dataset) -> Quantity:

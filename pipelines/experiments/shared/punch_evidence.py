@@ -7,7 +7,7 @@ from typing import Protocol
 import xarray as xr
 
 from labpipe.identification import Parameter
-from labpipe.uncertainty import combined
+from labpipe.uncertainty import combined_uncertainty
 from pipelines.experiments.shared import ramps_and_holds
 from pipelines.experiments.shared.material_choice import resolve
 from pipelines.experiments.shared.material_evidence import nuisance
@@ -17,9 +17,7 @@ from pipelines.experiments.shared.punch_settings import IndentationModel, Punch,
 SHIFT = 1e-7
 """m of first touch by which a derivative is found."""
 
-FILTER = nuisance(
-    "filter", 0.0, 1.0, "1", "delay of the cell's filter, in units of its uncertainty"
-)
+FILTER = nuisance("filter", 0.0, 1.0, "1", "delay of the cell's filter, in units of its uncertainty")
 """One cell tests all specimens of a session: relaxation and oscillation share its filter."""
 
 
@@ -50,9 +48,8 @@ class PunchEvidence:
 
 
 def of_punch(
-    settings: Indentation, loads: xr.Dataset, depth: float, file: Path | None,
-    fitted: xr.Dataset | None,
-) -> PunchEvidence | str:  # fmt: skip
+    settings: Indentation, loads: xr.Dataset, depth: float, file: Path | None, fitted: xr.Dataset | None
+) -> PunchEvidence | str:
     """Return it for a depth [m]; a text where session.toml does not tell.
 
     Of the material that the session assumes (``file``, ``fitted``) only Poisson's ratio is used.
@@ -62,7 +59,7 @@ def of_punch(
     nu = float(resolve(settings.substrate, file, fitted).nu)
     geometry = Geometry.of(settings.punch, settings.substrate, settings.model, nu)
     unknowns, factors = [], []
-    relative = combined(relative_sources(depth, 0.0, geometry))
+    relative = combined_uncertainty(relative_sources(depth, 0.0, geometry))
     gain = ramps_and_holds.relative_gain(loads)
     for name, sd, text in (
         ("punch", relative, "effect of the punch's dimensions on the force"),

@@ -10,18 +10,16 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from labpipe import contact
+from labpipe.arrays import Floats
 from labpipe.contact.line import westergaard
 from labpipe.errors import InputError
 from labpipe.materials import Prony
-from labpipe.uncertainty import Source, combined
+from labpipe.uncertainty import Source, combined_uncertainty
 from labpipe.units import Quantity
 from pipelines.experiments.shared import mach1_readings
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
-
-Array = NDArray[np.float64]
 
 _RELATIVE_CHANGE = 1e-3  # of an input by which a sensitivity is found
 _LEAST_SHIFT = 1e-7  # m of first touch for the same purpose: far above the solver's own error
@@ -42,19 +40,21 @@ class Geometry:
     model: IndentationModel
 
     @classmethod
-    def of(
-        cls, punch: Punch, substrate: Substrate | None, model: IndentationModel, nu: float | None
-    ) -> "Geometry":
+    def of(cls, punch: Punch, substrate: Substrate | None, model: IndentationModel, nu: float | None) -> "Geometry":
         """Gather it from the settings."""
         layer = None if substrate is None else substrate.thickness
         return cls(
-            punch.radius, punch.period, punch.depth, punch.tips,
+            punch.radius,
+            punch.period,
+            punch.depth,
+            punch.tips,
             np.inf if layer is None else layer.value,
-            _INCOMPRESSIBLE if nu is None else nu, model,
-        )  # fmt: skip
+            _INCOMPRESSIBLE if nu is None else nu,
+            model,
+        )
 
 
-def elastic_force(displacement: Array, geometry: Geometry, **changed: float) -> Array:
+def elastic_force(displacement: Floats, geometry: Geometry, **changed: float) -> Floats:
     """Return force over reduced modulus [m²] of an elastic contact at displacements [m].
 
     Parameters
@@ -69,9 +69,7 @@ def elastic_force(displacement: Array, geometry: Geometry, **changed: float) -> 
     Closed forms for parabola and cosine on a half-plane (for the cosine eq. 2.17), boundary
     elements otherwise.
     """
-    radius, period, depth = (
-        changed.get(name, getattr(geometry, name).value) for name in ("radius", "period", "depth")
-    )
+    radius, period, depth = (changed.get(name, getattr(geometry, name).value) for name in ("radius", "period", "depth"))
     length = depth * geometry.tips
     profile = geometry.model.profile
     inside = np.maximum(np.asarray(displacement, float), 0.0)
@@ -81,9 +79,16 @@ def elastic_force(displacement: Array, geometry: Geometry, **changed: float) -> 
     order = np.argsort(inside)
     solid = Prony(_UNIT_MODULUS * (1 - geometry.nu**2), [], [], nu=geometry.nu)
     made = contact.indent(
-        solid, radius, period, length, np.arange(inside.size, dtype=float), inside[order],
-        profile=profile, thickness=geometry.thickness, elements=geometry.model.elements,
-    )  # fmt: skip
+        solid,
+        radius,
+        period,
+        length,
+        np.arange(inside.size, dtype=float),
+        inside[order],
+        profile=profile,
+        thickness=geometry.thickness,
+        elements=geometry.model.elements,
+    )
     force = np.empty(inside.size)
     force[order] = made["force"].values / _UNIT_MODULUS
     return force
@@ -110,7 +115,7 @@ def relative_sources(displacement: float, u_touch: float, geometry: Geometry) ->
 
 def simulated(
     loads: xr.Dataset, touch: Quantity, solid: Prony, geometry: Geometry
-) -> tuple[Array, Array, dict[str, Any]]:
+) -> tuple[Floats, Floats, dict[str, Any]]:
     """Simulate a whole file with its measured displacement.
 
     Returns
@@ -129,11 +134,16 @@ def simulated(
 
     def run(shift: float) -> xr.Dataset:
         return contact.indent(
-            solid, geometry.radius.value, geometry.period.value,
-            geometry.depth.value * geometry.tips, time[kept], depth[kept] - shift,
-            profile=geometry.model.profile, thickness=geometry.thickness,
+            solid,
+            geometry.radius.value,
+            geometry.period.value,
+            geometry.depth.value * geometry.tips,
+            time[kept],
+            depth[kept] - shift,
+            profile=geometry.model.profile,
+            thickness=geometry.thickness,
             elements=geometry.model.elements,
-        )  # fmt: skip
+        )
 
     made = run(0.0)
     force = np.interp(time, time[kept], made["force"].values)
@@ -141,7 +151,7 @@ def simulated(
     moved = np.interp(time, time[kept], run(shift)["force"].values)
     u_touch = np.abs(moved - force) * touch.u / shift
     deepest = float(depth.max())
-    relative = combined(relative_sources(deepest, 0.0, geometry)) if deepest > 0 else 0.0
+    relative = combined_uncertainty(relative_sources(deepest, 0.0, geometry)) if deepest > 0 else 0.0
     attrs = {key: str(made.attrs[key]) for key in ("solver", "solver_reason", "datum")}
     work = json.loads(made.attrs["work"])
     work.pop("seconds", None)  # the clock has no place in a stored result

@@ -19,7 +19,7 @@ def tables(found: Found, head: str, name: str) -> str:
     cell = "" if record is None else f'\n[experiments.{name}.load_cell]\nrecord = "{record}"'
     return f"""[experiments.{name}]
 {head}
-# For the simulation beside the measurement, say what was pressed into what:
+# For the simulation, state punch and substrate:
 # [experiments.{name}.punch]
 # radius = "2 mm"      # of a cylindrical tip
 # period = "8 mm"      # distance of neighbouring tips

@@ -5,15 +5,7 @@ import math
 
 import xarray as xr
 
-from labpipe.report import (
-    Block,
-    Column,
-    Details,
-    KeyValues,
-    Table,
-    budget_table,
-    value_with_uncertainty,
-)
+from labpipe.report import Block, Column, Details, KeyValues, Table, budget_table, value_with_uncertainty
 from pipelines.experiments.shared import pages
 from pipelines.experiments.shared.punch_settings import Punch, Substrate
 
@@ -61,10 +53,7 @@ def blocks_table(readings: xr.Dataset) -> Table:
     counts = readings["n_rows"].values
     return Table(
         (Column("block"), Column("function"), Column("start"), Column("readings")),
-        [
-            (i + 1, f, s, int(n))
-            for i, (f, s, n) in enumerate(zip(functions, starts, counts, strict=True))
-        ],
+        [(i + 1, f, s, int(n)) for i, (f, s, n) in enumerate(zip(functions, starts, counts, strict=True))],
         caption="Blocks of the file",
     )
 
@@ -74,12 +63,17 @@ def cell(loads: xr.Dataset) -> list[Block]:
     gain, u_gain = float(loads["gain"]), float(loads["u_gain"])
     known = math.isfinite(u_gain)
     rows = [
-        ("tare", value_with_uncertainty(float(loads["tare"]), float(loads["u_tare"]), "N"),
-         "subtracted" if loads.attrs["is_tared"] else "not subtracted"),
-        ("gain of the load cell", value_with_uncertainty(gain, u_gain if known else 0.0),
-         "" if known else "as applied by the instrument; its uncertainty is unknown without a "
-                          "calibration record"),
-    ]  # fmt: skip
+        (
+            "tare",
+            value_with_uncertainty(float(loads["tare"]), float(loads["u_tare"]), "N"),
+            "subtracted" if loads.attrs["is_tared"] else "not subtracted",
+        ),
+        (
+            "gain of the load cell",
+            value_with_uncertainty(gain, u_gain if known else 0.0),
+            "" if known else "as applied by the instrument; its uncertainty is unknown without a calibration record",
+        ),
+    ]
     blocks: list[Block] = [KeyValues(rows)]
     if loads.attrs["calibration"].startswith("{"):
         blocks.append(pages.calibration_rows(loads.attrs["calibration"]))

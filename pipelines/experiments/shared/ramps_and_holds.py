@@ -11,12 +11,12 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals import independent_count
 from labpipe.units import Quantity
+from labpipe.variables import variable
 from pipelines.experiments.shared import mach1_readings
-
-Array = NDArray[np.float64]
 
 RELAXATION = "Stress Relaxation"
 _ARRIVED = 2e-3  # of a ramp's travel: closer to its end than this the stage has arrived
@@ -102,9 +102,7 @@ def _hold(loads: xr.Dataset, block: int, rows: slice, previous: float | None) ->
         raise InputError(message)
     first, end = max(int(np.argmax(moving)) - 1, 0), int(np.argmax(arrived))
     if np.mean(arrived[end:]) < _HELD:
-        message = (
-            f"block {block + 1}: the stage moves on after its ramp; a relaxation test holds it"
-        )
+        message = f"block {block + 1}: the stage moves on after its ramp; a relaxation test holds it"
         raise InputError(message)
     share = (position - start) / travel
     middle = (share > 0.1) & (share < 0.9) & (np.arange(time.size) <= end)
@@ -113,8 +111,7 @@ def _hold(loads: xr.Dataset, block: int, rows: slice, previous: float | None) ->
         if middle.sum() > 2
         else travel / max(float(time[end] - time[first]), 1e-9)
     )
-    return Hold(block, rows, float(time[first]), float(time[end]), float(time[-1]), start, held,
-                speed)  # fmt: skip
+    return Hold(block, rows, float(time[first]), float(time[end]), float(time[-1]), start, held, speed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,9 +172,7 @@ def unfinished(loads: xr.Dataset, hold: Hold, level: Level) -> float:
     return 2.0 * left / float(np.sqrt(3.0))
 
 
-def binned(
-    time: Array, values: Array, edges: Array
-) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+def binned(time: Floats, values: Floats, edges: Floats) -> tuple[Floats, Floats, Floats, NDArray[np.int64]]:
     """Return mean time, mean value, standard deviation and number in bins; empty bins left out."""
     place = np.searchsorted(edges, time, side="right") - 1
     inside = (place >= 0) & (place < edges.size - 1)
@@ -218,7 +213,7 @@ def noise(loads: xr.Dataset, hold: Hold) -> Noise:
     return Noise(max(float(rest.std()), least), rest.size / independent_count(rest))
 
 
-def u_of_means(time: Array, values: Array, edges: Array, noise: Noise, step: float) -> Array:
+def u_of_means(time: Floats, values: Floats, edges: Floats, noise: Noise, step: float) -> Floats:
     """Return the standard uncertainty (filled bin,) of the means of :func:`binned` [N].
 
     It is that of the hold's noise; the fall of the force within a bin is none. A bin whose
@@ -243,7 +238,7 @@ def u_of_means(time: Array, values: Array, edges: Array, noise: Noise, step: flo
     return np.array(made)
 
 
-def _scatter(time: Array, values: Array, noise: Noise) -> float:
+def _scatter(time: Floats, values: Floats, noise: Noise) -> float:
     """Return the standard deviation of the readings of one bin [N]."""
     freedom = time.size - _BIN_TREND - 1
     if freedom <= _BIN_TREND:
@@ -268,7 +263,7 @@ def relative_gain(loads: xr.Dataset) -> float:
 def over_ramps(rows: list[dict[str, float]], columns: dict[str, tuple[str, str]]) -> dict[str, Any]:
     """Make variables over ``ramp`` from one dict per ramp."""
     return {
-        name: ("ramp", np.array([r[name] for r in rows]), {"units": units, "long_name": text})
+        name: variable("ramp", np.array([r[name] for r in rows]), units, text)
         for name, (units, text) in columns.items()
     }
 

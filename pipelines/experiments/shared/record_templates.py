@@ -72,10 +72,15 @@ def camera_records(found: Found) -> dict[str, dict[str, str]]:
 def _head(kind: str, instrument: str, days: list[date], view: str, how: str) -> str:
     first, last = (min(days), max(days)) if days else (f'"{GAP}"', f'"{GAP}"')
     return _HEAD.format(
-        kind=kind, id="-".join(filter(None, (kind, view, str(first) if days else ""))),
-        instrument=instrument, view=f'view = "{view}"\n' if view else "",
-        first=first, last=last, gap=GAP, how=how,
-    )  # fmt: skip
+        kind=kind,
+        id="-".join(filter(None, (kind, view, str(first) if days else ""))),
+        instrument=instrument,
+        view=f'view = "{view}"\n' if view else "",
+        first=first,
+        last=last,
+        gap=GAP,
+        how=how,
+    )
 
 
 def _free(folder: Path, stem: str) -> str:

@@ -6,56 +6,72 @@ from pipelines.experiments._kind import Derived, KeyNumber, Kind, Picture, Propo
 from pipelines.experiments.shared.schemas import DISPLACEMENT
 from pipelines.experiments.static_loading.settings import StaticLoading
 
-_STEPS = Schema("steps", {
-    "begin": Variable(("load",), "s"),
-    "end": Variable(("load",), "s"),
-    "force": Variable(("load",), "N"),
-    "touch": Variable((), "m"),
-    "u_touch": Variable((), "m"),
-    "compliance": Variable(("elapsed",), "1/Pa"),
-})  # fmt: skip
+_STEPS = Schema(
+    "steps",
+    {
+        "begin": Variable(("load",), "s"),
+        "end": Variable(("load",), "s"),
+        "force": Variable(("load",), "N"),
+        "touch": Variable((), "m"),
+        "u_touch": Variable((), "m"),
+        "compliance": Variable(("elapsed",), "1/Pa"),
+    },
+)
 
 _STAGES = (
     Stage(
-        "readings", "pipelines.experiments.static_loading.measured:readings", ("file:laser",),
+        "readings",
+        "pipelines.experiments.static_loading.measured:readings",
+        ("file:laser",),
         ("keyence",),
         summary="read the laser export",
     ),
     Stage(
-        "displacement", "pipelines.experiments.static_loading.measured:displacement",
+        "displacement",
+        "pipelines.experiments.static_loading.measured:displacement",
         ("readings", "file:calibration"),
         ("sensor", "measured_on", "zero", "loads", "steps.window"),
         summary="correct the inclination, with uncertainty",
     ),
     Stage(
-        "steps", "pipelines.experiments.static_loading.load_steps:steps", ("displacement",),
-        ("loads", "sphere.radius", "zero", "steps", "model.gravity"), schema="steps",
+        "steps",
+        "pipelines.experiments.static_loading.load_steps:steps",
+        ("displacement",),
+        ("loads", "sphere.radius", "zero", "steps", "model.gravity"),
+        schema="steps",
         summary="find load times and first touch; creep compliance",
     ),
     Stage(
-        "approach", "pipelines.experiments.static_loading.measured:approach",
-        ("displacement", "steps"), ("sphere.radius", "steps"),
+        "approach",
+        "pipelines.experiments.static_loading.measured:approach",
+        ("displacement", "steps"),
+        ("sphere.radius", "steps"),
         summary="approach, contact radius and creep under each load",
     ),
     Stage(
-        "model", "pipelines.experiments.static_loading.model:model",
-        ("displacement", "steps", "file:sphere.material_file",
-         "other:sphere.material_from/master_curve"),
+        "model",
+        "pipelines.experiments.static_loading.model:model",
+        ("displacement", "steps", "file:sphere.material_file", "other:sphere.material_from/master_curve"),
         ("sphere", "model"),
         summary="simulate the creeping contact; Hertz's steps",
     ),
     Stage(
-        "comparison", "pipelines.experiments.static_loading.comparison:comparison",
-        ("approach", "steps", "model"), ("loads", "steps"),
+        "comparison",
+        "pipelines.experiments.static_loading.comparison:comparison",
+        ("approach", "steps", "model"),
+        ("loads", "steps"),
         summary="measurement against model and Hertz",
     ),
     Stage(
-        "report", "pipelines.experiments.static_loading.page:page",
-        ("readings", "displacement", "steps", "approach", "model", "comparison"), ("*",),
-        output="page", context=True,
+        "report",
+        "pipelines.experiments.static_loading.page:page",
+        ("readings", "displacement", "steps", "approach", "model", "comparison"),
+        ("*",),
+        output="page",
+        context=True,
         summary="write the page",
     ),
-)  # fmt: skip
+)
 
 KIND = Kind(
     name="static_loading",
@@ -64,18 +80,12 @@ KIND = Kind(
     settings=StaticLoading,
     stages=_STAGES,
     schemas=(DISPLACEMENT, _STEPS),
-    key_numbers=(
-        KeyNumber("contact radius under the first load", "m", "approach", "level_contact_radius"),
-    ),
+    key_numbers=(KeyNumber("contact radius under the first load", "m", "approach", "level_contact_radius"),),
     picture=Picture("displacement", "time", "displacement"),
     error="nrmse_approach_model",
-    rows=Derived(
-        "pipelines.experiments.static_loading.comparison:rows",
-        ("comparison",),
-    ),
+    rows=Derived("pipelines.experiments.static_loading.comparison:rows", ("comparison",)),
     budget=Derived(
-        "pipelines.experiments.static_loading.budget:quantities",
-        ("displacement", "steps", "approach", "model"),
+        "pipelines.experiments.static_loading.budget:quantities", ("displacement", "steps", "approach", "model")
     ),
     body="sphere",
     proposal=Proposal(

@@ -21,11 +21,11 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar, nnls
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.signals import estimate_noise
+from labpipe.variables import variable
 from pipelines.experiments.static_loading.settings import StaticLoading
-
-Array = NDArray[np.float64]
 
 _TERMS_PER_DECADE = 2  # of the creep compliance that is fitted
 SIDE = 4
@@ -58,27 +58,24 @@ def steps(displacement: xr.Dataset, *, settings: StaticLoading) -> xr.Dataset:
         "u_force": (u_force, "N", "standard uncertainty: load"),
     }
     result = xr.Dataset(
-        {n: ("load", v, {"units": u, "long_name": t}) for n, (v, u, t) in table.items()},
-        coords={"load": np.arange(1, starts.size + 1)},
+        {n: variable("load", v, u, t) for n, (v, u, t) in table.items()}, coords={"load": np.arange(1, starts.size + 1)}
     )
     touch = _first_touch(displacement, noise, result, settings)
     return result.merge(touch).assign_attrs(touch.attrs)
 
 
-def valid(displacement: xr.Dataset) -> tuple[Array, Array]:
+def valid(displacement: xr.Dataset) -> tuple[Floats, Floats]:
     """Return time [s] and displacement [m] of the valid readings."""
     usable = displacement["valid"].values.astype(bool)
     return displacement["time"].values[usable], displacement["displacement"].values[usable]
 
 
-def _noise(moved: Array) -> float:
+def _noise(moved: Floats) -> float:
     found = estimate_noise(moved)
     return float(max(found.sigma, found.step / np.sqrt(12)))
 
 
-def _starts(
-    time: Array, moved: Array, noise: float, settings: StaticLoading
-) -> tuple[Array, Array]:
+def _starts(time: Floats, moved: Floats, noise: float, settings: StaticLoading) -> tuple[Floats, Floats]:
     """Return begin and size of every step; the first load is on from the beginning."""
     padded = np.lib.stride_tricks.sliding_window_view(moved, SIDE)
     level = np.median(padded, axis=1)
@@ -121,14 +118,13 @@ def _starts(
     ]
     if late:
         warnings.warn(
-            "the loads were applied at other times than given; the detected times are used: "
-            + "; ".join(late),
+            "the loads were applied at other times than given; the detected times are used: " + "; ".join(late),
             stacklevel=2,
         )
     return np.array(starts)[order], np.array(sizes)[order]
 
 
-def _warn_of_more(time: Array, jump: Array, found: list[float], noise: float) -> None:
+def _warn_of_more(time: Floats, jump: Floats, found: list[float], noise: float) -> None:
     """Say that the record steps where no load is stated; a load left out spoils all others."""
     if not (found and jump.size):
         return
@@ -141,7 +137,7 @@ def _warn_of_more(time: Array, jump: Array, found: list[float], noise: float) ->
         )
 
 
-def _sharpened(moved: Array, near: int) -> int:
+def _sharpened(moved: Floats, near: int) -> int:
     """Return the first reading behind a step: the split with the least absolute misfit.
 
     A hand may disturb a reading next to the step; medians and absolute values forgive it.
@@ -149,12 +145,10 @@ def _sharpened(moved: Array, near: int) -> int:
     low, high = max(near - 2 * SIDE, 0), min(near + 2 * SIDE, moved.size)
     before, after = np.median(moved[low : near - 1]), np.median(moved[near + 1 : high])
     splits = range(max(near - SIDE // 2, low + 1), min(near + SIDE // 2, high - 1) + 1)
-    return min(splits, key=lambda k: float(
-        np.abs(moved[low:k] - before).sum() + np.abs(moved[k:high] - after).sum()
-    ))  # fmt: skip
+    return min(splits, key=lambda k: float(np.abs(moved[low:k] - before).sum() + np.abs(moved[k:high] - after).sum()))
 
 
-def settled(time: Array, table: xr.Dataset, settings: StaticLoading) -> NDArray[np.bool_]:
+def settled(time: Floats, table: xr.Dataset, settings: StaticLoading) -> NDArray[np.bool_]:
     """Return which readings lie far enough from every step."""
     spacing = float(np.median(np.diff(time)))
     kept = np.ones(time.size, dtype=bool)
@@ -164,7 +158,7 @@ def settled(time: Array, table: xr.Dataset, settings: StaticLoading) -> NDArray[
     return kept
 
 
-def _creep_design(time: Array, table: xr.Dataset, radius: float) -> tuple[Array, Array]:
+def _creep_design(time: Floats, table: xr.Dataset, radius: float) -> tuple[Floats, Floats]:
     """Return approach^{3/2} under unit compliances: instantaneous, and creep with each time tau."""
     begin = table["begin"].values
     added = np.diff(table["force"].values, prepend=0.0)
@@ -180,10 +174,10 @@ def _creep_design(time: Array, table: xr.Dataset, radius: float) -> tuple[Array,
 class _TouchFit:
     """The creep fit as a function of the displacement at first touch; see :func:`_first_touch`."""
 
-    def __init__(self, rows: Array, design: Array) -> None:
+    def __init__(self, rows: Floats, design: Floats) -> None:
         self.rows, self.design = rows, design
 
-    def solve(self, touch: float) -> tuple[Array, float]:
+    def solve(self, touch: float) -> tuple[Floats, float]:
         """Return the compliance's weights and the sum of squares [m²] of the approach's misfit."""
         depth = np.maximum(self.rows - touch, 1e-9)
         # the power 3/2 is linear in the compliance; its derivative brings the misfit back to m
@@ -197,15 +191,15 @@ class _TouchFit:
         high = float(self.rows.min())
         low = high - float(np.ptp(self.rows))
         found = minimize_scalar(
-            lambda touch: self.solve(touch)[1], bounds=(low, high), method="bounded",
+            lambda touch: self.solve(touch)[1],
+            bounds=(low, high),
+            method="bounded",
             options={"xatol": _TOLERANCE * float(np.ptp(self.rows))},
-        )  # fmt: skip
+        )
         return float(found.x)
 
 
-def _first_touch(
-    displacement: xr.Dataset, noise: float, table: xr.Dataset, settings: StaticLoading
-) -> xr.Dataset:
+def _first_touch(displacement: xr.Dataset, noise: float, table: xr.Dataset, settings: StaticLoading) -> xr.Dataset:
     """Return the displacement at first touch and the creep compliance that fits with it.
 
     Two nested least squares: for every position of first touch the compliance is a sum of creep
@@ -259,24 +253,14 @@ def _first_touch(
         "noise": (noise, "m", "noise of a reading"),
     }
     return xr.Dataset(
-        {n: ((), v, {"units": unit, "long_name": t}) for n, (v, unit, t) in scalars.items()}
-        | {
-            "compliance": (
-                "elapsed", terms @ weights,
-                {"units": "1/Pa", "long_name": "reduced creep compliance, from the record"},
-            ),
-        },
-        coords={
-            "elapsed": ("elapsed", lag, {"units": "s", "long_name": "time under load"}),
-        },
-        attrs={
-            "touch": how,
-            "work": json.dumps({"fit_rows": int(rows.size), "fit_terms": int(tau.size + 1)}),
-        },
-    )  # fmt: skip
+        {n: variable((), v, unit, t) for n, (v, unit, t) in scalars.items()}
+        | {"compliance": variable("elapsed", terms @ weights, "1/Pa", "reduced creep compliance, from the record")},
+        coords={"elapsed": variable("elapsed", lag, "s", "time under load")},
+        attrs={"touch": how, "work": json.dumps({"fit_rows": int(rows.size), "fit_terms": int(tau.size + 1)})},
+    )
 
 
-def _scatter(misfit: float, weights: Array, n_rows: int) -> float:
+def _scatter(misfit: float, weights: Floats, n_rows: int) -> float:
     return float(np.sqrt(misfit / max(n_rows - int((weights > 0).sum()) - 1, 1)))
 
 

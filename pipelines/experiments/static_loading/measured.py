@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 import calibration
 from calibration import laser
 from labpipe import uncertainty
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.uncertainty import Row, Source
 from labpipe.units import Quantity
+from labpipe.variables import variable
 from pipelines.experiments.shared.laser_readings import read_laser
 from pipelines.experiments.static_loading.load_steps import SIDE, settled, valid
 from pipelines.experiments.static_loading.settings import StaticLoading
-
-Array = NDArray[np.float64]
 
 _SMOOTH = 60.0  # s, the moving average of the thesis's smoothed curve
 
@@ -43,9 +43,13 @@ def displacement(readings: xr.Dataset, record: Path, *, settings: StaticLoading)
     if settings.sensor.serial is not None:
         readings = readings.assign_attrs(serial=settings.sensor.serial)
     moved = laser.displacement(
-        readings, known, output=settings.sensor.output, direction=-settings.sensor.direction,
-        measured=settings.measured_on, zero=0.0 if settings.zero is None else settings.zero,
-    )  # fmt: skip
+        readings,
+        known,
+        output=settings.sensor.output,
+        direction=-settings.sensor.direction,
+        measured=settings.measured_on,
+        zero=0.0 if settings.zero is None else settings.zero,
+    )
     short = moved["time"].values[-1] < settings.steps.window.value
     if int(moved["valid"].sum()) < 2 * SIDE * len(settings.loads) or short:
         message = (
@@ -74,66 +78,51 @@ def approach(displacement: xr.Dataset, steps: xr.Dataset, *, settings: StaticLoa
     wander = settings.steps.drift.value * time / float(time[-1])
     u_depth = np.sqrt(u_touch**2 + (relative * depth) ** 2 + wander**2)
     a = np.sqrt(radius.value * np.maximum(depth, 0.0))
-    rows = [
-        _levels(time, depth, u_depth, wander, step, noise, relative, settings)
-        for step in spans(steps)
-    ]
+    rows = [_levels(time, depth, u_depth, wander, step, noise, relative, settings) for step in spans(steps)]
     table: dict[str, Any] = {
-        "approach": ("time", depth, {"units": "m", "long_name": "approach from first touch"}),
-        "u_approach": (
-            "time", np.hypot(u_depth, noise),
-            {"units": "m", "long_name": "standard uncertainty: approach from first touch"},
+        "approach": variable("time", depth, "m", "approach from first touch"),
+        "u_approach": variable(
+            "time", np.hypot(u_depth, noise), "m", "standard uncertainty: approach from first touch"
         ),
-        "contact_radius": (
-            "time", a, {"units": "m", "long_name": "contact radius, root of R times approach"},
+        "contact_radius": variable("time", a, "m", "contact radius, root of R times approach"),
+        "u_contact_radius": variable(
+            "time", _u_radius(a, depth, np.hypot(u_depth, noise), radius), "m", "standard uncertainty: contact radius"
         ),
-        "u_contact_radius": (
-            "time", _u_radius(a, depth, np.hypot(u_depth, noise), radius),
-            {"units": "m", "long_name": "standard uncertainty: contact radius"},
+        "smooth_radius": variable(
+            "time", _smoothed(time, a, steps), "m", "contact radius, moving average inside each load"
         ),
-        "smooth_radius": (
-            "time", _smoothed(time, a, steps),
-            {"units": "m", "long_name": "contact radius, moving average inside each load"},
+        "is_settled": variable(
+            "time", settled(time, steps, settings), "1", "whether the reading is away from every load step"
         ),
-        "is_settled": (
-            "time", settled(time, steps, settings),
-            {"units": "1", "long_name": "whether the reading is away from every load step"},
-        ),
-    }  # fmt: skip
+    }
     for name, (units, text) in _LEVELS.items():
         for prefix, words in (("", text), ("u_", f"standard uncertainty: {text}")):
             key = f"{prefix}{name}" if name in ("creep", "mean_radius") else f"{prefix}level_{name}"
-            table[key] = (
-                "load", np.array([r[f"{prefix}{name}"] for r in rows]),
-                {"units": units, "long_name": words},
-            )  # fmt: skip
+            table[key] = variable("load", np.array([r[f"{prefix}{name}"] for r in rows]), units, words)
     return xr.Dataset(
         table,
-        coords={
-            "time": ("time", time, {"units": "s", "long_name": "time from the first point"}),
-            "load": steps["load"],
-        },
+        coords={"time": variable("time", time, "s", "time from the first point"), "load": steps["load"]},
         attrs={"budget": json.dumps(_budget(float(depth.max()), displacement, steps, settings))},
     )
 
 
-def _budget(
-    largest: float, displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading
-) -> list[Row]:
+def _budget(largest: float, displacement: xr.Dataset, steps: xr.Dataset, settings: StaticLoading) -> list[Row]:
     """Return what makes a reading of the largest approach uncertain.
 
     Inclination and gain scale the approach alone: the way from the sensor's zero cancels.
     """
     angle, gain = float(displacement["inclination"]), float(displacement["gain"])
-    return uncertainty.table([
-        Source("noise of a reading", 0.0, float(steps["noise"]), "m", 1.0, "random"),
-        Source("first touch", float(steps["touch"]), float(steps["u_touch"]), "m", -1.0,
-               "systematic"),
-        Source("drift of the zero", 0.0, settings.steps.drift.value, "m", 1.0, "systematic"),
-        Source("inclination", angle, float(displacement["u_inclination"]), "rad",
-               largest * np.tan(angle), "systematic"),
-        Source("gain", gain, float(displacement["u_gain"]), "1", largest / gain, "systematic"),
-    ])  # fmt: skip
+    return uncertainty.budget_rows(
+        [
+            Source("noise of a reading", 0.0, float(steps["noise"]), "m", 1.0, "random"),
+            Source("first touch", float(steps["touch"]), float(steps["u_touch"]), "m", -1.0, "systematic"),
+            Source("drift of the zero", 0.0, settings.steps.drift.value, "m", 1.0, "systematic"),
+            Source(
+                "inclination", angle, float(displacement["u_inclination"]), "rad", largest * np.tan(angle), "systematic"
+            ),
+            Source("gain", gain, float(displacement["u_gain"]), "1", largest / gain, "systematic"),
+        ]
+    )
 
 
 def spans(steps: xr.Dataset) -> list[tuple[float, float]]:
@@ -142,7 +131,7 @@ def spans(steps: xr.Dataset) -> list[tuple[float, float]]:
 
 
 def windows(
-    time: Array, step: tuple[float, float], settings: StaticLoading
+    time: Floats, step: tuple[float, float], settings: StaticLoading
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the first and the last window of one load.
 
@@ -166,10 +155,10 @@ def windows(
 
 
 def _levels(
-    time: Array,
-    depth: Array,
-    u_depth: Array,
-    wander: Array,
+    time: Floats,
+    depth: Floats,
+    u_depth: Floats,
+    wander: Floats,
     step: tuple[float, float],
     noise: float,
     relative: float,
@@ -183,21 +172,21 @@ def _levels(
     u_level = float(np.hypot(random, u_depth[last].mean()))
     creep = level - float(depth[first].mean())
     moved = float(wander[last].mean() - wander[first].mean())
-    u_creep = float(np.sqrt(
-        noise**2 * (1 / first.sum() + 1 / last.sum()) + (relative * creep) ** 2 + moved**2
-    ))  # fmt: skip
+    u_creep = float(np.sqrt(noise**2 * (1 / first.sum() + 1 / last.sum()) + (relative * creep) ** 2 + moved**2))
     inside = (time > step[0] + settings.steps.settle.value) & (time < step[1])
     mean = np.sqrt(radius.value * max(float(depth[inside].mean()), 0.0))
     u_mean = np.hypot(noise / np.sqrt(inside.sum()), float(u_depth[inside].mean()))
     a = np.sqrt(radius.value * max(level, 0.0))
     return {
-        "approach": level, "u_approach": u_level,
+        "approach": level,
+        "u_approach": u_level,
         "contact_radius": float(a),
         "u_contact_radius": float(_u_radius(a, level, u_level, radius)),
         "mean_radius": float(mean),
         "u_mean_radius": float(_u_radius(mean, mean**2 / radius.value, u_mean, radius)),
-        "creep": creep, "u_creep": u_creep,
-    }  # fmt: skip
+        "creep": creep,
+        "u_creep": u_creep,
+    }
 
 
 def _u_radius(a: Any, depth: Any, u_depth: Any, radius: Quantity) -> Any:
@@ -207,7 +196,7 @@ def _u_radius(a: Any, depth: Any, u_depth: Any, radius: Quantity) -> Any:
     return 0.5 * a * np.hypot(relative, radius.u / radius.value)
 
 
-def _smoothed(time: Array, a: Array, steps: xr.Dataset) -> Array:
+def _smoothed(time: Floats, a: Floats, steps: xr.Dataset) -> Floats:
     """Return a moving average that does not cross a step."""
     made = np.empty_like(a)
     for begin, end in spans(steps):

@@ -11,6 +11,7 @@ from labpipe import contact, uncertainty
 from labpipe.contact.sphere import hertz
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source
+from labpipe.variables import described, variable
 from pipelines.experiments.shared.material_choice import resolve, variations
 from pipelines.experiments.static_loading.load_steps import valid
 from pipelines.experiments.static_loading.measured import spans
@@ -40,65 +41,63 @@ def model(
         stretches.append(inside)
         loads.append(np.full(inside.size, load))
     made = contact.load_sphere(
-        solid, radius.value, np.concatenate(stretches), np.concatenate(loads),
-        profile=chosen.profile, springs=chosen.springs,
-    )  # fmt: skip
+        solid,
+        radius.value,
+        np.concatenate(stretches),
+        np.concatenate(loads),
+        profile=chosen.profile,
+        springs=chosen.springs,
+    )
     relative_force = steps["u_force"].values / force
     held = np.searchsorted(steps["begin"].values, time, side="right") - 1
     # exponents of Hertz's contact: approach (F J)^(2/3) R^(-1/3), radius (F J)^(1/3) R^(1/3)
     spread = relative_force[np.maximum(held, 0)]
     size = radius.u / radius.value
     softer = _softer(settings, material_file, fitted, solid, float(time[-1]))
-    of_material = uncertainty.combined(softer)
+    of_material = uncertainty.combined_uncertainty(softer)
     table: dict[str, Any] = {}
     for name, power in (("approach", 2 / 3), ("contact_radius", 1 / 3)):
         values = np.interp(time, made["time"].values, made[name].values)
-        attrs = {"units": "m", "long_name": f"{name.replace('_', ' ')}, viscoelastic model"}
+        attrs = described("m", f"{name.replace('_', ' ')}, viscoelastic model")
         table[name] = ("time", values, attrs)
         relative = np.sqrt((power * spread) ** 2 + (size / 3) ** 2 + (power * of_material) ** 2)
-        table[f"u_{name}"] = (
-            "time", values * relative,
-            {"units": "m", "long_name": f"standard uncertainty from load, radius, solid: {name}"},
-        )  # fmt: skip
+        table[f"u_{name}"] = variable(
+            "time", values * relative, "m", f"standard uncertainty from load, radius, solid: {name}"
+        )
     last = float(table["contact_radius"][1][-1])
     sources = [
-        Source("load", float(force[-1]), float(steps["u_force"][-1]), "N", last / 3 / force[-1],
-               "systematic"),
+        Source("load", float(force[-1]), float(steps["u_force"][-1]), "N", last / 3 / force[-1], "systematic"),
         Source.of("radius", radius, last / 3 / radius.value),
-    ]  # fmt: skip
+    ]
     sources += [s._replace(sensitivity=last / 3 * s.sensitivity) for s in softer]
     factor = 1 / (1 - float(solid.nu) ** 2)
     for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
         state = hertz.static_load(force, radius.value, float(modulus) * factor)
-        table[f"hertz_radius_{name}"] = (
-            "load", np.asarray(state.contact_radius),
-            {"units": "m", "long_name": f"contact radius by Hertz, {name} modulus"},
-        )  # fmt: skip
-        table[f"hertz_approach_{name}"] = (
-            "load", np.asarray(state.approach),
-            {"units": "m", "long_name": f"approach by Hertz, {name} modulus"},
-        )  # fmt: skip
+        table[f"hertz_radius_{name}"] = variable(
+            "load", np.asarray(state.contact_radius), "m", f"contact radius by Hertz, {name} modulus"
+        )
+        table[f"hertz_approach_{name}"] = variable(
+            "load", np.asarray(state.approach), "m", f"approach by Hertz, {name} modulus"
+        )
     lag = steps["elapsed"].values
-    table["compliance"] = (
-        "elapsed", np.asarray(solid.creep(lag)) / factor,
-        {"units": "1/Pa", "long_name": "reduced creep compliance of the material"},
-    )  # fmt: skip
+    table["compliance"] = variable(
+        "elapsed", np.asarray(solid.creep(lag)) / factor, "1/Pa", "reduced creep compliance of the material"
+    )
     work = json.loads(made.attrs["work"])
     return xr.Dataset(
         table,
         coords={
-            "time": ("time", time, {"units": "s", "long_name": "time from the first point"}),
+            "time": variable("time", time, "s", "time from the first point"),
             "load": steps["load"],
             "elapsed": steps["elapsed"],
         },
-        attrs={"work": json.dumps(work), "budget": json.dumps(uncertainty.table(sources))},
+        attrs={"work": json.dumps(work), "budget": json.dumps(uncertainty.budget_rows(sources))},
     )
 
 
 def _softer(
-    settings: StaticLoading, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony,
-    lasted: float,
-) -> list[Source]:  # fmt: skip
+    settings: StaticLoading, material_file: Path | None, fitted: xr.Dataset | None, solid: Prony, lasted: float
+) -> list[Source]:
     """Return what is uncertain of the solid, relative to its compliance."""
     whole = float(solid.creep(lasted))
     return [

@@ -43,10 +43,7 @@ def page(
     context: Context,
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
-    sections = [
-        _summary(approach, comparison, context),
-        _measured(settings, readings, displacement, approach, context),
-    ]
+    sections = [_summary(approach, comparison, context), _measured(settings, readings, displacement, approach, context)]
     if steps is not None and approach is not None:
         sections.append(_radii(steps, approach, model, comparison))
         if model is not None:
@@ -63,29 +60,29 @@ def page(
     return pages.document(context, "Static loading", sections).render()
 
 
-def _summary(
-    approach: xr.Dataset | None, comparison: xr.Dataset | None, context: Context
-) -> Section:
+def _summary(approach: xr.Dataset | None, comparison: xr.Dataset | None, context: Context) -> Section:
     rows = []
     if approach is not None:
         radius = approach["level_contact_radius"].values * _UM
         rows.append(("loads", str(radius.size), "steps of the load"))
         for at, word in ((0, "first"), (-1, "last")):
             shown = value_with_uncertainty(
-                float(approach["level_contact_radius"][at]),
-                float(approach["u_level_contact_radius"][at]), "m",
-            )  # fmt: skip
+                float(approach["level_contact_radius"][at]), float(approach["u_level_contact_radius"][at]), "m"
+            )
             rows.append((f"contact radius under the {word} load", shown, "at the end of the load"))
         largest = int(np.argmax(approach["creep"].values))
-        shown = value_with_uncertainty(
-            float(approach["creep"][largest]), float(approach["u_creep"][largest]), "m"
-        )
+        shown = value_with_uncertainty(float(approach["creep"][largest]), float(approach["u_creep"][largest]), "m")
         rows.append(("largest creep under one load", shown, f"load {largest + 1}"))
     if comparison is not None:
         for other, word in (("model", "viscoelastic model"), ("hertz", "Hertz, relaxed modulus")):
             error = float(comparison[f"nrmse_contact_radius_{other}"]) * 100
-            rows.append((f"nRMSE of contact radius, {word}", f"{error:.2f} %",
-                         "single readings, over the range of the measurement"))  # fmt: skip
+            rows.append(
+                (
+                    f"nRMSE of contact radius, {word}",
+                    f"{error:.2f} %",
+                    "single readings, over the range of the measurement",
+                )
+            )
     shown_rows: list[Block] = [KeyValues(rows)] if rows else []
     return Section("Summary", (*shown_rows, *pages.failed_notice(context)))
 
@@ -113,54 +110,49 @@ def _measured(
         caption = "Budget of a single reading of the approach, at the largest load"
         blocks += budget_table(json.loads(approach.attrs["budget"]), caption, "m")
     header = pages.raw_header(readings)
-    return Section(
-        "What was measured, and its calibration",
-        (*blocks, *([header] if header is not None else [])),
-    )
+    return Section("What was measured, and its calibration", (*blocks, *([header] if header is not None else [])))
 
 
-def _radii(
-    steps: xr.Dataset,
-    approach: xr.Dataset,
-    model: xr.Dataset | None,
-    comparison: xr.Dataset | None,
-) -> Section:
+def _radii(steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset | None, comparison: xr.Dataset | None) -> Section:
     time = approach["time"].values * _MIN
     series = [
         Series("readings", time, approach["contact_radius"].values * _UM, role="repeat"),
         Series("moving average", time, approach["smooth_radius"].values * _UM, role="measured"),
-    ]  # fmt: skip
+    ]
     edges = np.append(steps["begin"].values, steps["end"].values[-1]) * _MIN
     if model is not None:
-        series.append(
-            Series("viscoelastic model", time, model["contact_radius"].values * _UM, role="model")
-        )
+        series.append(Series("viscoelastic model", time, model["contact_radius"].values * _UM, role="model"))
         elastic = model["hertz_radius_relaxed"].values * _UM
         series.append(
-            Series("Hertz, relaxed modulus", edges, np.append(elastic, elastic[-1]), style="step",
-                   role="reference")
-        )  # fmt: skip
+            Series("Hertz, relaxed modulus", edges, np.append(elastic, elastic[-1]), style="step", role="reference")
+        )
     if comparison is not None and np.isfinite(comparison["given_radius"].values).any():
         kept = np.isfinite(comparison["given_radius"].values)
         series.append(
-            Series("given radius", steps["end"].values[kept] * _MIN,
-                   comparison["given_radius"].values[kept] * _UM, style="points",
-                   u=comparison["u_given_radius"].values[kept] * _UM)
-        )  # fmt: skip
+            Series(
+                "given radius",
+                steps["end"].values[kept] * _MIN,
+                comparison["given_radius"].values[kept] * _UM,
+                style="points",
+                u=comparison["u_given_radius"].values[kept] * _UM,
+            )
+        )
     lines = [(f"load {i + 1}", float(t)) for i, t in enumerate(edges[:-1])]
-    views = [(f"load {i + 1}", float(a), float(b))
-             for i, (a, b) in enumerate(pairwise(edges))]  # fmt: skip
+    views = [(f"load {i + 1}", float(a), float(b)) for i, (a, b) in enumerate(pairwise(edges))]
     chart = LineChart(
-        "Contact radius, a = √(R δ)", "time / min", "contact radius / µm", tuple(series),
-        vlines=tuple(lines), views=tuple(views), height_px=340,
+        "Contact radius, a = √(R δ)",
+        "time / min",
+        "contact radius / µm",
+        tuple(series),
+        vlines=tuple(lines),
+        views=tuple(views),
+        height_px=340,
         caption="Moving average over one minute, not across a load step.",
-    )  # fmt: skip
+    )
     return Section("Contact radius", (chart,))
 
 
-def _creep(
-    settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset
-) -> Section:
+def _creep(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, model: xr.Dataset) -> Section:
     """Show the approach over Hertz's under each load, over the time since it was put on."""
     time, kept = approach["time"].values, approach["is_settled"].values.astype(bool)
     series = []
@@ -177,24 +169,26 @@ def _creep(
         _, theirs, _, _ = binned(since, model["approach"].values[inside] / elastic, edges)
         series.append(Series(f"{label}, model", lag, theirs, role="model"))
     chart = LineChart(
-        "Approach over that of Hertz", "time since the load was applied / s",
-        "approach / approach by Hertz", tuple(series), x_scale="log", height_px=320,
-        caption="Hertz with the relaxed modulus would be 1 at all times; readings next to a step "
-                "are left out.",
-    )  # fmt: skip
+        "Approach over that of Hertz",
+        "time since the load was applied / s",
+        "approach / approach by Hertz",
+        tuple(series),
+        x_scale="log",
+        height_px=320,
+        caption="Hertz with the relaxed modulus would be 1 at all times; readings next to a step are left out.",
+    )
     return Section("Creep", (chart,))
 
 
-def _loads(
-    settings: StaticLoading,
-    steps: xr.Dataset,
-    approach: xr.Dataset,
-    comparison: xr.Dataset | None,
-) -> Section:
+def _loads(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, comparison: xr.Dataset | None) -> Section:
     wanted: list[str | tuple[str, str]] = [
-        "load / kg", "found / min", ("approach", "m"), ("contact radius", "m"),
-        ("mean radius", "m"), ("creep", "m"),
-    ]  # fmt: skip
+        "load / kg",
+        "found / min",
+        ("approach", "m"),
+        ("contact radius", "m"),
+        ("mean radius", "m"),
+        ("creep", "m"),
+    ]
     rows: list[list[Cell]] = []
     gaps: list[list[Cell]] = []
     for i in range(steps.sizes["load"]):
@@ -203,11 +197,21 @@ def _loads(
         for name in ("level_approach", "level_contact_radius", "mean_radius", "creep"):
             row += [float(at[name]), float(at[f"u_{name}"])]
         if comparison is not None:
-            gaps.append([row[0], *(
-                float(comparison[name][i])
-                for name in ("creep_model", "radius_model", "radius_difference",
-                             "u_radius_difference", "hertz_difference")
-            )])  # fmt: skip
+            gaps.append(
+                [
+                    row[0],
+                    *(
+                        float(comparison[name][i])
+                        for name in (
+                            "creep_model",
+                            "radius_model",
+                            "radius_difference",
+                            "u_radius_difference",
+                            "hertz_difference",
+                        )
+                    ),
+                ]
+            )
         rows.append(row)
     chosen = settings.steps
     caption = (
@@ -219,38 +223,52 @@ def _loads(
     if gaps:
         tables.append(
             Table(
-                (Column("load / kg"), Column("creep, model", "m"), Column("radius, model", "m"),
-                 Column("measured − model", "m", u=4), Column("u", "m"),
-                 Column("measured − Hertz", "m")),
-                gaps, sortable=False,
+                (
+                    Column("load / kg"),
+                    Column("creep, model", "m"),
+                    Column("radius, model", "m"),
+                    Column("measured − model", "m", u=4),
+                    Column("u", "m"),
+                    Column("measured − Hertz", "m"),
+                ),
+                gaps,
+                sortable=False,
                 caption="Radius at the end of each load; Hertz with the relaxed modulus.",
             )
-        )  # fmt: skip
+        )
     return Section("Loads", tuple(tables))
 
 
 def _touch(steps: xr.Dataset, model: xr.Dataset | None) -> Section:
     rows = [
-        ("displacement at first touch", value_with_uncertainty(
-            float(steps["touch"]), float(steps["u_touch"]), "m"), steps.attrs["touch"]),
-        ("misfit of the creep fit", f"{float(steps['scatter']) * _UM:.2f} µm",
-         f"noise of a reading: {float(steps['noise']) * _UM:.2f} µm"),
-    ]  # fmt: skip
+        (
+            "displacement at first touch",
+            value_with_uncertainty(float(steps["touch"]), float(steps["u_touch"]), "m"),
+            steps.attrs["touch"],
+        ),
+        (
+            "misfit of the creep fit",
+            f"{float(steps['scatter']) * _UM:.2f} µm",
+            f"noise of a reading: {float(steps['noise']) * _UM:.2f} µm",
+        ),
+    ]
     lag = steps["elapsed"].values
     series = [Series("from the record", lag, steps["compliance"].values * 1e9, role="measured")]
     if model is not None:
-        series.append(
-            Series("of the material", lag, model["compliance"].values * 1e9, role="model")
-        )
+        series.append(Series("of the material", lag, model["compliance"].values * 1e9, role="model"))
     text = (
         "Under increasing loads, the approach to the power 3/2 is the convolution of the load "
         "history with the creep compliance (Lee and Radok); loads of different size determine "
         "the zero of the approach, and the compliance follows without assuming a material."
     )
     chart = LineChart(
-        "Reduced creep compliance", "time under load / s", "compliance / GPa⁻¹", tuple(series),
-        x_scale="log", height_px=240,
-    )  # fmt: skip
+        "Reduced creep compliance",
+        "time under load / s",
+        "compliance / GPa⁻¹",
+        tuple(series),
+        x_scale="log",
+        height_px=240,
+    )
     return Section("First touch and compliance", (Paragraph(text), KeyValues(rows), chart))
 
 
@@ -258,20 +276,22 @@ def _residual(steps: xr.Dataset, comparison: xr.Dataset) -> Section:
     time = comparison["time"].values * _MIN
     lines = [(f"load {i + 1}", float(t) * _MIN) for i, t in enumerate(steps["begin"].values)]
     chart = LineChart(
-        "Approach, measured minus model", "time / min", "difference / µm",
-        (Series("measured − model", time, comparison["approach_residual"].values * _UM,
-                style="points", role="residual"),),
-        vlines=tuple(lines), height_px=200, caption="Readings next to a step are left out.",
-    )  # fmt: skip
+        "Approach, measured minus model",
+        "time / min",
+        "difference / µm",
+        (
+            Series(
+                "measured − model", time, comparison["approach_residual"].values * _UM, style="points", role="residual"
+            ),
+        ),
+        vlines=tuple(lines),
+        height_px=200,
+        caption="Readings next to a step are left out.",
+    )
     return Section("Difference", (chart,))
 
 
-def _methods(
-    settings: StaticLoading,
-    steps: xr.Dataset,
-    approach: xr.Dataset,
-    comparison: xr.Dataset | None,
-) -> str:
+def _methods(settings: StaticLoading, steps: xr.Dataset, approach: xr.Dataset, comparison: xr.Dataset | None) -> str:
     masses = ", ".join(f"{load.mass.value:g}" for load in settings.loads)
     begins = ", ".join(f"{t * _MIN:.2f}" for t in steps["begin"].values)
     text = (

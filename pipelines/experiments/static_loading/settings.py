@@ -7,16 +7,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from labpipe.units import Quantity
-from labpipe.workflow.config import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    Acceleration,
-    File,
-    Length,
-    Mass,
-    Range,
-    Time,
-)
+from labpipe.workflow.config import NOT_NEGATIVE, POSITIVE, Acceleration, File, Length, Mass, Range, Time
 from pipelines.experiments.shared.settings import Keyence, MaterialChoice, Sensor, Table
 
 
@@ -91,8 +82,5 @@ class StaticLoading(Table, frozen=True, kw_only=True):
             raise ValueError(message)
         times = [load.time.value for load in self.loads if load.time is not None]
         if any(b <= a for a, b in pairwise(times)):
-            message = (
-                "loads: times must grow from load to load; found "
-                f"{', '.join(f'{t:g} s' for t in times)}"
-            )
+            message = f"loads: times must grow from load to load; found {', '.join(f'{t:g} s' for t in times)}"
             raise ValueError(message)

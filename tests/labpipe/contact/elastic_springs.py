@@ -10,10 +10,19 @@ def elastic_force(springs, approach):
     n, gap = springs.position.size, springs.gap
     none, moments = np.zeros((0, n)), np.concatenate([[0.0], np.cumsum(springs.weight * gap)])
     block = Block(
-        gap=gap, weight=springs.weight, position=springs.position,
-        last_weight=springs.last_weight, total=np.concatenate([[0.0], np.cumsum(springs.weight)]),
-        edge_bias=springs.edge_bias, memory=none, inverse=np.zeros(0), load=np.zeros(n),
-        displacement=np.zeros(n), reach=gap, moments=moments, new_load=np.zeros(n),
+        gap=gap,
+        weight=springs.weight,
+        position=springs.position,
+        last_weight=springs.last_weight,
+        total=np.concatenate([[0.0], np.cumsum(springs.weight)]),
+        edge_bias=springs.edge_bias,
+        memory=none,
+        inverse=np.zeros(0),
+        load=np.zeros(n),
+        displacement=np.zeros(n),
+        reach=gap,
+        moments=moments,
+        new_load=np.zeros(n),
         new_displacement=np.zeros(n),
-    )  # fmt: skip
+    )
     return *force(block, approach), contact_radius(block, approach)

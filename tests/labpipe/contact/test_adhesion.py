@@ -15,7 +15,7 @@ from labpipe.contact import (
     pull_off,
     tabor,
 )
-from labpipe.contact.beyond._adhesion import cohesive_stress, lost_energy, regime, transition
+from labpipe.contact.beyond._adhesion import cohesive_stress, lost_energy, maugis_parameter, regime
 from labpipe.contact.beyond._adhesive_mdr import slope_of
 from labpipe.contact.sphere.hertz import static_load
 from labpipe.errors import InputError
@@ -40,9 +40,7 @@ def test_jkr_holds_its_published_numbers() -> None:
     parted = jkr((np.pi * W * R**2 / (8 * E)) ** (1 / 3), R, E, W)
     assert float(parted.force) == pytest.approx(-5 / 6 * scale, rel=1e-13)
     free = jkr_at_force(0.0, R, E, W)
-    assert float(free.contact_radius) ** 3 == pytest.approx(
-        9 * np.pi * W * R**2 / (2 * E), rel=1e-6, abs=0.0
-    )
+    assert float(free.contact_radius) ** 3 == pytest.approx(9 * np.pi * W * R**2 / (2 * E), rel=1e-6, abs=0.0)
     assert float(jkr(free.contact_radius, R, E, W).force) == pytest.approx(0.0, abs=1e-12 * scale)
     assert pull_off(R, E, W) == pytest.approx(1.5 * scale, rel=rounding(10))
 
@@ -50,9 +48,7 @@ def test_jkr_holds_its_published_numbers() -> None:
 def test_a_load_gives_the_stable_contact_that_carries_it() -> None:
     loads = np.array([-1.49, -1.0, 0.0, 3.0, 1e4]) * np.pi * W * R
     found = jkr_at_force(loads, R, E, W)
-    np.testing.assert_allclose(
-        jkr(found.contact_radius, R, E, W).force, loads, rtol=1e-9, atol=1e-12
-    )
+    np.testing.assert_allclose(jkr(found.contact_radius, R, E, W).force, loads, rtol=1e-9, atol=1e-12)
     assert np.all(np.diff(found.contact_radius) > 0.0)
 
 
@@ -85,7 +81,7 @@ def test_the_work_of_a_state_is_the_work_of_adhesion() -> None:
 def test_maugis_agrees_with_the_springs_that_know_nothing_of_his_formulas(rate: float) -> None:
     """Closed form against quadrature over one-dimensional springs: measured 2e-13 and less."""
     stress = stress_of(rate)
-    assert transition(R, E, W, stress) == pytest.approx(rate, rel=1e-13)
+    assert maugis_parameter(R, E, W, stress) == pytest.approx(rate, rel=1e-13)
     closed = maugis(RADII, R, E, W, stress)
     springs = adhesive_indentation(slope_of("parabola", R), RADII, E, W, stress)
     scale = np.pi * W * R
@@ -121,7 +117,7 @@ def test_pull_off_runs_from_dmt_to_jkr_as_the_published_fit() -> None:
 
 
 def test_tabor_and_maugis_parameters_are_in_the_ratio_of_the_published_potential() -> None:
-    rate = transition(R, E, W, cohesive_stress(W))
+    rate = maugis_parameter(R, E, W, cohesive_stress(W))
     assert rate / tabor(R, E, W) == pytest.approx(1.157, abs=5e-4)
     assert [regime(m) for m in (0.01, 1.0, 30.0)] == ["DMT", "Maugis", "JKR"]
 
@@ -159,9 +155,7 @@ def test_a_cone_parts_at_the_published_force(slope: float) -> None:
 
 def test_a_flat_end_parts_at_kendalls_force() -> None:
     state = adhesive_indentation(slope_of("flat", 1.0), [2e-3], E, W)
-    assert float(-state.force[0]) == pytest.approx(
-        np.sqrt(8.0 * np.pi * E * W * 8e-9), rel=rounding(50)
-    )
+    assert float(-state.force[0]) == pytest.approx(np.sqrt(8.0 * np.pi * E * W * 8e-9), rel=rounding(50))
 
 
 def test_an_exact_sphere_without_adhesion_is_the_closed_form_of_sneddon() -> None:

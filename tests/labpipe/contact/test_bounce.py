@@ -114,9 +114,7 @@ SOLID = Prony(1e9, [1e9, 5e8, 2e8], [1e-5, 5e-4, 1e-2], nu=0.35)
 @pytest.mark.parametrize("plate", [None, Plate(20.0, 180.0, 0.02)], ids=["floor", "plate"])
 def test_compiled_steps_are_the_steps_of_numpy(material, solver, plate):
     creep, springs = Creep.of(material), SPRINGS[solver]
-    dent = 1e-7 * np.exp(
-        -np.outer(1.0 + np.arange(creep.rate.size), (springs.position / 1e-3) ** 2)
-    )
+    dent = 1e-7 * np.exp(-np.outer(1.0 + np.arange(creep.rate.size), (springs.position / 1e-3) ** 2))
     body = stepper(creep, lambda _: dent, plate, springs)
     body.now.position = body.now.approach = float(springs.gap[0] + dent[:, 0].sum())
     body.touch(1.5e-3)
@@ -127,12 +125,8 @@ def test_compiled_steps_are_the_steps_of_numpy(material, solver, plate):
     assert found.size == len(expected) > 200
     outside = body.block.gap.size
     lost = 0.5 * creep.inverse @ (dent[:, outside:] ** 2 @ springs.weight[outside:])
-    for name, values in zip(
-        ("time", "position", "velocity", "force", "stored"), expected.T, strict=True
-    ):
-        np.testing.assert_allclose(
-            found[name], values, rtol=1e-9, atol=1e-10 * abs(values).max() + lost
-        )
+    for name, values in zip(("time", "position", "velocity", "force", "stored"), expected.T, strict=True):
+        np.testing.assert_allclose(found[name], values, rtol=1e-9, atol=1e-10 * abs(values).max() + lost)
 
 
 @pytest.mark.parametrize("plate", [None, Plate(20.0, 180.0, 0.02)], ids=["floor", "plate"])

@@ -26,9 +26,8 @@ def scaled(damping: float):
     stiffness = contact_stiffness(RADIUS, 1e9, 0.3)
     mass = stiffness / 1e15
     return collision(
-        RADIUS, mass, 5.0, youngs_modulus=1e9, nu=0.3, damping=damping * mass * 1e9,
-        gravity=0.1, duration=10.001,
-    )  # fmt: skip
+        RADIUS, mass, 5.0, youngs_modulus=1e9, nu=0.3, damping=damping * mass * 1e9, gravity=0.1, duration=10.001
+    )
 
 
 @pytest.mark.parametrize(("damping", "restitution", "duration"), DASHPOT)
@@ -56,16 +55,12 @@ def test_printed_stiffness_is_half_the_right_one() -> None:
     assert contact_stiffness(RADIUS, 3.2e9, 0.35, as_printed=True) == pytest.approx(right / 2)
     printed = collision(RADIUS, MASS, 1.5e-3, duration=0.03, as_printed=True)
     default = collision(RADIUS, MASS, 1.5e-3, duration=0.03)
-    assert float(printed.peak_overlap[0] / default.peak_overlap[0]) == pytest.approx(
-        2**0.4, rel=0.01
-    )
+    assert float(printed.peak_overlap[0] / default.peak_overlap[0]) == pytest.approx(2**0.4, rel=0.01)
 
 
 @pytest.mark.parametrize("as_printed", [False, True])
 def test_plasticity_leaves_a_dent_and_the_force_never_pulls(as_printed) -> None:
-    found = collision(
-        RADIUS, MASS, 5e-3, damping=15e3, yield_depth=60e-6, duration=0.2, as_printed=as_printed
-    )
+    found = collision(RADIUS, MASS, 5e-3, damping=15e3, yield_depth=60e-6, duration=0.2, as_printed=as_printed)
     dents = found.permanent_overlap.values
     assert dents[0] > 0.0
     assert np.all(np.diff(dents) >= 0.0)
@@ -98,11 +93,19 @@ def test_energy_is_the_work_of_the_force() -> None:
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"height": 0.0}, {"mass": -1.0}, {"radius": np.nan}, {"damping": -1.0}, {"nu": 0.7},
-        {"yield_depth": 0.0}, {"unloading_multiplier": 0.5}, {"duration": np.inf},
-        {"gravity": 0.0}, {"time": [0.0, 0.0]}, {"time": [0.0, 9.0]},
+        {"height": 0.0},
+        {"mass": -1.0},
+        {"radius": np.nan},
+        {"damping": -1.0},
+        {"nu": 0.7},
+        {"yield_depth": 0.0},
+        {"unloading_multiplier": 0.5},
+        {"duration": np.inf},
+        {"gravity": 0.0},
+        {"time": [0.0, 0.0]},
+        {"time": [0.0, 9.0]},
     ],
-)  # fmt: skip
+)
 def test_values_outside_the_domain_are_refused(wrong) -> None:
     arguments = {"radius": RADIUS, "mass": MASS, "height": 1.5e-3} | wrong
     with pytest.raises(InputError):

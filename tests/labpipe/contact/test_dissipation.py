@@ -69,12 +69,8 @@ def test_map_leaves_out_what_lies_beyond_the_front() -> None:
 
 
 def test_dimensionless_helpers_match_the_thesis() -> None:
-    assert float(dissipation.dimensionless_frequency(0.5, 1.56e-10)) == pytest.approx(
-        0.78e-10, rel=1e-6, abs=0.0
-    )
-    assert float(dissipation.dimensionless_frequency(2.0, 1.56e-10)) == pytest.approx(
-        3.12e-10, rel=1e-6, abs=0.0
-    )
+    assert float(dissipation.dimensionless_frequency(0.5, 1.56e-10)) == pytest.approx(0.78e-10, rel=1e-6, abs=0.0)
+    assert float(dissipation.dimensionless_frequency(2.0, 1.56e-10)) == pytest.approx(3.12e-10, rel=1e-6, abs=0.0)
     assert float(dissipation.dimensionless_length(1e-4, RADIUS)) == pytest.approx(0.05)
 
 

@@ -13,9 +13,7 @@ G = 9.81
 
 
 def test_without_a_dent_it_is_the_parabola():
-    assert time_to_touch(-0.1, G, np.zeros(1), np.ones(1)) == pytest.approx(
-        0.2 / G, rel=rounding(100)
-    )
+    assert time_to_touch(-0.1, G, np.zeros(1), np.ones(1)) == pytest.approx(0.2 / G, rel=rounding(100))
 
 
 def test_a_permanent_dent_does_not_matter():

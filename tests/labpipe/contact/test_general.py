@@ -34,9 +34,8 @@ RING = X**2 / (2 * RADIUS) - 1.2e-4 * np.exp(-(((np.abs(X) - 1.2e-3) / 2e-4) ** 
 def test_surface_and_pressure_are_complementary_at_every_step(name, thickness) -> None:
     profile = PROFILES[name]
     found = indent(
-        SLS, RADIUS, PERIOD, 1.0, TIME, DEPTH, profile, thickness, rtol=None,
-        outputs=["pressure", "surface"],
-    )  # fmt: skip
+        SLS, RADIUS, PERIOD, 1.0, TIME, DEPTH, profile, thickness, rtol=None, outputs=["pressure", "surface"]
+    )
     pressure, surface = found.pressure.values, found.surface.values
     gap = surface + profile - DEPTH[:, None]
     contact = pressure > 0.0
@@ -52,11 +51,20 @@ def test_both_solvers_agree_where_the_contact_is_nested(thickness, rtol) -> None
     outputs = ["pressure", "surface", "energy"]
     runs = {
         solver: indent(
-            SLS, RADIUS, PERIOD, 1.0, TIME, DEPTH, X**2 / (2 * RADIUS), thickness,
-            solver=solver, outputs=outputs, rtol=rtol,
+            SLS,
+            RADIUS,
+            PERIOD,
+            1.0,
+            TIME,
+            DEPTH,
+            X**2 / (2 * RADIUS),
+            thickness,
+            solver=solver,
+            outputs=outputs,
+            rtol=rtol,
         )
         for solver in ("springs", "general")
-    }  # fmt: skip
+    }
     springs, general = runs["springs"], runs["general"]
     # Controlled steps differ between the two, and with them the pressure at the very edge.
     bound = 1e-7 if rtol is None else 1e-3
@@ -101,9 +109,7 @@ def test_two_tips_far_apart_on_a_thin_layer_are_two_single_tips() -> None:
     x = PERIOD / 512 * np.arange(-256, 256)
     two = np.minimum((x - 2e-3) ** 2, (x + 2e-3) ** 2) / (2 * RADIUS)
     double = indent(SLS, RADIUS, PERIOD, 1.0, TIME, DEPTH / 10, two, thickness=1e-4)
-    assert double.force.values == pytest.approx(
-        2 * single.force.values, abs=3e-3 * 2 * float(single.force.max())
-    )
+    assert double.force.values == pytest.approx(2 * single.force.values, abs=3e-3 * 2 * float(single.force.max()))
 
 
 @pytest.mark.parametrize("name", ["two tips", "rough"])
@@ -127,9 +133,7 @@ def test_load_control_inverts_displacement_control(name) -> None:
 def test_any_profile_is_solved_or_refused(seed, depth, roughness, thickness) -> None:
     rng = np.random.default_rng(seed)
     n = 64
-    heights = 1e-4 * (
-        (1 - roughness) * np.cos(2 * np.pi * np.arange(n) / n) + roughness * rng.random(n)
-    )
+    heights = 1e-4 * ((1 - roughness) * np.cos(2 * np.pi * np.arange(n) / n) + roughness * rng.random(n))
     heights -= heights.min()
     contact = GeneralContact(line_kernel(PERIOD, n, thickness, 0.3), heights, "closed")
     approach = depth * heights.mean()
@@ -153,8 +157,7 @@ def test_full_contact_of_a_half_plane_is_refused_and_of_a_layer_is_linear() -> N
 
 
 @pytest.mark.parametrize(
-    "profile",
-    [np.full(64, np.inf), np.full(64, np.nan), np.zeros((8, 8)), np.zeros(63), [0.0, -np.inf] * 32],
+    "profile", [np.full(64, np.inf), np.full(64, np.nan), np.zeros((8, 8)), np.zeros(63), [0.0, -np.inf] * 32]
 )
 def test_profiles_that_are_none_are_refused(profile) -> None:
     with pytest.raises(InputError):
@@ -170,8 +173,11 @@ def test_pivoting_ends_at_the_answer_of_the_iteration_wherever_it_begins(begin) 
     contact = GeneralContact(kernel, profile, "full contact")
     approach = 2e-6 - profile
     expected = contact._solve(approach, 1e-16)
-    start = {"nothing": np.zeros(elements, bool), "everything that is pressed": approach > 0.0,
-             "every third strip": np.arange(elements) % 3 == 0}[begin]  # fmt: skip
+    start = {
+        "nothing": np.zeros(elements, bool),
+        "everything that is pressed": approach > 0.0,
+        "every third strip": np.arange(elements) % 3 == 0,
+    }[begin]
     found = contact._pivot(start, approach, 1e-14)
     np.testing.assert_allclose(found, expected, atol=1e-6 * expected.max())
     assert 0 < np.count_nonzero(found) < elements

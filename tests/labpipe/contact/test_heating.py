@@ -29,9 +29,7 @@ def test_a_hot_disc_is_the_sum_of_its_point_sources(time: float) -> None:
 
 def test_a_hot_disc_begins_as_a_plane_and_ends_at_its_steady_state() -> None:
     plane = 2.0 * np.sqrt(SOLID.diffusivity * 1e-6 / np.pi) / SOLID.conductivity
-    assert float(flash_temperature(1.0, 1e-3, 1e-6, SOLID)) == pytest.approx(
-        plane, rel=1e-12, abs=0.0
-    )
+    assert float(flash_temperature(1.0, 1e-3, 1e-6, SOLID)) == pytest.approx(plane, rel=1e-12, abs=0.0)
     late = float(flash_temperature(1.0, 1e-3, 1e12, SOLID))
     assert late == pytest.approx(1e-3 / SOLID.conductivity, rel=1e-5)
 

@@ -18,9 +18,7 @@ def test_scaled_impact_matches_the_table() -> None:
     # x'' = -x^{3/2}: mass 1, (4/3) E* sqrt(R) = 1.
     found = hertz.impact(1.0, 1.0, 1.0, 0.75)
     expected = (1.0933620739, 1.1432626298, 3.2180654597)
-    assert (found.peak_approach, found.peak_force, found.contact_duration) == pytest.approx(
-        expected, rel=1e-10
-    )
+    assert (found.peak_approach, found.peak_force, found.contact_duration) == pytest.approx(expected, rel=1e-10)
 
 
 def test_acrylic_drop_has_the_sizes_of_the_experiment() -> None:

@@ -132,9 +132,7 @@ def test_sls_train_comes_to_rest_on_its_static_sag(sls_train):
     assert sls_train.sizes["impact"] == 6
     for number, (touch, _, v_in, e, F, a, delta) in SLS_TRAIN.items():
         row = number - 1
-        assert float(sls_train.impact_time[row]) - fall_time(0.0015) == pytest.approx(
-            touch, rel=1e-5, abs=1e-9
-        )
+        assert float(sls_train.impact_time[row]) - fall_time(0.0015) == pytest.approx(touch, rel=1e-5, abs=1e-9)
         assert relative(sls_train, "impact_speed", v_in, row) < 3e-5
         assert relative(sls_train, "restitution", e, row) < 5e-5
         assert relative(sls_train, "peak_force", F, row) < 2e-5
@@ -200,13 +198,7 @@ def test_energy_ledger_closes_and_dissipation_only_grows(pmma_train, sls_train):
     for result in (pmma_train, sls_train):
         total = sum(
             result[name]
-            for name in (
-                "kinetic_energy",
-                "potential_energy",
-                "stored_energy",
-                "dissipated_energy",
-                "numerical_energy",
-            )
+            for name in ("kinetic_energy", "potential_energy", "stored_energy", "dissipated_energy", "numerical_energy")
         )
         energy = M * G * 0.0015
         assert float(abs(total - energy).max()) < 1e-13 * energy
@@ -218,9 +210,7 @@ def test_energy_ledger_closes_and_dissipation_only_grows(pmma_train, sls_train):
         assert float(result.force.min()) >= 0.0
 
 
-@pytest.mark.parametrize(
-    ("material", "lost", "held"), [(SLS, 0.386, 0.096), (PMMA11, 0.1065, 0.015)]
-)
+@pytest.mark.parametrize(("material", "lost", "held"), [(SLS, 0.386, 0.096), (PMMA11, 0.1065, 0.015)])
 def test_energy_lost_and_held_at_lift_off(material, lost, held):
     """Of the kinetic energy: SLS 38.6 % and 9.6 %, PMMA 10.65 % and 1.5 %."""
     result = first_impact(material, 0.0015)
@@ -351,9 +341,7 @@ def test_maps_show_pressure_that_carries_the_force():
     touch = fall_time(0.0015)
     instants = [0.0, touch + 2e-4, touch + 9e-4, touch + 5e-3]
     mdr = drop(SLS, R, M, 0.0015, touch + 0.03, maps=instants, times=instants)
-    rings = drop(
-        SLS, R, M, 0.0015, touch + 0.03, "rings", ring_width=5e-6, maps=instants, times=instants
-    )
+    rings = drop(SLS, R, M, 0.0015, touch + 0.03, "rings", ring_width=5e-6, maps=instants, times=instants)
     np.testing.assert_allclose(mdr.map_time, instants, rtol=rounding(10))
     for result, tolerance in ((mdr, 2e-3), (rings, 5e-3)):
         for i in (1, 2):
@@ -363,9 +351,7 @@ def test_maps_show_pressure_that_carries_the_force():
             flat = result.surface[i] + result.r**2 / (2 * R)
             spread = flat.where(result.r < 0.95 * float(result.contact_radius[i]))
             assert float(abs(spread / float(result.approach[i]) - 1).max()) < 2e-3
-            assert float(result.pressure[i].where(~inside, 0.0).max()) < 1e-3 * float(
-                result.pressure[i].max()
-            )
+            assert float(result.pressure[i].where(~inside, 0.0).max()) < 1e-3 * float(result.pressure[i].max())
         assert float(abs(result.pressure[[0, 3]]).max()) == 0.0
         assert float(abs(result.surface[0]).max()) == 0.0
         # In flight the dent is still there, and shallower than the contact was.
@@ -458,9 +444,7 @@ def _weights(count):
     log_height=st.floats(-9, 0),
     nu=st.floats(0, 0.4999),
 )
-def test_any_drop_is_right_or_refused(
-    log_modulus, log_ratio, weights, log_tau, log_mass, log_height, nu
-):
+def test_any_drop_is_right_or_refused(log_modulus, log_ratio, weights, log_tau, log_mass, log_height, nu):
     """Energy bounds the error; nothing is negative, nothing hangs."""
     relaxed, mass, height = 10**log_modulus, 10**log_mass, 10**log_height
     share = np.array(weights) / np.sum(weights)

@@ -11,9 +11,7 @@ from labpipe.materials import Prony
 
 RADIUS, PERIOD = 2e-3, 8e-3
 SLS = Prony.from_creep(2e9, [1 / 2e9 - 1 / 4e9], [0.05], nu=0.35)
-PMMA15 = Prony.from_creep(
-    2e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=0.35
-)
+PMMA15 = Prony.from_creep(2e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=0.35)
 RUBBER = Prony.from_creep(1e6, np.full(13, (1e-6 - 1e-9) / 13), np.logspace(-10, 2, 13), nu=0.35)
 
 # Tapping: time, SLS force, SLS width, PMMA force, PMMA width (per depth; width in periods).
@@ -84,9 +82,7 @@ def test_layer_forces_match_the_table(thickness, nu, expected) -> None:
     assert result.attrs["datum"] == datum
 
 
-@pytest.mark.parametrize(
-    ("approach", "expected"), [(0.1e-3, 12.40), (0.2e-3, 30.90), (0.3e-3, 54.81)]
-)
+@pytest.mark.parametrize(("approach", "expected"), [(0.1e-3, 12.40), (0.2e-3, 30.90), (0.3e-3, 54.81)])
 def test_the_three_plateaus_follow_from_one_modulus(approach, expected) -> None:
     material = elastic(0.0, 10.14e6)
     result = indent(material, RADIUS, PERIOD, 18e-3, [0.0], [approach], profile="cosine")
@@ -103,9 +99,7 @@ def test_the_three_plateaus_follow_from_one_modulus(approach, expected) -> None:
         (RUBBER, 1e-5, 10, 0.0, 5e-4),
     ],
 )
-def test_relaxation_over_fourteen_decades_is_the_modulus(
-    material, rtol, per_decade, since, bound
-) -> None:
+def test_relaxation_over_fourteen_decades_is_the_modulus(material, rtol, per_decade, since, bound) -> None:
     decades = np.log10(600.0) + 12.0
     time = np.logspace(-12, np.log10(600.0), round(per_decade * decades) + 1)
     time = np.insert(time, 0, 0.0)
@@ -214,9 +208,7 @@ def test_full_contact_of_a_half_plane_is_refused(depth) -> None:
 
 
 def test_full_contact_of_a_layer_is_computed() -> None:
-    found = indent(
-        SLS, RADIUS, PERIOD, 1.0, [0.0], [8e-4], np.zeros(64), thickness=1e-3, outputs=["pressure"]
-    )
+    found = indent(SLS, RADIUS, PERIOD, 1.0, [0.0], [8e-4], np.zeros(64), thickness=1e-3, outputs=["pressure"])
     oedometer = SLS.E_unrelaxed * 0.65 / (1.35 * 0.3)
     assert float(found.force[0]) == pytest.approx(oedometer * 0.8 * PERIOD, rel=1e-9)
     assert float(found.contact_half_width[0]) == PERIOD / 2
@@ -239,21 +231,14 @@ def test_growing_contact_obeys_lee_and_radok(thickness) -> None:
 @pytest.mark.parametrize("thickness", [np.inf, 1e-3])
 def test_step_in_load_creeps_along_the_elastic_curve(thickness) -> None:
     time = np.array([0.0, 1e-3, 0.01, 0.1, 1.0])
-    found = indent_load(
-        SLS, RADIUS, PERIOD, 1.0, time, np.full(5, 2e5), thickness=thickness, rtol=1e-6
-    )
-    shape = indent(
-        elastic(0.35), RADIUS, PERIOD, 1.0, time, found.displacement, thickness=thickness
-    )
+    found = indent_load(SLS, RADIUS, PERIOD, 1.0, time, np.full(5, 2e5), thickness=thickness, rtol=1e-6)
+    shape = indent(elastic(0.35), RADIUS, PERIOD, 1.0, time, found.displacement, thickness=thickness)
     assert shape.force.values == pytest.approx(2e5 * SLS.creep(time), rel=2e-5)
 
 
 def test_maps_add_up_to_the_force_and_touch_the_indenter() -> None:
     time = np.linspace(0.0, 0.5, 11)
-    found = indent(
-        SLS, RADIUS, PERIOD, 18e-3, time, 2e-4 * np.sin(2 * np.pi * time),
-        outputs=["pressure", "surface"],
-    )  # fmt: skip
+    found = indent(SLS, RADIUS, PERIOD, 18e-3, time, 2e-4 * np.sin(2 * np.pi * time), outputs=["pressure", "surface"])
     assert found.pressure.dims == ("time", "x")
     total = found.pressure.sum("x") * PERIOD / 1024 * 18e-3
     assert total.values == pytest.approx(found.force.values, abs=1e-4 * float(found.force.max()))
@@ -273,13 +258,17 @@ def test_maps_that_would_not_fit_are_refused() -> None:
 @pytest.mark.parametrize(
     ("wrong", "match"),
     [
-        ({"depth": 0.0}, "depth"), ({"period": -1.0}, "period"), ({"tip_radius": 0.0}, "radius"),
-        ({"profile": "square"}, "square"), ({"elements": 33}, "even"),
+        ({"depth": 0.0}, "depth"),
+        ({"period": -1.0}, "period"),
+        ({"tip_radius": 0.0}, "radius"),
+        ({"profile": "square"}, "square"),
+        ({"elements": 33}, "even"),
         ({"thickness": 0.0}, "thick"),
-        ({"outputs": ["colour"]}, "colour"), ({"solver": "magic"}, "magic"),
+        ({"outputs": ["colour"]}, "colour"),
+        ({"solver": "magic"}, "magic"),
         ({"thickness": 5e-5}, "thickness"),
     ],
-)  # fmt: skip
+)
 def test_arguments_outside_their_domain_are_refused(wrong, match) -> None:
     arguments = {"tip_radius": RADIUS, "period": PERIOD, "depth": 1.0} | wrong
     with pytest.raises(InputError, match=match):

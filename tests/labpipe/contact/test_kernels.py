@@ -27,9 +27,7 @@ def test_half_plane_influence_is_the_integral_of_the_logarithm() -> None:
 
 
 def test_clausen_has_its_special_values() -> None:
-    assert clausen(np.array([0.0, np.pi / 2, np.pi])) == pytest.approx(
-        [0.0, 0.915965594177219, 0.0], abs=rounding(50)
-    )
+    assert clausen(np.array([0.0, np.pi / 2, np.pi])) == pytest.approx([0.0, 0.915965594177219, 0.0], abs=rounding(50))
 
 
 def test_half_plane_has_no_mean_and_a_layer_does() -> None:
@@ -80,11 +78,17 @@ def test_displacement_is_the_sum_of_influences(thickness) -> None:
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"period": 0.0}, {"period": np.nan}, {"elements": 15}, {"elements": 2},
-        {"thickness": 0.0}, {"thickness": np.nan}, {"nu": 0.6}, {"nu": -0.1},
+        {"period": 0.0},
+        {"period": np.nan},
+        {"elements": 15},
+        {"elements": 2},
+        {"thickness": 0.0},
+        {"thickness": np.nan},
+        {"nu": 0.6},
+        {"nu": -0.1},
         {"thickness": 1e-12},
     ],
-)  # fmt: skip
+)
 def test_values_outside_the_domain_are_refused(wrong) -> None:
     with pytest.raises(InputError):
         line_kernel(**({"period": PERIOD, "elements": 64, "nu": 0.3} | wrong))

@@ -5,23 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labpipe.contact.memory._creep import (
-    Creep,
-    advance,
-    condense,
-    decay,
-    history,
-    step_weights,
-    stored_energy,
-)
+from labpipe.contact.memory._creep import Creep, advance, condense, decay, history, step_weights, stored_energy
 from labpipe.errors import InputError
 from labpipe.materials import Prony
 from tests.by_day import by_day
 from tests.rounding import rounding
 
-PMMA15 = Creep.from_terms(
-    1 / 6e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=0.35
-)
+PMMA15 = Creep.from_terms(1 / 6e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=0.35)
 
 
 def displacement_under(creep, times, loads, *, hold=False):
@@ -52,10 +42,7 @@ def test_a_step_of_load_follows_the_creep_compliance():
 
 
 @settings(max_examples=60, deadline=None)
-@given(
-    x=st.floats(-16, 16),
-    splits=st.lists(st.floats(0.01, 0.99), min_size=1, max_size=4),
-)
+@given(x=st.floats(-16, 16), splits=st.lists(st.floats(0.01, 0.99), min_size=1, max_size=4))
 def test_splitting_a_step_changes_nothing(x, splits):
     creep = Creep.from_terms(1.0, np.array([3.0]), np.array([1.0]))
     dt = 10.0**x
@@ -91,9 +78,7 @@ def test_weights_match_high_precision_values(x):
     else:
         expected = 1.0 - (1.0 - np.exp(-x)) / x
     assert weights.new[0] == pytest.approx(expected, rel=rounding(50), abs=0.0)
-    assert weights.old[0] + weights.new[0] == pytest.approx(
-        -np.expm1(-x), rel=rounding(50), abs=0.0
-    )
+    assert weights.old[0] + weights.new[0] == pytest.approx(-np.expm1(-x), rel=rounding(50), abs=0.0)
 
 
 def test_a_liquid_flows_under_load_and_keeps_its_dent():
@@ -176,8 +161,7 @@ def test_an_elastic_solid_has_no_memory():
 
 
 @pytest.mark.parametrize(
-    ("C", "tau"),
-    [([1.0], [1.0, 2.0]), ([-1.0], [1.0]), ([1.0], [0.0]), ([np.nan], [1.0]), ([1.0], [np.inf])],
+    ("C", "tau"), [([1.0], [1.0, 2.0]), ([-1.0], [1.0]), ([1.0], [0.0]), ([np.nan], [1.0]), ([1.0], [np.inf])]
 )
 def test_unphysical_terms_are_refused(C, tau):
     with pytest.raises(InputError):

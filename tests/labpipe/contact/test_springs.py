@@ -21,9 +21,7 @@ def bed_of(thickness=np.inf, reach=4e-4, profile="parabola"):
     heights = strip_heights(profile, RADIUS, PERIOD, ELEMENTS)
     half = np.append(heights[ELEMENTS // 2 :], heights[0])
     half = half[np.isfinite(half)]
-    return kernel, half, line_bed(
-        kernel, half, reach, is_smooth=True, has_end=False, limit="closed"
-    )  # fmt: skip
+    return kernel, half, line_bed(kernel, half, reach, is_smooth=True, has_end=False, limit="closed")
 
 
 @pytest.mark.parametrize("thickness", [np.inf, 1e-3])
@@ -43,10 +41,7 @@ def test_pressure_of_the_springs_solves_the_contact_problem(thickness, profile) 
     assert pressure == pytest.approx(np.roll(pressure[::-1], 1), abs=1e-12)
 
 
-@given(
-    st.lists(st.floats(0.0, 3.5e-4), min_size=2, max_size=6),
-    st.floats(1e-3, 1e3),
-)
+@given(st.lists(st.floats(0.0, 3.5e-4), min_size=2, max_size=6), st.floats(1e-3, 1e3))
 def test_force_rises_with_the_displacement_and_scales_with_the_compliance(depths, factor) -> None:
     _, _, (bed, _) = bed_of()
     rest = np.zeros(bed.size)

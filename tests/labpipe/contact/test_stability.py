@@ -39,9 +39,7 @@ def test_a_hundred_thousand_cycles_do_not_drift() -> None:
 def test_zero_length_holds_and_repeated_times_change_nothing() -> None:
     material = Prony(1e6, [1e8], [1e-3], nu=0.3)
     plain = press_sphere(material, 0.01, [0.0, 1.0, 2.0], [0.0, 1e-5, 1e-5])
-    held = press_sphere(
-        material, 0.01, [0.0, 1.0, 1.0, 1.0, 2.0, 2.0], [0.0, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5]
-    )
+    held = press_sphere(material, 0.01, [0.0, 1.0, 1.0, 1.0, 2.0, 2.0], [0.0, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5])
     assert held.force.values[[0, 1, 4]] == pytest.approx(plain.force.values, rel=1e-12)
     assert held.force.values[5] == held.force.values[4]
 

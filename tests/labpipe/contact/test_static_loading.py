@@ -9,9 +9,7 @@ from labpipe.materials import Prony
 
 RADIUS = 9.525e-3
 SLS = Prony.from_creep(2e9, [0.25e-9], [1e-3], nu=0.35)
-PMMA15 = Prony.from_creep(
-    2e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=0.35
-)
+PMMA15 = Prony.from_creep(2e9, np.full(15, (1 / 2e9 - 1 / 6e9) / 15), np.logspace(-10, 2, 15), nu=0.35)
 
 
 @pytest.mark.parametrize("material", [SLS, PMMA15], ids=["sls", "pmma"])
@@ -58,9 +56,7 @@ def test_exact_sphere_differs_by_the_known_amount() -> None:
     sphere = press_sphere(SLS, RADIUS, [0.0], [7e-5], profile="sphere")
     ratio = float(sphere.force[0] / parabola.force[0])
     assert ratio == pytest.approx(1.0 - 0.1 * (radius / RADIUS) ** 2, abs=3e-5)
-    assert sphere_gap(np.array(1e-3), 1.0) == pytest.approx(
-        1e-6 * (1 + 1e-6 / 3), rel=1e-12, abs=0.0
-    )
+    assert sphere_gap(np.array(1e-3), 1.0) == pytest.approx(1e-6 * (1 + 1e-6 / 3), rel=1e-12, abs=0.0)
 
 
 def test_unloading_to_nothing_leaves_a_dent_that_recovers() -> None:
@@ -71,9 +67,7 @@ def test_unloading_to_nothing_leaves_a_dent_that_recovers() -> None:
     assert np.all(found.contact_radius.values[2:] == 0.0)
 
 
-@pytest.mark.parametrize(
-    ("load", "match"), [([1.0, -1.0], r"load\[1\]"), ([1.0, np.nan], r"load\[1\] is nan")]
-)
+@pytest.mark.parametrize(("load", "match"), [([1.0, -1.0], r"load\[1\]"), ([1.0, np.nan], r"load\[1\] is nan")])
 def test_bad_loads_are_refused_with_the_place(load, match) -> None:
     with pytest.raises(InputError, match=match):
         load_sphere(SLS, RADIUS, [0.0, 1.0], load)

@@ -66,9 +66,7 @@ def test_springs_that_leave_the_contact_are_controlled_too() -> None:
 
 
 def test_jump_is_elastic_and_two_equal_samples_are_nothing() -> None:
-    found = indent(
-        SLS, *GEOMETRY, [0.0, 1.0, 1.0, 1.0, 1.0], [0.0, 0.0, 1e-4, 1e-4, 2e-4], elements=256
-    )
+    found = indent(SLS, *GEOMETRY, [0.0, 1.0, 1.0, 1.0, 1.0], [0.0, 0.0, 1e-4, 1e-4, 2e-4], elements=256)
     force = found.force.values * (1 - 0.35**2) / SLS.E_unrelaxed
     expected = [0.0, 0.0, unit_force(1e-4), unit_force(1e-4), unit_force(2e-4)]
     assert force == pytest.approx(expected, rel=1e-9)
@@ -77,9 +75,7 @@ def test_jump_is_elastic_and_two_equal_samples_are_nothing() -> None:
 
 def test_coarse_steps_after_a_jump_stay_positive_and_forget_it() -> None:
     """Uniform steps of 0.5 s on a material a thousand times stiffer at first."""
-    material = Prony.from_creep(
-        1e6, np.full(13, (1e-6 - 1e-9) / 13), np.logspace(-10, 2, 13), nu=0.35
-    )
+    material = Prony.from_creep(1e6, np.full(13, (1e-6 - 1e-9) / 13), np.logspace(-10, 2, 13), nu=0.35)
     time = np.arange(0.0, 20.5, 0.5)
     found = indent(material, *GEOMETRY, time, np.full(41, 1e-4), rtol=None, elements=256)
     exact = unit_force(1e-4) * material.relaxation(time) / (1 - 0.35**2)
@@ -102,9 +98,8 @@ def test_random_histories_obey_the_second_law(seed, terms, ratio, thickness) -> 
     time = np.concatenate([[0.0], np.cumsum(gaps)])
     depth = 2e-4 * rng.uniform(-0.5, 1.0, 13)
     found = indent(
-        material, *GEOMETRY, time, depth, thickness=thickness, elements=128, rtol=1e-4,
-        outputs=["energy", "pressure"],
-    )  # fmt: skip
+        material, *GEOMETRY, time, depth, thickness=thickness, elements=128, rtol=1e-4, outputs=["energy", "pressure"]
+    )
     assert found.attrs["solver"] == "springs"
     assert np.all(np.isfinite(found.force))
     assert found.force.values.min() >= 0.0
@@ -211,6 +206,4 @@ def test_heat_of_a_dashpot_is_the_integral_of_the_load_squared() -> None:
     state = SimpleNamespace(answer=answer, memory=np.zeros((1, march.contact.size)))
     heat = march._heat(0.5, state, new, hold=False)
     one = march.contact.inner(np.ones_like(old), np.ones_like(old))
-    assert heat == pytest.approx(
-        creep.fluidity * 0.5 * (9.0 - 3.0 + 1.0) / 3.0 * float(one), rel=1e-6, abs=0.0
-    )
+    assert heat == pytest.approx(creep.fluidity * 0.5 * (9.0 - 3.0 + 1.0) / 3.0 * float(one), rel=1e-6, abs=0.0)

@@ -31,15 +31,19 @@ def test_a_shifted_impact_is_the_same_impact_on_another_scale(a_T: float, b_T: f
     solid = materials.load("acrylic")
     here = contact.drop(solid, RADIUS, MASS, HEIGHT, LASTS, gravity=GRAVITY)
     there = contact.drop(
-        solid.shifted(a_T, b_T), a_T * RADIUS, a_T**3 * b_T * MASS, a_T * HEIGHT, a_T * LASTS,
-        gravity=GRAVITY / a_T,
-    )  # fmt: skip
+        solid.shifted(a_T, b_T), a_T * RADIUS, a_T**3 * b_T * MASS, a_T * HEIGHT, a_T * LASTS, gravity=GRAVITY / a_T
+    )
     assert here.sizes["impact"] == there.sizes["impact"] == 2
     scales = {
-        "restitution": 1.0, "impact_speed": 1.0, "impact_time": a_T, "contact_duration": a_T,
-        "peak_approach": a_T, "peak_contact_radius": a_T, "peak_force": a_T**2 * b_T,
+        "restitution": 1.0,
+        "impact_speed": 1.0,
+        "impact_time": a_T,
+        "contact_duration": a_T,
+        "peak_approach": a_T,
+        "peak_contact_radius": a_T,
+        "peak_force": a_T**2 * b_T,
         "energy_dissipated": a_T**3 * b_T,
-    }  # fmt: skip
+    }
     for name, scale in scales.items():
         np.testing.assert_allclose(there[name], scale * here[name], rtol=1e-11, err_msg=name)
 

@@ -17,14 +17,7 @@ SPHERE = {"radius": 9.525e-3, "mass": 0.505, "height": 1.5e-3}
 
 
 def first_impact(time_step, ring_width=4e-5):
-    return drop(
-        SLS,
-        **SPHERE,
-        duration=FALL + 2e-3,
-        solver="thesis",
-        time_step=time_step,
-        ring_width=ring_width,
-    )
+    return drop(SLS, **SPHERE, duration=FALL + 2e-3, solver="thesis", time_step=time_step, ring_width=ring_width)
 
 
 def test_it_converges_to_the_exact_impact():
@@ -55,9 +48,7 @@ def test_it_flickers_where_the_step_creeps_more_than_the_glass():
 
 
 def test_its_work_grows_with_the_square_of_the_steps():
-    products = [
-        json.loads(first_impact(dt).attrs["work"])["history_products"] for dt in (2e-5, 1e-5)
-    ]
+    products = [json.loads(first_impact(dt).attrs["work"])["history_products"] for dt in (2e-5, 1e-5)]
     assert products[1] / products[0] == pytest.approx(4.0, rel=0.05)
 
 

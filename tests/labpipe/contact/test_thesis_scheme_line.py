@@ -56,6 +56,4 @@ def test_its_contact_is_as_wide_as_ours() -> None:
     plain = indent_thesis_scheme(rubber, 2e-3, 8e-3, 1.0, time, depth, elements=256)
     ours = indent(rubber, 2e-3, 8e-3, 1.0, time, depth, profile="cosine", elements=256)
     spacing = 2e-3 / 256
-    assert plain.contact_half_width.values == pytest.approx(
-        ours.contact_half_width.values, abs=1.5 * spacing
-    )
+    assert plain.contact_half_width.values == pytest.approx(ours.contact_half_width.values, abs=1.5 * spacing)

@@ -12,9 +12,8 @@ BODY = Body(mass=2.0, gravity=10.0, plate=None)
 
 def record(time, position, velocity, force=0.0, radius=0.0):
     return motion(
-        time=time, position=position, velocity=velocity, approach=position, force=force,
-        contact_radius=radius,
-    )  # fmt: skip
+        time=time, position=position, velocity=velocity, approach=position, force=force, contact_radius=radius
+    )
 
 
 def trail(*records):

@@ -50,9 +50,8 @@ def run(source: str, space: dict[str, Any], count: int) -> list[dict[str, Any]]:
         outputs.append({"name": "stdout", "output_type": "stream", "text": lines})
     if value is not None:
         outputs.append(
-            {"data": shown(value), "execution_count": count, "metadata": {},
-             "output_type": "execute_result"}
-        )  # fmt: skip
+            {"data": shown(value), "execution_count": count, "metadata": {}, "output_type": "execute_result"}
+        )
     return outputs
 
 

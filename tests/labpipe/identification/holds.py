@@ -32,32 +32,22 @@ def exact_force(solid: Prony, lag: np.ndarray) -> np.ndarray:
 
 
 def hold_problem(
-    seed: int,
-    *,
-    longest: float = 600.0,
-    relative: float = 2e-3,
-    gain: float = 5e-3,
-    rho: np.ndarray | None = None,
+    seed: int, *, longest: float = 600.0, relative: float = 2e-3, gain: float = 5e-3, rho: np.ndarray | None = None
 ) -> Problem:
     """A hold with noise and a gain that is only known to ``gain``."""
     rng = np.random.default_rng(seed)
     time, area = history(longest)
     lag = time[22::2] - 0.1
     clean = exact_force(RUBBER, lag)
-    force = (
-        clean * (1 + gain * rng.standard_normal()) * (1 + relative * rng.standard_normal(lag.size))
-    )
+    force = clean * (1 + gain * rng.standard_normal()) * (1 + relative * rng.standard_normal(lag.size))
     rho = relaxation_times(float(lag[0]), float(lag[-1])) if rho is None else rho
     spectrum = SmoothSpectrum(rho, 0.5)
     basis = lee_radok_basis(time, area, spectrum.rho, 0.5)[22::2]
     evidence = force_evidence("hold", lag, force, relative * clean, basis, factors=("gain",))
-    return Problem(
-        spectrum, (evidence,), (Parameter("gain", 1.0, gain, "1", "gain", is_nuisance=True),)
-    )
+    return Problem(spectrum, (evidence,), (Parameter("gain", 1.0, gain, "1", "gain", is_nuisance=True),))
 
 
 def with_values(evidence: Evidence, values: np.ndarray) -> Evidence:
     group = evidence.groups[0]
-    changed = type(group)(group.name, values, group.u, group.axis, group.units, group.axis_name,
-                          group.axis_units)  # fmt: skip
+    changed = type(group)(group.name, values, group.u, group.axis, group.units, group.axis_name, group.axis_units)
     return Evidence(evidence.name, (changed,), evidence.model, evidence.is_prior)

@@ -29,9 +29,8 @@ def seen() -> Bounces:
     touch = made["impact_time"].values[:3] - float(made["impact_time"][0])
     u = np.ones(3)
     return Bounces(
-        touch, 2e-5 * u, made["contact_duration"].values[:3], 1e-5 * u,
-        made["peak_contact_radius"].values[:3], 3e-6 * u,
-    )  # fmt: skip
+        touch, 2e-5 * u, made["contact_duration"].values[:3], 1e-5 * u, made["peak_contact_radius"].values[:3], 3e-6 * u
+    )
 
 
 def model(**names: str) -> DropModel:
@@ -62,10 +61,11 @@ def test_mass_and_radius_act_as_a_factor_of_the_moduli(derivatives, name, change
         body[name] += sign * change
         made = contact.drop(SOLID, body["radius"], body["mass"], 1.5e-3, 0.12, times=[0.0])
         touch = made["impact_time"].values
-        ends.append(np.concatenate([
-            touch[1:3] - touch[0], made["contact_duration"].values[:3],
-            made["peak_contact_radius"].values[:3],
-        ]))  # fmt: skip
+        ends.append(
+            np.concatenate(
+                [touch[1:3] - touch[0], made["contact_duration"].values[:3], made["peak_contact_radius"].values[:3]]
+            )
+        )
     direct = (ends[0] - ends[1]) / (2 * change)
     assert np.allclose(derivatives[1][name], direct, rtol=0.03, atol=1e-3 * np.abs(direct).max())
 
@@ -84,8 +84,7 @@ def test_plate_moves_by_the_ratio_of_the_masses(on_plate, name, change) -> None:
         body = {"mass": 0.505, "height": 1.5e-3}
         body[name] += sign * change
         plate = contact.Plate(30.0, 180.0, 0.03)
-        made = contact.drop(SOLID, 9.525e-3, body["mass"], body["height"], 0.1, plate=plate,
-                            times=[0.0], rtol=1e-4)  # fmt: skip
+        made = contact.drop(SOLID, 9.525e-3, body["mass"], body["height"], 0.1, plate=plate, times=[0.0], rtol=1e-4)
         touch = made["impact_time"].values
         ends.append(touch[1:3] - touch[0])
     direct = (ends[0] - ends[1]) / (2 * change)

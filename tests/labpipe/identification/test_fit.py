@@ -8,11 +8,11 @@ from labpipe.identification import (
     FractionalSpectrum,
     Problem,
     SmoothSpectrum,
-    bands,
     fit,
     moduli,
     modulus_evidence,
     posterior,
+    predictive_bands,
     profile,
     relaxation_times,
 )
@@ -69,9 +69,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
         deviations.append((np.log(value) - np.log(RUBBER.E_relaxed)) / (0.5 * np.log(high / low)))
         found = moduli(known, frequency)
         deviations += list(np.log(found.storage / truth.real) / found.u_ln_storage)
-        deviations += list(
-            np.log(found.loss_factor / (truth.imag / truth.real)) / found.u_ln_loss_factor
-        )
+        deviations += list(np.log(found.loss_factor / (truth.imag / truth.real)) / found.u_ln_loss_factor)
     assert np.mean(np.abs(deviations) < 1.96) >= 0.9
     assert np.sqrt(np.mean(np.square(deviations))) < 1.2
 
@@ -93,11 +91,11 @@ def test_discrepancy_shows_and_widens_the_answer(known) -> None:
 
 def test_noise_as_stated_shows_no_discrepancy(known) -> None:
     assert known.fit.misfits == {}
-    assert known.fit.is_settled
+    assert known.fit.is_converged
 
 
 def test_residuals_of_the_band_are_those_of_the_stated_noise(known) -> None:
-    (band,) = bands(known)
+    (band,) = predictive_bands(known)
     assert np.sqrt(np.mean(band.residual**2)) == pytest.approx(1.0, abs=0.35)
     assert (band.u_predicted < band.group.u * 4).all()
 
@@ -107,9 +105,8 @@ def test_rheometer_as_prior_narrows_what_the_hold_leaves_open() -> None:
     frequency = np.geomspace(1e-3, 1e3, 13)
     truth = RUBBER.complex_modulus(2 * np.pi * frequency)
     sweep = modulus_evidence(
-        "dma", frequency, (truth.real, 0.01 * truth.real), (truth.imag, 0.03 * truth.imag),
-        problem.spectrum.rho,
-    )  # fmt: skip
+        "dma", frequency, (truth.real, 0.01 * truth.real), (truth.imag, 0.03 * truth.imag), problem.spectrum.rho
+    )
     joint = replace(problem, evidence=(*problem.evidence, sweep))
     alone, both = (posterior(fit(p)) for p in (problem, joint))
     assert both.sd[0] < 0.2 * alone.sd[0]
@@ -125,9 +122,8 @@ def test_rheometer_far_beyond_the_hold_is_no_discrepancy_for_a_spectrum_as_long(
     for shortest in (0.1, 0.5 / np.pi / 1e4):
         problem = hold_problem(3, rho=relaxation_times(shortest, 600.0))
         sweep = modulus_evidence(
-            "dma", frequency, (truth.real, 0.01 * truth.real), (truth.imag, 0.03 * truth.imag),
-            problem.spectrum.rho,
-        )  # fmt: skip
+            "dma", frequency, (truth.real, 0.01 * truth.real), (truth.imag, 0.03 * truth.imag), problem.spectrum.rho
+        )
         found = fit(replace(problem, evidence=(*problem.evidence, sweep)))
         misses.append([name for name, _ in found.misfits])
     assert "dma" in misses[0]

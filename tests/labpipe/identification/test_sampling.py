@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from labpipe.identification import drawn_moduli, fit, moduli, posterior, sample
+from labpipe.identification import fit, moduli, posterior, sample, sampled_moduli
 from tests.labpipe.identification.holds import hold_problem
 
 
@@ -16,7 +16,7 @@ def drawn(known):
 
 
 def test_draws_are_good_and_the_same_every_time(known, drawn) -> None:
-    assert drawn.is_good
+    assert drawn.is_reliable
     assert drawn.failed <= 0.1 * 150
     again = sample(known, 20)
     assert (again.draws == drawn.draws[: len(again.draws)]).all()
@@ -24,12 +24,12 @@ def test_draws_are_good_and_the_same_every_time(known, drawn) -> None:
 
 def test_draws_agree_with_laplace_where_it_is_right(known, drawn) -> None:
     found = moduli(known, np.array([0.02]))
-    storage, loss = drawn_moduli(drawn, known, found)
+    storage, loss = sampled_moduli(drawn, known, found)
     for values, centre, u in (
         (storage, found.storage, found.u_ln_storage),
         (loss, found.loss_factor, found.u_ln_loss_factor),
     ):
-        mean, spread = drawn.spread(np.log(values))
+        mean, spread = drawn.mean_and_sd(np.log(values))
         assert abs(mean[0] - np.log(centre[0])) < 0.5 * u[0]
         assert spread[0] == pytest.approx(u[0], rel=0.25)
 
@@ -40,5 +40,5 @@ def test_weighted_quantiles_are_those_of_repeated_draws(drawn) -> None:
     assert few.quantiles(values, np.array([0.5]))[0, 0] == pytest.approx(3.0)
     tilted = type(drawn)(values, np.array([0.0, 0.0, 0.0, 0.0, 1.0]), 0)
     assert tilted.effective == pytest.approx(1.0)
-    assert not type(drawn)(values, tilted.weights, 5).is_good
+    assert not type(drawn)(values, tilted.weights, 5).is_reliable
     assert "with care" in type(drawn)(values, tilted.weights, 5).statement

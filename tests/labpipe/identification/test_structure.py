@@ -20,7 +20,7 @@ from labpipe.identification import (
     relaxation_times,
 )
 from labpipe.identification._spectra import material, one_per_decade
-from labpipe.identification._structure import BEFORE, ROUGH, SMOOTH, SPACED
+from labpipe.identification._structure import ROUGH, SMOOTH, SPACED, STRUCTURE_PRIORS
 from labpipe.materials import Prony
 from tests.labpipe.identification.holds import RUBBER, exact_force, history
 
@@ -51,16 +51,18 @@ def held(solid: Prony, seed: int, *, hidden: float = 0.0):
 
 
 def chances(known) -> dict[str, float]:
-    return {n: sum(s.weight for s in known.structures if s.name == n) for n in BEFORE}
+    return {n: sum(s.weight for s in known.structures if s.name == n) for n in STRUCTURE_PRIORS}
 
 
 def deviations(known, solid: Prony) -> np.ndarray:
     found = moduli(known, FREQUENCY)
     truth = solid.complex_modulus(2 * np.pi * FREQUENCY)
-    return np.concatenate([
-        np.log(found.storage / truth.real) / found.u_ln_storage,
-        np.log(found.loss_factor / (truth.imag / truth.real)) / found.u_ln_loss_factor,
-    ])  # fmt: skip
+    return np.concatenate(
+        [
+            np.log(found.storage / truth.real) / found.u_ln_storage,
+            np.log(found.loss_factor / (truth.imag / truth.real)) / found.u_ln_loss_factor,
+        ]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +86,7 @@ def test_place_of_the_terms_is_found(spaced) -> None:
 
 def test_smooth_spectrum_is_recognised() -> None:
     known = infer(*held(RUBBER, 4))
-    assert chances(known)[SMOOTH] > BEFORE[SMOOTH]
+    assert chances(known)[SMOOTH] > STRUCTURE_PRIORS[SMOOTH]
     assert np.abs(deviations(known, RUBBER)).max() < 3
 
 
@@ -103,7 +105,7 @@ def test_wave_that_no_relaxation_makes_stays_a_discrepancy() -> None:
 
 
 def test_chances_sum_to_one_and_begin_as_stated(spaced) -> None:
-    assert sum(BEFORE.values()) == pytest.approx(1.0)
+    assert sum(STRUCTURE_PRIORS.values()) == pytest.approx(1.0)
     assert sum(s.weight for s in spaced.structures) == pytest.approx(1.0)
     assert spaced.structures[0].weight == max(s.weight for s in spaced.structures)
 
@@ -111,8 +113,7 @@ def test_chances_sum_to_one_and_begin_as_stated(spaced) -> None:
 def test_moduli_are_mean_and_spread_over_the_structures(spaced) -> None:
     apart = []
     for weight in (1.0, 0.0, 0.25):
-        two = [replace(s, weight=w) for s, w in zip(spaced.structures[:2], (weight, 1 - weight),
-                                                   strict=True)]  # fmt: skip
+        two = [replace(s, weight=w) for s, w in zip(spaced.structures[:2], (weight, 1 - weight), strict=True)]
         apart.append(moduli(replace(spaced, structures=tuple(two)), FREQUENCY))
     one, other, mixed = apart
     for name in ("storage", "loss_factor"):
@@ -139,8 +140,7 @@ def test_basis_of_other_times_is_refused() -> None:
 def test_drop_knows_terms_of_times_that_are_not_the_materials() -> None:
     solid = Prony(2e9, [2e8, 2e8, 2e8], [1e-4, 1e-3, 1e-1], nu=0.35)
     touches = np.array([1, 2])
-    model = DropModel(9.525e-3, 0.505, 1.5e-3, 9.81, touches, touches, np.empty(0, int), 0.08,
-                      1e-3, {}, rtol=1e-4)  # fmt: skip
+    model = DropModel(9.525e-3, 0.505, 1.5e-3, 9.81, touches, touches, np.empty(0, int), 0.08, 1e-3, {}, rtol=1e-4)
     rho = np.array([1e-8, 1e-7, 3e-5, 4e-4, 2e-3, 1e5])
     made = model.by_times(solid, {}, rho)
     size = np.abs(made[:, 3:6]).max(axis=1, keepdims=True)
@@ -156,12 +156,12 @@ def test_candidates_begin_as_the_spectrum_that_was_found() -> None:
     smooth = SmoothSpectrum(relaxation_times(1e-2, 1e2), 0.5)
     xi = 0.5 * np.cos(np.arange(len(smooth.parameters)))
     solid = material(smooth, smooth.log_terms(xi))
-    assert np.allclose(smooth.like(solid), xi)
+    assert np.allclose(smooth.coordinates_of(solid), xi)
     omega = np.geomspace(1e-1, 1e1, 5)
     exact = solid.complex_modulus(omega)
     for spectrum in (
         SmoothSpectrum(one_per_decade(1e-2, 1e2, 0.3), 0.5),
         RoughSpectrum(SmoothSpectrum(relaxation_times(1e-2, 1e2, per_decade=8), 0.5)),
     ):
-        made = material(spectrum, spectrum.log_terms(spectrum.like(solid)))
+        made = material(spectrum, spectrum.log_terms(spectrum.coordinates_of(solid)))
         assert np.abs(made.complex_modulus(omega) / exact - 1).max() < 0.06

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ellipe, ellipk
 
-Floats = NDArray[np.float64]
+from labpipe.arrays import Floats
 
 
 @dataclass(frozen=True)
@@ -50,21 +50,14 @@ def gap_of_hertz(r: Floats, a: float, radius: float) -> Floats:
     return a * a / radius * (np.sqrt(rho**2 - 1.0) + (rho**2 - 2.0) * np.arccos(1.0 / rho)) / np.pi
 
 
-def gap_of_pressure(
-    a: float, radius: float, count: int = 1500, reach: float = 3.0
-) -> tuple[Floats, Floats]:
+def gap_of_pressure(a: float, radius: float, count: int = 1500, reach: float = 3.0) -> tuple[Floats, Floats]:
     """Gap on a grid of r from rings of constant pressure that sum to Hertz's pressure.
 
     Surface displacement of a ring is the difference of two discs of uniform pressure; the
     modulus cancels, because the pressure that belongs to a is proportional to it.
     """
     edges = a * np.sin(np.linspace(0.0, 0.5 * np.pi, count + 1))
-    r = np.concatenate(
-        [
-            np.linspace(0.0, 0.98 * a, 50),
-            a * (1.0 + np.linspace(0.0, 1.0, 3000) ** 2 * (reach - 1.0)),
-        ]
-    )
+    r = np.concatenate([np.linspace(0.0, 0.98 * a, 50), a * (1.0 + np.linspace(0.0, 1.0, 3000) ** 2 * (reach - 1.0))])
 
     def disc(c: float) -> Floats:
         inside = np.minimum(r, c)
@@ -77,14 +70,7 @@ def gap_of_pressure(
     for low, high in itertools.pairwise(edges):
         # Hertz: p = 2 E* sqrt(a² - r²) / (pi R); mean over the ring by area, in closed form.
         mean = (2.0 / 3.0) * ((a**2 - low**2) ** 1.5 - (a**2 - high**2) ** 1.5) / (high**2 - low**2)
-        displacement += (
-            2.0
-            / (np.pi * radius)
-            * mean
-            * 4.0
-            / np.pi
-            * (disc(high) - (disc(low) if low > 0.0 else 0.0))
-        )
+        displacement += 2.0 / (np.pi * radius) * mean * 4.0 / np.pi * (disc(high) - (disc(low) if low > 0.0 else 0.0))
     gap = displacement - a * a / radius + r * r / (2.0 * radius)
     return r, gap
 
@@ -92,9 +78,7 @@ def gap_of_pressure(
 def intensity_of_gap(gap: Floats, scene: Scene) -> Floats:
     """Relative intensity of a gap."""
     envelope = np.exp(-((gap / scene.coherence) ** 2))
-    return 1.0 + scene.visibility * envelope * np.cos(
-        4.0 * np.pi * gap / scene.wavelength + scene.phase
-    )
+    return 1.0 + scene.visibility * envelope * np.cos(4.0 * np.pi * gap / scene.wavelength + scene.phase)
 
 
 def clean_image(
@@ -116,13 +100,7 @@ def clean_image(
     if travel or sideways:
         steps = (np.arange(exposures) + 0.5) / exposures - 0.5
         images = [
-            clean_image(
-                scene,
-                a + step * travel,
-                (centre[0] + step * sideways, centre[1]),
-                gap,
-                samples=samples,
-            )
+            clean_image(scene, a + step * travel, (centre[0] + step * sideways, centre[1]), gap, samples=samples)
             for step in steps
         ]
         return np.mean(images, axis=0)
@@ -172,13 +150,8 @@ def expose(grey: Floats, scene: Scene, rng: np.random.Generator) -> NDArray[np.i
 
 
 def fringe_film(
-    scene: Scene,
-    radii: list[float],
-    centres: list[tuple[float, float]],
-    seed: int = 0,
+    scene: Scene, radii: list[float], centres: list[tuple[float, float]], seed: int = 0
 ) -> NDArray[np.integer]:
     """A film (frame, row, column) of contacts at rest."""
     rng = np.random.default_rng(seed)
-    return np.stack(
-        [expose(clean_image(scene, a, c), scene, rng) for a, c in zip(radii, centres, strict=True)]
-    )
+    return np.stack([expose(clean_image(scene, a, c), scene, rng) for a, c in zip(radii, centres, strict=True)])

@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
+from labpipe.arrays import Floats
 from labpipe.imaging.dic._spline import NODE_SLOPES, NODE_WEIGHTS
 from labpipe.imaging.dic._subset_kernel import compose_with_inverse
 from labpipe.imaging.dic._subset_solver import _RIGID_FROM_AFFINE, DEFAULT_ITERATIONS
-
-Floats = NDArray[np.float64]
 
 
 def prefilter_oracle(image: NDArray[np.generic], order: int) -> NDArray[np.float64]:
@@ -80,9 +79,7 @@ def solve_oracle(
         for along in (0, 1):
             weights = NODE_SLOPES if along == axis else NODE_WEIGHTS
             result = np.apply_along_axis(
-                lambda line, w=weights[order]: np.correlate(
-                    np.pad(line, len(w) // 2, mode="reflect"), w, "valid"
-                ),
+                lambda line, w=weights[order]: np.correlate(np.pad(line, len(w) // 2, mode="reflect"), w, "valid"),
                 along,
                 result,
             )
@@ -93,9 +90,9 @@ def solve_oracle(
     f = f - f.mean()
     images = np.stack([gx, gx * j, gx * i, gy, gy * j, gy * i])
     basis = _RIGID_FROM_AFFINE if is_rigid else np.eye(6)
-    jacobian = np.concatenate(
-        [np.tensordot(basis, images, 1), f[None], np.ones_like(f)[None]]
-    ).reshape(len(basis) + 2, -1)
+    jacobian = np.concatenate([np.tensordot(basis, images, 1), f[None], np.ones_like(f)[None]]).reshape(
+        len(basis) + 2, -1
+    )
     p = np.array(motion, float)
     zncc = math.nan
     for _ in range(max_iterations):

@@ -65,19 +65,13 @@ def make_speckle(kind: str, shape: tuple[int, int], seed: int = 0, margin: int =
 
 
 def render(
-    speckle: Speckle,
-    shape: tuple[int, int],
-    motion: Motion | None = None,
-    noise: float = 0.0,
-    seed: int = 0,
+    speckle: Speckle, shape: tuple[int, int], motion: Motion | None = None, noise: float = 0.0, seed: int = 0
 ) -> NDArray[np.uint8]:
     """One 8-bit image (row, column); ``noise`` is the standard deviation in grey levels."""
     return digitise(grey_levels(speckle, shape, motion), noise, seed)
 
 
-def grey_levels(
-    speckle: Speckle, shape: tuple[int, int], motion: Motion | None = None
-) -> NDArray[np.float64]:
+def grey_levels(speckle: Speckle, shape: tuple[int, int], motion: Motion | None = None) -> NDArray[np.float64]:
     """Noise-free grey levels (row, column) before rounding."""
     field = _field(speckle, shape, motion or Motion())
     mid, half = (WHITE + BLACK) / 2, (WHITE - BLACK) / 2
@@ -117,9 +111,7 @@ def _field(speckle: Speckle, shape: tuple[int, int], motion: Motion) -> NDArray[
 def grid(shape: tuple[int, int], margin: int, step: int) -> NDArray[np.float64]:
     """Points (point, 2) as (x, y) on a square grid that stays ``margin`` px inside."""
     rows, columns = shape
-    x, y = np.meshgrid(
-        np.arange(margin, columns - margin, step), np.arange(margin, rows - margin, step)
-    )
+    x, y = np.meshgrid(np.arange(margin, columns - margin, step), np.arange(margin, rows - margin, step))
     return np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
 
 

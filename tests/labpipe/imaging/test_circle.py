@@ -9,9 +9,7 @@ from labpipe.errors import InputError
 from labpipe.imaging.fringes._circle import fit_circle
 
 
-@given(
-    st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(1.0, 1e3), st.floats(0.3, 2.0 * math.pi)
-)
+@given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(1.0, 1e3), st.floats(0.3, 2.0 * math.pi))
 def test_points_on_a_circle_give_it_back(x: float, y: float, radius: float, arc: float) -> None:
     angle = np.linspace(0.2, 0.2 + arc, 40)
     points = np.column_stack([x + radius * np.cos(angle), y + radius * np.sin(angle)])
@@ -27,9 +25,7 @@ def test_noise_on_an_arc_pulls_the_radius_little() -> None:
     assert np.mean(radii) == pytest.approx(300.0, abs=0.3)
 
 
-@pytest.mark.parametrize(
-    "points", [np.zeros((2, 2)), np.zeros((5, 2)), np.outer(np.arange(5.0), [1.0, 2.0])]
-)
+@pytest.mark.parametrize("points", [np.zeros((2, 2)), np.zeros((5, 2)), np.outer(np.arange(5.0), [1.0, 2.0])])
 def test_points_that_make_no_circle_are_refused(points: np.ndarray) -> None:
     with pytest.raises(InputError):
         fit_circle(points)

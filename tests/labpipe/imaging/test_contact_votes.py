@@ -16,9 +16,7 @@ def nearest(frame: np.ndarray, centre: tuple[float, float]) -> float:
 
 @pytest.mark.parametrize("phase", [np.pi, 0.0])
 @pytest.mark.parametrize("centre", [(160.3, 118.1), (61.4, 180.2), (170.3, -20.4), (-15.2, 100.6)])
-def test_centre_is_found_to_a_third_of_a_pixel_in_uneven_light(
-    centre: tuple[float, float], phase: float
-) -> None:
+def test_centre_is_found_to_a_third_of_a_pixel_in_uneven_light(centre: tuple[float, float], phase: float) -> None:
     scene = SCENE.change(phase=phase, sphere_radius=2.5e-3)
     image = clean_image(scene, 170e-6, centre, samples=5)
     assert nearest(expose(image, scene, np.random.default_rng(1)), centre) < 0.35

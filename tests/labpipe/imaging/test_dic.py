@@ -12,24 +12,14 @@ from labpipe.errors import InputError
 from labpipe.frames import ArrayFrames
 from labpipe.imaging import track
 from tests.by_day import by_day
-from tests.labpipe.imaging.speckle import (
-    Motion,
-    cramer_rao_bound,
-    digitise,
-    grey_levels,
-    grid,
-    make_speckle,
-    render,
-)
+from tests.labpipe.imaging.speckle import Motion, cramer_rao_bound, digitise, grey_levels, grid, make_speckle, render
 
 SIZE = (260, 280)
 SHIFTS = tuple(Motion(0.1 * k, 0.05 * k) for k in range(11))
 TURN = Motion(0.3, 0.4, np.deg2rad(2.0), (140, 130))
 
 
-def make_film(
-    kind: str, motions: tuple[Motion, ...], noise: float = 0.0, size: tuple[int, int] = SIZE
-) -> np.ndarray:
+def make_film(kind: str, motions: tuple[Motion, ...], noise: float = 0.0, size: tuple[int, int] = SIZE) -> np.ndarray:
     speckle = make_speckle(kind, size)
     return np.stack([render(speckle, size, m, noise, seed) for seed, m in enumerate(motions)])
 
@@ -104,9 +94,7 @@ def test_error_reaches_the_cramer_rao_bound_and_is_predicted(subset: int, shape:
 
 
 @pytest.mark.parametrize(("noise", "static_frames"), by_day([(8.0, 16), (8.0, 1), (2.0, 16)], 1))
-def test_predicted_uncertainty_holds_for_more_noise_and_an_averaged_reference(
-    noise: float, static_frames: int
-) -> None:
+def test_predicted_uncertainty_holds_for_more_noise_and_an_averaged_reference(noise: float, static_frames: int) -> None:
     motions = (Motion(),) * static_frames + SHIFTS[1::3]
     film = make_film("medium", motions, noise)
     found = track(film, grid(SIZE, 22, 12), 21, static_frames=static_frames)
@@ -151,8 +139,7 @@ def test_one_large_rigid_subset_reaches_the_bound_and_tells_the_rotation() -> No
     greys = [grey_levels(speckle, size, motion) for motion in motions]
     repeats = 25
     film = np.stack(
-        [digitise(still, 2.0, k) for k in range(64)]
-        + [digitise(greys[k % 8], 2.0, 64 + k) for k in range(8 * repeats)]
+        [digitise(still, 2.0, k) for k in range(64)] + [digitise(greys[k % 8], 2.0, 64 + k) for k in range(8 * repeats)]
     )
     truth = (Motion(),) * 64 + motions * repeats
     found = track(film, centre, 201, "rigid", static_frames=64)
@@ -167,10 +154,7 @@ def test_one_large_rigid_subset_reaches_the_bound_and_tells_the_rotation() -> No
 def test_bicubic_is_the_coarser_choice() -> None:
     film = make_film("medium", SHIFTS)
     points = grid(SIZE, 22, 14)
-    bias = {
-        order: np.abs(error(track(film, points, order=order), SHIFTS).mean(axis=1)).max()
-        for order in (3, 5)
-    }
+    bias = {order: np.abs(error(track(film, points, order=order), SHIFTS).mean(axis=1)).max() for order in (3, 5)}
     assert bias[5] < bias[3] < 0.0012
 
 
@@ -187,13 +171,7 @@ def test_displacement_is_that_of_the_point_between_pixels() -> None:
 @pytest.mark.parametrize("kind", by_day(["fine", "medium", "coarse"], 1))
 @pytest.mark.parametrize("shape", ["rigid", "affine"])
 @pytest.mark.parametrize(
-    "motion",
-    [
-        Motion(0.3, 90.4),
-        TURN,
-        Motion(3.3, -2.6),
-        Motion(-33.3, 20.2, np.deg2rad(5.0), (140, 130)),
-    ],
+    "motion", [Motion(0.3, 90.4), TURN, Motion(3.3, -2.6), Motion(-33.3, 20.2, np.deg2rad(5.0), (140, 130))]
 )
 def test_no_point_is_lost_in_a_jump_or_a_turn(kind: str, shape: str, motion: Motion) -> None:
     motions = (Motion(), motion, motion)
@@ -347,9 +325,7 @@ def test_a_film_cut_to_another_scene_loses_all_points() -> None:
         lambda film: film.astype(np.float64) * 100.0 - 5000.0,
     ],
 )
-def test_the_grey_scale_of_the_camera_does_not_matter(
-    convert: Callable[[np.ndarray], np.ndarray],
-) -> None:
+def test_the_grey_scale_of_the_camera_does_not_matter(convert: Callable[[np.ndarray], np.ndarray]) -> None:
     film = make_film("medium", SHIFTS[:4], 2.0)
     points = grid(SIZE, 40, 30)
     plain, other = track(film, points), track(convert(film), points)

@@ -54,9 +54,7 @@ def test_the_frame_before_survives_the_next_load() -> None:
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32, np.float64, np.int32])
 @pytest.mark.parametrize("blur", [0.0, 0.5, 1.0])
-def test_every_type_of_pixel_is_blurred_alike_into_kept_memory(
-    kind: type[np.generic], blur: float
-) -> None:
+def test_every_type_of_pixel_is_blurred_alike_into_kept_memory(kind: type[np.generic], blur: float) -> None:
     from scipy.ndimage import gaussian_filter
 
     image = np.random.default_rng(2).integers(0, 256, (40, 50)).astype(kind)

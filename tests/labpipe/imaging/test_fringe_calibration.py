@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from labpipe.imaging.fringes import _calibration
-from labpipe.imaging.fringes._calibration import (
-    _BLURS,
-    Calibration,
-    _find_blur,
-    _Trial,
-    calibrate,
-)
+from labpipe.imaging.fringes._calibration import _BLURS, Calibration, _find_blur, _Trial, calibrate
 from labpipe.imaging.fringes._ring_fit import Parameter
 
 
@@ -24,9 +18,14 @@ def test_the_excess_is_the_mean_square_of_the_misfits() -> None:
 def trial(misfit: float, count: int = 4) -> _Trial:
     """Fits of pixels with noise 1, so that a lower misfit is also a significant one."""
     fit = SimpleNamespace(
-        misfit=misfit, residual=misfit, pixels=1000, noise=1.0, model_deviation=1.0,
-        parameters=np.zeros(len(Parameter)), deviation=lambda _: 1.0,
-    )  # fmt: skip
+        misfit=misfit,
+        residual=misfit,
+        pixels=1000,
+        noise=1.0,
+        model_deviation=1.0,
+        parameters=np.zeros(len(Parameter)),
+        deviation=lambda _: 1.0,
+    )
     return _Trial((fit,) * count)  # type: ignore[arg-type]
 
 

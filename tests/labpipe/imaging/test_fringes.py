@@ -54,11 +54,7 @@ def test_gap_refuses_lengths_that_cannot_be(a: float, R: float) -> None:
 
 
 # Distances from the contact edge in um: half intensity, first bright, first dark, third dark.
-PUBLISHED = {
-    434: (9.7, 15.4, 24.4, 50.9),
-    800: (7.9, 12.5, 19.9, 41.5),
-    1194: (6.9, 11, 17.4, 36.3),
-}
+PUBLISHED = {434: (9.7, 15.4, 24.4, 50.9), 800: (7.9, 12.5, 19.9, 41.5), 1194: (6.9, 11, 17.4, 36.3)}
 
 
 @pytest.mark.parametrize("micrometres", sorted(PUBLISHED))
@@ -72,9 +68,7 @@ def test_fringes_stand_where_they_were_tabulated(micrometres: int) -> None:
 @given(st.floats(0.0, 900.0), st.floats(0.01, 60.0))
 def test_distance_at_phase_inverts_the_gap(a: float, phase: float) -> None:
     r = distance_at_phase(phase, a, OPTICS)
-    assert OPTICS.phase_scale * float(scaled_gap(np.float64(r), a)) == pytest.approx(
-        phase, rel=1e-6
-    )
+    assert OPTICS.phase_scale * float(scaled_gap(np.float64(r), a)) == pytest.approx(phase, rel=1e-6)
 
 
 @given(st.floats(5.0, 900.0), st.floats(2.0, 8.0))
@@ -92,14 +86,10 @@ def test_slopes_are_the_derivatives_of_the_gap(a: float, beyond: float) -> None:
     r, step = a * (1.0 + beyond), 1e-5 * a
     by_r, by_a = scaled_slopes(np.float64(r), a)
     assert float(by_r) == pytest.approx(
-        float(scaled_gap(np.float64(r + step), a) - scaled_gap(np.float64(r - step), a))
-        / (2.0 * step),
-        rel=1e-4,
+        float(scaled_gap(np.float64(r + step), a) - scaled_gap(np.float64(r - step), a)) / (2.0 * step), rel=1e-4
     )
     assert float(by_a) == pytest.approx(
-        float(scaled_gap(np.float64(r), a + step) - scaled_gap(np.float64(r), a - step))
-        / (2.0 * step),
-        rel=1e-4,
+        float(scaled_gap(np.float64(r), a + step) - scaled_gap(np.float64(r), a - step)) / (2.0 * step), rel=1e-4
     )
 
 
@@ -112,9 +102,7 @@ def test_compiled_table_equals_the_plain_one(travel: float, blur: float) -> None
     start, distance = table_distances(inner, outer, blur)
     spacing = 2.0 * math.pi / phase_slope(outer, a, optics)
     nodes, weights = exposure_nodes(travel, spacing)
-    compiled = fill_table(
-        distance, a, travel, nodes, weights, optics.phase_scale, 2.9, pixel_weights(blur)
-    )
+    compiled = fill_table(distance, a, travel, nodes, weights, optics.phase_scale, 2.9, pixel_weights(blur))
     assert start == plain.start
     assert compiled == pytest.approx(plain.values, abs=1e-12)
 

@@ -37,9 +37,7 @@ def long_film() -> tuple[CountedFrames, np.ndarray]:
     radii[REST:] = 75.0 * UM
     # The sphere moves many fringes during an exposure.
     washed_out = np.full((SCENE.rows, SCENE.columns), SCENE.mean)
-    seen = {0.0: washed_out} | {
-        float(a): clean_image(SCENE, float(a), CENTRE, samples=4) for a in set(radii) - {0.0}
-    }
+    seen = {0.0: washed_out} | {float(a): clean_image(SCENE, float(a), CENTRE, samples=4) for a in set(radii) - {0.0}}
     images = np.stack([expose(seen[float(a)], SCENE, rng) for a in radii])
     film = CountedFrames(images, 1e-4 * np.arange(400, dtype=np.float64))
     film.reads = Counter()
@@ -48,8 +46,12 @@ def long_film() -> tuple[CountedFrames, np.ndarray]:
 
 def measure(film: ArrayFrames, **options: object) -> xr.Dataset:
     return contact_radius(
-        film, SCENE.pixel_size, SCENE.sphere_radius, SCENE.wavelength, **options,  # type: ignore[arg-type]
-    )  # fmt: skip
+        film,
+        SCENE.pixel_size,
+        SCENE.sphere_radius,
+        SCENE.wavelength,
+        **options,  # type: ignore[arg-type]
+    )
 
 
 def test_only_frames_that_matter_are_read_and_none_is_missed() -> None:
@@ -100,9 +102,7 @@ def test_windows_include_both_ends() -> None:
     assert frames_in_windows(time, [(1.0, 2.0)]).tolist() == [False, True, True, False]
 
 
-def test_frames_beyond_what_is_kept_are_counted_as_read_again(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_frames_beyond_what_is_kept_are_counted_as_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("labpipe.imaging.films._reading_plan._MOST_KEPT", 3 * 16 * 16)
     reader = FilmReader(ArrayFrames(np.zeros((8, 16, 16), np.uint8)))
     for index in (0, 1, 2, 0, 3, 4, 0, 1):

@@ -84,9 +84,7 @@ def test_gap_from_a_pressure_distribution_gives_the_same_radius() -> None:
     assert radius_of(fit) == pytest.approx(a, abs=2e-9)
 
 
-@pytest.mark.parametrize(
-    ("centre", "a"), [((10.0, 230.0), 200e-6), ((160.0, -40.0), 260e-6), ((340.0, 120.0), 150e-6)]
-)
+@pytest.mark.parametrize(("centre", "a"), [((10.0, 230.0), 200e-6), ((160.0, -40.0), 260e-6), ((340.0, 120.0), 150e-6)])
 def test_cut_contacts_keep_their_radius(centre: tuple[float, float], a: float) -> None:
     image = clean_image(SCENE, a, centre, samples=7)
     fit = fit_contact(image, start_at(a + 0.3e-6, *centre), OPTICS, FitSettings())
@@ -98,9 +96,7 @@ def test_start_a_third_of_a_fringe_off_converges_to_the_same_radius() -> None:
     near = fit_contact(image, start_at(150e-6, 155.3, 118.2), OPTICS, FitSettings())
     for dx, dy, da in ((1.2, 0.0, 0.0), (0.0, -1.2, 1e-6), (0.8, 0.8, -2e-6)):
         start = start_at(150e-6 + da, 155.3 + dx, 118.2 + dy)
-        assert radius_of(fit_contact(image, start, OPTICS, FitSettings())) == pytest.approx(
-            radius_of(near), abs=1e-9
-        )
+        assert radius_of(fit_contact(image, start, OPTICS, FitSettings())) == pytest.approx(radius_of(near), abs=1e-9)
 
 
 def test_slopes_and_vignette_do_not_move_the_radius() -> None:
@@ -130,9 +126,7 @@ def test_sensitivities_are_the_shifts_that_wrong_assumptions_cause() -> None:
     right = fit_contact(clean_image(SCENE, a, centre), start_at(a, *centre), OPTICS, FitSettings())
     assert right is not None
     for parameter, (change, scene) in wrong.items():
-        fit = fit_contact(
-            clean_image(scene, a, centre), start_at(a, *centre), OPTICS, FitSettings()
-        )
+        fit = fit_contact(clean_image(scene, a, centre), start_at(a, *centre), OPTICS, FitSettings())
         shift = (radius_of(fit) - radius_of(right)) / PIXEL
         # What the fit gives when the assumption stays while the truth moves by `change`.
         assert shift == pytest.approx(right.sensitivity[parameter] * change, rel=0.05)

@@ -30,15 +30,10 @@ def test_the_radius_at_rest_is_the_weighted_mean_of_the_last_frames() -> None:
 def test_a_frame_is_refitted_from_its_own_fit_unless_that_is_a_poor_one(monkeypatch) -> None:
     """A good fit of a contact is kept; a poor one, or one of no contact, is looked for anew."""
     view = SimpleNamespace(
-        optics=SimpleNamespace(phase=3.0), settings=SimpleNamespace(free=()), ellipse=(0.0, 0.0),
-        white=255.0,
-    )  # fmt: skip
-    misfit = {0: 0.5 * GOOD_MISFIT, 1: 2.0 * GOOD_MISFIT, 2: 0.5 * GOOD_MISFIT, 3: 0.5}
-    monkeypatch.setattr(
-        _every_frame,
-        "fit_contact",
-        lambda frame, *_: SimpleNamespace(misfit=misfit[frame], of=frame),
+        optics=SimpleNamespace(phase=3.0), settings=SimpleNamespace(free=()), ellipse=(0.0, 0.0), white=255.0
     )
+    misfit = {0: 0.5 * GOOD_MISFIT, 1: 2.0 * GOOD_MISFIT, 2: 0.5 * GOOD_MISFIT, 3: 0.5}
+    monkeypatch.setattr(_every_frame, "fit_contact", lambda frame, *_: SimpleNamespace(misfit=misfit[frame], of=frame))
     monkeypatch.setattr(_every_frame, "is_contact", lambda frame, *_: frame != 2)
     monkeypatch.setattr(_every_frame, "_next_fit", lambda frame, *_: f"searched {frame}")
     reader = SimpleNamespace(whole=lambda index: index)

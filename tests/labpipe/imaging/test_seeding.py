@@ -78,9 +78,7 @@ def test_candidates_are_different_places_and_the_best_comes_first() -> None:
 
 
 @pytest.mark.parametrize("centre", [(15, 130), (140, 15), (264, 130), (140, 244)])
-def test_a_tile_that_touches_the_border_is_matched_and_one_beyond_is_not(
-    centre: tuple[int, int],
-) -> None:
+def test_a_tile_that_touches_the_border_is_matched_and_one_beyond_is_not(centre: tuple[int, int]) -> None:
     image = pyramid(render(make_speckle("medium", SIZE), SIZE))
     found = _match_tile(image, image, centre, 15, (0, 0))
     assert found is not None

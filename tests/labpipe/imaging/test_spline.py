@@ -7,14 +7,7 @@ from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 
 from labpipe.errors import InputError
-from labpipe.imaging.dic._spline import (
-    LANES,
-    PADDING,
-    node_gradients,
-    noise_gain,
-    prefilter,
-    slope_noise_gain,
-)
+from labpipe.imaging.dic._spline import LANES, PADDING, node_gradients, noise_gain, prefilter, slope_noise_gain
 from tests.labpipe.imaging.oracles import prefilter_oracle
 
 
@@ -24,14 +17,9 @@ def inner(coefficients: np.ndarray) -> np.ndarray:
 
 @settings(deadline=None, max_examples=25)
 @given(
-    rows=st.integers(9, 90),
-    columns=st.integers(9, 150),
-    order=st.sampled_from([3, 5]),
-    seed=st.integers(0, 2**32 - 1),
+    rows=st.integers(9, 90), columns=st.integers(9, 150), order=st.sampled_from([3, 5]), seed=st.integers(0, 2**32 - 1)
 )
-def test_prefilter_agrees_with_scipy_for_any_size(
-    rows: int, columns: int, order: int, seed: int
-) -> None:
+def test_prefilter_agrees_with_scipy_for_any_size(rows: int, columns: int, order: int, seed: int) -> None:
     image = np.random.default_rng(seed).integers(0, 256, (rows, columns)).astype(np.uint8)
     expected = prefilter_oracle(image, order)
     found = inner(prefilter(image, order))
@@ -76,9 +64,7 @@ def test_noise_gain_is_the_variance_of_interpolated_noise(order: int, blur: floa
     coefficients = prefilter_oracle(smooth(noise, blur), order)
     y, x = np.mgrid[20:580, 20:580].astype(float)
     for fraction_x, fraction_y in ((0.5, 0.0), (0.25, 0.5)):
-        values = map_coordinates(
-            coefficients, [y + fraction_y, x + fraction_x], order=order, prefilter=False
-        )
+        values = map_coordinates(coefficients, [y + fraction_y, x + fraction_x], order=order, prefilter=False)
         gain = noise_gain(order, np.array([fraction_x, fraction_y]), blur)
         assert values.var() == pytest.approx(gain[0] * gain[1], rel=0.02)
 

@@ -23,9 +23,7 @@ SIZE = (120, 140)
 WINDOW = (-0.5, 139.5, -0.5, 119.5)
 
 
-def prepare(
-    reference: np.ndarray, points: np.ndarray, half: int, is_rigid: bool, order: int
-) -> Subsets:
+def prepare(reference: np.ndarray, points: np.ndarray, half: int, is_rigid: bool, order: int) -> Subsets:
     slopes = node_gradients(prefilter(reference, order), order)
     return cut_subsets(
         reference.astype(np.float32),
@@ -37,23 +35,13 @@ def prepare(
 
 
 def match(subsets: Subsets, image: np.ndarray, order: int, start: np.ndarray) -> Solution:
-    return solve(
-        subsets,
-        prefilter(image, order),
-        order,
-        np.arange(len(subsets)),
-        start,
-        origin=(0, 0),
-        window=WINDOW,
-    )
+    return solve(subsets, prefilter(image, order), order, np.arange(len(subsets)), start, origin=(0, 0), window=WINDOW)
 
 
 @pytest.mark.parametrize("order", [3, 5])
 @pytest.mark.parametrize("is_rigid", [True, False])
 @pytest.mark.parametrize("kind", ["fine", "medium"])
-def test_compiled_solver_agrees_with_scipy_to_a_ten_thousandth(
-    order: int, is_rigid: bool, kind: str
-) -> None:
+def test_compiled_solver_agrees_with_scipy_to_a_ten_thousandth(order: int, is_rigid: bool, kind: str) -> None:
     speckle = make_speckle(kind, SIZE)
     motion = Motion(0.3, -0.4, 0.02, (70, 60))
     reference, image = render(speckle, SIZE), render(speckle, SIZE, motion, noise=2.0)
@@ -130,9 +118,7 @@ def test_nan_in_the_frame_is_never_a_result() -> None:
     image = render(make_speckle("medium", SIZE), SIZE).astype(float)
     damaged = image.copy()
     damaged[60, 60] = np.nan
-    found = match(
-        prepare(image, np.array([(60.0, 60.0)]), 10, True, 5), damaged, 5, np.zeros((1, 6))
-    )
+    found = match(prepare(image, np.array([(60.0, 60.0)]), 10, True, 5), damaged, 5, np.zeros((1, 6)))
     assert found.code[0] != SOLVED
 
 

@@ -88,9 +88,7 @@ def test_a_known_systematic_effect_is_no_finding():
     assert abs(found.margin) > 10
 
 
-@pytest.mark.parametrize(
-    ("value", "level"), [(0.9, None), (1.0 + 4.5e-4, "doubtful"), (1.195, "impossible")]
-)
+@pytest.mark.parametrize(("value", "level"), [(0.9, None), (1.0 + 4.5e-4, "doubtful"), (1.195, "impossible")])
 def test_a_law_must_be_broken_by_more_than_the_noise(value, level):
     assert bounded("e", "0 < e < 1", "", value, 1e-4, at_least=0.0, at_most=1.0).level == level
 
@@ -174,9 +172,7 @@ def test_a_detectable_error_is_shown_as_often_as_said():
     error = float(detectable(s, C)[0])
     limit = stats.chi2.isf(0.05, 5)
     root = np.linalg.cholesky(C)
-    shown = np.mean(
-        [agreement(root @ random.normal(size=5) + error * s, C).chi2 > limit for _ in range(1000)]
-    )
+    shown = np.mean([agreement(root @ random.normal(size=5) + error * s, C).chi2 > limit for _ in range(1000)])
     assert shown == pytest.approx(0.95, abs=0.02)
 
 

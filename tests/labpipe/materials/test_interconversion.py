@@ -55,9 +55,7 @@ def exact_partner(constant, weight, poles):
             distance -= g / (value(x) + sign * distance * slope(x))
         x = origin + sign * distance
         roots.append(x)
-        weights.append(
-            1 / sum(w * x * p / (x - p) ** 2 for w, p in zip(weight, poles, strict=True))
-        )
+        weights.append(1 / sum(w * x * p / (x - p) ** 2 for w, p in zip(weight, poles, strict=True)))
     return roots, weights
 
 
@@ -83,9 +81,7 @@ def error_of_creep(solid):
 def error_of_relaxation(solid):
     with localcontext() as context:
         context.prec = DIGITS
-        roots, weights = exact_partner(
-            solid.unrelaxed, decimals(solid.weight), decimals(solid.time)
-        )
+        roots, weights = exact_partner(solid.unrelaxed, decimals(solid.weight), decimals(solid.time))
         found = relaxation_from_creep(solid)
         return worst(found.time, roots), worst(found.weight, weights)
 
@@ -138,12 +134,7 @@ def test_round_trip_returns_the_terms(terms, decades):
 
 
 @given(
-    st.lists(
-        st.tuples(st.floats(-12, 12), st.floats(-20, 3)),
-        min_size=1,
-        max_size=12,
-        unique_by=lambda x: x[0],
-    ),
+    st.lists(st.tuples(st.floats(-12, 12), st.floats(-20, 3)), min_size=1, max_size=12, unique_by=lambda x: x[0]),
     st.floats(-6, 3),
 )
 @settings(max_examples=60, deadline=None)

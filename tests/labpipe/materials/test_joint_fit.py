@@ -42,12 +42,8 @@ def model_of(truth, **options):
 
 @pytest.mark.parametrize("horizontal", ["free", "wlf", "arrhenius"])
 @pytest.mark.parametrize("vertical", ["none", "rho_T", "quadratic"])
-def test_sensitivity_is_the_derivative_of_the_prediction(
-    points, maxwell_truth, horizontal, vertical
-):
-    model = model_of(
-        maxwell_truth, horizontal=horizontal, vertical=vertical, has_delay=True, level_spread=0.02
-    )
+def test_sensitivity_is_the_derivative_of_the_prediction(points, maxwell_truth, horizontal, vertical):
+    model = model_of(maxwell_truth, horizontal=horizontal, vertical=vertical, has_delay=True, level_spread=0.02)
     begin = model.start().parameters.copy()
     begin[-1] = 0.2  # radians of delay at the highest frequency: without it half of the terms are 0
     state = model.state(begin)
@@ -108,10 +104,7 @@ def test_expectation_is_weak_and_scales_with_the_spacing(maxwell_truth):
 
 def test_scatter_of_sweeps_is_the_noise(maxwell_truth, fractional_truth):
     for truth in (maxwell_truth, fractional_truth):
-        levels = [
-            scatter_of_sweeps(read_sweeps(truth.sweeps(seed, 0.01, 0.05)).points)
-            for seed in range(10)
-        ]
+        levels = [scatter_of_sweeps(read_sweeps(truth.sweeps(seed, 0.01, 0.05)).points) for seed in range(10)]
         assert np.mean([n.storage for n in levels]) == pytest.approx(0.01, rel=0.15)
         assert np.mean([n.loss for n in levels]) == pytest.approx(0.05, rel=0.15)
 

@@ -100,9 +100,7 @@ def test_a_file_of_the_laboratory_reads(tmp_path: Path) -> None:
         ("[shift]", "[drift]", 16, "unknown"),
     ],
 )
-def test_a_mistake_is_named_with_its_line(
-    tmp_path: Path, old: str, new: str, line: int, words: str
-) -> None:
+def test_a_mistake_is_named_with_its_line(tmp_path: Path, old: str, new: str, line: int, words: str) -> None:
     (tmp_path / "m.toml").write_text(GOOD.replace(old, new, 1), "utf-8")
     with pytest.raises(SourceError, match=words) as caught:
         load_file(tmp_path / "m.toml")

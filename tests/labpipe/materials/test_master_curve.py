@@ -205,9 +205,7 @@ def test_hand_set_shifts_are_refined_or_kept(curve, maxwell_truth):
 
 def test_material_at_another_temperature(curve, maxwell_truth):
     omega = np.array([1.0, 10.0])
-    exact = maxwell_truth.modulus(
-        omega * 10.0 ** (maxwell_truth.shift(39.0) - maxwell_truth.shift(60.0))
-    )
+    exact = maxwell_truth.modulus(omega * 10.0 ** (maxwell_truth.shift(39.0) - maxwell_truth.shift(60.0)))
     found = curve.at(39.0).complex_modulus(omega)
     np.testing.assert_allclose(found.real, exact.real, rtol=0.03)
     np.testing.assert_allclose(found.imag, exact.imag, rtol=0.04)
@@ -251,9 +249,7 @@ def changed(truth, change):
 
 
 def test_repeated_temperature_keeps_two_shifts_and_says_so(maxwell_truth):
-    twice = xr.concat(
-        [maxwell_truth.sweeps(5), maxwell_truth.sweeps(6).isel(temperature=[4])], "temperature"
-    )
+    twice = xr.concat([maxwell_truth.sweeps(5), maxwell_truth.sweeps(6).isel(temperature=[4])], "temperature")
     with pytest.warns(UserWarning, match="measured more than once"):
         found = master_curve(twice, T_ref=60.0)
     assert found.log10_aT.sizes["temperature"] == 13
@@ -263,9 +259,7 @@ def test_repeated_temperature_keeps_two_shifts_and_says_so(maxwell_truth):
 
 
 def test_same_temperature_throughout_is_no_master_curve_but_fits(maxwell_truth):
-    same = xr.concat(
-        [maxwell_truth.sweeps(seed).isel(temperature=[4]) for seed in range(3)], "temperature"
-    )
+    same = xr.concat([maxwell_truth.sweeps(seed).isel(temperature=[4]) for seed in range(3)], "temperature")
     with pytest.warns(UserWarning, match="measured more than once"):
         found = master_curve(same)
     assert np.abs(found.log10_aT.values).max() < 0.1
@@ -362,9 +356,7 @@ def test_storage_that_falls_with_frequency_is_named(maxwell_truth):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         master_curve(changed(maxwell_truth, resonance), T_ref=60.0)
-    assert any(
-        "falls with frequency" in str(w.message) and "32.7" in str(w.message) for w in caught
-    )
+    assert any("falls with frequency" in str(w.message) and "32.7" in str(w.message) for w in caught)
 
 
 def set_value(name, value):
@@ -429,10 +421,7 @@ def test_missing_variables_and_dimensions_are_named(maxwell_truth):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("truth", "limits"),
-    [("maxwell_truth", (0.034, 0.075)), ("fractional_truth", (0.027, 0.095))],
-)
+@pytest.mark.parametrize(("truth", "limits"), [("maxwell_truth", (0.034, 0.075)), ("fractional_truth", (0.027, 0.095))])
 def test_goals_over_many_seeds(truth, limits, request, amount):
     known = request.getfixturevalue(truth)
     errors, z = [], []
@@ -452,9 +441,7 @@ def test_goals_of_the_law_and_the_variants(maxwell_truth, amount):
 
     def mean_error(truth, **options):
         noise = options.pop("noise", (0.02, 0.02))
-        return np.mean(
-            [error(quiet(truth.sweeps(s, *noise), T_ref=60.0, **options), truth) for s in seeds]
-        )
+        return np.mean([error(quiet(truth.sweeps(s, *noise), T_ref=60.0, **options), truth) for s in seeds])
 
     assert mean_error(maxwell_truth, law="wlf") < 0.018
     assert mean_error(maxwell_truth, noise=(0.01, 0.08)) < 0.035
@@ -470,10 +457,7 @@ def random_material(seed, truth):
     x = np.log10(rho)
     centres, widths = rng.uniform(-9, 1, 2), rng.uniform(0.5, 2, 2)
     heights = rng.permutation([1.0, 10 ** rng.uniform(-2.5, 0)])
-    weight = sum(
-        h * np.exp(-0.5 * ((x - c) / w) ** 2)
-        for h, c, w in zip(heights, centres, widths, strict=True)
-    )
+    weight = sum(h * np.exp(-0.5 * ((x - c) / w) ** 2) for h, c, w in zip(heights, centres, widths, strict=True))
     weight = weight + 10 ** rng.uniform(-3.5, -2)
     relaxed = 10 ** rng.uniform(5.5, 8.5)
     weight = weight / weight.sum() * (10 ** rng.uniform(9, 9.6) - relaxed)

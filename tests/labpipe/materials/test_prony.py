@@ -44,9 +44,7 @@ def test_wide_ratio_puts_the_shortest_relaxation_time_far_below_the_retardation_
     strength = (1 / 1e6 - 1 / 1e9) / 15
     solid = Prony.from_creep(1e6, np.full(15, strength), np.logspace(-10, 2, 15))
     assert solid.rho[0] == pytest.approx(1.2e-12, rel=0.3, abs=0.0)
-    assert solid.E_relaxed + solid.E.sum() == pytest.approx(
-        1e9, rel=1e3 * EXACT
-    )  # 1/E less its creep
+    assert solid.E_relaxed + solid.E.sum() == pytest.approx(1e9, rel=1e3 * EXACT)  # 1/E less its creep
 
 
 def test_modulus_times_compliance_is_one(acrylic_like):
@@ -74,9 +72,7 @@ def test_limits_of_time_and_frequency(acrylic_like):
 
 
 def test_limits_are_reached_at_infinity_itself(acrylic_like):
-    assert acrylic_like.creep(np.inf) == pytest.approx(
-        1 / acrylic_like.E_relaxed, rel=1e-12, abs=0.0
-    )
+    assert acrylic_like.creep(np.inf) == pytest.approx(1 / acrylic_like.E_relaxed, rel=1e-12, abs=0.0)
     assert acrylic_like.relaxation(np.inf) == acrylic_like.E_relaxed
     assert acrylic_like.complex_modulus(np.inf) == pytest.approx(acrylic_like.E_unrelaxed)
 
@@ -152,7 +148,7 @@ def test_attributes_cannot_be_set(acrylic_like):
         (lambda: Prony(0.0, [], []), "no stiffness"),
         (lambda: Prony(1.0, [1.0], []), "equal length"),
         (lambda: Prony(1.0, [[1.0]], [[1.0]]), "equal length"),
-        (lambda: Prony(1.0, [1.0, -2.0], [1.0, 2.0]), r"E\[1\] = -2.0: a negative weight"),
+        (lambda: Prony(1.0, [1.0, -2.0], [1.0, 2.0]), r"E\[1\] = -2.0: with a negative weight"),
         (lambda: Prony(1.0, [np.inf], [1.0]), r"E\[0\] = inf"),
         (lambda: Prony(1.0, [1.0], [0.0]), r"rho\[0\] = 0.0 s"),
         (lambda: Prony(1.0, [1.0], [np.nan]), r"rho\[0\] = nan s"),

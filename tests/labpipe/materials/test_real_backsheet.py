@@ -11,9 +11,7 @@ import xarray as xr
 from labpipe.materials import master_curve
 
 FOLDER = Path(__file__).parents[3] / "../shared/samples/dma"
-pytestmark = pytest.mark.skipif(
-    not FOLDER.exists(), reason="the sample files lie beside the checkout only"
-)
+pytestmark = pytest.mark.skipif(not FOLDER.exists(), reason="the sample files lie beside the checkout only")
 
 
 def table(name):
@@ -73,9 +71,8 @@ def test_residuals_without_the_points_that_still_settled(sweeps):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         found = master_curve(
-            sweeps.isel(frequency=slice(1, None)), T_ref=-5.0, vertical="quadratic", levels=True,
-            delay=True,
-        )  # fmt: skip
+            sweeps.isel(frequency=slice(1, None)), T_ref=-5.0, vertical="quadratic", levels=True, delay=True
+        )
     for name, limit in (("storage_residual", 0.02), ("loss_residual", 0.03)):
         assert np.sqrt(np.nanmean(found.data[name].values ** 2)) < limit
 

@@ -6,8 +6,7 @@ import pytest
 from labpipe.errors import InputError
 from labpipe.materials import Prony, fewest_terms
 
-WIDE = Prony(1e7, 1e8 * np.exp(-0.5 * ((np.linspace(-8, 2, 31) + 3) / 2) ** 2),
-             np.logspace(-8, 2, 31), nu=0.4)  # fmt: skip
+WIDE = Prony(1e7, 1e8 * np.exp(-0.5 * ((np.linspace(-8, 2, 31) + 3) / 2) ** 2), np.logspace(-8, 2, 31), nu=0.4)
 
 
 @pytest.mark.parametrize("tolerance", [0.05, 0.01, 0.005])

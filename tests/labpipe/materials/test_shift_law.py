@@ -32,9 +32,7 @@ def test_wlf_beyond_its_pole_is_refused():
 @pytest.mark.parametrize("C2", [60.0, 250.0, 1e5])
 def test_exact_table_returns_the_constants(C2):
     law = wlf(0.06 * C2, C2, 20.0)
-    found = fit_law(
-        "wlf", TEMPERATURE + 20, law.log10_aT(TEMPERATURE + 20), 1e-4 * np.eye(12), 20.0
-    )
+    found = fit_law("wlf", TEMPERATURE + 20, law.log10_aT(TEMPERATURE + 20), 1e-4 * np.eye(12), 20.0)
     assert found.parameters == pytest.approx(law.parameters, rel=1e-6)
     assert found.chi_square < 1e-6
 
@@ -49,10 +47,7 @@ def test_stated_uncertainty_is_the_scatter_of_refits():
     rng = np.random.default_rng(0)
     exact = wlf(15.0, 250.0, 40.0).log10_aT(TEMPERATURE)
     covariance = 0.03**2 * np.eye(12)
-    fits = [
-        fit_law("wlf", TEMPERATURE, exact + 0.03 * rng.standard_normal(12), covariance, 40.0)
-        for _ in range(300)
-    ]
+    fits = [fit_law("wlf", TEMPERATURE, exact + 0.03 * rng.standard_normal(12), covariance, 40.0) for _ in range(300)]
     for name, stated in (("C1", "u_C1"), ("C2", "u_C2")):
         scatter = np.std([getattr(fit, name) for fit in fits])
         assert np.median([getattr(fit, stated) for fit in fits]) == pytest.approx(scatter, rel=0.2)

@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from labpipe.materials.superposition._vertical_law import (
-    VERTICAL_SIZE,
-    fit_vertical,
-    vertical_slopes,
-    vertical_values,
-)
+from labpipe.materials.superposition._vertical_law import VERTICAL_SIZE, fit_vertical, vertical_slopes, vertical_values
 
 TEMPERATURE = np.linspace(-40.0, 120.0, 9)
 
@@ -28,9 +23,7 @@ def test_slopes_are_those_of_the_values(name):
     for k in range(parameters.size):
         step = np.zeros(parameters.size)
         step[k] = 1e-6
-        up, down = (
-            vertical_values(name, parameters + s * step, TEMPERATURE, 25.0) for s in (1, -1)
-        )
+        up, down = (vertical_values(name, parameters + s * step, TEMPERATURE, 25.0) for s in (1, -1))
         np.testing.assert_allclose((up - down) / 2e-6, slopes[:, k], atol=1e-8)
 
 

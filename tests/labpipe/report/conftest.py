@@ -15,10 +15,7 @@ import pytest
 
 from labpipe.report import MAX_PAGE_BYTES
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))),
-    None,
-)
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 SWITCHES = (
     "--headless",
     "--no-sandbox",
@@ -48,10 +45,7 @@ class Browser:
         )
         ends = (str(read_there), str(write_there))
         self.process = subprocess.Popen(
-            [
-                *(sys.executable, "-c", plumbing, *ends, CHROMIUM),
-                *(*SWITCHES, f"--user-data-dir={profile}"),
-            ],
+            [*(sys.executable, "-c", plumbing, *ends, CHROMIUM), *(*SWITCHES, f"--user-data-dir={profile}")],
             pass_fds=(read_there, write_there),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -65,9 +59,7 @@ class Browser:
         self._session = ""
         self.events: list[dict[str, Any]] = []
         target = self.send("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self.send("Target.attachToTarget", targetId=target, flatten=True)[
-            "sessionId"
-        ]
+        self._session = self.send("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self.send(f"{domain}.enable")
 
@@ -99,16 +91,8 @@ class Browser:
         while not any(event.get("method") == method for event in self.events):
             self.events.append(self._receive())
 
-    def open(
-        self, path: Path, *, width: int = 1280, height: int = 900, scripts: bool = True
-    ) -> None:
-        self.send(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
+    def open(self, path: Path, *, width: int = 1280, height: int = 900, scripts: bool = True) -> None:
+        self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         self.send("Emulation.setScriptExecutionDisabled", value=not scripts)
         self.events.clear()
         self.send("Page.navigate", url=path.as_uri())
@@ -118,15 +102,10 @@ class Browser:
 
     def settle(self) -> None:
         """Wait until observers and two frames have run."""
-        self.run(
-            "new Promise(r => requestAnimationFrame(() => requestAnimationFrame("
-            "() => setTimeout(r, 30))))"
-        )
+        self.run("new Promise(r => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(r, 30))))")
 
     def run(self, script: str) -> Any:
-        result = self.send(
-            "Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True
-        )
+        result = self.send("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
         if "exceptionDetails" in result:
             raise RuntimeError(json.dumps(result["exceptionDetails"]))
         return result["result"].get("value")
@@ -155,11 +134,7 @@ class Browser:
         codes = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Home": 36}
         for kind in ("keyDown", "keyUp"):
             self.send(
-                "Input.dispatchKeyEvent",
-                type=kind,
-                key=name,
-                code=name,
-                windowsVirtualKeyCode=codes.get(name, 0),
+                "Input.dispatchKeyEvent", type=kind, key=name, code=name, windowsVirtualKeyCode=codes.get(name, 0)
             )
 
     def screenshot(self, path: Path, *, full: bool = True) -> None:
@@ -167,9 +142,7 @@ class Browser:
         path.write_bytes(base64.b64decode(data))
 
     def pdf(self, path: Path) -> None:
-        answer = self.send(
-            "Page.printToPDF", preferCSSPageSize=True, paperWidth=8.27, paperHeight=11.69
-        )
+        answer = self.send("Page.printToPDF", preferCSSPageSize=True, paperWidth=8.27, paperHeight=11.69)
         path.write_bytes(base64.b64decode(answer["data"]))
 
     def complaints(self) -> list[str]:
@@ -234,9 +207,7 @@ class Charts:
 
     def window(self, place: int) -> list[float]:
         """Return the window along x that a chart shows."""
-        text = self.browser.run(
-            f"document.querySelectorAll('figure.chart')[{place}].dataset.window"
-        )
+        text = self.browser.run(f"document.querySelectorAll('figure.chart')[{place}].dataset.window")
         return [float(part) for part in text.split()]
 
 

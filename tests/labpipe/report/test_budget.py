@@ -1,7 +1,7 @@
 """Budgets on pages: prefixes for the reader, kelvin for what a temperature is uncertain by."""
 
 from labpipe.report import Bars, Table, budget_table
-from labpipe.uncertainty import Input, Source, linear, table
+from labpipe.uncertainty import Input, Source, budget_rows, linear_budget
 
 
 def test_values_have_prefixes_and_a_temperature_is_uncertain_by_kelvin() -> None:
@@ -9,7 +9,7 @@ def test_values_have_prefixes_and_a_temperature_is_uncertain_by_kelvin() -> None
         Source("zero", 3.967e-3, 57e-9, "m", 1.0, "systematic"),
         Source("temperature", 23.0, 0.5, "degC", 2e-8, "systematic"),
     ]
-    shown, bars = budget_table(table(sources), "Budget", "m")
+    shown, bars = budget_table(budget_rows(sources), "Budget", "m")
     assert isinstance(shown, Table)
     assert isinstance(bars, Bars)
     assert shown.rows[0][:3] == ("zero", "3.9670 mm", "57 nm")
@@ -19,7 +19,7 @@ def test_values_have_prefixes_and_a_temperature_is_uncertain_by_kelvin() -> None
 
 
 def test_a_formula_s_rows_have_no_kind_and_further_columns_follow() -> None:
-    made = linear(lambda tip_radius: 2.0 * tip_radius, {"tip_radius": Input(2e-3, 1e-6, "m")})
+    made = linear_budget(lambda tip_radius: 2.0 * tip_radius, {"tip_radius": Input(2e-3, 1e-6, "m")})
     shown, _ = budget_table(made.rows, "Budget", "m", {"freedom": {"tip_radius": "∞"}})
     assert isinstance(shown, Table)
     assert [column.title for column in shown.columns][-2:] == ["contribution", "freedom"]

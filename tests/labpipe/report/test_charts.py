@@ -47,15 +47,10 @@ def chart(*series, **more):
         (lambda: chart(Series("a", [2, 1], [0, 0])), "descends.*use ScatterChart for loops"),
         (lambda: chart(Series("a", [1], [1]), x_scale="sqrt"), 'unknown x scale "sqrt"'),
         (lambda: chart(Series("a", [1], [1]), height_px=0), "height_px must be positive, found 0"),
-        (
-            lambda: chart(Series("a", [1], [1]), views=(("v", 2.0, 1.0),)),
-            'the view "v" runs from 2.0 to 1.0',
-        ),
+        (lambda: chart(Series("a", [1], [1]), views=(("v", 2.0, 1.0),)), 'the view "v" runs from 2.0 to 1.0'),
         (lambda: ScatterChart("s", "x", "y", (Band("b", [1], [1], [1]),)), "needs a LineChart"),
         (
-            lambda: ScatterChart(
-                "s", "x", "y", (Series("b", [1], [1]), Series("a", [1], [1], on_hover=True))
-            ),
+            lambda: ScatterChart("s", "x", "y", (Series("b", [1], [1]), Series("a", [1], [1], on_hover=True))),
             "a curve on hover needs a LineChart",
         ),
         (lambda: chart(Series("a", [1], [1], on_hover=True)), "has nothing to draw: 1 series"),
@@ -66,11 +61,7 @@ def test_what_cannot_be_drawn_is_refused_with_its_name(make, message):
         make()
 
 
-@given(
-    offset=st.floats(-1e9, 1e9),
-    size=st.floats(1e-9, 1e9),
-    n=st.integers(3, 50),
-)
+@given(offset=st.floats(-1e9, 1e9), size=st.floats(1e-9, 1e9), n=st.integers(3, 50))
 def test_packed_numbers_are_the_given_ones_to_float32_of_their_range(offset, size, n):
     x = np.linspace(0.5, 2.5, n)
     y = offset + size * np.sin(np.arange(n))
@@ -78,9 +69,7 @@ def test_packed_numbers_are_the_given_ones_to_float32_of_their_range(offset, siz
     assert np.allclose(positions(packed["axes"][0]), x, rtol=0, atol=1e-6 * (x[1] - x[0]))
     spread = np.ptp(y)
     # With an offset below a hundred half ranges the plain float32 is kept: 6e-8 of the size.
-    assert np.abs(curve(packed["series"][0]["y"]) - y).max() <= 1e-5 * spread + rounding(
-        10, abs(offset)
-    )
+    assert np.abs(curve(packed["series"][0]["y"]) - y).max() <= 1e-5 * spread + rounding(10, abs(offset))
 
 
 @pytest.mark.parametrize("size", [1e-200, 1e200])
@@ -92,9 +81,7 @@ def test_numbers_outside_float32_are_packed_in_full_width(size):
 
 def test_common_positions_are_stored_once_and_uniform_ones_as_a_step():
     t = np.arange(10_000) / 20_000
-    packed = pack(
-        thin(chart(Series("a", t, t), Series("b", t.copy(), -t), Band("c", t, t, t)), 10**7)
-    )
+    packed = pack(thin(chart(Series("a", t, t), Series("b", t.copy(), -t), Band("c", t, t, t)), 10**7))
     assert len(packed["axes"]) == 1
     assert packed["axes"][0]["count"] == 10_000
     assert [s["axis"] for s in packed["series"]] == [0, 0, 0]
@@ -104,11 +91,7 @@ def test_a_long_recording_fits_its_bytes_and_keeps_every_sample_of_an_impact():
     t = np.arange(1_000_000) / 50_000
     y = np.random.default_rng(0).normal(size=t.size)
     y[654_321] = 99.0
-    long = chart(
-        Series("a", t, y),
-        Series("b", t, -y),
-        views=(("all", 0.0, 20.0), ("impact", 4.0, 4.001)),
-    )
+    long = chart(Series("a", t, y), Series("b", t, -y), views=(("all", 0.0, 20.0), ("impact", 4.0, 4.001)))
     thinned = thin(long, 200_000)
     packed = pack(thinned)
     assert len(str(packed)) < 200_000
@@ -131,9 +114,7 @@ def test_a_loop_keeps_its_extremes_in_both_directions():
 
 
 def test_what_a_logarithmic_axis_cannot_show_is_counted():
-    log = chart(
-        Series("a", [0.0, 1.0, 10.0, 100.0], [1.0, -1.0, 2.0, 3.0]), x_scale="log", y_scale="log"
-    )
+    log = chart(Series("a", [0.0, 1.0, 10.0, 100.0], [1.0, -1.0, 2.0, 3.0]), x_scale="log", y_scale="log")
     thinned = thin(log, 10**6)
     assert thinned.notes == ("2 points are not shown: zero or negative on a logarithmic axis.",)
     assert thinned.series[0].x.tolist() == [1.0, 10.0, 100.0]
@@ -175,8 +156,7 @@ def test_awkward_series_are_drawn_without_a_warning(series, scale):
 def test_the_still_picture_is_the_same_every_time():
     t = np.linspace(0, 1, 500)
     made = [
-        static_picture(thin(chart(Series("a", t, np.sin(9 * t)), views=(("v", 0.1, 0.2),)), 10**6))
-        for _ in range(2)
+        static_picture(thin(chart(Series("a", t, np.sin(9 * t)), views=(("v", 0.1, 0.2),)), 10**6)) for _ in range(2)
     ]
     assert made[0] == made[1]
     assert b"dc:date" not in made[0]

@@ -111,17 +111,12 @@ def everything(text):
         ),
         ScatterChart(field("plane title"), "x", "y", (Series(field("loop"), T, T),)),
     )
-    page = Document(
-        field("title"), field("subtitle"), field("badge"), (Section(field("section"), blocks),)
-    ).render()
+    page = Document(field("title"), field("subtitle"), field("badge"), (Section(field("section"), blocks),)).render()
     return page, seen
 
 
 def index(text):
-    rows = [
-        IndexRow(text, text, "error", "page.html", (text, 1.0), PNG, text),
-        IndexRow("b", metrics=(None, 2.0)),
-    ]
+    rows = [IndexRow(text, text, "error", "page.html", (text, 1.0), PNG, text), IndexRow("b", metrics=(None, 2.0))]
     columns = (Column(text, text), Column("m", "m"))
     return index_page(text, rows, columns, subtitle=text, badge=text, caption=text)
 
@@ -221,10 +216,7 @@ def test_the_policy_names_exactly_the_scripts_that_are_there(plain):
     page, _ = everything("plain")
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page).group(1)
     policy = policy.replace("&#39;", "'")
-    digests = [
-        f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
-        for s in plain[0].scripts
-    ]
+    digests = [f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in plain[0].scripts]
     assert policy == (
         "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src "
         + " ".join(digests)
@@ -270,10 +262,7 @@ def test_a_page_does_not_depend_on_hash_seed_time_zone_or_locale():
 def test_a_crowded_page_stays_below_its_size_and_gives_small_charts_what_they_need():
     t = np.arange(400_000) / 20_000
     noise = np.random.default_rng(0).normal(size=t.size)
-    large = [
-        LineChart(f"large {i}", "x", "y", (Series("a", t, noise), Series("b", t, -noise)))
-        for i in range(12)
-    ]
+    large = [LineChart(f"large {i}", "x", "y", (Series("a", t, noise), Series("b", t, -noise))) for i in range(12)]
     small = LineChart("small", "x", "y", (Series("a", t[:2000], noise[:2000]),))
     page = Document("d", sections=(Section("s", (*large, small)),)).render()
     assert 1_500_000 < len(page.encode()) <= 3_000_000
@@ -324,10 +313,7 @@ def test_charts_inside_details_are_drawn_once_and_in_order():
         (lambda: IndexRow("a", href="/etc/passwd"), "must be a path inside the folder"),
         (lambda: IndexRow("a", href="x\\..\\up.html"), "must be a path inside the folder"),
         (lambda: index_page("t", [IndexRow("a")], (Column("m"),)), "row 0 has 0 cells, expected 1"),
-        (
-            lambda: Document("d", sections=(Section("s", ("text",)),)).render(),
-            "blocks of the report kit, found str",
-        ),
+        (lambda: Document("d", sections=(Section("s", ("text",)),)).render(), "blocks of the report kit, found str"),
     ],
 )
 def test_wrong_blocks_are_refused(make, message):

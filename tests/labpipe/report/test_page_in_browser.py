@@ -82,13 +82,7 @@ def page(tmp_path_factory):
             x_scale="log",
             y_scale="log",
         ),
-        ScatterChart(
-            "loop",
-            "x / m",
-            "F / N",
-            (Series("loop", np.cos(phase), np.sin(phase)),),
-            has_equal_axes=True,
-        ),
+        ScatterChart("loop", "x / m", "F / N", (Series("loop", np.cos(phase), np.sin(phase)),), has_equal_axes=True),
     )
     folded = LineChart("folded", "x", "y", (Series("a", t, height, "step"),))
     table = Table((Column("n"), Column("e")), [(1, 0.8), (2, 0.5), (10, None), (3, -0.1)])
@@ -99,9 +93,7 @@ def page(tmp_path_factory):
         (
             Section("Charts", charts),
             Section("Film", (Gallery("film", frames, start=1, group="drop"),)),
-            Section(
-                "Rest", (table, Details("more", (folded,), "raw"), Paragraph("text", copyable=True))
-            ),
+            Section("Rest", (table, Details("more", (folded,), "raw"), Paragraph("text", copyable=True))),
         ),
     )
     path = tmp_path_factory.mktemp("page") / "page.html"
@@ -120,9 +112,7 @@ def opened(browser, page):
 
 @pytest.mark.parametrize("width", [400, 1280, 2000])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_it_opens_without_complaints_or_requests_and_never_scrolls_sideways(
-    browser, page, width, scheme
-):
+def test_it_opens_without_complaints_or_requests_and_never_scrolls_sideways(browser, page, width, scheme):
     browser.media(prefers_color_scheme=scheme)
     browser.open(page, width=width)
     assert browser.complaints() == []
@@ -231,9 +221,7 @@ def test_keys_go_from_view_to_view_and_back_to_all(opened, chart):
 def test_the_slider_goes_from_the_whole_range_through_the_views_by_keys(opened, chart):
     assert opened.run("document.querySelectorAll('.view-slider').length") == 1
     opened.run("document.querySelector('.view-slider').focus()")
-    views = opened.run(
-        "JSON.parse(document.querySelector('figure.chart script').textContent).views"
-    )
+    views = opened.run("JSON.parse(document.querySelector('figure.chart script').textContent).views")
     for wanted in (*views, views[-1]):
         opened.key("ArrowRight")
         opened.settle()
@@ -341,16 +329,12 @@ def test_a_folded_chart_is_drawn_when_it_is_unfolded(opened):
 
 def test_tables_sort_by_number_with_missing_cells_last(opened):
     click = "document.querySelectorAll('table.data .sort')[1].click()"
-    column = (
-        "[...document.querySelectorAll('table.data tbody tr')].map(r => r.cells[0].textContent)"
-    )
+    column = "[...document.querySelectorAll('table.data tbody tr')].map(r => r.cells[0].textContent)"
     opened.run(click)
     assert opened.run(column) == ["3", "2", "1", "10"]
     opened.run(click)
     assert opened.run(column) == ["1", "2", "3", "10"]
-    assert (
-        opened.run("document.querySelectorAll('th')[1].getAttribute('aria-sort')") == "descending"
-    )
+    assert opened.run("document.querySelectorAll('th')[1].getAttribute('aria-sort')") == "descending"
 
 
 def test_the_gallery_shows_one_frame_at_a_time(opened):
@@ -377,8 +361,7 @@ def test_the_charts_of_its_group_mark_the_frame_that_a_gallery_shows(opened):
 
 def visible_stills(browser):
     return browser.run(
-        "[...document.querySelectorAll('.chart-still')]"
-        ".filter(i => i.checkVisibility() && i.naturalWidth > 100).length"
+        "[...document.querySelectorAll('.chart-still')].filter(i => i.checkVisibility() && i.naturalWidth > 100).length"
     )
 
 
@@ -424,10 +407,7 @@ def test_the_session_index_sorts_and_links(browser, tmp_path):
 
 def test_the_index_is_cards_on_a_phone_and_loses_no_number(browser, tmp_path):
     columns = (Column("first restitution", "1"), Column("largest contact radius", "m"))
-    rows = [
-        IndexRow(f"experiment_{n}", href="a.html", metrics=(0.5, 1e-3), remark="ball drop")
-        for n in range(3)
-    ]
+    rows = [IndexRow(f"experiment_{n}", href="a.html", metrics=(0.5, 1e-3), remark="ball drop") for n in range(3)]
     path = tmp_path / "index.html"
     path.write_text(index_page("Session", rows, columns, caption="A caption of many words. " * 8))
     browser.open(path, width=400)

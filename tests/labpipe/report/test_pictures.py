@@ -43,9 +43,7 @@ def laid_out(chart):
 @pytest.mark.parametrize("views", [(), WINDOWS], ids=["whole", "windows"])
 @pytest.mark.parametrize("factor", [1.0, 1e-9, 123456.0])
 def test_every_text_lies_in_the_picture_and_covers_no_other_panel(count, views, factor):
-    series = [
-        Series(f"curve of a rather long name, number {n}", T, factor * T * n) for n in range(count)
-    ]
+    series = [Series(f"curve of a rather long name, number {n}", T, factor * T * n) for n in range(count)]
     chart = LineChart("c", "time / s", "height / mm", series, views=views, height_px=400)
     figure, extents = laid_out(chart)
     page = Bbox.from_bounds(-1.0, -1.0, figure.bbox.width + 2.0, figure.bbox.height + 2.0)
@@ -76,8 +74,6 @@ def test_noise_stays_small():
 
 
 def test_a_name_is_text_and_no_formula():
-    made = _pictures.static_picture(
-        thin(LineChart("c", "$x$", "y < 1 & 2", (Series("$a_1$ & b", T, T),)), 10**6)
-    )
+    made = _pictures.static_picture(thin(LineChart("c", "$x$", "y < 1 & 2", (Series("$a_1$ & b", T, T),)), 10**6))
     texts = {e.text for e in ET.fromstring(made).iter() if e.tag.endswith("text")}  # noqa: S314 - our own picture
     assert {"$x$", "y < 1 & 2", "$a_1$ & b"} <= texts

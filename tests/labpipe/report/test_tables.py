@@ -44,10 +44,7 @@ def test_negative_uncertainty_is_refused():
         value_with_uncertainty(1.0, -0.1)
 
 
-@given(
-    st.floats(-1e12, 1e12, allow_subnormal=False),
-    st.floats(1e-12, 1e9, allow_subnormal=False),
-)
+@given(st.floats(-1e12, 1e12, allow_subnormal=False), st.floats(1e-12, 1e9, allow_subnormal=False))
 def test_what_is_written_stands_for_the_same_number(value, u):
     text = plus_minus(value, u).replace("−", "-")
     factor = 1.0
@@ -89,20 +86,14 @@ def test_a_column_has_one_prefix_and_joins_its_uncertainty():
         [(0.0319281, 34e-6, 1.2e-6, "first"), (0.08197, math.nan, 1e-6, None)],
     )
     view = table_view(table)
-    assert [(h.title, h.unit) for h in view.headings] == [
-        ("touch", "ms"),
-        ("depth", "µm"),
-        ("note", ""),
-    ]
+    assert [(h.title, h.unit) for h in view.headings] == [("touch", "ms"), ("depth", "µm"), ("note", "")]
     assert [cell.text for cell in view.rows[0]] == ["31.928", "34.0 ± 1.2", "first"]
     assert [cell.text for cell in view.rows[1]] == ["81.970", "–", "–"]
     assert view.rows[0][1].key == repr(34e-6)
 
 
 def test_cells_may_be_numpy_scalars_counts_and_truth_values():
-    view = table_view(
-        Table((Column("n"), Column("x"), Column("ok")), [(12345, np.float32(0.5), True)])
-    )
+    view = table_view(Table((Column("n"), Column("x"), Column("ok")), [(12345, np.float32(0.5), True)]))
     assert [cell.text for cell in view.rows[0]] == ["12345", "0.5000", "yes"]
     assert [cell.is_number for cell in view.rows[0]] == [True, True, False]
 

@@ -5,13 +5,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labpipe.errors import InputError
-from labpipe.signals import at_times, from_event, lag
+from labpipe.signals import interpolated_at, lag, timed_from_event
 
 
 def record(time, values):
-    return xr.DataArray(
-        values, {"time": time}, dims="time", name="displacement", attrs={"units": "m"}
-    )
+    return xr.DataArray(values, {"time": time}, dims="time", name="displacement", attrs={"units": "m"})
 
 
 def motion(time):
@@ -63,15 +61,15 @@ def test_gaps_are_bridged():
 
 def test_time_counts_from_the_event():
     time = np.arange(5.0)
-    shifted = from_event(record(time, time), 2.5)
+    shifted = timed_from_event(record(time, time), 2.5)
     np.testing.assert_array_equal(shifted["time"], time - 2.5)
     assert shifted.attrs["units"] == "m"
     with pytest.raises(InputError, match="was not found"):
-        from_event(record(time, time), np.nan)
+        timed_from_event(record(time, time), np.nan)
 
 
 def test_values_outside_the_record_are_unknown():
-    found = at_times(record(np.arange(3.0), np.array([0.0, 2.0, 4.0])), np.array([-1.0, 0.5, 3.0]))
+    found = interpolated_at(record(np.arange(3.0), np.array([0.0, 2.0, 4.0])), np.array([-1.0, 0.5, 3.0]))
     np.testing.assert_array_equal(found, [np.nan, 1.0, np.nan])
 
 
@@ -79,7 +77,7 @@ def test_values_outside_the_record_are_unknown():
     ("second", "largest", "message"),
     [
         (record(np.arange(5.0), np.arange(5.0)), None, "12 readings"),
-        (record(np.arange(50.0), np.zeros(50)), None, "does not vary"),
+        (record(np.arange(50.0), np.zeros(50)), None, "is constant"),
         (record(np.arange(50.0) + 1e3, np.sin(np.arange(50.0))), 5.0, "do not overlap"),
     ],
 )

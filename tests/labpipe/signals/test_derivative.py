@@ -35,9 +35,7 @@ def rms(values):
         (ON_A_PLATE, 50e3, 5e-6, 1.8e-3),
     ],
 )
-def test_speed_of_a_bouncing_body_without_being_told_the_noise(
-    bouncing, measure, material, rate, noise, limit
-):
+def test_speed_of_a_bouncing_body_without_being_told_the_noise(bouncing, measure, material, rate, noise, limit):
     record, _, true_speed = measure(bouncing(**material), rate, noise)
     result = velocity(record)
     assert rms(result.values - true_speed) < limit
@@ -69,32 +67,17 @@ def test_thesis_scheme_matches_its_formulas(displacement_of):
     v = [1.0, 2.0, 1.0 / 3.0, 1.0, 1.0, 2.0 / 3.0, 4.0]  # (3.11), (3.12), (3.13) by hand
     record = displacement_of(time, y)
     np.testing.assert_allclose(velocity(record, "difference"), v, rtol=1e-12)
-    smoothed = [
-        v[0],
-        np.mean(v[:3]),
-        np.mean(v[:5]),
-        np.mean(v[1:6]),
-        np.mean(v[2:]),
-        np.mean(v[4:]),
-        v[6],
-    ]
+    smoothed = [v[0], np.mean(v[:3]), np.mean(v[:5]), np.mean(v[1:6]), np.mean(v[2:]), np.mean(v[4:]), v[6]]
     np.testing.assert_allclose(velocity(record, "thesis", window=5), smoothed, rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("method", "window"), by_day([("difference", 1), ("thesis", 5), ("thesis", 11)], 2)
-)
+@pytest.mark.parametrize(("method", "window"), by_day([("difference", 1), ("thesis", 5), ("thesis", 11)], 2))
 def test_noise_of_the_difference_schemes_is_propagated_exactly(displacement_of, method, window):
     random = np.random.default_rng(3)
     time = np.arange(40) * 1e-3
     noise = 2e-6
     runs = [
-        velocity(
-            displacement_of(time, noise * random.standard_normal(40)),
-            method,
-            window=window,
-            noise=noise,
-        )
+        velocity(displacement_of(time, noise * random.standard_normal(40)), method, window=window, noise=noise)
         for _ in range(500)
     ]
     spread = np.std([run.values for run in runs], axis=0)
@@ -221,10 +204,7 @@ def test_declared_release_lets_the_acceleration_jump(displacement_of):
     noise = 1e-6 * np.random.default_rng(0).standard_normal(len(time))
     record = displacement_of(time, -4.905 * fall**2 + noise)
     near = np.abs(time - 0.02) < 2e-3
-    errors = [
-        rms((velocity(record, releases=times).values + 9.81 * fall)[near])
-        for times in (None, [0.02])
-    ]
+    errors = [rms((velocity(record, releases=times).values + 9.81 * fall)[near]) for times in (None, [0.02])]
     assert errors[1] < 0.1 * errors[0]  # measured 0.027 and 0.71 mm/s
 
 
@@ -296,12 +276,7 @@ def test_other_dimensions_are_refused():
 
 
 @settings(max_examples=6, deadline=None)
-@given(
-    scale=st.floats(1e-9, 1e6),
-    shift=st.floats(-1e3, 1e3),
-    stretch=st.floats(1e-5, 1e3),
-    seed=st.integers(0, 99),
-)
+@given(scale=st.floats(1e-9, 1e6), shift=st.floats(-1e3, 1e3), stretch=st.floats(1e-5, 1e3), seed=st.integers(0, 99))
 def test_velocity_follows_a_change_of_units(displacement_of, scale, shift, stretch, seed):
     time = np.arange(300.0)
     random = np.random.default_rng(seed)

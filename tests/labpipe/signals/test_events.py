@@ -114,9 +114,7 @@ def test_scale_of_the_sensor_cancels_in_the_restitution(lossy):
     _, record, found = lossy
     tilted = bounces((record * np.cos(0.35)).assign_attrs(record.attrs))
     np.testing.assert_allclose(tilted.restitution, found.restitution, rtol=1e-6)
-    np.testing.assert_allclose(
-        tilted.incoming_speed / found.incoming_speed, np.cos(0.35), rtol=1e-5
-    )
+    np.testing.assert_allclose(tilted.incoming_speed / found.incoming_speed, np.cos(0.35), rtol=1e-5)
 
 
 def test_dataset_and_gaps_are_accepted(lossy):
@@ -198,9 +196,7 @@ def test_polymers_are_known_twice_as_well(displacement_of, name):
     anything, polymer = bounces(record), bounces(record, contact="polymer")
     n = min(polymer.sizes["impact"], truth.sizes["impact"])
     for found in (anything, polymer):
-        z_touch = (found.touch_time[:n] - 0.01 - truth.impact_time.values[:n]) / found.u_touch_time[
-            :n
-        ]
+        z_touch = (found.touch_time[:n] - 0.01 - truth.impact_time.values[:n]) / found.u_touch_time[:n]
         z = (found.restitution[:n] - truth.restitution.values[:n]) / found.u_restitution[:n]
         assert np.sqrt(np.mean(z_touch**2)) < 1.6
         assert np.sqrt(np.mean(z**2)) < 1.6

@@ -23,10 +23,7 @@ def test_touch_and_level_are_found_within_their_uncertainties() -> None:
     assert level.mean() == pytest.approx(LEVEL, abs=5e-4)
     assert np.mean([f.stiffness for f in found]) == pytest.approx(STIFFNESS, rel=5e-3)
     assert np.mean([f.noise for f in found]) == pytest.approx(NOISE, rel=0.05)
-    for values, u in (
-        (position, [f.u_position for f in found]),
-        (level, [f.u_level for f in found]),
-    ):
+    for values, u in ((position, [f.u_position for f in found]), (level, [f.u_level for f in found])):
         assert np.std(values) == pytest.approx(np.mean(u), rel=0.3)
 
 

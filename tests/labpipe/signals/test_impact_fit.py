@@ -3,13 +3,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from labpipe.signals._events import _combined
-from labpipe.signals._impact_fit import (
-    OUTPUTS,
-    _of_unread,
-    _unread_contact,
-    fit_impact,
-    pulse_integrals,
-)
+from labpipe.signals._impact_fit import OUTPUTS, _of_unread, _unread_contact, fit_impact, pulse_integrals
 
 GRAVITY = 9.81
 
@@ -37,16 +31,21 @@ def hertz(speed, rate, seed, noise=1e-6):
 
     leaving.terminal, leaving.direction = True, 1
     inside = solve_ivp(
-        motion, (0, 0.02), [0.0, -speed], rtol=1e-10, atol=1e-14, dense_output=True,
-        events=leaving, method="DOP853", first_step=1e-7,
-    )  # fmt: skip
+        motion,
+        (0, 0.02),
+        [0.0, -speed],
+        rtol=1e-10,
+        atol=1e-14,
+        dense_output=True,
+        events=leaving,
+        method="DOP853",
+        first_step=1e-7,
+    )
     end = inside.t[-1]
     random = np.random.default_rng(seed)
     time = np.arange(-0.01, end + 0.01, 1 / rate) + random.random() / rate
     position = np.where(
-        time < 0,
-        -speed * time - GRAVITY / 2 * time**2,
-        speed * (time - end) - GRAVITY / 2 * (time - end) ** 2,
+        time < 0, -speed * time - GRAVITY / 2 * time**2, speed * (time - end) - GRAVITY / 2 * (time - end) ** 2
     )
     contact = (time >= 0) & (time <= end)
     position[contact] = inside.sol(time[contact])[0]
@@ -100,8 +99,12 @@ def test_what_a_hidden_contact_leaves_unknown_follows_from_the_arcs():
     value = np.zeros(len(OUTPUTS))
     place = {name: i for i, name in enumerate(OUTPUTS)}
     speed, leaving, gap = 0.4, 0.3, 2e-3
-    for name, number in (("incoming_speed", speed), ("outgoing_speed", leaving),
-                         ("gravity", GRAVITY), ("peak_acceleration", 500.0)):  # fmt: skip
+    for name, number in (
+        ("incoming_speed", speed),
+        ("outgoing_speed", leaving),
+        ("gravity", GRAVITY),
+        ("peak_acceleration", 500.0),
+    ):
         value[place[name]] = number
     found = _of_unread(value, gap)
     u_time = gap / np.sqrt(6.0)
@@ -111,13 +114,9 @@ def test_what_a_hidden_contact_leaves_unknown_follows_from_the_arcs():
 
     assert between("touch_time", "touch_time") == pytest.approx(u_time**2)
     # Later touch: lower by the speed, faster by gravity; a later lift-off: higher and slower.
-    assert between("touch_time", "touch_level") == pytest.approx(
-        -speed * u_time**2, rel=1e-6, abs=0.0
-    )
+    assert between("touch_time", "touch_level") == pytest.approx(-speed * u_time**2, rel=1e-6, abs=0.0)
     assert between("touch_time", "incoming_speed") == pytest.approx(GRAVITY * u_time**2)
-    assert between("liftoff_time", "liftoff_level") == pytest.approx(
-        leaving * u_time**2, rel=1e-6, abs=0.0
-    )
+    assert between("liftoff_time", "liftoff_level") == pytest.approx(leaving * u_time**2, rel=1e-6, abs=0.0)
     assert between("liftoff_time", "outgoing_speed") == pytest.approx(-GRAVITY * u_time**2)
     assert between("touch_time", "liftoff_time") == 0.0
     step = 1e-7
@@ -125,9 +124,7 @@ def test_what_a_hidden_contact_leaves_unknown_follows_from_the_arcs():
     assert between("touch_time", "restitution") == pytest.approx(later * u_time**2, rel=1e-4)
     earlier = -GRAVITY / speed
     assert between("liftoff_time", "restitution") == pytest.approx(earlier * u_time**2)
-    assert between("deepest_level", "deepest_level") == pytest.approx(
-        (speed * u_time) ** 2, rel=1e-6, abs=0.0
-    )
+    assert between("deepest_level", "deepest_level") == pytest.approx((speed * u_time) ** 2, rel=1e-6, abs=0.0)
     assert between("peak_acceleration", "peak_acceleration") == pytest.approx(500.0**2)
 
 

@@ -5,14 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labpipe.errors import InputError
-from labpipe.signals import agreement, compare, determination, independent_count, nrmse
+from labpipe.signals import agreement, coefficient_of_determination, compare, independent_count, nrmse
 
 
 def curve(values, units="m"):
     time = np.arange(len(values), dtype=float)
-    return xr.DataArray(
-        np.array(values, float), {"time": time}, dims="time", attrs={"units": units}
-    )
+    return xr.DataArray(np.array(values, float), {"time": time}, dims="time", attrs={"units": units})
 
 
 @given(scale=st.floats(1e-6, 1e6), shift=st.floats(-1e3, 1e3), error=st.floats(0.01, 10.0))
@@ -24,16 +22,14 @@ def test_normalised_error_does_not_depend_on_units(scale, shift, error):
     assert found == pytest.approx(expected, rel=1e-6)
 
 
-@pytest.mark.parametrize("measure", [nrmse, determination, agreement])
+@pytest.mark.parametrize("measure", [nrmse, coefficient_of_determination, agreement])
 def test_infinite_values_are_refused_not_left_out(measure):
     with pytest.raises(InputError, match="sample 1 is inf"):
         measure([0.0, 1.0, 2.0, 3.0], [0.0, np.inf, 2.0, 3.0])
 
 
 def test_unread_pairs_are_left_out():
-    assert nrmse([0.0, np.nan, 2.0, 4.0], [0.0, 1.0, np.nan, 2.0]) == pytest.approx(
-        np.sqrt(2.0) / 4.0
-    )
+    assert nrmse([0.0, np.nan, 2.0, 4.0], [0.0, 1.0, np.nan, 2.0]) == pytest.approx(np.sqrt(2.0) / 4.0)
 
 
 def test_comparison_states_bias_and_largest_difference_with_sign():
@@ -88,13 +84,13 @@ def test_neighbouring_samples_are_not_independent():
 
 def test_explained_variance():
     a = np.arange(5.0)
-    assert determination(a, np.full(5, 2.0)) == 0.0
-    assert determination(a, a + 1) == 0.5
+    assert coefficient_of_determination(a, np.full(5, 2.0)) == 0.0
+    assert coefficient_of_determination(a, a + 1) == 0.5
     with pytest.raises(InputError, match="does not vary"):
-        determination(np.ones(5), a)
+        coefficient_of_determination(np.ones(5), a)
 
 
-@pytest.mark.parametrize("function", [nrmse, determination, agreement])
+@pytest.mark.parametrize("function", [nrmse, coefficient_of_determination, agreement])
 def test_unlike_or_empty_curves_are_refused(function):
     with pytest.raises(InputError, match="differ in shape"):
         function([0.0, 1.0, 2.0], [0.0, 1.0])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from labpipe.errors import InputError
-from labpipe.signals import active_window, common_fit, damped_oscillation, fit_sinusoid, loops
+from labpipe.signals import active_window, common_fit, damped_oscillation, fit_sinusoid, hysteresis_loops
 
 MACH1 = Path(__file__).parents[3] / "../shared/samples/mach1/dynamic_5_sinusoid_blocks.txt"
 
@@ -76,8 +76,7 @@ def test_rounding_is_told_where_it_repeats_in_every_cycle():
         offset, phase = random.uniform(0, step), random.uniform(-3, 3)
         curve = np.sin(2 * np.pi * 0.0998 * time + phase) + offset
         fit = fit_sinusoid(time, step * np.round(curve / step), 0.1, resolution=step)
-        z.append([(fit.amplitude - 1) / fit.u_amplitude,
-                  (fit.frequency - 0.0998) / fit.u_frequency])  # fmt: skip
+        z.append([(fit.amplitude - 1) / fit.u_amplitude, (fit.frequency - 0.0998) / fit.u_frequency])
     spread = np.sqrt(np.mean(np.square(z), axis=0))
     assert np.all((spread > 0.75) & (spread < 1.3)), spread
 
@@ -111,12 +110,7 @@ def test_stiffness_and_lag_of_a_lossy_solid(lag):
     time = np.arange(0.0, 20.0, 0.01)
     angle = 2 * np.pi * 0.5 * time
     position = 1e-4 * np.sin(angle) + 1e-8 * random.standard_normal(2000)
-    force = (
-        2.0 * np.sin(angle + lag)
-        + 5
-        - 0.1 * np.log1p(time / 5)
-        + 1e-3 * random.standard_normal(2000)
-    )
+    force = 2.0 * np.sin(angle + lag) + 5 - 0.1 * np.log1p(time / 5) + 1e-3 * random.standard_normal(2000)
     fit = common_fit(time, position, force)
     assert fit.phase_lag == pytest.approx(lag, abs=4 * fit.u_phase_lag)
     assert fit.u_phase_lag < 1e-3
@@ -205,7 +199,7 @@ def test_loop_area_is_that_of_the_ellipse_at_any_phase_and_sampling():
     for n_per_cycle in (9, 25, 500):
         time = np.arange(0.0, 12.3, 1 / n_per_cycle)
         angle = 2 * np.pi * time + 0.7
-        found = loops(time, 1e-4 * np.sin(angle), 2 * np.sin(angle + 0.2), 1.0)
+        found = hysteresis_loops(time, 1e-4 * np.sin(angle), 2 * np.sin(angle + 0.2), 1.0)
         expected = np.pi * 2e-4 * np.sin(0.2)
         tolerance = 5e-3 if n_per_cycle == 9 else 1e-4
         assert float(found.mean_work) == pytest.approx(expected, rel=tolerance)
@@ -217,7 +211,7 @@ def test_drift_does_not_open_the_loop():
     time = np.arange(0.0, 10.0, 0.01)
     angle = 2 * np.pi * time
     force = 2 * np.sin(angle + 0.1) - 0.05 * time + 20
-    found = loops(time, 1e-4 * np.sin(angle), force, 1.0)
+    found = hysteresis_loops(time, 1e-4 * np.sin(angle), force, 1.0)
     np.testing.assert_allclose(found.work, np.pi * 2e-4 * np.sin(0.1), rtol=1e-3)
     np.testing.assert_allclose(np.diff(found.mean_force), -0.05, rtol=1e-3)
 
@@ -227,7 +221,7 @@ def test_scatter_of_the_work_over_cycles():
     time = np.arange(0.0, 40.0, 0.01)
     angle = 2 * np.pi * time
     force = 2 * np.sin(angle + 0.1) + 0.02 * random.standard_normal(4000)
-    found = loops(time, 1e-4 * np.sin(angle), force, 1.0)
+    found = hysteresis_loops(time, 1e-4 * np.sin(angle), force, 1.0)
     expected = np.pi * 2e-4 * np.sin(0.1)
     assert abs(float(found.mean_work) - expected) < 3 * float(found.u_mean_work)
     assert float(found.sd_work) == pytest.approx(np.pi * 1e-4 * 0.02 * np.sqrt(2 / 100), rel=0.3)
@@ -237,7 +231,7 @@ def test_growing_first_cycles_are_transient():
     time = np.arange(0.0, 20.0, 0.01)
     envelope = 1 - 0.3 * np.exp(-time)
     wave = envelope * np.sin(2 * np.pi * time)
-    found = loops(time, 1e-4 * wave, 2 * wave, 1.0)
+    found = hysteresis_loops(time, 1e-4 * wave, 2 * wave, 1.0)
     assert found.is_transient.values[:3].all()
     assert not found.is_transient.values[4:].any()
     assert float(found.n_cycles) == (~found.is_transient).sum()
@@ -270,9 +264,9 @@ def test_no_motion_and_too_few_cycles_are_refused():
     with pytest.raises(InputError, match="leave none"):
         active_window(time, np.sin(2 * np.pi * 0.2 * time), skip_cycles=1)
     with pytest.raises(InputError, match="whole cycle"):
-        loops(time, np.sin(time), np.sin(time), 0.05)
+        hysteresis_loops(time, np.sin(time), np.sin(time), 0.05)
     with pytest.raises(InputError, match="unread samples"):
-        loops(time, np.full(1000, np.nan), np.sin(time), 1.0)
+        hysteresis_loops(time, np.full(1000, np.nan), np.sin(time), 1.0)
 
 
 def real_blocks():
@@ -291,9 +285,7 @@ def real_blocks():
     return blocks
 
 
-@pytest.mark.skipif(
-    not MACH1.exists(), reason="the shared sample files are not beside the checkout"
-)
+@pytest.mark.skipif(not MACH1.exists(), reason="the shared sample files are not beside the checkout")
 def test_real_frequencies_and_amplitudes_differ_from_the_header():
     # Counted by hand: frequency 0.16, 0.11, 0.28, 0.48, 0.84 % below, amplitude 0.6-3.6 % above.
     below, above = [], []
@@ -303,10 +295,14 @@ def test_real_frequencies_and_amplitudes_differ_from_the_header():
         fit = common_fit(time[part], 1e-3 * position[part], 9.80665e-3 * force[part])
         below.append(100 * (1 - fit.position.frequency / nominal))
         above.append(100 * (1e3 * fit.position.amplitude / 0.0469 - 1))
-        found = loops(
-            time, 1e-3 * position, 9.80665e-3 * force, fit.position.frequency,
-            start=window.steady_start, end=window.steady_end,
-        )  # fmt: skip
+        found = hysteresis_loops(
+            time,
+            1e-3 * position,
+            9.80665e-3 * force,
+            fit.position.frequency,
+            start=window.steady_start,
+            end=window.steady_end,
+        )
         assert found.sizes["cycle"] in (17, 18)
         ellipse = np.pi * fit.position.amplitude * fit.force.amplitude * np.sin(fit.phase_lag)
         assert float(found.mean_work) == pytest.approx(ellipse, rel=0.01)
@@ -324,7 +320,7 @@ def test_cycles_are_counted_at_any_frequency(frequency):
     fit = fit_sinusoid(time, np.sin(angle), frequency)
     assert fit.n_cycles == pytest.approx(10.0, abs=1e-6)
     assert fit.n_samples == time.size
-    found = loops(time, np.sin(angle), np.sin(angle + 0.1), frequency)
+    found = hysteresis_loops(time, np.sin(angle), np.sin(angle + 0.1), frequency)
     assert found.sizes["cycle"] == 10
 
 
@@ -344,10 +340,7 @@ def test_strong_damping_and_its_uncertainty():
     found = []
     for phase in (0.0, 1.6):
         ring = 1e-5 * np.exp(-zeta * natural * time) * np.sin(damped * time + phase)
-        fits = [
-            damped_oscillation(time, ring + 2e-8 * random.standard_normal(400), 100.0)
-            for _ in range(14)
-        ]
+        fits = [damped_oscillation(time, ring + 2e-8 * random.standard_normal(400), 100.0) for _ in range(14)]
         ratios = np.array([fit.damping_ratio for fit in fits])
         found.append(np.std(ratios) / np.mean([fit.u_damping_ratio for fit in fits]))
         assert ratios.mean() == pytest.approx(zeta, rel=2e-2)

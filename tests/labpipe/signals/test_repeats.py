@@ -8,12 +8,8 @@ from labpipe.signals import combine_repeats
 
 def repeat(start, seed, scale=1.0, interval=1e-3, duration=0.2):
     time = np.arange(0.0, duration, interval)
-    values = scale * np.cos(40 * (time - start)) + 1e-3 * np.random.default_rng(
-        seed
-    ).standard_normal(time.size)
-    return xr.DataArray(
-        values, {"time": time}, dims="time", name="displacement", attrs={"units": "m"}
-    )
+    values = scale * np.cos(40 * (time - start)) + 1e-3 * np.random.default_rng(seed).standard_normal(time.size)
+    return xr.DataArray(values, {"time": time}, dims="time", name="displacement", attrs={"units": "m"})
 
 
 def five(bad=None):

@@ -10,7 +10,7 @@ NOISE = 2e-7
 F0, ZETA = 180.0, 0.03
 OMEGA = 2 * np.pi * F0
 DAMPED = OMEGA * np.sqrt(1 - ZETA**2)
-SURE = {"longest_blow": 4e-3, "shortest_pause": 15e-3}
+SURE = {"longest_impact": 4e-3, "shortest_pause": 15e-3}
 
 
 def ring(time: np.ndarray, at: float, amplitude: float) -> np.ndarray:
@@ -48,9 +48,7 @@ def test_scale_and_sign_change_the_amplitude_alone(factor: float) -> None:
     time, moved = record()
     plain = ringing(time, moved, **SURE)
     scaled = ringing(time, factor * moved, direction=-int(np.sign(factor)), **SURE)
-    assert scaled.fit.amplitude == pytest.approx(
-        abs(factor) * plain.fit.amplitude, rel=1e-6, abs=0.0
-    )
+    assert scaled.fit.amplitude == pytest.approx(abs(factor) * plain.fit.amplitude, rel=1e-6, abs=0.0)
     assert scaled.fit.frequency == pytest.approx(plain.fit.frequency, rel=1e-7)
     assert scaled.blow_time == pytest.approx(plain.blow_time, abs=1e-8)
 
@@ -72,13 +70,12 @@ def test_missing_readings_are_left_out() -> None:
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda t, y: (t, 0 * y + NOISE * np.random.default_rng(0).standard_normal(t.size)),
-         "nothing moves"),
+        (lambda t, y: (t, 0 * y + NOISE * np.random.default_rng(0).standard_normal(t.size)), "nothing moves"),
         (lambda t, y: (t[420:], y[420:]), "begins in motion"),
         (lambda t, y: (t[:600], y[:600]), "the record ends"),
         (lambda t, y: (t, np.round(y, 6)), "constant"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_ringing_is_refused_with_the_reason(change, says: str) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(InputError, match=says):
         ringing(*change(*record()), **SURE)
@@ -86,9 +83,9 @@ def test_what_is_no_ringing_is_refused_with_the_reason(change, says: str) -> Non
 
 def test_impossible_bounds_are_refused() -> None:
     time, moved = record()
-    with pytest.raises(InputError, match="longest blow"):
-        ringing(time, moved, longest_blow=20e-3, shortest_pause=15e-3)
+    with pytest.raises(InputError, match="longest impact"):
+        ringing(time, moved, longest_impact=20e-3, shortest_pause=15e-3)
     with pytest.raises(InputError, match="cycles"):
-        ringing(time, moved, longest_blow=4e-3, shortest_pause=6e-3)
+        ringing(time, moved, longest_impact=4e-3, shortest_pause=6e-3)
     with pytest.raises(InputError, match="direction"):
         ringing(time, moved, direction=0, **SURE)

@@ -10,21 +10,18 @@ from labpipe.errors import InputError
 from labpipe.uncertainty import (
     Input,
     Source,
-    carried,
-    combined,
-    linear,
+    budget_rows,
+    combined_uncertainty,
+    linear_budget,
     monte_carlo,
-    spread,
-    table,
-    variance,
+    propagated_covariance,
+    propagated_u,
+    propagated_variance,
 )
 
 
 def test_gum_end_gauge_style_sum_and_product():
-    found = linear(
-        lambda a, b, c: a * b + c,
-        {"a": Input(2.0, 0.1), "b": Input(5.0, 0.2), "c": Input(1.0, 0.3)},
-    )
+    found = linear_budget(lambda a, b, c: a * b + c, {"a": Input(2.0, 0.1), "b": Input(5.0, 0.2), "c": Input(1.0, 0.3)})
     assert found.value == 11.0
     assert found.u == pytest.approx(sqrt(0.5**2 + 0.4**2 + 0.3**2))
     assert [row["source"] for row in found.rows] == ["a", "b", "c"]
@@ -39,28 +36,26 @@ def test_gum_end_gauge_style_sum_and_product():
     u_angle=st.floats(1e-5, 1e-3),
 )
 def test_propagation_agrees_with_the_exact_derivatives(reading, angle, u_reading, u_angle):
-    found = linear(
+    found = linear_budget(
         lambda reading, angle: reading / cos(angle),
         {"reading": Input(reading, u_reading, "m"), "angle": Input(angle, u_angle, "rad")},
     )
-    by_hand = sqrt(
-        (u_reading / cos(angle)) ** 2 + (reading * sin(angle) / cos(angle) ** 2 * u_angle) ** 2
-    )
+    by_hand = sqrt((u_reading / cos(angle)) ** 2 + (reading * sin(angle) / cos(angle) ** 2 * u_angle) ** 2)
     assert found.u == pytest.approx(by_hand, rel=1e-5)  # over one u the cosine bends a little
     assert sum(row["share"] for row in found.rows) == pytest.approx(1.0)
 
 
 def test_a_formula_and_its_sensitivities_make_the_same_budget():
-    found = linear(lambda a, b: 3.0 * a - b, {"a": Input(1.0, 0.1, "m"), "b": Input(2.0, 0.4, "m")})
+    found = linear_budget(lambda a, b: 3.0 * a - b, {"a": Input(1.0, 0.1, "m"), "b": Input(2.0, 0.4, "m")})
     sources = [Source("a", 1.0, 0.1, "m", 3.0), Source("b", 2.0, 0.4, "m", -1.0)]
-    assert found.u == pytest.approx(combined(sources))
-    for ours, stated in zip(found.rows, table(sources), strict=True):
+    assert found.u == pytest.approx(combined_uncertainty(sources))
+    for ours, stated in zip(found.rows, budget_rows(sources), strict=True):
         assert ours == pytest.approx(stated)
 
 
 def test_few_repeats_widen_the_expanded_uncertainty():
-    few = linear(lambda a: a, {"a": Input(1.0, 0.1, "m", 4)})
-    many = linear(lambda a: a, {"a": Input(1.0, 0.1, "m")})
+    few = linear_budget(lambda a: a, {"a": Input(1.0, 0.1, "m", 4)})
+    many = linear_budget(lambda a: a, {"a": Input(1.0, 0.1, "m")})
     assert few.degrees_of_freedom == pytest.approx(4.0)
     assert few.expanded() == pytest.approx(0.2776, abs=1e-4)  # Student, 4 degrees of freedom
     assert many.expanded() == pytest.approx(0.196, abs=1e-4)
@@ -71,7 +66,7 @@ def test_few_repeats_widen_the_expanded_uncertainty():
 
 def test_rows_are_plain_json_and_exact_inputs_have_no_share():
     inputs = {"height": Input(1.5e-3, 0.0, "m"), "g": Input(9.81, 0.01, "m/s2")}
-    found = linear(lambda height, g: sqrt(2 * g * height), inputs)
+    found = linear_budget(lambda height, g: sqrt(2 * g * height), inputs)
     assert json.loads(json.dumps(found.rows)) == list(found.rows)
     assert found.value == pytest.approx(0.17155174)
     assert found.rows[-1]["share"] == 0.0
@@ -79,27 +74,24 @@ def test_rows_are_plain_json_and_exact_inputs_have_no_share():
 
 def test_a_negative_uncertainty_is_refused():
     with pytest.raises(InputError, match="a: a standard uncertainty cannot be negative"):
-        linear(lambda a: a, {"a": Input(1.0, -0.1)})
+        linear_budget(lambda a: a, {"a": Input(1.0, -0.1)})
 
 
 def test_what_was_not_found_has_no_value():
-    found = linear(lambda a, b: a + b, {"a": Input(nan, 0.0), "b": Input(0.0, 0.1)})
+    found = linear_budget(lambda a, b: a + b, {"a": Input(nan, 0.0), "b": Input(0.0, 0.1)})
     assert isnan(found.value)
 
 
 def test_budget_shares_add_up_largest_first():
-    sources = [
-        Source("a", 1.0, 1.0, "m", 1.0, "random"),
-        Source("b", 1.0, 1.0, "m", -2.0, "random"),
-    ]
-    rows = table(sources)
+    sources = [Source("a", 1.0, 1.0, "m", 1.0, "random"), Source("b", 1.0, 1.0, "m", -2.0, "random")]
+    rows = budget_rows(sources)
     assert [row["source"] for row in rows] == ["b", "a"]
     assert [row["share"] for row in rows] == pytest.approx([0.8, 0.2])
-    assert combined(sources) == pytest.approx(5**0.5)
+    assert combined_uncertainty(sources) == pytest.approx(5**0.5)
 
 
 def test_budget_without_any_uncertainty_has_no_shares():
-    rows = table([Source("a", 1.0, 0.0, "m", 1.0, "random")])
+    rows = budget_rows([Source("a", 1.0, 0.0, "m", 1.0, "random")])
     assert rows[0]["share"] == 0.0
 
 
@@ -109,25 +101,25 @@ def test_restitution_from_two_speeds_with_one_scale_is_free_of_it():
     slopes = np.array([-outgoing / incoming**2, 1.0 / incoming])
     u = relative * np.array([incoming, outgoing])
     apart, together = np.diag(u**2), np.outer(u, u)
-    assert spread(slopes, together) == pytest.approx(0.0, abs=1e-9)
-    assert spread(slopes, apart) == pytest.approx(outgoing / incoming * relative * sqrt(2))
+    assert propagated_u(slopes, together) == pytest.approx(0.0, abs=1e-9)
+    assert propagated_u(slopes, apart) == pytest.approx(outgoing / incoming * relative * sqrt(2))
 
 
 def test_variances_are_the_diagonal_of_the_covariance_of_the_results():
     generator = np.random.default_rng(3)
     root, slopes = generator.normal(size=(4, 4)), generator.normal(size=(3, 4))
     covariance = root @ root.T
-    assert variance(slopes, covariance) == pytest.approx(np.diag(carried(slopes, covariance)))
-    assert spread(slopes[1], covariance) ** 2 == pytest.approx(variance(slopes, covariance)[1])
+    assert propagated_variance(slopes, covariance) == pytest.approx(np.diag(propagated_covariance(slopes, covariance)))
+    assert propagated_u(slopes[1], covariance) ** 2 == pytest.approx(propagated_variance(slopes, covariance)[1])
 
 
 def test_covariance_of_parameters_is_what_draws_of_them_make_of_the_results():
     covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
     slopes = np.array([[1.0, -2.0], [0.5, 3.0]])
     drawn = np.random.default_rng(4).multivariate_normal([0.0, 0.0], covariance, 40000) @ slopes.T
-    assert np.cov(drawn.T) == pytest.approx(carried(slopes, covariance), rel=0.05, abs=0.1)
+    assert np.cov(drawn.T) == pytest.approx(propagated_covariance(slopes, covariance), rel=0.05, abs=0.1)
 
 
 def test_what_rounding_makes_of_no_variance_is_nothing():
     slopes = np.array([1.0, -1.0 - 1e-16])
-    assert variance(slopes, np.array([[1.0, 1.0], [1.0, 1.0 - 1e-15]])) >= 0.0
+    assert propagated_variance(slopes, np.array([[1.0, 1.0], [1.0, 1.0 - 1e-15]])) >= 0.0

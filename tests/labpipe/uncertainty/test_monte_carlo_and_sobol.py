@@ -2,7 +2,7 @@ from math import exp, isinf, pi, sin, sqrt
 
 import pytest
 
-from labpipe.uncertainty import Input, agrees, linear, monte_carlo, sobol, to_halve
+from labpipe.uncertainty import Input, inputs_to_halve, intervals_agree, linear_budget, monte_carlo, sobol
 
 
 def product(a: float, b: float) -> float:
@@ -13,9 +13,9 @@ LINEAR = {"a": Input(2.0, 0.02, "m"), "b": Input(5.0, 0.1, "N")}
 
 
 def test_monte_carlo_agrees_with_a_linear_model() -> None:
-    made, drawn = linear(product, LINEAR), monte_carlo(product, LINEAR)
+    made, drawn = linear_budget(product, LINEAR), monte_carlo(product, LINEAR)
     assert drawn.u == pytest.approx(made.u, rel=0.04)
-    assert agrees(made, drawn)
+    assert intervals_agree(made, drawn)
 
 
 def test_monte_carlo_objects_to_a_strongly_curved_model() -> None:
@@ -23,12 +23,12 @@ def test_monte_carlo_objects_to_a_strongly_curved_model() -> None:
         return exp(x)
 
     inputs = {"x": Input(0.0, 1.0)}
-    assert not agrees(linear(curved, inputs), monte_carlo(curved, inputs))
+    assert not intervals_agree(linear_budget(curved, inputs), monte_carlo(curved, inputs))
 
 
 def test_sobol_indices_of_a_linear_model_are_its_shares() -> None:
     found = sobol(product, LINEAR)
-    made = {row["source"]: row["share"] for row in linear(product, LINEAR).rows}
+    made = {row["source"]: row["share"] for row in linear_budget(product, LINEAR).rows}
     for name, indices in found.items():
         assert indices.total == pytest.approx(made[name], abs=0.03)
         assert indices.first == pytest.approx(made[name], abs=0.03)
@@ -48,13 +48,13 @@ def test_exact_inputs_take_no_part() -> None:
 
 def test_what_to_measure_better_halves_the_uncertainty() -> None:
     shares = {"a": 0.6, "b": 0.35, "c": 0.05}
-    names, factor = to_halve(shares)
+    names, factor = inputs_to_halve(shares)
     assert names == ("a", "b")
     left = 0.95 / factor**2 + 0.05
     assert sqrt(left) == pytest.approx(0.5)
 
 
 def test_many_equal_inputs_are_all_named() -> None:
-    names, factor = to_halve({str(i): 0.25 for i in range(4)})
+    names, factor = inputs_to_halve({str(i): 0.25 for i in range(4)})
     assert len(names) == 4
     assert not isinf(factor)

@@ -23,9 +23,7 @@ PAGES = {s.function for kind in KINDS.values() for s in kind.stages if s.output 
 PACKAGE = {
     "__init__.py": "from toys.face import helper as shown\nfrom toys.other import unrelated\n",
     "face/__init__.py": "from toys.face.home import helper, idle\n__all__ = ['helper', 'idle']\n",
-    "face/home.py": (
-        "def helper(x):\n    return x + CONSTANT\n\n\nCONSTANT = 1\n\n\ndef idle():\n    return 0\n"
-    ),
+    "face/home.py": ("def helper(x):\n    return x + CONSTANT\n\n\nCONSTANT = 1\n\n\ndef idle():\n    return 0\n"),
     "other.py": "def unrelated():\n    return 1\n",
     "stages.py": (
         "from toys import face\n"
@@ -93,10 +91,8 @@ def touched(root: Path, change: Callable[[], object]) -> set[str]:
         ("other.py", "def un", "print()\n\n\ndef un", {"second", "later", "chosen"}),
         ("stages.py", "def first", f"{UNUSED}\n\n\ndef first", {"first", "drawn"}),
     ],
-)  # fmt: skip
-def test_a_change_reaches_what_depends_on_it(
-    toys: Path, name: str, old: str, new: str, reached: set[str]
-) -> None:
+)
+def test_a_change_reaches_what_depends_on_it(toys: Path, name: str, old: str, new: str, reached: set[str]) -> None:
     assert touched(toys, lambda: edit(toys / "toys" / name, old, new)) == reached
 
 
@@ -121,9 +117,7 @@ def test_a_face_that_imports_on_first_use_leads_to_the_module(toys: Path) -> Non
 
 
 def test_imports_in_a_circle_end(toys: Path) -> None:
-    (toys / "toys/other.py").write_text(
-        "from toys import stages\n\n\ndef unrelated():\n    return stages.second()\n"
-    )
+    (toys / "toys/other.py").write_text("from toys import stages\n\n\ndef unrelated():\n    return stages.second()\n")
     found = behind(toys, "stages:second").modules
     assert {"toys.stages", "toys.other"} <= set(found)
 
@@ -141,16 +135,9 @@ def test_an_object_s_methods_count_where_it_is_annotated(toys: Path) -> None:
 
 
 def test_a_decorator_of_ours_may_have_kept_the_function(toys: Path) -> None:
-    edit(
-        toys / "toys/other.py", "def un",
-        "KEPT = []\n\n\n@KEPT.append\ndef registered():\n    return 5\n\n\ndef un",
-    )  # fmt: skip
+    edit(toys / "toys/other.py", "def un", "KEPT = []\n\n\n@KEPT.append\ndef registered():\n    return 5\n\n\ndef un")
     other = toys / "toys/other.py"
-    assert touched(toys, lambda: edit(other, "return 5", "return 6")) == {
-        "second",
-        "later",
-        "chosen",
-    }
+    assert touched(toys, lambda: edit(other, "return 5", "return 6")) == {"second", "later", "chosen"}
 
 
 def test_libraries_count_by_their_version(toys: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -195,9 +182,7 @@ def test_unchanged_code_is_not_read_again(toys: Path, tmp_path: Path) -> None:
     edit(toys / "toys/face/home.py", "x + CONSTANT", "x - CONSTANT")
     assert look().n_read > 0
     memory.write_bytes(memory.read_bytes()[:-9])
-    assert look().behind("toys.stages:first") == Code(search=[str(toys)]).behind(
-        "toys.stages:first"
-    )
+    assert look().behind("toys.stages:first") == Code(search=[str(toys)]).behind("toys.stages:first")
 
 
 def test_a_file_changed_under_a_running_program_is_refused(toys: Path) -> None:
@@ -207,6 +192,13 @@ def test_a_file_changed_under_a_running_program_is_refused(toys: Path) -> None:
     edit(toys / "toys/face/home.py", "x + CONSTANT", "x - CONSTANT")
     with pytest.raises(InputError, match=r"home\.py was changed while this program ran"):
         made.refuse_changed(modules)
+
+
+def test_a_plug_in_counts_where_any_instrument_may_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    function = "pipelines.experiments.shared.laser_readings:read_laser"
+    assert "toy_vibrometer" not in Code().behind(function).modules
+    monkeypatch.syspath_prepend(ROOT / "tests/plugins/toy_instrument")
+    assert "toy_vibrometer" in Code().behind(function).modules
 
 
 # --- the packages themselves --------------------------------------------------------------------
@@ -241,9 +233,7 @@ def differing(copy: Path, before: dict[str, Identity], name: str, old: str, new:
     return {function for function in FUNCTIONS if now[function] != before[function]}
 
 
-def test_a_helper_of_the_signals_reaches_the_stages_that_use_it(
-    copy: Path, before: dict[str, Identity]
-) -> None:
+def test_a_helper_of_the_signals_reaches_the_stages_that_use_it(copy: Path, before: dict[str, Identity]) -> None:
     found = differing(copy, before, "labpipe/signals/_events.py", "1 / fall", "2 / fall")
     assert {f.rpartition(":")[2] for f in found} == {"bounces", "displacement"}
     assert found == {f for f in FUNCTIONS if "labpipe.signals._events" in before[f].modules}
@@ -252,10 +242,7 @@ def test_a_helper_of_the_signals_reaches_the_stages_that_use_it(
 
 @pytest.mark.parametrize(
     ("name", "old", "new"),
-    [
-        ("labpipe/report/assets/page.css", "{", "{ "),
-        ("labpipe/report/templates/page.html", "<body", "<body "),
-    ],
+    [("labpipe/report/assets/page.css", "{", "{ "), ("labpipe/report/templates/page.html", "<body", "<body ")],
 )
 def test_an_asset_reaches_every_page_and_nothing_else(
     copy: Path, before: dict[str, Identity], name: str, old: str, new: str
@@ -268,9 +255,7 @@ def test_comments_and_docstrings_reach_nothing(copy: Path, before: dict[str, Ide
     assert differing(copy, before, "labpipe/units.py", "\nclass ", "\n# why\nclass ") == set()
 
 
-def test_a_material_of_the_library_reaches_the_simulations(
-    copy: Path, before: dict[str, Identity]
-) -> None:
+def test_a_material_of_the_library_reaches_the_simulations(copy: Path, before: dict[str, Identity]) -> None:
     found = differing(copy, before, "labpipe/materials/library/nbr.toml", "labpipe_", " labpipe_")
     assert {f.rpartition(":")[2] for f in found} >= {"model"}
     assert not {f for f in found if f.endswith((":readings", ":displacement"))}
@@ -283,9 +268,7 @@ def test_no_stage_reaches_the_tables_of_all_stages(before: dict[str, Identity]) 
 
 
 @pytest.mark.parametrize("version", ["3.12", "3.13"])
-def test_other_versions_of_python_find_the_same(
-    version: str, copy: Path, before: dict[str, Identity]
-) -> None:
+def test_other_versions_of_python_find_the_same(version: str, copy: Path, before: dict[str, Identity]) -> None:
     kept = sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python"))
     python = str(kept[-1]) if kept else shutil.which(f"python{version}")
     if python is None:
@@ -296,9 +279,8 @@ def test_other_versions_of_python_find_the_same(
         "print(json.dumps({f: made.behind(f).modules for f in sys.argv[2:]}))"
     )
     told = subprocess.run(
-        [python, "-c", script, str(copy), *FUNCTIONS],
-        cwd=ROOT, capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        [python, "-c", script, str(copy), *FUNCTIONS], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert json.loads(told.stdout) == {name: before[name].modules for name in FUNCTIONS}
 
 

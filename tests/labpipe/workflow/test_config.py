@@ -151,9 +151,7 @@ def test_all_mistakes_are_reported_at_once_in_the_order_of_lines(tmp_path: Path)
         ("# " + "x" * 1_000_001, "1000003 bytes long"),
     ],
 )
-def test_what_is_not_a_reasonable_toml_file_is_refused(
-    tmp_path: Path, text: str, says: str
-) -> None:
+def test_what_is_not_a_reasonable_toml_file_is_refused(tmp_path: Path, text: str, says: str) -> None:
     with pytest.raises(ConfigError, match=says):
         read(tmp_path, text)
 
@@ -198,11 +196,16 @@ def test_what_a_structure_refuses_itself_is_reported_at_its_table(tmp_path: Path
         config.read(tmp_path / "c.toml", Outer)
 
 
-@given(st.dictionaries(st.sampled_from(list(Everything.__struct_fields__)), st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner),
-    max_leaves=5,
-)))  # fmt: skip
+@given(
+    st.dictionaries(
+        st.sampled_from(list(Everything.__struct_fields__)),
+        st.recursive(
+            st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+            lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner),
+            max_leaves=5,
+        ),
+    )
+)
 def test_no_tree_of_values_escapes_the_check(tree: dict[str, object]) -> None:
     document = config.Document(Path("c.toml"), tree, {(): 1})
     found = config.Checker(document, Path("/nowhere")).structure(Everything, tree, ())
@@ -211,10 +214,20 @@ def test_no_tree_of_values_escapes_the_check(tree: dict[str, object]) -> None:
 
 @pytest.mark.parametrize(
     ("text", "shown"),
-    [("9.525 mm", "9.525 mm"), ("12.0 ± 0.2 deg", "12 ± 0.2 deg"), ("20000 Hz", "20 kHz"),
-     ("0.0009 m", "900 um"), ("2.5 MPa", "2.5 MPa"), ("0 m", "0 m"), ("0.35", "0.35"),
-     ("-1 mm", "-1 mm"), ("23 degC", "23 degC"), ("1 mm", "1 mm"), ("1e-12 m", "0.001 nm")],
-)  # fmt: skip
+    [
+        ("9.525 mm", "9.525 mm"),
+        ("12.0 ± 0.2 deg", "12 ± 0.2 deg"),
+        ("20000 Hz", "20 kHz"),
+        ("0.0009 m", "900 um"),
+        ("2.5 MPa", "2.5 MPa"),
+        ("0 m", "0 m"),
+        ("0.35", "0.35"),
+        ("-1 mm", "-1 mm"),
+        ("23 degC", "23 degC"),
+        ("1 mm", "1 mm"),
+        ("1e-12 m", "0.001 nm"),
+    ],
+)
 def test_a_quantity_is_shown_in_the_unit_that_suits_it(text: str, shown: str) -> None:
     assert show(quantity(text)) == shown
     assert quantity(shown)[:2] == pytest.approx(quantity(text)[:2], rel=1e-9)

@@ -13,16 +13,7 @@ import pytest
 
 from labpipe.errors import InputError, UsageError
 from labpipe.workflow import provenance
-from labpipe.workflow.engines import (
-    Call,
-    Dask,
-    Died,
-    Engine,
-    Processes,
-    Serial,
-    choose,
-    side_by_side,
-)
+from labpipe.workflow.engines import Call, Dask, Died, Engine, Processes, Serial, choose, side_by_side
 
 DOUBLE = f"{__name__}:double"
 
@@ -94,9 +85,7 @@ def test_nothing_to_do_starts_nothing() -> None:
 def test_a_death_costs_nobody_else_his_result(tmp_path: Path) -> None:
     marker = tmp_path / "alive"
     marker.touch()
-    found = list(
-        side_by_side(Processes(2), f"{__name__}:deadly", {i: (i, marker) for i in range(8)})
-    )
+    found = list(side_by_side(Processes(2), f"{__name__}:deadly", {i: (i, marker) for i in range(8)}))
     assert sorted(key for key, _ in found) == list(range(8))
     answers = dict(found)
     assert isinstance(answers.pop(5), Died)
@@ -149,9 +138,7 @@ def test_tasks_are_asked_for_when_their_turn_comes() -> None:
     assert len(tasks.asked) < 10
 
 
-def test_a_worker_computes_with_one_thread_and_leaves_ours_alone(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_worker_computes_with_one_thread_and_leaves_ours_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "7")
     assert dict(side_by_side(Processes(1), f"{__name__}:threads", {0: ()})) == {0: "11"}
     assert os.environ["OMP_NUM_THREADS"] == "7"

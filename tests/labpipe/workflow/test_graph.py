@@ -5,9 +5,9 @@ import pytest
 import toy_laboratory as toy
 
 from labpipe.errors import InputError
+from labpipe.workflow._keys import _parameters
 from labpipe.workflow.config import File
 from labpipe.workflow.graph import Stage, ordered
-from labpipe.workflow.keys import _parameters
 from labpipe.workflow.tasks import field_value
 
 
@@ -35,17 +35,16 @@ def test_inputs_come_before_what_takes_them() -> None:
         ((stage("a", over="laser"),), '"over" goes with per'),
         ((stage("a", per="recording", over="laser", output="page"),), "once per experiment"),
         ((stage("a", "other:material"),), 'must read "other:FIELD/STAGE"'),
-        ((Stage("a", "module.function", ()),), "must read \"package.module:function\""),
+        ((Stage("a", "module.function", ()),), 'must read "package.module:function"'),
         ((stage("a", "file:lasr"),), 'the settings have no field "lasr"'),
         ((stage("a", parameters=("sphere.raduis",)),), 'no field "sphere.raduis"'),
         ((stage("a", "other:mat/b"),), 'no field "mat"'),
         (
-            (stage("a", per="recording", over="laser"),
-             stage("b", "a", per="recording", over="notes_file")),
+            (stage("a", per="recording", over="laser"), stage("b", "a", per="recording", over="notes_file")),
             'input "a" runs over "laser", this one over "notes_file"',
         ),
     ],
-)  # fmt: skip
+)
 def test_stages_that_do_not_fit_are_refused(stages: tuple[Stage, ...], says: str) -> None:
     with pytest.raises(InputError, match=says):
         ordered(stages, toy.Drop)

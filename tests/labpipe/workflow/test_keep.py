@@ -9,9 +9,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from labpipe.workflow._log import LOG, last_seconds
 from labpipe.workflow.config import File
 from labpipe.workflow.graph import Stage
-from labpipe.workflow.log import LOG, last_seconds
 from labpipe.workflow.plan import Plan, make_plan, plan
 from labpipe.workflow.runner import RunResult, open_result, run
 from labpipe.workflow.session import Session, load
@@ -69,9 +69,7 @@ class Laboratory:
         root = folder / "session"
         root.mkdir()
         (root / "w.txt").write_text("3")
-        (root / "session.toml").write_text(
-            'labpipe = 1\n[experiments.a]\nkind = "weight"\nfile = "w.txt"\n'
-        )
+        (root / "session.toml").write_text('labpipe = 1\n[experiments.a]\nkind = "weight"\nfile = "w.txt"\n')
         self.session: Session = load(root, {"weight": Weight})
 
     def write(self, factor: object) -> None:
@@ -102,9 +100,7 @@ class Laboratory:
 
 
 @pytest.fixture
-def laboratory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
-) -> Iterator[Laboratory]:
+def laboratory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Iterator[Laboratory]:
     monkeypatch.setattr(sys, "dont_write_bytecode", True)  # the code changes within a second
     monkeypatch.syspath_prepend(tmp_path)
     name = f"laboratory_{abs(hash(request.node.name))}"
@@ -144,9 +140,7 @@ def test_a_kept_result_is_marked_on_every_page(laboratory: Laboratory) -> None:
     assert laboratory.run(keep=True) == {"read": "kept", "double": "cached", "report": "cached"}
 
 
-def test_a_kept_result_keeps_its_key_and_what_follows_from_it_says_so(
-    laboratory: Laboratory,
-) -> None:
+def test_a_kept_result_keeps_its_key_and_what_follows_from_it_says_so(laboratory: Laboratory) -> None:
     before = made(laboratory, keep=False).keys[TaskId("a", "read")].value
     laboratory.write(10)
     laboratory.run(keep=True)
@@ -162,9 +156,7 @@ def made(laboratory: Laboratory, keep: bool | None) -> Plan:
     return make_plan(laboratory.session, tasks, frozenset(tasks), store, keep=keep)
 
 
-def test_what_was_kept_is_read_by_others_until_the_code_changes_again(
-    laboratory: Laboratory,
-) -> None:
+def test_what_was_kept_is_read_by_others_until_the_code_changes_again(laboratory: Laboratory) -> None:
     laboratory.write(10)
     assert laboratory.plan(keep=None)["read"][0] == "will run"
     laboratory.run(keep=True)
@@ -209,9 +201,7 @@ def test_a_syntax_error_fails_the_stages_that_reach_it(laboratory: Laboratory) -
 
 
 def test_the_time_of_the_last_run_is_the_estimate(laboratory: Laboratory) -> None:
-    assert set(last_seconds(laboratory.session)) == {
-        TaskId("a", name) for name in ("read", "double", "report")
-    }
+    assert set(last_seconds(laboratory.session)) == {TaskId("a", name) for name in ("read", "double", "report")}
     laboratory.write(10)
     log = laboratory.session.folder / LOG
     lines = [json.loads(line) for line in log.read_text().splitlines()]
@@ -219,12 +209,8 @@ def test_the_time_of_the_last_run_is_the_estimate(laboratory: Laboratory) -> Non
         if line.get("state") == "done":
             line["seconds"] = 60.0
     log.write_text("\n".join(map(json.dumps, lines)) + "\n")
-    assert plan(laboratory.session, laboratory.stages).summary == (
-        "3 of 3 steps would run, about 3 min (last time)"
-    )
+    assert plan(laboratory.session, laboratory.stages).summary == ("3 of 3 steps would run, about 3 min (last time)")
     log.write_text("\n".join(json.dumps(line) for line in lines if line.get("stage") != "read"))
-    assert plan(laboratory.session, laboratory.stages).estimate == (
-        "about 2 min (last time, without 1 that never ran)"
-    )
+    assert plan(laboratory.session, laboratory.stages).estimate == ("about 2 min (last time, without 1 that never ran)")
     log.unlink()
     assert plan(laboratory.session, laboratory.stages).estimate == ""

@@ -76,10 +76,7 @@ def test_after_a_run_everything_is_cached_and_nothing_runs_again(session: Sessio
 def test_a_changed_parameter_reruns_only_what_is_behind_it(session: Session) -> None:
     now = changed(session, "9.5 mm", "9.525 mm")
     reason = "parameter sphere.radius changed 9.5 mm -> 9.525 mm"
-    expected = {
-        "acrylic/mean": f"will run: {reason}",
-        "acrylic/page": f"waits: {reason}; upstream mean will run",
-    }
+    expected = {"acrylic/mean": f"will run: {reason}", "acrylic/page": f"waits: {reason}; upstream mean will run"}
     assert not_cached(plan(now, toy.STAGES)) == expected
     assert done(run_here(now)) == set(expected)
     # Back again: the old results are still there, and only the page is put back in its place.
@@ -159,10 +156,7 @@ def test_full_concerns_only_the_stages_with_shortcuts(session: Session) -> None:
 
 def test_only_pages_depend_on_the_words_of_the_session(session: Session) -> None:
     found = not_cached(plan(changed(session, '"Toys"', '"Other"'), toy.STAGES))
-    assert found == {
-        "acrylic/page": "will run: session title changed",
-        "nbr/page": "will run: session title changed",
-    }
+    assert found == {"acrylic/page": "will run: session title changed", "nbr/page": "will run: session title changed"}
 
 
 @pytest.mark.parametrize("damage", ["missing", "changed"])
@@ -182,10 +176,7 @@ def test_a_page_that_was_touched_is_put_back_without_work(session: Session, dama
 def test_targets_need_only_what_is_behind_them(tmp_path: Path) -> None:
     session = toy.make_session(tmp_path)
     found = plan(session, toy.STAGES, targets=["scale"], only=["nbr"])
-    assert [str(r.task) for r in found.rows] == [
-        "nbr/read [laser/r3.txt]",
-        "nbr/scale [laser/r3.txt]",
-    ]
+    assert [str(r.task) for r in found.rows] == ["nbr/read [laser/r3.txt]", "nbr/scale [laser/r3.txt]"]
     found = plan(session, toy.STAGES, targets=["nbr/mean"])
     assert {r.experiment for r in found.rows} == {"nbr", "rubber"}
     result = run_here(session, targets=["scale"])
@@ -219,9 +210,7 @@ def test_an_unknown_target_or_experiment_is_refused_with_a_suggestion(tmp_path: 
         plan(session, toy.STAGES, only=["acrilic"])
 
 
-def test_an_unreadable_input_is_the_reason_of_its_row(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_unreadable_input_is_the_reason_of_its_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     session = toy.make_session(tmp_path)
     (tmp_path / "laser" / "r1.txt").unlink()
     found = not_cached(plan(session, toy.STAGES))

@@ -19,11 +19,11 @@ from labpipe import files
 from labpipe.errors import InputError, StorageError, UsageError
 from labpipe.schema import Schema
 from labpipe.workflow import provenance
+from labpipe.workflow._log import events
+from labpipe.workflow._worker import Job, work
 from labpipe.workflow.graph import Stage
-from labpipe.workflow.log import events
 from labpipe.workflow.runner import Event, RunResult, open_result, run, run_all
 from labpipe.workflow.session import Session
-from labpipe.workflow.worker import Job, work
 from tests.by_day import by_day
 
 HERE = Path(__file__).parent
@@ -33,7 +33,7 @@ import os, sys
 sys.path.insert(0, {str(HERE)!r})
 import toy_laboratory as toy
 from labpipe.workflow import provenance
-from labpipe.workflow.log import events
+from labpipe.workflow._log import events
 from labpipe.workflow.runner import run
 from labpipe.workflow.session import load
 # The state of the repository may change while the tests run; a result must not differ by that.
@@ -88,9 +88,7 @@ def states(result: RunResult) -> dict[str, str]:
 
 def troubled(folder: Path, trouble: str) -> Session:
     """A session whose experiment acrylic has trouble."""
-    return toy.make_session(
-        folder, toy.TOML.replace('"9.5 mm"', f'"9.5 mm"\ntrouble = "{trouble}"')
-    )
+    return toy.make_session(folder, toy.TOML.replace('"9.5 mm"', f'"9.5 mm"\ntrouble = "{trouble}"'))
 
 
 # --- results -----------------------------------------------------------------------------------
@@ -169,9 +167,7 @@ def test_warnings_are_kept_with_the_result_and_told_to_the_page(tmp_path: Path) 
     run_here(session)
     assert expected in (session.folder / "reports" / "acrylic.html").read_text()
     # The warnings of a cached stage are told as well.
-    later = toy.reload_session(
-        tmp_path, (tmp_path / "session.toml").read_text().replace("9.5", "9.6")
-    )
+    later = toy.reload_session(tmp_path, (tmp_path / "session.toml").read_text().replace("9.5", "9.6"))
     result = run_here(later)
     assert states(result)["acrylic/scale [laser/r1.txt]"] == "cached"
     assert expected in (session.folder / "reports" / "acrylic.html").read_text()
@@ -202,15 +198,16 @@ def test_an_incomplete_last_line_of_the_log_is_passed_over(session: Session) -> 
 # --- failures ----------------------------------------------------------------------------------
 
 REST = {
-    "rubber/curve": "done", "nbr/read [laser/r3.txt]": "done", "nbr/scale [laser/r3.txt]": "done",
-    "nbr/mean": "done", "nbr/page": "done",
-}  # fmt: skip
+    "rubber/curve": "done",
+    "nbr/read [laser/r3.txt]": "done",
+    "nbr/scale [laser/r3.txt]": "done",
+    "nbr/mean": "done",
+    "nbr/page": "done",
+}
 
 
 @pytest.mark.parametrize("jobs", [0, 2])
-def test_a_failure_stops_only_what_depends_on_it_and_the_page_tells(
-    tmp_path: Path, jobs: int
-) -> None:
+def test_a_failure_stops_only_what_depends_on_it_and_the_page_tells(tmp_path: Path, jobs: int) -> None:
     session = troubled(tmp_path, "scale:number")
     result = run_here(session, jobs)
     assert result.exit_code == 1
@@ -310,9 +307,7 @@ def test_a_process_that_dies_takes_only_its_task_with_it(tmp_path: Path, how: st
     assert all(files_match(expected, o.message) for o in result.failures)
 
 
-def test_a_task_whose_worker_was_killed_is_tried_once_more_and_nothing_is_lost(
-    tmp_path: Path,
-) -> None:
+def test_a_task_whose_worker_was_killed_is_tried_once_more_and_nothing_is_lost(tmp_path: Path) -> None:
     calls, session = tmp_path / "calls", troubled(tmp_path / "s", "scale:die once")
     process = drive(session.root, 2, TOY_DIED=str(tmp_path / "died"), TOY_CALLS=str(calls))
     assert finish(process).count(": done") == 11
@@ -433,9 +428,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(
 
 def test_a_session_that_a_machine_does_not_see_is_named(tmp_path: Path) -> None:
     session = replace(toy.make_session(tmp_path), root=tmp_path / "elsewhere")
-    job = Job(
-        session, toy.STAGES, toy.SCHEMAS, "nbr", frozenset(), False, False, False, False, {}, {}
-    )  # fmt: skip
+    job = Job(session, toy.STAGES, toy.SCHEMAS, "nbr", frozenset(), False, False, False, False, {}, {})
     with pytest.raises(InputError, match=r"sees no folder .*elsewhere; a session must lie under"):
         work(job, tell=print)
 
@@ -461,9 +454,7 @@ def test_no_space_is_said_before_a_stage_with_the_bytes_needed(
     assert run_here(session).exit_code == 0
 
 
-def test_a_disk_that_fills_up_midway_spoils_nothing(
-    session: Session, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_fills_up_midway_spoils_nothing(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     real, count = os.fsync, 0
 
     def fill_up(handle: int) -> None:
@@ -647,9 +638,7 @@ def test_a_run_killed_at_any_moment_is_finished_by_the_next(
 
 
 @pytest.mark.slow
-def test_eight_processes_on_one_session_leave_no_torn_file(
-    session: Session, undisturbed: dict[str, bytes]
-) -> None:
+def test_eight_processes_on_one_session_leave_no_torn_file(session: Session, undisturbed: dict[str, bytes]) -> None:
     outputs = [finish(process) for process in [drive(session.root, 2) for _ in range(8)]]
     assert sum(output.count(": done") for output in outputs) == 11
     assert toy.contents(session) == undisturbed

@@ -85,6 +85,8 @@ def test_a_mistake_in_the_defaults_is_reported_once_at_its_own_line(tmp_path: Pa
     assert len(found) == 3
 
 
+_SECOND = "[experiments.b]\nkind = 'drop'\nlaser = []\nsphere.radius = '1 mm'\n"
+
 WRONG = {
     "[session]\ntitel = 'x'": 'session.titel: unknown key; did you mean "title"',
     "[session]\ntitle = 3": "session.title: expected text in quotation marks, found 3",
@@ -105,17 +107,19 @@ WRONG = {
     '[experiments."b\\n"]\nkind = "dma"\nsweep = "dma.txt"': "control character",
     f"[experiments.{'b' * 201}]\nkind = 'dma'\nsweep = 'dma.txt'": "longer than 200 bytes",
     "[experiments]\nb = 3": "expected a table, found 3",
-    "[experiments.b]\nkind = 'drop'\nlaser = []\nsphere.radius = '1 mm'\nmaterial = 'aa'":
-        'experiments.b.material: there is no experiment "aa"; did you mean "a"',
-    "[experiments.b]\nkind = 'drop'\nlaser = []\nsphere.radius = '1 mm'\nmaterial = 'b'":
-        "experiments.b.material: an experiment cannot refer to itself",
-}  # fmt: skip
+    f"{_SECOND}material = 'aa'": 'experiments.b.material: there is no experiment "aa"; did you mean "a"',
+    f"{_SECOND}material = 'b'": "experiments.b.material: an experiment cannot refer to itself",
+}
 
 
 @pytest.mark.parametrize(("text", "says"), WRONG.items(), ids=[ascii(k)[:50] for k in WRONG])
 def test_a_mistake_is_named(tmp_path: Path, text: str, says: str) -> None:
-    found = problems(tmp_path, BASE.replace("[experiments.a]", f"{text}\n[experiments.a]")
-                     if text.startswith("[experiments]") else BASE + text)  # fmt: skip
+    found = problems(
+        tmp_path,
+        BASE.replace("[experiments.a]", f"{text}\n[experiments.a]")
+        if text.startswith("[experiments]")
+        else BASE + text,
+    )
     assert any(says in problem for problem in found), found
 
 
@@ -131,9 +135,7 @@ def test_a_name_in_any_script_works(tmp_path: Path) -> None:
 
 
 def test_names_that_a_disk_may_take_for_one_are_refused(tmp_path: Path) -> None:
-    tables = [
-        f"[experiments.'{name}']\nkind = 'dma'\nsweep = 'dma.txt'\n" for name in ("é", "e\u0301")
-    ]
+    tables = [f"[experiments.'{name}']\nkind = 'dma'\nsweep = 'dma.txt'\n" for name in ("é", "e\u0301")]
     assert "only in case" in problems(tmp_path, "labpipe = 1\n" + "".join(tables))[0]
 
 

@@ -143,9 +143,7 @@ def test_a_foreign_result_under_our_key_is_not_believed(store: Store) -> None:
     assert store.state(KEY) == "damaged"
 
 
-def test_every_flipped_bit_anywhere_is_noticed(
-    store: Store, amount: Callable[[int, int], int]
-) -> None:
+def test_every_flipped_bit_anywhere_is_noticed(store: Store, amount: Callable[[int, int], int]) -> None:
     rng = random.Random(11)
     for number in range(amount(600, 20_000)):
         path = object_path(store, (".nc", ".json")[number % 2])
@@ -223,9 +221,7 @@ def test_damage_that_no_time_stamp_shows_is_found_when_the_result_is_read(
     index_digest, good = files.HashIndex.digest, files.digest(path)
     path.write_bytes(path.read_bytes()[:-1] + bytes([path.read_bytes()[-1] ^ 1]))
     # A disk that loses bits does not change a time stamp: the index still says what it knew.
-    monkeypatch.setattr(
-        files.HashIndex, "digest", lambda s, p: good if Path(p) == path else index_digest(s, p)
-    )
+    monkeypatch.setattr(files.HashIndex, "digest", lambda s, p: good if Path(p) == path else index_digest(s, p))
     (session.folder / "reports" / "nbr.html").unlink()
     page = made.keys[TaskId("nbr", "page")].value
     assert page is not None
@@ -234,9 +230,6 @@ def test_damage_that_no_time_stamp_shows_is_found_when_the_result_is_read(
     # The page needs the damaged result: it is set aside, and made again in the same run.
     result = run(session, toy.STAGES, schemas=toy.SCHEMAS, jobs=0)
     assert result.exit_code == 0
-    assert {str(o.task) for o in result.outcomes if o.state == "done"} == {
-        "nbr/scale [laser/r3.txt]",
-        "nbr/page",
-    }
+    assert {str(o.task) for o in result.outcomes if o.state == "done"} == {"nbr/scale [laser/r3.txt]", "nbr/page"}
     after = toy.contents(session)
     assert {n: d for n, d in after.items() if "quarantine" not in n} == before

@@ -138,13 +138,12 @@ def sweep(path: Path, *, settings: Dma) -> Any:
 
 DROP = (
     Stage("page", f"{HERE}:page", ("scale", "mean"), ("*",), output="page", context=True),
-    Stage("mean", f"{HERE}:mean", ("scale", "other:material/curve"), ("sphere.radius",),
-          schema="toy", shortcuts=True),
-    Stage("scale", f"{HERE}:scale", ("read",), ("gain", "trouble"), per="recording",
-          over="laser", schema="toy"),
-    Stage("read", f"{HERE}:read", ("file:laser",), ("trouble",), per="recording", over="laser",
-          summary="read the numbers"),
-)  # fmt: skip
+    Stage("mean", f"{HERE}:mean", ("scale", "other:material/curve"), ("sphere.radius",), schema="toy", shortcuts=True),
+    Stage("scale", f"{HERE}:scale", ("read",), ("gain", "trouble"), per="recording", over="laser", schema="toy"),
+    Stage(
+        "read", f"{HERE}:read", ("file:laser",), ("trouble",), per="recording", over="laser", summary="read the numbers"
+    ),
+)
 DMA = (Stage("curve", f"{HERE}:sweep", ("file:sweep",), ("trouble",)),)
 
 STAGES: Mapping[str, tuple[Stage, ...]] = {"drop": DROP, "dma": DMA}

@@ -36,16 +36,8 @@ def broken(quick: bool) -> Suite:
 
 @pytest.fixture
 def toy(monkeypatch: pytest.MonkeyPatch) -> None:
-    table = {
-        "toy": ("toy", "Toy sums."),
-        "pair": ("pair", "Two suites."),
-        "broken": ("broken", "Fails."),
-    }
-    runs = {
-        "toy": lambda quick: TOY,
-        "pair": lambda quick: [TOY, TOY],
-        "broken": broken,
-    }
+    table = {"toy": ("toy", "Toy sums."), "pair": ("pair", "Two suites."), "broken": ("broken", "Fails.")}
+    runs = {"toy": lambda quick: TOY, "pair": lambda quick: [TOY, TOY], "broken": broken}
     monkeypatch.setattr(parts, "PARTS", table)
     monkeypatch.setattr(page, "PARTS", table)
     monkeypatch.setattr(parts, "load", runs.__getitem__)
@@ -80,9 +72,7 @@ def test_a_run_writes_page_and_json(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.usefixtures("toy")
-def test_a_part_that_fails_is_told_and_the_others_are_kept(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_part_that_fails_is_told_and_the_others_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, err = run(capsys, "--out", str(tmp_path))
     assert code == 1
     assert "broken: RuntimeError: quick is False" in err

@@ -34,9 +34,7 @@ def test_every_growth_gives_a_diagram_and_an_exponent() -> None:
 
 
 @pytest.mark.slow
-def test_what_gets_quicker_with_size_does_not_grow(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_gets_quicker_with_size_does_not_grow(monkeypatch: pytest.MonkeyPatch) -> None:
     def ever_faster(calls: dict[str, object], *_: object, **__: object) -> dict[str, Timing]:
         return {size: Timing(1.0 / int(size), 0.0, (1.0 / int(size),) * 2, None) for size in calls}
 

@@ -21,8 +21,7 @@ def test_the_true_velocity_is_that_of_free_fall(bouncing: Record) -> None:
 
 def test_the_readings_differ_from_the_truth_by_the_noise(bouncing: Record) -> None:
     time, height = bouncing.displacement.time.values, bouncing.displacement.values
-    integral = np.concatenate([[0], np.cumsum((bouncing.velocity[1:] + bouncing.velocity[:-1]) / 2
-                                              * np.diff(time))])  # fmt: skip
+    integral = np.concatenate([[0], np.cumsum((bouncing.velocity[1:] + bouncing.velocity[:-1]) / 2 * np.diff(time))])
     assert np.std(height - integral) == pytest.approx(1e-6, rel=0.3)
 
 

@@ -10,9 +10,17 @@ from pipelines.bench.stability import FAMILIES
 CASES = [(part, name) for part, families in FAMILIES.items() for name in families]
 # At most this share of a family may be refused, so that what is easy to refuse is computed too.
 # Of input with a fault all may be; of the others, what no answer can be right for.
-ANYTHING = {"record that is none", "figures of nothing", "no bounce", "film that is none",
-            "optics that are none", "material that is none", "sweeps that are none",
-            "calibration that is none", "input that is none"}  # fmt: skip
+ANYTHING = {
+    "invalid record",
+    "agreement of invalid input",
+    "no bounce",
+    "invalid film",
+    "invalid optics",
+    "invalid material",
+    "invalid sweeps",
+    "invalid calibration",
+    "invalid input",
+}
 REFUSED = dict.fromkeys(ANYTHING, 1.0) | {"any drop": 0.5, "springs and rings": 0.4}
 
 

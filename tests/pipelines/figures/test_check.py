@@ -34,10 +34,13 @@ def test_every_stated_misprint_and_only_those() -> None:
         ("2.4", "Delta/R at 0.3 mm", 0.3 / 2),
         ("3.3.4", "load 5 from the masses of 3.1", 5.5),
         # (3 F R / 4 E*)^(1/3) with F = 0.505 kg g, R = 9.525 mm, E* = 3.2 GPa / (1 - 0.35^2)
-        ("reference", "Hertz radius at rest, E = 3.2 GPa",
-         1e3 * (0.75 * 0.505 * 9.81 * 9.525e-3 * (1 - 0.35**2) / 3.2e9) ** (1 / 3)),
+        (
+            "reference",
+            "Hertz radius at rest, E = 3.2 GPa",
+            1e3 * (0.75 * 0.505 * 9.81 * 9.525e-3 * (1 - 0.35**2) / 3.2e9) ** (1 / 3),
+        ),
     ],
-)  # fmt: skip
+)
 def test_ours_is_the_hand_computed_number(place: str, quantity: str, expected: float) -> None:
     assert ROWS[place, quantity].ours == pytest.approx(expected, rel=1e-6)
 

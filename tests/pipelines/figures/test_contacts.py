@@ -27,16 +27,19 @@ class Results:
     def of_kind(self, kind: str) -> dict[str, Any]:
         return {n: s for n, s in self.experiments.items() if s.kind == kind}
 
-    def told(self, text: str) -> dict[str, str]:
+    def data_note(self, text: str) -> dict[str, str]:
         return {"synthetic": text}
 
     def result(self, name: str, stage: str, recording: str | None = None) -> xr.Dataset:
         assert (recording is None) == (stage != "bounces")
         return {
-            "repeats": repeats, "bounces": bounces, "radius": radius, "model": model,
+            "repeats": repeats,
+            "bounces": bounces,
+            "radius": radius,
+            "model": model,
             "impacts": lambda: impacts(self.rest[name]),
             "comparison": lambda: comparison(self.rest[name]),
-        }[stage]()  # fmt: skip
+        }[stage]()
 
 
 def contact_at(time: np.ndarray) -> np.ndarray:
@@ -49,9 +52,7 @@ def contact_at(time: np.ndarray) -> np.ndarray:
 
 def repeats() -> xr.Dataset:
     time = np.linspace(-0.02, 0.4, 500)
-    return xr.Dataset(
-        {"displacement_mean": ("time", 1e-3 * np.abs(np.sin(50 * time)))}, {"time": time}
-    )
+    return xr.Dataset({"displacement_mean": ("time", 1e-3 * np.abs(np.sin(50 * time)))}, {"time": time})
 
 
 def bounces() -> xr.Dataset:
@@ -62,48 +63,57 @@ def bounces() -> xr.Dataset:
 def radius() -> xr.Dataset:
     time = np.concatenate([t + np.arange(0.0, 1e-3, 1e-4) for t in TOUCHES] + [[0.35, 0.36]])
     a = contact_at(time)
-    return xr.Dataset({"radius": ("frame", a), "in_contact": ("frame", a > 0)},
-                      {"time": ("frame", time)})  # fmt: skip
+    return xr.Dataset({"radius": ("frame", a), "in_contact": ("frame", a > 0)}, {"time": ("frame", time)})
 
 
 def impacts(rest: float) -> xr.Dataset:
-    return xr.Dataset({
-        "peak_time": ("impact", np.array(TOUCHES) + HALF),
-        "peak_radius": ("impact", np.full(3, 700e-6)),
-        "static_radius": ((), rest), "u_static_radius": ((), 0.5e-6),
-    })  # fmt: skip
+    return xr.Dataset(
+        {
+            "peak_time": ("impact", np.array(TOUCHES) + HALF),
+            "peak_radius": ("impact", np.full(3, 700e-6)),
+            "static_radius": ((), rest),
+            "u_static_radius": ((), 0.5e-6),
+        }
+    )
 
 
 def model() -> xr.Dataset:
     time = np.arange(0.0, 0.4, 2e-5)
     return xr.Dataset(
-        {"contact_radius": ("time", contact_at(time)),
-         "impact_time": ("impact", np.array(TOUCHES)),
-         "static_radius_unrelaxed": ((), 176e-6), "static_radius_relaxed": ((), 238e-6)},
+        {
+            "contact_radius": ("time", contact_at(time)),
+            "impact_time": ("impact", np.array(TOUCHES)),
+            "static_radius_unrelaxed": ((), 176e-6),
+            "static_radius_relaxed": ((), 238e-6),
+        },
         {"time": time},
-    )  # fmt: skip
+    )
 
 
 def comparison(rest: float) -> xr.Dataset:
     larger = rest - 210e-6
     since = np.tile(np.linspace(-0.4e-3, 0.4e-3, 5), 3)
-    return xr.Dataset({
-        "impact_number": ("sample", np.repeat([1.0, 2.0, 3.0], 5)),
-        "since_peak": ("sample", since),
-        "film": ("sample", 700e-6 * np.sqrt(1 - (since / HALF) ** 2)),
-        "model_peak_time": ("impact", np.array(TOUCHES) + HALF),
-        "peak_radius_film": ("impact", np.full(3, 700e-6) + larger),
-        "peak_radius_model": ("impact", np.full(3, 701e-6) + larger),
-        "u_peak_radius_difference": ("impact", np.full(3, 3e-6)),
-    })  # fmt: skip
+    return xr.Dataset(
+        {
+            "impact_number": ("sample", np.repeat([1.0, 2.0, 3.0], 5)),
+            "since_peak": ("sample", since),
+            "film": ("sample", 700e-6 * np.sqrt(1 - (since / HALF) ** 2)),
+            "model_peak_time": ("impact", np.array(TOUCHES) + HALF),
+            "peak_radius_film": ("impact", np.full(3, 700e-6) + larger),
+            "peak_radius_model": ("impact", np.full(3, 701e-6) + larger),
+            "u_peak_radius_difference": ("impact", np.full(3, 3e-6)),
+        }
+    )
 
 
 def experiment(kind: str, temperature: float | None = None, height: float = 1.5e-3) -> Any:
     warm = None if temperature is None else Quantity(temperature, 0.0, "degC")
     return SimpleNamespace(
-        kind=kind, height=Quantity(height, 0.0, "m"), laser=["laser/drop_1.csv"],
+        kind=kind,
+        height=Quantity(height, 0.0, "m"),
+        laser=["laser/drop_1.csv"],
         sphere=SimpleNamespace(temperature=warm),
-    )  # fmt: skip
+    )
 
 
 EXPERIMENTS = {
@@ -131,9 +141,7 @@ def test_phases_are_those_of_the_laser_s_record_counted_from_first_contact() -> 
 
 def test_the_four_heights_need_a_film_and_a_drop_of_one_height() -> None:
     inputs: Any = Results({n: EXPERIMENTS[n] for n in ("drop", "film")}, RESTS)
-    assert "aligned with the laser's record at first contact" in caption(
-        contacts.four_heights(inputs)
-    )
+    assert "aligned with the laser's record at first contact" in caption(contacts.four_heights(inputs))
     other = EXPERIMENTS | {"drop": experiment("ball_drop", height=5e-3)}
     with pytest.raises(InputError, match="share a drop height"):
         contacts.four_heights(Results(other, RESTS))  # type: ignore[arg-type]

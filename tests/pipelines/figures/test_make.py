@@ -56,9 +56,7 @@ def test_listing_imports_nothing_numerical() -> None:
         "except SystemExit as left:\n    assert not left.code, left.code\n"
         "assert not {'numpy', 'xarray', 'matplotlib'} & set(sys.modules)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
 
 
@@ -74,9 +72,7 @@ def test_photographs_are_listed_with_the_reason(capsys: pytest.CaptureFixture[st
     assert rows[CHEAP]["state"] == make.READY
 
 
-def test_an_unknown_number_is_answered_with_the_nearest(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_an_unknown_number_is_answered_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
     code, _, err = run(capsys, "figures", "2.66")
     assert code == 2
     assert 'Did you mean "2.6"?' in err
@@ -84,15 +80,11 @@ def test_an_unknown_number_is_answered_with_the_nearest(
         make.chosen(["2.66"])
 
 
-def test_a_figure_has_three_formats_and_a_caption_and_the_same_bytes_each_time(
-    tmp_path: Path,
-) -> None:
+def test_a_figure_has_three_formats_and_a_caption_and_the_same_bytes_each_time(tmp_path: Path) -> None:
     for name in ("first", "second"):
         assert drawn(tmp_path / name, CHEAP) == {CHEAP: make.DRAWN}
     first, second = contents(tmp_path / "first"), contents(tmp_path / "second")
-    assert set(first) == {f"{CHEAP}.{kind}" for kind in ("pdf", "svg", "png", "txt")} | {
-        make.RECORD
-    }
+    assert set(first) == {f"{CHEAP}.{kind}" for kind in ("pdf", "svg", "png", "txt")} | {make.RECORD}
     assert first == second
 
 
@@ -122,9 +114,7 @@ def test_captions_say_what_is_measured_synthetic_and_computed(tmp_path: Path) ->
             assert word in text
 
 
-def test_figures_of_a_session_read_its_results_and_follow_its_keys(
-    processed_session: Path, tmp_path: Path
-) -> None:
+def test_figures_of_a_session_read_its_results_and_follow_its_keys(processed_session: Path, tmp_path: Path) -> None:
     shelf = make.Shelf.of(tmp_path, processed_session)
     outcomes = make.make(shelf, make.chosen(["2.8", "3.10", "3.11"]))
     states = {outcome.id: outcome.state for outcome in outcomes}

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from labpipe import files
-from labpipe.workflow.runner import events
+from labpipe.workflow import events
 from pipelines.figures import FIGURES, make
 from pipelines.process import open_session
 
@@ -41,9 +41,15 @@ def test_it_holds_every_kind_and_says_that_it_is_synthetic() -> None:
     assert session.synthetic
     assert "SYNTHETIC" in session.notes
     assert {e.kind for e in session.experiments.values()} == {
-        "ball_drop", "contact_area", "dic_validation", "dma", "harmonic", "plate_vibration",
-        "relaxation", "static_loading",
-    }  # fmt: skip
+        "ball_drop",
+        "contact_area",
+        "dic_validation",
+        "dma",
+        "harmonic",
+        "plate_vibration",
+        "relaxation",
+        "static_loading",
+    }
     sizes = [path.stat().st_size for path in CAMPAIGN.rglob("*") if path.is_file()]
     assert sum(sizes) < MOST_BYTES
 
@@ -57,9 +63,7 @@ def test_the_truth_lies_beside_every_recording() -> None:
 
 def test_every_regenerable_figure_can_be_drawn_from_it(tmp_path: Path) -> None:
     states = make.states(make.Shelf.of(tmp_path / "figures", CAMPAIGN), FIGURES)
-    assert {s.figure.id for s in states if s.state != make.READY} == {
-        "2.1", "2.2", "3.1", "3.2", "B.1a",
-    }  # fmt: skip
+    assert {s.figure.id for s in states if s.state != make.READY} == {"2.1", "2.2", "3.1", "3.2", "B.1a"}
 
 
 @pytest.fixture
@@ -71,9 +75,7 @@ def campaign(tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_a_lost_recording_concerns_its_figure_alone_and_computes_nothing_again(
-    campaign: Path, tmp_path: Path
-) -> None:
+def test_a_lost_recording_concerns_its_figure_alone_and_computes_nothing_again(campaign: Path, tmp_path: Path) -> None:
     figures = tmp_path / "figures"
     assert drawn(campaign, figures) == {"2.4": make.DRAWN, "3.4": make.DRAWN}
     first = computed(campaign)

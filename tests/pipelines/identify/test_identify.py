@@ -76,9 +76,7 @@ def test_draws_of_the_posterior_stand_beside_the_normal_approximation(rubber: Pa
 
 def test_result_is_a_material_again(rubber: Path) -> None:
     found = files.read_dataset(rubber / "labpipe/identify_nbr.nc")
-    solid = materials.Prony(
-        float(found["E_relaxed"]), found["E"].values, found["rho"].values, nu=float(found["nu"])
-    )
+    solid = materials.Prony(float(found["E_relaxed"]), found["E"].values, found["rho"].values, nu=float(found["nu"]))
     at = found["frequency"].values
     made = solid.complex_modulus(2 * np.pi * at).real
     # the curve is that of all structures of the spectrum, the series that of one
@@ -147,9 +145,8 @@ def test_drop_on_a_plate_is_told_by_the_plate(processed_session: Path) -> None:
     results = opened(processed_session)
     experiment = results.experiments["drop"]
     stated = Plate(
-        mass=Quantity(30.0, 0.04, "kg"), frequency=Quantity(180.0, 0.1, "Hz"),
-        damping_ratio=Quantity(0.03, 1e-4, "1"),
-    )  # fmt: skip
+        mass=Quantity(30.0, 0.04, "kg"), frequency=Quantity(180.0, 0.1, "Hz"), damping_ratio=Quantity(0.03, 1e-4, "1")
+    )
     settings = msgspec.structs.replace(experiment.settings, plate=stated)
     changed = replace(experiment, settings=settings)
     proof = derive(results, changed, DROP, name="drop", impacts=2)
@@ -168,11 +165,10 @@ def test_plate_and_material_of_others_are_processed_too(processed_session: Path)
     others = {kind: Experiment(kind, kind, None, {}) for kind in ("plate_vibration", "dma")}
     session = replace(session, experiments={**session.experiments, **others})
     settings = msgspec.structs.replace(
-        experiment.settings, plate_from="experiment:plate_vibration",
-        sphere=msgspec.structs.replace(
-            experiment.settings.sphere, material=None, material_from="experiment:dma"
-        ),
-    )  # fmt: skip
+        experiment.settings,
+        plate_from="experiment:plate_vibration",
+        sphere=msgspec.structs.replace(experiment.settings.sphere, material=None, material_from="experiment:dma"),
+    )
     found = needed(session, replace(experiment, settings=settings), DROP)
     assert found == [*own, "plate_vibration/plate", "dma/master_curve"]
 
@@ -195,8 +191,6 @@ def test_prior_without_a_rheometer_is_refused_by_its_name(processed_session: Pat
 def test_another_temperature_is_another_material(processed_session: Path) -> None:
     experiment = plan(processed_session).session.experiments["drop"]
     assert material_name(experiment) == "acrylic"
-    sphere = msgspec.structs.replace(
-        experiment.settings.sphere, temperature=Quantity(39, 0, "degC")
-    )
+    sphere = msgspec.structs.replace(experiment.settings.sphere, temperature=Quantity(39, 0, "degC"))
     warm = replace(experiment, settings=msgspec.structs.replace(experiment.settings, sphere=sphere))
     assert material_name(warm) == "acrylic at 39 degC"

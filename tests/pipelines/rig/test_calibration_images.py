@@ -11,8 +11,7 @@ from pipelines.rig.calibration_images import write_calibration_images
 
 def test_ruler_and_holder_measure_what_table_d1_says(tmp_path: Path) -> None:
     ruler, holder = (
-        cv2.imread(str(tmp_path / name), cv2.IMREAD_GRAYSCALE)
-        for name in write_calibration_images(tmp_path)
+        cv2.imread(str(tmp_path / name), cv2.IMREAD_GRAYSCALE) for name in write_calibration_images(tmp_path)
     )
     found = graduations(ruler)
     assert 10 * found.pitch.value == pytest.approx(461.0, abs=0.1)

@@ -58,9 +58,7 @@ def session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     sections = [part.write() for part in parts]
     campaign._write_session(tmp_path, sections, is_binned=True)
     names = [name for part in parts for name in part.names]
-    assert set(names) | {"plate"} == set(
-        tomllib.loads((tmp_path / "session.toml").read_text("utf-8"))["experiments"]
-    )
+    assert set(names) | {"plate"} == set(tomllib.loads((tmp_path / "session.toml").read_text("utf-8"))["experiments"])
     return tmp_path
 
 
@@ -71,9 +69,15 @@ def test_the_campaign_holds_what_the_thesis_did(session: Path) -> None:
     for experiment in found.experiments.values():
         count[experiment.kind] = count.get(experiment.kind, 0) + 1
     assert count == {
-        "ball_drop": 17, "contact_area": 5, "dic_validation": 1, "dma": 5, "harmonic": 1,
-        "plate_vibration": 1, "relaxation": 1, "static_loading": 1,
-    }  # fmt: skip
+        "ball_drop": 17,
+        "contact_area": 5,
+        "dic_validation": 1,
+        "dma": 5,
+        "harmonic": 1,
+        "plate_vibration": 1,
+        "relaxation": 1,
+        "static_loading": 1,
+    }
     drops = [e for e in found.experiments.values() if e.kind == "ball_drop"]
     assert {len(e.settings.laser) for e in drops} == {5}
     assert len(found.experiments["plate"].settings.drops) == 16
@@ -91,13 +95,10 @@ def test_every_regenerable_figure_can_be_drawn_from_it(session: Path, tmp_path: 
 
 
 @pytest.mark.slow
-def test_one_lost_recording_concerns_only_the_figures_that_show_it(
-    session: Path, tmp_path: Path
-) -> None:
+def test_one_lost_recording_concerns_only_the_figures_that_show_it(session: Path, tmp_path: Path) -> None:
     def keys() -> dict[str, str]:
         shelf = make.Shelf.of(tmp_path / "figures", session)
-        return {s.figure.id: shelf.key(s.figure, s.experiments)
-                for s in make.states(shelf, FIGURES)}  # fmt: skip
+        return {s.figure.id: shelf.key(s.figure, s.experiments) for s in make.states(shelf, FIGURES)}
 
     before = keys()
     files.write_text(session / "laser/nylon_5mm_1.csv", "another recording")

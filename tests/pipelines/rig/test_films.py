@@ -26,9 +26,16 @@ def hertz_gap(r: np.ndarray, a: float) -> np.ndarray:
 
 def drop(duration: float, snapshots: np.ndarray | None = None):
     return reference_drop(
-        3.2e9, np.array([0.0]), np.array([1.0]), 0.35, radius=R, mass=MASS, height=1.5e-3,
-        duration=duration, snapshots=snapshots,
-    )  # fmt: skip
+        3.2e9,
+        np.array([0.0]),
+        np.array([1.0]),
+        0.35,
+        radius=R,
+        mass=MASS,
+        height=1.5e-3,
+        duration=duration,
+        snapshots=snapshots,
+    )
 
 
 @pytest.mark.parametrize("time", [0.0177, 0.0181, 0.0184])
@@ -50,9 +57,7 @@ def test_a_moment_in_flight_has_no_contact_and_the_height_of_the_flight() -> Non
 
 
 def test_the_front_film_shows_the_motion_that_its_truth_tells(tmp_path: Path) -> None:
-    camera = FrontCamera(
-        rows=96, columns=64, frame_rate=1000, duration=0.024, release=0.004, pixel_size=1e-4
-    )
+    camera = FrontCamera(rows=96, columns=64, frame_rate=1000, duration=0.024, release=0.004, pixel_size=1e-4)
     truth = write_front_film(tmp_path / "f.cine", drop(0.03), 1.5e-3, camera, 5)
     film = instruments.read(tmp_path / "f.cine")
     x, y = truth["pivot"]

@@ -12,9 +12,8 @@ BODY = {"radius": 9.525e-3, "mass": 0.505}
 def standard_linear_solid(height: float, duration: float, floor: Floor | None = None) -> Trajectory:
     """E from 2 to 4 GPa, one retardation time of 1 ms, hence a relaxation time of 0.5 ms."""
     return reference_drop(
-        2e9, np.array([2e9]), np.array([0.5e-3]), 0.35, height=height, duration=duration,
-        floor=floor, **BODY,
-    )  # fmt: skip
+        2e9, np.array([2e9]), np.array([0.5e-3]), 0.35, height=height, duration=duration, floor=floor, **BODY
+    )
 
 
 @pytest.fixture(scope="module")
@@ -42,9 +41,7 @@ def test_the_first_impact_has_the_force_and_radius_of_the_table(train: Trajector
 
 
 def test_an_elastic_sphere_gives_its_energy_back() -> None:
-    found = reference_drop(
-        3.2e9, np.zeros(0), np.zeros(0), 0.35, height=1.5e-3, duration=0.06, **BODY
-    )
+    found = reference_drop(3.2e9, np.zeros(0), np.zeros(0), 0.35, height=1.5e-3, duration=0.06, **BODY)
     np.testing.assert_allclose(found.outgoing_speed / found.incoming_speed, 1.0, rtol=1e-4)
 
 

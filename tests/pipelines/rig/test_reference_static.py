@@ -27,9 +27,15 @@ def test_the_compliance_is_that_of_exact_interconversion(name: str) -> None:
 
 def test_an_elastic_sphere_is_hertz_s() -> None:
     found = reference_static(
-        1e9, np.zeros(0), np.zeros(0), 0.3, radius=9.525e-3, load_times=np.array([0.0]),
-        loads=np.array([10.0]), time=np.array([1.0]),
-    )  # fmt: skip
+        1e9,
+        np.zeros(0),
+        np.zeros(0),
+        0.3,
+        radius=9.525e-3,
+        load_times=np.array([0.0]),
+        loads=np.array([10.0]),
+        time=np.array([1.0]),
+    )
     reduced = 1e9 / (1 - 0.3**2)
     known = (9 * 10.0**2 / (16 * 9.525e-3 * reduced**2)) ** (1 / 3)
     assert found[0] == pytest.approx(known, rel=1e-12)
@@ -39,17 +45,18 @@ def test_steps_of_load_agree_with_the_simulator() -> None:
     solid = materials.load("ptfe")
     begin, load = np.array([0.0, 100.0, 400.0]), np.array([5.0, 25.0, 35.0])
     ends = np.array([100.0, 400.0, 900.0])
-    stretches = [b + np.concatenate([[0.0], np.geomspace(0.5, e - b, 25)])
-                 for b, e in zip(begin, ends, strict=True)]  # fmt: skip
-    made = contact.load_sphere(
-        solid, 9.525e-3, np.concatenate(stretches), np.repeat(load, [s.size for s in stretches])
-    )
+    stretches = [b + np.concatenate([[0.0], np.geomspace(0.5, e - b, 25)]) for b, e in zip(begin, ends, strict=True)]
+    made = contact.load_sphere(solid, 9.525e-3, np.concatenate(stretches), np.repeat(load, [s.size for s in stretches]))
     time = np.concatenate([s[1:-1] for s in stretches])
     found = reference_static(
-        float(solid.E_relaxed), np.array(solid.E), np.array(solid.rho), float(solid.nu),
-        radius=9.525e-3, load_times=begin, loads=load, time=time,
-    )  # fmt: skip
-    simulated = np.concatenate([
-        made["approach"].values[i * 26 + 1 : (i + 1) * 26 - 1] for i in range(3)
-    ])  # fmt: skip
+        float(solid.E_relaxed),
+        np.array(solid.E),
+        np.array(solid.rho),
+        float(solid.nu),
+        radius=9.525e-3,
+        load_times=begin,
+        loads=load,
+        time=time,
+    )
+    simulated = np.concatenate([made["approach"].values[i * 26 + 1 : (i + 1) * 26 - 1] for i in range(3)])
     np.testing.assert_allclose(simulated, found, rtol=1e-5)

@@ -74,9 +74,7 @@ def test_only_what_changed_is_read_again(sessions: Path, tmp_path: Path) -> None
     assert set(query(root / FILE)["session"]) == {"monday"}
 
 
-def test_a_session_that_cannot_be_read_is_named_and_its_rows_kept(
-    sessions: Path, tmp_path: Path
-) -> None:
+def test_a_session_that_cannot_be_read_is_named_and_its_rows_kept(sessions: Path, tmp_path: Path) -> None:
     root = tmp_path / "copy"
     shutil.copytree(sessions, root)
     before = query(root / FILE, "session = 'monday'")
@@ -90,8 +88,7 @@ def test_a_session_that_cannot_be_read_is_named_and_its_rows_kept(
 
 
 @pytest.mark.parametrize(
-    "where",
-    ["height >", "no_such_column = 1", "1) ; DROP TABLE experiments; --", "load_extension('x')"],
+    "where", ["height >", "no_such_column = 1", "1) ; DROP TABLE experiments; --", "load_extension('x')"]
 )
 def test_a_wrong_condition_is_refused_and_changes_nothing(sessions: Path, where: str) -> None:
     before = (sessions / FILE).read_bytes()

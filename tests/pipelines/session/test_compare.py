@@ -19,9 +19,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
 def test_every_experiment_gives_its_curves_and_events(processed_session: Path) -> None:
     found = compare(processed_session, jobs=0)
     assert not found.failed
-    assert {row.experiment for row in found.rows} == set(
-        open_session(processed_session).experiments
-    )
+    assert {row.experiment for row in found.rows} == set(open_session(processed_session).experiments)
     first = next(r for r in found.rows if r.quantity == "restitution, impact 1")
     made = result(processed_session, "drop", "comparison")
     assert first.difference == pytest.approx(first.measured - first.model)

@@ -69,8 +69,11 @@ def test_matlab_names_are_legal_and_distinct() -> None:
     dataset = xr.Dataset({"a b": ((), 1.0), "a_b": ((), 2.0), "2x": ((), 3.0), "units": ((), 4.0)})
     found = loadmat(BytesIO(mat_bytes(dataset, {})))
     assert {k: found[k].item() for k in ("a_b", "a_b_2", "x2x", "units_2")} == {
-        "a_b": 1.0, "a_b_2": 2.0, "x2x": 3.0, "units_2": 4.0,
-    }  # fmt: skip
+        "a_b": 1.0,
+        "a_b_2": 2.0,
+        "x2x": 3.0,
+        "units_2": 4.0,
+    }
 
 
 @pytest.mark.parametrize("kind", FORMATS)
@@ -100,10 +103,7 @@ def test_results_that_are_not_up_to_date_are_left_out_and_named(session_copy: Pa
     path = session_copy / "session.toml"
     path.write_text(path.read_text("utf-8").replace('height = "1.5', 'height = "1.6'), "utf-8")
     done = export(session_copy, "json", only=["drop"])
-    assert {p.name for p in done.paths} == {
-        "drop.readings.laser_drop_1.json",
-        "drop.readings.laser_drop_2.json",
-    }
+    assert {p.name for p in done.paths} == {"drop.readings.laser_drop_1.json", "drop.readings.laser_drop_2.json"}
     assert any("drop/bounces" in line for line in done.left_out)
     with pytest.raises(InputError, match="run: labpipe process"):
         export(session_copy, stages=["bounces"])

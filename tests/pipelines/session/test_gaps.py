@@ -64,9 +64,7 @@ def test_a_fitting_answer(key: str, unit: str, answer: str, written: str) -> Non
         ("when", "", "14.05.2024", 'expected a day such as 2024-05-14, found "14.05.2024"'),
     ],
 )
-def test_an_answer_that_does_not_fit_says_what_would(
-    key: str, unit: str, answer: str, words: str
-) -> None:
+def test_an_answer_that_does_not_fit_says_what_would(key: str, unit: str, answer: str, words: str) -> None:
     with pytest.raises(InputError) as caught:
         checked(Gap(1, "t", key, unit, ""), answer)
     assert words in str(caught.value)

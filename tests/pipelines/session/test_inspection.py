@@ -23,24 +23,18 @@ needs_films = pytest.mark.skipif(not FILMS.is_dir(), reason="the sample films ar
 def test_a_laser_export_with_columns_sampling_and_states(tmp_path: Path) -> None:
     readings = np.full(1000, 1e-3)
     readings[100:110] = 9e-3
-    made = keyence.make_recording(
-        {1: readings}, cycle="50 us", start=datetime(2024, 5, 14), measuring_range=5e-3
-    )
+    made = keyence.make_recording({1: readings}, cycle="50 us", start=datetime(2024, 5, 14), measuring_range=5e-3)
     keyence.write(tmp_path / "a.csv", made)
     found = describe(tmp_path / "a.csv")
     assert (found["reader"], found["kind"]) == ("keyence", "table")
-    assert (found["interval"], found["rate"], found["duration"]) == (
-        "5e-05 s", "20000 Hz", "0.04995 s",
-    )  # fmt: skip
+    assert (found["interval"], found["rate"], found["duration"]) == ("5e-05 s", "20000 Hz", "0.04995 s")
     out1 = next(row for row in found["variables"] if row["name"] == "out1")
     assert (out1["units"], out1["min"], out1["max"], out1["invalid"]) == ("m", 1e-3, 1e-3, 10)
     assert found["problems"] == ["out1: 10 of 1000 readings are invalid (10 RANGEOVER_P)"]
     assert Status.RANGEOVER_P == 1
 
 
-def test_a_mach1_file_has_no_problem_for_what_its_header_does_not_state(
-    small_session: Path,
-) -> None:
+def test_a_mach1_file_has_no_problem_for_what_its_header_does_not_state(small_session: Path) -> None:
     found = describe(small_session / "mach1/nbr.txt")
     assert found["problems"] == []
     assert found["rate"] == "100 Hz"
@@ -49,9 +43,7 @@ def test_a_mach1_file_has_no_problem_for_what_its_header_does_not_state(
 
 
 @needs_films
-def test_records_sessions_results_and_pictures_are_known(
-    processed_session: Path, tmp_path: Path
-) -> None:
+def test_records_sessions_results_and_pictures_are_known(processed_session: Path, tmp_path: Path) -> None:
     record = describe(processed_session / "calibration/laser.toml")
     assert (record["kind"], record["of"]) == ("record", "laser")
     assert "12 ± 0.1 deg" in record["inclination"]
@@ -75,9 +67,7 @@ def test_a_damaged_picture_is_refused(tmp_path: Path) -> None:
 
 
 @needs_films
-def test_a_film_tells_missing_frames_and_its_strip_reads_only_what_it_shows(
-    tmp_path: Path,
-) -> None:
+def test_a_film_tells_missing_frames_and_its_strip_reads_only_what_it_shows(tmp_path: Path) -> None:
     path = FILMS / "film/ptfe_front.cine"
     found = describe(path)
     assert (found["frames"], found["image"], found["problems"]) == (552, "64 × 144 px", [])
@@ -102,9 +92,7 @@ def test_the_strip_shows_levels_and_leaves_damaged_frames_grey() -> None:
     assert [int(sheet[60, x]) for x in (100, 346, 592, 243)] == [0, 128, 255, 255]
 
 
-def test_a_table_is_drawn_and_a_wrong_target_is_refused(
-    small_session: Path, tmp_path: Path
-) -> None:
+def test_a_table_is_drawn_and_a_wrong_target_is_refused(small_session: Path, tmp_path: Path) -> None:
     source = small_session / "laser/drop_1.csv"
     write_sheet(source, tmp_path / "a.png")
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")

@@ -49,9 +49,7 @@ def test_a_failed_experiment_is_marked_and_the_other_kept(session_copy: Path) ->
     assert '<a href="reports/drop.html">drop</a>' in text
 
 
-def test_it_leads_to_the_comparison_once_there_is_one(
-    session_copy: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_leads_to_the_comparison_once_there_is_one(session_copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "compare.html" not in page(session_copy)
     with pytest.raises(SystemExit):
         main(["compare", str(session_copy), "--jobs", "0"])
@@ -61,9 +59,7 @@ def test_it_leads_to_the_comparison_once_there_is_one(
     assert '<a href="index.html">All experiments of this session</a>' in compared
 
 
-def test_a_page_older_than_its_results_is_not_called_failed(
-    session_copy: Path,
-) -> None:
+def test_a_page_older_than_its_results_is_not_called_failed(session_copy: Path) -> None:
     kind = {
         name: tuple(replace(s, parameters=()) if s.name == "report" else s for s in stages)
         for name, stages in STAGES.items()

@@ -16,9 +16,7 @@ def truth(folder: Path, name: str) -> dict:
     return json.loads((folder / f"truth/{name}.json").read_text())
 
 
-def test_every_experiment_has_a_report_and_every_result_can_be_opened(
-    processed_session: Path,
-) -> None:
+def test_every_experiment_has_a_report_and_every_result_can_be_opened(processed_session: Path) -> None:
     for name in ("drop", "nbr"):
         page = (processed_session / f"labpipe/reports/{name}.html").read_text("utf-8")
         assert "synthetic" in page
@@ -85,12 +83,16 @@ def test_a_second_run_does_nothing(session_copy: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "reruns", "keeps"),
     [
-        pytest.param('radius = "9.525', 'radius = "9.526', {"model", "comparison", "report"},
-         {"readings", "displacement", "bounces", "velocity", "repeats"}, marks=pytest.mark.slow),
-        ('height = "1.5', 'height = "1.501', {"displacement", "bounces", "model", "report"},
-         {"readings"}),
+        pytest.param(
+            'radius = "9.525',
+            'radius = "9.526',
+            {"model", "comparison", "report"},
+            {"readings", "displacement", "bounces", "velocity", "repeats"},
+            marks=pytest.mark.slow,
+        ),
+        ('height = "1.5', 'height = "1.501', {"displacement", "bounces", "model", "report"}, {"readings"}),
     ],
-)  # fmt: skip
+)
 def test_a_changed_setting_reruns_only_what_stands_behind_it(
     session_copy: Path, old: str, new: str, reruns: set[str], keeps: set[str]
 ) -> None:
@@ -236,9 +238,7 @@ def test_a_lost_recording_fails_its_experiment_alone(session_copy: Path) -> None
     assert export(session_copy, only=["nbr"]).paths
 
 
-def test_a_missing_recording_is_a_mistake_before_anything_was_processed(
-    session_copy: Path,
-) -> None:
+def test_a_missing_recording_is_a_mistake_before_anything_was_processed(session_copy: Path) -> None:
     shutil.rmtree(session_copy / "labpipe")
     (session_copy / "laser/drop_2.csv").unlink()
     with pytest.raises(ConfigError, match="there is no file"):

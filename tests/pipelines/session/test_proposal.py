@@ -117,8 +117,7 @@ def test_a_relaxation_is_proposed_and_what_no_experiment_takes_is_named(pile: Pa
     assert "hold" in found.experiments
     assert 'kind = "relaxation"\nmach1 = ["hold.txt"]' in found.path.read_text("utf-8")
     assert found.unused == [
-        "sweep.csv (rheometer export): it holds no moduli over frequency and temperature; add it "
-        "by hand"
+        "sweep.csv (rheometer export): it holds no moduli over frequency and temperature; add it by hand"
     ]
 
 
@@ -154,9 +153,7 @@ def filmed(small_session: Path, tmp_path: Path) -> Path:
     frames = np.full((3, 8, 16), 90, dtype=np.uint8)
     day = int(START.replace(tzinfo=UTC).timestamp())
     recording = Recording(frame_rate=4000, exposure=5e-5, bits=8, trigger=day)
-    phantom.write(
-        tmp_path / "acrylic_front.cine", frames, frames.shape, np.arange(3) / 4000, recording
-    )
+    phantom.write(tmp_path / "acrylic_front.cine", frames, frames.shape, np.arange(3) / 4000, recording)
     shutil.copy(small_session / "laser/drop_1.csv", tmp_path / "acrylic_7mm_1.csv")
     return tmp_path
 
@@ -169,17 +166,13 @@ def test_a_film_is_laid_beside_the_only_drop_of_its_material(filmed: Path) -> No
     assert '# laser_experiment = "NAME"' in text
 
 
-def test_the_record_of_a_camera_knows_the_day_of_its_film_and_is_named_in_questions(
-    filmed: Path,
-) -> None:
+def test_the_record_of_a_camera_knows_the_day_of_its_film_and_is_named_in_questions(filmed: Path) -> None:
     asked: list[str] = []
     init(filmed, ask=lambda gap: asked.append(gap.question))
     text = (filmed / "calibration/camera_front.toml").read_text("utf-8")
     assert "valid_from = 2024-05-14" in text
     about_camera = [q for q in asked if q.startswith("calibration of camera front: ")]
-    assert [q.split(": ")[1].split(" (")[0] for q in about_camera] == [
-        "who", "how", "reference length", "pixel length"
-    ]  # fmt: skip
+    assert [q.split(": ")[1].split(" (")[0] for q in about_camera] == ["who", "how", "reference length", "pixel length"]
 
 
 @pytest.mark.parametrize(

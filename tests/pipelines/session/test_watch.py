@@ -11,16 +11,7 @@ from pathlib import Path
 import pytest
 
 from labpipe.errors import InputError
-from labpipe.workflow.watch import (
-    ARRIVING,
-    BROKEN,
-    FAILED,
-    PROCESSED,
-    REFUSED,
-    WAITING,
-    Settling,
-    Watcher,
-)
+from labpipe.workflow.watch import ARRIVING, BROKEN, FAILED, PROCESSED, REFUSED, WAITING, Settling, Watcher
 from pipelines.process import SETTINGS, STAGES, plan, process, watch
 from tests.by_day import by_day
 from tests.pipelines.stored import results
@@ -52,8 +43,7 @@ def test_a_session_copied_in_pieces_gives_the_bytes_that_process_gives(
     folder.mkdir()
     watcher = watch(folder, looks=2, jobs=jobs)
     assert [n.state for n in watcher.look()] == [WAITING]
-    names = ["session.toml", "laser/drop_1.csv", "calibration/laser.toml", "mach1/nbr.txt",
-             "laser/drop_2.csv"]  # fmt: skip
+    names = ["session.toml", "laser/drop_1.csv", "calibration/laser.toml", "mach1/nbr.txt", "laser/drop_2.csv"]
     processed_after = {}
     for name in names:
         data = (small_session / name).read_bytes()
@@ -83,9 +73,7 @@ def test_a_watch_started_again_computes_nothing_twice(session_copy: Path) -> Non
     assert after == before
 
 
-def test_a_file_that_rests_half_copied_is_refused_and_said_once(
-    small_session: Path, tmp_path: Path
-) -> None:
+def test_a_file_that_rests_half_copied_is_refused_and_said_once(small_session: Path, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     shutil.copytree(small_session, folder)
     data = (folder / "laser/drop_1.csv").read_bytes()
@@ -96,8 +84,11 @@ def test_a_file_that_rests_half_copied_is_refused_and_said_once(
     watcher = watch(folder, looks=2, jobs=0)
     said = [news for _ in range(5) for news in watcher.look()]
     assert [(n.experiment, n.state) for n in said] == [
-        ("drop", ARRIVING), ("nbr", ARRIVING), ("drop", REFUSED), ("nbr", REFUSED),
-    ]  # fmt: skip
+        ("drop", ARRIVING),
+        ("nbr", ARRIVING),
+        ("drop", REFUSED),
+        ("nbr", REFUSED),
+    ]
     assert "rows, the header states" in said[2].text
     assert not (folder / "labpipe").exists()
     assert not watcher.is_done
@@ -143,15 +134,15 @@ def test_a_file_counts_as_arrived_when_it_was_the_same_over_all_looks(tmp_path: 
     assert found == [False] * 5 + [True, True, False]
 
 
-def test_ctrl_c_ends_the_watch_with_130_and_nothing_half_done(
-    processed_session: Path, tmp_path: Path
-) -> None:
+def test_ctrl_c_ends_the_watch_with_130_and_nothing_half_done(processed_session: Path, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     shutil.copytree(processed_session, folder)
     child = subprocess.Popen(
         [sys.executable, "-u", "-m", "labpipe", "watch", str(folder), "--every", "0.05"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     assert child.stdout is not None
     line = child.stdout.readline()
     time.sleep(0.2)

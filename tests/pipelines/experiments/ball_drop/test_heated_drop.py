@@ -58,9 +58,14 @@ def test_the_temperature_stands_in_the_budget_of_the_model(session: Path) -> Non
 
     def returned(temperature: float) -> float:
         made = contact.drop(
-            materials.load("acrylic", temperature=temperature), 9.525e-3, 0.505, HEIGHT, 0.034,
-            rtol=1e-5, plate=contact.Plate(30.0, 180.0, 0.03),
-        )  # fmt: skip
+            materials.load("acrylic", temperature=temperature),
+            9.525e-3,
+            0.505,
+            HEIGHT,
+            0.034,
+            rtol=1e-5,
+            plate=contact.Plate(30.0, 180.0, 0.03),
+        )
         return float(made["restitution"][0])
 
     slope = (returned(HEATED + 2.0) - returned(HEATED)) / 2.0

@@ -19,9 +19,7 @@ from pipelines.process import open_session, process, result
 Measured = tuple[BallDrop, xr.Dataset]
 # The rig's table is 1500 kg at 400 Hz; this is what a laboratory might know of it.
 STATED = Plate(
-    mass=Quantity(1450.0, 100.0, "kg"),
-    frequency=Quantity(390.0, 20.0, "Hz"),
-    damping_ratio=Quantity(0.03, 0.0, "1"),
+    mass=Quantity(1450.0, 100.0, "kg"), frequency=Quantity(390.0, 20.0, "Hz"), damping_ratio=Quantity(0.03, 0.0, "1")
 )
 
 
@@ -47,8 +45,7 @@ def test_what_repeats_share_does_not_fall_with_their_number(processed_session: P
     """Shape of the pulse and inclination: four copies of one repeat are no better than one."""
     settings = open_session(processed_session).experiments["drop"].settings
     parts = [
-        result(processed_session, "drop", stage, settings.laser[0])
-        for stage in ("displacement", "velocity", "bounces")
+        result(processed_session, "drop", stage, settings.laser[0]) for stage in ("displacement", "velocity", "bounces")
     ]
     one, four = (repeats(*([part] * n for part in parts), settings=settings) for n in (1, 4))
     relative = float(parts[0].attrs["u_systematic_relative"])
@@ -65,9 +62,7 @@ def test_what_repeats_share_does_not_fall_with_their_number(processed_session: P
             np.testing.assert_allclose(apart, 0.75 * own, rtol=1e-6)
 
 
-def test_with_the_floor_stated_restitution_agrees_within_uncertainty(
-    measured: Measured,
-) -> None:
+def test_with_the_floor_stated_restitution_agrees_within_uncertainty(measured: Measured) -> None:
     made, found = compared(measured, STATED)
     assert float(found["nrmse"]) < 0.01
     assert np.abs(z(found)).max() < 3.0
@@ -102,24 +97,18 @@ def test_the_page_tells_the_phases_of_every_recording(processed_session: Path) -
     ],
     ids=["mass", "material", "height"],
 )
-def test_a_wrong_input_shows_in_the_comparison(
-    measured: Measured, wrong: dict[str, object], at_least: float
-) -> None:
+def test_a_wrong_input_shows_in_the_comparison(measured: Measured, wrong: dict[str, object], at_least: float) -> None:
     """The comparison can fail; with the right inputs it stays below 1 % (above)."""
     settings, kept = measured
     sphere = {k: v for k, v in wrong.items() if k != "height"}
     changed = msgspec.structs.replace(
-        settings,
-        height=wrong.get("height", settings.height),
-        sphere=msgspec.structs.replace(settings.sphere, **sphere),
+        settings, height=wrong.get("height", settings.height), sphere=msgspec.structs.replace(settings.sphere, **sphere)
     )
     _, found = compared((changed, kept), STATED)
     assert float(found["nrmse"]) > at_least
 
 
-def test_a_wrong_inclination_shows_in_the_comparison(
-    processed_session: Path, tmp_path: Path
-) -> None:
+def test_a_wrong_inclination_shows_in_the_comparison(processed_session: Path, tmp_path: Path) -> None:
     """30 instead of 12 degrees stretch every length by 13 %."""
     folder = tmp_path / "session"
     shutil.copytree(processed_session, folder)

@@ -8,18 +8,11 @@ import numpy as np
 import pytest
 
 from labpipe import files, materials
-from labpipe.uncertainty import linear
+from labpipe.uncertainty import linear_budget
 from pipelines.figures import make
 from pipelines.process import process, result
 from pipelines.rig.fall import Body
-from pipelines.rig.film_session import (
-    UNDER_HEIGHT,
-    Bursts,
-    burst_times,
-    under_record,
-    under_section,
-    write_under,
-)
+from pipelines.rig.film_session import UNDER_HEIGHT, Bursts, burst_times, under_record, under_section, write_under
 from pipelines.rig.film_under import UnderCamera
 from pipelines.rig.reference_drop import Floor
 from pipelines.rig.samples import session_head
@@ -81,8 +74,7 @@ def test_the_largest_radius_agrees_with_the_model(session: Path) -> None:
 
 def test_the_radius_at_rest_is_the_true_one(session: Path) -> None:
     found = result(session, "acrylic_film", "impacts")
-    assert float(found["static_radius"]) == pytest.approx(truth(session)["contact_radius"][-1],
-                                                          abs=3e-6)  # fmt: skip
+    assert float(found["static_radius"]) == pytest.approx(truth(session)["contact_radius"][-1], abs=3e-6)
 
 
 def test_the_ledger_counts_frames_of_the_whole_film(session: Path) -> None:
@@ -116,15 +108,11 @@ def test_the_figure_shows_the_spots_with_the_model_s_circles(session: Path, tmp_
         ("session.toml", 'height = "1.5', 'height = "3.0'),  # twice the height
         ("session.toml", 'material = "acrylic"', 'material = "ptfe"'),
         # 8 % too large a pixel: all frames are measured again
-        pytest.param(
-            "calibration/camera_under.toml", "461 ± 1 px", "425 ± 1 px", marks=pytest.mark.slow
-        ),
+        pytest.param("calibration/camera_under.toml", "461 ± 1 px", "425 ± 1 px", marks=pytest.mark.slow),
     ],
     ids=["mass", "height", "material", "pixel size"],
 )
-def test_a_wrong_input_shows_in_the_comparison(
-    session: Path, tmp_path: Path, file: str, old: str, new: str
-) -> None:
+def test_a_wrong_input_shows_in_the_comparison(session: Path, tmp_path: Path, file: str, old: str, new: str) -> None:
     """The comparison can fail: the right inputs give less than 3 %, each of these more than 5 %."""
     right = float(result(session, "acrylic_film", "comparison")["nrmse"][0])
     folder = tmp_path / "session"
@@ -147,5 +135,5 @@ def test_budgets_are_those_of_the_results(session: Path) -> None:
         ("largest contact radius, impact 1", made["u_peak_radius"]),
         ("largest contact radius of the model, impact 1", model["u_peak_contact_radius"]),
     ):
-        budget = linear(found[name].model, found[name].inputs)
+        budget = linear_budget(found[name].model, found[name].inputs)
         assert budget.u == pytest.approx(float(u[0]), rel=1e-3)

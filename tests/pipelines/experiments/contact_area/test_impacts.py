@@ -75,8 +75,14 @@ def test_largest_radius_lies_between_the_frames_within_its_uncertainty() -> None
     """Hertz's elastic impact, integrated: 0.9 ms of contact, the frames anywhere in it."""
     duration, top = 0.9e-3, 900e-6
     # approach over its largest, s'' = -(5/4) s^(3/2) in the unit of time max approach / speed
-    moved = solve_ivp(lambda _, y: [y[1], -1.25 * max(y[0], 0.0) ** 1.5], (0.0, 4.0), [0.0, 1.0],
-                      rtol=1e-10, atol=1e-12, max_step=0.01)  # fmt: skip
+    moved = solve_ivp(
+        lambda _, y: [y[1], -1.25 * max(y[0], 0.0) ** 1.5],
+        (0.0, 4.0),
+        [0.0, 1.0],
+        rtol=1e-10,
+        atol=1e-12,
+        max_step=0.01,
+    )
     inside = moved.y[0] >= 0.0
     since, approach = moved.t[inside] * duration / moved.t[inside][-1], moved.y[0][inside]
     errors, stated = [], []

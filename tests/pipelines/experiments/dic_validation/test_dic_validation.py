@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from labpipe import files, materials
-from labpipe.uncertainty import linear
+from labpipe.uncertainty import linear_budget
 from pipelines.figures import make
 from pipelines.process import process, result
 from pipelines.rig.drops import write_drops
@@ -34,11 +34,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     files.write_text(folder / "calibration/laser.toml", laser_record())
     files.write_text(folder / "calibration/camera_front.toml", front_record())
     text = session_head("Film (synthetic)") + drop_section("drop", laser, HEIGHT, "acrylic")
-    text += (
-        front_section(film, CAMERA, HEIGHT)
-        .replace("ptfe_1p5mm", "drop")
-        .replace("ptfe_film", "film")
-    )
+    text += front_section(film, CAMERA, HEIGHT).replace("ptfe_1p5mm", "drop").replace("ptfe_film", "film")
     files.write_text(folder / "session.toml", text)
     outcome = process(folder, only=["film"], jobs=0)
     assert outcome.exit_code == 0, [o.message for o in outcome.failures]
@@ -125,9 +121,8 @@ def test_skipping_frames_at_rest_changes_nothing_that_is_kept(tmp_path: Path) ->
     camera = FrontCamera(rows=56, columns=48, frame_rate=2000, duration=0.3, release=0.006)
     film = tmp_path / write_front(tmp_path, "ptfe", 0.5e-3, camera, 3)
     settings = DicValidation(
-        kind="dic_validation", film="f", camera="c",
-        tracking=Tracking(body=(23.5, 22.0), body_subset=31),
-    )  # fmt: skip
+        kind="dic_validation", film="f", camera="c", tracking=Tracking(body=(23.5, 22.0), body_subset=31)
+    )
     full = track(film, settings=settings, full=True)
     short = track(film, settings=settings, full=False)
     assert short.sizes["frame"] < 0.6 * full.sizes["frame"]
@@ -143,6 +138,6 @@ def test_skipping_frames_at_rest_changes_nothing_that_is_kept(tmp_path: Path) ->
 def test_scale_and_noise_stand_in_the_budgets(session: Path) -> None:
     found = quantities(session, "film")
     for quantity in found.values():
-        budget = linear(quantity.model, quantity.inputs)
+        budget = linear_budget(quantity.model, quantity.inputs)
         assert budget.u > 0.0
         assert all(row["u"] > 0.0 for row in budget.rows if row["source"] != "measured")

@@ -18,10 +18,14 @@ from tests.labpipe.materials.conftest import Truth, maxwell_sum, wlf_law
 
 TRUTH = Truth(60.0, maxwell_sum, wlf_law, temperature=(0.0, 20.0, 40.0, 60.0, 80.0))
 SETTINGS = Dma(
-    kind="dma", rheometer=["x.csv"], mode="tension", nu=Quantity(0.4, 0.0, "1"),
-    T_ref=Quantity(60.0, 0.0, "degC"), fit=Fit(vertical="none", delay="off", levels="off"),
+    kind="dma",
+    rheometer=["x.csv"],
+    mode="tension",
+    nu=Quantity(0.4, 0.0, "1"),
+    T_ref=Quantity(60.0, 0.0, "degC"),
+    fit=Fit(vertical="none", delay="off", levels="off"),
     published=Published(shifts="shifts.csv", source="a paper"),
-)  # fmt: skip
+)
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +114,6 @@ def test_a_scan_proposes_table_and_comparison(tmp_path, sweeps):
     scan = init(tmp_path)
     assert scan.experiments == ["polymer"]
     assert 'published = { shifts = "shifts.csv"' in scan.path.read_text("utf-8")
-    gathered = dma.gathered([dma.readings(tmp_path / "polymer.csv", settings=SETTINGS)],
-                            settings=SETTINGS)  # fmt: skip
+    gathered = dma.gathered([dma.readings(tmp_path / "polymer.csv", settings=SETTINGS)], settings=SETTINGS)
     np.testing.assert_allclose(gathered.storage, sweeps.storage, rtol=1e-5)
     assert isinstance(tables.read(tmp_path / "shifts.csv"), xr.Dataset)

@@ -24,19 +24,14 @@ def results(processed_session: Path) -> Results:
 
 def simulated(results: Results, solid: Prony) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return stiffness of the simulated and of the true oscillations, and the true size."""
-    told: Any = derive(
-        results, results.experiments["nbr"], KINDS["harmonic"].evidence, name="nbr", impacts=6
-    )
+    told: Any = derive(results, results.experiments["nbr"], KINDS["harmonic"].evidence, name="nbr", impacts=6)
     loads = results.result("nbr", "loads")
     touch, _ = mach1_readings.contact_position(loads, None)
     truth = json.loads((results.folder / "truth/nbr.json").read_text(encoding="utf-8"))
     given = {p.name: p.mean for p in told.unknowns}
     given["nbr first touch"] = truth["surface"] - touch.value
     made = told.build(np.asarray(solid.rho)).model.refined(solid, given)
-    known = [
-        np.array([o[f"{part}_stiffness"] for o in truth["oscillations"]])
-        for part in ("storage", "loss")
-    ]
+    known = [np.array([o[f"{part}_stiffness"] for o in truth["oscillations"]]) for part in ("storage", "loss")]
     return made, np.concatenate(known), np.tile(np.hypot(*known), 2)
 
 
@@ -80,9 +75,7 @@ def test_the_gain_and_the_delay_of_the_cell_are_no_noise(results: Results) -> No
         said = loads.assign(u_gain=loads["gain"] * more)
         stated = waves.copy()
         for part in ("storage", "loss"):
-            stated[f"u_{part}_stiffness"] = np.hypot(
-                waves[f"u_{part}_stiffness"], more * waves[f"{part}_stiffness"]
-            )
+            stated[f"u_{part}_stiffness"] = np.hypot(waves[f"u_{part}_stiffness"], more * waves[f"{part}_stiffness"])
         storage, loss, by_phase = evidence._stiffness(said, stated)
         own.append(np.concatenate([storage[1], loss[1]]))
     np.testing.assert_allclose(own, [own[0]] * 3, rtol=1e-6)

@@ -10,7 +10,7 @@ import pytest
 
 from labpipe import files, materials
 from labpipe.errors import ConfigError
-from labpipe.uncertainty import linear
+from labpipe.uncertainty import linear_budget
 from pipelines.figures import make
 from pipelines.process import open_session, process, result
 from pipelines.rig.drops import write_drops
@@ -77,9 +77,7 @@ def test_measurement_and_model_of_the_plate_agree(session: Path) -> None:
     [('height = "5 ', 'height = "10 '), ('material = "ptfe"', 'material = "peek"')],
     ids=["height", "material"],
 )
-def test_a_wrong_input_shows_in_the_comparison(
-    session: Path, tmp_path: Path, old: str, new: str
-) -> None:
+def test_a_wrong_input_shows_in_the_comparison(session: Path, tmp_path: Path, old: str, new: str) -> None:
     """One plate cannot fit both drops when PTFE is said to be PEEK, or to fall twice as far.
 
     A wrong mass or inclination scales every blow alike: it is found in the modal mass instead.
@@ -121,9 +119,7 @@ def test_the_figure_shows_what_was_recorded(session: Path, tmp_path: Path) -> No
     assert "modal mass" in caption
 
 
-def test_without_a_sphere_there_is_no_mass_and_a_drop_says_so(
-    session: Path, tmp_path: Path
-) -> None:
+def test_without_a_sphere_there_is_no_mass_and_a_drop_says_so(session: Path, tmp_path: Path) -> None:
     folder = tmp_path / "session"
     shutil.copytree(session, folder)
     path = folder / "session.toml"
@@ -145,10 +141,8 @@ def test_without_a_sphere_there_is_no_mass_and_a_drop_says_so(
         (f"{PTFE}_1.csv", "laser_plate/plate_acrylic_5mm_1.csv", "more than one"),
         (f"{PTFE}_1.csv", f"{PTFE}_7.csv", "no file"),
     ],
-)  # fmt: skip
-def test_mistakes_in_the_session_are_named(
-    session: Path, tmp_path: Path, old: str, new: str, says: str
-) -> None:
+)
+def test_mistakes_in_the_session_are_named(session: Path, tmp_path: Path, old: str, new: str, says: str) -> None:
     folder = tmp_path / "session"
     shutil.copytree(session, folder, ignore=shutil.ignore_patterns("labpipe"))
     path = folder / "session.toml"
@@ -161,9 +155,9 @@ def test_the_clock_stands_in_the_natural_frequency(session: Path) -> None:
     found = quantities(session, "plate")
     table = result(session, "plate", "table")
     made = found["natural frequency"]
-    budget = linear(made.model, made.inputs)
+    budget = linear_budget(made.model, made.inputs)
     assert budget.u == pytest.approx(float(table["u_plate_natural_frequency"]), rel=1e-6)
     assert budget.u > 5e-5 * float(table["plate_natural_frequency"])
     mass = found["modal mass"]
     whole = float(result(session, "plate", "plate")["u_mass"])
-    assert linear(mass.model, mass.inputs).u == pytest.approx(whole, rel=1e-3)
+    assert linear_budget(mass.model, mass.inputs).u == pytest.approx(whole, rel=1e-3)

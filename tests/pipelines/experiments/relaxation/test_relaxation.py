@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from labpipe import files, materials
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
-from labpipe.uncertainty import linear
+from labpipe.uncertainty import linear_budget
 from labpipe.units import Quantity
 from pipelines.experiments.relaxation import comparison, model
 from pipelines.experiments.relaxation import measured as relaxation
@@ -33,10 +33,7 @@ from tests.pipelines.asked import quantities
 START = datetime(2024, 5, 14, 9, 30)
 SAMPLES = Path(__file__).parents[4] / "../shared/samples/mach1"
 DEPTHS = (0.1e-3, 0.3e-3)
-PUNCH = Punch(
-    radius=Quantity(2e-3, 0.0, "m"), period=Quantity(8e-3, 0.0, "m"),
-    depth=Quantity(6e-3, 0.0, "m"), tips=3,
-)  # fmt: skip
+PUNCH = Punch(radius=Quantity(2e-3, 0.0, "m"), period=Quantity(8e-3, 0.0, "m"), depth=Quantity(6e-3, 0.0, "m"), tips=3)
 
 
 def write(folder: Path, protocol: Relaxation, seed: int, **changes: Any) -> None:
@@ -75,8 +72,7 @@ def test_depth_peak_and_plateau_are_the_true_ones(session: Path) -> None:
     for i, depth in enumerate(DEPTHS):
         known = truth(session, depth)
         assert abs(float(found["depth"][i]) - depth) < 3 * float(found["u_depth"][i])
-        for ours, theirs in (("plateau_force", "plateau_force"),
-                             ("peak_force_unfiltered", "peak_force")):  # fmt: skip
+        for ours, theirs in (("plateau_force", "plateau_force"), ("peak_force_unfiltered", "peak_force")):
             gap = float(found[ours][i]) - known[theirs]
             assert abs(gap) < 3 * float(found[f"u_{ours}"][i]), ours
         # the filter hides some of the peak
@@ -84,9 +80,7 @@ def test_depth_peak_and_plateau_are_the_true_ones(session: Path) -> None:
         assert float(found["speed"][i]) == pytest.approx(1e-3, rel=1e-3)
 
 
-def test_the_modulus_is_the_plateau_over_the_elastic_force_of_the_true_depth(
-    session: Path,
-) -> None:
+def test_the_modulus_is_the_plateau_over_the_elastic_force_of_the_true_depth(session: Path) -> None:
     found = result(session, "nbr", "tests")
     chosen = settings(session)
     geometry = Geometry.of(chosen.punch, chosen.substrate, chosen.model, 0.5)
@@ -97,9 +91,7 @@ def test_the_modulus_is_the_plateau_over_the_elastic_force_of_the_true_depth(
         assert abs(gap) < 3 * float(found["u_reduced_modulus"][i])
     low, high = found["reduced_modulus"].values.min(), found["reduced_modulus"].values.max()
     assert low <= float(found["mean_reduced_modulus"]) <= high
-    assert float(found["mean_relaxed_modulus"]) == pytest.approx(
-        0.75 * float(found["mean_reduced_modulus"])
-    )
+    assert float(found["mean_relaxed_modulus"]) == pytest.approx(0.75 * float(found["mean_reduced_modulus"]))
 
 
 def test_the_modulus_by_the_printed_equation_is_that_of_a_cosine() -> None:
@@ -140,9 +132,7 @@ def compared(session: Path, changed: Any = None) -> xr.Dataset:
 
 def stiffer(factor: float) -> Callable[..., Prony]:
     rubber = materials.load("nbr")
-    return lambda *_: Prony(
-        float(rubber.E_relaxed) * factor, np.asarray(rubber.E) * factor, rubber.rho, nu=rubber.nu
-    )
+    return lambda *_: Prony(float(rubber.E_relaxed) * factor, np.asarray(rubber.E) * factor, rubber.rho, nu=rubber.nu)
 
 
 def test_a_material_a_tenth_too_stiff_shows(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,9 +144,7 @@ def test_a_material_without_its_relaxation_shows_in_the_early_part(
     session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rubber = materials.load("nbr")
-    monkeypatch.setattr(
-        model, "resolve", lambda *_: Prony(float(rubber.E_relaxed), [], [], nu=rubber.nu)
-    )
+    monkeypatch.setattr(model, "resolve", lambda *_: Prony(float(rubber.E_relaxed), [], [], nu=rubber.nu))
     found = compared(session)
     assert float(found["nrmse_early"][0]) > 0.08
     assert float(found["peak_force_difference"][0]) > 5.0
@@ -177,9 +165,7 @@ def test_a_wrong_tip_radius_shows(session: Path, radius: float, at_least: float)
     assert float(compared(session, changed)["nrmse_all"][0]) > at_least
 
 
-def test_without_a_punch_the_forces_are_reported_and_the_reason_is_told(
-    session: Path, tmp_path: Path
-) -> None:
+def test_without_a_punch_the_forces_are_reported_and_the_reason_is_told(session: Path, tmp_path: Path) -> None:
     text = (session / "session.toml").read_text("utf-8")
     bare = text[: text.index("[experiments.nbr.punch]")]
     for name in files_of(session):
@@ -303,11 +289,11 @@ def test_budget_of_the_modulus_is_that_of_the_table(session: Path) -> None:
     table = result(session, "nbr", "tests")
     for i in range(len(DEPTHS)):
         made = found[f"relaxed reduced modulus, test {i + 1}"]
-        budget = linear(made.model, made.inputs)
+        budget = linear_budget(made.model, made.inputs)
         assert budget.value == pytest.approx(float(table["reduced_modulus"][i]), rel=1e-9)
         assert budget.u == pytest.approx(float(table["u_reduced_modulus"][i]), rel=0.05)
         peak = found[f"largest force before the filter, test {i + 1}"]
-        assert linear(peak.model, peak.inputs).u == pytest.approx(
+        assert linear_budget(peak.model, peak.inputs).u == pytest.approx(
             float(table["u_peak_force_unfiltered"][i]), rel=1e-3
         )
 
@@ -358,8 +344,9 @@ def test_a_bin_that_trembles_keeps_its_own_scatter() -> None:
     values = 5.0 + rng.normal(0.0, 0.01, time.size)
     trembling = (time > 2.0) & (time <= 4.0)
     values[trembling] += 0.1 * np.sin(2 * np.pi * 7.3 * time[trembling])
-    u = ramps_and_holds.u_of_means(time, values, np.array([0.5, 2.005, 4.005, 30.0]),
-                         ramps_and_holds.Noise(0.01, 1.0), 0.0)  # fmt: skip
+    u = ramps_and_holds.u_of_means(
+        time, values, np.array([0.5, 2.005, 4.005, 30.0]), ramps_and_holds.Noise(0.01, 1.0), 0.0
+    )
     np.testing.assert_allclose(u[[0, 2]], [0.01 / np.sqrt(151), 0.01 / np.sqrt(2600)], rtol=0.05)
     assert u[1] == pytest.approx(0.1 / np.sqrt(2) / np.sqrt(200), rel=0.1)
 

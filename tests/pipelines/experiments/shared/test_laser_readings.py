@@ -22,9 +22,7 @@ class Holder(Table, frozen=True, kw_only=True):
 @pytest.fixture
 def export(tmp_path: Path) -> Path:
     """Ten points of 50 us each; the file states its cycle but no storage factor."""
-    made = keyence.make_recording(
-        {1: np.linspace(0, 1e-3, 10)}, cycle="50 us", start=datetime(2024, 5, 14)
-    )
+    made = keyence.make_recording({1: np.linspace(0, 1e-3, 10)}, cycle="50 us", start=datetime(2024, 5, 14))
     data = keyence.encode(made)
     lines = [line for line in data.split(b"\r\n") if not line.startswith(b"Storage cycle")]
     (tmp_path / "drop.csv").write_bytes(b"\r\n".join(lines))
@@ -43,9 +41,7 @@ def test_the_storage_factor_of_the_settings_is_used(export: Path, factor: int) -
 
 
 def test_a_contradiction_to_the_file_is_refused(tmp_path: Path) -> None:
-    made = keyence.make_recording(
-        {1: np.zeros(3)}, cycle="50 us", start=datetime(2024, 5, 14), storage_factor=2
-    )
+    made = keyence.make_recording({1: np.zeros(3)}, cycle="50 us", start=datetime(2024, 5, 14), storage_factor=2)
     keyence.write(tmp_path / "a.csv", made)
     with pytest.raises(SourceError, match="says 2, the option storage_factor says 5"):
         read_laser(tmp_path / "a.csv", Keyence(storage_factor=5))
@@ -54,9 +50,7 @@ def test_a_contradiction_to_the_file_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("value", "words"), [("0", "must be"), ('"two"', "expected")])
-def test_a_wrong_storage_factor_is_a_mistake_of_its_line(
-    tmp_path: Path, value: str, words: str
-) -> None:
+def test_a_wrong_storage_factor_is_a_mistake_of_its_line(tmp_path: Path, value: str, words: str) -> None:
     (tmp_path / "a.toml").write_text(f"[keyence]\nstorage_factor = {value}\n")
     with pytest.raises(ConfigError, match=rf"a.toml:2: keyence.storage_factor: {words}"):
         config.read(tmp_path / "a.toml", Holder)

@@ -69,8 +69,7 @@ def test_first_touch_is_known_as_well_as_it_says(name: str) -> None:
 
 def test_noise_that_the_filter_has_smoothed_counts_as_fewer_readings() -> None:
     def smooth(rng: np.random.Generator, size: int) -> np.ndarray:
-        passed = sosfilt(butter(1, 8.0, fs=RATE, output="sos"),
-                         rng.normal(0.0, 0.02, 200 + size // OVERSAMPLING))  # fmt: skip
+        passed = sosfilt(butter(1, 8.0, fs=RATE, output="sos"), rng.normal(0.0, 0.02, 200 + size // OVERSAMPLING))
         return np.asarray(passed[200:])
 
     z, _ = scores(LOSSY, 20, smooth)
@@ -89,11 +88,7 @@ def test_a_stage_that_goes_back_after_it_has_touched_tells_the_same() -> None:
     loads, surface = recorded(part, force, 3)
     last = loads.isel(sample=slice(-1, None)).copy(deep=True)
     gone = [
-        last.assign(
-            time=last["time"] + n / RATE,
-            position_z=last["position_z"] - n * 1e-6,
-            force=0.0 * last["force"],
-        )
+        last.assign(time=last["time"] + n / RATE, position_z=last["position_z"] - n * 1e-6, force=0.0 * last["force"])
         for n in range(1, 40)
     ]
     longer = xr.concat([loads, *gone], "sample").assign_attrs(loads.attrs)

@@ -16,9 +16,8 @@ from pipelines.experiments.shared.punch_model import Geometry, elastic_force, re
 from pipelines.experiments.shared.punch_settings import IndentationModel, Punch, Substrate
 
 PUNCH = Punch(
-    radius=Quantity(2e-3, 2e-6, "m"), period=Quantity(8e-3, 4e-6, "m"),
-    depth=Quantity(6e-3, 6e-6, "m"), tips=3,
-)  # fmt: skip
+    radius=Quantity(2e-3, 2e-6, "m"), period=Quantity(8e-3, 4e-6, "m"), depth=Quantity(6e-3, 6e-6, "m"), tips=3
+)
 DEPTHS = np.array([0.05e-3, 0.1e-3, 0.3e-3])
 
 
@@ -31,9 +30,7 @@ def geometry(profile: str, thickness: float | None = None) -> Geometry:
 @pytest.mark.parametrize("profile", ["parabola", "circle", "cosine"])
 def test_the_elastic_force_is_that_of_the_simulator(profile: str) -> None:
     solid = Prony(5e6, [], [], nu=0.5)
-    made = contact.indent(
-        solid, 2e-3, 8e-3, 18e-3, np.arange(3.0), DEPTHS, profile=profile, elements=1024
-    )
+    made = contact.indent(solid, 2e-3, 8e-3, 18e-3, np.arange(3.0), DEPTHS, profile=profile, elements=1024)
     found = elastic_force(DEPTHS, geometry(profile)) * 5e6 / 0.75
     np.testing.assert_allclose(found, made["force"].values, rtol=1e-4)
 
@@ -62,13 +59,9 @@ def test_sensitivities_are_those_of_finite_differences() -> None:
     assert found["tip radius"] == pytest.approx(
         (force(radius=2.0002e-3) - force(radius=1.9998e-3)) / 0.4e-6 / base, rel=0.01
     )
-    assert found["period"] == pytest.approx(
-        (force(period=8.001e-3) - force(period=7.999e-3)) / 2e-6 / base, rel=0.01
-    )
+    assert found["period"] == pytest.approx((force(period=8.001e-3) - force(period=7.999e-3)) / 2e-6 / base, rel=0.01)
     # a touch that lies deeper leaves less indentation
-    assert found["first touch"] == pytest.approx(
-        -(force(0.1001e-3) - force(0.0999e-3)) / 0.2e-6 / base, rel=0.01
-    )
+    assert found["first touch"] == pytest.approx(-(force(0.1001e-3) - force(0.0999e-3)) / 0.2e-6 / base, rel=0.01)
 
 
 def cell(delay: list[float] | None) -> xr.Dataset:
@@ -86,9 +79,7 @@ def cell(delay: list[float] | None) -> xr.Dataset:
         ([1e-3, 0.2e-3], ("butterworth", "bessel")),
     ],
 )
-def test_a_measured_delay_tells_the_kind_of_filter(
-    delay: list[float] | None, kinds: tuple[str, ...]
-) -> None:
+def test_a_measured_delay_tells_the_kind_of_filter(delay: list[float] | None, kinds: tuple[str, ...]) -> None:
     assert mach1_readings.filter_kinds(cell(delay)) == kinds
 
 

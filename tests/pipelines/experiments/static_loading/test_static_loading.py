@@ -16,7 +16,7 @@ import xarray as xr
 from labpipe import files, materials
 from labpipe.errors import ConfigError, InputError
 from labpipe.materials import Prony
-from labpipe.uncertainty import linear
+from labpipe.uncertainty import linear_budget
 from labpipe.units import Quantity, quantity
 from pipelines.experiments.static_loading import comparison, load_steps, model
 from pipelines.experiments.static_loading import measured as static_loading
@@ -64,9 +64,7 @@ def true_levels(session: Path, steps: xr.Dataset, approach: xr.Dataset) -> tuple
     depth = np.interp(approach["time"].values, known["time"], known["approach"])
     levels, creeps = [], []
     for begin, end in zip(steps["begin"].values, steps["end"].values, strict=True):
-        first, last = static_loading.windows(
-            approach["time"].values, (float(begin), float(end)), settings(session)
-        )
+        first, last = static_loading.windows(approach["time"].values, (float(begin), float(end)), settings(session))
         levels.append(depth[last].mean())
         creeps.append(depth[last].mean() - depth[first].mean())
     return np.array(levels), np.array(creeps)
@@ -82,8 +80,7 @@ def test_approach_radius_and_creep_are_the_true_ones(session: Path) -> None:
     steps, found = stage(session, "steps"), stage(session, "approach")
     level, creep = true_levels(session, steps, found)
     radius = np.sqrt(RIG.radius * level)
-    for name, known in (("level_approach", level), ("level_contact_radius", radius),
-                        ("creep", creep)):  # fmt: skip
+    for name, known in (("level_approach", level), ("level_contact_radius", radius), ("creep", creep)):
         z = (found[name].values - known) / found[f"u_{name}"].values
         assert np.abs(z).max() < 3.5, name
     assert float(found["u_level_contact_radius"][-1]) < 2e-6
@@ -111,9 +108,7 @@ def test_hertz_misses_the_creep_that_the_model_has(session: Path) -> None:
     assert np.all(creep > 2 * found["u_creep"].values)
     model_gap = creep - compared["creep_model"].values
     assert np.abs(model_gap).sum() < 0.5 * np.abs(creep).sum()
-    assert float(compared["nrmse_contact_radius_model"]) < float(
-        compared["nrmse_contact_radius_hertz"]
-    )
+    assert float(compared["nrmse_contact_radius_model"]) < float(compared["nrmse_contact_radius_hertz"])
 
 
 def compared(session: Path, chosen: Any) -> xr.Dataset:
@@ -124,9 +119,7 @@ def compared(session: Path, chosen: Any) -> xr.Dataset:
 
 def softer(factor: float) -> Callable[..., Prony]:
     solid = materials.load("ptfe")
-    return lambda *_: Prony(
-        float(solid.E_relaxed) * factor, np.asarray(solid.E) * factor, solid.rho, nu=solid.nu
-    )
+    return lambda *_: Prony(float(solid.E_relaxed) * factor, np.asarray(solid.E) * factor, solid.rho, nu=solid.nu)
 
 
 def test_a_modulus_a_quarter_too_low_shows(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,9 +148,7 @@ def test_a_wrong_inclination_shows(session: Path, tmp_path: Path) -> None:
     assert "12.00 ±" in text
     files.write_text(tmp_path / "laser.toml", text.replace("12.00 ±", "30.00 ±"))
     chosen = settings(session)
-    moved = static_loading.displacement(
-        stage(session, "readings"), tmp_path / "laser.toml", settings=chosen
-    )
+    moved = static_loading.displacement(stage(session, "readings"), tmp_path / "laser.toml", settings=chosen)
     steps = load_steps.steps(moved, settings=chosen)
     found = static_loading.approach(moved, steps, settings=chosen)
     made = model.model(moved, steps, None, None, settings=chosen)
@@ -168,9 +159,7 @@ def test_a_wrong_inclination_shows(session: Path, tmp_path: Path) -> None:
 def test_times_need_not_be_given(session: Path) -> None:
     chosen = settings(session)
     loads = [msgspec.structs.replace(load, time=None) for load in chosen.loads]
-    found = load_steps.steps(
-        stage(session, "displacement"), settings=msgspec.structs.replace(chosen, loads=loads)
-    )
+    found = load_steps.steps(stage(session, "displacement"), settings=msgspec.structs.replace(chosen, loads=loads))
     np.testing.assert_allclose(found["begin"], stage(session, "steps")["begin"])
 
 
@@ -180,9 +169,7 @@ def test_a_time_that_is_half_a_minute_off_is_told(session: Path) -> None:
     loads = list(chosen.loads)
     loads[2] = msgspec.structs.replace(loads[2], time=quantity("1145 s"))
     with pytest.warns(UserWarning, match=r"3.5 kg: 109\d s, given 1145 s"):
-        load_steps.steps(
-            stage(session, "displacement"), settings=msgspec.structs.replace(chosen, loads=loads)
-        )
+        load_steps.steps(stage(session, "displacement"), settings=msgspec.structs.replace(chosen, loads=loads))
 
 
 def test_a_load_too_many_is_refused(session: Path) -> None:
@@ -213,13 +200,9 @@ def test_a_sensor_that_counts_the_other_way_is_noticed(session: Path) -> None:
 
 
 def test_a_given_zero_replaces_the_fit(session: Path) -> None:
-    chosen = msgspec.structs.replace(
-        settings(session), zero=Quantity(RIG.sensor.zero, 0.05e-6, "m")
-    )
+    chosen = msgspec.structs.replace(settings(session), zero=Quantity(RIG.sensor.zero, 0.05e-6, "m"))
     readings = stage(session, "readings")
-    moved = static_loading.displacement(
-        readings, session / "calibration/laser.toml", settings=chosen
-    )
+    moved = static_loading.displacement(readings, session / "calibration/laser.toml", settings=chosen)
     steps = load_steps.steps(moved, settings=chosen)
     found = static_loading.approach(moved, steps, settings=chosen)
     level, _ = true_levels(session, steps, found)
@@ -241,9 +224,10 @@ def test_a_load_too_short_for_its_windows_is_refused(session: Path) -> None:
     long = msgspec.structs.replace(chosen.steps, window=quantity("100 s"))
     with pytest.raises(InputError, match=r"too short for two windows .* lower steps.window"):
         static_loading.approach(
-            stage(session, "displacement"), stage(session, "steps"),
+            stage(session, "displacement"),
+            stage(session, "steps"),
             settings=msgspec.structs.replace(chosen, steps=long),
-        )  # fmt: skip
+        )
 
 
 @pytest.mark.parametrize(
@@ -255,9 +239,7 @@ def test_a_load_too_short_for_its_windows_is_refused(session: Path) -> None:
         ("radius = ", "raduis = ", 'did you mean "radius"'),
     ],
 )
-def test_mistakes_in_the_settings_are_told(
-    session: Path, tmp_path: Path, old: str, new: str, told: str
-) -> None:
+def test_mistakes_in_the_settings_are_told(session: Path, tmp_path: Path, old: str, new: str, told: str) -> None:
     for name in (f"laser/{NAME}.csv", "calibration/laser.toml"):
         files.write_bytes(tmp_path / name, (session / name).read_bytes())
     text = (session / "session.toml").read_text("utf-8")
@@ -279,11 +261,9 @@ def test_budgets_are_those_of_the_results(session: Path) -> None:
     levels, model = stage(session, "approach"), stage(session, "model")
     for name, value, u in (
         ("approach under the last load", levels["level_approach"], levels["u_level_approach"]),
-        ("contact radius under the last load", levels["level_contact_radius"],
-         levels["u_level_contact_radius"]),
-        ("contact radius of the model under the last load", model["contact_radius"],
-         model["u_contact_radius"]),
-    ):  # fmt: skip
-        budget = linear(found[name].model, found[name].inputs)
+        ("contact radius under the last load", levels["level_contact_radius"], levels["u_level_contact_radius"]),
+        ("contact radius of the model under the last load", model["contact_radius"], model["u_contact_radius"]),
+    ):
+        budget = linear_budget(found[name].model, found[name].inputs)
         assert budget.value == pytest.approx(float(value[-1]), rel=1e-9)
         assert budget.u == pytest.approx(float(u[-1]), rel=0.02)

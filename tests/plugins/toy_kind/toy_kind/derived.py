@@ -1,6 +1,7 @@
 """What ``compare``, ``sensitivity`` and ``init`` make of a ringing bar."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import xarray as xr
 
@@ -15,41 +16,36 @@ from toy_kind.settings import RingingBar
 def rows(comparison: xr.Dataset, *, settings: RingingBar) -> Iterator[Row]:
     """Yield the one row of ``compare``."""
     yield row(
-        "frequency", "Hz", int(comparison.attrs["recordings"]),
+        "frequency",
+        "Hz",
+        int(comparison.attrs["recordings"]),
         condition=f"sag {settings.sag.value * 1e3:g} mm",
         **{str(name): value for name, value in comparison.data_vars.items()},
-    )  # fmt: skip
+    )
 
 
 def quantities(comparison: xr.Dataset, *, settings: RingingBar) -> Iterator[Quantity]:
-    """Yield the spring's stiffness over the bar's mass, (2 pi f)^2, and that by the sag."""
+    """Yield the frequency; only the noise of the recordings acts on it."""
     del settings
     inputs = {
         MEASURED: Input(float(comparison["measured"]), 0.0, "Hz"),
         "noise": Input(0.0, float(comparison["u_measured"]), "Hz"),
     }
     inert = (("mass, height, temperature", "they do not enter a frequency that was measured"),)
-    yield Quantity(
-        "frequency of the bar", "Hz", lambda measured, noise: measured + noise, inputs, inert
-    )
+    yield Quantity("frequency of the bar", "Hz", lambda measured, noise: measured + noise, inputs, inert)
 
 
 def proposed(found: Found, names: Sequence[str]) -> Iterator[Proposed]:
     """Propose an experiment for repeats of the vibrometer that are called after a bar."""
     ours = [n for n in names if n in found.of("toy_vibrometer") and "bar" in n]
     for stem, files in proposals.grouped(ours, proposals.without_repeat):
-        yield Proposed(stem, tuple(files), _Text(files))
+        yield Proposed(stem, tuple(files), partial(_text, files))
 
 
-class _Text:
-    """The tables of session.toml for some files."""
-
-    def __init__(self, files: Sequence[str]) -> None:
-        self.files = files
-
-    def __call__(self, name: str) -> str:
-        return (
-            f'[experiments.{name}]\nkind = "ringing_bar"\n'
-            f"recordings = {proposals.listed(self.files)}\n"
-            f'sag = "{proposals.GAP} mm"  # by its own weight, e.g. "0.99 ± 0.01 mm"'
-        )
+def _text(files: Sequence[str], name: str) -> str:
+    """Return the tables of session.toml."""
+    return (
+        f'[experiments.{name}]\nkind = "ringing_bar"\n'
+        f"recordings = {proposals.listed(files)}\n"
+        f'sag = "{proposals.GAP} mm"  # by its own weight, e.g. "0.99 ± 0.01 mm"'
+    )

@@ -9,25 +9,39 @@ FREQUENCY = Schema("bar_frequency", {"frequency": Variable((), "Hz")})
 
 STAGES = (
     Stage(
-        "readings", "toy_kind.measured:readings", ("file:recordings",),
-        per="recording", over="recordings",
+        "readings",
+        "toy_kind.measured:readings",
+        ("file:recordings",),
+        per="recording",
+        over="recordings",
         summary="read the vibrometer",
     ),
     Stage(
-        "frequency", "toy_kind.measured:frequency", ("readings",),
-        per="recording", over="recordings", schema="bar_frequency",
+        "frequency",
+        "toy_kind.measured:frequency",
+        ("readings",),
+        per="recording",
+        over="recordings",
+        schema="bar_frequency",
         summary="frequency by the times of its zeros",
     ),
     Stage(
-        "comparison", "toy_kind.measured:comparison", ("frequency",), ("sag", "gravity"),
+        "comparison",
+        "toy_kind.measured:comparison",
+        ("frequency",),
+        ("sag", "gravity"),
         summary="mean of the recordings against the sag",
     ),
     Stage(
-        "report", "toy_kind.page:page", ("readings", "comparison"), ("*",),
-        output="page", context=True,
+        "report",
+        "toy_kind.page:page",
+        ("readings", "comparison"),
+        ("*",),
+        output="page",
+        context=True,
         summary="write the page",
     ),
-)  # fmt: skip
+)
 
 KIND = Kind(
     name="ringing_bar",

@@ -40,9 +40,13 @@ def comparison(frequency: list[xr.Dataset], *, settings: RingingBar) -> xr.Datas
     u_model = 0.5 * model * float(np.hypot(sag.u / sag.value, gravity.u / gravity.value))
     u = float(np.sqrt(np.sum(own**2)) / own.size)
     values = {
-        "measured": each.mean(), "u_measured": u, "model": model, "u_model": u_model,
-        "difference": each.mean() - model, "u_difference": np.hypot(u, u_model),
-    }  # fmt: skip
+        "measured": each.mean(),
+        "u_measured": u,
+        "model": model,
+        "u_model": u_model,
+        "difference": each.mean() - model,
+        "u_difference": np.hypot(u, u_model),
+    }
     return xr.Dataset(
         {
             name: ((), float(value), {"units": "Hz", "long_name": name.replace("_", " ")})

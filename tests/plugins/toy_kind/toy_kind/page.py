@@ -9,19 +9,14 @@ from toy_kind.settings import RingingBar
 
 
 def page(
-    readings: list[xr.Dataset | None] | None,
-    comparison: xr.Dataset | None,
-    *,
-    settings: RingingBar,
-    context: Context,
+    readings: list[xr.Dataset | None] | None, comparison: xr.Dataset | None, *, settings: RingingBar, context: Context
 ) -> str:
     """Write the page; a step that failed leaves its numbers out and its error in."""
     rows = [("sag", pages.stated(settings.sag), "")]
     if comparison is not None:
         rows += [
-            (name, value_with_uncertainty(float(comparison[key]), float(comparison[f"u_{key}"]),
-                                          "Hz"), "")
+            (name, value_with_uncertainty(float(comparison[key]), float(comparison[f"u_{key}"]), "Hz"), "")
             for name, key in (("frequency", "measured"), ("by the sag", "model"))
-        ]  # fmt: skip
+        ]
     blocks = (KeyValues(rows), *pages.raw_headers(pages.present(readings)))
     return pages.document(context, "Ringing bar", [Section("Summary", blocks)]).render()

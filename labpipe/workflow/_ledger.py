@@ -61,9 +61,7 @@ def _number(value: Any) -> float | int:
     return int(value) if float(value).is_integer() else float(value)
 
 
-def summarise(
-    work: Iterable[tuple[str, str, Mapping[str, float | int]]],
-) -> tuple[LedgerRow, ...]:
+def summarise(work: Iterable[tuple[str, str, Mapping[str, float | int]]]) -> tuple[LedgerRow, ...]:
     """Sum counts into rows.
 
     Parameters
@@ -92,9 +90,7 @@ def summarise(
             if name.endswith(_TOTAL):
                 continue
             total = _total_of(name, found)
-            rows.append(
-                LedgerRow(experiment, stage, name, done, None if total is None else total - done)
-            )
+            rows.append(LedgerRow(experiment, stage, name, done, None if total is None else total - done))
     return tuple(rows)
 
 

@@ -1,15 +1,14 @@
 """Random generators of extreme cases."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.materials import Prony
 
-Floats = NDArray[np.float64]
 Random = np.random.Generator
 
 
-def wild_material(random: Random, most_terms: int = 60) -> Prony:
+def extreme_material(random: Random, most_terms: int = 60) -> Prony:
     """Draw 1 kPa to 1 TPa, 1e-12 to 1e6 s in one material, ratios to 1e4, any Poisson's ratio."""
     terms = int(random.integers(0, most_terms + 1))
     relaxed, ratio = 10 ** random.uniform(3, 12), 10 ** random.uniform(0.01, 4)
@@ -20,7 +19,7 @@ def wild_material(random: Random, most_terms: int = 60) -> Prony:
     return Prony.from_creep(relaxed, share, 10 ** random.uniform(-12, 6, terms), nu=nu)
 
 
-def wild_times(random: Random, count: int) -> Floats:
+def extreme_times(random: Random, count: int) -> Floats:
     """Draw steps of 1e-9 to 1e3 s in one history, some of no length."""
     steps = 10 ** random.uniform(-9, 3, count)
     steps[random.random(count) < 0.2] = 0.0

@@ -39,11 +39,7 @@ class Quiet(NamedTuple):
 
 
 def from_start(
-    time: NDArray[np.float64],
-    values: NDArray[np.float64],
-    *,
-    resolution: float = 0.0,
-    correlated: int = 1,
+    time: NDArray[np.float64], values: NDArray[np.float64], *, resolution: float = 0.0, correlated: int = 1
 ) -> Quiet:
     """Find the quiet window with which a record begins.
 
@@ -102,9 +98,7 @@ def in_window(
     return _describe(time[inside], values[inside], resolution, correlated)
 
 
-def given(
-    values: NDArray[np.float64], level: float, u_level: float, *, resolution: float = 0.0
-) -> Quiet:
+def given(values: NDArray[np.float64], level: float, u_level: float, *, resolution: float = 0.0) -> Quiet:
     """Take a level that the caller knows; the noise is judged from the whole record."""
     finite = values[np.isfinite(values)]
     estimated = estimate_noise(finite).sigma if finite.size > 2 else 0.0
@@ -150,12 +144,7 @@ def _spread(values: NDArray[np.float64], resolution: float) -> float:
     return max(float(values.std(ddof=1)), resolution / np.sqrt(12))
 
 
-def _describe(
-    time: NDArray[np.float64],
-    values: NDArray[np.float64],
-    resolution: float,
-    correlated: int,
-) -> Quiet:
+def _describe(time: NDArray[np.float64], values: NDArray[np.float64], resolution: float, correlated: int) -> Quiet:
     noise = _spread(values, resolution)
     independent = max(values.size / correlated, 1.0)
     u_level = _MEDIAN * noise / np.sqrt(independent)

@@ -23,9 +23,9 @@ CARRIERS = {
         "labpipe.netcdf:prepare",
         "labpipe.netcdf:encoding",
         "labpipe.netcdf:read",
-        "labpipe.workflow.ledger:counts",
+        "labpipe.workflow._ledger:counts",
     ),
-    "page": ("labpipe.workflow.ledger:summarise", "labpipe.workflow.provenance:of_task"),
+    "page": ("labpipe.workflow._ledger:summarise", "labpipe.workflow.provenance:of_task"),
 }
 """What has a hand in a result beside its function, by the stage's output."""
 
@@ -46,12 +46,7 @@ class Key:
 
 
 def make_keys(
-    session: Session,
-    tasks: Mapping[TaskId, Task],
-    store: Store,
-    *,
-    full: bool = False,
-    keep: bool | None = False,
+    session: Session, tasks: Mapping[TaskId, Task], store: Store, *, full: bool = False, keep: bool | None = False
 ) -> dict[TaskId, Key]:
     """Give every task its key; files are read unless the index knows them.
 
@@ -87,9 +82,7 @@ def _key(
             entry["keys"] = [keys[before].value for before in argument.tasks]
         try:
             if argument.files:
-                entry["files"] = [
-                    describe_file(session.root, n, store.index) for n in argument.files
-                ]
+                entry["files"] = [describe_file(session.root, n, store.index) for n in argument.files]
         except SourceError as error:
             problem = str(error).replace(f"{session.root}/", "")
         inputs.append(entry)
@@ -144,20 +137,18 @@ _CODE = {"function", "code", "version", "format"}
 
 def code_changes(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     """Name the modules, data files and libraries in which the code of two results differs."""
-    before, after = ({**code.get("modules", {}), **_versions(code)} for code in (
-        old.get("code", {}), new.get("code", {})))  # fmt: skip
+    before, after = (
+        {**code.get("modules", {}), **_versions(code)} for code in (old.get("code", {}), new.get("code", {}))
+    )
     if before == after:
         return []
     if not before:
         return ["made before labpipe kept its code in mind"]
-    return [name for name in (*after, *(n for n in before if n not in after))
-            if before.get(name) != after.get(name)]  # fmt: skip
+    return [name for name in (*after, *(n for n in before if n not in after)) if before.get(name) != after.get(name)]
 
 
 def _versions(code: Mapping[str, Any]) -> dict[str, str]:
-    return {
-        f"{name} (library)": str(version) for name, version in code.get("libraries", {}).items()
-    }
+    return {f"{name} (library)": str(version) for name, version in code.get("libraries", {}).items()}
 
 
 def describe_file(root: Path, name: str, index: HashIndex) -> dict[str, Any]:

@@ -95,9 +95,7 @@ class _Scanner:
         if self.text[self.at] in "\"'":
             self._string()
             return str(tomllib.loads("k = " + self.text[start : self.at])["k"])
-        while self.at < len(self.text) and (
-            self.text[self.at].isalnum() or self.text[self.at] in "_-"
-        ):
+        while self.at < len(self.text) and (self.text[self.at].isalnum() or self.text[self.at] in "_-"):
             self.at += 1
         return self.text[start : self.at]
 

@@ -15,9 +15,9 @@ from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, StageError, StoreError
 from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
-from labpipe.workflow import ledger, provenance
+from labpipe.workflow import _ledger, provenance
+from labpipe.workflow._keys import Key, describe_file
 from labpipe.workflow.context import Context, Failed, Kept, RawFile, Warned
-from labpipe.workflow.keys import Key, describe_file
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Caught, Record, Store
@@ -86,7 +86,7 @@ class Outcome:
 Emit = Callable[[str, Any], None]
 """Takes ``"started"`` with a TaskId or ``"ended"`` with an Outcome."""
 
-WORK = "labpipe.workflow.worker:work"
+WORK = "labpipe.workflow._worker:work"
 """What a crew is given to call with a job."""
 
 
@@ -190,6 +190,7 @@ class _Run:
     retried: frozenset[TaskId]
     failures: dict[TaskId, str]
     stopped: bool = field(default=False)
+    passed: dict[TaskId, Any] = field(default_factory=dict)
 
     def all(self) -> None:
         for row in self.plan.rows:
@@ -213,7 +214,7 @@ class _Run:
             return Outcome(*task.id, SKIPPED, message="stopped after the first failure")
         missing = self._missing(task)
         is_page = task.stage.output == "page" and task.stage.context
-        if missing and not is_page:
+        if missing and not (is_page or task.stage.tolerant):
             return Outcome(*task.id, SKIPPED, message=f"{missing[0]} gave no result")
         self.emit("started", task.id)
         begun = _Clock.now()
@@ -230,9 +231,7 @@ class _Run:
         seconds, processor = begun.until_now()
         return Outcome(*task.id, DONE, key, seconds=seconds, processor_seconds=processor)
 
-    def _failed(
-        self, task: Task, error: Exception, text: str, code: int, begun: "_Clock"
-    ) -> Outcome:
+    def _failed(self, task: Task, error: Exception, text: str, code: int, begun: "_Clock") -> Outcome:
         details = "".join(traceback.format_exception(error))
         seconds, processor = begun.until_now()
         return Outcome(
@@ -274,7 +273,7 @@ class _Run:
             return key.value
         if key.problem:
             raise InputError(key.problem)
-        if not is_page and key.value is None:
+        if not is_page and key.value is None and not task.stage.tolerant:
             raise StageError(*task.id[:2], "an input has no key; run again")
         self._require_space(task)
         result, caught = self._call(task, key)
@@ -282,6 +281,9 @@ class _Run:
         if is_page and (failed or key.value is None):
             # Not stored: the page of an experiment that failed is made again in every run.
             self._publish(task, self._text(task, result))
+            return None
+        if task.stage.tolerant and (failed or key.value is None):
+            self.passed[task.id] = result
             return None
         if is_page:
             record = self.store.write(key.ingredients, self._text(task, result), warnings=caught)
@@ -296,9 +298,7 @@ class _Run:
         function = _import(task)
         self._refuse_changed(task, key)
         arguments = [self._argument(task, argument) for argument in task.arguments]
-        keywords: dict[str, Any] = {
-            "settings": self.job.session.experiments[task.id.experiment].settings
-        }
+        keywords: dict[str, Any] = {"settings": self.job.session.experiments[task.id.experiment].settings}
         if task.stage.context:
             keywords["context"] = self._context(task)
         if task.stage.shortcuts:
@@ -339,6 +339,8 @@ class _Run:
 
     def _input(self, task: Task, name: TaskId) -> Any:
         value = self.plan.keys[name].value
+        if name in self.passed:
+            return self.passed[name]
         if name in self.failures or value is None:
             return None
         result = self._read(task, value)
@@ -374,7 +376,7 @@ class _Run:
             message = f"must return a Dataset, returned {type(result).__name__}"
             raise StageError(*task.id[:2], message)
         schema = self.job.schemas.get(task.stage.schema or "", Schema(task.stage.name))
-        work = ledger.counts(result.attrs.get("work"))
+        work = _ledger.counts(result.attrs.get("work"))
         about = provenance.of_task(self.job.program, self.plan.tasks, self.plan.keys, task.id)
         attributes = {"provenance": files.canonical(about)}
         if work:
@@ -426,7 +428,7 @@ class _Run:
             operator=session.operator,
             notes=session.notes,
             synthetic=session.synthetic,
-            ledger=ledger.summarise((n.experiment, n.stage, r.work) for n, r in records.items()),
+            ledger=_ledger.summarise((n.experiment, n.stage, r.work) for n, r in records.items()),
             warnings=tuple(
                 Warned(_stage_name(task, name), name.recording, w.category, w.text, w.count)
                 for name, record in records.items()
@@ -437,9 +439,7 @@ class _Run:
                 for name in behind
                 if name in self.failures
             ),
-            inputs=tuple(
-                RawFile(**entry) for entry in provenance.raw_files(keys[name] for name in behind)
-            ),
+            inputs=tuple(RawFile(**entry) for entry in provenance.raw_files(keys[name] for name in behind)),
             provenance=provenance.of_task(self.job.program, self.plan.tasks, keys, task.id),
             kept=tuple(
                 Kept(_stage_name(task, name), name.recording, changed)

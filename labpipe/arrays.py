@@ -1,0 +1,10 @@
+"""Types of arrays, by what they hold; their shapes stand in the docstrings."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+Complexes = NDArray[np.complex128]

@@ -1,0 +1,297 @@
+"""The verdict on one experiment: its checks, and its comparison with the model, as one result.
+
+A kind gathers its checks and causes (``checks.py`` of its room) and hands them over with the rows
+of its comparison; here they become the stage ``judgement`` and the first section of its page.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from labpipe.judging import (
+    Agreement,
+    Cause,
+    Check,
+    Judgement,
+    agreement,
+    detectable,
+    from_json,
+    judge,
+    model_verdict,
+    not_made,
+    stated,
+    to_json,
+)
+from labpipe.report import Block, Column, Details, Notice, Section, Table, quantity, value_with_uncertainty
+from labpipe.units import Quantity
+from labpipe.variables import variable
+from labpipe.workflow.context import Context
+from pipelines.experiments.shared.comparison_rows import Row
+
+MATTERS = 0.2
+"""Relative error of an input that a comparison must be able to show before it can agree."""
+_LEAST_OWN = 0.05
+"""Least part of a difference's uncertainty that is its own, not shared with other rows."""
+_SHOWN = 3  # detectable errors in the opening sentence
+
+
+class Scene(NamedTuple):
+    """What the checks of an experiment lead to.
+
+    Attributes
+    ----------
+    checks : sequence of Check
+    causes : sequence of Cause
+    rows : sequence of Row
+        Of the comparison; empty where there is no model.
+    inputs : mapping of str to Quantity
+        Values and uncertainties of what the rows name in their slopes.
+    """
+
+    checks: Sequence[Check]
+    causes: Sequence[Cause] = ()
+    rows: Sequence[Row] = ()
+    inputs: Mapping[str, Quantity] = {}
+
+
+def failed_steps(context: Context, causes: Mapping[str, str]) -> list[Check]:
+    """Turn steps that gave no result into checks that failed.
+
+    Parameters
+    ----------
+    context : Context
+        Of the run.
+    causes : mapping of str to str
+        Stage to what most likely is wrong with a record on which it fails.
+    """
+    found: dict[str, Check] = {}
+    for failure in context.failures:
+        if "gave no result" in failure.text or failure.stage in found:
+            continue
+        where = f"{failure.recording}: " if failure.recording else ""
+        found[failure.stage] = stated(
+            f"step {failure.stage}",
+            "what an experiment records must be in the record",
+            f"{where}{failure.text}",
+            "impossible",
+            cause=causes.get(failure.stage, ""),
+            file=failure.recording or "",
+        )
+    return list(found.values())
+
+
+def judgement(scene: Scene) -> xr.Dataset:
+    """Make one verdict of a scene: whether the record is believable and the model agrees.
+
+    Returns
+    -------
+    Dataset
+        ``chi_square``, ``degrees_of_freedom``, ``p``, ``n_checks`` [1]; over ``input`` the
+        smallest error that the comparison would have shown, ``detectable`` (relative, or in SI
+        where the input is 0). Attributes ``judgement``, ``model`` and ``believable`` hold the
+        words and, as JSON, all checks.
+    """
+    judged = judge(scene.checks, scene.causes)
+    rows = [row for row in scene.rows if row.deviation is not None]
+    names = sorted({name for row in rows for name in row.slopes} & set(scene.inputs))
+    found, smallest = None, np.full(len(names), np.inf)
+    if rows:
+        slopes = np.array([[row.slopes.get(name, 0.0) for name in names] for row in rows])
+        covariance = _covariance(rows, slopes, [scene.inputs[name].u for name in names])
+        found = agreement([row.difference or 0.0 for row in rows], covariance)
+        smallest = detectable(slopes, covariance) if names else smallest
+    values = np.array([scene.inputs[name].value for name in names])
+    relative = np.divide(smallest, np.abs(values), out=smallest.copy(), where=values != 0.0)
+    could_notice = bool((relative < MATTERS).any()) if names else True
+    return _dataset(judged, found, names, smallest, relative, could_notice)
+
+
+def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> Any:
+    """Return the covariance of the differences: what inputs share, and what is each row's own."""
+    parts = slopes * np.asarray(u) if len(u) else np.zeros((len(rows), 0))
+    shared = parts @ parts.T
+    total = np.array([row.u_difference or 0.0 for row in rows]) ** 2
+    own = np.maximum(total - np.diagonal(shared), _LEAST_OWN**2 * total)
+    return shared + np.diag(own)
+
+
+def _dataset(
+    judged: Judgement, found: Agreement | None, names: Sequence[str], smallest: Any, relative: Any, could_notice: bool
+) -> xr.Dataset:
+    def number(value: float, text: str) -> Any:
+        return variable((), value, "1", text)
+
+    known = found or Agreement(np.nan, 0, np.nan, np.nan)
+    return xr.Dataset(
+        {
+            "n_checks": number(float(judged.n_made), "checks that were made"),
+            "chi_square": number(known.chi2, "chi square of the comparison"),
+            "degrees_of_freedom": number(float(known.degrees_of_freedom), "degrees of freedom"),
+            "p": number(known.p, "probability of a larger chi square"),
+            "largest_deviation": number(known.largest, "largest deviation of a row, in u"),
+            "detectable": variable("input", relative, "1", "smallest relative error that would have shown"),
+            "detectable_error": variable("input", smallest, "1", "the same in SI units of the input"),
+        },
+        coords={"input": np.array(list(names), dtype=str)},
+        attrs={
+            "judgement": to_json(judged),
+            "believable": judged.believable,
+            "model": model_verdict(found, could_notice),
+        },
+    )
+
+
+def believed(result: xr.Dataset) -> Judgement:
+    """Return the checks and the verdict of a stored judgement."""
+    return from_json(result.attrs["judgement"])
+
+
+def sentence(result: xr.Dataset, rows: Iterable[Row] = ()) -> tuple[str, str]:
+    """Say in one sentence whether the record can be believed and the model agrees.
+
+    Returns
+    -------
+    level : "ok", "info", "warning" or "error"
+        Colour of the sentence.
+    text : str
+    """
+    judged = believed(result)
+    made, found = judged.n_made, judged.findings
+    if judged.believable in ("impossible", "doubtful"):
+        cause = f" {_capital(judged.causes[0])}." if judged.causes else ""
+        word = _capital(judged.believable)
+        level = "error" if judged.believable == "impossible" else "warning"
+        return level, f"{word}: {found[0].message}.{cause} {_counted(judged)}."
+    checks = _counted(judged) if made else "no check could be made"
+    model = result.attrs["model"]
+    example = next((r for r in rows if r.deviation is not None and r.measured is not None), None)
+    shown = "" if example is None else f": {_compared(example)}"
+    if model == "agrees":
+        return "ok", f"The model agrees{shown}; {checks}."
+    if model == "differs":
+        p = float(result["p"])
+        return (
+            "warning",
+            f"The model differs from the measurement (p = {p:.1g}, largest deviation "
+            f"{float(result['largest_deviation']):.1f} u){shown}; {checks}.",
+        )
+    if model == "undecided":
+        return "info", f"Whether the model agrees is undecided{shown}; {checks}."
+    return "info", f"There is no model to compare with; {checks}."
+
+
+def _compared(row: Row) -> str:
+    measured = value_with_uncertainty(row.measured or 0.0, row.u_measured or 0.0, row.unit)
+    model = value_with_uncertainty(row.model or 0.0, row.u_model or 0.0, row.unit)
+    return f"{row.quantity} {measured} measured, {model} expected, {abs(row.deviation or 0.0):.1f} u"
+
+
+def _counted(judged: Judgement) -> str:
+    passed = sum(c.is_made and c.level in (None, "note") for c in judged.checks)
+    return f"{passed} of {judged.n_made} checks passed"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple[Block, ...]:
+    """Return the opening of a page: the sentence, then what was checked and what it could show."""
+    if result is None:
+        return ()
+    judged = believed(result)
+    level, text = sentence(result, rows)
+    blocks: list[Block] = [Notice(level, text)]  # type: ignore[arg-type]
+    blocks += [
+        Notice(
+            "error" if f.level == "impossible" else "warning" if f.level == "doubtful" else "info",
+            f"{f.check}: {f.message}" + (f". Probable cause: {f.cause}" if f.cause else ""),
+        )
+        for f in judged.findings[1:]
+        if judged.believable in ("impossible", "doubtful")
+    ]
+    if result.sizes["input"]:
+        blocks.append(Details("What this comparison could have noticed", blocks=(_noticed(result),)))
+    blocks.append(Details(f"Checks of the record ({_counted(judged)})", blocks=(_checked(judged),)))
+    return tuple(blocks)
+
+
+def _noticed(result: xr.Dataset) -> Table:
+    rows = [
+        (str(name), f"{value:.2g}" if np.isfinite(value) and value < 1 else "cannot tell")
+        for name, value in zip(result["input"].values, result["detectable"].values, strict=True)
+    ]
+    return Table(
+        (Column("input"), Column("smallest relative error that would have shown")),
+        rows,
+        caption="With 95 % probability at the 5 % level, all other inputs held at their uncertainty.",
+    )
+
+
+def _checked(judged: Judgement) -> Table:
+    rows = []
+    for check in judged.checks:
+        answer = check.level or ("passed" if check.is_made else "not made")
+        margin = f"{check.margin:+.1f} u" if np.isfinite(check.margin) else ""
+        rows.append((check.name, answer, margin, check.message or f"needs {check.needs}", check.law))
+    columns = ("check", "answer", "margin", "what was seen", "law")
+    return Table(tuple(Column(name) for name in columns), rows)
+
+
+def verdict_section(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> Section | None:
+    """Return the opening section of a page; None where nothing was judged."""
+    blocks = verdict_blocks(result, rows)
+    return Section("Verdict", blocks) if blocks else None
+
+
+def times_over(name: str, stated_value: float, unit: str, what: str) -> Any:
+    """Return the sentence of a cause: what a stated value would have to be.
+
+    Parameters
+    ----------
+    name : str
+        What is wrong, such as ``"the sampling cycle"``.
+    stated_value : float
+        As it is stated, SI.
+    unit : str
+        SI.
+    what : str
+        Where it stands, such as ``"laser/a.csv"``.
+    """
+
+    def say(factor: float) -> str:
+        right = quantity(stated_value / factor, unit)
+        given = quantity(stated_value, unit)
+        place = f" ({what})" if what else ""
+        return f"{name} is probably {right}, not {given}{place}"
+
+    return say
+
+
+def line_of(header: str, *words: str) -> int | None:
+    """Return the line of a file's header that holds one of some words; None when none does."""
+    for number, text in enumerate(header.splitlines(), 1):
+        if any(word.lower() in text.lower() for word in words):
+            return number
+    return None
+
+
+def unmade(checks: Iterable[tuple[str, str]], law: str) -> list[Check]:
+    """Return checks that could not be made, each with what it would need."""
+    return [not_made(name, law, needs) for name, needs in checks]
+
+
+def as_json(result: xr.Dataset) -> dict[str, Any]:
+    """Return a judgement for JSON: verdicts, findings, number of checks, detectable errors."""
+    judged = believed(result)
+    return {
+        "believable": judged.believable,
+        "model": str(result.attrs["model"]),
+        "checks": judged.n_made,
+        "not_made": [{"check": c.name, "needs": c.needs} for c in judged.checks if not c.is_made],
+        "causes": list(judged.causes),
+        "findings": [asdict(finding) for finding in judged.findings],
+    }

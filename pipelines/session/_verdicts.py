@@ -1,0 +1,253 @@
+"""Verdicts on a session: which experiments can be believed, and where the model agrees.
+
+The stage ``judgement`` of a kind holds its verdict. Where it was not stored, because something
+before it failed or was not asked for, it is made again from what is there.
+"""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from labpipe.errors import LabpipeError
+from labpipe.workflow.context import Context, Failed
+from labpipe.workflow.plan import READY
+from labpipe.workflow.results import Results
+from labpipe.workflow.session import FILE_NAME, Experiment, Session
+from labpipe.workflow.tasks import arguments
+from pipelines.experiments import KINDS, function
+from pipelines.session._opening import STAGES
+from pipelines.session._results import opened
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from labpipe.judging import Finding, Judgement
+    from labpipe.workflow.runner import RunResult
+
+STAGE = "judgement"
+"""Name of the stage that judges, in every kind that has one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The verdict on one experiment.
+
+    Attributes
+    ----------
+    experiment, kind : str
+    state : str
+        ``"done"``, ``"failed"`` or ``"not processed"``.
+    believable : "yes", "doubtful", "impossible" or "unknown"
+    model : "agrees", "differs", "undecided" or "none"
+    findings : tuple of Finding
+        With file and line.
+    checks : int
+        How many were made.
+    causes : tuple of str
+        What would explain the findings, the likeliest first.
+    """
+
+    experiment: str
+    kind: str
+    state: str
+    believable: str
+    model: str
+    findings: "tuple[Finding, ...]" = ()
+    checks: int = 0
+    causes: tuple[str, ...] = ()
+
+    def document(self) -> dict[str, Any]:
+        """Return the verdict for JSON."""
+        names = ("check", "level", "message", "cause", "file", "line")
+        findings = [{n: asdict(finding)[n] for n in names} for finding in self.findings]
+        return asdict(self) | {"findings": findings, "causes": list(self.causes)}
+
+
+@dataclass(frozen=True, slots=True)
+class Verdicts:
+    """Verdicts on the experiments of a session, in its order."""
+
+    folder: Path
+    experiments: tuple[Verdict, ...]
+
+    @property
+    def is_impossible(self) -> bool:
+        """Whether any record contradicts itself, physics, or what the session states."""
+        return any(v.believable == "impossible" for v in self.experiments)
+
+    def document(self) -> list[dict[str, Any]]:
+        """Return all verdicts for JSON."""
+        return [verdict.document() for verdict in self.experiments]
+
+
+def verdict(
+    folder: str | Path, targets: Iterable[str] | None = None, only: Iterable[str] | None = None, *, jobs: int = 1
+) -> Verdicts:
+    """Judge a session: is each record believable, and does the model agree.
+
+    Parameters
+    ----------
+    folder : path-like
+        The session folder; what it lacks is processed first.
+    targets, only : str or iterable of str, optional
+        Stages and experiments that are wanted; all by default. With stages, what was measured is
+        judged by what is there.
+    jobs : int
+        Experiments computed side by side.
+
+    Returns
+    -------
+    Verdicts
+
+    Examples
+    --------
+    >>> for one in verdict("my-session").experiments:  # doctest: +SKIP
+    ...     print(one.experiment, one.believable, one.model)
+    """
+    from pipelines.session._processing import process
+
+    return verdicts_of(process(folder, targets, only, jobs=jobs))
+
+
+def verdicts_of(run: "RunResult") -> Verdicts:
+    """Return the verdicts on the experiments that a run has processed."""
+    session = run.session
+    names = list(dict.fromkeys(outcome.experiment for outcome in run.outcomes))
+    failures: dict[str, list[Failed]] = {}
+    for outcome in run.failures:
+        failed = Failed(outcome.stage, outcome.recording, outcome.message)
+        failures.setdefault(outcome.experiment, []).append(failed)
+    results = opened(session.root, names or None)
+    found = [_one(session, results, session.experiments[name], failures.get(name, ())) for name in names]
+    return Verdicts(session.root, _with_duplicates(session, tuple(found)))
+
+
+def _one(session: Session, results: Results, experiment: Experiment, failures: Iterable[Failed]) -> Verdict:
+    failed = tuple(failures)
+    state = "failed" if failed else "done"
+    kind = experiment.kind
+    stage = next((s for s in KINDS[kind].stages if s.name == STAGE), None)
+    if stage is None:
+        return Verdict(experiment.name, kind, state, "unknown", "none")
+    result = _stored(results, experiment)
+    if result is None:
+        given = [_tolerant(results, a) for a in arguments(session, STAGES, experiment, stage.inputs)]
+        context = Context(
+            experiment.name,
+            kind,
+            session.title,
+            session.operator,
+            session.notes,
+            session.synthetic,
+            (),
+            (),
+            failed,
+            (),
+            {},
+        )
+        made = function(stage.function)(*given, settings=experiment.settings, context=context)
+        result = made
+    from labpipe.judging import from_json
+
+    judged: Judgement = from_json(result.attrs["judgement"])
+    findings = tuple(_placed(session, experiment, f) for f in judged.findings)
+    return Verdict(
+        experiment.name,
+        kind,
+        state,
+        judged.believable,
+        str(result.attrs["model"]),
+        findings,
+        judged.n_made,
+        judged.causes,
+    )
+
+
+def _stored(results: Results, experiment: Experiment) -> "xr.Dataset | None":
+    for row in results.plan.rows:
+        if (row.experiment, row.stage) == (experiment.name, STAGE) and row.state in READY:
+            return results.up_to_date(row)
+    return None
+
+
+def _tolerant(results: Results, argument: Any) -> Any:
+    """Return an input as a stage gets it, with None for what is not there."""
+    found: list[Any] = [results.folder / name for name in argument.files]
+    for task in argument.tasks:
+        try:
+            found.append(results.result(*task))
+        except LabpipeError:
+            found.append(None)
+    if argument.is_list:
+        return found
+    return found[0] if found else None
+
+
+def _placed(session: Session, experiment: Experiment, finding: "Finding") -> "Finding":
+    """Find the line of a setting as the files are now."""
+    if finding.line is not None or not (finding.setting or not finding.file):
+        return finding
+    if not finding.file:
+        name, lines = finding.setting, experiment.lines
+        while name and name not in lines:
+            name = name.rpartition(".")[0]
+        return replace(finding, file=FILE_NAME, line=lines.get(name, lines.get("")))
+    return replace(finding, line=_line_in(session.root / finding.file, finding.setting))
+
+
+def _line_in(path: Path, setting: str) -> int | None:
+    """Return the line of a TOML file on which a setting stands."""
+    from labpipe.workflow.document import parse
+
+    try:
+        return parse(path).line(tuple(setting.split(".")))
+    except (LabpipeError, KeyError):
+        return None
+
+
+def _with_duplicates(session: Session, found: tuple[Verdict, ...]) -> tuple[Verdict, ...]:
+    """Say of experiments that they use the same bytes under two names."""
+    from labpipe.judging import Finding
+
+    owners: dict[str, list[tuple[str, str]]] = {}
+    for experiment in session.experiments.values():
+        for name in dict.fromkeys(_recordings(experiment)):
+            path = session.root / name
+            if path.is_file():
+                digest = hashlib.sha256(path.read_bytes()).hexdigest()
+                owners.setdefault(digest, []).append((experiment.name, name))
+    twice: dict[str, list[Finding]] = {}
+    for places in owners.values():
+        for experiment_name, name in places[1:]:
+            other, first = places[0]
+            of_other = f" of {other}" if other != experiment_name else ""
+            text = f"{name} holds the same bytes as {first}{of_other}"
+            twice.setdefault(experiment_name, []).append(
+                Finding("same bytes twice", "doubtful", text, "a copy was taken for a repeat", name)
+            )
+    return tuple(_added(v, twice.get(v.experiment, ())) for v in found)
+
+
+def _recordings(experiment: Experiment) -> Iterable[str]:
+    """Return the files over which stages of an experiment run, one recording each."""
+    from labpipe.workflow.tasks import field_value
+
+    for stage in KINDS[experiment.kind].stages:
+        if stage.over is not None:
+            names = field_value(experiment.settings, stage.over)
+            yield from [names] if isinstance(names, str) else names or ()
+
+
+def _added(verdict: Verdict, more: Iterable["Finding"]) -> Verdict:
+    extra = tuple(more)
+    if not extra:
+        return verdict
+    worse: Mapping[str, str] = {"yes": "doubtful", "unknown": "doubtful"}
+    return replace(
+        verdict,
+        believable=worse.get(verdict.believable, verdict.believable),
+        findings=(*verdict.findings, *extra),
+        checks=verdict.checks + 1,
+    )
