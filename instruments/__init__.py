@@ -234,9 +234,7 @@ def read(
     return result
 
 
-def read_table(
-    path: str | os.PathLike[str], content: Content, usual: str, **options: Unpack[Options]
-) -> xr.Dataset:
+def read_table(path: str | os.PathLike[str], content: Content, usual: str, **options: Unpack[Options]) -> xr.Dataset:
     """Read a file of whichever instrument, for an experiment that needs a table of some content.
 
     Parameters

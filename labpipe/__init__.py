@@ -5,7 +5,7 @@
 
 ``lp.read`` and ``lp.inspect`` a file; ``lp.init``, ``lp.plan``, ``lp.process`` and ``lp.watch`` a
 session; look at it with ``lp.result``, ``lp.results``, ``lp.report``, ``lp.compare``,
-``lp.sensitivity``, ``lp.identify``, ``lp.catalogue`` and ``lp.export``; make a synthetic one with
+``lp.verdict``, ``lp.sensitivity``, ``lp.identify``, ``lp.catalogue`` and ``lp.export``; make a synthetic one with
 ``lp.sample`` or ``lp.demo``; simulate with ``lp.drop``, ``lp.indent`` and ``lp.sweep``.
 
 Behind it stand, from the ground up, :mod:`labpipe.signals`, :mod:`labpipe.materials`,
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         result,
         results,
         sensitivity,
+        verdict,
         watch,
     )
     from pipelines.sweeps import sweep
@@ -78,6 +79,7 @@ else:
         "sweep": "pipelines.sweeps",
         "track": "labpipe.imaging",
         "velocity": "labpipe.signals",
+        "verdict": "pipelines.session",
         "watch": "pipelines.session",
     }
     __getattr__ = lazily(__name__, _HOMES, from_the_top=True)
@@ -115,6 +117,7 @@ __all__ = [
     "sweep",
     "track",
     "velocity",
+    "verdict",
     "watch",
 ]
 

@@ -5,9 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 
-def lazily(
-    package: str, homes: Mapping[str, str], *, from_the_top: bool = False
-) -> Callable[[str], Any]:
+def lazily(package: str, homes: Mapping[str, str], *, from_the_top: bool = False) -> Callable[[str], Any]:
     """Return a ``__getattr__`` for a face, which loads the module of a name on its first use.
 
     Parameters

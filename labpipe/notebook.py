@@ -19,13 +19,9 @@ def html_table(caption: str, titles: Sequence[str], rows: Iterable[Sequence[obje
 </tr></tbody></table>'
     """
     head = "".join(f"<th>{html.escape(title)}</th>" for title in titles)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>"
-        for row in rows
-    )
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
     return (
-        f"<table><caption>{html.escape(caption)}</caption><thead><tr>{head}</tr></thead>"
-        f"<tbody>{body}</tbody></table>"
+        f"<table><caption>{html.escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     )
 
 
@@ -42,8 +38,7 @@ def text_table(caption: str, rows: Iterable[Sequence[object]]) -> str:
     cells = [[_plain(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = [
-        "  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip()
-        for row in cells[:_MOST_ROWS]
+        "  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in cells[:_MOST_ROWS]
     ]
     more = [f"  and {len(cells) - _MOST_ROWS} more"] if len(cells) > _MOST_ROWS else []
     return "\n".join([_plain(caption), *lines, *more])

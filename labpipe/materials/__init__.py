@@ -1,17 +1,7 @@
 """Linear viscoelastic materials: Prony series, interconversion, master curves, library."""
 
 from labpipe.materials._kraus import Kraus
-from labpipe.materials.library import (
-    Material,
-    Solid,
-    Thermal,
-    describe,
-    load,
-    load_file,
-    read_material,
-    solid,
-    thermal,
-)
+from labpipe.materials.library import Material, Solid, Thermal, describe, load, load_file, read_material, solid, thermal
 from labpipe.materials.prony import (
     Prony,
     Relaxation,

@@ -22,6 +22,7 @@ from labpipe.signals._noise import Noise, estimate_noise, is_spike
 from labpipe.signals._readings import checked_times, refuse_infinite
 from labpipe.signals._smoothing import Smooth, evaluate, smooth
 from labpipe.units import Measure, si
+from labpipe.variables import described
 
 Method = Literal["spline", "thesis", "difference"]
 

@@ -11,7 +11,6 @@ from labpipe.units import Quantity
 from labpipe.workflow._keys import Key, code_changes, make_keys
 from labpipe.workflow.context import code_changed
 from labpipe.workflow.fields import show, suggest
-from labpipe.workflow.keys import Key, code_changes, make_keys
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Last, Store
 from labpipe.workflow.tasks import Stages, Task, TaskId, ancestors, spell_out

@@ -17,7 +17,7 @@ import msgspec
 from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.files import safe_join
 from labpipe.notebook import html_table, text_table
-from labpipe.workflow import toml_lines
+from labpipe.workflow import _toml_lines
 from labpipe.workflow.config import Checker
 from labpipe.workflow.document import Document, dotted, parse
 from labpipe.workflow.fields import REFERENCE, found, suggest
@@ -65,11 +65,7 @@ class Session:
     @property
     def _rows(self) -> list[tuple[str, ...]]:
         return [
-            (
-                e.name,
-                e.kind.replace("_", " "),
-                ", ".join(_file_names(msgspec.to_builtins(e.settings))),
-            )
+            (e.name, e.kind.replace("_", " "), ", ".join(_file_names(msgspec.to_builtins(e.settings))))
             for e in self.experiments.values()
         ]
 

@@ -5,14 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from pipelines.commands.options import (
-    echo,
-    echo_json,
-    jobs_option,
-    json_option,
-    keep_option,
-    session_argument,
-)
+from pipelines.commands.options import echo, echo_json, jobs_option, json_option, keep_option, session_argument
 
 if TYPE_CHECKING:
     from pipelines.experiments.shared.comparison_rows import Row

@@ -55,10 +55,7 @@ def record_demo(folder: str | Path) -> bool:
 
 
 def demo(
-    folder: str | Path = "labpipe-demo",
-    *,
-    jobs: int = 2,
-    progress: Callable[[Event], None] | None = None,
+    folder: str | Path = "labpipe-demo", *, jobs: int = 2, progress: Callable[[Event], None] | None = None
 ) -> RunResult:
     """Write a synthetic session and process it.
 

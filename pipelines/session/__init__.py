@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from pipelines.session._results import derive, needed, opened, result, results
     from pipelines.session._sensitivity import Sensitivity, sensitivity
     from pipelines.session._sensitivity_page import advice
+    from pipelines.session._verdicts import Verdict, Verdicts, verdict, verdicts_of
 
 __all__ = [
     "CATALOGUE",
@@ -44,6 +45,8 @@ __all__ = [
     "Inspected",
     "Scan",
     "Sensitivity",
+    "Verdict",
+    "Verdicts",
     "advice",
     "catalogue",
     "check_store",
@@ -68,6 +71,8 @@ __all__ = [
     "result",
     "results",
     "sensitivity",
+    "verdict",
+    "verdicts_of",
     "watch",
     "write_overview",
     "write_sheet",

@@ -152,11 +152,7 @@ def catalogue(
 
 
 def query(
-    database: str | Path,
-    where: str = "",
-    columns: Sequence[str] = (),
-    *,
-    table: str = "experiments",
+    database: str | Path, where: str = "", columns: Sequence[str] = (), *, table: str = "experiments"
 ) -> pd.DataFrame:
     """Select rows of a catalogue.
 

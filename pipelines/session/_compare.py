@@ -29,11 +29,7 @@ if TYPE_CHECKING:
 
 
 def compare(
-    folder: str | Path,
-    *,
-    jobs: int = 1,
-    keep: bool | None = None,
-    progress: Callable[[Event], None] | None = None,
+    folder: str | Path, *, jobs: int = 1, keep: bool | None = None, progress: Callable[[Event], None] | None = None
 ) -> Comparison:
     """Compare measurement and model of every experiment of a session, on one page.
 

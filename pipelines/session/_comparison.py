@@ -28,9 +28,7 @@ class Comparison:
 
     @property
     def _cells(self) -> list[tuple[str, ...]]:
-        rows = [
-            (r.experiment, r.condition, r.quantity, *_pair(r), _agreement(r)) for r in self.rows
-        ]
+        rows = [(r.experiment, r.condition, r.quantity, *_pair(r), _agreement(r)) for r in self.rows]
         others = (self.failed | self.absent).items()
         return rows + [(name, "", why, "", "", "") for name, why in others]
 

@@ -54,8 +54,7 @@ def _too_old(versions: dict[str, str]) -> list[str]:
             continue
         if _numbers(versions[match[1]]) < _numbers(match[2]):
             found.append(
-                f"{match[1]} is {versions[match[1]]}, needed is {match[2]} or newer; "
-                f"pip install --upgrade {match[1]}"
+                f"{match[1]} is {versions[match[1]]}, needed is {match[2]} or newer; pip install --upgrade {match[1]}"
             )
     return found
 
@@ -80,11 +79,7 @@ def name_clashes() -> list[str]:
 
 
 def _problems(folder: Path, versions: dict[str, str]) -> list[str]:
-    found = [
-        f"{name} is not installed; pip install {name}"
-        for name, text in versions.items()
-        if text == "missing"
-    ]
+    found = [f"{name} is not installed; pip install {name}" for name, text in versions.items() if text == "missing"]
     found += _too_old(versions)
     if (mistake := _write_test(folder)) is not None:
         found.append(mistake)
@@ -145,10 +140,7 @@ class Health:
     def lines(self) -> list[str]:
         """Say what is wrong as lines of text."""
         found = [f"problem: {line}" for line in (*self.problems, *self.session_problems)]
-        found += [
-            f"damaged: {line}; the next `labpipe process` makes it again"
-            for line in self.damaged_results
-        ]
+        found += [f"damaged: {line}; the next `labpipe process` makes it again" for line in self.damaged_results]
         return found or ["no problem found"]
 
     def __repr__(self) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from labpipe.errors import InputError, UsageError
-from labpipe.uncertainty import Budget, Indices, MonteCarlo, agrees, linear, monte_carlo, sobol
+from labpipe.uncertainty import Budget, Indices, MonteCarlo, intervals_agree, linear_budget, monte_carlo, sobol
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.budget_blocks import coverage_factor
 from pipelines.experiments.shared.budget_quantity import Quantity
@@ -70,15 +70,10 @@ def examine(folder: str | Path, wanted: str | None = None) -> list[Examined]:
     """
     session = reopen_session(folder)
     budgets = {name: kind.budget for name, kind in KINDS.items() if kind.budget is not None}
-    chosen = [
-        e for n, e in session.experiments.items()
-        if e.kind in budgets and wanted in (None, n, e.kind)
-    ]  # fmt: skip
+    chosen = [e for n, e in session.experiments.items() if e.kind in budgets and wanted in (None, n, e.kind)]
     if not chosen:
         kinds = ", ".join(budgets)
-        message = (
-            f'nothing to examine for "{wanted or "this session"}"; kinds with budgets: {kinds}'
-        )
+        message = f'nothing to examine for "{wanted or "this session"}"; kinds with budgets: {kinds}'
         raise UsageError(message)
     targets = [target for e in chosen for target in needed(session, e, budgets[e.kind])]
     run = process(folder, targets, {target.split("/")[0] for target in targets}, keep=None)
@@ -86,17 +81,13 @@ def examine(folder: str | Path, wanted: str | None = None) -> list[Examined]:
         message = f"{outcome.task}: {outcome.message}"
         raise InputError(message)
     results = opened(folder)
-    return [
-        examined(e.name, quantity) for e in chosen
-        for quantity in derive(results, e, budgets[e.kind])
-    ]  # fmt: skip
+    return [examined(e.name, quantity) for e in chosen for quantity in derive(results, e, budgets[e.kind])]
 
 
 def examined(experiment: str, quantity: Quantity) -> Examined:
     """Propagate one quantity in all three ways."""
-    budget = linear(quantity.model, quantity.inputs)
+    budget = linear_budget(quantity.model, quantity.inputs)
     drawn = monte_carlo(quantity.model, quantity.inputs)
     return Examined(
-        experiment, quantity, budget, drawn, agrees(budget, drawn),
-        sobol(quantity.model, quantity.inputs),
-    )  # fmt: skip
+        experiment, quantity, budget, drawn, intervals_agree(budget, drawn), sobol(quantity.model, quantity.inputs)
+    )

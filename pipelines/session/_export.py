@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from labpipe import files
 from labpipe.errors import InputError, SourceError, UsageError
 from labpipe.notebook import html_table, text_table
+from labpipe.variables import described, variable
 from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import READY
 from labpipe.workflow.plan import plan as make_plan

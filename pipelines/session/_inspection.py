@@ -80,11 +80,7 @@ def _span(row: dict[str, Any]) -> str:
 
 
 def inspect(
-    file: str | Path,
-    *,
-    out: str | Path | None = None,
-    instrument: str | None = None,
-    **options: Any,
+    file: str | Path, *, out: str | Path | None = None, instrument: str | None = None, **options: Any
 ) -> Inspected:
     """Say what any file is, what it holds, and what is wrong with it.
 

@@ -48,15 +48,10 @@ class Scan:
     @property
     def _caption(self) -> str:
         n, missing = len(self.experiments), len(self.gaps)
-        return (
-            f"{self.path}: {n} experiment{'s' * (n != 1)}, {missing} "
-            f"value{'s' * (missing != 1)} to fill in"
-        )
+        return f"{self.path}: {n} experiment{'s' * (n != 1)}, {missing} value{'s' * (missing != 1)} to fill in"
 
 
-def init(
-    folder: str | Path, *, replace: bool = False, ask: Callable[[Gap], str | None] | None = None
-) -> Scan:
+def init(folder: str | Path, *, replace: bool = False, ask: Callable[[Gap], str | None] | None = None) -> Scan:
     """Scan a folder of instrument files and write a commented session.toml.
 
     Parameters

@@ -45,9 +45,7 @@ def derive(results: Results, experiment: Experiment, derived: Derived, **keyword
     return call(*results.values(found), settings=experiment.settings, **keywords)
 
 
-def result(
-    folder: str | Path, experiment: str, stage: str, recording: str | None = None
-) -> xr.Dataset:
+def result(folder: str | Path, experiment: str, stage: str, recording: str | None = None) -> xr.Dataset:
     """Return one stored result of a processed session.
 
     Parameters

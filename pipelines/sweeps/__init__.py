@@ -4,12 +4,4 @@ from pipelines.sweeps.grid import Axis, Design, axis, design
 from pipelines.sweeps.run import Swept, run_design
 from pipelines.sweeps.verb import sweep
 
-__all__ = [
-    "Axis",
-    "Design",
-    "Swept",
-    "axis",
-    "design",
-    "run_design",
-    "sweep",
-]
+__all__ = ["Axis", "Design", "Swept", "axis", "design", "run_design", "sweep"]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
 from labpipe.notebook import html_table
+from labpipe.variables import described, variable
 from labpipe.workflow.code import Code
 from labpipe.workflow.engines import Died, Engine, Serial, side_by_side
 from pipelines.simulator_inputs import material
@@ -65,9 +66,7 @@ class Swept:
     @property
     def summary(self) -> str:
         """Say in one line how many points were computed."""
-        return (
-            f"{self.computed} points computed, {self.reused} reused, {self.failed} without result"
-        )
+        return f"{self.computed} points computed, {self.reused} reused, {self.failed} without result"
 
     def __repr__(self) -> str:
         return f"{self.summary}; {self.path}\n{self.dataset}"
@@ -78,11 +77,7 @@ class Swept:
 
 
 def run_design(
-    plan: Design,
-    out: str | Path,
-    engine: Engine | None = None,
-    *,
-    progress: Callable[[float], None] | None = None,
+    plan: Design, out: str | Path, engine: Engine | None = None, *, progress: Callable[[float], None] | None = None
 ) -> Swept:
     """Simulate every point of a design.
 

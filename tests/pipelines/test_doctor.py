@@ -26,9 +26,7 @@ def test_another_distribution_with_a_package_of_our_name_is_named(
     assert "the distribution instrumentkit also installs the package `instruments`" in text
 
 
-def test_a_library_that_is_too_old_or_missing_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_library_that_is_too_old_or_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_doctor, "_versions", lambda: {"numpy": "1.26.4", "scipy": "missing"})
     monkeypatch.setattr(importlib.metadata, "requires", lambda _: ["numpy>=2.1", "scipy>=1.15"])
     code, text = run(tmp_path, "--json")

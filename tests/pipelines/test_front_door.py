@@ -50,10 +50,7 @@ def test_a_public_name_is_typed_and_documented(name: str) -> None:
     signature = inspect.signature(verb)
     assert signature.return_annotation is not inspect.Signature.empty
     assert all(p.annotation is not inspect.Parameter.empty for p in signature.parameters.values())
-    assert all(
-        re.search(rf"^(\w+, )*\*{{0,2}}{p}(, \*{{0,2}}\w+)*( :|$)", text, re.M)
-        for p in signature.parameters
-    )
+    assert all(re.search(rf"^(\w+, )*\*{{0,2}}{p}(, \*{{0,2}}\w+)*( :|$)", text, re.M) for p in signature.parameters)
     assert not re.search(r"numpy\._typing|collections\.abc|pathlib\.", str(signature))
 
 
@@ -164,9 +161,7 @@ def test_millimetres_given_as_metres_are_warned_of_with_the_text_to_use() -> Non
 
 def test_materials_and_films_show_what_they_hold() -> None:
     solid = Prony(2e9, [2e9], [0.5], nu=0.35)
-    assert repr(solid) == (
-        "Prony(E relaxed 2 GPa, unrelaxed 4 GPa, 1 term from 500 ms to 500 ms, nu 0.35)"
-    )
+    assert repr(solid) == ("Prony(E relaxed 2 GPa, unrelaxed 4 GPa, 1 term from 500 ms to 500 ms, nu 0.35)")
     assert "<td>500 ms</td>" in solid._repr_html_()
     film = ArrayFrames(np.zeros((3, 16, 20), np.uint8), np.array([0.0, 0.1, 0.2]), exposure=2e-6)
     assert repr(film) == "film of 3 frames, 16 rows × 20 columns, 0 to 0.2 s, exposure 2 µs"

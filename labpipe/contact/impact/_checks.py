@@ -28,10 +28,7 @@ def warn_of_millimetres(radius: Measure, mass: Measure, height: Measure) -> None
         texts = [f'radius="{radius:g} mm"']
         texts += [f'mass="{mass:g} g"'] if isinstance(mass, int | float) and mass > 1 else []
         texts += [f'height="{height:g} mm"'] if isinstance(height, int | float) else []
-        message = (
-            f"radius={radius:g} is a sphere of {radius:g} m; if millimetres were meant, write "
-            f"{', '.join(texts)}"
-        )
+        message = f"radius={radius:g} is a sphere of {radius:g} m; if millimetres were meant, write {', '.join(texts)}"
         warnings.warn(message, UserWarning, stacklevel=3)
 
 

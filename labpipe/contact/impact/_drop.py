@@ -15,21 +15,16 @@ from time import perf_counter
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from labpipe.arrays import Floats
 from labpipe.contact.impact._checks import Solver, checked, checked_times, warn_of_millimetres
-from labpipe.contact.impact._dataset import (
-    DropRun,
-    Setting,
-    dataset,
-    mislaid_energy,
-    thesis_dataset,
-)
+from labpipe.contact.impact._dataset import DropRun, Setting, dataset, energy_error, thesis_dataset
 from labpipe.contact.impact._line_springs import Profile
 from labpipe.contact.impact._motion import AnnularContactError
 from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._setup import ALL_SHORTCUTS, MARGIN, Effort, Shortcuts, scales
 from labpipe.contact.impact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.impact._trajectory import Contact, Flight
-from labpipe.contact.memory import Array, Creep
+from labpipe.contact.memory import Creep
 from labpipe.errors import InputError
 from labpipe.materials import Solid, solid
 from labpipe.units import Measure, si
@@ -161,9 +156,7 @@ def drop(
     material, gravity = solid(material), si(gravity, "m/s2", "gravity")
     radius, mass = si(radius, "m", "radius"), si(mass, "kg", "mass")
     height, duration = si(height, "m", "height"), si(duration, "s", "duration")
-    setting = checked(
-        Setting(radius, mass, height, duration, solver, profile, rtol, gravity, plate)
-    )
+    setting = checked(Setting(radius, mass, height, duration, solver, profile, rtol, gravity, plate))
     wanted = None if times is None else checked_times("times", times, duration)
     looks = None if maps is None else checked_times("maps", maps, duration)
     creep = Creep.of(material)

@@ -38,8 +38,7 @@ from labpipe.arrays import Floats
 from labpipe.contact.lumped._motion import Bounce, CollisionLaw, Motion, Phase, grid
 from labpipe.errors import InputError
 from labpipe.units import Measure, si
-
-Array = NDArray[np.float64]
+from labpipe.variables import described, variable
 
 # Energy gained in an impact by less than this part is rounding.
 _ENERGY_ROUNDING = 1e-6

@@ -21,6 +21,7 @@ from labpipe.contact.springs import Control, March, SpringBed, sphere_bed
 from labpipe.errors import InputError
 from labpipe.materials import Solid, solid
 from labpipe.units import Measure, si
+from labpipe.variables import variable
 
 Profile = Literal["parabola", "sphere"]
 

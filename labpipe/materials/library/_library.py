@@ -21,17 +21,7 @@ from labpipe.materials.prony import Prony
 from labpipe.materials.superposition import MasterCurve, ShiftLaw, arrhenius, wlf
 from labpipe.units import Measure, quantity, si
 
-__all__ = [
-    "NAMES",
-    "Entry",
-    "Material",
-    "Solid",
-    "describe",
-    "load",
-    "load_file",
-    "read_material",
-    "solid",
-]
+__all__ = ["NAMES", "Entry", "Material", "Solid", "describe", "load", "load_file", "read_material", "solid"]
 
 NAMES = ("nbr", "acrylic", "peek", "nylon", "ptfe")
 STATUSES = ("measured", "datasheet", "estimate")
@@ -141,9 +131,7 @@ def solid(material: Solid, temperature: Measure | None = None) -> Prony:
         )
         raise InputError(message)
     if temperature is not None:
-        message = (
-            "a Prony series knows no law of temperature; shift it (.shifted(a_T)), or give a name"
-        )
+        message = "a Prony series knows no law of temperature; shift it (.shifted(a_T)), or give a name"
         raise InputError(message)
     return material
 

@@ -119,13 +119,7 @@ class Prony:
             object.__setattr__(self, name, value)
 
     @classmethod
-    def from_creep(
-        cls,
-        E_relaxed: float,
-        C: ArrayLike,
-        tau: ArrayLike,
-        nu: float = 0.5,
-    ) -> Prony:
+    def from_creep(cls, E_relaxed: float, C: ArrayLike, tau: ArrayLike, nu: float = 0.5) -> Prony:
         """Build from creep terms; they are kept as given, the relaxation terms are exact.
 
         Parameters

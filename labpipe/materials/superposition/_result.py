@@ -18,16 +18,10 @@ from labpipe.materials.superposition._reweighting import Superposition
 from labpipe.materials.superposition._shift_law import LawName, ShiftLaw, fit_law, shift_at
 from labpipe.materials.superposition._shift_parameters import OuterModel
 from labpipe.materials.superposition._sweep_data import SweepData
-from labpipe.materials.superposition._tables import (
-    bands,
-    overlap_of_neighbours,
-    predictions,
-    terms_of,
-)
+from labpipe.materials.superposition._tables import bands, overlap_of_neighbours, predictions, terms_of
 from labpipe.notebook import html_table, text_table
-from labpipe.uncertainty import spread
-
-Array = NDArray[np.float64]
+from labpipe.uncertainty import propagated_u
+from labpipe.variables import described, variable
 
 _CURVE_NAMES = ("storage", "loss", "loss_factor")
 _REDUCED_NAMES = ("reduced_frequency", "storage_reduced", "loss_reduced")

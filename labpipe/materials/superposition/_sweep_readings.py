@@ -10,9 +10,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from labpipe.arrays import Floats
 from labpipe.errors import InputError
+from labpipe.variables import variable
 
-Array = NDArray[np.float64]
 Mode = Literal["tension", "bending", "shear", "torsion"]
 
 _NEEDED = ("frequency", "temperature", "storage_modulus", "loss_modulus")
@@ -27,7 +28,7 @@ class TableRun:
     dataset: xr.Dataset
     rows: NDArray[np.intp]
 
-    def values(self, name: str) -> Array:
+    def values(self, name: str) -> Floats:
         """Return one variable of the run."""
         return np.asarray(self.dataset[name].values[self.rows], dtype=float)
 
@@ -146,9 +147,7 @@ def _isothermal(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[Tabl
     return found
 
 
-def _split_by_temperature(
-    rows: NDArray[np.intp], temperature: Array, tolerance: float
-) -> list[NDArray[np.intp]]:
+def _split_by_temperature(rows: NDArray[np.intp], temperature: Floats, tolerance: float) -> list[NDArray[np.intp]]:
     """Cut a table where the temperature leaves the mean of the points before."""
     runs: list[list[int]] = []
     total = 0.0
@@ -179,11 +178,7 @@ def _trusted(run: TableRun, skip_first: bool) -> NDArray[np.bool_]:
 
 
 def _tabulated(
-    runs: Sequence[TableRun],
-    trusted: Sequence[NDArray[np.bool_]],
-    factor: float,
-    mode: str,
-    nu: float,
+    runs: Sequence[TableRun], trusted: Sequence[NDArray[np.bool_]], factor: float, mode: str, nu: float
 ) -> xr.Dataset:
     """Put ragged sweeps on the union of their frequencies."""
     levels, columns = _columns([run.values("frequency") for run in runs])
@@ -196,29 +191,24 @@ def _tabulated(
     total = sum(good.size for good in trusted)
     if excluded:
         warnings.warn(
-            f"{excluded} of {total} points are left out: invalid, clipped, torque too small, or "
-            f"excluded by skip_first",
+            f"{excluded} of {total} points are left out: invalid, clipped, torque too small, or excluded by skip_first",
             stacklevel=3,
         )
     temperature = [run.values("temperature") for run in runs]
     dims = ("temperature", "frequency")
     return xr.Dataset(
         {
-            "storage": (dims, storage, {"units": "Pa", "long_name": "storage modulus, tension"}),
-            "loss": (dims, loss, {"units": "Pa", "long_name": "loss modulus, tension"}),
-            "temperature_spread": (
-                "temperature",
-                [float(np.ptp(t)) for t in temperature],
-                {"units": "K", "long_name": "range of the temperature within a sweep"},
+            "storage": variable(dims, storage, "Pa", "storage modulus, tension"),
+            "loss": variable(dims, loss, "Pa", "loss modulus, tension"),
+            "temperature_spread": variable(
+                "temperature", [float(np.ptp(t)) for t in temperature], "K", "range of the temperature within a sweep"
             ),
         },
         coords={
-            "temperature": (
-                "temperature",
-                [float(t.mean()) for t in temperature],
-                {"units": "degC", "long_name": "measured mean temperature"},
+            "temperature": variable(
+                "temperature", [float(t.mean()) for t in temperature], "degC", "measured mean temperature"
             ),
-            "frequency": ("frequency", levels, {"units": "Hz", "long_name": "frequency"}),
+            "frequency": variable("frequency", levels, "Hz", "frequency"),
         },
         attrs={
             "mode": mode,
@@ -230,7 +220,7 @@ def _tabulated(
     )
 
 
-def _columns(frequencies: Sequence[Array]) -> tuple[Array, list[NDArray[np.intp]]]:
+def _columns(frequencies: Sequence[Floats]) -> tuple[Floats, list[NDArray[np.intp]]]:
     """Return the union of frequencies, and the column of every point.
 
     Frequencies that agree within rounding share a column; a frequency that one sweep holds twice

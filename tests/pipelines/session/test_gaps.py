@@ -126,9 +126,7 @@ def test_answered_questions_make_a_session_that_processes(pile: Path) -> None:
     text = init(pile).path.read_text("utf-8")
     asked = [gap.key for gap in gaps(text)]
     assert asked == ["radius", "mass"]
-    done = CliRunner().invoke(
-        command, [str(pile), "--force", "--ask"], input="\n".join(answers) + "\n"
-    )
+    done = CliRunner().invoke(command, [str(pile), "--force", "--ask"], input="\n".join(answers) + "\n")
     assert done.exit_code == 0, done.output
     assert "cubits" in done.output
     assert "to fill in" not in done.output
