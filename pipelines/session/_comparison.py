@@ -28,7 +28,9 @@ class Comparison:
 
     @property
     def _cells(self) -> list[tuple[str, ...]]:
-        rows = [(r.experiment, r.condition, r.quantity, *_pair(r), _agreement(r)) for r in self.rows]
+        rows: list[tuple[str, ...]] = [
+            (r.experiment, r.condition, r.quantity, *_pair(r), _agreement(r)) for r in self.rows
+        ]
         others = (self.failed | self.absent).items()
         return rows + [(name, "", why, "", "", "") for name, why in others]
 
