@@ -32,11 +32,24 @@ def compare(session: Path, jobs: int, keep: bool, as_json: bool) -> None:
     with watching(enabled=not as_json) as progress:
         found = verb(session, jobs=jobs, keep=keep or None, progress=progress)
     if as_json:
-        echo_json({"page": str(found.page), "rows": [row.document() for row in found.rows],
-                   "failed": found.failed, "absent": found.absent})  # fmt: skip
+        echo_json(
+            {
+                "page": str(found.page),
+                "rows": [row.document() for row in found.rows],
+                "experiments": list(found.experiments),
+                "failed": found.failed,
+                "absent": found.absent,
+            }
+        )
     else:
         for row in found.rows:
             echo(line(row))
+        for whole in found.experiments:
+            if whole["p"] is not None:
+                echo(
+                    f"{whole['experiment']:24} {whole['model']}: chi square {whole['chi2']:.1f} with "
+                    f"{whole['degrees_of_freedom']} degrees of freedom, p = {whole['p']:.2g}"
+                )
         for name, why in (found.failed | found.absent).items():
             echo(f"{name}: {why}")
         echo(f"page: {found.page}")

@@ -57,14 +57,15 @@ def demo(dest: Path, as_json: bool) -> None:
     from pipelines import rig
     from pipelines.commands.progress import waiting, watching
     from pipelines.commands.session import as_document, summarise
+    from pipelines.session import verdicts_of
 
     with waiting("recording a session", enabled=not as_json):
         rig.record_demo(dest)
     with watching(enabled=not as_json) as progress:
         outcome = rig.demo(dest, progress=progress)
     if as_json:
-        echo_json(as_document(outcome, dest))
+        echo_json(as_document(outcome, dest, verdicts_of(outcome)))
     else:
         echo(f"synthetic session: {dest}")
-        summarise(outcome)
+        summarise(outcome, verdicts_of(outcome))
     click.get_current_context().exit(outcome.exit_code)

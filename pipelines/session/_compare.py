@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING
 from labpipe import files
 from labpipe.workflow.plan import Plan
 from labpipe.workflow.session import Experiment
-from pipelines.experiments import KINDS
+from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.judgements import compared
 from pipelines.session._compare_page import render
 from pipelines.session._comparison import Comparison
 from pipelines.session._opening import STAGES, reopen_session
@@ -70,6 +71,8 @@ def compare(
     wanted = [
         target for name, derived in able.items() for target in needed(session, session.experiments[name], derived)
     ]
+    judged = [n for n in able if any(s.name == JUDGEMENT for s in KINDS[session.experiments[n].kind].stages)]
+    wanted += [f"{name}/{JUDGEMENT}" for name in judged]
     failed: dict[str, str] = {}
     if wanted:
         names = {target.split("/")[0] for target in wanted}
@@ -90,7 +93,8 @@ def compare(
         rows += [replace(row, kept=kept) for row in own]
         if not own:
             absent[name] = "it has no model: session.toml names nothing to simulate"
-    found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE)
+    whole = [{"experiment": name, **compared(results.result(name, JUDGEMENT))} for name in judged if name not in failed]
+    found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
     files.write_text(found.page, render(session, found))
     write_overview(session, STAGES)
     return found

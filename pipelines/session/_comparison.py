@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from labpipe.notebook import html_table, text_table
 from pipelines.experiments.shared.comparison_rows import Row
@@ -11,13 +12,15 @@ from pipelines.experiments.shared.comparison_rows import Row
 class Comparison:
     """All rows of a session, and the experiments that failed or compare nothing, with reasons.
 
-    ``page`` is the HTML file.
+    ``page`` is the HTML file. ``experiments`` says of each that is judged as a whole how its chi
+    square came out, and the smallest error of each input that it would have shown.
     """
 
     rows: tuple[Row, ...]
     failed: dict[str, str]
     absent: dict[str, str]
     page: Path
+    experiments: tuple[dict[str, Any], ...] = ()
 
     def __repr__(self) -> str:
         return text_table(f"{len(self.rows)} comparisons, {self.page}", self._cells)

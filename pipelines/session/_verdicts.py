@@ -18,7 +18,7 @@ from labpipe.workflow.plan import READY
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.tasks import arguments
-from pipelines.experiments import KINDS, function
+from pipelines.experiments import JUDGEMENT, KINDS, function
 from pipelines.session._opening import STAGES
 from pipelines.session._results import opened
 
@@ -27,9 +27,6 @@ if TYPE_CHECKING:
 
     from labpipe.judging import Finding, Judgement
     from labpipe.workflow.runner import RunResult
-
-STAGE = "judgement"
-"""Name of the stage that judges, in every kind that has one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +127,7 @@ def _one(session: Session, results: Results, experiment: Experiment, failures: I
     failed = tuple(failures)
     state = "failed" if failed else "done"
     kind = experiment.kind
-    stage = next((s for s in KINDS[kind].stages if s.name == STAGE), None)
+    stage = next((s for s in KINDS[kind].stages if s.name == JUDGEMENT), None)
     if stage is None:
         return Verdict(experiment.name, kind, state, "unknown", "none")
     result = _stored(results, experiment)
@@ -169,7 +166,7 @@ def _one(session: Session, results: Results, experiment: Experiment, failures: I
 
 def _stored(results: Results, experiment: Experiment) -> xr.Dataset | None:
     for row in results.plan.rows:
-        if (row.experiment, row.stage) == (experiment.name, STAGE) and row.state in READY:
+        if (row.experiment, row.stage) == (experiment.name, JUDGEMENT) and row.state in READY:
             return results.up_to_date(row)
     return None
 
