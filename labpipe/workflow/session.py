@@ -6,9 +6,8 @@ Versions of the file, newest first:
    with ``kind`` and the fields of that kind.
 """
 
-import html
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import msgspec
 
 from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.files import safe_join
+from labpipe.notebook import html_table, text_table
 from labpipe.workflow import _toml_lines
 from labpipe.workflow.config import Checker
 from labpipe.workflow.document import Document, dotted, parse
@@ -56,31 +56,24 @@ class Session:
         """Where everything that labpipe writes goes."""
         return self.root / "labpipe"
 
+    def __repr__(self) -> str:
+        return text_table(self._caption, self._rows)
+
     def _repr_html_(self) -> str:
-        rows = [
+        return html_table(self._caption, ("experiment", "kind", "files"), self._rows)
+
+    @property
+    def _rows(self) -> list[tuple[str, ...]]:
+        return [
             (e.name, e.kind.replace("_", " "), ", ".join(_file_names(msgspec.to_builtins(e.settings))))
             for e in self.experiments.values()
         ]
+
+    @property
+    def _caption(self) -> str:
         remarks = [f"recorded by {self.operator}"] if self.operator else []
         remarks += ["synthetic data"] if self.synthetic else []
-        caption = f"{self.title} ({'; '.join(remarks)})" if remarks else self.title
-        return html_table(caption, ("experiment", "kind", "files"), rows)
-
-
-def html_table(caption: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Write a small table for a notebook; every text is escaped.
-
-    Examples
-    --------
-    >>> html_table("a < b", ("x",), [(1,)])
-    '<table><caption>a &lt; b</caption><thead><tr><th>x</th></tr></thead><tbody><tr><td>1</td>\
-</tr></tbody></table>'
-    """
-    head = "".join(f"<th>{html.escape(title)}</th>" for title in titles)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
-    return (
-        f"<table><caption>{html.escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-    )
+        return f"{self.title} ({'; '.join(remarks)})" if remarks else self.title
 
 
 _MOST_NAMES = 4
