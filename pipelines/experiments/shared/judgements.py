@@ -212,18 +212,17 @@ def verdict_blocks(result: xr.Dataset | None, rows: Iterable[Row] = ()) -> tuple
     judged = believed(result)
     level, text = sentence(result, rows)
     blocks: list[Block] = [Notice(level, text)]  # type: ignore[arg-type]
-    blocks += [
-        Notice(
-            "error" if f.level == "impossible" else "warning" if f.level == "doubtful" else "info",
-            f"{f.check}: {f.message}" + (f". Probable cause: {f.cause}" if f.cause else ""),
-        )
-        for f in judged.findings[1:]
-        if judged.believable in ("impossible", "doubtful")
-    ]
+    if len(judged.findings) > 1:
+        blocks.append(Details(f"All {len(judged.findings)} findings", blocks=(_found(judged),)))
     if result.sizes["input"]:
         blocks.append(Details("What this comparison could have noticed", blocks=(_noticed(result),)))
     blocks.append(Details(f"Checks of the record ({_counted(judged)})", blocks=(_checked(judged),)))
     return tuple(blocks)
+
+
+def _found(judged: Judgement) -> Table:
+    rows = [(f.level, f.check, f.message, f.cause) for f in judged.findings]
+    return Table(tuple(Column(name) for name in ("level", "check", "what was seen", "probable cause")), rows)
 
 
 def _noticed(result: xr.Dataset) -> Table:
