@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from itertools import pairwise
 from math import hypot, isfinite, log, nan, pi
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -138,6 +139,11 @@ def of_file(name: str, readings: xr.Dataset) -> list[Check]:
     ]
 
 
+def is_swapped(checks: Sequence[Check]) -> bool:
+    """Whether the columns of position and force are exchanged."""
+    return any(check.name == SWAPPED and check.level is not None for check in checks)
+
+
 def knows_depth(checks: Sequence[Check]) -> bool:
     """Whether the column of the position tells how deep a punch goes."""
     wrong = (SWAPPED, STAGE, DIRECTION, TRAVEL)
@@ -149,7 +155,7 @@ def placed(checks: Sequence[Check], *files: str | None) -> list[Check]:
     found = []
     for check in checks:
         named = re.search(r"(\S+):(\d+): ", check.message)
-        file = next((f for f in files if f and named and named[1].endswith(f)), None)
+        file = next((f for f in files if f and named and Path(f).name == Path(named[1]).name), None)
         found.append(replace(check, file=file, line=int(named[2])) if file and named else check)
     return found
 
