@@ -590,6 +590,9 @@ def of_force(
         u = _U_LAYER if is_thin else _U_RANGE
         ends = [log(end) for end in _POLYMER]
         check = bounded(MODULUS, law, text, log(modulus), u, at_least=ends[0], at_most=ends[1], is_law=False, file=name)
+        if check.level is not None:
+            cause = "the unit of the column of the force, or punch.tips or punch.depth in session.toml, is wrong"
+            check = replace(check, cause=cause)
         found.append(check)
     law = "the force is that of the named material, within a factor that its batches may differ by"
     if not (isfinite(expected) and expected > 0.0 and force > 0.0):
@@ -646,7 +649,7 @@ def causes(
     yield from [*columns, *headers] if _shared(blocks) else [*headers, *columns]
     force = Cause(
         {RATIO: 1.0},
-        lambda k: f"the column of the force is {k:.4g} times too large: gf or mN, not N (line {names})",
+        lambda k: f"the column of the force is {k:.4g} times too large: {_force_unit(k)} (line {names})",
         (_GRAM_FORCE, 1e3, 1 / _GRAM_FORCE, 1e-3),
         only_usual=True,
         file=name,
@@ -680,6 +683,16 @@ def causes(
 
 
 _DECLARED = {AMPLITUDE: "amplitude", FREQUENCY: "frequency", TRAVEL: "amplitude", SPEED: "velocity"}
+
+
+def _force_unit(factor: float) -> str:
+    units = {
+        _GRAM_FORCE: "in gf under N",
+        1e3: "in mN under N",
+        1 / _GRAM_FORCE: "in N under gf",
+        1e-3: "in kN under N",
+    }
+    return units[min(units, key=lambda k: abs(log(k / factor)))]
 
 
 def _unit_of(factor: float, small: str, unit: str) -> str:
