@@ -11,7 +11,7 @@ from labpipe.variables import variable
 from pipelines.experiments.harmonic.measured import COLUMNS
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.comparison_rows import Row, row
+from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, Row, row
 
 
 def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
@@ -60,6 +60,10 @@ def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *,
             "dissipated work per cycle",
             "J",
             1,
+            slopes={
+                FORCE_SCALE: float(oscillations["work_per_cycle"][i]),
+                STIFFNESS: -float(model["work_per_cycle"][i]),
+            },
             condition=condition,
             measured=oscillations["work_per_cycle"][i],
             u_measured=oscillations["u_work_per_cycle"][i],

@@ -22,8 +22,10 @@ from labpipe.report import (
 )
 from labpipe.workflow.context import Context
 from pipelines.experiments.harmonic.budget import quantities
+from pipelines.experiments.harmonic.comparison import rows as compared_rows
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import budget_blocks, mach1_readings, pages, ramps_and_holds
+from pipelines.experiments.shared.judgements import verdict_section
 from pipelines.experiments.shared.punch_sections import blocks_table, cell, columns, punch_rows, substrate_name
 
 _UM = 1e6
@@ -31,6 +33,7 @@ _POINTS_PER_DECADE = 12  # of a hold
 
 
 def page(
+    judgement: xr.Dataset | None,
     readings: xr.Dataset | None,
     loads: xr.Dataset | None,
     hold: xr.Dataset | None,
@@ -44,7 +47,12 @@ def page(
     context: Context,
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
+    compared = []
+    if comparison is not None and oscillations is not None and model is not None:
+        compared = list(compared_rows(comparison, oscillations, model, settings=settings))
     sections = [_summary(oscillations, comparison, context), _measured(settings, readings, loads, context)]
+    if (verdict := verdict_section(judgement, compared)) is not None:
+        sections.insert(0, verdict)
     if oscillations is not None:
         sections += [_frequencies(oscillations, comparison), _stiffness(oscillations, model)]
     if oscillations is not None and theory is not None and _is_there(theory):

@@ -10,7 +10,7 @@ from labpipe.variables import variable
 from pipelines.experiments.relaxation.moduli import through
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import mach1_readings, ramps_and_holds
-from pipelines.experiments.shared.comparison_rows import Row, row
+from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, Row, row
 from pipelines.experiments.shared.ramps_and_holds import Hold
 
 _PARTS = ("ramp", "early", "late", "all")
@@ -101,6 +101,7 @@ def rows(tests: xr.Dataset, *, settings: Relaxation) -> Iterator[Row]:
             "plateau force",
             "N",
             1,
+            slopes={FORCE_SCALE: float(tests["plateau_force"][i]), STIFFNESS: -float(tests["plateau_force_model"][i])},
             condition=condition,
             measured=tests["plateau_force"][i],
             u_measured=tests["u_plateau_force"][i],

@@ -22,8 +22,10 @@ from labpipe.report import (
 )
 from labpipe.workflow.context import Context
 from pipelines.experiments.relaxation.budget import quantities
+from pipelines.experiments.relaxation.comparison import rows as compared_rows
 from pipelines.experiments.relaxation.settings import Relaxation
 from pipelines.experiments.shared import budget_blocks, pages, ramps_and_holds
+from pipelines.experiments.shared.judgements import verdict_section
 from pipelines.experiments.shared.punch_sections import columns, header_blocks, punch_rows, substrate_name
 
 _UM = 1e6
@@ -33,6 +35,7 @@ _POINTS_PER_DECADE = 12
 
 
 def page(
+    judgement: xr.Dataset | None,
     readings: list[xr.Dataset] | None,
     loads: list[xr.Dataset] | None,
     ramps: list[xr.Dataset] | None,
@@ -48,6 +51,9 @@ def page(
     loads, ramps, curves = _complete(loads), _complete(ramps), _complete(curves)
     model, comparison = _complete(model), _complete(comparison)
     sections = [_summary(tests, comparison, context), _measured(settings, readings, loads, context)]
+    compared = [] if tests is None else list(compared_rows(tests, settings=settings))
+    if (verdict := verdict_section(judgement, compared)) is not None:
+        sections.insert(0, verdict)
     if tests is not None:
         sections.append(_tests(tests))
     if loads is not None and ramps is not None and comparison is not None:

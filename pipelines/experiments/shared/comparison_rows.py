@@ -9,6 +9,8 @@ import numpy as np
 
 IMPACTS = 3
 """Impacts that are compared one by one; the thesis compares the first three."""
+FORCE_SCALE, STIFFNESS = "scale of force", "modulus of the rubber"
+"""Inputs of the rows of an indentation, relative: the cell's gain, and the material as a whole."""
 
 
 @dataclass(frozen=True, slots=True)

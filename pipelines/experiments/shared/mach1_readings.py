@@ -172,6 +172,12 @@ def filtered(
 def _sections(declared: dict[str, float], kind: str, rate: float) -> Floats:
     """Return the load cell's filter (section, 6) at a rate [Hz]."""
     order, cutoff = int(declared["order"]), declared["cutoff"]
+    if cutoff >= 0.5 * rate:
+        message = (
+            f"readings every {_FILTER_FINENESS / rate:.3g} s cannot have passed the load cell's low-pass of {cutoff:g} "
+            "Hz as the header declares it; the column of the time, or the cutoff in the header, is wrong"
+        )
+        raise InputError(message)
     if kind == "bessel":
         return np.asarray(bessel(order, cutoff, fs=rate, output="sos", norm="mag"))
     return np.asarray(butter(order, cutoff, fs=rate, output="sos"))

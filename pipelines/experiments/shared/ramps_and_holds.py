@@ -314,6 +314,9 @@ def measured(loads: xr.Dataset, touch: Quantity | None, longest: float) -> xr.Da
 
 def _row(loads: xr.Dataset, hold: Hold, touch: Quantity | None, longest: float) -> dict[str, float]:
     time, force = loads["time"].values[hold.rows], loads["force"].values[hold.rows]
+    if np.ptp(force) == 0.0:
+        message = f"block {hold.block + 1}: the force is the same in all readings; the load cell did not record"
+        raise InputError(message)
     top = int(np.argmax(force))
     level = plateau(loads, hold, longest)
     rest = unfinished(loads, hold, level)

@@ -1,0 +1,100 @@
+"""Whether a harmonic indentation can be believed: commands, columns, cell, punch and phase."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from labpipe.judging import Check, not_made
+from labpipe.units import Quantity
+from labpipe.workflow.context import Context
+from pipelines.experiments.harmonic.comparison import rows
+from pipelines.experiments.harmonic.settings import Harmonic
+from pipelines.experiments.shared import judgements, mach1_checks
+from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS
+from pipelines.experiments.shared.judgements import Scene
+from pipelines.experiments.shared.ramps_and_holds import relative_gain
+
+_FAILED = {
+    "readings": "the file is not what the session says, or was not copied whole",
+    "loads": "the file, or the record of its load cell, does not belong to this test",
+    "oscillations": "the file does not hold the oscillations that it declares",
+    "hold": "the stage was not held, or its column is wrong",
+    "model": "the position of first touch, or the punch in session.toml, is wrong",
+    "theory": "the position of first touch, or the punch in session.toml, is wrong",
+}
+
+
+def judgement(
+    readings: xr.Dataset | None,
+    loads: xr.Dataset | None,
+    hold: xr.Dataset | None,
+    oscillations: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    *,
+    settings: Harmonic,
+    context: Context,
+) -> xr.Dataset:
+    """Judge one harmonic indentation; what gave no result is judged by that."""
+    name = settings.mach1
+    checks: list[Check] = []
+    if readings is None:
+        checks.append(not_made("columns of the file", "a file holds position and force", "a file that can be read"))
+    else:
+        checks += mach1_checks.of_file(name, readings)
+        checks += [mach1_checks.falls(name, part) for part in mach1_checks.hold_parts(readings)]
+    if loads is not None:
+        checks += mach1_checks.of_cell(settings.load_cell, loads)
+    if oscillations is not None:
+        checks.append(_phase(name, oscillations, settings))
+    if mach1_checks.knows_depth(checks):
+        depth, force, expected = _worked(loads, hold, oscillations, model, comparison)
+        deepest = depth + (0.0 if oscillations is None else float(oscillations["amplitude"].max()))
+        checks += mach1_checks.of_punch(settings.punch, settings.substrate, settings.model, deepest)
+        checks += mach1_checks.of_force(name, settings.punch, settings.substrate, depth, force, expected)
+    failed = mach1_checks.placed(judgements.failed_steps(context, _FAILED), name, settings.load_cell.record)
+    checks = [*mach1_checks.with_sign(checks), *failed]
+    compared = []
+    if comparison is not None and oscillations is not None and model is not None:
+        compared = list(rows(comparison, oscillations, model, settings=settings))
+    causes = []
+    if readings is not None:
+        causes = list(mach1_checks.causes(name, readings, settings.punch, settings.load_cell, checks))
+    relative = 0.0 if loads is None else relative_gain(loads)
+    inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
+    return judgements.judgement(Scene(checks, causes, compared, inputs))
+
+
+def _phase(name: str, oscillations: xr.Dataset, settings: Harmonic) -> Check:
+    """Check the loss angle that lies furthest outside."""
+    lag, u = oscillations["phase_lag"].values, oscillations["u_phase_lag"].values
+    worst = int(np.argmax(np.abs(lag - np.pi / 4)))
+    frequency = float(oscillations["frequency"][worst])
+    return mach1_checks.phase(name, float(lag[worst]), float(u[worst]), frequency, settings.load_cell.record)
+
+
+def _worked(
+    loads: xr.Dataset | None,
+    hold: xr.Dataset | None,
+    oscillations: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+) -> tuple[float, float, float]:
+    """Return depth [m], force [N], and the force of the model where it is known, of one state."""
+    if oscillations is not None and loads is not None and bool(loads.attrs["is_tared"]):
+        force = float(oscillations["mean_force"][0])
+        if model is not None and "contact_position" in model:
+            depth = float(oscillations["mean_position"][0]) - float(model["contact_position"])
+            expected = np.nan
+            if comparison is not None and "bias" in comparison:
+                expected = force - float(comparison["bias"][0])
+            return depth, force, expected
+    if hold is not None and "depth" in hold:
+        return _last(hold, "depth"), _last(hold, "plateau_force"), np.nan
+    return np.nan, np.nan, np.nan
+
+
+def _last(result: xr.Dataset, variable: str) -> float:
+    values: Sequence[float] = result[variable].values.tolist()
+    return float(values[-1]) if len(values) else np.nan

@@ -1,0 +1,91 @@
+"""Whether relaxation tests can be believed: commands, columns, cell, punch, and how they compare."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from labpipe.judging import Cause, Check, judge, not_made
+from labpipe.units import Quantity
+from labpipe.workflow.context import Context
+from pipelines.experiments.relaxation.comparison import rows
+from pipelines.experiments.relaxation.settings import Relaxation
+from pipelines.experiments.shared import judgements, mach1_checks
+from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS
+from pipelines.experiments.shared.judgements import Scene
+from pipelines.experiments.shared.ramps_and_holds import relative_gain
+
+_FAILED = {
+    "readings": "the file is not what the session says, or was not copied whole",
+    "loads": "the file, or the record of its load cell, does not belong to this test",
+    "ramps": "the stage was not moved and held, or its column is wrong",
+    "curves": "the position of first touch, or the punch in session.toml, is wrong",
+    "model": "the position of first touch, or the punch in session.toml, is wrong",
+}
+
+
+def judgement(
+    readings: list[xr.Dataset | None] | None,
+    loads: list[xr.Dataset | None] | None,
+    ramps: list[xr.Dataset | None] | None,
+    comparison: list[xr.Dataset | None] | None,
+    tests: xr.Dataset | None,
+    *,
+    settings: Relaxation,
+    context: Context,
+) -> xr.Dataset:
+    """Judge all relaxation tests of an experiment; what gave no result is judged by that."""
+    files = settings.mach1
+    checks: list[Check] = []
+    relative = 0.0
+    for number, name in enumerate(files):
+        read, load, ramp, compared = (_at(r, number) for r in (readings, loads, ramps, comparison))
+        found = _of_file(name, read, load, ramp, compared, settings)
+        causes: list[Cause] = []
+        if read is not None and any(check.level for check in found):
+            causes = list(mach1_checks.causes(name, read, settings.punch, settings.load_cell, found))
+        # what is wrong with one file does not show in the others
+        checks += judge(mach1_checks.with_sign(found), causes).checks
+        relative = relative if load is None else relative_gain(load)
+    known = next((d for d in loads or () if d is not None), None)
+    if known is not None:
+        checks += mach1_checks.of_cell(settings.load_cell, known)
+    if mach1_checks.knows_depth(checks):
+        deepest = _deepest(ramps)
+        checks += mach1_checks.of_punch(settings.punch, settings.substrate, settings.model, deepest)
+    checks += mach1_checks.placed(judgements.failed_steps(context, _FAILED), *files, settings.load_cell.record)
+    compared_rows = [] if tests is None else list(rows(tests, settings=settings))
+    inputs = {FORCE_SCALE: Quantity(1.0, relative, "1"), STIFFNESS: Quantity(1.0, 0.0, "1")}
+    return judgements.judgement(Scene(checks, (), compared_rows, inputs))
+
+
+def _at(results: Sequence[xr.Dataset | None] | None, number: int) -> xr.Dataset | None:
+    return results[number] if results is not None and number < len(results) else None
+
+
+def _of_file(
+    name: str,
+    readings: xr.Dataset | None,
+    loads: xr.Dataset | None,
+    ramps: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    settings: Relaxation,
+) -> list[Check]:
+    if readings is None:
+        return [not_made(mach1_checks.SWAPPED, "a file holds position and force", "a file that can be read")]
+    checks = mach1_checks.of_file(name, readings)
+    if mach1_checks.is_swapped(checks):
+        return checks
+    checks += [mach1_checks.falls(name, part) for part in mach1_checks.hold_parts(readings)]
+    if ramps is None or loads is None or not bool(loads.attrs["is_tared"]) or not mach1_checks.knows_depth(checks):
+        return checks
+    depth, force = float(ramps["depth"][-1]), float(ramps["plateau_force"][-1])
+    expected = np.nan
+    if comparison is not None and "plateau_force_model" in comparison:
+        expected = float(comparison["plateau_force_model"][-1])
+    return checks + mach1_checks.of_force(name, settings.punch, settings.substrate, depth, force, expected)
+
+
+def _deepest(ramps: Sequence[xr.Dataset | None] | None) -> float:
+    depths = [float(found["depth"].max()) for found in ramps or () if found is not None]
+    return max((d for d in depths if np.isfinite(d)), default=np.nan)
