@@ -38,7 +38,7 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
 
 
 @dataclass(frozen=True, slots=True)
-class _Run:
+class Run:
     """Consecutive points of one table: rows of its Dataset, all at one temperature or frequency."""
 
     dataset: xr.Dataset
@@ -107,7 +107,7 @@ def sweeps(
     parts = [datasets] if isinstance(datasets, xr.Dataset) else list(datasets)
     for part in parts:
         _check_columns(part)
-    runs = [r for part in parts for r in _isothermal(part, tolerance, fewest)]
+    runs = [r for part in parts for r in isothermal(part, tolerance, fewest)]
     if not runs:
         message = (
             f"found no isothermal frequency sweep of {fewest} frequencies within ±{tolerance:g} K; "
@@ -115,8 +115,8 @@ def sweeps(
         )
         raise InputError(message)
     runs.sort(key=lambda r: float(r.values("temperature").mean()))
-    trusted = [_trusted(run, skip_first) for run in runs]
-    return _tabulated(runs, trusted, modulus_factor(mode, nu), mode, nu)
+    good = [trusted(run, skip_first=skip_first) for run in runs]
+    return _tabulated(runs, good, modulus_factor(mode, nu), mode, nu)
 
 
 def _check_columns(dataset: xr.Dataset) -> None:
@@ -138,14 +138,15 @@ def _tables(dataset: xr.Dataset) -> list[NDArray[np.intp]]:
     return [part[known[part]] for part in np.split(rows, stops[:-1])]
 
 
-def _isothermal(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[_Run]:
+def isothermal(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[Run]:
+    """Return the runs of a table at one temperature [within `tolerance`, K] over `fewest` frequencies."""
     temperature = dataset["temperature"].values
     found = []
     for rows in _tables(dataset):
         for run in _split_by_temperature(rows, temperature, tolerance):
             frequency = dataset["frequency"].values[run]
             if run.size and np.unique(np.round(np.log10(frequency), 3)).size >= fewest:
-                found.append(_Run(dataset, run))
+                found.append(Run(dataset, run))
     return found
 
 
@@ -164,7 +165,7 @@ def _split_by_temperature(rows: NDArray[np.intp], temperature: Floats, tolerance
     return [np.asarray(run, dtype=np.intp) for run in runs]
 
 
-def _trusted(run: _Run, skip_first: bool) -> NDArray[np.bool_]:
+def trusted(run: Run, *, skip_first: bool) -> NDArray[np.bool_]:
     """Tell which points count: valid, not clipped, torque large enough."""
     part = run.dataset.isel(sample=run.rows)
     good = part["is_valid"].values.astype(bool)
@@ -180,7 +181,7 @@ def _trusted(run: _Run, skip_first: bool) -> NDArray[np.bool_]:
 
 
 def _tabulated(
-    runs: Sequence[_Run], trusted: Sequence[NDArray[np.bool_]], factor: float, mode: str, nu: float
+    runs: Sequence[Run], trusted: Sequence[NDArray[np.bool_]], factor: float, mode: str, nu: float
 ) -> xr.Dataset:
     """Put ragged sweeps on the union of their frequencies."""
     levels, columns = _columns([run.values("frequency") for run in runs])
@@ -273,7 +274,7 @@ def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Datase
     for dataset in readings:
         _check_columns(dataset)
         for rows in _tables(dataset):
-            run = _Run(dataset, rows[_trusted(_Run(dataset, rows), False)])
+            run = Run(dataset, rows[trusted(Run(dataset, rows), skip_first=False)])
             if run.rows.size and _is_ramp(run):
                 ramps.append(
                     _glass_transition.Ramp(
@@ -288,7 +289,7 @@ def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Datase
     return _glass_transition.transitions(ramps)
 
 
-def _is_ramp(run: _Run) -> bool:
+def _is_ramp(run: Run) -> bool:
     frequency, temperature = run.values("frequency"), run.values("temperature")
     spread = float(np.ptp(frequency)) / float(np.median(frequency))
     return bool(
