@@ -50,7 +50,12 @@ def judgement(
     """Judge one film; what gave no result is judged by that."""
     checks: list[Check] = judgements.failed_steps(context, _FAILED)
     if radius is not None:
-        checks += [_fringes(radius, settings), _method(radius, settings), _times(radius, settings)]
+        checks += [
+            _fringes(radius, settings),
+            _visible(radius, settings),
+            _method(radius, settings),
+            _times(radius, settings),
+        ]
         checks += [_damaged(radius, settings), _copies(radius, settings)]
     if impacts is not None and impacts.sizes["impact"]:
         checks += [_size(impacts, settings), _like_model(impacts, model, settings), _order(impacts, settings)]
@@ -86,6 +91,25 @@ def _fringes(radius: xr.Dataset, settings: ContactArea) -> Check:
     u = hypot(hypot(_FRINGES, scale), hypot(light.u / light.value, body.u / body.value))
     message = f"{settings.film}: R times wavelength is {1 / seen:.4g} times what is stated, by the fringes"
     return compared(FRINGE, law, message, seen, seen * _FRINGES, 1.0, u, file=settings.film)
+
+
+def _visible(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Hold the fitted visibility against that of dark fringes without any light."""
+    name, law = "visibility of the fringes", "fringes cannot be darker than dark: visibility is at most 1"
+    values = radius["visibility"].values if "visibility" in radius else np.empty(0)
+    values = values[np.isfinite(values)]
+    if settings.wavelength is None or values.size < 3:
+        return not_made(name, law, "a wavelength, and three frames with fringes")
+    seen, u = float(np.median(values)), max(float(np.std(values)) / sqrt(values.size), 0.02)
+    phase = float(radius.attrs.get("phase", np.nan))
+    message = f"{settings.film}: visibility {seen:.2f}, phase in the contact {phase:.2f} rad"
+    found = bounded(name, law, message, seen, u, at_most=1.0, setting="wavelength")
+    light = quantity(settings.wavelength.value, "m")
+    cause = (
+        f"the wavelength of {light} is not that of the film's light, or the sphere's radius or the scale of the "
+        "image is wrong: fringes lie where these put none"
+    )
+    return replace(found, cause=cause)
 
 
 def edges_only(radius: xr.Dataset) -> tuple[int, int]:

@@ -50,6 +50,7 @@ def film(drop: xr.Dataset) -> xr.Dataset:
         "radius_systematic": 2.2e-3 * np.where(seen, a, np.nan),
         "in_contact": seen,
         "method": np.where(seen, 1, 0),
+        "visibility": np.where(seen, 0.82, np.nan),
         "valid": np.ones(count, bool),
         "centre_x": random.normal(200.0, 0.01, count),
     }
@@ -112,6 +113,14 @@ def test_green_light_for_red_is_named_by_the_fringes(film):
     assert "633 nm" in told.cause
     assert "532 nm" in told.cause
     assert told.setting == "wavelength"
+
+
+def test_fringes_darker_than_dark_are_impossible(film):
+    """What 532 nm for 633 nm makes of a film whose contacts a phase and a gap explain otherwise."""
+    film["visibility"] = film["visibility"] * 1.5
+    told = finding(judged(film)[0], "visibility of the fringes")
+    assert (told.level, told.setting) == ("impossible", "wavelength")
+    assert "wavelength of 633 nm" in told.cause
 
 
 def test_a_frame_rate_ten_times_too_high_is_named_by_the_flights(film):
