@@ -19,7 +19,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from calibration import quiet
+from calibration import _quiet
 from calibration.record import LaserRecord, LaserValues, Record, require
 from calibration.time_base import TimeBase, corrected, time_base
 from labpipe.errors import CalibrationError, InputError
@@ -99,7 +99,7 @@ def displacement(
     base = time_base(readings.attrs, values.time_base, averaging)
     is_valid = _is_valid(readings, output, raw, gain, values)
     used = np.where(is_valid, raw, np.nan)
-    step = quiet.resolution_of(used, stated_step)
+    step = _quiet.resolution_of(used, stated_step)
     time = readings["time"].values
     at_rest = _zero(time, used, zero, step, base.averaging)
     factor = direction * gain.value / math.cos(angle.value)
@@ -184,19 +184,19 @@ def _zero(
     zero: tuple[float, float] | Quantity | float | None,
     step: float,
     averaging: int,
-) -> quiet.Quiet:
+) -> _quiet.Quiet:
     if zero is None:
-        return quiet.from_start(time, used, resolution=step, correlated=averaging)
+        return _quiet.from_start(time, used, resolution=step, correlated=averaging)
     if isinstance(zero, Quantity):
-        return quiet.given(used, zero.value, zero.u, resolution=step)
+        return _quiet.given(used, zero.value, zero.u, resolution=step)
     if isinstance(zero, tuple):
-        return quiet.in_window(time, used, zero, resolution=step, correlated=averaging)
-    return quiet.given(used, float(zero), 0.0, resolution=step)
+        return _quiet.in_window(time, used, zero, resolution=step, correlated=averaging)
+    return _quiet.given(used, float(zero), 0.0, resolution=step)
 
 
 def _sources(
     moved: NDArray[np.float64],
-    at_rest: quiet.Quiet,
+    at_rest: _quiet.Quiet,
     step: float,
     angle: Quantity,
     gain: Quantity,
@@ -229,7 +229,7 @@ def _attributes(
     direction: int,
     checked: dict[str, Any],
     base: TimeBase,
-    at_rest: quiet.Quiet,
+    at_rest: _quiet.Quiet,
     step: float,
     angle: Quantity,
     sources: list[Source],

@@ -16,7 +16,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import signal
 
-from calibration import quiet
+from calibration import _quiet
 from calibration.record import LoadCellRecord, LoadCellValues, Record, require
 from labpipe.errors import CalibrationError, InputError
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty, excess_uncertainty
@@ -90,7 +90,7 @@ def force(
     if values and values.capacity:
         is_valid &= np.abs(np.nan_to_num(raw)) <= values.capacity.value
     used = np.where(is_valid, raw, np.nan)
-    step = quiet.resolution_of(used, None)
+    step = _quiet.resolution_of(used, None)
     at_rest = _tare(readings, used, zero, step)
     pressed = sign * gain.value * (used - at_rest.level) + 0.0  # no negative zeros
     spread = np.where(is_valid, gain.value * at_rest.noise, np.nan)
@@ -172,28 +172,28 @@ def _tare(
     used: NDArray[np.float64],
     zero: str | tuple[float, float] | Quantity | float | None,
     step: float,
-) -> quiet.Quiet:
+) -> _quiet.Quiet:
     time = readings["time"].values
     first = slice(None)
     if "block" in readings.coords and "sample" in readings.dims and time.size:
         first = slice(0, int(np.sum(readings["block"].values == readings["block"].values[0])))
     if zero is None:
-        return quiet.given(used, 0.0, 0.0, resolution=step)
+        return _quiet.given(used, 0.0, 0.0, resolution=step)
     if isinstance(zero, Quantity):
-        return quiet.given(used, zero.value, zero.u, resolution=step)
+        return _quiet.given(used, zero.value, zero.u, resolution=step)
     if isinstance(zero, tuple):
-        return quiet.in_window(time[first], used[first], zero, resolution=step)
+        return _quiet.in_window(time[first], used[first], zero, resolution=step)
     if isinstance(zero, str):
         if zero != "start":
             message = f'zero must be "start", a window, a force or None, found "{zero}"'
             raise InputError(message)
-        return quiet.from_start(time[first], used[first], resolution=step)
-    return quiet.given(used, float(zero), 0.0, resolution=step)
+        return _quiet.from_start(time[first], used[first], resolution=step)
+    return _quiet.given(used, float(zero), 0.0, resolution=step)
 
 
 def _sources(
     pressed: NDArray[np.float64],
-    at_rest: quiet.Quiet,
+    at_rest: _quiet.Quiet,
     step: float,
     gain: Quantity,
     values: LoadCellValues | None,

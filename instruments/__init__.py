@@ -6,6 +6,8 @@ they are asked. Other distributions add theirs by entry points of the group
 ``labpipe.instruments`` (:mod:`labpipe.plugins`); they are asked after ours.
 """
 
+from __future__ import annotations
+
 import os
 import stat
 from functools import cache
@@ -186,7 +188,7 @@ def _unopened(path: Path, error: OSError) -> SourceError:
 
 def read(
     path: str | os.PathLike[str], *, instrument: str | None = None, **options: Unpack[Options]
-) -> "xr.Dataset | FrameSource":
+) -> xr.Dataset | FrameSource:
     """Read a file of any known instrument.
 
     Parameters
@@ -232,7 +234,7 @@ def read(
     return result
 
 
-def read_table(path: str | os.PathLike[str], content: Content, usual: str, **options: Unpack[Options]) -> "xr.Dataset":
+def read_table(path: str | os.PathLike[str], content: Content, usual: str, **options: Unpack[Options]) -> xr.Dataset:
     """Read a file of whichever instrument, for an experiment that needs a table of some content.
 
     Parameters
@@ -269,8 +271,8 @@ def read_table(path: str | os.PathLike[str], content: Content, usual: str, **opt
     return table
 
 
-def _read(reader: Instrument, path: Path, options: Any) -> "xr.Dataset | FrameSource":
-    """Read a file; an exception of a plug-in that is not ours is reported as its fault."""
+def _read(reader: Instrument, path: Path, options: Any) -> xr.Dataset | FrameSource:
+    """Read a file; what a plug-in raises that is no error of ours is told as its fault."""
     try:
         found: xr.Dataset | FrameSource = reader.read(path, options)
     except LabpipeError:

@@ -1,13 +1,137 @@
-"""The physics, the mathematics, the data model, the workflow engine and the report kit.
+"""The front door: every command as a verb, and every everyday object, under one name.
 
-Sub-packages, from the ground up: :mod:`labpipe.signals`, :mod:`labpipe.materials`,
-:mod:`labpipe.contact`, :mod:`labpipe.imaging`; beside them :mod:`labpipe.workflow` and
-:mod:`labpipe.report`, which know none of the physics. Nothing here knows an instrument, a
-calibration or an experiment; those are the packages ``instruments``, ``calibration`` and
-``pipelines``. Importing labpipe imports none of the numerical libraries.
+>>> import labpipe as lp
+>>> fall = lp.drop("acrylic", radius="9.525 mm", mass="505 g", height="7 mm", duration="50 ms")
+
+``lp.read`` and ``lp.inspect`` a file; ``lp.init``, ``lp.plan``, ``lp.process`` and ``lp.watch`` a
+session; look at it with ``lp.result``, ``lp.results``, ``lp.report``, ``lp.compare``,
+``lp.verdict``, ``lp.sensitivity``, ``lp.identify``, ``lp.catalogue`` and ``lp.export``; make a synthetic one with
+``lp.sample`` or ``lp.demo``; simulate with ``lp.drop``, ``lp.indent`` and ``lp.sweep``.
+
+Behind it stand, from the ground up, :mod:`labpipe.signals`, :mod:`labpipe.materials`,
+:mod:`labpipe.contact`, :mod:`labpipe.imaging`, :mod:`labpipe.identification`; beside them
+:mod:`labpipe.workflow`, :mod:`labpipe.judging` and :mod:`labpipe.report`, which know none of the
+physics. They know no instrument, no calibration and no experiment; this file alone names the
+packages above, and loads each when a name of it is first used. Importing labpipe imports none of
+the numerical libraries.
 """
+
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+from labpipe.lazy import lazily
+
+if TYPE_CHECKING:
+    from instruments import read
+    from labpipe.contact import drop, indent
+    from labpipe.imaging import contact_radius, track
+    from labpipe.materials import MasterCurve, Prony, master_curve
+    from labpipe.materials import solid as material
+    from labpipe.signals import velocity
+    from pipelines.figures import figures
+    from pipelines.identify import identify
+    from pipelines.rig import demo, sample
+    from pipelines.session import (
+        catalogue,
+        compare,
+        doctor,
+        export,
+        init,
+        inspect,
+        plan,
+        process,
+        report,
+        result,
+        results,
+        sensitivity,
+        verdict,
+        watch,
+    )
+    from pipelines.sweeps import sweep
+else:
+    # What stands in this branch is no part of the code behind a result, which leads only downwards.
+    _HOMES = {
+        "MasterCurve": "labpipe.materials",
+        "Prony": "labpipe.materials",
+        "catalogue": "pipelines.session",
+        "compare": "pipelines.session",
+        "contact_radius": "labpipe.imaging",
+        "demo": "pipelines.rig",
+        "doctor": "pipelines.session",
+        "drop": "labpipe.contact",
+        "export": "pipelines.session",
+        "figures": "pipelines.figures",
+        "identify": "pipelines.identify",
+        "indent": "labpipe.contact",
+        "init": "pipelines.session",
+        "inspect": "pipelines.session",
+        "master_curve": "labpipe.materials",
+        "material": "labpipe.materials:solid",
+        "plan": "pipelines.session",
+        "process": "pipelines.session",
+        "read": "instruments",
+        "report": "pipelines.session",
+        "result": "pipelines.session",
+        "results": "pipelines.session",
+        "sample": "pipelines.rig",
+        "sensitivity": "pipelines.session",
+        "sweep": "pipelines.sweeps",
+        "track": "labpipe.imaging",
+        "velocity": "labpipe.signals",
+        "verdict": "pipelines.session",
+        "watch": "pipelines.session",
+    }
+    __getattr__ = lazily(__name__, _HOMES, from_the_top=True)
 
 __version__ = "0.1.0"
 
 # All four packages carry this mark; a foreign package of the same name does not (see `doctor`).
 BUILD = f"labpipe {__version__}"
+
+__all__ = [
+    "MasterCurve",
+    "Prony",
+    "catalogue",
+    "compare",
+    "contact_radius",
+    "demo",
+    "doctor",
+    "drop",
+    "export",
+    "figures",
+    "identify",
+    "indent",
+    "init",
+    "inspect",
+    "master_curve",
+    "material",
+    "plan",
+    "process",
+    "read",
+    "report",
+    "result",
+    "results",
+    "sample",
+    "sensitivity",
+    "sweep",
+    "track",
+    "velocity",
+    "verdict",
+    "watch",
+]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+class _Door(ModuleType):
+    """Keeps the verb ``report`` in its place when the package of that name is imported."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name != "report" or not isinstance(value, ModuleType):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Door

@@ -1,12 +1,13 @@
 """Film interface: the contract between camera readers and imaging functions."""
 
 from collections.abc import Iterator
-from typing import Protocol, runtime_checkable
+from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.errors import InputError
+from labpipe.notebook import html_table, shown
 
 
 @runtime_checkable
@@ -50,7 +51,23 @@ class FrameSource(Protocol):
         """Return a view of a rectangle; rows outside are not read."""
 
 
-class ArrayFrames:
+class ShownFrames:
+    """What a film of any kind shows of itself; nothing is decoded for it."""
+
+    def __repr__(self) -> str:
+        film = cast("FrameSource", self)
+        rows, columns = film.shape[1:]
+        size = f"film of {len(film)} frames, {rows} rows × {columns} columns"
+        if not len(film):
+            return size
+        exposure = "" if film.exposure is None else f", exposure {shown(film.exposure[0], 's')}"
+        return f"{size}, {film.time[0]:.4g} to {film.time[-1]:.4g} s{exposure}"
+
+    def _repr_html_(self) -> str:
+        return html_table(repr(self), (), ())
+
+
+class ArrayFrames(ShownFrames):
     """A (frame, row, column) array in memory as a :class:`FrameSource`.
 
     Parameters

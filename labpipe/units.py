@@ -232,3 +232,56 @@ def quantity(text: str) -> Quantity:
         raise InputError(message)
     factor, si = unit(match["unit"] or "1")
     return Quantity(float(match["value"]) * factor, float(match["u"] or 0.0) * factor, si)
+
+
+Measure = float | str | Quantity
+"""What an argument takes: a number in SI, or a text with a unit such as ``"9.525 mm"``."""
+
+
+def si(given: Measure, unit_of: str, name: str) -> float:
+    """Return an argument in SI.
+
+    Parameters
+    ----------
+    given : float, str or Quantity
+        A number in SI, or a text with a unit; what stands after ``±`` is left aside.
+    unit_of : str
+        The SI unit of the argument; several that mean the same, ``"m or m/px"``.
+    name : str
+        Of the argument, for the message.
+
+    Raises
+    ------
+    InputError
+        It is neither, has no unit, or is in the unit of something else.
+
+    Examples
+    --------
+    >>> si("9.525 mm", "m", "radius"), si("505 ± 0.5 g", "kg", "mass"), si(0.5, "s", "duration")
+    (0.009525, 0.505, 0.5)
+    """
+    if not isinstance(given, str | Quantity):
+        try:
+            return float(given)
+        except (TypeError, ValueError):
+            message = f"{name}: expected {_example(unit_of)}; found {type(given).__name__}"
+            raise InputError(message) from None
+    try:
+        value, _, found = quantity(given) if isinstance(given, str) else given
+    except InputError as error:
+        message = f"{name}: {error}"
+        raise InputError(message) from None
+    if found not in unit_of.split(" or "):
+        text = f'"{given}"' if isinstance(given, str) else f"{value:g} {found}"
+        is_in = "has no unit" if found == "1" else f"is in {found}"
+        message = f"{name}: {text} {is_in}; expected {_example(unit_of)}"
+        raise InputError(message)
+    return value
+
+
+def _example(unit_of: str) -> str:
+    """Say what an argument takes, with an example in the unit that laboratories write."""
+    first = unit_of.partition(" or ")[0]
+    usual = {"m": "9.5 mm", "kg": "505 g", "s": "0.5 s", "Pa": "3.2 GPa", "degC": "39 °C"}
+    text = usual.get(first, f"1 {first}")
+    return f'a number in {unit_of}, or a text with a unit such as "{text}"'

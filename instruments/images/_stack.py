@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from instruments.images._headers import ImageHeader, png_fault, read_headers
 from labpipe import files
 from labpipe.errors import InputError, SourceError
+from labpipe.frames import ShownFrames
 
 _SUFFIXES = (".png", ".tif", ".tiff")
 _NUMBER = re.compile(r"-?\d+(?=\D*$)")
@@ -156,7 +157,7 @@ def _check_alike(places: Sequence[_Place]) -> None:
             )
 
 
-class ImageFrames:
+class ImageFrames(ShownFrames):
     """Images in files as frames; one is decoded when it is asked for."""
 
     def __init__(
@@ -254,7 +255,7 @@ def _decode(place: _Place) -> NDArray[Any] | None:
     return None if image is None else np.asarray(image)
 
 
-class VideoFrames:
+class VideoFrames(ShownFrames):
     """Frames of a video file, for what an AVI is worth: baked levels, 8 bit, no times."""
 
     def __init__(self, path: Path, fps: float, exposure: float | None) -> None:

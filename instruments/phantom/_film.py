@@ -19,6 +19,7 @@ from instruments.phantom._pixels import PACKED_GROUP, decode, linear_from_compan
 from instruments.phantom._times import TimeAxis, exposure_times, time_axis
 from labpipe.binary import Window
 from labpipe.errors import InputError, SourceError
+from labpipe.frames import ShownFrames
 
 #: Bytes that the system maps when one of them is looked at (Linux: 16 pages).
 _FAULT_AROUND = 64 * 2**10
@@ -48,7 +49,7 @@ def read(path: str | os.PathLike[str]) -> "CineFrames":
     return CineFrames(window, read_header(window))
 
 
-class CineFrames:
+class CineFrames(ShownFrames):
     """The frames of a .cine file.
 
     Parameters

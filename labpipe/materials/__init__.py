@@ -1,7 +1,7 @@
 """Linear viscoelastic materials: Prony series, interconversion, master curves, library."""
 
 from labpipe.materials._kraus import Kraus
-from labpipe.materials.library import Material, Thermal, describe, load, load_file, read_material, thermal
+from labpipe.materials.library import Material, Solid, Thermal, describe, load, load_file, read_material, solid, thermal
 from labpipe.materials.prony import (
     Prony,
     Relaxation,
@@ -26,11 +26,16 @@ from labpipe.materials.spectrum import (
 from labpipe.materials.superposition import (
     MasterCurve,
     ShiftLaw,
+    TableRun,
     arrhenius,
+    gather_sweeps,
+    isothermal_runs,
     master_curve,
+    modulus_factor,
     overlapped_shifts,
     read_sweeps,
     shift_at,
+    trusted_tables,
     wlf,
 )
 
@@ -44,13 +49,17 @@ __all__ = [
     "Relaxation",
     "Retardation",
     "ShiftLaw",
+    "Solid",
+    "TableRun",
     "Thermal",
     "arrhenius",
     "compress",
     "creep_from_relaxation",
     "describe",
     "fewest_terms",
+    "gather_sweeps",
     "generalised_maxwell",
+    "isothermal_runs",
     "kelvin_voigt",
     "kramers_kronig",
     "load",
@@ -59,13 +68,16 @@ __all__ = [
     "master_curve",
     "maxwell",
     "maxwell_shapes",
+    "modulus_factor",
     "overlapped_shifts",
     "read_material",
     "read_sweeps",
     "relaxation_from_creep",
     "shift_at",
+    "solid",
     "solve_by_cross_validation",
     "standard_linear_solid",
     "thermal",
+    "trusted_tables",
     "wlf",
 ]

@@ -5,6 +5,8 @@ Three estimators: ``"spline"`` (default, see :mod:`._smoothing`), ``"thesis"``
 alone).
 """
 
+from __future__ import annotations
+
 import json
 import warnings
 from typing import Literal
@@ -19,6 +21,7 @@ from labpipe.errors import InputError
 from labpipe.signals._noise import Noise, estimate_noise, is_spike
 from labpipe.signals._readings import checked_times, refuse_infinite
 from labpipe.signals._smoothing import Smooth, evaluate, smooth
+from labpipe.units import Measure, si
 from labpipe.variables import described
 
 Method = Literal["spline", "thesis", "difference"]
@@ -38,7 +41,7 @@ def velocity(
     *,
     breaks: ArrayLike | None = None,
     releases: ArrayLike | None = None,
-    noise: float | None = None,
+    noise: Measure | None = None,
     window: int = THESIS_WINDOW,
 ) -> xr.DataArray:
     """Differentiate a displacement record.
@@ -58,7 +61,7 @@ def velocity(
         jump. A few per cent better than letting the spline find the contacts.
     releases : array (k,), optional [s]
         Spline only: times at which the acceleration itself may jump (a release, a hard stop).
-    noise : float, optional [m]
+    noise : float or text with a unit, optional [m]
         Standard deviation of the samples' white noise. Default: estimated from the record.
     window : int
         Thesis only: number of samples; an even number is reduced by one, as ``smooth`` does.
@@ -105,6 +108,7 @@ def velocity(
     -4.9
     """
     time, values = checked_record(displacement)
+    noise = None if noise is None else si(noise, "m", "noise")
     if noise is not None and not (np.isfinite(noise) and noise >= 0.0):
         message = f"noise must be a standard deviation in m, >= 0; found {noise}"
         raise InputError(message)

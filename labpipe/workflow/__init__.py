@@ -8,9 +8,9 @@
 - :mod:`~labpipe.workflow.store`: results by key; :mod:`~labpipe.workflow.results`: the reader of
   those that are up to date
 - :mod:`~labpipe.workflow.runner` over :mod:`~labpipe.workflow.engines` and
-  :mod:`~labpipe.workflow.worker`: doing it
-- :mod:`~labpipe.workflow.log`: what the runs did, and when
-- :mod:`~labpipe.workflow.ledger`, :mod:`~labpipe.workflow.provenance`,
+  :mod:`~labpipe.workflow._worker`: doing it
+- :mod:`~labpipe.workflow._log`: what the runs did, and when
+- :mod:`~labpipe.workflow._ledger`, :mod:`~labpipe.workflow.provenance`,
   :mod:`~labpipe.workflow.context`: what was done, from what, and what a page is told of it
 
 The names below are imported when they are first used, so that reading a configuration or making
@@ -23,9 +23,9 @@ from typing import TYPE_CHECKING
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
+    from labpipe.workflow._log import events
     from labpipe.workflow.context import Context
     from labpipe.workflow.graph import Stage
-    from labpipe.workflow.log import events
     from labpipe.workflow.plan import Plan
     from labpipe.workflow.results import Results
     from labpipe.workflow.runner import RunResult, open_result, run, run_all
@@ -57,7 +57,7 @@ _HOMES = {
     "Session": "session",
     "Stage": "graph",
     "Store": "store",
-    "events": "log",
+    "events": "_log",
     "load": "session",
     "open_result": "runner",
     "run": "runner",

@@ -26,7 +26,7 @@ import msgspec
 from labpipe.errors import InputError
 from labpipe.files import files_below, safe_join
 from labpipe.units import Quantity, quantity
-from labpipe.workflow import toml_lines
+from labpipe.workflow import _toml_lines
 from labpipe.workflow.document import Document, parse
 from labpipe.workflow.fields import (
     NOT_NEGATIVE,
@@ -130,10 +130,10 @@ class Checker:
 
     document: Document
     root: Path
-    origins: Mapping[toml_lines.Path, toml_lines.Path] = field(default_factory=dict)
+    origins: Mapping[_toml_lines.Path, _toml_lines.Path] = field(default_factory=dict)
     may_wait: bool = False
 
-    def report(self, place: toml_lines.Path, message: str) -> None:
+    def report(self, place: _toml_lines.Path, message: str) -> None:
         """Report at the place in the file that a merged value came from."""
         nearest = place
         while nearest and nearest not in self.origins:
@@ -141,7 +141,7 @@ class Checker:
         written = (*self.origins.get(nearest, nearest), *place[len(nearest) :])
         self.document.report(written, message)
 
-    def structure(self, kind: type[msgspec.Struct], value: Any, place: toml_lines.Path, partial: bool = False) -> Any:
+    def structure(self, kind: type[msgspec.Struct], value: Any, place: _toml_lines.Path, partial: bool = False) -> Any:
         """Convert a table; with ``partial``, required fields may be missing."""
         if not isinstance(value, dict):
             self.report(place, f"expected a table, found {found(value)}")
@@ -164,7 +164,7 @@ class Checker:
             self.report(place, str(error))
             return _BAD
 
-    def value(self, kind: Any, value: Any, place: toml_lines.Path, partial: bool = False) -> Any:
+    def value(self, kind: Any, value: Any, place: _toml_lines.Path, partial: bool = False) -> Any:
         """Convert one value to the type of its field."""
         bare, marks = split(kind)
         if typing.get_origin(bare) in (Union, types.UnionType):
@@ -182,7 +182,7 @@ class Checker:
             return self._long_enough(marks, self._collection(bare, value, place, partial), place)
         return self._in_range(marks, self._plain(kind, bare, value, place), place)
 
-    def _union(self, kind: Any, value: Any, place: toml_lines.Path, partial: bool) -> Any:
+    def _union(self, kind: Any, value: Any, place: _toml_lines.Path, partial: bool) -> Any:
         options = [option for option in typing.get_args(kind) if option is not type(None)]
         if len(options) == 1:
             return self.value(options[0], value, place, partial)
@@ -196,7 +196,7 @@ class Checker:
         self.report(place, f"expected {expected}, found {found(value)}")
         return _BAD
 
-    def _collection(self, kind: Any, value: Any, place: toml_lines.Path, partial: bool) -> Any:
+    def _collection(self, kind: Any, value: Any, place: _toml_lines.Path, partial: bool) -> Any:
         arguments = typing.get_args(kind)
         if typing.get_origin(kind) is dict:
             if not isinstance(value, dict):
@@ -220,7 +220,7 @@ class Checker:
             return _BAD
         return tuple(items) if typing.get_origin(kind) is tuple else items
 
-    def _long_enough(self, marks: tuple[Any, ...], value: Any, place: toml_lines.Path) -> Any:
+    def _long_enough(self, marks: tuple[Any, ...], value: Any, place: _toml_lines.Path) -> Any:
         bounds = mark(marks, msgspec.Meta)
         least = (bounds.min_length if bounds is not None else None) or 0
         if value is _BAD or len(value) >= least:
@@ -228,12 +228,12 @@ class Checker:
         self.report(place, f"expected at least {least} item(s), found {len(value)}")
         return _BAD
 
-    def _refuse_repeated(self, names: Sequence[Any], place: toml_lines.Path) -> None:
+    def _refuse_repeated(self, names: Sequence[Any], place: _toml_lines.Path) -> None:
         for position, name in enumerate(names):
             if name in names[:position]:
                 self.report((*place, position), f'"{name}" is listed twice; remove one')
 
-    def _quantity(self, dimension: Dimension, value: Any, place: toml_lines.Path) -> Any:
+    def _quantity(self, dimension: Dimension, value: Any, place: _toml_lines.Path) -> Any:
         expected = describe_dimension(dimension)
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if is_number and dimension.si == "1":
@@ -256,7 +256,7 @@ class Checker:
             return _BAD
         return parsed
 
-    def _in_range(self, marks: tuple[Any, ...], value: Any, place: toml_lines.Path) -> Any:
+    def _in_range(self, marks: tuple[Any, ...], value: Any, place: _toml_lines.Path) -> Any:
         bounds = mark(marks, Range)
         if bounds is None or value is _BAD:
             return value
@@ -269,7 +269,7 @@ class Checker:
         self.report(place, f"must be {bounds}{unit}, found {shown}")
         return _BAD
 
-    def _file(self, value: Any, place: toml_lines.Path) -> Any:
+    def _file(self, value: Any, place: _toml_lines.Path) -> Any:
         if not isinstance(value, str):
             self.report(place, f"expected the name of a file, found {found(value)}")
             return _BAD
@@ -290,7 +290,7 @@ class Checker:
             return _BAD
         return value
 
-    def _plain(self, kind: Any, bare: Any, value: Any, place: toml_lines.Path) -> Any:
+    def _plain(self, kind: Any, bare: Any, value: Any, place: _toml_lines.Path) -> Any:
         if typing.get_origin(bare) is Literal and value not in typing.get_args(bare):
             near = suggest(str(value), map(str, typing.get_args(bare)))
             self.report(place, f"expected {describe(bare)}, found {found(value)}{near}")

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from labpipe.workflow.ledger import LedgerRow
+from labpipe.workflow._ledger import LedgerRow
 
 _MOST_MODULES = 3
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from labpipe.errors import ConfigError, SourceError
-from labpipe.workflow import toml_lines
+from labpipe.workflow import _toml_lines
 
 LARGEST_FILE = 1_000_000
 """Bytes; no configuration written by a person is longer."""
@@ -29,16 +29,16 @@ class Document:
 
     path: Path
     tree: dict[str, Any]
-    lines: dict[toml_lines.Path, int]
+    lines: dict[_toml_lines.Path, int]
     problems: dict[str, int] = field(default_factory=dict)
 
-    def line(self, place: toml_lines.Path) -> int:
+    def line(self, place: _toml_lines.Path) -> int:
         """Line of a value, or of the nearest table around it."""
         while place not in self.lines:
             place = place[:-1]
         return self.lines[place]
 
-    def report(self, place: toml_lines.Path, message: str) -> None:
+    def report(self, place: _toml_lines.Path, message: str) -> None:
         """Note a mistake once."""
         shown = f"{dotted(place)}: " if place else ""
         line = self.line(place)
@@ -50,7 +50,7 @@ class Document:
             raise ConfigError(sorted(self.problems, key=self.problems.__getitem__))
 
 
-def dotted(place: toml_lines.Path) -> str:
+def dotted(place: _toml_lines.Path) -> str:
     """Write a place as ``experiments.acrylic.laser[2]``."""
     text = ""
     for key in place:
@@ -83,7 +83,7 @@ def parse(path: Path) -> Document:
         raise ConfigError([f"{path.name}:1: cannot be read as TOML: {error}"]) from None
     if _depth(tree) > DEEPEST:
         raise ConfigError([f"{path.name}:1: nested deeper than {DEEPEST} levels; flatten it"])
-    document = Document(path, tree, toml_lines.index(text))
+    document = Document(path, tree, _toml_lines.index(text))
     _refuse_not_finite(document, (), tree)
     return document
 
@@ -153,7 +153,7 @@ def _children(node: Any) -> Iterable[Any]:
     return node if isinstance(node, list) else ()
 
 
-def _refuse_not_finite(document: Document, place: toml_lines.Path, node: Any) -> None:
+def _refuse_not_finite(document: Document, place: _toml_lines.Path, node: Any) -> None:
     if isinstance(node, float) and not math.isfinite(node):
         document.report(place, f"expected a finite number, found {node}")
     pairs = node.items() if isinstance(node, dict) else enumerate(_children(node))

@@ -6,17 +6,19 @@ from typing import Any
 
 from labpipe import files
 from labpipe.errors import SourceError, UsageError
+from labpipe.notebook import html_table, text_table
 from labpipe.units import Quantity
+from labpipe.workflow._keys import Key, code_changes, make_keys
 from labpipe.workflow.context import code_changed
 from labpipe.workflow.fields import show, suggest
-from labpipe.workflow.keys import Key, code_changes, make_keys
-from labpipe.workflow.session import Session, html_table
+from labpipe.workflow.session import Session
 from labpipe.workflow.store import Last, Store
 from labpipe.workflow.tasks import Stages, Task, TaskId, ancestors, spell_out
 
 CACHED, KEPT, WILL_RUN, WAITS = "cached", "kept", "will run", "waits"
 READY = (CACHED, KEPT)
 """States of results that can be used."""
+_COLUMNS = ("experiment", "stage", "recording", "state", "reason")
 _MOST_REASONS = 3
 """Reasons shown in one row; the rest is counted."""
 
@@ -72,7 +74,7 @@ class Plan:
 
         Steps that run side by side count one after the other.
         """
-        from labpipe.workflow.log import last_seconds
+        from labpipe.workflow._log import last_seconds
 
         known = last_seconds(self.session) if self.to_run else {}
         found = [known[row.task] for row in self.to_run if row.task in known]
@@ -88,11 +90,15 @@ class Plan:
         parts = [f"{len(self.to_run)} of {len(self.rows)} steps would run", self.estimate]
         return ", ".join(part for part in parts if part)
 
+    def __repr__(self) -> str:
+        return text_table(f"{self.session.title}: {self.summary}", self._cells)
+
     def _repr_html_(self) -> str:
-        names = ("experiment", "stage", "recording", "state", "reason")
-        rows = [[getattr(row, name) or "" for name in names] for row in self.rows]
-        caption = f"{self.session.title}: {self.summary}"
-        return html_table(caption, names, rows)
+        return html_table(f"{self.session.title}: {self.summary}", _COLUMNS, self._cells)
+
+    @property
+    def _cells(self) -> list[list[str]]:
+        return [[getattr(row, name) or "" for name in _COLUMNS] for row in self.rows]
 
 
 def plan(

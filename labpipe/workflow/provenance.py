@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import labpipe
-from labpipe.workflow.keys import Key
+from labpipe.workflow._keys import Key
 from labpipe.workflow.store import key_of
 from labpipe.workflow.tasks import Task, TaskId, ancestors
 

@@ -81,8 +81,7 @@ class Results:
         if task not in self.plan.tasks:
             wanted_tasks(self.plan.session, self.plan.tasks, [f"{experiment}/{stage}"], [experiment])
             alike = [n.recording for n in self.plan.tasks if n[:2] == task[:2]]
-            message = f"{task} is no task; recordings: {', '.join(filter(None, alike)) or 'none'}"
-            raise InputError(message)
+            raise InputError(_which_recording(task, [name for name in alike if name is not None]))
         row = next(row for row in self.plan.rows if row.task == task)
         key = self.plan.keys[task].value
         if row.state not in READY or key is None:
@@ -100,3 +99,14 @@ class Results:
         if argument.is_list:
             return found
         return found[0] if found else None
+
+
+def _which_recording(task: TaskId, known: Sequence[str]) -> str:
+    """Say which recordings a result can be asked for."""
+    stage = f"{task.experiment}/{task.stage}"
+    if not known:
+        return f'{stage} is one result of all recordings; ask for it without "{task.recording}"'
+    listed = ", ".join(f'"{name}"' for name in known)
+    if task.recording is None:
+        return f"{stage} has a result for each recording; name one of them: {listed}"
+    return f'{stage} has no recording "{task.recording}"; there are {listed}'

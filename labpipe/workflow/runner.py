@@ -12,17 +12,18 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, StorageError
+from labpipe.notebook import html_table, text_table
 from labpipe.schema import Schema
 from labpipe.workflow import engines, provenance
+from labpipe.workflow._ledger import LedgerRow, summarise
+from labpipe.workflow._log import LOG
+from labpipe.workflow._worker import DONE, FAILED, SKIPPED, WORK, Job, Outcome, check_schemas
 from labpipe.workflow.engines import Call, Crew, Died
-from labpipe.workflow.ledger import LedgerRow, summarise
-from labpipe.workflow.log import LOG
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name, wanted_tasks
 from labpipe.workflow.results import Results, read
-from labpipe.workflow.session import Session, html_table
+from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, TaskId, spell_out
-from labpipe.workflow.worker import DONE, FAILED, SKIPPED, WORK, Job, Outcome, check_schemas
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 _TRIES = 2
 """Workers that a task may kill before it has failed."""
 
-_IMPORTS = ("numpy", "xarray", "netCDF4", "labpipe.netcdf", "labpipe.workflow.worker")
+_IMPORTS = ("numpy", "xarray", "netCDF4", "labpipe.netcdf", "labpipe.workflow._worker")
 """What every worker needs."""
 
 _IMPORTS_TO_DRAW = (
@@ -112,14 +113,21 @@ class RunResult:
         message = f"{wanted} gave no result in this run"
         raise InputError(message)
 
+    @property
+    def summary(self) -> str:
+        """Say in one line how many steps ended how."""
+        count = Counter(o.state for o in self.outcomes)
+        return ", ".join(f"{n} {s}" for s, n in sorted(count.items())) or "nothing to do"
+
+    def __repr__(self) -> str:
+        failed = [("failed", str(o.task), o.message) for o in self.failures]
+        reports = [("report", name, str(path)) for name, path in self.reports.items()]
+        return text_table(f"{self.session.title}: {self.summary}", failed + reports)
+
     def _repr_html_(self) -> str:
         names = ("experiment", "stage", "recording", "state", "message")
         rows = [[getattr(o, name) or "" for name in names] for o in self.outcomes]
-        count = {o.state: 0 for o in self.outcomes}
-        for outcome in self.outcomes:
-            count[outcome.state] += 1
-        summary = ", ".join(f"{n} {state}" for state, n in sorted(count.items()))
-        return html_table(f"{self.session.title}: {summary or 'nothing to do'}", names, rows)
+        return html_table(f"{self.session.title}: {self.summary}", names, rows)
 
 
 class Options(TypedDict, total=False):

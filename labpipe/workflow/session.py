@@ -6,9 +6,8 @@ Versions of the file, newest first:
    with ``kind`` and the fields of that kind.
 """
 
-import html
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,8 @@ import msgspec
 
 from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.files import safe_join
-from labpipe.workflow import toml_lines
+from labpipe.notebook import html_table, text_table
+from labpipe.workflow import _toml_lines
 from labpipe.workflow.config import Checker
 from labpipe.workflow.document import Document, dotted, parse
 from labpipe.workflow.fields import REFERENCE, found, suggest
@@ -56,31 +56,24 @@ class Session:
         """Where everything that labpipe writes goes."""
         return self.root / "labpipe"
 
+    def __repr__(self) -> str:
+        return text_table(self._caption, self._rows)
+
     def _repr_html_(self) -> str:
-        rows = [
+        return html_table(self._caption, ("experiment", "kind", "files"), self._rows)
+
+    @property
+    def _rows(self) -> list[tuple[str, ...]]:
+        return [
             (e.name, e.kind.replace("_", " "), ", ".join(_file_names(msgspec.to_builtins(e.settings))))
             for e in self.experiments.values()
         ]
+
+    @property
+    def _caption(self) -> str:
         remarks = [f"recorded by {self.operator}"] if self.operator else []
         remarks += ["synthetic data"] if self.synthetic else []
-        caption = f"{self.title} ({'; '.join(remarks)})" if remarks else self.title
-        return html_table(caption, ("experiment", "kind", "files"), rows)
-
-
-def html_table(caption: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Write a small table for a notebook; every text is escaped.
-
-    Examples
-    --------
-    >>> html_table("a < b", ("x",), [(1,)])
-    '<table><caption>a &lt; b</caption><thead><tr><th>x</th></tr></thead><tbody><tr><td>1</td>\
-</tr></tbody></table>'
-    """
-    head = "".join(f"<th>{html.escape(title)}</th>" for title in titles)
-    body = "".join("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
-    return (
-        f"<table><caption>{html.escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-    )
+        return f"{self.title} ({'; '.join(remarks)})" if remarks else self.title
 
 
 _MOST_NAMES = 4
@@ -229,7 +222,7 @@ class _Experiments:
             return None
         has_field = any(f.encode_name == "kind" for f in msgspec.structs.fields(self.kinds[kind]))
         own = {key: value for key, value in table.items() if key != "kind" or has_field}
-        origins: dict[toml_lines.Path, toml_lines.Path] = {}
+        origins: dict[_toml_lines.Path, _toml_lines.Path] = {}
         merged = _merge(defaults.get(kind, {}), ("defaults", kind), own, place, place, origins)
         checker = Checker(self.document, self.root, origins, self.may_wait)
         settings = checker.structure(self.kinds[kind], merged, place)
@@ -267,7 +260,7 @@ class _Experiments:
         return "it begins with a full stop" if name.startswith(".") else None
 
     def _check_references(
-        self, name: str, node: Any, place: toml_lines.Path, names: list[str], checker: Checker
+        self, name: str, node: Any, place: _toml_lines.Path, names: list[str], checker: Checker
     ) -> None:
         """Every text "experiment:NAME" must name another experiment of this session."""
         pairs: Any = ()
@@ -293,11 +286,11 @@ def _folded(name: str) -> str:
 
 def _merge(
     base: Any,
-    base_place: toml_lines.Path,
+    base_place: _toml_lines.Path,
     over: Any,
-    over_place: toml_lines.Path,
-    place: toml_lines.Path,
-    origins: dict[toml_lines.Path, toml_lines.Path],
+    over_place: _toml_lines.Path,
+    place: _toml_lines.Path,
+    origins: dict[_toml_lines.Path, _toml_lines.Path],
 ) -> Any:
     """Lay one table over another, key by key, and note where each value was written."""
     origins[place] = over_place
@@ -316,7 +309,7 @@ def _merge(
 
 
 def _note(
-    node: Any, written: toml_lines.Path, place: toml_lines.Path, origins: dict[toml_lines.Path, toml_lines.Path]
+    node: Any, written: _toml_lines.Path, place: _toml_lines.Path, origins: dict[_toml_lines.Path, _toml_lines.Path]
 ) -> None:
     origins[place] = written
     pairs: Any = node.items() if isinstance(node, dict) else ()

@@ -48,12 +48,11 @@ def catalogue(
       labpipe catalogue sessions --where "material = 'acrylic' and height > 0.005"
       labpipe catalogue sessions --table results --where "variable = 'restitution' and item = 0"
     """
-    from pipelines.session import catalogue as update
-    from pipelines.session import query
+    from pipelines.session import catalogue as verb
 
-    done = update(folders, database)
     names = [name.strip() for name in columns.split(",") if name.strip()]
-    frame = query(done.path, where, names, table=table)
+    done = verb(folders, database, where=where, columns=names, table=table)
+    frame = done.table
     if as_json:
         _print_json(done, frame)
     else:

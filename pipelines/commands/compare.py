@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 import click
 
 from pipelines.commands.options import echo, echo_json, jobs_option, json_option, keep_option, session_argument
-from pipelines.session import COMPARISON_PAGE
 
 if TYPE_CHECKING:
     from pipelines.experiments.shared.comparison_rows import Row
@@ -27,24 +26,17 @@ def compare(session: Path, jobs: int, keep: bool, as_json: bool) -> None:
     Example:
       labpipe compare my-session
     """
-    from labpipe import files
-    from pipelines import process
     from pipelines.commands.progress import watching
-    from pipelines.session import compare as collect
-    from pipelines.session import comparison_page as render
-    from pipelines.session import write_overview
+    from pipelines.session import compare as verb
 
     with watching(enabled=not as_json) as progress:
-        found = collect(session, jobs=jobs, keep=keep or None, progress=progress)
-    opened = process.reopen_session(session)
-    page = opened.folder / COMPARISON_PAGE
-    files.write_text(page, render(opened, found))
-    write_overview(opened, process.STAGES)
+        found = verb(session, jobs=jobs, keep=keep or None, progress=progress)
     if as_json:
         echo_json(
             {
-                "page": str(page),
+                "page": str(found.page),
                 "rows": [row.document() for row in found.rows],
+                "experiments": list(found.experiments),
                 "failed": found.failed,
                 "absent": found.absent,
             }
@@ -52,9 +44,15 @@ def compare(session: Path, jobs: int, keep: bool, as_json: bool) -> None:
     else:
         for row in found.rows:
             echo(line(row))
+        for whole in found.experiments:
+            if whole["p"] is not None:
+                echo(
+                    f"{whole['experiment']:24} {whole['model']}: chi square {whole['chi2']:.1f} with "
+                    f"{whole['degrees_of_freedom']} degrees of freedom, p = {whole['p']:.2g}"
+                )
         for name, why in (found.failed | found.absent).items():
             echo(f"{name}: {why}")
-        echo(f"page: {page}")
+        echo(f"page: {found.page}")
     click.get_current_context().exit(1 if found.failed else 0)
 
 

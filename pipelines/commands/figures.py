@@ -43,18 +43,18 @@ def figures(
         _check(as_json)
         return
     from pipelines.commands.progress import counted
+    from pipelines.figures import figures as verb
     from pipelines.figures import make
 
     wanted = make.chosen(ids)
-    shelf = make.Shelf.of(out, session)
     if listed:
-        _list(make.states(shelf, wanted), as_json)
+        _list(make.states(make.Shelf.of(out, session), wanted), as_json)
         return
     with counted(len(wanted), enabled=not as_json, when="done") as step:
         # while the bar is shown, the list waits: both on one screen would run into each other
         say = lambda o: None if as_json else _say(o)  # noqa: E731
         show = say if step is None else lambda outcome: step(outcome.id)
-        outcomes = make.make(shelf, wanted, show, jobs=jobs)
+        outcomes = verb(ids, session=session, out=out, jobs=jobs, progress=show).outcomes
     if step is not None:
         for outcome in outcomes:
             _say(outcome)

@@ -2,16 +2,11 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Literal
 
 import click
 
 from pipelines.commands.options import echo, echo_json, jobs_option, json_option, session_argument
-
-if TYPE_CHECKING:
-    from pipelines.identify import Identified
-
-STEM = "identify_"
 
 
 @click.command()
@@ -50,17 +45,10 @@ STEM = "identify_"
 )
 @jobs_option
 @json_option
-def identify(
-    session: Path,
-    experiments: tuple[str, ...],
-    prior: str | None,
-    spectrum: str,
-    impacts: int,
-    no_profile: bool,
-    sampler: str,
-    jobs: int,
-    as_json: bool,
-) -> None:
+def identify(session: Path, experiments: tuple[str, ...], prior: str | None,
+             spectrum: Literal["smooth", "fractional"], impacts: int, no_profile: bool,
+             sampler: Literal["laplace", "rto"], jobs: int, as_json: bool,
+             ) -> None:  # fmt: skip
     r"""Identify the viscoelastic materials of the experiments in SESSION, with credible intervals.
 
     Drops, contact films, relaxations and harmonic indentations of one material are fitted
@@ -73,37 +61,20 @@ def identify(
       labpipe identify my-session -e acrylic_5mm -e acrylic_10mm
       labpipe identify my-session -e nbr_relaxation --prior dma
     """
-    from labpipe import files
-    from pipelines import process
-    from pipelines.identify import Wish, dataset, document, render
-    from pipelines.identify import identify as found_in
+    from pipelines.identify import identify as verb
 
-    wish = Wish(experiments, prior, spectrum, impacts, not no_profile, sampler)
-    found = found_in(session, wish, say=_say, jobs=jobs)
-    opened = process.reopen_session(session)
-    documents = []
-    for one in found:
-        stem = STEM + "".join(c if c.isalnum() or c in "-_" else "_" for c in one.material)
-        page, result = opened.folder / f"{stem}.html", opened.folder / f"{stem}.nc"
-        files.write_dataset(result, dataset(one))
-        files.write_text(page, render(opened, one))
-        documents.append(document(one) | {"page": str(page), "result": str(result)})
-        if not as_json:
-            for text in lines(one):
-                echo(text)
-            echo(f"page: {page}")
+    found = verb(
+        session, experiments, prior=prior, spectrum=spectrum, impacts=impacts,
+        profile=not no_profile, sampler=sampler, jobs=jobs, say=_say,
+    )  # fmt: skip
     if as_json:
-        echo_json(documents)
+        echo_json(found.documents())
+        return
+    for line in found.lines():
+        echo(line)
 
 
 def _say(text: str) -> None:
     """Tell a terminal what goes on; a file or a pipe gets nothing."""
     if sys.stderr.isatty():
         click.echo(text, err=True)
-
-
-def lines(found: "Identified") -> list[str]:
-    """Return the main results as lines of text."""
-    from pipelines.identify import relaxed_text, statements
-
-    return [f"{found.material}: {relaxed_text(found)}", *(f"  {s}" for s in statements(found))]

@@ -22,7 +22,8 @@ def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) 
       labpipe sample core my-session
     """
     from pipelines.commands.progress import waiting
-    from pipelines.rig.samples import SAMPLES, write_sample
+    from pipelines.rig import SAMPLES
+    from pipelines.rig import sample as verb
 
     if name is None:
         if as_json:
@@ -34,7 +35,7 @@ def sample(name: str | None, dest: Path | None, full_size: bool, as_json: bool) 
     if dest is None:
         raise click.UsageError("name the folder to write into: labpipe sample NAME DEST")
     with waiting(f"recording {name}", enabled=not as_json):
-        experiments = write_sample(name, dest, full_size=full_size)
+        experiments = [*verb(name, dest, full_size=full_size).experiments]
     if as_json:
         echo_json({"folder": str(dest), "experiments": experiments})
     else:
@@ -53,19 +54,18 @@ def demo(dest: Path, as_json: bool) -> None:
     Example:
       labpipe demo
     """
-    from pipelines import process as verbs
+    from pipelines import rig
     from pipelines.commands.progress import waiting, watching
     from pipelines.commands.session import as_document, summarise
-    from pipelines.rig.samples import holds_demo, write_sample
+    from pipelines.session import verdicts_of
 
-    if not holds_demo(dest):
-        with waiting("recording a session", enabled=not as_json):
-            write_sample("demo", dest)
+    with waiting("recording a session", enabled=not as_json):
+        rig.record_demo(dest)
     with watching(enabled=not as_json) as progress:
-        outcome = verbs.process(dest, jobs=2, progress=progress)
+        outcome = rig.demo(dest, progress=progress)
     if as_json:
-        echo_json(as_document(outcome, dest))
+        echo_json(as_document(outcome, dest, verdicts_of(outcome)))
     else:
         echo(f"synthetic session: {dest}")
-        summarise(outcome)
+        summarise(outcome, verdicts_of(outcome))
     click.get_current_context().exit(outcome.exit_code)

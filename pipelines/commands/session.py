@@ -44,11 +44,11 @@ def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
     Example:
       labpipe init my-session
     """
-    from pipelines.session import write_session_file
+    from pipelines.session import init as verb
 
     is_person = sys.stdin.isatty() and not as_json
     asker = _Asker() if (is_person if ask is None else ask) else None
-    found = write_session_file(folder, replace=force, ask=asker)
+    found = verb(folder, replace=force, ask=asker)
     if as_json:
         echo_json(
             {

@@ -1,5 +1,6 @@
 """The command sweep: maps of the simulator over its parameters."""
 
+from collections.abc import Iterable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -59,38 +60,35 @@ def sweep(
       labpipe sweep drop --vary "material = acrylic, ptfe" --vary "height = 1 mm : 10 mm : 7" \
           --set "radius = 9.525 ± 0.005 mm" --draws 20 --out heights.nc
     """
-    from labpipe import files
-    from labpipe.workflow.engines import choose, processors
     from pipelines.commands.progress import fraction
-    from pipelines.sweeps import axis, design
-    from pipelines.sweeps import sweep as run
-    from pipelines.sweeps.page import render
+    from pipelines.sweeps import sweep as verb
 
-    axes = [axis(simulator, name, text) for name, text in map(_split, vary)]
-    constants = [_split(text) for text in fixed]
-    _refuse_repeated([name for name, _ in constants])
-    plan = design(simulator, axes, dict(constants), draws=draws, seed=seed)
-    engine = choose((jobs or processors()) if jobs != 1 else 0, cluster)
+    varied, constants = _named(vary), _named(fixed)
     progress: Any = nullcontext(None) if as_json else fraction("simulating")
     with progress as shown:
-        swept = run(plan, out, engine, progress=shown)
-    page = out.with_suffix(".html")
-    files.write_text(page, render(plan, swept))
+        swept = verb(
+            simulator, out, vary=varied, fixed=constants, draws=draws, seed=seed, jobs=jobs,
+            cluster=cluster, progress=shown,
+        )  # fmt: skip
     if as_json:
-        echo_json(
-            {
-                "netcdf": str(out),
-                "page": str(page),
-                "computed": swept.computed,
-                "reused": swept.reused,
-                "failed": swept.failed,
-            }
-        )
+        echo_json({"netcdf": str(out), "page": str(swept.page), "computed": swept.computed,
+                   "reused": swept.reused, "failed": swept.failed})  # fmt: skip
     else:
-        echo(f"{swept.computed} points computed, {swept.reused} reused, {swept.failed} without result")
+        echo(swept.summary)
         echo(f"results: {out}")
-        echo(f"page: {page}")
+        echo(f"page: {swept.page}")
     click.get_current_context().exit(1 if swept.failed else 0)
+
+
+def _named(texts: Iterable[str]) -> dict[str, str]:
+    """Take NAME=VALUE apart, and refuse a name that comes twice."""
+    found: dict[str, str] = {}
+    for text in texts:
+        name, value = _split(text)
+        if name in found:
+            raise click.UsageError(f"{name} is set twice")
+        found[name] = value
+    return found
 
 
 def _split(text: str) -> tuple[str, str]:
@@ -98,9 +96,3 @@ def _split(text: str) -> tuple[str, str]:
     if not equals or not name.strip() or not value.strip():
         raise click.UsageError(f'"{text}": expected NAME=VALUE, such as "height=1.5 mm"')
     return name.strip(), value.strip()
-
-
-def _refuse_repeated(names: list[str]) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            raise click.UsageError(f"{name} is set twice")

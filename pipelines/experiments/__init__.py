@@ -20,12 +20,34 @@ from labpipe.plugins import tell
 
 if TYPE_CHECKING:
     from labpipe.plugins import Plugin
-    from pipelines.experiments._kind import Derived, Found, KeyNumber, Kind, Picture, Proposal, Proposed, function
+    from pipelines.experiments._kind import (
+        JUDGEMENT,
+        Derived,
+        Found,
+        KeyNumber,
+        Kind,
+        Picture,
+        Proposal,
+        Proposed,
+        function,
+    )
 
     KINDS: Mapping[str, Kind]
     ADDED: tuple[Plugin[Kind], ...]
 
-__all__ = ["ADDED", "KINDS", "Derived", "Found", "KeyNumber", "Kind", "Picture", "Proposal", "Proposed", "function"]
+__all__ = [
+    "ADDED",
+    "JUDGEMENT",
+    "KINDS",
+    "Derived",
+    "Found",
+    "KeyNumber",
+    "Kind",
+    "Picture",
+    "Proposal",
+    "Proposed",
+    "function",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -18,6 +18,9 @@ import msgspec
 from labpipe.schema import Schema
 from labpipe.workflow.graph import Stage
 
+JUDGEMENT = "judgement"
+"""Name of the stage that judges an experiment, in every kind that has one."""
+
 
 @dataclass(frozen=True, slots=True)
 class Derived:

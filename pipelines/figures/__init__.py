@@ -7,7 +7,15 @@ no numerical library. :mod:`pipelines.figures.make` decides what to draw and wri
 draw. :mod:`pipelines.figures.check` compares the thesis's printed numbers with ours.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pipelines.figures.make import Made, Outcome
 
 _HOME = "pipelines.figures"
 
@@ -202,4 +210,50 @@ FIGURES: tuple[Figure, ...] = (
     ),
     Figure("D.2", "Ruler on the disc", f"{_HOME}.apparatus:ruler_on_disc"),
     Figure("table-D.1", "Pixel sizes of both cameras", f"{_HOME}.appendix:camera_table"),
-)
+)  # fmt: skip
+
+
+def figures(
+    ids: str | Iterable[str] = (),
+    *,
+    session: str | Path | None = None,
+    out: str | Path = "figures",
+    jobs: int = 1,
+    progress: Callable[[Outcome], None] | None = None,
+) -> Made:
+    """Draw the figures of the thesis by number: PDF, SVG, PNG and a caption each.
+
+    Parameters
+    ----------
+    ids : str or iterable of str
+        Numbers, ``"2.6"``; all by default.
+    session : path-like, optional
+        Session folder for the figures that show experiments; what they need of it is processed
+        first. Without it only computed figures are drawn.
+    out : path-like
+        Folder to write into; what is up to date there is not drawn again.
+    jobs : int
+        Experiments processed, and figures drawn, side by side; 0 does all in this process.
+    progress : callable, optional
+        Called with the outcome of every figure.
+
+    Returns
+    -------
+    Made
+        What became of every figure, and its files.
+
+    Raises
+    ------
+    UsageError
+        There is no figure of that number.
+
+    Examples
+    --------
+    >>> figures("2.6", out="figures")  # doctest: +SKIP
+    """
+    from pipelines.figures import make
+
+    wanted = make.chosen([ids] if isinstance(ids, str) else ids)
+    shelf = make.Shelf.of(Path(out), None if session is None else Path(session))
+    show = progress or (lambda outcome: None)
+    return make.Made(shelf.folder, make.make(shelf, wanted, show, jobs=jobs))

@@ -11,7 +11,7 @@ import hashlib
 import importlib
 import json
 import logging
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
+from labpipe.notebook import html_table, text_table
 from labpipe.workflow.code import Code
 from labpipe.workflow.session import Session
 from pipelines.figures import FIGURES, Figure
@@ -73,6 +74,31 @@ class Outcome:
     state: str
     detail: str = ""
     files: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Made:
+    """What became of the wanted figures, and the folder that they are in."""
+
+    folder: Path
+    outcomes: tuple[Outcome, ...]
+
+    def __iter__(self) -> Iterator[Outcome]:
+        return iter(self.outcomes)
+
+    def __repr__(self) -> str:
+        return text_table(self._caption, self._rows)
+
+    def _repr_html_(self) -> str:
+        return html_table(self._caption, ("figure", "state", "detail"), self._rows)
+
+    @property
+    def _caption(self) -> str:
+        return f"{len(self.outcomes)} figures in {self.folder}"
+
+    @property
+    def _rows(self) -> list[tuple[str, ...]]:
+        return [(o.id, o.state, o.detail) for o in self.outcomes]
 
 
 def chosen(names: Iterable[str]) -> tuple[Figure, ...]:

@@ -103,7 +103,7 @@ class _Group:
     contributions: list[MaterialEvidence] = field(default_factory=list)
 
 
-def identify(
+def identify_materials(
     folder: str | Path, wish: Wish | None = None, *, say: Say | None = None, jobs: int = 1
 ) -> list[Identified]:
     """Identify every material on which a session holds experiments.
@@ -132,7 +132,7 @@ def identify(
 
     Examples
     --------
-    >>> (found,) = identify("my-session", Wish(("acrylic_1p5mm",)))  # doctest: +SKIP
+    >>> (found,) = identify_materials("my-session", Wish(("acrylic_1p5mm",)))  # doctest: +SKIP
     >>> found.relaxed.verdict  # doctest: +SKIP
     'only an upper limit'
     """

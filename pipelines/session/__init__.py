@@ -11,20 +11,21 @@ from labpipe.lazy import lazily
 if TYPE_CHECKING:
     from pipelines.session._catalogue import FILE as CATALOGUE
     from pipelines.session._catalogue import Catalogued, catalogue, query
-    from pipelines.session._compare import Comparison, compare
-    from pipelines.session._compare_page import render as comparison_page
+    from pipelines.session._compare import compare
+    from pipelines.session._comparison import Comparison
     from pipelines.session._contact_sheet import write_sheet
+    from pipelines.session._doctor import Health, doctor
+    from pipelines.session._examined import Examined, examine
     from pipelines.session._export import FORMATS, Exported, export
     from pipelines.session._gaps import Gap, checked
-    from pipelines.session._inspection import describe
+    from pipelines.session._inspection import Inspected, describe, inspect
     from pipelines.session._opening import SCHEMAS, SETTINGS, STAGES, open_session, reopen_session
     from pipelines.session._overview import COMPARISON_PAGE, PAGE, write_overview
     from pipelines.session._processing import check_store, plan, process, process_all, report, watch
-    from pipelines.session._proposal import Scan, write_session_file
+    from pipelines.session._proposal import Scan, init
     from pipelines.session._results import derive, needed, opened, result, results
-    from pipelines.session._sensitivity import Examined, examine
+    from pipelines.session._sensitivity import Sensitivity, sensitivity
     from pipelines.session._sensitivity_page import advice
-    from pipelines.session._sensitivity_page import render as sensitivity_page
     from pipelines.session._verdicts import Verdict, Verdicts, verdict, verdicts_of
 
 __all__ = [
@@ -40,7 +41,10 @@ __all__ = [
     "Examined",
     "Exported",
     "Gap",
+    "Health",
+    "Inspected",
     "Scan",
+    "Sensitivity",
     "Verdict",
     "Verdicts",
     "advice",
@@ -48,11 +52,13 @@ __all__ = [
     "check_store",
     "checked",
     "compare",
-    "comparison_page",
     "derive",
     "describe",
+    "doctor",
     "examine",
     "export",
+    "init",
+    "inspect",
     "needed",
     "open_session",
     "opened",
@@ -64,12 +70,11 @@ __all__ = [
     "report",
     "result",
     "results",
-    "sensitivity_page",
+    "sensitivity",
     "verdict",
     "verdicts_of",
     "watch",
     "write_overview",
-    "write_session_file",
     "write_sheet",
 ]
 
@@ -81,26 +86,31 @@ _HOMES = {
     "CATALOGUE": "_catalogue:FILE",
     "COMPARISON_PAGE": "_overview:COMPARISON_PAGE",
     "Catalogued": "_catalogue:Catalogued",
-    "Comparison": "_compare:Comparison",
-    "Examined": "_sensitivity:Examined",
+    "Comparison": "_comparison:Comparison",
+    "Examined": "_examined:Examined",
     "Exported": "_export:Exported",
     "FORMATS": "_export:FORMATS",
     "Gap": "_gaps:Gap",
+    "Health": "_doctor:Health",
+    "Inspected": "_inspection:Inspected",
     "PAGE": "_overview:PAGE",
     "SCHEMAS": "_opening:SCHEMAS",
     "SETTINGS": "_opening:SETTINGS",
     "STAGES": "_opening:STAGES",
     "Scan": "_proposal:Scan",
+    "Sensitivity": "_sensitivity:Sensitivity",
     "advice": "_sensitivity_page:advice",
     "catalogue": "_catalogue:catalogue",
     "check_store": "_processing:check_store",
     "checked": "_gaps:checked",
     "compare": "_compare:compare",
-    "comparison_page": "_compare_page:render",
     "derive": "_results:derive",
     "describe": "_inspection:describe",
-    "examine": "_sensitivity:examine",
+    "doctor": "_doctor:doctor",
+    "examine": "_examined:examine",
     "export": "_export:export",
+    "init": "_proposal:init",
+    "inspect": "_inspection:inspect",
     "needed": "_results:needed",
     "open_session": "_opening:open_session",
     "opened": "_results:opened",
@@ -112,10 +122,9 @@ _HOMES = {
     "report": "_processing:report",
     "result": "_results:result",
     "results": "_results:results",
-    "sensitivity_page": "_sensitivity_page:render",
+    "sensitivity": "_sensitivity:sensitivity",
     "watch": "_processing:watch",
     "write_overview": "_overview:write_overview",
-    "write_session_file": "_proposal:write_session_file",
     "write_sheet": "_contact_sheet:write_sheet",
 }
 

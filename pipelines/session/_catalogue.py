@@ -5,6 +5,8 @@ there, and it can be thrown away: everything in it stands in the sessions. A ses
 only when its plan says that something changed.
 """
 
+from __future__ import annotations
+
 import hashlib
 import os
 import sqlite3
@@ -18,6 +20,7 @@ import msgspec
 
 from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
+from labpipe.notebook import html_table
 from labpipe.units import Quantity
 from labpipe.workflow.fields import suggest
 from labpipe.workflow.plan import KEPT, READY, Plan
@@ -55,7 +58,11 @@ CREATE INDEX results_of ON results (session, experiment);
 """
 
 
-@dataclass(frozen=True, slots=True)
+_MOST_SHOWN = 60
+"""Rows of a table in a notebook; the middle of a longer one is left out."""
+
+
+@dataclass(frozen=True, eq=False, repr=False, slots=True)
 class Catalogued:
     """What an update found; sessions are named relative to the database's folder.
 
@@ -74,32 +81,64 @@ class Catalogued:
     unchanged: tuple[str, ...]
     removed: tuple[str, ...]
     problems: dict[str, str]
+    table: pd.DataFrame = field(repr=False)
+
+    def __repr__(self) -> str:
+        return f"{self._caption}\n{self.table}"
+
+    def _repr_html_(self) -> str:
+        shown: str = self.table.to_html(max_rows=_MOST_SHOWN)
+        return html_table(self._caption, (), ()) + shown
+
+    @property
+    def _caption(self) -> str:
+        counts = f"{len(self.renewed)} sessions read, {len(self.unchanged)} unchanged"
+        problems = f", {len(self.problems)} with problems" if self.problems else ""
+        return f"{self.path}: {len(self.table)} rows; {counts}{problems}"
 
 
-def catalogue(folders: Iterable[str | Path], database: str | Path | None = None) -> Catalogued:
-    """Bring the table of all sessions below some folders up to date.
+def catalogue(
+    folders: str | Path | Iterable[str | Path],
+    database: str | Path | None = None,
+    *,
+    where: str = "",
+    columns: Sequence[str] = (),
+    table: str = "experiments",
+) -> Catalogued:
+    """List the experiments of all sessions below some folders, one row each.
 
-    Nothing is processed: of a session that is not, the parameters are listed.
+    The database is brought up to date first. Nothing is processed: of a session that is not, the
+    parameters are listed.
 
     Parameters
     ----------
-    folders : iterable of path-like
+    folders : path-like, or iterable of them
         Searched for ``session.toml``; symbolic links are not followed.
     database : path-like, optional
         Default ``labpipe-catalogue.sqlite`` in the first folder.
+    where, columns, table
+        What to select, see :func:`query`; by default all experiments.
 
     Returns
     -------
     Catalogued
+        Its ``table`` is a DataFrame.
 
     Raises
     ------
+    UsageError
+        The expression is not one, or names a column that is not there.
     SourceError
         The database is another program's file, or a newer labpipe's.
     StorageError
         It cannot be written.
+
+    Examples
+    --------
+    >>> catalogue("sessions", where="material = 'acrylic'").table  # doctest: +SKIP
     """
-    roots = [Path(folder).resolve() for folder in folders]
+    given = [folders] if isinstance(folders, str | Path) else folders
+    roots = [Path(folder).resolve() for folder in given]
     if not roots:
         message = "no folder to search; give at least one"
         raise InputError(message)
@@ -107,14 +146,14 @@ def catalogue(folders: Iterable[str | Path], database: str | Path | None = None)
     with closing((_opened(path) if path.exists() else None) or _empty()) as connection:
         with connection:
             done = _update(connection, roots, path)
-        if done.renewed or done.removed or done.problems or not path.exists():
+        if done["renewed"] or done["removed"] or done["problems"] or not path.exists():
             files.write_bytes(path, connection.serialize())
-    return done
+    return Catalogued(path, **done, table=query(path, where, columns, table=table))
 
 
 def query(
     database: str | Path, where: str = "", columns: Sequence[str] = (), *, table: str = "experiments"
-) -> "pd.DataFrame":
+) -> pd.DataFrame:
     """Select rows of a catalogue.
 
     Parameters
@@ -231,7 +270,7 @@ def _sessions(roots: Iterable[Path]) -> Iterator[Path]:
                 yield place
 
 
-def _update(connection: sqlite3.Connection, roots: Sequence[Path], path: Path) -> Catalogued:
+def _update(connection: sqlite3.Connection, roots: Sequence[Path], path: Path) -> dict[str, Any]:
     known = dict(connection.execute("SELECT session, digest FROM sessions"))
     renewed, unchanged = [], []
     problems: dict[str, str] = {}
@@ -260,7 +299,8 @@ def _update(connection: sqlite3.Connection, roots: Sequence[Path], path: Path) -
     gone = [n for n in known if n not in found and any(_is_below(n, root) for root in below)]
     for name in gone:
         _forget(connection, name)
-    return Catalogued(path, tuple(renewed), tuple(unchanged), tuple(gone), problems)
+    return {"renewed": tuple(renewed), "unchanged": tuple(unchanged), "removed": tuple(gone),
+            "problems": problems}  # fmt: skip
 
 
 def _relative(folder: Path, start: Path) -> str:
@@ -315,7 +355,7 @@ def _add(connection: sqlite3.Connection, name: str, digest: str, plan: Plan) -> 
         entry.insert(connection)
 
 
-def _values(dataset: "xr.Dataset") -> Iterator[tuple[str, int, float, float | None, str]]:
+def _values(dataset: xr.Dataset) -> Iterator[tuple[str, int, float, float | None, str]]:
     """Numbers of short variables: name, position, value, standard uncertainty, unit."""
     import numpy as np
 
@@ -357,7 +397,7 @@ class _Entry:
         else:
             self.cells[name] = files.canonical(msgspec.to_builtins(value))
 
-    def add_key_numbers(self, kind: str, stage: str, dataset: "xr.Dataset") -> None:
+    def add_key_numbers(self, kind: str, stage: str, dataset: xr.Dataset) -> None:
         """Add the numbers that the session's page shows of this kind of experiment."""
         found: dict[str, tuple[int, float, float | None, str]] = {}
         for name, *rest in _values(dataset):

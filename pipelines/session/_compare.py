@@ -1,20 +1,27 @@
-"""Measurement against model over all experiments of a session, as one table.
+"""The verb compare: measurement against model over all experiments of a session.
 
 What an experiment compares stands in its own results; here the rows of all kinds are collected.
 A curve gives its normalised root-mean-square error and bias, an event (a restitution, a largest
 radius, the work of a cycle) its two values and their difference with its uncertainty.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from labpipe import files
 from labpipe.workflow.plan import Plan
 from labpipe.workflow.session import Experiment
-from pipelines.experiments import KINDS
+from pipelines.experiments import JUDGEMENT, KINDS
 from pipelines.experiments.shared.comparison_rows import Row
-from pipelines.session._opening import reopen_session
+from pipelines.experiments.shared.judgements import compared
+from pipelines.session._compare_page import render
+from pipelines.session._comparison import Comparison
+from pipelines.session._opening import STAGES, reopen_session
+from pipelines.session._overview import COMPARISON_PAGE, write_overview
 from pipelines.session._processing import process
 from pipelines.session._results import derive, needed, opened
 
@@ -22,19 +29,12 @@ if TYPE_CHECKING:
     from labpipe.workflow.runner import Event
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """All rows of a session, and the experiments that failed or compare nothing, with reasons."""
-
-    rows: tuple[Row, ...]
-    failed: dict[str, str]
-    absent: dict[str, str]
-
-
 def compare(
-    folder: str | Path, *, jobs: int = 1, keep: bool | None = None, progress: "Callable[[Event], None] | None" = None
+    folder: str | Path, *, jobs: int = 1, keep: bool | None = None, progress: Callable[[Event], None] | None = None
 ) -> Comparison:
-    """Compare measurement and model of every experiment; what is missing is processed first.
+    """Compare measurement and model of every experiment of a session, on one page.
+
+    What is missing is processed first. The page is ``FOLDER/labpipe/compare.html``.
 
     Parameters
     ----------
@@ -50,6 +50,17 @@ def compare(
     Returns
     -------
     Comparison
+        Rows with the measured and the simulated value of each quantity, and the page.
+
+    Raises
+    ------
+    ConfigError, SourceError
+        The session cannot be opened.
+
+    Examples
+    --------
+    >>> for row in compare("my-session").rows:  # doctest: +SKIP
+    ...     print(row.experiment, row.quantity, row.measured, row.model)
     """
     session = reopen_session(folder)
     able = {
@@ -60,6 +71,8 @@ def compare(
     wanted = [
         target for name, derived in able.items() for target in needed(session, session.experiments[name], derived)
     ]
+    judged = [n for n in able if any(s.name == JUDGEMENT for s in KINDS[session.experiments[n].kind].stages)]
+    wanted += [f"{name}/{JUDGEMENT}" for name in judged]
     failed: dict[str, str] = {}
     if wanted:
         names = {target.split("/")[0] for target in wanted}
@@ -75,12 +88,16 @@ def compare(
         if name not in able:
             absent[name] = f"the kind {experiment.kind} holds no comparison with a model"
             continue
-        found = [labelled(row, experiment) for row in derive(results, experiment, able[name])]
+        own = [labelled(row, experiment) for row in derive(results, experiment, able[name])]
         kept = _kept(results.plan, name)
-        rows += [replace(row, kept=kept) for row in found]
-        if not found:
+        rows += [replace(row, kept=kept) for row in own]
+        if not own:
             absent[name] = "it has no model: session.toml names nothing to simulate"
-    return Comparison(tuple(rows), failed, absent)
+    whole = [{"experiment": name, **compared(results.result(name, JUDGEMENT))} for name in judged if name not in failed]
+    found = Comparison(tuple(rows), failed, absent, session.folder / COMPARISON_PAGE, tuple(whole))
+    files.write_text(found.page, render(session, found))
+    write_overview(session, STAGES)
+    return found
 
 
 def _kept(plan: Plan, experiment: str) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from labpipe.report import (
 from labpipe.workflow.session import Session
 from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
-from pipelines.session._compare import Comparison
+from pipelines.session._comparison import Comparison
 from pipelines.session._overview import PAGE
 
 GOOD = 0.03

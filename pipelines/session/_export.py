@@ -1,5 +1,7 @@
 """Results and raw files for other programs: which ones, under which names, in which format."""
 
+from __future__ import annotations
+
 import json
 import re
 from collections.abc import Iterable
@@ -9,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from labpipe import files
 from labpipe.errors import InputError, SourceError, UsageError
+from labpipe.notebook import html_table, text_table
 from labpipe.variables import described, variable
 from labpipe.workflow import session as sessions
 from labpipe.workflow.plan import READY
@@ -33,6 +36,22 @@ class Exported:
     paths: tuple[Path, ...]
     left_out: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        return text_table(self._caption, self._rows)
+
+    def _repr_html_(self) -> str:
+        return html_table(self._caption, ("", ""), self._rows)
+
+    @property
+    def _caption(self) -> str:
+        folders = dict.fromkeys(path.parent.name for path in self.paths)
+        return f"{len(self.paths)} files in {', '.join(folders)}"
+
+    @property
+    def _rows(self) -> list[tuple[str, str]]:
+        written = [("written", path.name) for path in self.paths]
+        return written + [("left out", line) for line in self.left_out]
+
 
 @dataclass(frozen=True, slots=True)
 class Target:
@@ -48,7 +67,7 @@ class Target:
             message = f'unknown format "{self.format}"; expected one of {", ".join(FORMATS)}'
             raise UsageError(message)
 
-    def write(self, name: str, dataset: "xr.Dataset", remarks: dict[str, str]) -> list[Path]:
+    def write(self, name: str, dataset: xr.Dataset, remarks: dict[str, str]) -> list[Path]:
         """Write one Dataset under a name; return the files.
 
         Raises
@@ -136,7 +155,7 @@ def export_results(results: Results, stages: Iterable[str], experiments: Iterabl
     return Exported(tuple(paths), left_out)
 
 
-def _name(row: "Row") -> str:
+def _name(row: Row) -> str:
     parts = [row.experiment, row.stage]
     if row.recording is not None:
         parts.append(re.sub(r"[^\w.-]+", "_", Path(row.recording).with_suffix("").as_posix()))
@@ -170,7 +189,7 @@ def export_file(path: Path, target: Target, options: dict[str, Any]) -> Exported
     return Exported(tuple(target.write(path.stem, dataset, remarks)), ())
 
 
-def _frame_times(frames: Any) -> "xr.Dataset":
+def _frame_times(frames: Any) -> xr.Dataset:
     """Return what a film says beside its pixels: time, exposure and state of every frame."""
     import numpy as np
     import xarray as xr
@@ -205,7 +224,7 @@ def export(
         A session folder, or a file (or folder of images) of a known instrument.
     format : {"csv", "nc", "mat", "json"}
         Of the files; csv has one table per set of dimensions, with a row of units.
-    only, stages : iterable of str, optional
+    only, stages : str or iterable of str, optional
         Experiments and steps of a session; all by default.
     out : path-like, optional
         Folder; default ``SESSION/labpipe/export``, or the current one for a raw file.
@@ -225,6 +244,10 @@ def export(
         No wanted result is up to date.
     UsageError
         A name is unknown, or a file is there and may not be replaced.
+
+    Examples
+    --------
+    >>> export("my-session", "mat", only="acrylic_7mm", stages="bounces")  # doctest: +SKIP
     """
     from pipelines.session._opening import STAGES, reopen_session
 
@@ -238,9 +261,14 @@ def export(
     session = reopen_session(place)
     ours = session.folder / FOLDER
     target = Target(Path(out) if out else ours, format, replace or out is None)
-    names, experiments = tuple(stages), tuple(only or ())
+    names, experiments = _names(stages), _names(only or ())
     made = make_plan(session, STAGES, names or None, experiments or None, keep=None)
     return export_results(Results(made), names, experiments, target)
+
+
+def _names(given: str | Iterable[str]) -> tuple[str, ...]:
+    """Take one name for a list of one, not for its letters."""
+    return (given,) if isinstance(given, str) else tuple(given)
 
 
 def _is_unknown_folder(place: Path) -> bool:

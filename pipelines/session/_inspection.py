@@ -3,12 +3,15 @@
 Readings of every instrument, films, calibration records, session.toml, results and pictures.
 """
 
+from __future__ import annotations
+
 import json
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labpipe.errors import ConfigError, LabpipeError, SourceError
+from labpipe.notebook import html_table
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,6 +36,92 @@ _KNOWN = (
 _LOOK, _SHOWN = 4096, 60  # bytes of an unknown file that are looked at, characters that are shown
 _IRREGULAR = 0.01
 """Of the median interval: a step that differs by more is worth telling."""
+
+
+class Inspected(dict[str, Any]):
+    """What is known of a file: a mapping that shows itself."""
+
+    def __repr__(self) -> str:
+        return "\n".join(self.lines())
+
+    def _repr_html_(self) -> str:
+        known = [(k.replace("_", " "), _shown(v)) for k, v in self._apart()]
+        columns = [(r["name"], f"{_span(r)} {r['units']}".strip()) for r in self._columns()]
+        problems = [("problem", line) for line in self["problems"]]
+        return html_table(str(self["file"]), ("", ""), [*known[1:], *columns, *problems])
+
+    def lines(self) -> list[str]:
+        """Say it as lines of text."""
+        found = [f"{key.replace('_', ' '):20}{_shown(value)}" for key, value in self._apart()]
+        rows = self._columns()
+        width = max((len(row["name"]) for row in rows), default=0) + 2
+        for row in rows:
+            invalid = f", {row['invalid']} invalid" if row["invalid"] else ""
+            name = f" ({row['long_name']})" if row["long_name"] not in ("", row["name"]) else ""
+            head = f"  {row['name']:{width}}{row['units']:8}"
+            found.append(f"{head}{_span(row)}{invalid}{name}")
+        return found + [f"problem: {line}" for line in self["problems"] or ["none found"]]
+
+    def _apart(self) -> list[tuple[str, Any]]:
+        return [(k, v) for k, v in self.items() if k not in ("variables", "problems")]
+
+    def _columns(self) -> list[dict[str, Any]]:
+        return list(self.get("variables", []))
+
+
+def _shown(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _span(row: dict[str, Any]) -> str:
+    if "values" in row:
+        return ", ".join(row["values"])
+    return "no value" if row["min"] is None else f"{row['min']:.6g} … {row['max']:.6g}"
+
+
+def inspect(
+    file: str | Path, *, out: str | Path | None = None, instrument: str | None = None, **options: Any
+) -> Inspected:
+    """Say what any file is, what it holds, and what is wrong with it.
+
+    Parameters
+    ----------
+    file : path-like
+        Readings, a film or the folder of an image stack, a calibration record, session.toml, a
+        result, a picture.
+    out : path-like, optional
+        Draw it into this .png: frames of a film, columns of a table.
+    instrument : str, optional
+        What wrote the file, where it does not say so.
+    **options
+        What the file leaves unsaid, as for :func:`instruments.read`: ``cycle="50 us"``.
+
+    Returns
+    -------
+    Inspected
+        A mapping: ``file``, ``reader``, ``kind``, what there is to say of that kind, and
+        ``problems``. A table's columns are in ``variables``.
+
+    Raises
+    ------
+    SourceError
+        The file is not known or cannot be read.
+    UsageError
+        The picture is not called .png.
+
+    Examples
+    --------
+    >>> inspect("my-session/laser/drop_1.csv")["reader"]  # doctest: +SKIP
+    'keyence'
+    """
+    reading = options if instrument is None else options | {"instrument": instrument}
+    found = Inspected(describe(Path(file), reading))
+    if out is not None:
+        from pipelines.session._contact_sheet import write_sheet
+
+        write_sheet(Path(file), Path(out), reading)
+        found["picture"] = str(out)
+    return found
 
 
 def describe(file: Path, options: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -119,7 +208,7 @@ def _with_a_look(file: Path, error: SourceError) -> SourceError:
     return SourceError(file, error.message, hint=hint)
 
 
-def table(dataset: "xr.Dataset") -> dict[str, Any]:
+def table(dataset: xr.Dataset) -> dict[str, Any]:
     """Describe readings: header, sampling, and every column with unit and range."""
     columns = [_column(str(name), variable) for name, variable in dataset.variables.items() if variable.size]
     known = {k: dataset.attrs[k] for k in _KNOWN if dataset.attrs.get(k) not in (None, "")}
@@ -133,7 +222,7 @@ def table(dataset: "xr.Dataset") -> dict[str, Any]:
     }
 
 
-def _column(name: str, variable: "xr.Variable") -> dict[str, Any]:
+def _column(name: str, variable: xr.Variable) -> dict[str, Any]:
     import numpy as np
 
     row: dict[str, Any] = {
@@ -156,7 +245,7 @@ def _column(name: str, variable: "xr.Variable") -> dict[str, Any]:
     return row
 
 
-def _sampling(dataset: "xr.Dataset") -> tuple[dict[str, Any], list[str]]:
+def _sampling(dataset: xr.Dataset) -> tuple[dict[str, Any], list[str]]:
     """Say how the time axis runs: points, interval, rate, duration, and where it is uneven."""
     import numpy as np
 
@@ -186,7 +275,7 @@ def _sampling(dataset: "xr.Dataset") -> tuple[dict[str, Any], list[str]]:
     return found, problems
 
 
-def _reading_problems(dataset: "xr.Dataset", columns: list[dict[str, Any]]) -> list[str]:
+def _reading_problems(dataset: xr.Dataset, columns: list[dict[str, Any]]) -> list[str]:
     found = []
     states = json.loads(dataset.attrs.get("status_counts", "{}"))
     longest = max(dataset.sizes.values(), default=0)
@@ -202,7 +291,7 @@ def _reading_problems(dataset: "xr.Dataset", columns: list[dict[str, Any]]) -> l
     return found
 
 
-def film(frames: "FrameSource") -> dict[str, Any]:
+def film(frames: FrameSource) -> dict[str, Any]:
     """Describe a film: size, times, exposure, levels, damaged frames."""
     import numpy as np
 

@@ -13,7 +13,7 @@ from labpipe.workflow.session import Session
 from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import Stages, spell_out
 from pipelines import experiments
-from pipelines.experiments import Kind
+from pipelines.experiments import JUDGEMENT, Kind
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -209,6 +209,8 @@ def _row(results: Results, name: str, cells: Sequence[Any]) -> "IndexRow":
         state, level = "not processed", "info"
     elif kept:
         state, level = f"{_DONE}, {len(kept)} results of earlier code", "warning"
+    elif (judged := _dataset(results, name, JUDGEMENT)) is not None:
+        state, level = _judged(judged.attrs["believable"], judged.attrs["model"])
     return IndexRow(
         name,
         state,
@@ -218,6 +220,15 @@ def _row(results: Results, name: str, cells: Sequence[Any]) -> "IndexRow":
         thumbnail=_picture(results, name),
         remark=f"{kind}; {unreadable}" if unreadable else kind,
     )
+
+
+def _judged(believable: str, model: str) -> tuple[str, str]:
+    """Say in a few words what a judgement came to, and in which colour."""
+    if believable != "yes":
+        return believable, "error" if believable == "impossible" else "warning"
+    if model == "none":
+        return _DONE, "ok"
+    return f"{_DONE}, model {model}", "warning" if model == "differs" else "ok"
 
 
 def _picture(results: Results, name: str) -> bytes | None:

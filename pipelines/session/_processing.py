@@ -1,5 +1,7 @@
 """Plan a session, process it, watch it, show its reports, check its store."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,6 +40,23 @@ def plan(
         Plan for a run without shortcuts.
     keep : bool or None
         Take results of earlier code as they are; with None, those that an earlier run took.
+
+    Returns
+    -------
+    Plan
+        One row per step: up to date, or to be run and why.
+
+    Raises
+    ------
+    UsageError
+        A stage or an experiment is unknown.
+    ConfigError, SourceError
+        The session cannot be opened.
+
+    Examples
+    --------
+    >>> plan("my-session", "velocity").summary  # doctest: +SKIP
+    '4 of 12 steps would run'
     """
     return make_plan(reopen_session(folder), STAGES, targets, only, full=full, keep=keep)
 
@@ -52,8 +71,8 @@ def process(
     full: bool = False,
     keep: bool | None = False,
     fail_fast: bool = False,
-    progress: "Callable[[Event], None] | None" = None,
-) -> "RunResult":
+    progress: Callable[[Event], None] | None = None,
+) -> RunResult:
     """Compute what a session lacks, and write its reports.
 
     Parameters
@@ -82,6 +101,18 @@ def process(
     RunResult
         Outcome of every task, the ledger, and the reports by experiment. The page of the whole
         session is ``FOLDER/labpipe/index.html``.
+
+    Raises
+    ------
+    UsageError
+        A stage or an experiment is unknown.
+    ConfigError, SourceError
+        The session cannot be opened; an experiment that fails is told in the result instead.
+
+    Examples
+    --------
+    >>> done = process("my-session", only="acrylic_7mm", jobs=4)  # doctest: +SKIP
+    >>> done.failures, done.reports["acrylic_7mm"]  # doctest: +SKIP
     """
     ((_, done),) = process_all(
         [folder],
@@ -109,8 +140,8 @@ def process_all(
     full: bool = False,
     keep: bool | None = False,
     fail_fast: bool = False,
-    progress: "Callable[[Event], None] | None" = None,
-) -> "Generator[tuple[Path, RunResult | LabpipeError]]":
+    progress: Callable[[Event], None] | None = None,
+) -> Generator[tuple[Path, RunResult | LabpipeError]]:
     """Process many sessions, their experiments side by side.
 
     Parameters
@@ -186,7 +217,7 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
     """
     from pipelines.session._arrivals import missing_part
 
-    def run_one(session: Session, name: str) -> "RunResult":
+    def run_one(session: Session, name: str) -> RunResult:
         from labpipe.workflow.runner import run
 
         done = run(session, STAGES, only=[name], jobs=jobs, schemas=SCHEMAS)
@@ -197,7 +228,7 @@ def watch(folder: str | Path, *, looks: int = LOOKS, jobs: int = 1) -> Watcher:
     return Watcher(Path(folder), SETTINGS, STAGES, missing_part, run_one, settling)
 
 
-def report(folder: str | Path, experiment: str) -> "Report":
+def report(folder: str | Path, experiment: str) -> Report:
     """Return the report of an experiment; a notebook shows it.
 
     Parameters
@@ -207,10 +238,19 @@ def report(folder: str | Path, experiment: str) -> "Report":
     experiment : str
         Its name.
 
+    Returns
+    -------
+    Report
+        ``path`` is the page, ``html`` its text.
+
     Raises
     ------
     InputError
         There is none yet.
+
+    Examples
+    --------
+    >>> report("my-session", "acrylic_7mm")  # doctest: +SKIP
     """
     from labpipe.report import Report
     from labpipe.workflow.plan import page_name

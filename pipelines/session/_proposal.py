@@ -6,6 +6,8 @@ general. What no file tells is asked for, or written as a gap; the session is re
 line, until it is filled. A calibration record that is missing is proposed as a file of its own.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +15,7 @@ from pathlib import Path
 import instruments
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
+from labpipe.notebook import html_table, text_table
 from labpipe.workflow.session import FILE_NAME, VERSION
 from pipelines.experiments import KINDS, Found, Proposal, Proposed, function
 from pipelines.experiments.shared.proposals import GAP, identifier, quoted
@@ -21,7 +24,7 @@ from pipelines.session._gaps import Gap, filled
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """What :func:`write_session_file` wrote: the file, its experiments, and what is to fill in.
+    """What :func:`init` wrote: the file, its experiments, and what is to fill in.
 
     ``records`` are calibration records that were proposed; ``unused`` names files of a known
     instrument that no proposed experiment takes.
@@ -33,24 +36,51 @@ class Scan:
     records: list[Path]
     unused: list[str]
 
+    def __repr__(self) -> str:
+        return text_table(self._caption, [(name,) for name in self.experiments])
 
-def write_session_file(folder: Path, replace: bool = False, ask: Callable[[Gap], str | None] | None = None) -> Scan:
-    """Scan a folder and write its session.toml.
+    def _repr_html_(self) -> str:
+        rows = [("experiment", name) for name in self.experiments]
+        rows += [("to fill in", line) for line in self.gaps]
+        rows += [("not used", line) for line in self.unused]
+        return html_table(self._caption, ("", ""), rows)
+
+    @property
+    def _caption(self) -> str:
+        n, missing = len(self.experiments), len(self.gaps)
+        return f"{self.path}: {n} experiment{'s' * (n != 1)}, {missing} value{'s' * (missing != 1)} to fill in"
+
+
+def init(folder: str | Path, *, replace: bool = False, ask: Callable[[Gap], str | None] | None = None) -> Scan:
+    """Scan a folder of instrument files and write a commented session.toml.
 
     Parameters
     ----------
-    folder : Path
+    folder : path-like
         The session folder.
     replace : bool
         Replace a session.toml that is already there.
     ask : callable, optional
         Returns the answer to a question that no file answers, or None to leave it open.
 
+    Returns
+    -------
+    Scan
+        The file, its experiments, and what is to fill in.
+
     Raises
     ------
     UsageError
         There is a session.toml, or the folder holds no file of a known instrument.
+
+    Examples
+    --------
+    >>> init("my-session")  # doctest: +SKIP
+    my-session/session.toml: 2 experiments, 3 values to fill in
+      acrylic_7mm
+      nbr_hold
     """
+    folder = Path(folder)
     path = folder / FILE_NAME
     if path.exists() and not replace:
         message = f"{path} exists already; edit it, or use --force to replace it"

@@ -1,5 +1,7 @@
 """Results of a processed session: one, all of an experiment, or values derived from them."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,7 +45,7 @@ def derive(results: Results, experiment: Experiment, derived: Derived, **keyword
     return call(*results.values(found), settings=experiment.settings, **keywords)
 
 
-def result(folder: str | Path, experiment: str, stage: str, recording: str | None = None) -> "xr.Dataset":
+def result(folder: str | Path, experiment: str, stage: str, recording: str | None = None) -> xr.Dataset:
     """Return one stored result of a processed session.
 
     Parameters
@@ -55,17 +57,29 @@ def result(folder: str | Path, experiment: str, stage: str, recording: str | Non
     recording : str, optional
         The file, for stages that run once per recording.
 
+    Returns
+    -------
+    Dataset
+        In SI; ``u_x`` is the standard uncertainty of ``x``.
+
     Raises
     ------
+    UsageError
+        There is no such experiment or stage; the message names the nearest.
     InputError
-        The result is missing or out of date.
+        The result is missing or out of date, or there is one for each recording: the message
+        names them.
+
+    Examples
+    --------
+    >>> result("my-session", "acrylic_7mm", "repeats")["restitution"]  # doctest: +SKIP
     """
     from labpipe.workflow.runner import open_result
 
     return open_result(reopen_session(folder), STAGES, experiment, stage, recording)
 
 
-def results(folder: str | Path, experiment: str) -> "xr.DataTree":
+def results(folder: str | Path, experiment: str) -> xr.DataTree:
     """Return all results of an experiment that are up to date, as one tree.
 
     Parameters
@@ -87,6 +101,10 @@ def results(folder: str | Path, experiment: str) -> "xr.DataTree":
         There is none.
     UsageError
         There is no such experiment.
+
+    Examples
+    --------
+    >>> results("my-session", "acrylic_7mm")["repeats"]  # doctest: +SKIP
     """
     import xarray as xr
 

@@ -1,65 +1,79 @@
-"""The input that limits each of the main quantities, from budgets checked by Monte Carlo.
+"""The verb sensitivity: budgets of the main quantities, and what to measure better."""
 
-The quantities are formulas of their inputs (:attr:`pipelines.experiments.Kind.budget`), propagated
-linearly, by Monte Carlo and by Sobol indices (:mod:`labpipe.uncertainty`).
-"""
+from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from labpipe.errors import InputError, UsageError
-from labpipe.uncertainty import Budget, Indices, MonteCarlo, intervals_agree, linear_budget, monte_carlo, sobol
-from pipelines.experiments import KINDS
-from pipelines.experiments.shared.budget_blocks import coverage_factor
-from pipelines.experiments.shared.budget_quantity import Quantity
+from labpipe import files
+from labpipe.notebook import html_table, text_table
+from pipelines.session._examined import Examined, examine
 from pipelines.session._opening import reopen_session
-from pipelines.session._processing import process
-from pipelines.session._results import derive, needed, opened
+from pipelines.session._sensitivity_page import advice, render
 
 
 @dataclass(frozen=True, eq=False)
-class Examined:
-    """A quantity with its budget, checked.
+class Sensitivity:
+    """The examined quantities of a session, and a page for each kind of experiment."""
 
-    Attributes
-    ----------
-    experiment : str
-    quantity : Quantity
-    budget : Budget
-        Linear.
-    drawn : MonteCarlo
-    is_linear : bool
-        The linear 95 % interval agrees with the drawn one.
-    indices : dict of str to Indices
-        Sobol's.
-    """
+    quantities: tuple[Examined, ...]
+    pages: tuple[Path, ...]
 
-    experiment: str
-    quantity: Quantity
-    budget: Budget
-    drawn: MonteCarlo
-    is_linear: bool
-    indices: dict[str, Indices]
+    def __iter__(self) -> Iterator[Examined]:
+        return iter(self.quantities)
+
+    def __repr__(self) -> str:
+        return text_table(self._caption, self._rows)
+
+    def _repr_html_(self) -> str:
+        titles = ("experiment", "quantity", "value", "to halve the uncertainty")
+        return html_table(self._caption, titles, self._rows)
 
     @property
-    def coverage_factor(self) -> float:
-        """Expanded over standard uncertainty, for 95 %."""
-        return coverage_factor(self.budget)
+    def _caption(self) -> str:
+        return f"{len(self.quantities)} quantities; pages: {', '.join(map(str, self.pages))}"
+
+    @property
+    def _rows(self) -> list[tuple[str, ...]]:
+        return [
+            (
+                row["experiment"], row["quantity"],
+                f"{row['value']:.5g} ± {row['u']:.2g} {row['unit']}", row["to_halve"],
+            )
+            for row in self.documents()
+        ]  # fmt: skip
+
+    def documents(self) -> list[dict[str, Any]]:
+        """Return plain values of every quantity, for JSON."""
+        return [
+            {
+                "experiment": e.experiment, "quantity": e.quantity.name, "unit": e.quantity.unit,
+                "value": e.budget.value, "u": e.budget.u, "expanded": e.budget.expanded(),
+                "coverage_factor": e.coverage_factor, "monte_carlo_agrees": e.is_linear,
+                "total_indices": {name: i.total for name, i in e.indices.items()},
+                "to_halve": advice(e),
+            }
+            for e in self.quantities
+        ]  # fmt: skip
 
 
-def examine(folder: str | Path, wanted: str | None = None) -> list[Examined]:
-    """Examine the main quantities of every experiment of a session.
+def sensitivity(folder: str | Path, which: str | None = None) -> Sensitivity:
+    """Show which inputs limit the uncertainty of the main quantities of a session.
 
     Parameters
     ----------
     folder : path-like
         The session folder; what is not processed yet is processed first.
-    wanted : str, optional
+    which : str, optional
         Only experiments of this kind, or of this name.
 
     Returns
     -------
-    list of Examined
+    Sensitivity
+        Linear budget, Monte Carlo and Sobol indices of every quantity, and the pages
+        ``FOLDER/labpipe/sensitivity_KIND.html``.
 
     Raises
     ------
@@ -67,27 +81,16 @@ def examine(folder: str | Path, wanted: str | None = None) -> list[Examined]:
         There is no such kind or experiment with budgets.
     InputError
         A step before failed.
+
+    Examples
+    --------
+    >>> sensitivity("my-session", "acrylic_7mm")  # doctest: +SKIP
     """
+    found = examine(folder, which)
     session = reopen_session(folder)
-    budgets = {name: kind.budget for name, kind in KINDS.items() if kind.budget is not None}
-    chosen = [e for n, e in session.experiments.items() if e.kind in budgets and wanted in (None, n, e.kind)]
-    if not chosen:
-        kinds = ", ".join(budgets)
-        message = f'nothing to examine for "{wanted or "this session"}"; kinds with budgets: {kinds}'
-        raise UsageError(message)
-    targets = [target for e in chosen for target in needed(session, e, budgets[e.kind])]
-    run = process(folder, targets, {target.split("/")[0] for target in targets}, keep=None)
-    for outcome in run.failures:
-        message = f"{outcome.task}: {outcome.message}"
-        raise InputError(message)
-    results = opened(folder)
-    return [examined(e.name, quantity) for e in chosen for quantity in derive(results, e, budgets[e.kind])]
-
-
-def examined(experiment: str, quantity: Quantity) -> Examined:
-    """Propagate one quantity in all three ways."""
-    budget = linear_budget(quantity.model, quantity.inputs)
-    drawn = monte_carlo(quantity.model, quantity.inputs)
-    return Examined(
-        experiment, quantity, budget, drawn, intervals_agree(budget, drawn), sobol(quantity.model, quantity.inputs)
-    )
+    pages = []
+    for kind in dict.fromkeys(session.experiments[e.experiment].kind for e in found):
+        own = [e for e in found if session.experiments[e.experiment].kind == kind]
+        pages.append(session.folder / f"sensitivity_{kind}.html")
+        files.write_text(pages[-1], render(session, kind, own))
+    return Sensitivity(tuple(found), tuple(pages))

@@ -9,8 +9,8 @@ from labpipe.workflow.session import Session
 from pipelines.experiments.shared import budget_blocks as budget_drawing
 from pipelines.experiments.shared.budget_blocks import half_width, overview
 from pipelines.experiments.shared.pages import SYNTHETIC, synthetic_notice
+from pipelines.session._examined import Examined
 from pipelines.session._overview import PAGE
-from pipelines.session._sensitivity import Examined
 
 _BEST = 20.0  # factor beyond which "better" means "exactly"
 _NO_SCALE = ("degC", "1")  # units in which a share of the value says little

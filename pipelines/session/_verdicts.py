@@ -4,6 +4,8 @@ The stage ``judgement`` of a kind holds its verdict. Where it was not stored, be
 before it failed or was not asked for, it is made again from what is there.
 """
 
+from __future__ import annotations
+
 import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -16,7 +18,7 @@ from labpipe.workflow.plan import READY
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
 from labpipe.workflow.tasks import arguments
-from pipelines.experiments import KINDS, function
+from pipelines.experiments import JUDGEMENT, KINDS, function
 from pipelines.session._opening import STAGES
 from pipelines.session._results import opened
 
@@ -25,9 +27,6 @@ if TYPE_CHECKING:
 
     from labpipe.judging import Finding, Judgement
     from labpipe.workflow.runner import RunResult
-
-STAGE = "judgement"
-"""Name of the stage that judges, in every kind that has one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +53,7 @@ class Verdict:
     state: str
     believable: str
     model: str
-    findings: "tuple[Finding, ...]" = ()
+    findings: tuple[Finding, ...] = ()
     checks: int = 0
     causes: tuple[str, ...] = ()
 
@@ -111,7 +110,7 @@ def verdict(
     return verdicts_of(process(folder, targets, only, jobs=jobs))
 
 
-def verdicts_of(run: "RunResult") -> Verdicts:
+def verdicts_of(run: RunResult) -> Verdicts:
     """Return the verdicts on the experiments that a run has processed."""
     session = run.session
     names = list(dict.fromkeys(outcome.experiment for outcome in run.outcomes))
@@ -128,7 +127,7 @@ def _one(session: Session, results: Results, experiment: Experiment, failures: I
     failed = tuple(failures)
     state = "failed" if failed else "done"
     kind = experiment.kind
-    stage = next((s for s in KINDS[kind].stages if s.name == STAGE), None)
+    stage = next((s for s in KINDS[kind].stages if s.name == JUDGEMENT), None)
     if stage is None:
         return Verdict(experiment.name, kind, state, "unknown", "none")
     result = _stored(results, experiment)
@@ -165,9 +164,9 @@ def _one(session: Session, results: Results, experiment: Experiment, failures: I
     )
 
 
-def _stored(results: Results, experiment: Experiment) -> "xr.Dataset | None":
+def _stored(results: Results, experiment: Experiment) -> xr.Dataset | None:
     for row in results.plan.rows:
-        if (row.experiment, row.stage) == (experiment.name, STAGE) and row.state in READY:
+        if (row.experiment, row.stage) == (experiment.name, JUDGEMENT) and row.state in READY:
             return results.up_to_date(row)
     return None
 
@@ -185,7 +184,7 @@ def _tolerant(results: Results, argument: Any) -> Any:
     return found[0] if found else None
 
 
-def _placed(session: Session, experiment: Experiment, finding: "Finding") -> "Finding":
+def _placed(session: Session, experiment: Experiment, finding: Finding) -> Finding:
     """Find the line of a setting as the files are now."""
     if finding.line is not None or not (finding.setting or not finding.file):
         return finding
@@ -240,7 +239,7 @@ def _recordings(experiment: Experiment) -> Iterable[str]:
             yield from [names] if isinstance(names, str) else names or ()
 
 
-def _added(verdict: Verdict, more: Iterable["Finding"]) -> Verdict:
+def _added(verdict: Verdict, more: Iterable[Finding]) -> Verdict:
     extra = tuple(more)
     if not extra:
         return verdict

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from labpipe import files
 from labpipe.errors import LabpipeError, UsageError
+from labpipe.notebook import html_table
 from labpipe.variables import described, variable
 from labpipe.workflow.code import Code
 from labpipe.workflow.engines import Died, Engine, Serial, side_by_side
@@ -57,8 +58,25 @@ class Swept:
     reused: int
     failed: int
 
+    @property
+    def page(self) -> Path:
+        """The page that the verb writes beside the file."""
+        return self.path.with_suffix(".html")
 
-def sweep(
+    @property
+    def summary(self) -> str:
+        """Say in one line how many points were computed."""
+        return f"{self.computed} points computed, {self.reused} reused, {self.failed} without result"
+
+    def __repr__(self) -> str:
+        return f"{self.summary}; {self.path}\n{self.dataset}"
+
+    def _repr_html_(self) -> str:
+        shown: str = self.dataset._repr_html_()
+        return html_table(f"{self.summary}; {self.path}", (), ()) + shown
+
+
+def run_design(
     plan: Design, out: str | Path, engine: Engine | None = None, *, progress: Callable[[float], None] | None = None
 ) -> Swept:
     """Simulate every point of a design.

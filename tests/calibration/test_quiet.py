@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.quiet import _grouped_median, in_window
+from calibration._quiet import _grouped_median, in_window
 from labpipe.errors import CalibrationError
 
 

@@ -480,9 +480,9 @@ def report_before_processing(folder: Path) -> object:
 
 @case
 def scan_of_nothing(folder: Path) -> object:
-    from pipelines.session import write_session_file
+    from pipelines.session import init
 
-    return write_session_file(folder)
+    return init(folder)
 
 
 @case

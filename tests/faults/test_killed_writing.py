@@ -20,7 +20,7 @@ from instruments.keyence._markers import Status
 from instruments.keyence._recorder import Sample, Setup, Tally
 from pipelines.figures import make
 from pipelines.process import process
-from pipelines.session import write_session_file
+from pipelines.session import init
 from tests.faults.crashes import killed_after, moments, operations
 from tests.faults.test_failed_inputs import session
 
@@ -66,7 +66,7 @@ def make_laser(folder: Path) -> None:
 
 
 def write_configuration(folder: Path) -> None:
-    write_session_file(folder, replace=True)
+    init(folder, replace=True)
 
 
 def make_journal(folder: Path) -> None:

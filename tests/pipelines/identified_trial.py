@@ -15,7 +15,7 @@ from labpipe.materials import Prony
 from labpipe.workflow.results import Results
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.punch_model import Geometry, elastic_force
-from pipelines.identify import Identified, Wish, identify
+from pipelines.identify import Identified, Wish, identify_materials
 from pipelines.rig.indentations import Specimen
 from pipelines.session import derive, opened
 from tests.pipelines.random_sessions import DEPTH, Truth, recorded, write
@@ -111,7 +111,7 @@ def session_trial(truth: Truth, folder: Path) -> Trial:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # what a reader of one session must know
         try:
-            (found,) = identify(folder, wish)
+            (found,) = identify_materials(folder, wish)
         except LabpipeError as error:
             return replace(blank, failure=f"{type(error).__name__}: {error}")
         seconds = clock.perf_counter() - started

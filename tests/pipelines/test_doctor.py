@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from pipelines.commands import system
+from pipelines.session import _doctor
 
 
 def run(folder: Path, *options: str) -> tuple[int, str]:
@@ -26,7 +27,7 @@ def test_another_distribution_with_a_package_of_our_name_is_named(
 
 
 def test_a_library_that_is_too_old_or_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(system, "_versions", lambda: {"numpy": "1.26.4", "scipy": "missing"})
+    monkeypatch.setattr(_doctor, "_versions", lambda: {"numpy": "1.26.4", "scipy": "missing"})
     monkeypatch.setattr(importlib.metadata, "requires", lambda _: ["numpy>=2.1", "scipy>=1.15"])
     code, text = run(tmp_path, "--json")
     assert code == 5
@@ -39,7 +40,7 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, monkeypatch: py
     def refuse(*_: object) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(system.files, "write_bytes", refuse)
+    monkeypatch.setattr(_doctor.files, "write_bytes", refuse)
     code, text = run(tmp_path)
     assert code == 5
     assert "cannot write here" in text

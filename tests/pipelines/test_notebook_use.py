@@ -7,8 +7,8 @@ import pytest
 import xarray as xr
 
 from labpipe.errors import InputError
+from labpipe.notebook import html_table
 from labpipe.report import Report
-from labpipe.workflow.session import html_table
 from pipelines.process import open_session, plan, process, report, result, results
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from labpipe.workflow import code, worker
+from labpipe.workflow import _worker, code
 from labpipe.workflow._definitions import OURS
 from labpipe.workflow.tasks import Task
 from pipelines import process
@@ -23,7 +23,7 @@ _IMPORTING = {"lazily"}
 def ran_in_stages(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, set[tuple[str, str]]]:
     """Process a session and return module and name of every function of ours, by stage."""
     codes: dict[str, set[CodeType]] = defaultdict(set)
-    imported = worker._import
+    imported = _worker._import
 
     def watched(task: Task) -> Callable[..., Any]:
         function = imported(task)
@@ -41,7 +41,7 @@ def ran_in_stages(folder: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, se
 
         return call
 
-    monkeypatch.setattr(worker, "_import", watched)
+    monkeypatch.setattr(_worker, "_import", watched)
     assert process.process(folder, jobs=0).exit_code == 0
     return {
         function: {(_module(found), found.co_qualname) for found in ours if _module(found)}

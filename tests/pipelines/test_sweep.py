@@ -17,7 +17,7 @@ from labpipe import contact, files, materials
 from labpipe.errors import InputError, LabpipeError, UsageError
 from labpipe.workflow.engines import Dask, Processes, side_by_side
 from pipelines.commands.sweep import sweep as command
-from pipelines.sweeps import axis, design, sweep
+from pipelines.sweeps import axis, design, run_design
 from pipelines.sweeps import run as run_module
 from pipelines.sweeps.page import render
 from pipelines.sweeps.parameters import Parameter, Simulator, Value
@@ -118,7 +118,7 @@ def test_every_point_of_a_map_is_what_the_simulator_says(tmp_path: Path) -> None
     plan = design(
         "drop", [axis("drop", "material", "acrylic, ptfe"), axis("drop", "height", "1.5 mm, 5 mm")], {"mass": "28.2 g"}
     )
-    swept = sweep(plan, tmp_path / "map.nc")
+    swept = run_design(plan, tmp_path / "map.nc")
     assert swept.dataset.restitution.dims == ("material", "height")
     point = swept.dataset.sel(material="ptfe", height=5e-3)
     alone = contact.drop(materials.load("ptfe"), 9.525e-3, 28.2e-3, 5e-3, 0.052)
@@ -132,7 +132,7 @@ def test_every_point_of_a_map_is_what_the_simulator_says(tmp_path: Path) -> None
 def test_work_of_an_oscillation_follows_the_loss(tmp_path: Path) -> None:
     """Rubber loses more in a swing at a higher frequency of its transition; glass loses little."""
     plan = design("indent", [axis("indent", "amplitude", "2 um, 4 um")], {"hold": "10 s"})
-    found = sweep(plan, tmp_path / "work.nc").dataset
+    found = run_design(plan, tmp_path / "work.nc").dataset
     work = found.dissipated_work.values
     assert work[1] / work[0] == pytest.approx(4.0, rel=0.05)  # quadratic while contact holds
     assert (found.least_half_width > 0.0).all()
@@ -142,15 +142,15 @@ def test_a_stopped_sweep_goes_on_and_gives_the_same_bytes(
     toy: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan = design("toy", [axis("toy", "x", "1:40:40"), axis("toy", "y", "1:3:3")])
-    whole = sweep(plan, tmp_path / "whole.nc")
+    whole = run_design(plan, tmp_path / "whole.nc")
     Counting(monkeypatch, stop_after=2)
     with pytest.raises(KeyboardInterrupt):
-        sweep(plan, tmp_path / "part.nc")
+        run_design(plan, tmp_path / "part.nc")
     assert not (tmp_path / "part.nc").exists()
     damaged = sorted((tmp_path / "part.parts").iterdir())[0]
     damaged.write_bytes(damaged.read_bytes()[:-9])
     counting = Counting(monkeypatch)
-    rest = sweep(plan, tmp_path / "part.nc")
+    rest = run_design(plan, tmp_path / "part.nc")
     assert (rest.reused, rest.computed, counting.points) == (25, 95, 95)
     assert (tmp_path / "part.nc").read_bytes() == (tmp_path / "whole.nc").read_bytes()
     np.testing.assert_array_equal(whole.dataset["product"].values, np.outer(np.arange(1, 41), [1.0, 2.0, 3.0]))
@@ -161,20 +161,20 @@ def test_failed_points_are_told_kept_apart_and_tried_again(
 ) -> None:
     monkeypatch.setattr(run_module, "BLOCK", 2)
     plan = design("toy", [axis("toy", "x", "-1, 1, 2, 3")])
-    swept = sweep(plan, tmp_path / "map.nc")
+    swept = run_design(plan, tmp_path / "map.nc")
     assert swept.failed == 1
     assert np.isnan(swept.dataset["sum"].values[0])
     assert "x is negative" in str(swept.dataset["problem"].values[0])
     page = render(plan, swept)
     assert "1 points have no result" in page
     assert "x is negative" in page
-    again = sweep(plan, tmp_path / "map.nc")
+    again = run_design(plan, tmp_path / "map.nc")
     assert (again.computed, again.reused) == (2, 2)  # the block of the failed point
 
 
 def test_draws_are_the_same_at_every_point_of_the_grid(toy: None, tmp_path: Path) -> None:
     plan = design("toy", [axis("toy", "x", "1, 2")], {"y": "5 ± 0.5"}, draws=400, seed=3)
-    found = sweep(plan, tmp_path / "map.nc").dataset
+    found = run_design(plan, tmp_path / "map.nc").dataset
     assert found["sum"].dims == ("x", "draw")
     np.testing.assert_allclose(found["sum"][1] - found["sum"][0], 1.0)
     assert float(found.y.mean()) == pytest.approx(5.0, abs=0.1)
@@ -189,7 +189,7 @@ def test_a_killed_worker_costs_nothing_and_a_deadly_block_only_itself(
     monkeypatch.setattr(run_module, "COMPUTE", f"{__name__}:deadly")
     monkeypatch.setattr(run_module, "BLOCK", 2)
     plan = design("toy", [axis("toy", "x", "1:20:20")], {"marker": str(marker)})
-    found = sweep(plan, tmp_path / "map.nc", Processes(2)).dataset
+    found = run_design(plan, tmp_path / "map.nc", Processes(2)).dataset
     assert not marker.exists()
     lost = np.flatnonzero(found["problem"].values == "3 workers died over it")
     assert list(found["x"].values[lost]) == [13.0, 14.0]
@@ -204,9 +204,9 @@ def test_another_material_in_the_same_file_is_another_point(tmp_path: Path) -> N
     own = tmp_path / "own.toml"
     own.write_text((library / "acrylic.toml").read_text("utf-8"), "utf-8")
     plan = design("drop", [], {"material": str(own), "rtol": "0.001"})
-    first = sweep(plan, tmp_path / "map.nc").dataset
+    first = run_design(plan, tmp_path / "map.nc").dataset
     own.write_text((library / "ptfe.toml").read_text("utf-8"), "utf-8")
-    second = sweep(plan, tmp_path / "map.nc").dataset
+    second = run_design(plan, tmp_path / "map.nc").dataset
     assert float(first.restitution) - float(second.restitution) > 0.05
 
 
@@ -225,7 +225,7 @@ def test_what_lies_beyond_the_thesis_can_be_mapped(
 ) -> None:
     name, values = swept.split(" = ")
     plan = design(simulator, [axis(simulator, name, values)], fixed)
-    found = sweep(plan, tmp_path / "map.nc")
+    found = run_design(plan, tmp_path / "map.nc")
     assert found.failed == 0
     assert (float(np.diff(found.dataset[output].values)[0]) > 0.0) == rises
 
@@ -242,7 +242,7 @@ def test_a_block_that_stands_twice_in_a_grid_is_computed_once(
     monkeypatch.setattr(run_module, "BLOCK", 2)
     plan = design("toy", [axis("toy", "x", "1, 2, 1, 2, 3")])
     counting = Counting(monkeypatch)
-    found = sweep(plan, tmp_path / "map.nc").dataset
+    found = run_design(plan, tmp_path / "map.nc").dataset
     assert counting.points == 3
     np.testing.assert_array_equal(found["sum"].values, [3.0, 4.0, 3.0, 4.0, 5.0])
 
@@ -258,10 +258,10 @@ def test_results_that_come_twice_or_not_at_all_are_a_defect(
     plan = design("toy", [axis("toy", "x", "1, 2")])
     monkeypatch.setattr(run_module, "side_by_side", twice)
     with pytest.raises(LabpipeError, match="a second time"):
-        sweep(plan, tmp_path / "twice.nc")
+        run_design(plan, tmp_path / "twice.nc")
     monkeypatch.setattr(run_module, "side_by_side", lambda *_, **__: iter(()))
     with pytest.raises(LabpipeError, match="2 points of the sweep have no outcome"):
-        sweep(plan, tmp_path / "lost.nc")
+        run_design(plan, tmp_path / "lost.nc")
 
 
 def test_points_of_any_stretch_are_those_of_the_whole() -> None:
@@ -295,10 +295,10 @@ def test_drops_are_counted_once_though_workers_are_killed(
             killed.append(workers[0])
             os.kill(workers[0], signal.SIGKILL)
 
-    swept = sweep(plan, tmp_path / "map.nc", Processes(2), progress=kill)
+    swept = run_design(plan, tmp_path / "map.nc", Processes(2), progress=kill)
     assert killed
     assert (swept.computed, swept.failed) == (count, 0)
-    sweep(plan, tmp_path / "one.nc")
+    run_design(plan, tmp_path / "one.nc")
     assert (tmp_path / "map.nc").read_bytes() == (tmp_path / "one.nc").read_bytes()
     # Ever higher, ever faster: no point is missing, doubled or at another's place.
     assert np.all(np.diff(swept.dataset["peak_force"].values) > 0.0)
@@ -317,14 +317,14 @@ def workers_of(parent: int) -> list[int]:
 
 def test_an_unknown_material_is_refused_before_anything_runs(tmp_path: Path) -> None:
     with pytest.raises(InputError, match='no material "steel"'):
-        sweep(design("drop", [], {"material": "steel"}), tmp_path / "map.nc")
+        run_design(design("drop", [], {"material": "steel"}), tmp_path / "map.nc")
 
 
 @pytest.mark.slow
 def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed", reason="the extra cluster is not installed")
     plan = design("drop", [axis("drop", "height", "1 mm : 3 mm : 200")], {"rtol": "0.001"})
-    sweep(plan, tmp_path / "one.nc")
+    run_design(plan, tmp_path / "one.nc")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=":0"
     ) as cluster:
@@ -335,7 +335,7 @@ def test_a_cluster_gives_the_same_bytes_though_a_worker_is_killed(tmp_path: Path
                 worker = next(iter(cluster.workers.values()))
                 os.kill(worker.pid, signal.SIGKILL)
 
-        swept = sweep(plan, tmp_path / "many.nc", engine, progress=kill_one)
+        swept = run_design(plan, tmp_path / "many.nc", engine, progress=kill_one)
     assert swept.failed == 0
     assert (tmp_path / "one.nc").read_bytes() == (tmp_path / "many.nc").read_bytes()
 

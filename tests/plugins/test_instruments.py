@@ -17,7 +17,7 @@ from instruments import keyence
 from labpipe import plugins
 from labpipe.errors import SourceError, UsageError
 from pipelines.cli import cli
-from pipelines.session import describe, open_session, process, result, write_session_file
+from pipelines.session import describe, init, open_session, process, result
 from tests.pipelines.small import write_small
 
 HOME = Path(__file__).parent / "toy_instrument"
@@ -112,7 +112,7 @@ def test_init_proposes_from_what_it_holds(session: Path, tmp_path: Path) -> None
     pile.mkdir()
     for number in (1, 2):
         shutil.copy(session / f"laser/drop_{number}.csv", pile / f"acrylic_7mm_{number}.txt")
-    made = write_session_file(pile)
+    made = init(pile)
     assert made.experiments == ["acrylic_7mm"]
     text = made.path.read_text("utf-8")
     assert 'kind = "ball_drop"\nlaser = [\n  "acrylic_7mm_1.txt",\n  "acrylic_7mm_2.txt",' in text

@@ -1,5 +1,6 @@
 """Checks of the arguments of a drop, before anything is computed."""
 
+import warnings
 from math import isfinite
 from typing import Literal, get_args
 
@@ -10,11 +11,25 @@ from labpipe.arrays import Floats
 from labpipe.contact.impact._dataset import Setting
 from labpipe.contact.impact._line_springs import Profile
 from labpipe.errors import InputError
+from labpipe.units import Measure
 
 Solver = Literal["mdr", "rings", "thesis"]
 
 # Where rtol may lie: below, rounding; above, the estimates of the error mean nothing.
 _RTOL_RANGE = (1e-8, 1e-2)
+
+# A radius like these, in m, is one in mm; a larger one is a wish for a flat.
+_MILLIMETRES = (1.0, 50.0)
+
+
+def warn_of_millimetres(radius: Measure, mass: Measure, height: Measure) -> None:
+    """Warn of a sphere of metres, given as a bare number, and say what to write."""
+    if isinstance(radius, int | float) and _MILLIMETRES[0] < radius <= _MILLIMETRES[1]:
+        texts = [f'radius="{radius:g} mm"']
+        texts += [f'mass="{mass:g} g"'] if isinstance(mass, int | float) and mass > 1 else []
+        texts += [f'height="{height:g} mm"'] if isinstance(height, int | float) else []
+        message = f"radius={radius:g} is a sphere of {radius:g} m; if millimetres were meant, write {', '.join(texts)}"
+        warnings.warn(message, UserWarning, stacklevel=3)
 
 
 def checked(setting: Setting) -> Setting:

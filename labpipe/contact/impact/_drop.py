@@ -4,6 +4,8 @@ The bounces are simulated in :mod:`._simulate`, which is imported by the first d
 only: its steps are compiled, and loading the compiler takes a second.
 """
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,7 +16,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from labpipe.arrays import Floats
-from labpipe.contact.impact._checks import Solver, checked, checked_times
+from labpipe.contact.impact._checks import Solver, checked, checked_times, warn_of_millimetres
 from labpipe.contact.impact._dataset import DropRun, Setting, dataset, energy_error, thesis_dataset
 from labpipe.contact.impact._line_springs import Profile
 from labpipe.contact.impact._motion import AnnularContactError
@@ -22,8 +24,10 @@ from labpipe.contact.impact._plate import Plate
 from labpipe.contact.impact._setup import ALL_SHORTCUTS, MARGIN, Effort, Shortcuts, scales
 from labpipe.contact.impact._thesis_scheme import RING_WIDTH, TIME_STEP, drop_thesis
 from labpipe.contact.impact._trajectory import Contact, Flight
-from labpipe.contact.memory import Creep, CreepMaterial
+from labpipe.contact.memory import Creep
 from labpipe.errors import InputError
+from labpipe.materials import Solid, solid
+from labpipe.units import Measure, si
 
 # Progress is told at steps of this part of the duration.
 _PROGRESS_EVERY = 0.01
@@ -33,16 +37,16 @@ _ENERGY_LIMIT, _REFINEMENT, _FINEST = 5.0, 10.0, 1e-6
 
 
 def drop(
-    material: CreepMaterial,
-    radius: float,
-    mass: float,
-    height: float,
-    duration: float,
+    material: Solid,
+    radius: Measure,
+    mass: Measure,
+    height: Measure,
+    duration: Measure,
     solver: Solver = "mdr",
     profile: Profile = "parabola",
     rtol: float = 1e-4,
     *,
-    gravity: float = 9.81,
+    gravity: Measure = 9.81,
     plate: Plate | None = None,
     times: ArrayLike | None = None,
     maps: ArrayLike | None = None,
@@ -55,10 +59,13 @@ def drop(
 ) -> xr.Dataset:
     """Drop a viscoelastic sphere on a rigid flat.
 
+    Lengths, mass and times are numbers in SI or texts with a unit, ``"9.525 mm"``.
+
     Parameters
     ----------
-    material : labpipe.materials.Prony
-        Of the sphere (or of the flat, if the sphere is the rigid one).
+    material : labpipe.materials.Prony, or str
+        Of the sphere (or of the flat, if the sphere is the rigid one); a name or a file as
+        :func:`labpipe.materials.solid` takes it.
     radius : float [m]
         Of the sphere.
     mass : float [kg]
@@ -124,6 +131,11 @@ def drop(
         A value is out of range; the contact would be wider than the sphere; the material damps so
         little that ``max_steps`` do not reach ``duration``.
 
+    Warns
+    -----
+    UserWarning
+        The radius looks like millimetres; or the result is less accurate than asked for.
+
     Examples
     --------
     >>> from labpipe.materials import Prony
@@ -140,6 +152,10 @@ def drop(
     of its error.
     """
     started = perf_counter()
+    warn_of_millimetres(radius, mass, height)
+    material, gravity = solid(material), si(gravity, "m/s2", "gravity")
+    radius, mass = si(radius, "m", "radius"), si(mass, "kg", "mass")
+    height, duration = si(height, "m", "height"), si(duration, "s", "duration")
     setting = checked(Setting(radius, mass, height, duration, solver, profile, rtol, gravity, plate))
     wanted = None if times is None else checked_times("times", times, duration)
     looks = None if maps is None else checked_times("maps", maps, duration)

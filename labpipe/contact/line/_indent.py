@@ -7,6 +7,8 @@ Taylor, K. S. Pister, G. L. Goudreau, 1970, https://doi.org/10.1002/nme.16200201
 (:mod:`labpipe.contact.springs`).
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -16,18 +18,19 @@ from numpy.typing import ArrayLike
 from labpipe.contact.line._simulate import DEFAULT_RTOL, Output, Request, Solver, simulate
 from labpipe.contact.memory import checked_history
 from labpipe.errors import InputError
-from labpipe.materials import Prony
+from labpipe.materials import Solid, solid
+from labpipe.units import Measure, si
 
 
 def indent(
-    material: Prony,
-    tip_radius: float,
-    period: float,
-    depth: float,
+    material: Solid,
+    tip_radius: Measure,
+    period: Measure,
+    depth: Measure,
     time: ArrayLike,
     displacement: ArrayLike,
     profile: str | ArrayLike = "parabola",
-    thickness: float = np.inf,
+    thickness: Measure = np.inf,
     elements: int | None = None,
     *,
     rtol: float | None = DEFAULT_RTOL,
@@ -37,10 +40,12 @@ def indent(
 ) -> xr.Dataset:
     """Press a periodic row of tips into a viscoelastic surface by a prescribed displacement.
 
+    Lengths are numbers in SI or texts with a unit, ``"2 mm"``.
+
     Parameters
     ----------
-    material : Prony
-        Viscoelastic solid; no terms is an elastic one.
+    material : Prony, or str
+        Viscoelastic solid, or its name; no terms is an elastic one.
     tip_radius : float [m]
         Radius of curvature R of a tip.
     period : float [m]
@@ -101,6 +106,7 @@ def indent(
 
     Examples
     --------
+    >>> from labpipe.materials import Prony
     >>> rubber = Prony(7.6e6, [], [], nu=0.5)
     >>> result = indent(rubber, 2e-3, 8e-3, 18e-3, [0.0], [1e-4], profile="cosine")
     >>> round(float(result.force[0]), 1)
@@ -108,7 +114,7 @@ def indent(
     """
     times, values = checked_history(time, displacement, "displacement")
     return simulate(
-        Request(material, tip_radius, period, depth, profile, thickness, elements),
+        _request(material, tip_radius, period, depth, profile, thickness, elements),
         times,
         values,
         "displacement",
@@ -120,14 +126,14 @@ def indent(
 
 
 def indent_load(
-    material: Prony,
-    tip_radius: float,
-    period: float,
-    depth: float,
+    material: Solid,
+    tip_radius: Measure,
+    period: Measure,
+    depth: Measure,
     time: ArrayLike,
     load: ArrayLike,
     profile: str | ArrayLike = "parabola",
-    thickness: float = np.inf,
+    thickness: Measure = np.inf,
     elements: int | None = None,
     *,
     rtol: float | None = DEFAULT_RTOL,
@@ -159,6 +165,7 @@ def indent_load(
 
     Examples
     --------
+    >>> from labpipe.materials import Prony
     >>> rubber = Prony(7.6e6, [], [], nu=0.5)
     >>> result = indent_load(rubber, 2e-3, 8e-3, 18e-3, [0.0], [12.4], profile="cosine")
     >>> round(float(result.displacement[0]) * 1e3, 3)
@@ -171,7 +178,7 @@ def indent_load(
         message = f"load[{n}] is {values[n]} N; a contact without adhesion cannot pull"
         raise InputError(message)
     return simulate(
-        Request(material, tip_radius, period, depth, profile, thickness, elements),
+        _request(material, tip_radius, period, depth, profile, thickness, elements),
         times,
         values,
         "force",
@@ -179,4 +186,25 @@ def indent_load(
         outputs,
         solver,
         progress,
+    )
+
+
+def _request(
+    material: Solid,
+    tip_radius: Measure,
+    period: Measure,
+    depth: Measure,
+    profile: str | ArrayLike,
+    thickness: Measure,
+    elements: int | None,
+) -> Request:
+    """Bring what was given to SI."""
+    return Request(
+        solid(material),
+        si(tip_radius, "m", "tip_radius"),
+        si(period, "m", "period"),
+        si(depth, "m", "depth"),
+        profile,
+        si(thickness, "m", "thickness"),
+        elements,
     )

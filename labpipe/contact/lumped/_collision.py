@@ -25,6 +25,8 @@ References
 .. [2] O. R. Walton, R. L. Braun, J. Rheol. 30 (1986) 949, https://doi.org/10.1122/1.549893.
 """
 
+from __future__ import annotations
+
 import json
 import warnings
 
@@ -35,6 +37,7 @@ from numpy.typing import ArrayLike
 from labpipe.arrays import Floats
 from labpipe.contact.lumped._motion import Bounce, CollisionLaw, Motion, Phase, grid
 from labpipe.errors import InputError
+from labpipe.units import Measure, si
 from labpipe.variables import described, variable
 
 # Energy gained in an impact by less than this part is rounding.
@@ -42,21 +45,23 @@ _ENERGY_ROUNDING = 1e-6
 
 
 def collision(
-    radius: float,
-    mass: float,
-    height: float,
+    radius: Measure,
+    mass: Measure,
+    height: Measure,
     *,
-    youngs_modulus: float = 3.2e9,
+    youngs_modulus: Measure = 3.2e9,
     nu: float = 0.35,
     damping: float = 0.0,
-    yield_depth: float = np.inf,
+    yield_depth: Measure = np.inf,
     unloading_multiplier: float = 1.0,
-    duration: float = 0.5,
-    gravity: float = 9.81,
+    duration: Measure = 0.5,
+    gravity: Measure = 9.81,
     as_printed: bool = False,
     time: ArrayLike | None = None,
 ) -> xr.Dataset:
     """Drop a sphere with the collision law of appendix A.
+
+    Numbers are in SI; lengths, mass, modulus and time may be texts with a unit, ``"9.525 mm"``.
 
     Parameters
     ----------
@@ -111,6 +116,10 @@ def collision(
     >>> 0.5 < float(found.restitution[0]) < 1.0
     True
     """
+    radius, mass = si(radius, "m", "radius"), si(mass, "kg", "mass")
+    height, duration = si(height, "m", "height"), si(duration, "s", "duration")
+    yield_depth, gravity = si(yield_depth, "m", "yield_depth"), si(gravity, "m/s2", "gravity")
+    youngs_modulus = si(youngs_modulus, "Pa", "youngs_modulus")
     law = _law(radius, youngs_modulus, nu, damping, yield_depth, unloading_multiplier, as_printed)
     _require_positive(mass=mass, height=height, duration=duration, gravity=gravity)
     motion = Motion(law, mass, gravity)

@@ -5,6 +5,8 @@ loading of thesis chapter 3 (a weight put down, further weights added), creep un
 prescribed approaches as in instrumented indentation.
 """
 
+from __future__ import annotations
+
 import json
 from typing import Literal
 
@@ -17,7 +19,8 @@ from labpipe.contact.memory import Creep, checked_history
 from labpipe.contact.sphere.hertz import static_approach, static_load
 from labpipe.contact.springs import Control, March, SpringBed, sphere_bed
 from labpipe.errors import InputError
-from labpipe.materials import Prony
+from labpipe.materials import Solid, solid
+from labpipe.units import Measure, si
 from labpipe.variables import variable
 
 Profile = Literal["parabola", "sphere"]
@@ -35,8 +38,8 @@ _SPARE_REACH = 1.02
 
 
 def load_sphere(
-    material: Prony,
-    radius: float,
+    material: Solid,
+    radius: Measure,
     time: ArrayLike,
     load: ArrayLike,
     *,
@@ -48,9 +51,9 @@ def load_sphere(
 
     Parameters
     ----------
-    material : Prony
-        Viscoelastic body; the other one is rigid.
-    radius : float [m]
+    material : Prony, or str
+        Viscoelastic body, or its name; the other one is rigid.
+    radius : float, or text with a unit [m]
         Of the sphere.
     time : array (time,) [s]
         Never falling. A load step is two samples at one time; a first load above 0 is a step.
@@ -82,11 +85,13 @@ def load_sphere(
 
     Examples
     --------
+    >>> from labpipe.materials import Prony
     >>> acrylic = Prony(2e9, [2e9], [0.5e-3], nu=0.35)
     >>> found = load_sphere(acrylic, 9.525e-3, [0.0, 10.0], [4.954, 4.954])
     >>> np.round(found.approach.values * 1e6, 3)
     array([4.116, 6.534])
     """
+    material, radius = solid(material), si(radius, "m", "radius")
     times, loads = checked_history(time, load, "load")
     negative = np.flatnonzero(loads < 0.0)
     if negative.size:
@@ -102,8 +107,8 @@ def load_sphere(
 
 
 def press_sphere(
-    material: Prony,
-    radius: float,
+    material: Solid,
+    radius: Measure,
     time: ArrayLike,
     approach: ArrayLike,
     *,
@@ -124,11 +129,13 @@ def press_sphere(
 
     Examples
     --------
-    >>> solid = Prony(0.1, [0.9], [1.0], nu=0.0)
-    >>> found = press_sphere(solid, 1.0, [0.0, 1.0], [0.0, 1e-2])
+    >>> from labpipe.materials import Prony
+    >>> body = Prony(0.1, [0.9], [1.0], nu=0.0)
+    >>> found = press_sphere(body, 1.0, [0.0, 1.0], [0.0, 1e-2])
     >>> round(float(found.force[1] / (4 / 3 * 1e-3)), 4)
     0.7236
     """
+    material, radius = solid(material), si(radius, "m", "radius")
     times, depth = checked_history(time, approach, "approach")
     deepest = max(float(depth.max()), np.finfo(float).tiny)
     reach = float(static_approach(deepest, radius, 1.0).contact_radius)

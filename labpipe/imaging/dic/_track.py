@@ -1,5 +1,7 @@
 """Digital image correlation: displacement of points of a film to a few thousandths of a pixel."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Literal
@@ -43,7 +45,7 @@ def track(
     min_zncc: float = DEFAULT_MIN_ZNCC,
     tolerance: float = DEFAULT_TOLERANCE,
     max_iterations: int = DEFAULT_ITERATIONS,
-) -> "xr.Dataset":
+) -> xr.Dataset:
     """Follow points through a film by digital image correlation.
 
     Parameters
@@ -157,13 +159,13 @@ def track(
 
 def _follow(
     film: FrameSource,
-    window: "FilmWindow",
-    tracker: "Tracker",
-    reference: "Reference",
+    window: FilmWindow,
+    tracker: Tracker,
+    reference: Reference,
     indices: NDArray[np.int64],
     static_frames: int,
     start: Floats | None,
-) -> "Table":
+) -> Table:
     """Go through the frames once; the next is read and filtered while this one is solved."""
     from labpipe.imaging.dic._recovery import follow
     from labpipe.imaging.dic._results import empty_table
@@ -190,8 +192,8 @@ def _follow(
 
 
 def _read_ahead(
-    window: "FilmWindow", tracker: "Tracker", indices: NDArray[np.int64], rows: NDArray[np.int64]
-) -> Iterator[tuple[int, "Loaded"]]:
+    window: FilmWindow, tracker: Tracker, indices: NDArray[np.int64], rows: NDArray[np.int64]
+) -> Iterator[tuple[int, Loaded]]:
     """Yield the loaded rectangle of every frame, one frame ahead of the solver."""
     if not len(rows):
         return

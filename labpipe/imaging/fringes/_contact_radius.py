@@ -1,5 +1,7 @@
 """Radius of the contact between a sphere and a flat, from a film of its interference fringes."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
@@ -7,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labpipe.frames import FrameSource, as_frames
+from labpipe.units import Measure, Quantity, si
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,22 +21,24 @@ DEFAULT_FRINGES = 3.0
 
 def contact_radius(
     frames: FrameSource | NDArray[np.generic],
-    pixel_size: float,
-    sphere_radius: float,
-    wavelength: float | None,
-    exposure: float | NDArray[np.float64] | None = None,
+    pixel_size: Measure,
+    sphere_radius: Measure,
+    wavelength: Measure | None,
+    exposure: Measure | NDArray[np.float64] | None = None,
     *,
     phase: float | None = None,
     shape: Literal["auto", "circle", "ellipse"] = "auto",
     fringes: float = DEFAULT_FRINGES,
     full: bool = False,
     windows: Sequence[tuple[float, float]] | None = None,
-    u_pixel_size: float = 0.0,
-    u_sphere_radius: float = 0.0,
-    u_wavelength: float = 0.0,
+    u_pixel_size: Measure = 0.0,
+    u_sphere_radius: Measure = 0.0,
+    u_wavelength: Measure = 0.0,
     u_phase: float = 0.0,
-) -> "xr.Dataset":
+) -> xr.Dataset:
     """Measure the radius of a contact in every frame of a film.
+
+    Lengths and times are numbers in SI or texts with a unit, ``"4.1 um"``, ``"633 nm"``.
 
     Parameters
     ----------
@@ -138,10 +143,10 @@ def contact_radius(
 
     film = as_frames(frames)
     options = FilmOptions(
-        pixel_size,
-        sphere_radius,
-        wavelength,
-        exposure,
+        si(pixel_size, "m or m/px", "pixel_size"),
+        si(sphere_radius, "m", "sphere_radius"),
+        None if wavelength is None else si(wavelength, "m", "wavelength"),
+        si(exposure, "s", "exposure") if isinstance(exposure, str | Quantity) else exposure,
         phase,
         shape,
         fringes,
@@ -150,9 +155,9 @@ def contact_radius(
     )
     check_film(film, options)
     uncertainties = {
-        "pixel_size": u_pixel_size,
-        "sphere_radius": u_sphere_radius,
-        "wavelength": u_wavelength,
+        "pixel_size": si(u_pixel_size, "m or m/px", "u_pixel_size"),
+        "sphere_radius": si(u_sphere_radius, "m", "u_sphere_radius"),
+        "wavelength": si(u_wavelength, "m", "u_wavelength"),
         "phase": u_phase,
     }
     return make_dataset(film, options, measure_film(film, options), uncertainties)

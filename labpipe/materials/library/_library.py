@@ -5,6 +5,8 @@ read with :func:`load_file`. Statuses are ``measured``, ``datasheet`` and ``esti
 here are no measurement of the thesis's specimens, and a page that uses them says so.
 """
 
+from __future__ import annotations
+
 import math
 import tomllib
 from dataclasses import dataclass
@@ -16,10 +18,10 @@ import numpy as np
 
 from labpipe.errors import InputError, SourceError
 from labpipe.materials.prony import Prony
-from labpipe.materials.superposition import ShiftLaw, arrhenius, wlf
-from labpipe.units import quantity
+from labpipe.materials.superposition import MasterCurve, ShiftLaw, arrhenius, wlf
+from labpipe.units import Measure, quantity, si
 
-__all__ = ["NAMES", "Entry", "Material", "describe", "load", "load_file", "read_material"]
+__all__ = ["NAMES", "Entry", "Material", "Solid", "describe", "load", "load_file", "read_material", "solid"]
 
 NAMES = ("nbr", "acrylic", "peek", "nylon", "ptfe")
 STATUSES = ("measured", "datasheet", "estimate")
@@ -80,6 +82,58 @@ class Material:
         if temperature is None:
             return self.prony
         return self.prony.shifted(10.0 ** self.log10_aT(temperature))
+
+
+Solid = Prony | Material | MasterCurve | str | Path
+"""What an argument ``material`` takes: an object, a name of the library, or a TOML file."""
+
+
+def solid(material: Solid, temperature: Measure | None = None) -> Prony:
+    """Return the viscoelastic solid behind a name, a file or an object.
+
+    Parameters
+    ----------
+    material : Prony, Material, MasterCurve, str or path-like
+        ``nbr``, ``acrylic``, ``peek``, ``nylon`` or ``ptfe``, a material file that ends in
+        ``.toml``, or an object; a Prony series is returned as it is.
+    temperature : float or text with a unit, optional [degC]
+        Where the material is; by default its reference temperature.
+
+    Returns
+    -------
+    Prony
+
+    Raises
+    ------
+    InputError
+        There is no such material, or its law does not reach the temperature.
+    SourceError
+        The file cannot be read or does not describe a material.
+
+    Examples
+    --------
+    >>> warm = solid("acrylic", temperature="39 °C")
+    >>> bool(warm.relaxation(1e-3) < solid("acrylic").relaxation(1e-3))
+    True
+    """
+    if isinstance(material, str | Path):
+        is_file = str(material).endswith(".toml")
+        known = read_material(material) if is_file else describe(str(material))
+        return known.at(None if temperature is None else si(temperature, "degC", "temperature"))
+    if isinstance(material, Material | MasterCurve):
+        if temperature is None:
+            return material.prony
+        return material.at(si(temperature, "degC", "temperature"))
+    if not hasattr(material, "creep_terms"):
+        message = (
+            f"material: expected a name ({', '.join(NAMES)}), a .toml file, or a Prony series; "
+            f"found {type(material).__name__}"
+        )
+        raise InputError(message)
+    if temperature is not None:
+        message = "a Prony series knows no law of temperature; shift it (.shifted(a_T)), or give a name"
+        raise InputError(message)
+    return material
 
 
 def load(name: str, temperature: float | None = None) -> Prony:

@@ -6,6 +6,8 @@ modulus, ``E_unrelaxed`` the instantaneous (glassy) one. Relaxation times are ``
 retardation times ``tau``.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -30,6 +32,7 @@ from labpipe.materials.prony._interconversion import (
     creep_from_relaxation,
     relaxation_from_creep,
 )
+from labpipe.notebook import html_table, shown
 
 Mode = Literal["tension", "shear", "contact"]
 
@@ -116,7 +119,7 @@ class Prony:
             object.__setattr__(self, name, value)
 
     @classmethod
-    def from_creep(cls, E_relaxed: float, C: ArrayLike, tau: ArrayLike, nu: float = 0.5) -> "Prony":
+    def from_creep(cls, E_relaxed: float, C: ArrayLike, tau: ArrayLike, nu: float = 0.5) -> Prony:
         """Build from creep terms; they are kept as given, the relaxation terms are exact.
 
         Parameters
@@ -151,12 +154,12 @@ class Prony:
         return cls(E_relaxed, family.weight, family.time, nu, family.viscosity, _given_creep=creep)
 
     @classmethod
-    def from_shear(cls, G_relaxed: float, G: ArrayLike, rho: ArrayLike, nu: float) -> "Prony":
+    def from_shear(cls, G_relaxed: float, G: ArrayLike, rho: ArrayLike, nu: float) -> Prony:
         """Build from the relaxation terms of the shear modulus: E = 2(1 + ν) G."""
         return cls(G_relaxed, G, rho, nu).scaled(2.0 * (1.0 + nu))
 
     @classmethod
-    def from_contact(cls, E_relaxed: float, E: ArrayLike, rho: ArrayLike, nu: float) -> "Prony":
+    def from_contact(cls, E_relaxed: float, E: ArrayLike, rho: ArrayLike, nu: float) -> Prony:
         """Build from the relaxation terms of the contact modulus E/(1 − ν²)."""
         return cls(E_relaxed, E, rho, nu).scaled(1.0 - nu**2)
 
@@ -253,7 +256,7 @@ class Prony:
         value = self.complex_modulus(omega)
         return np.asarray(value.imag / value.real)
 
-    def shifted(self, a_T: float, b_T: float = 1.0) -> "Prony":
+    def shifted(self, a_T: float, b_T: float = 1.0) -> Prony:
         """Return the material at another temperature: E(ω, T) = b_T E(a_T ω, T_ref).
 
         Parameters
@@ -278,7 +281,7 @@ class Prony:
         moved = Prony(self.E_relaxed, self.E, self.rho * a_T, self.nu, self.viscosity * a_T, _given_creep=creep)
         return moved if b_T == 1.0 else moved.scaled(b_T)
 
-    def scaled(self, factor: float) -> "Prony":
+    def scaled(self, factor: float) -> Prony:
         """Return the material with every modulus multiplied by ``factor`` > 0."""
         if not (np.isfinite(factor) and factor > 0):
             message = f"factor = {factor}: a modulus can be scaled by a positive number only"
@@ -305,6 +308,22 @@ class Prony:
         terms = () if creep is None else (creep.weight.tobytes(), creep.time.tobytes())
         scalars = (self.E_relaxed, self.nu, self.viscosity)
         return (*scalars, self.E.tobytes(), self.rho.tobytes(), *terms)
+
+    def __repr__(self) -> str:
+        return f"Prony({self._caption})"
+
+    def _repr_html_(self) -> str:
+        rows = [(shown(E, "Pa"), shown(rho, "s")) for E, rho in zip(self.E, self.rho, strict=True)]
+        return html_table(f"Prony series: {self._caption}", ("E", "rho"), rows)
+
+    @property
+    def _caption(self) -> str:
+        n = self.rho.size
+        span = f" from {shown(self.rho[0], 's')} to {shown(self.rho[-1], 's')}" if n else ""
+        return (
+            f"E relaxed {shown(self.E_relaxed, 'Pa')}, unrelaxed {shown(self.E_unrelaxed, 'Pa')}, "
+            f"{n} term{'s' * (n != 1)}{span}, nu {self.nu:g}"
+        )
 
     def __reduce__(self) -> tuple[object, ...]:
         """Rebuild from the terms of both families, so that a copy is bit-identical."""

@@ -9,6 +9,8 @@ determine is said: the standard deviation of every shift, the overlap of every p
 of the starts, the Kramers-Kronig verdict, and which terms lie outside the covered window.
 """
 
+from __future__ import annotations
+
 from typing import Literal
 
 import numpy as np
@@ -23,7 +25,9 @@ from labpipe.materials.superposition._result import MasterCurve, assembled
 from labpipe.materials.superposition._shift_law import LawName
 from labpipe.materials.superposition._shift_parameters import Horizontal, OuterModel
 from labpipe.materials.superposition._sweep_data import SweepData, read_sweeps
+from labpipe.materials.superposition._sweep_readings import Mode, gather_sweeps
 from labpipe.materials.superposition._vertical_law import VERTICAL_SIZE, Vertical
+from labpipe.units import Measure, si
 
 _ALL_VERTICALS: tuple[Vertical, ...] = tuple(VERTICAL_SIZE)
 # Levels about a vertical law are looked for from this many isotherms on.
@@ -34,7 +38,7 @@ _SAME_TEMPERATURE = 1.0
 
 def master_curve(
     sweeps: xr.Dataset,
-    T_ref: float | None = None,
+    T_ref: Measure | None = None,
     law: LawName | None = None,
     *,
     vertical: Literal["auto", "none", "rho_T", "linear", "quadratic"] = "auto",
@@ -45,6 +49,7 @@ def master_curve(
     shifts: ArrayLike | None = None,
     refine: bool = True,
     nu: float = 0.5,
+    mode: Mode = "tension",
 ) -> MasterCurve:
     """Shift isothermal sweeps onto one curve and fit its spectrum, all at once.
 
@@ -52,8 +57,10 @@ def master_curve(
     ----------
     sweeps : Dataset
         ``storage`` and ``loss`` [Pa] over ``temperature`` [degC] and ``frequency`` [Hz]; NaN
-        where a sweep has no point. Any order; repeated temperatures keep a shift each.
-    T_ref : float, optional [degC]
+        where a sweep has no point. Any order; repeated temperatures keep a shift each. Or the
+        readings of a rheometer's export, whose isothermal sweeps are gathered first
+        (:func:`labpipe.materials.gather_sweeps`).
+    T_ref : float or text with a unit, optional [degC]
         Reference temperature within the measured range (a law may reach beyond); default the
         middle isotherm. It need not be one of the temperatures.
     law : {None, "wlf", "arrhenius"}
@@ -77,6 +84,8 @@ def master_curve(
         Use hand-set shifts as the start of the fit (True) or as they are (False).
     nu : float
         Poisson's ratio of the material, handed on to ``prony``.
+    mode : {"tension", "bending", "shear", "torsion"}
+        What was loaded, where readings are given; shear moduli become E = 2 (1 + ν) G.
 
     Returns
     -------
@@ -103,8 +112,16 @@ def master_curve(
     References
     ----------
     Golub & Pereyra, Inverse Problems 19 (2003) R1, doi:10.1088/0266-5611/19/2/201.
+
+    Examples
+    --------
+    >>> curve = master_curve(lp.read("acrylic.csv"), "20 °C", law="wlf")  # doctest: +SKIP
+    >>> curve.at(39.0).relaxation(1e-3)  # doctest: +SKIP
     """
+    if "storage_modulus" in sweeps:
+        sweeps = gather_sweeps(sweeps, mode, nu)
     data = read_sweeps(sweeps)
+    T_ref = None if T_ref is None else si(T_ref, "degC", "T_ref")
     _check_options(law, vertical, delay, levels, noise_ratio)
     given = None if shifts is None else _given_shifts(shifts, sweeps, data)
     reference = _reference(data.temperature, T_ref)

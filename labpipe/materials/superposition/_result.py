@@ -1,5 +1,7 @@
 """The master curve as a result, assembled from a converged fit."""
 
+from __future__ import annotations
+
 import json
 import warnings
 from dataclasses import dataclass
@@ -17,6 +19,7 @@ from labpipe.materials.superposition._shift_law import LawName, ShiftLaw, fit_la
 from labpipe.materials.superposition._shift_parameters import OuterModel
 from labpipe.materials.superposition._sweep_data import SweepData
 from labpipe.materials.superposition._tables import bands, overlap_of_neighbours, predictions, terms_of
+from labpipe.notebook import html_table, text_table
 from labpipe.uncertainty import propagated_u
 from labpipe.variables import described, variable
 
@@ -91,6 +94,25 @@ class MasterCurve:
     starts: tuple[tuple[str, float, float], ...]
     warnings: tuple[str, ...]
     work: dict[str, int]
+
+    def __repr__(self) -> str:
+        return text_table(self._caption, self._rows)
+
+    def _repr_html_(self) -> str:
+        titles = ("temperature", "log10 a_T", "b_T")
+        return html_table(self._caption, titles, self._rows)
+
+    @property
+    def _caption(self) -> str:
+        return f"Master curve at {self.T_ref:g} °C, {self.law.name} law; {self.prony!r}"
+
+    @property
+    def _rows(self) -> list[tuple[str, str, str]]:
+        columns = (self.log10_aT["temperature"], self.log10_aT, self.u_log10_aT, self.b_T)
+        return [
+            (f"{T:g} °C", f"{a:+.3f} ± {u:.3f}", f"{b:.3f}")
+            for T, a, u, b in zip(*(column.values for column in columns), strict=True)
+        ]
 
     def at(self, temperature: float) -> Prony:
         """Return the material at another temperature (°C) by the shifts and their law.

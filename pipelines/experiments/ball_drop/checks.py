@@ -1,5 +1,6 @@
 """Whether a ball drop can be believed: free fall, stated height, order of bounces, repeats."""
 
+import json
 from collections.abc import Iterator, Sequence
 from math import pi
 
@@ -116,10 +117,11 @@ def _inputs(model: xr.Dataset | None, repeats: xr.Dataset | None) -> dict[str, Q
     if model is None or "slope_input" not in model.coords:
         return {}
     relative = 0.0 if repeats is None else float(repeats.attrs["u_systematic_relative"])
+    units = json.loads(model.attrs["input_units"])
     return {
-        str(name): Quantity(float(value), float(u), "")
-        for name, value, u in zip(
-            model["slope_input"].values, model["input_value"].values, model["input_u"].values, strict=True
+        str(name): Quantity(float(value), float(u), unit)
+        for name, value, u, unit in zip(
+            model["slope_input"].values, model["input_value"].values, model["input_u"].values, units, strict=True
         )
     } | {SCALE: Quantity(1.0, relative, "1")}
 

@@ -127,6 +127,7 @@ def _with_uncertainty(made: xr.Dataset, slopes: Mapping[str, tuple[Quantity, dic
         )
     made = made.assign_coords(slope_input=np.array(list(slopes), dtype=str))
     given = [quantity for quantity, _ in slopes.values()]
+    made.attrs["input_units"] = json.dumps([quantity.si for quantity in given])
     for name, values, text in (
         ("input_value", [q.value for q in given], "value of an input of the model, SI"),
         ("input_u", [q.u for q in given], "standard uncertainty of an input of the model, SI"),

@@ -10,9 +10,9 @@ import xarray as xr
 
 from labpipe.arrays import Floats
 from labpipe.judging import Check, Level, bounded, compared, not_made, stated
+from labpipe.materials import isothermal_runs, modulus_factor, trusted_tables
 from labpipe.report import quantity
 from labpipe.workflow.context import Context
-from pipelines.experiments.dma.measured import Run, isothermal, modulus_factor, trusted
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import judgements
 from pipelines.experiments.shared.judgements import Scene
@@ -127,14 +127,15 @@ def judgement(
 
 
 def _good(data: xr.Dataset) -> np.ndarray:
-    if "storage_modulus" not in data or "loss_modulus" not in data:
-        return np.zeros(data.sizes["sample"], bool)
-    return trusted(Run(data, np.arange(data.sizes["sample"])), skip_first=False)
+    good = np.zeros(data.sizes["sample"], bool)
+    for table in trusted_tables(data):
+        good[table.rows] = True
+    return good
 
 
 def _isotherms(export: _Export, settings: Dma) -> Iterator[_Sweep]:
     options = settings.sweeps
-    for run in isothermal(export.data, options.tolerance, options.fewest):
+    for run in isothermal_runs(export.data, options.tolerance, options.fewest):
         rows = run.rows[export.good[run.rows]]
         if rows.size >= options.fewest:
             rows = rows[np.argsort(export.data["frequency"].values[rows], kind="stable")]

@@ -1,27 +1,17 @@
 """Dynamic mechanical analysis: isothermal sweeps, master curve, and the glass transition."""
 
-import json
-import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 import instruments
-from labpipe.arrays import Floats
-from labpipe.errors import InputError
-from labpipe.variables import variable
+from labpipe.materials import TableRun, gather_sweeps, modulus_factor, trusted_tables
 from pipelines.experiments.dma import _glass_transition
-from pipelines.experiments.dma.settings import Dma, Mode
+from pipelines.experiments.dma.settings import Dma
 
-_NEEDED = ("frequency", "temperature", "storage_modulus", "loss_modulus")
-_SAME_FREQUENCY = 1e-3  # relative; exports round to four or five digits
 _ONE_FREQUENCY = 0.01  # relative spread below which a run has a constant frequency
 _LEAST_RAMP = 10.0  # K that a temperature sweep covers at least
-_UNTRUSTED = ("ME-",)  # the torque was too small for a reading
 
 
 def readings(path: Path, *, settings: Dma) -> xr.Dataset:
@@ -37,231 +27,13 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Run:
-    """Consecutive points of one table: rows of its Dataset, all at one temperature or frequency."""
-
-    dataset: xr.Dataset
-    rows: NDArray[np.intp]
-
-    def values(self, name: str) -> Floats:
-        """Return one variable of the run."""
-        return np.asarray(self.dataset[name].values[self.rows], dtype=float)
-
-
-def modulus_factor(mode: Mode, nu: float) -> float:
-    """Return tension modulus over measured modulus.
-
-    Examples
-    --------
-    >>> modulus_factor("shear", 0.5)
-    3.0
-    """
-    return 2.0 * (1.0 + nu) if mode in ("shear", "torsion") else 1.0
-
-
-def sweeps(
-    datasets: xr.Dataset | Sequence[xr.Dataset],
-    mode: Mode,
-    nu: float,
-    *,
-    tolerance: float = 1.5,
-    fewest: int = 3,
-    skip_first: bool = False,
-) -> xr.Dataset:
-    """Gather the isothermal frequency sweeps of rheometer readings, in tension.
-
-    Parameters
-    ----------
-    datasets : Dataset or sequence of Dataset
-        As :func:`instruments.anton_paar.read` and :func:`instruments.tables.read` return
-        them.
-    mode : {"tension", "bending", "shear", "torsion"}
-        What was loaded; shear moduli become E = 2 (1 + ν) G.
-    nu : float
-        Poisson's ratio.
-    tolerance : float [K]
-        Largest distance of a point's temperature from the mean of its sweep.
-    fewest : int
-        Frequencies that make a sweep.
-    skip_first : bool
-        Leave the first point of every sweep out.
-
-    Returns
-    -------
-    Dataset
-        ``storage`` and ``loss`` [Pa] over ``temperature`` [degC, measured mean, ascending] and
-        ``frequency`` [Hz]; NaN where a sweep has no point. ``temperature_spread`` [K].
-
-    Raises
-    ------
-    InputError
-        A column is missing, or there is no sweep.
-    """
-    if mode not in ("tension", "bending", "shear", "torsion"):
-        message = f'mode "{mode}" is unknown; expected tension, bending, shear or torsion'
-        raise InputError(message)
-    if not 0.0 <= nu <= 0.5:
-        message = f"nu = {nu}: expected Poisson's ratio of a solid, from 0 to 0.5"
-        raise InputError(message)
-    parts = [datasets] if isinstance(datasets, xr.Dataset) else list(datasets)
-    for part in parts:
-        _check_columns(part)
-    runs = [r for part in parts for r in isothermal(part, tolerance, fewest)]
-    if not runs:
-        message = (
-            f"found no isothermal frequency sweep of {fewest} frequencies within ±{tolerance:g} K; "
-            "this experiment needs frequency sweeps at several temperatures"
-        )
-        raise InputError(message)
-    runs.sort(key=lambda r: float(r.values("temperature").mean()))
-    good = [trusted(run, skip_first=skip_first) for run in runs]
-    return _tabulated(runs, good, modulus_factor(mode, nu), mode, nu)
-
-
-def _check_columns(dataset: xr.Dataset) -> None:
-    missing = [name for name in _NEEDED if name not in dataset]
-    if missing:
-        names = ", ".join(name.replace("_", " ") for name in missing)
-        message = (
-            f"{dataset.attrs.get('source', 'the export')} has no column for: {names}; export the "
-            "table again with frequency, temperature, storage and loss modulus"
-        )
-        raise InputError(message)
-
-
-def _tables(dataset: xr.Dataset) -> list[NDArray[np.intp]]:
-    """Return the rows of every table that holds moduli at known frequency and temperature."""
-    stops = np.cumsum([entry["rows"] for entry in json.loads(dataset.attrs["tests"])])
-    known = np.isfinite(dataset["frequency"].values) & np.isfinite(dataset["temperature"].values)
-    rows = np.arange(dataset.sizes["sample"])
-    return [part[known[part]] for part in np.split(rows, stops[:-1])]
-
-
-def isothermal(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[Run]:
-    """Return the runs of a table at one temperature [within `tolerance`, K] over `fewest` frequencies."""
-    temperature = dataset["temperature"].values
-    found = []
-    for rows in _tables(dataset):
-        for run in _split_by_temperature(rows, temperature, tolerance):
-            frequency = dataset["frequency"].values[run]
-            if run.size and np.unique(np.round(np.log10(frequency), 3)).size >= fewest:
-                found.append(Run(dataset, run))
-    return found
-
-
-def _split_by_temperature(rows: NDArray[np.intp], temperature: Floats, tolerance: float) -> list[NDArray[np.intp]]:
-    """Cut a table where the temperature leaves the mean of the points before."""
-    runs: list[list[int]] = []
-    total = 0.0
-    for row in rows.tolist():
-        value = float(temperature[row])
-        if runs and abs(value - total / len(runs[-1])) <= tolerance:
-            runs[-1].append(row)
-            total += value
-        else:
-            runs.append([row])
-            total = value
-    return [np.asarray(run, dtype=np.intp) for run in runs]
-
-
-def trusted(run: Run, *, skip_first: bool) -> NDArray[np.bool_]:
-    """Tell which points count: valid, not clipped, torque large enough."""
-    part = run.dataset.isel(sample=run.rows)
-    good = part["is_valid"].values.astype(bool)
-    if "is_clipped" in part:
-        good &= part["is_clipped"].values == 0
-    if "status" in part:
-        tokens = [str(text).replace(" ", "").split(",") for text in part["status"].values]
-        good &= np.array([not any(t in _UNTRUSTED for t in row) for row in tokens], dtype=bool)
-    good &= np.isfinite(part["storage_modulus"].values) & np.isfinite(part["loss_modulus"].values)
-    if skip_first and good.size:
-        good[0] = False
-    return good
-
-
-def _tabulated(
-    runs: Sequence[Run], trusted: Sequence[NDArray[np.bool_]], factor: float, mode: str, nu: float
-) -> xr.Dataset:
-    """Put ragged sweeps on the union of their frequencies."""
-    levels, columns = _columns([run.values("frequency") for run in runs])
-    shape = (len(runs), levels.size)
-    storage, loss = np.full(shape, np.nan), np.full(shape, np.nan)
-    for i, (run, good, column) in enumerate(zip(runs, trusted, columns, strict=True)):
-        storage[i, column[good]] = factor * run.values("storage_modulus")[good]
-        loss[i, column[good]] = factor * run.values("loss_modulus")[good]
-    excluded = sum(int((~good).sum()) for good in trusted)
-    total = sum(good.size for good in trusted)
-    if excluded:
-        warnings.warn(
-            f"{excluded} of {total} points are left out: invalid, clipped, torque too small, or excluded by skip_first",
-            stacklevel=3,
-        )
-    temperature = [run.values("temperature") for run in runs]
-    dims = ("temperature", "frequency")
-    return xr.Dataset(
-        {
-            "storage": variable(dims, storage, "Pa", "storage modulus, tension"),
-            "loss": variable(dims, loss, "Pa", "loss modulus, tension"),
-            "temperature_spread": variable(
-                "temperature", [float(np.ptp(t)) for t in temperature], "K", "range of the temperature within a sweep"
-            ),
-        },
-        coords={
-            "temperature": variable(
-                "temperature", [float(t.mean()) for t in temperature], "degC", "measured mean temperature"
-            ),
-            "frequency": variable("frequency", levels, "Hz", "frequency"),
-        },
-        attrs={
-            "mode": mode,
-            "nu": nu,
-            "modulus_factor": factor,
-            "excluded_points": excluded,
-            "work": json.dumps({"isotherms": len(runs), "points": total - excluded}),
-        },
-    )
-
-
-def _columns(frequencies: Sequence[Floats]) -> tuple[Floats, list[NDArray[np.intp]]]:
-    """Return the union of frequencies, and the column of every point.
-
-    Frequencies that agree within rounding share a column; a frequency that one sweep holds twice
-    has a second column.
-    """
-    merged = np.sort(np.concatenate(frequencies))
-    first = np.concatenate([[True], np.diff(np.log(merged)) > _SAME_FREQUENCY])
-    group = np.cumsum(first) - 1
-    centres = np.array([np.median(merged[group == g]) for g in range(group[-1] + 1)])
-    bounds = np.sqrt(centres[1:] * centres[:-1])
-    keys = [_counted(np.searchsorted(bounds, f).tolist()) for f in frequencies]
-    union = sorted({key for one in keys for key in one})
-    place = {key: i for i, key in enumerate(union)}
-    levels = np.array([centres[key[0]] for key in union])
-    return levels, [np.array([place[key] for key in one], dtype=np.intp) for one in keys]
-
-
-def _counted(groups: Sequence[int]) -> list[tuple[int, int]]:
-    """Count every occurrence of a group."""
-    seen: dict[int, int] = {}
-    keys = []
-    for group in groups:
-        keys.append((group, seen.get(group, 0)))
-        seen[group] = seen.get(group, 0) + 1
-    return keys
-
-
 def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     """Gather the isothermal sweeps of all exports."""
     options = settings.sweeps
-    made = sweeps(
-        readings,
-        settings.mode,
-        settings.nu.value,
-        tolerance=options.tolerance,
-        fewest=options.fewest,
-        skip_first=options.skip_first,
-    )
+    made = gather_sweeps(
+        readings, settings.mode, settings.nu.value, tolerance=options.tolerance,
+        fewest=options.fewest, skip_first=options.skip_first,
+    )  # fmt: skip
     u_factor = 2.0 * settings.nu.u if settings.mode in ("shear", "torsion") else 0.0
     made.attrs["u_modulus_factor"] = u_factor
     return made
@@ -270,26 +42,21 @@ def gathered(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
 def temperature_sweep(readings: list[xr.Dataset], *, settings: Dma) -> xr.Dataset:
     """Find the glass transition in sweeps of temperature at one frequency, if there are any."""
     factor = modulus_factor(settings.mode, settings.nu.value)
-    ramps = []
-    for dataset in readings:
-        _check_columns(dataset)
-        for rows in _tables(dataset):
-            run = Run(dataset, rows[trusted(Run(dataset, rows), skip_first=False)])
-            if run.rows.size and _is_ramp(run):
-                ramps.append(
-                    _glass_transition.Ramp(
-                        float(np.median(run.values("frequency"))),
-                        run.values("temperature"),
-                        factor * run.values("storage_modulus"),
-                        factor * run.values("loss_modulus"),
-                    )
-                )
+    ramps = [
+        _glass_transition.Ramp(
+            float(np.median(run.values("frequency"))), run.values("temperature"),
+            factor * run.values("storage_modulus"), factor * run.values("loss_modulus"),
+        )
+        for dataset in readings
+        for run in trusted_tables(dataset)
+        if run.rows.size and _is_ramp(run)
+    ]  # fmt: skip
     if not ramps:
         return xr.Dataset(attrs={"absent": "the exports hold no temperature sweep at one frequency"})
     return _glass_transition.transitions(ramps)
 
 
-def _is_ramp(run: Run) -> bool:
+def _is_ramp(run: TableRun) -> bool:
     frequency, temperature = run.values("frequency"), run.values("temperature")
     spread = float(np.ptp(frequency)) / float(np.median(frequency))
     return bool(

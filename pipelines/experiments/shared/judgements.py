@@ -4,8 +4,8 @@ A kind gathers its checks and causes (``checks.py`` of its room) and hands them 
 of its comparison; here they become the stage ``judgement`` and the first section of its page.
 """
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -106,7 +106,8 @@ def judgement(scene: Scene) -> xr.Dataset:
     values = np.array([scene.inputs[name].value for name in names])
     relative = np.divide(smallest, np.abs(values), out=smallest.copy(), where=values != 0.0)
     could_notice = bool((relative < MATTERS).any()) if names else True
-    return _dataset(judged, found, names, smallest, relative, could_notice)
+    units = [scene.inputs[name].si for name in names]
+    return _dataset(judged, found, dict(zip(names, units, strict=True)), smallest, relative, could_notice)
 
 
 def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> Any:
@@ -119,7 +120,12 @@ def _covariance(rows: Sequence[Row], slopes: Any, u: Sequence[float]) -> Any:
 
 
 def _dataset(
-    judged: Judgement, found: Agreement | None, names: Sequence[str], smallest: Any, relative: Any, could_notice: bool
+    judged: Judgement,
+    found: Agreement | None,
+    units: Mapping[str, str],
+    smallest: Any,
+    relative: Any,
+    could_notice: bool,
 ) -> xr.Dataset:
     def number(value: float, text: str) -> Any:
         return variable((), value, "1", text)
@@ -135,10 +141,11 @@ def _dataset(
             "detectable": variable("input", relative, "1", "smallest relative error that would have shown"),
             "detectable_error": variable("input", smallest, "1", "the same in SI units of the input"),
         },
-        coords={"input": np.array(list(names), dtype=str)},
+        coords={"input": np.array(list(units), dtype=str)},
         attrs={
             "judgement": to_json(judged),
             "believable": judged.believable,
+            "units": json.dumps(list(units.values())),
             "model": model_verdict(found, could_notice),
         },
     )
@@ -284,14 +291,22 @@ def unmade(checks: Iterable[tuple[str, str]], law: str) -> list[Check]:
     return [not_made(name, law, needs) for name, needs in checks]
 
 
-def as_json(result: xr.Dataset) -> dict[str, Any]:
-    """Return a judgement for JSON: verdicts, findings, number of checks, detectable errors."""
-    judged = believed(result)
+def compared(result: xr.Dataset) -> dict[str, Any]:
+    """Return what the comparison of one experiment came to, for JSON."""
+    units = json.loads(result.attrs["units"])
+    errors = result["detectable_error"].values
+    names = [str(name) for name in result["input"].values]
     return {
-        "believable": judged.believable,
         "model": str(result.attrs["model"]),
-        "checks": judged.n_made,
-        "not_made": [{"check": c.name, "needs": c.needs} for c in judged.checks if not c.is_made],
-        "causes": list(judged.causes),
-        "findings": [asdict(finding) for finding in judged.findings],
+        "chi2": _finite(result["chi_square"]),
+        "degrees_of_freedom": int(result["degrees_of_freedom"]),
+        "p": _finite(result["p"]),
+        "detectable": {
+            name: {"value": float(error) if np.isfinite(error) else None, "unit": unit}
+            for name, error, unit in zip(names, errors, units, strict=True)
+        },
     }
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if np.isfinite(float(value)) else None

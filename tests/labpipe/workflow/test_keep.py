@@ -9,9 +9,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from labpipe.workflow._log import LOG, last_seconds
 from labpipe.workflow.config import File
 from labpipe.workflow.graph import Stage
-from labpipe.workflow.log import LOG, last_seconds
 from labpipe.workflow.plan import Plan, make_plan, plan
 from labpipe.workflow.runner import RunResult, open_result, run
 from labpipe.workflow.session import Session, load

@@ -19,11 +19,11 @@ from labpipe import files
 from labpipe.errors import InputError, StorageError, UsageError
 from labpipe.schema import Schema
 from labpipe.workflow import provenance
+from labpipe.workflow._log import events
+from labpipe.workflow._worker import Job, work
 from labpipe.workflow.graph import Stage
-from labpipe.workflow.log import events
 from labpipe.workflow.runner import Event, RunResult, open_result, run, run_all
 from labpipe.workflow.session import Session
-from labpipe.workflow.worker import Job, work
 from tests.by_day import by_day
 
 HERE = Path(__file__).parent
@@ -33,7 +33,7 @@ import os, sys
 sys.path.insert(0, {str(HERE)!r})
 import toy_laboratory as toy
 from labpipe.workflow import provenance
-from labpipe.workflow.log import events
+from labpipe.workflow._log import events
 from labpipe.workflow.runner import run
 from labpipe.workflow.session import load
 # The state of the repository may change while the tests run; a result must not differ by that.

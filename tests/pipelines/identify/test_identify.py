@@ -18,7 +18,7 @@ from labpipe.workflow.session import Experiment
 from pipelines.cli import main
 from pipelines.experiments import KINDS
 from pipelines.experiments.shared.settings import Plate
-from pipelines.identify import Wish, identify, material_name
+from pipelines.identify import Wish, identify_materials, material_name
 from pipelines.rig.indentation_session import cell_record, relaxation_section
 from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
@@ -129,7 +129,7 @@ def test_relaxations_at_two_depths_are_one_material(tmp_path: Path) -> None:
     files.write_text(tmp_path / "calibration/load_cell.toml", cell_record("synthetic"))
     text = session_head("Two depths (synthetic)") + relaxation_section("hold", names, specimen)
     files.write_text(tmp_path / "session.toml", text)
-    (found,) = identify(tmp_path, Wish())
+    (found,) = identify_materials(tmp_path, Wish())
     first, second = found.known.fit.problem.evidence[0].groups
     assert first.name != second.name
     curve = moduli(found.known, np.array([0.02, 0.1]))
@@ -175,17 +175,17 @@ def test_plate_and_material_of_others_are_processed_too(processed_session: Path)
 
 def test_unknown_experiment_is_named(processed_session: Path) -> None:
     with pytest.raises(UsageError, match="there is no experiment steel"):
-        identify(processed_session, Wish(("steel",)))
+        identify_materials(processed_session, Wish(("steel",)))
 
 
 def test_prior_without_a_rheometer_is_refused(processed_session: Path) -> None:
     with pytest.raises(UsageError, match="there are: none"):
-        identify(processed_session, Wish(("nbr",), prior="dma", with_profile=False))
+        identify_materials(processed_session, Wish(("nbr",), prior="dma", with_profile=False))
 
 
 def test_prior_without_a_rheometer_is_refused_by_its_name(processed_session: Path) -> None:
     with pytest.raises(UsageError, match='no rheometer experiment "paper"; known are: none'):
-        identify(processed_session, Wish(("nbr",), prior="paper", with_profile=False))
+        identify_materials(processed_session, Wish(("nbr",), prior="paper", with_profile=False))
 
 
 def test_another_temperature_is_another_material(processed_session: Path) -> None:

@@ -8,9 +8,9 @@ from click.testing import CliRunner
 
 from calibration import load_record
 from labpipe.errors import InputError
-from pipelines.commands.session import init
+from pipelines.commands.session import init as command
 from pipelines.process import open_session, process
-from pipelines.session import Gap, checked, write_session_file
+from pipelines.session import Gap, checked, init
 from pipelines.session._gaps import filled, gaps, library_names
 
 TEXT = """[experiments.drop.sphere]
@@ -111,7 +111,7 @@ def pile(small_session: Path, tmp_path: Path) -> Path:
 
 
 def test_a_missing_record_is_proposed_with_the_days_of_the_recordings(pile: Path) -> None:
-    found = write_session_file(pile)
+    found = init(pile)
     text = (pile / "calibration/laser.toml").read_text("utf-8")
     assert found.records == [pile / "calibration/laser.toml"]
     assert 'instrument = "LK-G5001"' in text
@@ -121,11 +121,12 @@ def test_a_missing_record_is_proposed_with_the_days_of_the_recordings(pile: Path
 
 
 def test_answered_questions_make_a_session_that_processes(pile: Path) -> None:
-    answers = ["9.525 cubits", "9.525 ± 0.005", "505 ± 0.5", "A. Person", "micrometer", "12.0 ± 0.1"]
-    text = write_session_file(pile).path.read_text("utf-8")
+    answers = ["9.525 cubits", "9.525 ± 0.005", "505 ± 0.5", "A. Person", "micrometer",
+               "12.0 ± 0.1"]  # fmt: skip
+    text = init(pile).path.read_text("utf-8")
     asked = [gap.key for gap in gaps(text)]
     assert asked == ["radius", "mass"]
-    done = CliRunner().invoke(init, [str(pile), "--force", "--ask"], input="\n".join(answers) + "\n")
+    done = CliRunner().invoke(command, [str(pile), "--force", "--ask"], input="\n".join(answers) + "\n")
     assert done.exit_code == 0, done.output
     assert "cubits" in done.output
     assert "to fill in" not in done.output
@@ -136,7 +137,7 @@ def test_answered_questions_make_a_session_that_processes(pile: Path) -> None:
 
 
 def test_ctrl_c_during_the_questions_writes_nothing(pile: Path) -> None:
-    done = CliRunner().invoke(init, [str(pile), "--ask"], input="9.5\n")
+    done = CliRunner().invoke(command, [str(pile), "--ask"], input="9.5\n")
     assert done.exit_code == 1  # the input ended; `labpipe` itself turns this into 130
     assert not (pile / "session.toml").exists()
     assert not (pile / "calibration").exists()

@@ -19,7 +19,7 @@ from pipelines.rig.indentations import Specimen
 from pipelines.rig.relaxations import TESTER, Relaxation, write_relaxation
 from pipelines.rig.session_text import laser_record
 from pipelines.rig.static_loading import StaticRig, write_static
-from pipelines.session import describe, write_session_file
+from pipelines.session import describe, init
 
 START = datetime(2024, 5, 14, 9, 30)
 
@@ -38,7 +38,7 @@ def pile(small_session: Path, tmp_path: Path) -> Path:
 
 
 def test_instruments_are_recognised_and_repeats_grouped(pile: Path) -> None:
-    found = write_session_file(pile)
+    found = init(pile)
     text = found.path.read_text("utf-8")
     assert found.experiments == ["acrylic_7mm", "punch_on_nbr"]
     assert '"acrylic 7mm rep1.csv",\n  "acrylic 7mm rep2.csv"' in text
@@ -48,7 +48,7 @@ def test_instruments_are_recognised_and_repeats_grouped(pile: Path) -> None:
 
 
 def test_every_gap_is_listed_and_refused_until_it_is_filled(pile: Path) -> None:
-    found = write_session_file(pile)
+    found = init(pile)
     assert len(found.gaps) == 2  # radius and mass
     with pytest.raises(ConfigError) as caught:
         open_session(pile)
@@ -60,16 +60,16 @@ def test_every_gap_is_listed_and_refused_until_it_is_filled(pile: Path) -> None:
 
 
 def test_a_session_file_is_not_overwritten_unasked(pile: Path) -> None:
-    write_session_file(pile)
+    init(pile)
     with pytest.raises(UsageError, match="--force"):
-        write_session_file(pile)
-    write_session_file(pile, replace=True)
+        init(pile)
+    init(pile, replace=True)
 
 
 def test_a_folder_without_known_files_is_told_so(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("hello")
     with pytest.raises(UsageError, match="no file of a known instrument"):
-        write_session_file(tmp_path)
+        init(tmp_path)
 
 
 def test_what_inspect_knows_init_names_with_the_reason(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_what_inspect_knows_init_names_with_the_reason(tmp_path: Path) -> None:
     (tmp_path / "session/film/frame_1.png").write_bytes(picture)
     assert describe(run / "DICe_solution_00.txt")["reader"] == "dice"
     with pytest.raises(UsageError, match="no experiment is proposed") as caught:
-        write_session_file(tmp_path / "session")
+        init(tmp_path / "session")
     _, images, solutions = str(caught.value).splitlines()
     assert "run/ (displacement field of DICe)" in solutions
     assert "no kind of experiment begins from them" in solutions
@@ -95,7 +95,7 @@ def test_a_laser_on_the_plate_is_told_by_its_name(small_session: Path, tmp_path:
     shutil.copy(small_session / "laser/drop_1.csv", tmp_path / "plate acrylic 7mm 1.csv")
     shutil.copy(small_session / "laser/drop_2.csv", tmp_path / "plate acrylic 7mm 2.csv")
     shutil.copy(small_session / "calibration/laser.toml", tmp_path / "laser_plate.toml")
-    text = write_session_file(tmp_path).path.read_text("utf-8")
+    text = init(tmp_path).path.read_text("utf-8")
     filled = text.replace('"FILL mm"', '"9.525 mm"').replace('"FILL g"', '"505 g"')
     (tmp_path / "session.toml").write_text(filled, "utf-8")
     (experiment,) = open_session(tmp_path).experiments.values()
@@ -113,7 +113,7 @@ def test_a_relaxation_is_proposed_and_what_no_experiment_takes_is_named(pile: Pa
         f"\t\t\t\t\r\n\t\t[rad/s]\t[Pa]\t[Pa]\r\n\t{rows}\r\n"
     )
     (pile / "sweep.csv").write_bytes(sweep.encode("utf-16"))
-    found = write_session_file(pile)
+    found = init(pile)
     assert "hold" in found.experiments
     assert 'kind = "relaxation"\nmach1 = ["hold.txt"]' in found.path.read_text("utf-8")
     assert found.unused == [
@@ -125,7 +125,7 @@ def test_relaxations_to_several_depths_are_one_experiment(tmp_path: Path) -> Non
     specimen = Specimen(materials.load("nbr"))
     protocol = Relaxation(depths=(0.1e-3, 0.2e-3), hold=2.0)
     write_relaxation(tmp_path, "rubber", specimen, protocol, TESTER, 1, START)
-    write_session_file(tmp_path)
+    init(tmp_path)
     (experiment,) = open_session(tmp_path).experiments.values()
     assert experiment.name == "rubber"
     assert experiment.kind == "relaxation"
@@ -135,7 +135,7 @@ def test_relaxations_to_several_depths_are_one_experiment(tmp_path: Path) -> Non
 def test_slow_readings_of_a_laser_are_a_static_loading(tmp_path: Path) -> None:
     write_static(tmp_path, "ptfe_static", StaticRig(), materials.load("ptfe"), 1, START)
     files.write_text(tmp_path / "laser.toml", laser_record())
-    found = write_session_file(tmp_path)
+    found = init(tmp_path)
     text = found.path.read_text("utf-8")
     assert 'material = "ptfe"' in text
     filled = text.replace('"FILL mm"', '"9.525 mm"')
@@ -159,16 +159,16 @@ def filmed(small_session: Path, tmp_path: Path) -> Path:
 
 
 def test_a_film_is_laid_beside_the_only_drop_of_its_material(filmed: Path) -> None:
-    text = write_session_file(filmed).path.read_text("utf-8")
+    text = init(filmed).path.read_text("utf-8")
     assert 'laser_experiment = "acrylic_7mm"' in text
     shutil.copy(filmed / "acrylic_7mm_1.csv", filmed / "acrylic_5mm_1.csv")
-    text = write_session_file(filmed, replace=True).path.read_text("utf-8")
+    text = init(filmed, replace=True).path.read_text("utf-8")
     assert '# laser_experiment = "NAME"' in text
 
 
 def test_the_record_of_a_camera_knows_the_day_of_its_film_and_is_named_in_questions(filmed: Path) -> None:
     asked: list[str] = []
-    write_session_file(filmed, ask=lambda gap: asked.append(gap.question))
+    init(filmed, ask=lambda gap: asked.append(gap.question))
     text = (filmed / "calibration/camera_front.toml").read_text("utf-8")
     assert "valid_from = 2024-05-14" in text
     about_camera = [q for q in asked if q.startswith("calibration of camera front: ")]

@@ -9,7 +9,7 @@ from labpipe.uncertainty import Input
 from pipelines import process
 from pipelines.cli import main
 from pipelines.session import advice, examine
-from pipelines.session._sensitivity import Quantity, examined
+from pipelines.session._examined import Quantity, examined
 from pipelines.session._sensitivity_page import agreement, answer
 from tests.pipelines.asked import check
 

@@ -10,7 +10,7 @@ import pytest
 
 from instruments import anton_paar
 from labpipe.errors import ConfigError, InputError
-from labpipe.materials import Prony
+from labpipe.materials import Prony, gather_sweeps
 from labpipe.schema import check
 from labpipe.units import Quantity
 from pipelines.experiments.dma import _glass_transition, _material_files, model
@@ -21,7 +21,7 @@ from pipelines.experiments.shared.settings import MaterialChoice
 from pipelines.process import open_session, process
 from pipelines.rig.dma import SOLIDS, Protocol, write_dma
 from pipelines.rig.samples import SAMPLES, dma_section, session_head
-from pipelines.session import SCHEMAS, write_session_file
+from pipelines.session import SCHEMAS, init
 
 SMALL = Protocol(temperatures=(-40.0, -20.0, 0.0, 20.0, 40.0), frequencies=tuple(np.geomspace(10.0, 0.1, 9).tolist()))
 
@@ -56,7 +56,7 @@ def curve(ptfe):
 
 
 def test_the_sweeps_hold_the_true_moduli_within_the_noise(ptfe):
-    found = dma.sweeps(ptfe[0], "tension", 0.46)
+    found = gather_sweeps(ptfe[0], "tension", 0.46)
     assert found.sizes == {"temperature": 5, "frequency": 9}
     check(found, SCHEMAS["sweeps"])
     T, f = np.meshgrid(found.temperature, found.frequency, indexing="ij")
@@ -96,15 +96,15 @@ def test_the_same_sweeps_give_the_same_bytes(ptfe):
 
 
 def test_shear_becomes_tension_by_the_declared_poisson_ratio(ptfe):
-    as_tension = dma.sweeps(ptfe[0], "tension", 0.46)
-    as_shear = dma.sweeps(ptfe[0], "shear", 0.46)
+    as_tension = gather_sweeps(ptfe[0], "tension", 0.46)
+    as_shear = gather_sweeps(ptfe[0], "shear", 0.46)
     np.testing.assert_allclose(as_shear.storage, 2 * 1.46 * as_tension.storage, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("mode", "nu"), [("pull", 0.3), ("shear", 0.7), ("shear", -0.1)])
 def test_a_wrong_mode_or_poisson_ratio_is_refused(ptfe, mode, nu):
     with pytest.raises(InputError):
-        dma.sweeps(ptfe[0], mode, nu)
+        gather_sweeps(ptfe[0], mode, nu)
 
 
 def make(intervals):
@@ -128,11 +128,11 @@ def make(intervals):
 
 
 def test_ragged_frequencies_are_padded_and_temperatures_sorted():
-    found = dma.sweeps(
-        make([([1.0, 2.0, 4.0], [30.0, 30.1, 30.2], [""] * 3), ([4.0, 8.0001, 16.0, 1.0], [10.0] * 4, [""] * 4)]),
-        "tension",
-        0.3,
-    )
+    found = gather_sweeps(
+        make([([1.0, 2.0, 4.0], [30.0, 30.1, 30.2], [""] * 3),
+              ([4.0, 8.0001, 16.0, 1.0], [10.0] * 4, [""] * 4)]),
+        "tension", 0.3,
+    )  # fmt: skip
     np.testing.assert_allclose(found.temperature, [10.0, 30.1])
     np.testing.assert_allclose(found.frequency, [1, 2, 4, 8.0001, 16])
     assert np.isnan(found.storage.values).tolist() == [
@@ -143,27 +143,27 @@ def test_ragged_frequencies_are_padded_and_temperatures_sorted():
 
 def test_one_table_over_many_temperatures_is_cut_where_the_temperature_steps():
     f = [1.0, 2.0, 4.0] * 2
-    found = dma.sweeps(make([(f, [20.0] * 3 + [40.0] * 3, [""] * 6)]), "tension", 0.3)
+    found = gather_sweeps(make([(f, [20.0] * 3 + [40.0] * 3, [""] * 6)]), "tension", 0.3)
     assert found.sizes == {"temperature": 2, "frequency": 3}
 
 
 def test_points_without_torque_are_left_out_and_said():
     data = make([([1.0, 2.0, 4.0, 8.0], [20.0] * 4, ["", "ME-,taD", "", ""])])
     with pytest.warns(UserWarning, match="1 of 4 points are left out"):
-        found = dma.sweeps(data, "tension", 0.3)
+        found = gather_sweeps(data, "tension", 0.3)
     assert int(np.isnan(found.storage).sum()) == 1
 
 
 def test_a_missing_temperature_is_asked_for():
     data = make([([1.0, 2.0, 4.0], [20.0] * 3, [""] * 3)]).drop_vars("temperature")
     with pytest.raises(InputError, match="no column for: temperature"):
-        dma.sweeps(data, "tension", 0.3)
+        gather_sweeps(data, "tension", 0.3)
 
 
 def test_an_export_without_a_sweep_is_refused():
     data = make([([1.0] * 9, np.arange(0, 90, 10.0).tolist(), [""] * 9)])
     with pytest.raises(InputError, match="no isothermal frequency sweep"):
-        dma.sweeps(data, "tension", 0.3)
+        gather_sweeps(data, "tension", 0.3)
 
 
 def test_the_glass_transition_lies_at_the_maximum_of_the_true_curve():
@@ -284,7 +284,7 @@ def test_a_reference_far_outside_is_refused_with_what_to_do(ptfe):
 
 def test_a_scan_proposes_the_experiment_and_asks_for_the_mode(session):
     (session / "session.toml").unlink()
-    found = write_session_file(session)
+    found = init(session)
     assert found.experiments == ["ptfe"]
     assert len(found.gaps) == 2
     assert 'kind = "dma"' in found.path.read_text("utf-8")

@@ -13,7 +13,7 @@ from labpipe.units import Quantity
 from pipelines.experiments.dma import _published_section, model, published
 from pipelines.experiments.dma import measured as dma
 from pipelines.experiments.dma.settings import Dma, Fit, Published
-from pipelines.session import write_session_file
+from pipelines.session import init
 from tests.labpipe.materials.conftest import Truth, maxwell_sum, wlf_law
 
 TRUTH = Truth(60.0, maxwell_sum, wlf_law, temperature=(0.0, 20.0, 40.0, 60.0, 80.0))
@@ -111,7 +111,7 @@ def test_a_scan_proposes_table_and_comparison(tmp_path, sweeps):
     text = "\n".join(["f,E_stor,E_loss,T,Set", "Hz,Pa,Pa,C,-", *rows]) + "\n"
     (tmp_path / "polymer.csv").write_text(text, encoding="utf-8")
     table(tmp_path, TRUTH.log10_aT)
-    scan = write_session_file(tmp_path)
+    scan = init(tmp_path)
     assert scan.experiments == ["polymer"]
     assert 'published = { shifts = "shifts.csv"' in scan.path.read_text("utf-8")
     gathered = dma.gathered([dma.readings(tmp_path / "polymer.csv", settings=SETTINGS)], settings=SETTINGS)

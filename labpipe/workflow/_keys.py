@@ -23,9 +23,9 @@ CARRIERS = {
         "labpipe.netcdf:prepare",
         "labpipe.netcdf:encoding",
         "labpipe.netcdf:read",
-        "labpipe.workflow.ledger:counts",
+        "labpipe.workflow._ledger:counts",
     ),
-    "page": ("labpipe.workflow.ledger:summarise", "labpipe.workflow.provenance:of_task"),
+    "page": ("labpipe.workflow._ledger:summarise", "labpipe.workflow.provenance:of_task"),
 }
 """What has a hand in a result beside its function, by the stage's output."""
 

@@ -15,9 +15,9 @@ from labpipe import files
 from labpipe.errors import InputError, LabpipeError, SourceError, StageError, StoreError
 from labpipe.plugins import PluginWarning
 from labpipe.schema import Schema, check
-from labpipe.workflow import ledger, provenance
+from labpipe.workflow import _ledger, provenance
+from labpipe.workflow._keys import Key, describe_file
 from labpipe.workflow.context import Context, Failed, Kept, RawFile, Warned
-from labpipe.workflow.keys import Key, describe_file
 from labpipe.workflow.plan import READY, Plan, make_plan, page_name
 from labpipe.workflow.session import Session
 from labpipe.workflow.store import Caught, Record, Store
@@ -86,7 +86,7 @@ class Outcome:
 Emit = Callable[[str, Any], None]
 """Takes ``"started"`` with a TaskId or ``"ended"`` with an Outcome."""
 
-WORK = "labpipe.workflow.worker:work"
+WORK = "labpipe.workflow._worker:work"
 """What a crew is given to call with a job."""
 
 
@@ -376,7 +376,7 @@ class _Run:
             message = f"must return a Dataset, returned {type(result).__name__}"
             raise StageError(*task.id[:2], message)
         schema = self.job.schemas.get(task.stage.schema or "", Schema(task.stage.name))
-        work = ledger.counts(result.attrs.get("work"))
+        work = _ledger.counts(result.attrs.get("work"))
         about = provenance.of_task(self.job.program, self.plan.tasks, self.plan.keys, task.id)
         attributes = {"provenance": files.canonical(about)}
         if work:
@@ -428,7 +428,7 @@ class _Run:
             operator=session.operator,
             notes=session.notes,
             synthetic=session.synthetic,
-            ledger=ledger.summarise((n.experiment, n.stage, r.work) for n, r in records.items()),
+            ledger=_ledger.summarise((n.experiment, n.stage, r.work) for n, r in records.items()),
             warnings=tuple(
                 Warned(_stage_name(task, name), name.recording, w.category, w.text, w.count)
                 for name, record in records.items()

@@ -1,0 +1,62 @@
+"""How an object shows itself: a table for a notebook, and the same as text for a terminal."""
+
+import html
+from collections.abc import Iterable, Sequence
+from math import floor, isfinite, log10
+
+_PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M", 3: "G"}
+_MOST_ROWS = 30
+"""Rows of a text; what is longer is counted."""
+
+
+def html_table(caption: str, titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Write a small table for a notebook; every text is escaped.
+
+    Examples
+    --------
+    >>> html_table("a < b", ("x",), [(1,)])
+    '<table><caption>a &lt; b</caption><thead><tr><th>x</th></tr></thead><tbody><tr><td>1</td>\
+</tr></tbody></table>'
+    """
+    head = "".join(f"<th>{html.escape(title)}</th>" for title in titles)
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
+    return (
+        f"<table><caption>{html.escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    )
+
+
+def text_table(caption: str, rows: Iterable[Sequence[object]]) -> str:
+    """Write a caption and rows below it, their columns aligned; control characters are left out.
+
+    Examples
+    --------
+    >>> print(text_table("two files", [("a.csv", 1), ("long.csv", 2)]))
+    two files
+      a.csv     1
+      long.csv  2
+    """
+    cells = [[_plain(cell) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = [
+        "  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in cells[:_MOST_ROWS]
+    ]
+    more = [f"  and {len(cells) - _MOST_ROWS} more"] if len(cells) > _MOST_ROWS else []
+    return "\n".join([_plain(caption), *lines, *more])
+
+
+def shown(value: float, unit: str) -> str:
+    """Write a number of a material with a prefix that leaves one to three digits before the point.
+
+    Examples
+    --------
+    >>> shown(3.2e9, "Pa"), shown(0.0, "Pa"), shown(float("inf"), "Pa")
+    ('3.2 GPa', '0 Pa', 'inf Pa')
+    """
+    if value == 0 or not isfinite(value):
+        return f"{value:g} {unit}"
+    power = min(max(floor(log10(abs(value)) / 3), -3), 3)
+    return f"{value / 10.0 ** (3 * power):.4g} {_PREFIXES[power]}{unit}"
+
+
+def _plain(cell: object) -> str:
+    return "".join(c for c in str(cell) if c.isprintable())

@@ -1,0 +1,86 @@
+"""The verbs sample and demo: synthetic sessions, opened or processed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from labpipe.workflow.session import Session
+from pipelines.rig.samples import holds_demo, write_sample
+from pipelines.session import open_session, process
+
+if TYPE_CHECKING:
+    from labpipe.workflow.runner import Event, RunResult
+
+
+def sample(name: str, folder: str | Path, *, full_size: bool = False) -> Session:
+    """Write a synthetic session, with its true values, into a new folder.
+
+    The virtual rig generates all data; none is measured.
+
+    Parameters
+    ----------
+    name : str
+        ``demo``, ``core``, ``films``, ``indentation``, ``static``, ``dma``, ``plate``, ``thesis``
+        or ``thesis-small``; :data:`pipelines.rig.SAMPLES` says what is in each.
+    folder : path-like
+        Where to.
+    full_size : bool
+        Films at the camera's full size instead of a reduced one.
+
+    Returns
+    -------
+    Session
+
+    Raises
+    ------
+    UsageError
+        There is no such sample, or the folder holds something already.
+
+    Examples
+    --------
+    >>> sample("core", "my-session")  # doctest: +SKIP
+    """
+    write_sample(name, Path(folder), full_size=full_size)
+    return open_session(folder)
+
+
+def record_demo(folder: str | Path) -> bool:
+    """Write the demonstration into a folder unless it is there; tell whether it was written."""
+    is_there = holds_demo(Path(folder))
+    if not is_there:
+        write_sample("demo", Path(folder))
+    return not is_there
+
+
+def demo(
+    folder: str | Path = "labpipe-demo", *, jobs: int = 2, progress: Callable[[Event], None] | None = None
+) -> RunResult:
+    """Write a synthetic session and process it.
+
+    Parameters
+    ----------
+    folder : path-like
+        Where to; a demonstration that is there already is processed as it stands.
+    jobs : int
+        Experiments processed side by side; 0 processes in this process.
+    progress : callable, optional
+        Called with every event of the run.
+
+    Returns
+    -------
+    RunResult
+        Its ``reports`` are the pages.
+
+    Raises
+    ------
+    UsageError
+        The folder holds something else.
+
+    Examples
+    --------
+    >>> demo().reports  # doctest: +SKIP
+    """
+    record_demo(folder)
+    return process(folder, jobs=jobs, progress=progress)

@@ -1,0 +1,190 @@
+"""The verb doctor: the installation, the disk, and the results of a session, checked."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import re
+import shutil
+import tempfile
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import labpipe
+from labpipe import files
+from labpipe.errors import InputError, LabpipeError
+from labpipe.notebook import html_table
+from labpipe.plugins import PluginWarning
+
+_LIBRARIES = (
+    "numpy", "scipy", "pandas", "xarray", "netCDF4", "matplotlib", "opencv-python-headless",
+    "numba", "click", "rich", "jinja2", "msgspec", "openpyxl",
+    "threadpoolctl",
+)  # fmt: skip
+_ROOM_WANTED = 2_000_000_000  # bytes; a session with films writes less than this
+
+
+def _versions() -> dict[str, str]:
+    found = {"labpipe": labpipe.__version__, "python": platform.python_version()}
+    for name in _LIBRARIES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = "missing"
+    return found
+
+
+def _write_test(folder: Path) -> str | None:
+    """Write, read back and delete a file; return what went wrong."""
+    try:
+        with tempfile.TemporaryDirectory(dir=folder) as scratch:
+            files.write_bytes(Path(scratch) / "test", b"labpipe")
+    except (LabpipeError, OSError) as error:
+        return f"{folder}: cannot write here: {error}"
+    return None
+
+
+def _too_old(versions: dict[str, str]) -> list[str]:
+    """Name the libraries that are older than the version with which labpipe is tested."""
+    found = []
+    for line in importlib.metadata.requires("labpipe") or ():
+        match = re.match(r"([\w.-]+)(?:\[[^]]*\])?>=([\d.]+)(?!.*extra)", line)
+        if match is None or versions.get(match[1], "missing") == "missing":
+            continue
+        if _numbers(versions[match[1]]) < _numbers(match[2]):
+            found.append(
+                f"{match[1]} is {versions[match[1]]}, needed is {match[2]} or newer; pip install --upgrade {match[1]}"
+            )
+    return found
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in re.findall(r"\d+", version)[:4])
+
+
+def name_clashes() -> list[str]:
+    """Name other distributions that install a package of one of our names.
+
+    The one that was installed last has won, and removing it removes our files.
+    """
+    ours = {"labpipe", "instruments", "calibration", "pipelines"}
+    owners = importlib.metadata.packages_distributions()
+    return [
+        f"the distribution {owner} also installs the package `{name}`; use a separate environment "
+        f"for labpipe (installing or removing {owner} breaks it)"
+        for name in sorted(ours)
+        for owner in sorted(set(owners.get(name, ())) - {"labpipe"})
+    ]
+
+
+def _problems(folder: Path, versions: dict[str, str]) -> list[str]:
+    found = [f"{name} is not installed; pip install {name}" for name, text in versions.items() if text == "missing"]
+    found += _too_old(versions)
+    if (mistake := _write_test(folder)) is not None:
+        found.append(mistake)
+    found += name_clashes()
+    free = shutil.disk_usage(folder).free
+    if free < _ROOM_WANTED:
+        found.append(f"{folder}: only {free / 1e9:.2f} GB are free; films need more: make room")
+    return found
+
+
+def _plugins() -> list[str]:
+    """Say of every plug-in whether it is used."""
+    import instruments
+    from pipelines.experiments import ADDED
+
+    return [str(plugin) for plugin in (*instruments.added(), *ADDED)]
+
+
+def _session_problems(folder: Path) -> tuple[list[str], list[str]]:
+    """Say what is wrong with a session's configuration, and which stored results are damaged."""
+    from labpipe.workflow.session import FILE_NAME
+    from labpipe.workflow.store import Store
+    from pipelines.session._opening import open_session
+
+    if not (folder / FILE_NAME).is_file():
+        return [], []
+    try:
+        problems = []
+        open_session(folder)
+    except LabpipeError as error:
+        problems = str(error).splitlines()
+    return problems, Store(folder / "labpipe").check()
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """What the doctor found.
+
+    Attributes
+    ----------
+    versions : dict
+        Version of every library, or ``"missing"``.
+    plugins : tuple of str
+        What became of every plug-in.
+    free_bytes : int
+        Room on the disk.
+    problems, session_problems, damaged_results : tuple of str
+        Of the installation, of session.toml, and stored results that cannot be read.
+    """
+
+    versions: dict[str, str]
+    plugins: tuple[str, ...]
+    free_bytes: int
+    problems: tuple[str, ...]
+    session_problems: tuple[str, ...]
+    damaged_results: tuple[str, ...]
+
+    def lines(self) -> list[str]:
+        """Say what is wrong as lines of text."""
+        found = [f"problem: {line}" for line in (*self.problems, *self.session_problems)]
+        found += [f"damaged: {line}; the next `labpipe process` makes it again" for line in self.damaged_results]
+        return found or ["no problem found"]
+
+    def __repr__(self) -> str:
+        head = [f"{name:24}{version}" for name, version in self.versions.items()]
+        room = f"{'free space':24}{self.free_bytes / 1e9:.1f} GB"
+        return "\n".join([*head, room, *self.plugins, "", *self.lines()])
+
+    def _repr_html_(self) -> str:
+        return html_table("; ".join(self.lines()), ("library", "version"), self.versions.items())
+
+
+def doctor(folder: str | Path = ".") -> Health:
+    """Check the installation, the disk, and the results of a session.
+
+    Parameters
+    ----------
+    folder : path-like
+        Where to look for room and for a session; the present folder by default.
+
+    Returns
+    -------
+    Health
+        Versions, plug-ins, free space, and problems in words.
+
+    Raises
+    ------
+    InputError
+        There is no such folder.
+
+    Examples
+    --------
+    >>> doctor("my-session").problems  # doctest: +SKIP
+    ()
+    """
+    place = Path(folder)
+    if not place.is_dir():
+        message = f"{place} is no folder; name one that exists"
+        raise InputError(message)
+    versions = _versions()
+    mistakes, damaged = _session_problems(place)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PluginWarning)  # they are listed here
+        plugins = _plugins()
+    return Health(
+        versions, tuple(plugins), shutil.disk_usage(place).free,
+        tuple(_problems(place, versions)), tuple(mistakes), tuple(damaged),
+    )  # fmt: skip

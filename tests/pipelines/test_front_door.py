@@ -1,0 +1,216 @@
+"""``import labpipe as lp``: every command has a verb, typed, documented, loaded on first use."""
+
+import inspect
+import json
+import re
+import subprocess
+import sys
+import typing
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import labpipe as lp
+from labpipe.errors import InputError
+from labpipe.frames import ArrayFrames
+from labpipe.materials import Prony, describe
+from labpipe.units import Quantity, si
+from pipelines.cli import COMMANDS
+
+ONLY_TYPED = {"acquire", "bench", "completion", "simulate"}
+"""Commands of the terminal alone: a live sensor, the benchmark, the shell; simulators are verbs."""
+OBJECTS = {"MasterCurve", "Prony"}
+VERBS = sorted(set(lp.__all__) - OBJECTS)
+
+
+def asked(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.strip()
+
+
+def test_every_command_has_a_verb_of_its_name() -> None:
+    assert set(COMMANDS) - ONLY_TYPED <= set(dir(lp))
+    assert dir(lp) == sorted(lp.__all__)
+    assert {"read", "result", "results", "report", "drop", "indent", "material", "track",
+            "contact_radius", "velocity", "master_curve", *OBJECTS} <= set(dir(lp))  # fmt: skip
+
+
+@pytest.mark.parametrize("name", sorted(lp.__all__))
+def test_a_public_name_is_typed_and_documented(name: str) -> None:
+    verb = getattr(lp, name)
+    text = inspect.getdoc(verb) or ""
+    assert re.match(r"[A-Z`].*\.\n", text), text[:80]
+    if name in OBJECTS:
+        return
+    for section in ("Parameters", "Returns", "Examples"):
+        assert re.search(rf"^{section}( over .*)?\n-+$", text, re.M), section
+    signature = inspect.signature(verb)
+    assert signature.return_annotation is not inspect.Signature.empty
+    assert all(p.annotation is not inspect.Parameter.empty for p in signature.parameters.values())
+    assert all(re.search(rf"^(\w+, )*\*{{0,2}}{p}(, \*{{0,2}}\w+)*( :|$)", text, re.M) for p in signature.parameters)
+    assert not re.search(r"numpy\._typing|collections\.abc|pathlib\.", str(signature))
+
+
+def test_the_door_opens_without_any_numerical_library() -> None:
+    code = "import labpipe as lp, sys; dir(lp); print([m for m in {} if m in sys.modules])"
+    heavy = ["numpy", "xarray", "click", "msgspec", "instruments", "pipelines"]
+    assert asked(code.format(heavy)) == "[]"
+
+
+def test_planning_through_the_door_needs_no_numpy(small_session: Path) -> None:
+    code = "import labpipe as lp, sys; lp.plan({!r}); print('numpy' in sys.modules)"
+    assert asked(code.format(str(small_session))) == "False"
+
+
+def test_the_verb_report_stays_when_the_package_is_imported() -> None:
+    code = "import labpipe as lp; import labpipe.report; print(lp.report.__module__)"
+    assert asked(code) == "pipelines.session._processing"
+
+
+def test_a_name_that_is_not_there_is_told() -> None:
+    with pytest.raises(AttributeError, match="module 'labpipe' has no attribute 'dorp'"):
+        lp.dorp  # noqa: B018
+
+
+def test_the_type_checker_sees_what_is_loaded() -> None:
+    """The names in the branch for the type checker are those of the table."""
+    source = Path(typing.cast("str", lp.__file__)).read_text("utf-8")
+    head = source[source.index("if TYPE_CHECKING") : source.index("else:")]
+    named = set(re.findall(r"\b(\w+)(?=,|\n)", re.sub(r"from \S+ import|\w+ as ", "", head)))
+    assert set(lp.__all__) <= named
+
+
+# --- quantities and materials --------------------------------------------------------------------
+
+
+def test_texts_with_units_equal_numbers_in_si() -> None:
+    acrylic = lp.material("acrylic")
+    written = lp.drop("acrylic", "9.525 mm", "505 ± 0.5 g", "1.5 mm", "30 ms", gravity="9.81 m/s2")
+    plain = lp.drop(acrylic, 9.525e-3, 0.505, 1.5e-3, 0.03)
+    assert written.drop_attrs().equals(plain.drop_attrs())
+    assert acrylic == describe("acrylic").prony == lp.material(describe("acrylic"))
+    time, depth = [0.0, 1.0], [0.0, 1e-4]
+    pressed = lp.indent("nbr", "2 mm", "8 mm", "18 mm", time, depth, elements=64)
+    same = lp.indent(lp.material("nbr"), 2e-3, 8e-3, 18e-3, time, depth, elements=64)
+    xr.testing.assert_allclose(pressed, same, rtol=1e-9)  # 18 * 1e-3 rounds otherwise than 18e-3
+
+
+def test_every_function_of_contact_takes_texts_and_names() -> None:
+    from labpipe import contact
+
+    fall = contact.collision("9.525 mm", "505 g", "1.5 mm", youngs_modulus="3.2 GPa",
+                             duration="20 ms")  # fmt: skip
+    assert fall.equals(contact.collision(9.525e-3, 0.505, 1.5e-3, duration=0.02))
+    for press, values in ((contact.load_sphere, [1.0, 1.0]), (contact.press_sphere, [0.0, 1e-6])):
+        written = press("ptfe", "9.525 mm", [0.0, 1.0], values, springs=50)
+        assert written.equals(press(lp.material("ptfe"), 9.525e-3, [0.0, 1.0], values, springs=50))
+
+
+@pytest.mark.parametrize(
+    ("given", "unit", "expected"),
+    [("4.1 um/px", "m or m/px", 4.1e-6), ("4.1 um", "m or m/px", 4.1e-6), (np.float64(2), "m", 2),
+     (Quantity(0.5, 0.1, "kg"), "kg", 0.5), ("39 °C", "degC", 39.0), (np.inf, "m", np.inf)],
+)  # fmt: skip
+def test_a_quantity_is_a_number_a_text_or_a_pair(given, unit: str, expected: float) -> None:
+    assert si(given, unit, "x") == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [("9.525", r'radius: "9.525" has no unit; expected a number in m, .* such as "9.5 mm"'),
+     ("505 g", r'radius: "505 g" is in kg; expected a number in m'),
+     (Quantity(1.0, 0.0, "s"), "radius: 1 s is in s; expected a number in m"),
+     ("9.525 inches", 'radius: unknown unit "inches"'),
+     (None, "radius: expected a number in m, .*; found NoneType")],
+)  # fmt: skip
+def test_a_wrong_quantity_is_refused_by_the_name_of_its_argument(given, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        lp.drop("acrylic", given, 0.5, 1e-3, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [("acryl", r'there is no material "acryl" in the library; known are nbr, acrylic'),
+     (3.2e9, r"material: expected a name \(nbr, .*\), a .toml file, or a Prony series; found flo")],
+)  # fmt: skip
+def test_a_wrong_material_is_refused(given, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        lp.drop(given, "9.5 mm", "0.5 kg", "1 mm", "0.1 s")
+
+
+def test_a_prony_series_has_no_temperature() -> None:
+    assert lp.material("acrylic", "39 °C") == describe("acrylic").at(39.0)
+    with pytest.raises(InputError, match="no law of temperature"):
+        lp.material(lp.material("acrylic"), "39 °C")
+
+
+def test_millimetres_given_as_metres_are_warned_of_with_the_text_to_use() -> None:
+    expected = 'sphere of 9.525 m; .* radius="9.525 mm", mass="505 g", height="7 mm"'
+    with pytest.warns(UserWarning, match=expected):
+        lp.drop("acrylic", radius=9.525, mass=505, height=7, duration=0.5)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        lp.drop("acrylic", radius="9.525 m", mass="505 kg", height="7 m", duration=0.5)
+
+
+# --- what is returned shows itself ---------------------------------------------------------------
+
+
+def test_materials_and_films_show_what_they_hold() -> None:
+    solid = Prony(2e9, [2e9], [0.5], nu=0.35)
+    assert repr(solid) == ("Prony(E relaxed 2 GPa, unrelaxed 4 GPa, 1 term from 500 ms to 500 ms, nu 0.35)")
+    assert "<td>500 ms</td>" in solid._repr_html_()
+    film = ArrayFrames(np.zeros((3, 16, 20), np.uint8), np.array([0.0, 0.1, 0.2]), exposure=2e-6)
+    assert repr(film) == "film of 3 frames, 16 rows × 20 columns, 0 to 0.2 s, exposure 2 µs"
+    assert "3 frames" in film._repr_html_()
+    assert repr(ArrayFrames(np.zeros((0, 16, 20)))) == "film of 0 frames, 16 rows × 20 columns"
+
+
+def test_a_master_curve_comes_from_an_export_in_two_lines(tmp_path: Path) -> None:
+    from pipelines.rig.dma import SOLIDS, Protocol, write_dma
+
+    protocol = Protocol(temperatures=(0.0, 10.0, 20.0, 30.0))
+    file = write_dma(tmp_path, "acrylic", SOLIDS["acrylic"], protocol, 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        curve = lp.master_curve(lp.read(tmp_path / file), T_ref="20 °C", nu=0.35)
+    assert isinstance(curve, lp.MasterCurve)
+    assert lp.material(curve) is curve.prony
+    assert repr(curve).startswith("Master curve at 20 °C")
+    assert curve._repr_html_().count("<tr>") == 5
+
+
+def test_verbs_on_a_session_show_what_they_found(processed_session: Path, tmp_path: Path) -> None:
+    session = processed_session
+    assert "steps would run" in repr(lp.plan(session))
+    done = lp.process(session, jobs=0)
+    assert f"{len(done.outcomes)} cached" in repr(done)
+    found = lp.inspect(session / "laser/drop_1.csv")
+    assert json.loads(json.dumps(found))["reader"] == "keyence"
+    assert "keyence" in repr(found)
+    exported = lp.export(session, "json", only="drop", stages="repeats", out=tmp_path)
+    assert [path.name for path in exported.paths] == ["drop.repeats.json"]
+    table = lp.catalogue(session, tmp_path / "all.sqlite", where="kind = 'ball_drop'")
+    assert list(table.table["experiment"]) == ["drop"]
+    health = lp.doctor(session)
+    assert health.damaged_results == ()
+    for each in (done, found, exported, table, health):
+        assert "<table>" in each._repr_html_()
+
+
+def test_a_result_per_recording_names_the_recordings(processed_session: Path) -> None:
+    with pytest.raises(InputError, match=r'name one of them: "laser/drop_1.csv", "laser/drop_2'):
+        lp.result(processed_session, "drop", "bounces")
+    with pytest.raises(InputError, match=r'no recording "drop_9.csv"; there are "laser/drop_1'):
+        lp.result(processed_session, "drop", "bounces", "drop_9.csv")
+    with pytest.raises(InputError, match='one result of all recordings; ask for it without "x"'):
+        lp.result(processed_session, "drop", "repeats", "x")
+
+
+def test_a_sample_is_a_session(tmp_path: Path) -> None:
+    made = lp.sample("static", tmp_path / "s")
+    assert list(made.experiments) == ["ptfe_static"]
+    assert "synthetic data" in repr(made)
