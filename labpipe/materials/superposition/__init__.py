@@ -5,7 +5,13 @@ from labpipe.materials.superposition._master_curve import master_curve
 from labpipe.materials.superposition._result import MasterCurve
 from labpipe.materials.superposition._shift_law import ShiftLaw, arrhenius, shift_at, wlf
 from labpipe.materials.superposition._sweep_data import read_sweeps
-from labpipe.materials.superposition._sweep_readings import TableRun, gather_sweeps, modulus_factor, trusted_tables
+from labpipe.materials.superposition._sweep_readings import (
+    TableRun,
+    gather_sweeps,
+    isothermal_runs,
+    modulus_factor,
+    trusted_tables,
+)
 
 __all__ = [
     "MasterCurve",
@@ -13,6 +19,7 @@ __all__ = [
     "TableRun",
     "arrhenius",
     "gather_sweeps",
+    "isothermal_runs",
     "master_curve",
     "modulus_factor",
     "overlapped_shifts",

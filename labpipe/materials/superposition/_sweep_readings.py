@@ -92,7 +92,7 @@ def gather_sweeps(
     parts = [datasets] if isinstance(datasets, xr.Dataset) else list(datasets)
     for part in parts:
         _check_columns(part)
-    runs = [r for part in parts for r in _isothermal(part, tolerance, fewest)]
+    runs = [r for part in parts for r in isothermal_runs(part, tolerance, fewest)]
     if not runs:
         message = (
             f"found no isothermal frequency sweep of {fewest} frequencies within ±{tolerance:g} K; "
@@ -136,7 +136,8 @@ def trusted_tables(dataset: xr.Dataset) -> list[TableRun]:
     return [TableRun(dataset, table.rows[_trusted(table, False)]) for table in tables]
 
 
-def _isothermal(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[TableRun]:
+def isothermal_runs(dataset: xr.Dataset, tolerance: float, fewest: int) -> list[TableRun]:
+    """Return the points of every table at one temperature [within `tolerance`, K], of `fewest` frequencies."""
     temperature = dataset["temperature"].values
     found = []
     for rows in _tables(dataset):

@@ -11,6 +11,9 @@ from pipelines.experiments.contact_area._peaks import BESIDE, STILL, WINDOW, pea
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
 
+SCALE = "scale of the image"
+"""Input of the rows beside those of the model."""
+
 
 def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
     """Compare film and model around the largest radius of each impact."""
@@ -75,10 +78,11 @@ def _model_peak(model: xr.Dataset, impact: int) -> float:
 
 def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, settings: ContactArea) -> Iterator[Row]:
     """Yield the rows of ``compare``."""
-    del settings
+    sphere = settings.sphere
     counts = comparison["impact_number"].values
     for i in range(min(IMPACTS, comparison.sizes["impact"])):
         inside = counts == i + 1
+        expected = float(comparison["peak_radius_model"][i])
         gap = (comparison["film"] - comparison["model"]).values[inside]
         yield row(
             f"contact radius, impact {i + 1}",
@@ -97,4 +101,12 @@ def rows(comparison: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, sett
             u_model=model["u_peak_contact_radius"][i],
             difference=comparison["peak_radius_difference"][i],
             u_difference=comparison["u_peak_radius_difference"][i],
+            slopes={
+                SCALE: float(comparison["peak_radius_film"][i]),
+                # Hertz's impact: a ~ R^0.4 (m h)^0.2 E^-0.2
+                "radius": -0.4 * expected / sphere.radius.value,
+                "mass": -0.2 * expected / sphere.mass.value,
+                "height": -0.2 * expected / settings.height.value,
+                "modulus": 0.2 * expected,
+            },
         )

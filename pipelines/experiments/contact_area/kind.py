@@ -44,6 +44,15 @@ _STAGES = (
         summary="measurement against model",
     ),
     Stage(
+        "judgement",
+        "pipelines.experiments.contact_area.checks:judgement",
+        ("radius", "impacts", "model", "comparison"),
+        ("*",),
+        context=True,
+        tolerant=True,
+        summary="is it believable, does the model agree?",
+    ),
+    Stage(
         "keys",
         "pipelines.experiments.contact_area.measured:keys",
         ("file:film", "radius", "impacts"),
@@ -53,7 +62,7 @@ _STAGES = (
     Stage(
         "report",
         "pipelines.experiments.contact_area.page:page",
-        ("radius", "impacts", "model", "comparison", "keys"),
+        ("judgement", "radius", "impacts", "model", "comparison", "keys"),
         ("*",),
         output="page",
         context=True,

@@ -28,9 +28,12 @@ from labpipe.report import (
 from labpipe.uncertainty import Source, budget_rows
 from labpipe.workflow.context import Context
 from pipelines.experiments.contact_area.budget import quantities
+from pipelines.experiments.contact_area.checks import edges_only
+from pipelines.experiments.contact_area.comparison import rows as compared_rows
 from pipelines.experiments.contact_area.settings import ContactArea
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.film_frames import enlarged, png
+from pipelines.experiments.shared.judgements import verdict_section
 
 _CIRCLE = (60, 120, 255)  # BGR, orange
 _SMALLEST_PICTURE = 480  # px; smaller frames are enlarged by a whole factor
@@ -53,6 +56,7 @@ _SUB_PIXEL = 4  # binary digits of the drawn circle's place
 
 
 def page(
+    judgement: xr.Dataset | None,
     radius: xr.Dataset | None,
     impacts: xr.Dataset | None,
     model: xr.Dataset | None,
@@ -64,6 +68,11 @@ def page(
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
     sections = [_summary(settings, radius, impacts, model, comparison, context)]
+    compared = []
+    if comparison is not None and impacts is not None and model is not None:
+        compared = list(compared_rows(comparison, impacts, model, settings=settings))
+    if (verdict := verdict_section(judgement, compared)) is not None:
+        sections.insert(0, Section(verdict.title, (*_fallback(radius, settings), *verdict.blocks)))
     if keys is not None:
         sections.append(_key_frames(keys, settings))
     if radius is not None:
@@ -79,6 +88,16 @@ def page(
         sections.append(pages.methods(_methods(settings, radius, impacts)))
     subtitle = f"Contact area, drop from {pages.stated(settings.height)}"
     return pages.document(context, subtitle, sections).render()
+
+
+def _fallback(radius: xr.Dataset | None, settings: ContactArea) -> tuple[Block, ...]:
+    """Say when fringes were asked for and edges were measured."""
+    edges, fringes = (0, 0) if radius is None else edges_only(radius)
+    if not edges:
+        return ()
+    why = "no wavelength is stated" if settings.wavelength is None else "fringes were not resolved"
+    text = f"{edges} of {edges + fringes} frames were measured by the edge of the spot, not by fringes: {why}."
+    return (Notice("warning", text),)
 
 
 def _summary(

@@ -26,9 +26,11 @@ from labpipe.report import (
 )
 from labpipe.workflow.context import Context
 from pipelines.experiments.dic_validation.budget import quantities
+from pipelines.experiments.dic_validation.comparison import rows as compared_rows
 from pipelines.experiments.dic_validation.settings import DicValidation
 from pipelines.experiments.shared import budget_blocks, pages
 from pipelines.experiments.shared.film_frames import enlarged, png
+from pipelines.experiments.shared.judgements import verdict_section
 
 _VIEWS = 3  # impacts that get a button
 _BEFORE, _AFTER = 1e-3, 4e-3  # s around a touch that show one impact
@@ -40,6 +42,7 @@ _LABEL = "time since first contact / ms"
 
 
 def page(
+    judgement: xr.Dataset | None,
     track: xr.Dataset | None,
     motion: xr.Dataset | None,
     bounces: xr.Dataset | None,
@@ -55,6 +58,9 @@ def page(
     if comparison is not None and "nrmse" not in comparison:
         comparison = None
     sections = [_summary(settings, track, bounces, comparison, context)]
+    rows = [] if comparison is None else list(compared_rows(comparison, settings=settings))
+    if (verdict := verdict_section(judgement, rows)) is not None:
+        sections.insert(0, verdict)
     if keys is not None:
         start = None if bounces is None else float(bounces["first_contact_time"])
         sections.append(_key_frames(keys, settings, start))

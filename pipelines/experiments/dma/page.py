@@ -29,6 +29,7 @@ from pipelines.experiments.dma import _material_files, _published_section
 from pipelines.experiments.dma.budget import quantities, still_falls
 from pipelines.experiments.dma.settings import Dma
 from pipelines.experiments.shared import budget_blocks, pages
+from pipelines.experiments.shared.judgements import verdict_section
 
 _MPA = 1e-6
 _COVERAGE = 1.96  # of the bands, 95 %
@@ -36,6 +37,7 @@ _KIND = {"pass": "ok", "warn": "warning", "fail": "error"}
 
 
 def page(
+    judgement: xr.Dataset | None,
     readings: list[xr.Dataset] | None,
     sweeps: xr.Dataset | None,
     master_curve: xr.Dataset | None,
@@ -47,6 +49,8 @@ def page(
 ) -> str:
     """Write the page; a step that failed leaves its section out and its error in."""
     sections = [_summary(sweeps, master_curve, temperature_sweep, context)]
+    if (verdict := verdict_section(judgement)) is not None:
+        sections.insert(0, verdict)
     if sweeps is not None:
         sections.append(_sweeps(settings, readings, sweeps))
     if master_curve is not None:

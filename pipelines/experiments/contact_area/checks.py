@@ -1,0 +1,324 @@
+"""Whether a film of a contact can be believed: its size, fringes, flights, and order of frames."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from math import hypot, isfinite, log, sqrt
+
+import numpy as np
+import xarray as xr
+
+from labpipe.judging import Cause, Check, Level, bounded, compared, not_made, stated
+from labpipe.report import quantity
+from labpipe.units import Quantity
+from labpipe.workflow.context import Context
+from pipelines.experiments.contact_area.comparison import SCALE, rows
+from pipelines.experiments.contact_area.settings import ContactArea
+from pipelines.experiments.shared import judgements
+from pipelines.experiments.shared.judgements import Scene, times_over
+
+_LARGEST = 0.5
+"""Contact radius over the sphere's above which no drop of a solid gets."""
+_LIKE_MODEL = (1.6, 0.1)
+"""Factor by which a contact radius may miss the model (a ~ E^-0.2: ten times in the modulus), and
+the relative uncertainty of that."""
+_FRINGES = 3e-3
+"""Relative uncertainty of the scale of fringes found in a film."""
+_LOSSES = 0.03
+"""Relative difference of two following restitutions, of speed and of the ringing plate."""
+_WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.8e-9, 650e-9, 660e-9)
+_RATES = (10.0, 0.1, 100.0, 0.01, 2.0, 0.5, 1e3, 1e-3, 4.0, 0.25)
+_SCALES = (36.0, 1 / 36.0, 1e3, 1e-3, 10.0, 0.1, 2.0, 0.5, 25.4, 1 / 25.4)
+_HEIGHTS = (10.0, 0.1, 2.0, 0.5)
+_ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
+_FRINGE_FIT, _EDGE, _OPEN_GAP = 1, 2, 5  # methods of labpipe.imaging.contact_radius
+_FAILED = {
+    "radius": "the calibration record is of another view or day, or the film is not what the session says",
+    "impacts": "the film shows no contact: it is of another view or drop, or its scale or wavelength is wrong",
+}
+RADIUS, FRINGE, FLIGHT, DURATION = "largest radius", "spacing of the fringes", "first flight", "duration of the contact"
+
+
+def judgement(
+    radius: xr.Dataset | None,
+    impacts: xr.Dataset | None,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    *,
+    settings: ContactArea,
+    context: Context,
+) -> xr.Dataset:
+    """Judge one film; what gave no result is judged by that."""
+    checks: list[Check] = judgements.failed_steps(context, _FAILED)
+    if radius is not None:
+        checks += [
+            _fringes(radius, settings),
+            _visible(radius, settings),
+            _method(radius, settings),
+            _times(radius, settings),
+        ]
+        checks += [_damaged(radius, settings), _copies(radius, settings)]
+    if impacts is not None and impacts.sizes["impact"]:
+        checks += [_size(impacts, settings), _like_model(impacts, model, settings), _order(impacts, settings)]
+        checks += [_flight(impacts, model, settings), _duration(impacts, model, settings), _rest(impacts, settings)]
+        if radius is not None:
+            checks.append(_steady(radius, impacts, settings))
+    compared_rows = []
+    if comparison is not None and impacts is not None and model is not None:
+        compared_rows = list(rows(comparison, impacts, model, settings=settings))
+    return judgements.judgement(Scene(checks, list(_causes(settings)), compared_rows, _inputs(radius, settings)))
+
+
+def _inputs(radius: xr.Dataset | None, settings: ContactArea) -> dict[str, Quantity]:
+    """Return values and uncertainties of what the rows depend on."""
+    relative = 0.0 if radius is None else float(radius.attrs["u_systematic_relative"])
+    sphere = settings.sphere
+    return {
+        "radius": sphere.radius,
+        "mass": sphere.mass,
+        "height": settings.height,
+        "modulus": Quantity(1.0, 0.0, "1"),
+        SCALE: Quantity(1.0, relative, "1"),
+    }
+
+
+def _fringes(radius: xr.Dataset, settings: ContactArea) -> Check:
+    law = "fringes lie where radius of the sphere, wavelength and scale of the image put them"
+    if settings.wavelength is None or not edges_only(radius)[1]:
+        return not_made(FRINGE, law, "a wavelength, and fringes that the film resolves")
+    light, body = settings.wavelength, settings.sphere.radius
+    seen = float(radius.attrs["phase_scale_ratio"])
+    scale = 2 * float(radius.attrs["u_systematic_relative"])
+    u = hypot(hypot(_FRINGES, scale), hypot(light.u / light.value, body.u / body.value))
+    message = f"{settings.film}: R times wavelength is {1 / seen:.4g} times what is stated, by the fringes"
+    return compared(FRINGE, law, message, seen, seen * _FRINGES, 1.0, u, file=settings.film)
+
+
+def _visible(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Hold the fitted visibility against that of dark fringes without any light."""
+    name, law = "visibility of the fringes", "fringes cannot be darker than dark: visibility is at most 1"
+    values = radius["visibility"].values if "visibility" in radius else np.empty(0)
+    values = values[np.isfinite(values)]
+    if settings.wavelength is None or values.size < 3:
+        return not_made(name, law, "a wavelength, and three frames with fringes")
+    seen, u = float(np.median(values)), max(float(np.std(values)) / sqrt(values.size), 0.02)
+    phase = float(radius.attrs.get("phase", np.nan))
+    message = f"{settings.film}: visibility {seen:.2f}, phase in the contact {phase:.2f} rad"
+    found = bounded(name, law, message, seen, u, at_most=1.0, setting="wavelength")
+    light = quantity(settings.wavelength.value, "m")
+    cause = (
+        f"the wavelength of {light} is not that of the film's light, or the sphere's radius or the scale of the "
+        "image is wrong: fringes lie where these put none"
+    )
+    return replace(found, cause=cause)
+
+
+def edges_only(radius: xr.Dataset) -> tuple[int, int]:
+    """Return the frames that were measured by the edge of the spot, and by fringes."""
+    method = radius["method"].values
+    return int(np.sum(method == _EDGE)), int(np.sum((method == _FRINGE_FIT) | (method == _OPEN_GAP)))
+
+
+def _method(radius: xr.Dataset, settings: ContactArea) -> Check:
+    name, law = "fringes are resolved", "monochromatic light gives fringes beside a contact"
+    edges, fringes = edges_only(radius)
+    if settings.wavelength is None:
+        return not_made(name, law, "the wavelength of monochromatic light")
+    message = f"{settings.film}: {edges} frames measured by the edge of the spot, {fringes} by fringes"
+    level: Level | None = "doubtful" if edges > fringes else "note" if edges else None
+    cause = "fringes are not resolved: the scale of another view, another wavelength, or a lens out of focus"
+    return stated(name, law, message, level, cause=cause, file=settings.film)
+
+
+def _times(radius: xr.Dataset, settings: ContactArea) -> Check:
+    name, law = "times of the frames", "every frame is later than the one before"
+    steps = np.diff(radius["time"].values)
+    wrong = np.flatnonzero(~(steps > 0))
+    if wrong.size:
+        at = int(radius["frame"].values[wrong[0] + 1])
+        text = f"{settings.film}: frame {at} is not later than the one before ({wrong.size} such frames)"
+        cause = f"frames are exchanged or repeated at frame {at}"
+        return stated(name, law, text, "impossible", cause=cause, file=settings.film)
+    return stated(name, law, f"{settings.film}: {steps.size + 1} frames in order", None, file=settings.film)
+
+
+def _damaged(radius: xr.Dataset, settings: ContactArea) -> Check:
+    name, law = "sound frames", "every frame of a film can be read"
+    bad = np.flatnonzero(~radius["valid"].values.astype(bool))
+    text = f"{settings.film}: {bad.size} damaged frames" + (f" from frame {bad[0]}" if bad.size else "")
+    level: Level | None = None if not bad.size else "note" if bad.size < 0.2 * radius.sizes["frame"] else "doubtful"
+    cause = "the film was not copied whole, or frames were lost"
+    return stated(name, law, text, level, cause=cause, file=settings.film)
+
+
+def _copies(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for frames that are measured alike to the last digit: noise forbids it."""
+    name, law = "frames differ", "noise makes no two frames alike"
+    read = np.isin(radius["method"].values, (_FRINGE_FIT, _EDGE, _OPEN_GAP))
+    # at rest a frame like the one before is not read again
+    same = read[1:] & read[:-1]
+    for column in ("radius", "centre_x", "centre_y"):
+        if column in radius:
+            same &= np.diff(radius[column].values) == 0.0
+    at = np.flatnonzero(same)
+    if at.size:
+        first = int(radius["frame"].values[at[0] + 1])
+        text = f"{settings.film}: {at.size} frames equal the one before, first frame {first}"
+        return stated(name, law, text, "doubtful", cause=f"frame {first} is a repeated frame", file=settings.film)
+    return stated(name, law, f"{settings.film}: no frame equals the one before", None, file=settings.film)
+
+
+def _largest(impacts: xr.Dataset) -> tuple[float, float]:
+    return float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])
+
+
+def _size(impacts: xr.Dataset, settings: ContactArea) -> Check:
+    name, law = "contact radius over the sphere's", "the contact of a solid is smaller than half its sphere"
+    seen, own = _largest(impacts)
+    body = settings.sphere.radius
+    ratio = seen / body.value
+    u = ratio * hypot(own / seen, body.u / body.value)
+    message = f"{settings.film}: {quantity(seen, 'm')} in a sphere of {quantity(body.value, 'm')}: {ratio:.3g}"
+    return bounded(name, law, message, ratio, u, at_most=_LARGEST, file=settings.camera)
+
+
+def _like(name: str, law: str, message: str, ratio: float, allowed: float, u: float, file: str) -> Check:
+    """Hold a ratio against one within a factor, so that causes may be told from it."""
+    found = bounded(name, law, message, log(ratio), u, at_least=-log(allowed), at_most=log(allowed), file=file)
+    return replace(found, log_ratio=log(ratio), u_log_ratio=u)
+
+
+def _like_model(impacts: xr.Dataset, model: xr.Dataset | None, settings: ContactArea) -> Check:
+    law = "Hertz: a goes with R^0.4 (m h)^0.2 E^-0.2, so that no polymer is far from another"
+    if model is None or not model.sizes["impact"]:
+        return not_made(RADIUS, law, "a model of the drop")
+    seen, expected = _largest(impacts)[0], float(model["peak_contact_radius"][0])
+    message = f"{settings.film}: {quantity(seen, 'm')} seen, {quantity(expected, 'm')} expected"
+    allowed, u = _LIKE_MODEL
+    return _like(RADIUS, law, message, seen / expected, allowed, u, settings.film)
+
+
+def _order(impacts: xr.Dataset, settings: ContactArea) -> Check:
+    name, law = "order of the impacts", "no impact is harder than the one before it"
+    a, u = impacts["peak_radius"].values, impacts["u_peak_radius"].values
+    if a.size < 2:
+        return not_made(name, law, "two impacts")
+    rise, own = np.diff(a), np.hypot(u[1:], u[:-1])
+    at = int(np.argmax(rise / own))
+    message = f"{settings.film}: {quantity(a[at], 'm')} at impact {at + 1}, {quantity(a[at + 1], 'm')} at the next"
+    return bounded(name, law, message, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film)
+
+
+def _flight(impacts: xr.Dataset, model: xr.Dataset | None, settings: ContactArea) -> Check:
+    """Hold the first flight against the stated height and the restitution by the second flight."""
+    law = "a flight lasts 2 e v/g, and the next one e times as long"
+    peak = impacts["peak_time"].values
+    if peak.size < 3:
+        return not_made(FLIGHT, law, "three impacts")
+    gravity = settings.model.gravity.value
+    touches = impacts["last_seen"].values - impacts["first_seen"].values
+    if model is not None and model.sizes["impact"] > 2:
+        touches = model["contact_duration"].values
+    first, second = (float(peak[i + 1] - peak[i] - touches[i]) for i in (0, 1))
+    if not (first > 0 and second > 0):
+        return not_made(FLIGHT, law, "flights that last longer than contacts")
+    e = second / first
+    expected = 2 * e * sqrt(2 * settings.height.value / gravity)
+    message = (
+        f"{settings.film}: the first flight lasts {quantity(first, 's')}, expected are {quantity(expected, 's')} "
+        f"for e = {e:.3f} by the second flight"
+    )
+    shown = 0.5 * settings.height.u / settings.height.value
+    return _like(FLIGHT, law, message, first / expected, 1.1, hypot(_LOSSES, shown), settings.film)
+
+
+def _duration(impacts: xr.Dataset, model: xr.Dataset | None, settings: ContactArea) -> Check:
+    law = "Hertz: a contact lasts 2.87 (m²/(R E*² v))^(1/5)"
+    if model is None or not model.sizes["impact"]:
+        return not_made(DURATION, law, "a model of the drop")
+    seen = float(impacts["last_seen"][0] - impacts["first_seen"][0])
+    expected = float(model["contact_duration"][0])
+    if not seen > 0:
+        return not_made(DURATION, law, "a contact in two frames")
+    message = f"{settings.film}: contact for {quantity(seen, 's')}, expected are {quantity(expected, 's')}"
+    return _like(DURATION, law, message, seen / expected, 2.5, 0.1, settings.film)
+
+
+def _rest(impacts: xr.Dataset, settings: ContactArea) -> Check:
+    name, law = "radius at rest", "weight alone presses less than an impact"
+    rest, u = float(impacts["static_radius"]), float(impacts["u_static_radius"])
+    if not (isfinite(rest) and isfinite(u)):
+        return not_made(name, law, "a film that lasts until rest")
+    seen, own = _largest(impacts)
+    message = f"{settings.film}: {quantity(rest, 'm')} at rest, {quantity(seen, 'm')} in the first impact"
+    return bounded(name, law, message, rest - seen, hypot(u, own), at_most=0.0, file=settings.film)
+
+
+def _steady(radius: xr.Dataset, impacts: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for a frame that interrupts the growth or the fall of a contact."""
+    name, law = "growth of the contact", "the contact of an impact grows, then shrinks"
+    time, a, u = (radius[n].values for n in ("time", "radius", "u_radius"))
+    worst, at = 0.0, -1
+    for first, last in zip(impacts["first_seen"].values, impacts["last_seen"].values, strict=True):
+        run = np.flatnonzero((time >= first) & (time <= last) & np.isfinite(a) & np.isfinite(u))
+        if run.size < 5:
+            continue
+        y = a[run]
+        # the median of three does not follow one frame to a top of its own
+        smooth = np.convolve(y, np.ones(3) / 3, "same")
+        top = int(np.argmax(smooth))
+        level = np.concatenate([np.maximum.accumulate(y[: top + 1]), np.maximum.accumulate(y[:top:-1])[::-1]])
+        gap = level - y - 10 * u[run]
+        if gap.max() / y.max() > worst:
+            worst, at = float(gap.max() / y.max()), int(radius["frame"].values[run[int(np.argmax(gap))]])
+    if worst > _ZIGZAG:
+        text = f"{settings.film}: about frame {at} the contact shrinks by {worst * 100:.0f} % and grows on"
+        cause = f"frames near {at} are exchanged, repeated or lost"
+        return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, law, f"{settings.film}: contacts grow and shrink steadily", None, file=settings.film)
+
+
+def _causes(settings: ContactArea) -> Iterator[Cause]:
+    light, body = settings.wavelength, settings.sphere.radius
+    if light is not None:
+        yield Cause(
+            {FRINGE: 1.0},
+            times_over("the wavelength", light.value, "m", "wavelength in session.toml"),
+            tuple(light.value / known for known in _WAVELENGTHS if abs(light.value / known - 1) > 0.01),
+            setting="wavelength",
+        )
+    yield Cause(
+        {FRINGE: -2.0, RADIUS: 1.0},
+        lambda k: (
+            f"lengths come out {k:.3g} times too large: the scale in {settings.camera} is wrong"
+            + (", of another view" if abs(log(k)) > log(3.0) else "")
+        ),
+        _SCALES,
+        file=settings.camera,
+        setting="values.pixel_length",
+    )
+    yield Cause(
+        {FRINGE: 1.0, RADIUS: -0.4},
+        times_over("the sphere's radius", body.value, "m", "sphere.radius in session.toml"),
+        (2.0, 0.5, 10.0, 0.1),
+        setting="sphere.radius",
+    )
+    yield Cause(
+        {FLIGHT: -1.0, DURATION: -1.0},
+        lambda k: f"the frame rate is {k:.3g} times the true one: times come out {1 / k:.3g} times too long",
+        _RATES,
+        file="" if settings.frame_rate is not None else settings.film,
+        setting="frame_rate" if settings.frame_rate is not None else "",
+    )
+    yield Cause(
+        {FLIGHT: -0.5, RADIUS: -0.2, DURATION: 0.1},
+        times_over("the drop height", settings.height.value, "m", "height in session.toml"),
+        _HEIGHTS,
+        setting="height",
+    )
+    yield Cause(
+        {RADIUS: -0.2, DURATION: -0.4},
+        times_over("the moving mass", settings.sphere.mass.value, "kg", "sphere.mass in session.toml"),
+        (1e3, 1e-3, 10.0, 0.1),
+        only_usual=True,
+        setting="sphere.mass",
+    )

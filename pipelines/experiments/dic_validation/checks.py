@@ -1,0 +1,183 @@
+"""Whether a film of a falling holder can be believed: free fall, bounces, frames, and the laser."""
+
+from collections.abc import Iterator
+from math import hypot, isfinite, log
+
+import numpy as np
+import xarray as xr
+
+from labpipe.judging import Cause, Check, Level, compared, not_made, stated
+from labpipe.report import quantity
+from labpipe.units import Quantity
+from labpipe.workflow.context import Context
+from pipelines.experiments.dic_validation.comparison import rows
+from pipelines.experiments.dic_validation.settings import DicValidation
+from pipelines.experiments.shared import fall_checks, judgements
+from pipelines.experiments.shared.comparison_rows import Row
+from pipelines.experiments.shared.fall_checks import Fall
+from pipelines.experiments.shared.judgements import Scene
+
+_GRAVITY = Quantity(9.81, 0.0, "m/s2")
+_BETWEEN_DAYS = 0.01
+"""Relative difference of two drops from one height, set anew on another day."""
+_DROPS = 0.02
+"""Difference of first restitutions of one sphere on two days."""
+_STEP = 0.02  # of the usual interval between frames
+_FOUND = 0.9  # of the frames in which the holder should be found
+_SCALES = (36.0, 1 / 36.0, 1e3, 1e-3, 10.0, 0.1, 2.0, 0.5, 25.4, 1 / 25.4)
+_RATES = (10.0, 0.1, 100.0, 0.01, 2.0, 0.5, 4.0, 0.25, 1e3, 1e-3)
+_ANOTHER_VIEW = 3.0  # factor in scale beyond which it is no mistake of measuring it
+_FAILED = {
+    "track": "the film is not what the session says, or was not copied whole",
+    "motion": "the calibration record is of another view or day, or tracking.body is not on the holder",
+    "bounces": "the film shows no drop: another film, or tracking.body is not on the holder",
+}
+G, HEIGHT, SPEED, GAIN = (
+    "free-fall acceleration",
+    "height of the fall",
+    "speed of the first impact",
+    "scale against the laser",
+)
+
+
+def judgement(
+    track: xr.Dataset | None,
+    motion: xr.Dataset | None,
+    bounces: xr.Dataset | None,
+    comparison: xr.Dataset | None,
+    laser: xr.Dataset | None,
+    *,
+    settings: DicValidation,
+    context: Context,
+) -> xr.Dataset:
+    """Judge one film; what gave no result is judged by that."""
+    checks: list[Check] = judgements.failed_steps(context, _FAILED)
+    if track is not None:
+        checks.append(_found(track, settings))
+    if motion is not None:
+        checks += [_times(motion, settings), _copies(motion, settings)]
+    if motion is not None and bounces is not None and bounces.sizes["impact"]:
+        fall = Fall(settings.film, bounces, float(motion.attrs["u_systematic_relative"]))
+        checks += [
+            fall_checks.acceleration(fall, _GRAVITY),
+            _height(fall, laser),
+            fall_checks.speed(fall, _GRAVITY),
+            fall_checks.restitution(fall),
+            fall_checks.apexes(fall),
+            fall_checks.flights_alike(fall, _GRAVITY),
+            _same_body(fall, laser),
+        ]
+    compared_rows: list[Row] = []
+    if comparison is not None and "gain" in comparison:
+        checks.append(_gain(comparison, settings))
+        compared_rows = list(rows(comparison, settings=settings))
+    return judgements.judgement(Scene(checks, list(_causes(settings)), compared_rows))
+
+
+def _found(track: xr.Dataset, settings: DicValidation) -> Check:
+    name, law = "holder is found", "what is tracked stays in the image and looks alike"
+    share = float(track["valid"].isel(point=0).mean())
+    level: Level | None = None if share >= _FOUND else "doubtful"
+    message = f"{settings.film}: the holder was found in {share:.1%} of the frames"
+    cause = "damaged or missing frames, or tracking.body is not on the holder"
+    return stated(name, law, message, level, cause=cause, setting="tracking.body")
+
+
+def _times(motion: xr.Dataset, settings: DicValidation) -> Check:
+    name, law = "times of the frames", "frames follow each other at one interval, none lost or twice"
+    time = motion["time"].values
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    back = np.flatnonzero(~(steps > 0))
+    if back.size:
+        text = f"{settings.film}: frame {back[0] + 1} is not later than the one before ({back.size} such frames)"
+        cause = f"frames are exchanged or repeated at frame {back[0] + 1}"
+        return stated(name, law, text, "impossible", cause=cause, file=settings.film)
+    # after rest only every eighth frame is read
+    whole = np.abs(steps / usual - np.round(steps / usual)) < _STEP * np.maximum(np.round(steps / usual), 1)
+    last = int(np.flatnonzero(np.abs(steps / usual - 1) < _STEP)[-1]) if usual > 0 else 0
+    lost = np.flatnonzero(steps[:last] > 1.5 * usual)
+    if lost.size:
+        count = int(np.sum(np.round(steps[lost] / usual) - 1))
+        text = f"{settings.film}: {count} frames are missing, the first at {quantity(float(time[lost[0]]), 's')}"
+        return stated(name, law, text, "doubtful", cause="frames were dropped by the camera", file=settings.film)
+    text = f"{settings.film}: a frame each {quantity(usual, 's')}"
+    return stated(name, law, text, None if whole.all() else "note", file=settings.film)
+
+
+def _copies(motion: xr.Dataset, settings: DicValidation) -> Check:
+    """Look for frames whose displacement equals that before to the last digit: noise forbids it."""
+    name, law = "frames differ", "noise makes no two frames alike"
+    y, x = motion["displacement"].values, motion["sideways"].values
+    same = np.flatnonzero((np.diff(y) == 0.0) & (np.diff(x) == 0.0))
+    if same.size:
+        at = int(same[0]) + 1
+        text = f"{settings.film}: {same.size} frames equal the one before, the first is frame {at}"
+        return stated(name, law, text, "doubtful", cause=f"frame {at} is a repeated frame", file=settings.film)
+    return stated(name, law, f"{settings.film}: no frame equals the one before", None, file=settings.film)
+
+
+def _height(fall: Fall, laser: xr.Dataset | None) -> Check:
+    law = "the film shows a drop from the height of the laser's drops"
+    if laser is None or not laser.sizes.get("impact"):
+        return not_made(HEIGHT, law, "a laser experiment")
+    seen, own = fall.value("drop_height")
+    expected = float(laser["incoming_speed"][0]) ** 2 / (2 * _GRAVITY.value)
+    u = hypot(own, seen * fall.relative)
+    message = f"{fall.name}: the holder fell {fall_checks.shown(seen, u, 'm')}, at the laser {quantity(expected, 'm')}"
+    other = _BETWEEN_DAYS * expected
+    return compared(HEIGHT, law, message, seen, u, expected, other, allowance=3 * other, file=fall.name)
+
+
+def _same_body(fall: Fall, laser: xr.Dataset | None) -> Check:
+    name, law = "restitution against the laser's", "one sphere bounces alike on two days"
+    if laser is None or not laser.sizes.get("impact"):
+        return not_made(name, law, "a laser experiment")
+    seen, own = fall.value("restitution", 0)
+    expected, u = float(laser["restitution"][0]), float(laser["u_restitution"][0])
+    if not (isfinite(seen) and isfinite(expected)):
+        return not_made(name, law, "a first bounce in both")
+    message = f"{fall.name}: e = {seen:.4f}, at the laser {expected:.4f}"
+    allowed = 2 * _DROPS
+    return compared(
+        name, law, message, seen, own, expected, hypot(u, _DROPS / 2), allowance=allowed, factor=False, file=fall.name
+    )
+
+
+def _gain(comparison: xr.Dataset, settings: DicValidation) -> Check:
+    law = "film and laser see the same motion: one length for both"
+    gain = float(comparison["gain"])
+    expected, u = 1.0, float(comparison["expected_u_gain"])
+    message = f"{settings.film}: lengths are {1 / gain:.4g} times those of the laser" if gain else settings.film
+    other = hypot(u, _BETWEEN_DAYS)
+    return compared(
+        GAIN, law, message, gain, float(comparison["u_gain"]), expected, other, allowance=0.03, file=settings.camera
+    )
+
+
+def _causes(settings: DicValidation) -> Iterator[Cause]:
+    yield Cause(
+        {G: 1.0, HEIGHT: 1.0, SPEED: 0.5, GAIN: -1.0},
+        lambda k: (
+            f"lengths come out {k:.4g} times too large: the scale in {settings.camera} is wrong"
+            + (", of another view" if abs(log(k)) > log(_ANOTHER_VIEW) else "")
+        ),
+        _SCALES,
+        file=settings.camera,
+        setting="values.pixel_length",
+    )
+    yield Cause(
+        {G: 2.0, SPEED: 1.0},
+        lambda k: f"the frame rate is {k:.4g} times the true one: times come out {1 / k:.4g} times too long",
+        _RATES,
+        file="" if settings.frame_rate is not None else settings.film,
+        setting="frame_rate" if settings.frame_rate is not None else "",
+    )
+    yield Cause(
+        {HEIGHT: 1.0},
+        lambda k: (
+            f"the film is of a drop from a height {k:.3g} times that of {settings.laser_experiment}: "
+            "film or laser_experiment is another one"
+        ),
+        setting="laser_experiment",
+    )

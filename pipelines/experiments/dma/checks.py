@@ -1,0 +1,615 @@
+"""Whether sweeps of a rheometer can be believed: redundant columns, causality, order with temperature."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from math import log, log10, pi
+
+import numpy as np
+import xarray as xr
+
+from labpipe.arrays import Floats
+from labpipe.judging import Check, Level, bounded, compared, not_made, stated
+from labpipe.materials import isothermal_runs, modulus_factor, trusted_tables
+from labpipe.report import quantity
+from labpipe.workflow.context import Context
+from pipelines.experiments.dma.settings import Dma
+from pipelines.experiments.shared import judgements
+from pipelines.experiments.shared.judgements import Scene
+
+_ROUNDED = 2e-3
+"""Relative difference of the loss factor from the ratio of moduli, from exported digits."""
+_STRESS = 0.25
+"""How far stress over strain may be from the modulus: instruments correct for clamps and inertia."""
+_POLYMERS = (3e4, 5e10)
+"""Pa in tension: the stiffest reading of a polymer, from a gel to a fibre composite."""
+_GLASS = 4e8  # Pa in tension, above which a polymer does not flow
+_NU = 0.2  # lowest Poisson's ratio of a polymer that is no foam
+_SPECIMENS = 3.0
+"""Factor between moduli of two specimens of one polymer, of clamping and size at the worst."""
+_SAME_PLACE = 2.0  # K, ln(frequency) 0.05: readings of one condition
+_OUT = 0.5  # decades beyond its neighbours at which a reading stands alone
+_MISTYPED = 1.6  # decades from which a single value is a slip, not noise
+_ABOUT = 0.2  # decades within which neighbours tell by what power of ten a value is wrong
+_RISE = 0.3  # decades of shift that hysteresis and ageing explain
+_OWN = 0.005  # decades of modulus that drift, drying and clamping add to noise
+_STEP = 5.0  # K, of which set temperatures are multiples
+_NEAR = 0.6  # K from a set temperature
+_FEW = 20  # readings; more of them with one and the same temperature were not read from a sensor
+_CONSTANT = 1.0  # K within which all temperatures are one
+_NAMES = {"storage_modulus": "storage modulus", "loss_modulus": "loss modulus"}
+_FAILED = {
+    "readings": "the file is not what the session says, or was not copied whole",
+    "sweeps": "the exports hold no sweeps at several temperatures, or a column has the wrong unit",
+    "master_curve": "T_ref, the temperatures or the moduli of the exports are wrong",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Export:
+    """One export of a rheometer, with its trusted rows."""
+
+    name: str
+    data: xr.Dataset
+    good: np.ndarray
+
+    def values(self, name: str) -> Floats:
+        """Return one column at trusted rows."""
+        return np.asarray(self.data[name].values[self.good], float)
+
+    def place(self, row: int) -> str:
+        """Say where a row of the table stands."""
+        parts = [
+            f"{word} {int(self.data[key].values[row])}"
+            for key, word in (("interval", "interval"), ("point", "point"))
+            if key in self.data.variables
+        ]
+        return f"{self.name}, {', '.join(parts) if parts else f'row {row + 1}'}"
+
+
+@dataclass(frozen=True, slots=True)
+class _Sweep:
+    """One isothermal sweep, in ascending order of frequency."""
+
+    export: _Export
+    rows: np.ndarray
+    temperature: float
+
+    @property
+    def place(self) -> str:
+        """Say where it stands in its file."""
+        return self.export.place(int(self.rows[0])).rpartition(", point")[0] or self.export.name
+
+    def values(self, name: str) -> Floats:
+        """Return one of its columns."""
+        return np.asarray(self.export.data[name].values[self.rows], float)
+
+
+def judgement(
+    readings: list[xr.Dataset | None] | None,
+    sweeps: xr.Dataset | None,
+    master_curve: xr.Dataset | None,
+    *,
+    settings: Dma,
+    context: Context,
+) -> xr.Dataset:
+    """Judge the exports of one specimen; what gave no result is judged by that."""
+    del sweeps
+    exports = [
+        _Export(name, data, _good(data))
+        for name, data in zip(settings.rheometer, readings or (), strict=False)
+        if data is not None and {"storage_modulus", "loss_modulus", "temperature", "frequency"} <= set(data)
+    ]
+    exports = [e for e in exports if e.good.any()]
+    found = [list(_isotherms(e, settings)) for e in exports]
+    checks = judgements.failed_steps(context, _FAILED)
+    checks.append(_poisson(settings))
+    for export, own in zip(exports, found, strict=True):
+        checks += [
+            _loss_factor(export),
+            _frequencies(export),
+            _stress(export),
+            _modulus(export, settings),
+            _signs(export),
+            _mode(export, settings),
+            _singles(export, own),
+            _causal(export, own),
+        ]
+    isotherms = sorted((s for own in found for s in own), key=lambda s: s.temperature)
+    checks += [
+        *_temperatures(exports, isotherms, settings),
+        _softening(isotherms),
+        _one_place(isotherms),
+        *_files_alike(exports, found),
+        _shifts(master_curve),
+    ]
+    return judgements.judgement(Scene(checks))
+
+
+def _good(data: xr.Dataset) -> np.ndarray:
+    good = np.zeros(data.sizes["sample"], bool)
+    for table in trusted_tables(data):
+        good[table.rows] = True
+    return good
+
+
+def _isotherms(export: _Export, settings: Dma) -> Iterator[_Sweep]:
+    options = settings.sweeps
+    for run in isothermal_runs(export.data, options.tolerance, options.fewest):
+        rows = run.rows[export.good[run.rows]]
+        if rows.size >= options.fewest:
+            rows = rows[np.argsort(export.data["frequency"].values[rows], kind="stable")]
+            yield _Sweep(export, rows, float(export.data["temperature"].values[rows].mean()))
+
+
+def _factor(ratio: float, decades: float = 0.05) -> str:
+    """Write a factor, as a power of ten where it is that within some decades."""
+    power = log10(ratio)
+    is_power = abs(power) > 0.5 and abs(power - round(power)) < decades
+    return f"{10.0 ** round(power):g}" if is_power else f"{ratio:.3g}"
+
+
+def _poisson(settings: Dma) -> Check:
+    nu = settings.nu
+    message = f"nu = {nu.value:g}, polymers have {_NU} to 0.5"
+    name, law = "Poisson's ratio", "a polymer that is no foam hardly changes its volume"
+    found = bounded(name, law, message, nu.value, max(nu.u, 1e-3), at_least=_NU, is_law=False, setting="nu")
+    if found.level and 0.25 <= 10 * nu.value <= 0.5:
+        return replace(found, cause=f"nu is probably {10 * nu.value:g}, not {nu.value:g}: its decimal point slipped")
+    return found
+
+
+def _loss_factor(export: _Export) -> Check:
+    name, law = "loss factor", "the loss factor is the loss over the storage modulus"
+    if "loss_factor" not in export.data:
+        return not_made(name, law, "a column of the loss factor")
+    ratio = export.values("loss_modulus") / export.values("storage_modulus")
+    told = export.values("loss_factor")
+    known = np.isfinite(told) & (told > 0) & (ratio > 0)
+    if not known.any():
+        return not_made(name, law, "loss factors")
+    apart = np.log(told[known] / ratio[known])
+    middle, file = float(np.median(apart)), export.name
+    ours, theirs = float(np.median(ratio[known])), float(np.median(told[known]))
+    message = f"{file}: the column says {theirs:.3g}, the moduli give {ours:.3g} (medians)"
+    found = compared(name, law, message, theirs, _ROUNDED * theirs, theirs / np.exp(middle).item(), 0.0, file=file)
+    if found.level is None or abs(middle) < 0.05:
+        wrong = np.flatnonzero(np.abs(apart) > 0.1)
+        if not wrong.size:
+            return replace(found, level=None)
+        worst = int(wrong[np.argmax(np.abs(apart[wrong]))])
+        row = int(np.flatnonzero(export.good)[np.flatnonzero(known)[worst]])
+        times = float(np.exp(abs(apart[worst])))
+        text = f"{export.place(row)}: the loss factor and the moduli differ by a factor {_factor(times)}"
+        more = f"; {wrong.size} rows in all" if wrong.size > 1 else ""
+        cause = f"a value of this row is wrong by a factor {_factor(times)}"
+        level: Level = "impossible" if times > 2.0 else "doubtful"
+        return stated(name, law, text + more, level, cause=cause, file=file)
+    cause = f"one modulus, or the loss factor, has the wrong unit: a factor {_factor(np.exp(middle).item())}"
+    if float(np.median(np.abs(np.log(told[known] * ratio[known])))) < 0.02:
+        cause = "the columns of storage and loss modulus are exchanged"
+    return replace(found, cause=cause)
+
+
+def _frequencies(export: _Export) -> Check:
+    """Hold frequencies against the other column, and against the time a reading takes."""
+    name, law = "frequency", "a reading of an oscillation takes about a period at least; ω = 2πf"
+    file, data = export.name, export.data
+    if data.attrs.get("derived", "-") == "" and "angular_frequency" in data:
+        omega, hertz = export.values("angular_frequency"), export.values("frequency")
+        known = (omega > 0) & (hertz > 0)
+        if known.any():
+            ratio = float(np.median(omega[known] / hertz[known]))
+            message = f"{file}: angular frequency over frequency is {ratio:.4g}, expected 2π"
+            found = compared(name, law, message, ratio, 0.01, 2 * pi, 0.0, file=file)
+            return replace(found, cause="one column of frequency has the unit of the other (Hz, rad/s)")
+    hertz = export.values("frequency")
+    levels = np.unique(np.round(hertz[hertz > 0], 6))
+    if levels.size >= 2 and data.attrs.get("derived") != "frequency" and _is_turned(levels):
+        message = f"{file}: frequencies of {levels[-1]:.5g} to {levels[0]:.5g} Hz are 2π times round ones"
+        cause = "the column of frequency holds rad/s under Hz: a factor 6.28"
+        return stated(name, law, message, "doubtful", cause=cause, file=file)
+    if "time" not in data:
+        return not_made(name, law, "a column of time, or both frequencies")
+    time, all_hertz = data["time"].values, data["frequency"].values
+    # a reading that begins a table has no beginning of its own
+    lasts = np.diff(time) * all_hertz[1:]
+    is_same = np.ones(lasts.size, bool)
+    for key in ("interval", "test", "result"):
+        if key in data.variables:
+            is_same &= np.diff(data[key].values) == 0
+    lasts = lasts[is_same & np.isfinite(lasts) & (lasts > 0)]
+    if lasts.size < 5:
+        return not_made(name, law, "times of five readings")
+    periods = float(np.quantile(lasts, 0.9))
+    message = f"{file}: readings take {periods:.2g} periods at most"
+    level: Level | None = "doubtful" if periods < 0.7 else None
+    cause = "frequencies are too low for their times: Hz under rad/s (a factor 6.28), or times in another unit"
+    return stated(name, law, message, level, cause=cause, file=file)
+
+
+def _is_turned(levels: Floats) -> bool:
+    """Tell whether both end frequencies are 2 pi times a round one, and not round themselves."""
+
+    def is_round(value: float) -> bool:
+        mantissa = value / 10.0 ** np.floor(log10(value))
+        return min(abs(mantissa / k - 1) for k in (1.0, 2.0, 5.0, 10.0)) < 5e-4
+
+    ends = (float(levels[0]), float(levels[-1]))
+    return all(is_round(f / (2 * pi)) and not is_round(f) for f in ends)
+
+
+def _stress(export: _Export) -> Check:
+    name, law = "stress over strain", "the modulus is the amplitude of stress over that of strain"
+    if "strain" not in export.data or "stress" not in export.data:
+        return not_made(name, law, "columns of stress and strain")
+    size = np.hypot(export.values("storage_modulus"), export.values("loss_modulus"))
+    strain, stress = export.values("strain"), export.values("stress")
+    known = (strain > 0) & (stress > 0) & (size > 0)
+    if not known.any():
+        return not_made(name, law, "stresses and strains")
+    apart = np.log(size[known] * strain[known] / stress[known])
+    ratio = float(np.exp(np.median(apart)))
+    expected = float(np.median(stress[known] / strain[known]))
+    file = export.name
+    message = f"{file}: moduli are {_factor(ratio)} times stress over strain ({quantity(expected, 'Pa')})"
+    found = compared(name, law, message, ratio, 0.02 * ratio, 1.0, 0.02, allowance=_STRESS, file=file)
+    power = round(log10(ratio))
+    unit = {-6: "MPa stand as Pa", 6: "Pa stand as MPa", -3: "kPa stand as Pa", 3: "Pa stand as kPa"}.get(power)
+    if unit is not None and abs(log10(ratio) - power) < 0.1:
+        return replace(found, cause=f"the unit of the moduli is wrong by a factor {10.0**power:g}: {unit}")
+    cause = f"the unit of the moduli, of stress or of strain is wrong: a factor {_factor(ratio)}"
+    return replace(found, cause=cause)
+
+
+def _modulus(export: _Export, settings: Dma) -> Check:
+    name, law = "modulus of a polymer", "the stiffest reading of a polymer is between those of a gel and a fibre"
+    size = np.hypot(export.values("storage_modulus"), export.values("loss_modulus"))
+    if not (size > 0).any():
+        return not_made(name, law, "moduli")
+    stiffest = float(np.quantile(size[size > 0], 0.95)) * modulus_factor(settings.mode, settings.nu.value)
+    message = f"{export.name}: the stiffest readings are {quantity(stiffest, 'Pa')} in tension"
+    low, high = map(log10, _POLYMERS)
+    found = bounded(
+        name, law, message, log10(stiffest), 0.02, at_least=low, at_most=high, is_law=False, file=export.name
+    )
+    cause = "moduli in MPa stand as Pa" if stiffest < _POLYMERS[0] else "moduli in Pa stand as kPa, MPa or GPa"
+    return replace(found, cause=f"the unit of the moduli is wrong: {cause}")
+
+
+def _signs(export: _Export) -> Check:
+    name, law = "signs of the moduli", "a solid stores and dissipates: both moduli are positive"
+    share = float(np.mean((export.values("storage_modulus") <= 0) | (export.values("loss_modulus") <= 0)))
+    message = f"{export.name}: {share * 100:.2g} % of the readings are not positive"
+    level: Level | None = "impossible" if share > 0.5 else "doubtful" if share > 0.2 else "note" if share else None
+    cause = "the instrument's phase is wrong, or another column stands under the modulus"
+    return stated(name, law, message, level, cause=cause, file=export.name)
+
+
+def _mode(export: _Export, settings: Dma) -> Check:
+    """Hold the mode against the heading of the strain, where the export has one that tells."""
+    name, law = "mode of loading", "what was loaded in torsion has a shear strain"
+    text = str(export.data.attrs.get("tests", "")).lower()
+    is_shear, is_pulled = "shear strain" in text, "extensional strain" in text or "tensile strain" in text
+    if is_shear == is_pulled:
+        return not_made(name, law, "a heading that says shear or extensional strain")
+    seen = "shear" if is_shear else "extensional"
+    expects_shear = settings.mode in ("shear", "torsion")
+    message = f'{export.name} has a column "{seen} strain", session.toml says mode = "{settings.mode}"'
+    should = "torsion or shear" if is_shear else "tension or bending"
+    factor = 2 * (1 + settings.nu.value)
+    cause = f"mode is probably {should}, not {settings.mode}: moduli are a factor {factor:.3g} off"
+    level: Level | None = "doubtful" if is_shear != expects_shear else None
+    return stated(name, law, message, level, cause=cause, setting="mode")
+
+
+def _singles(export: _Export, isotherms: Sequence[_Sweep]) -> Check:
+    """Look for a value that lies decades beyond both of its neighbours in frequency."""
+    name, law = "single values", "a modulus changes steadily with frequency"
+    if not isotherms:
+        return not_made(name, law, "isothermal sweeps")
+    worst: tuple[float, str] | None = None
+    for sweep in isotherms:
+        for column, title in _NAMES.items():
+            values = sweep.values(column)
+            if values.size < 4 or not (values > 0).all():
+                continue
+            gap = _alone(np.log10(values))
+            at = int(np.argmax(np.abs(gap)))
+            if abs(gap[at]) > _OUT and (worst is None or abs(gap[at]) > abs(log10(worst[0]))):
+                worst = 10.0 ** float(gap[at]), f"{export.place(int(sweep.rows[at]))}: the {title}"
+    if worst is None:
+        return stated(name, law, f"{export.name}: no value beyond its neighbours", None, file=export.name)
+    factor, where = worst
+    text = f"{where} is a factor {_factor(factor)} from its neighbours in frequency"
+    level: Level = "impossible" if abs(log10(factor)) > _MISTYPED else "doubtful"
+    cause = f"{where} is wrong by a factor {_factor(factor, _ABOUT)}"
+    return stated(name, law, text, level, cause=cause, file=export.name)
+
+
+def _alone(y: Floats) -> Floats:
+    """Return by how much every value lies beyond the range of its four nearest (two at ends)."""
+    found = np.zeros(y.size)
+    for i in range(y.size):
+        near = [j for j in (i - 2, i - 1, i + 1, i + 2) if 0 <= j < y.size]
+        around = y[near]
+        middle = float(np.median(around))
+        # a steep end of a sweep goes on as it comes
+        reach = 2.0 * float(np.median(np.abs(np.diff(y)))) * (1 + abs(len(near) - 4))
+        beyond = abs(y[i] - middle) - reach
+        if beyond > 0:
+            found[i] = np.copysign(abs(y[i] - middle), y[i] - middle)
+    return found
+
+
+def _causal(export: _Export, isotherms: Sequence[_Sweep]) -> Check:
+    """Hold the loss against the rise of the storage modulus with frequency.
+
+    E* ~ (i omega)^b has tan delta = tan(pi b / 2), the local form of Kramers and Kronig's relation
+    (Booij & Thoone, Rheol. Acta 21 (1982) 15, doi:10.1007/BF01520701).
+    """
+    name, law = "storage and loss belong together", "Kramers and Kronig: tan δ ≈ tan(π/2 · d ln E′/d ln ω)"
+    pairs = [p for p in map(_slopes, isotherms) if p is not None]
+    if not pairs:
+        return not_made(name, law, "sweeps of four frequencies over a decade")
+    loss, rise, swapped = np.array(pairs).T
+    ours = float(np.median(np.abs(np.log(loss / rise))))
+    theirs = float(np.median(np.abs(np.log(1 / loss / swapped))))
+    middle = float(np.median(loss))
+    message = (
+        f"{export.name}: tan δ is {middle:.3g}, the rise with frequency says {float(np.median(rise)):.3g} (medians)"
+    )
+    if ours > log(3.0) and theirs < 0.5 * ours and middle > 1.0:
+        cause = "the columns of storage and loss modulus are exchanged"
+        return stated(name, law, message, "impossible", cause=cause, file=export.name)
+    level: Level | None = "doubtful" if ours > log(10.0) else "note" if ours > log(5.0) else None
+    cause = "one of the moduli has another unit than the other, or the phase is wrong"
+    return stated(name, law, message, level, cause=cause, file=export.name)
+
+
+def _slopes(sweep: _Sweep) -> tuple[float, float, float] | None:
+    """Return the loss factor, that from the rise of the storage, and that were both exchanged."""
+    x = np.log(sweep.values("frequency"))
+    storage, loss = sweep.values("storage_modulus"), sweep.values("loss_modulus")
+    if x.size < 4 or np.ptp(x) < log(10.0) or not ((storage > 0) & (loss > 0)).all():
+        return None
+    found = []
+    for y in (np.log(storage), np.log(loss)):
+        slope = float(np.polyfit(x, y, 1)[0])
+        found.append(float(np.tan(0.5 * pi * min(max(slope, 2e-3), 0.98))))
+    return float(np.exp(np.median(np.log(loss / storage)))), found[0], found[1]
+
+
+def _temperatures(exports: Sequence[_Export], isotherms: Sequence[_Sweep], settings: Dma) -> Iterator[Check]:
+    for export in exports:
+        yield _range(export, [s.temperature for s in isotherms if s.export is export], settings)
+    name, law = "temperature is measured", "moduli change with temperature alone"
+    for export in exports:
+        T, repeated = export.values("temperature"), _repeated(export)
+        if np.ptp(T) > _CONSTANT or repeated is None:
+            yield stated(name, law, f"{export.name}: temperatures span {np.ptp(T):.1f} K", None)
+            continue
+        times, count = repeated
+        text = (
+            f"{export.name}: all temperatures are {T.mean():.1f} °C, while the storage modulus differs "
+            f"by a factor {times:.3g} between {count} readings at one frequency"
+        )
+        is_read = np.ptp(T) > 0.0 or T.size < _FEW
+        level: Level | None = "doubtful" if times > 1.2 else None
+        if times > (2.0 if is_read else 1.2):
+            level = "impossible"
+        cause = "the column of temperature is constant: it holds the setting, or the sensor was not read"
+        yield stated(name, law, text, level, cause=cause, file=export.name)
+
+
+def _repeated(export: _Export) -> tuple[float, int] | None:
+    """Return by how much the storage modulus differs at the commonest frequency, and of how many readings."""
+    level = np.round(np.log10(np.maximum(export.values("frequency"), 1e-9)), 2)
+    found, counts = np.unique(level, return_counts=True)
+    same = export.values("storage_modulus")[level == found[np.argmax(counts)]]
+    if same.size < 3 or not (same > 0).all():
+        return None
+    return float(same.max() / same.min()), int(same.size)
+
+
+def _range(export: _Export, isotherms: Sequence[float], settings: Dma) -> Check:
+    name, law = "temperatures", "polymers are tested between −200 and 400 °C, about the reference temperature"
+    T = export.values("temperature")
+    low, high, file = float(T.min()), float(T.max()), export.name
+    message = f"{file}: temperatures from {low:.1f} to {high:.1f} °C"
+    wanted = None if settings.T_ref is None else settings.T_ref.value
+    if wanted is not None:
+        message += f", T_ref is {wanted:g} °C"
+    if low < -273.15:
+        return stated(name, law, message, "impossible", cause="the unit of temperature is wrong", file=file)
+    is_far = wanted is not None and not low - 30 <= wanted <= high + 30
+    kelvin = low > 180.0 and (wanted is None or is_far or high > 350.0)
+    if kelvin and (wanted is None or low - 303.15 <= wanted <= high - 243.15):
+        cause = f"temperatures are in K under °C: {low - 273.15:.1f} to {high - 273.15:.1f} °C are meant"
+        return stated(name, law, message, "impossible" if is_far else "doubtful", cause=cause, file=file)
+    if _is_fahrenheit(np.asarray(isotherms)):
+        celsius = (low - 32) / 1.8, (high - 32) / 1.8
+        message += f"; in °F the isotherms are multiples of {_STEP:g} °C"
+        cause = f"temperatures are in °F under °C: {celsius[0]:.1f} to {celsius[1]:.1f} °C are meant"
+        return stated(name, law, message, "doubtful", cause=cause, file=file)
+    if is_far:
+        cause = "T_ref is wrong, or temperatures have another unit (K, °F) than °C"
+        return stated(name, law, message, "doubtful", cause=cause, setting="T_ref")
+    if low < -200.0 or high > 400.0:
+        cause = "temperatures have another unit (K, °F) than °C"
+        return stated(name, law, message, "doubtful", cause=cause, file=file)
+    return stated(name, law, message, None, file=file)
+
+
+def _is_fahrenheit(T: Floats) -> bool:
+    """Tell whether isotherms are multiples of 5 K as °F, and not as °C."""
+    if T.size < 4:
+        return False
+
+    def apart(values: Floats) -> Floats:
+        return np.asarray(np.abs((values + 0.5 * _STEP) % _STEP - 0.5 * _STEP))
+
+    is_far = bool(np.mean(apart(T) > _NEAR) > 0.4)
+    return is_far and bool((apart((T - 32) / 1.8) < _NEAR).all())
+
+
+def _softening(isotherms: Sequence[_Sweep]) -> Check:
+    """Look for the isotherm that breaks the fall of the modulus with temperature."""
+    name, law = "order with temperature", "at one frequency a polymer softens as it is heated"
+    levels = _levels(isotherms)
+    if levels is None:
+        return not_made(name, law, "three isotherms over common frequencies")
+    T, level = np.array([s.temperature for s in isotherms]), levels
+    rise = _broken(T, level)
+    if rise == 0.0:
+        return stated(name, law, f"{T.size} isotherms in order", None)
+    others = np.array([_broken(np.delete(T, i), np.delete(level, i)) for i in range(T.size)])
+    # two neighbours in wrong order: the wrong one is that without which the rest is smooth
+    rough = [_roughness(np.delete(T, i), np.delete(level, i)) for i in range(T.size)]
+    able = [int(i) for i in np.argsort(rough) if others[i] <= 0.2 * rise]
+    if able and T.size > 3:
+        where, told = zip(*(_misplaced(isotherms, level, i) for i in able[:2]), strict=True)
+        text, file = where[0], isotherms[able[0]].export.name
+        cause = "the temperature of " + ", or that of ".join(told)
+    else:
+        at = int(np.argmax(np.diff(level)))
+        times = 10.0 ** float(np.diff(level)[at])
+        text = f"the modulus rises by a factor {times:.3g} from {T[at]:.1f} to {T[at + 1]:.1f} °C"
+        file = isotherms[at + 1].export.name
+        cause = "a specimen that crystallised or dried, one of another material, or temperatures in wrong order"
+        return stated(
+            name, law, text, "doubtful" if rise > 0.15 else "note" if rise > 4 * _OWN else None, cause=cause, file=file
+        )
+    found: Level | None = "impossible" if rise > 10 * _OWN else "doubtful" if rise > 4 * _OWN else None
+    return stated(name, law, text, found, cause=cause, file=file)
+
+
+def _misplaced(isotherms: Sequence[_Sweep], level: Floats, at: int) -> tuple[str, str]:
+    """Say to which temperature an isotherm belongs by its modulus, and what is wrong with it."""
+    T = np.array([s.temperature for s in isotherms])
+    rest = np.delete(level, at)
+    order = np.argsort(rest)
+    belongs = float(np.interp(level[at], rest[order], np.delete(T, at)[order]))
+    away, place = T[at] - belongs, isotherms[at].place
+    word = "high" if away > 0 else "low"
+    return (
+        f"{place}: at {T[at]:.1f} °C the modulus is that of {belongs:.0f} °C",
+        f"{place} is probably {abs(away):.0f} K too {word}",
+    )
+
+
+def _levels(isotherms: Sequence[_Sweep]) -> Floats | None:
+    """Return the mean log10 of every isotherm's modulus over the frequencies that all have."""
+    if len(isotherms) < 3:
+        return None
+    low = max(float(s.values("frequency")[0]) for s in isotherms)
+    high = min(float(s.values("frequency")[-1]) for s in isotherms)
+    if not 0 < low < high:
+        return None
+    x = np.linspace(log(low), log(high), 7)
+    found = []
+    for s in isotherms:
+        storage = s.values("storage_modulus")
+        if not (storage > 0).all():
+            return None
+        found.append(float(np.median(np.interp(x, np.log(s.values("frequency")), np.log10(storage)))))
+    return np.array(found)
+
+
+def _roughness(T: Floats, level: Floats) -> float:
+    """Return the residual of a parabola through levels over temperature."""
+    degree = min(2, T.size - 2)
+    return float(np.sum((level - np.polynomial.Polynomial.fit(T, level, degree)(T)) ** 2))
+
+
+def _broken(T: Floats, level: Floats) -> float:
+    """Return the decades by which moduli rise from isotherm to isotherm beyond entropic elasticity."""
+    entropic = np.log10((T[1:] + 273.15) / (T[:-1] + 273.15))
+    rise = np.diff(level) - np.where(level[1:] < 8.0, 1.5 * entropic, 0.0) - _OWN
+    return float(np.sum(np.maximum(rise, 0.0)))
+
+
+def _one_place(isotherms: Sequence[_Sweep]) -> Check:
+    """Hold sweeps that repeat a temperature against each other."""
+    name, law = "repeated temperatures", "a repeated sweep gives the moduli of the first"
+    worst: tuple[float, _Sweep, _Sweep] | None = None
+    for a, b in combinations(isotherms, 2):
+        # between files it is another check; a tenth of a decade per kelvin is the steepest transition
+        if a.export is b.export and abs(a.temperature - b.temperature) <= _SAME_PLACE:
+            apart = _apart(a, b)
+            if apart is not None:
+                beyond = abs(apart) - 0.1 * abs(a.temperature - b.temperature)
+                worst = max(worst or (beyond, a, b), (beyond, a, b), key=lambda w: w[0])
+    if worst is None:
+        return not_made(name, law, "a temperature that is repeated")
+    beyond, a, b = worst
+    text = f"{a.place} and {b.place} at {a.temperature:.1f} °C differ by a factor {10.0**beyond:.3g}"
+    level: Level | None = "doubtful" if beyond > log10(1.5) else "note" if beyond > log10(1.15) else None
+    cause = f"the temperature of {a.place} or {b.place} is wrong, or the specimen changed between them"
+    return stated(name, law, text, level, cause=cause, file=a.export.name)
+
+
+def _apart(a: _Sweep, b: _Sweep) -> float | None:
+    """Return the median log10 ratio of the storage moduli of two sweeps over common frequencies."""
+    fa, fb = a.values("frequency"), b.values("frequency")
+    low, high = max(fa[0], fb[0]), min(fa[-1], fb[-1])
+    ya, yb = a.values("storage_modulus"), b.values("storage_modulus")
+    if not low < high or not ((ya > 0).all() and (yb > 0).all()):
+        return None
+    x = np.linspace(log(low), log(high), 7)
+    gap = np.interp(x, np.log(fa), np.log10(ya)) - np.interp(x, np.log(fb), np.log10(yb))
+    return float(np.median(gap))
+
+
+def _files_alike(exports: Sequence[_Export], found: Sequence[Sequence[_Sweep]]) -> Iterator[Check]:
+    name, law = "files of one specimen", "one polymer has one modulus at one temperature and frequency"
+    if len(exports) < 2:
+        return
+    for (a, own), (b, other) in combinations(list(zip(exports, found, strict=True)), 2):
+        if _is_copy(a, b):
+            text = f"{b.name} holds the same values as {a.name}"
+            cause = "a copy was taken for a repeat"
+            yield stated("same values twice", "repeats differ by noise", text, "doubtful", cause=cause, file=b.name)
+            continue
+        gaps = [
+            gap
+            for s in own
+            for t in other
+            if abs(s.temperature - t.temperature) <= 2 * _SAME_PLACE and (gap := _apart(s, t)) is not None
+        ]
+        if not gaps:
+            yield not_made(name, law, f"isotherms that {a.name} and {b.name} share")
+            continue
+        gap = float(np.median(gaps))
+        size = float(np.max(np.abs(gaps)))
+        text = f"{a.name} over {b.name}: moduli differ by a factor {10.0**gap:.3g}, up to {10.0**size:.3g}"
+        level: Level | None = None
+        if abs(gap) > log10(_SPECIMENS) or size > 1.0:
+            level = "impossible" if size > 1.0 else "doubtful"
+        cause = f"{b.name} is of another material, or has another unit"
+        yield stated(name, law, text, level, cause=cause, file=b.name)
+
+
+def _is_copy(a: _Export, b: _Export) -> bool:
+    names = ("storage_modulus", "loss_modulus")
+    return a.good.sum() == b.good.sum() and all(np.array_equal(a.values(n), b.values(n)) for n in names)
+
+
+def _shifts(curve: xr.Dataset | None) -> Check:
+    name, law = "order of the shifts", "heat shortens all relaxation times: a_T falls with temperature"
+    if curve is None or curve.sizes["temperature"] < 2:
+        return not_made(name, law, "a master curve of two temperatures")
+    T, shift = curve["temperature"].values, curve["log10_aT"].values
+    u = curve["u_log10_aT"].values
+    rise, own = np.diff(shift), np.hypot(u[1:], u[:-1])
+    known = np.isfinite(rise) & np.isfinite(own) & (own > 0)
+    if not known.any():
+        return not_made(name, law, "shifts with uncertainties")
+    margin = np.where(known, rise / np.where(known, own, 1.0), -np.inf)
+    at = int(np.argmax(np.where(rise > _RISE, margin, -np.inf))) if (rise > _RISE).any() else int(np.argmax(margin))
+    text = f"log10 a_T changes by {rise[at]:+.2f} from {T[at]:.1f} to {T[at + 1]:.1f} °C"
+    found = bounded(name, law, text, float(rise[at]), float(own[at]), at_most=0.0)
+    if rise[at] < _RISE and found.level:
+        return replace(found, level="doubtful" if rise[at] > 0.5 * _RISE else None)
+    cause = f"the isotherm at {T[at]:.1f} or {T[at + 1]:.1f} °C has a wrong temperature or is of another specimen"
+    return replace(found, cause=cause)

@@ -1,0 +1,172 @@
+"""Mistakes with films of a contact are named; clean films are believed."""
+
+import msgspec
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe import contact, materials
+from labpipe.units import Quantity
+from labpipe.workflow.context import Context, Failed
+from pipelines.experiments.contact_area import checks
+from pipelines.experiments.contact_area.comparison import comparison
+from pipelines.experiments.contact_area.measured import impacts
+from pipelines.experiments.contact_area.model import model
+from pipelines.experiments.contact_area.settings import ContactArea
+from pipelines.experiments.shared.judgements import believed
+from pipelines.experiments.shared.settings import Sphere
+
+CONTEXT = Context("film", "contact_area", "", "", "", True, (), (), (), (), {})
+SETTINGS = ContactArea(
+    kind="contact_area",
+    film="film/a.cine",
+    camera="calibration/camera_under.toml",
+    height=Quantity(1.5e-3, 5e-6, "m"),
+    wavelength=Quantity(633e-9, 0.0, "m"),
+    sphere=Sphere(
+        radius=Quantity(9.525e-3, 5e-6, "m"), mass=Quantity(0.505, 5e-4, "kg"), material="acrylic", temperature=None
+    ),
+)
+
+
+@pytest.fixture(scope="module")
+def drop() -> xr.Dataset:
+    times = 1e-4 * np.arange(0, 1300)
+    return contact.drop(materials.load("acrylic"), 9.525e-3, 0.505, 1.5e-3, 0.13, times=times)
+
+
+@pytest.fixture
+def film(drop: xr.Dataset) -> xr.Dataset:
+    """What the stage ``radius`` makes of a film at 10 kHz."""
+    random = np.random.default_rng(1)
+    a = drop["contact_radius"].values[:900].copy()
+    seen = a > 50e-6
+    count = a.size
+    u = np.full(count, 1e-7)
+    radius = np.where(seen, a + u * random.standard_normal(count), np.nan)
+    values = {
+        "radius": radius,
+        "u_radius": u,
+        "radius_systematic": 2.2e-3 * np.where(seen, a, np.nan),
+        "in_contact": seen,
+        "method": np.where(seen, 1, 0),
+        "visibility": np.where(seen, 0.82, np.nan),
+        "valid": np.ones(count, bool),
+        "centre_x": random.normal(200.0, 0.01, count),
+    }
+    return xr.Dataset(
+        {name: ("frame", array) for name, array in values.items()},
+        {"time": ("frame", 1e-4 * np.arange(count)), "frame": np.arange(count)},
+        {"phase_scale_ratio": 1.0, "u_systematic_relative": 2.2e-3},
+    )
+
+
+def judged(film, context=CONTEXT, **changes):
+    settings = msgspec.structs.replace(SETTINGS, **changes)
+    found = impacts(film, settings=settings)
+    made = model(film, found, None, None, None, settings=settings)
+    compared = comparison(film, found, made, settings=settings)
+    result = checks.judgement(film, found, made, compared, settings=settings, context=context)
+    return believed(result), result
+
+
+def finding(found, check):
+    return next(f for f in found.findings if f.check == check)
+
+
+def enlarged(film, factor):
+    for name in ("radius", "u_radius", "radius_systematic"):
+        film[name].values[:] *= factor
+    return film
+
+
+def test_a_clean_film_is_believed_and_says_what_it_could_notice(film):
+    found, result = judged(film)
+    assert found.believable == "yes", found.findings
+    assert not found.findings
+    assert result.attrs["model"] == "agrees"
+    noticed = dict(zip(result["input"].values.tolist(), result["detectable"].values.tolist(), strict=True))
+    assert noticed["scale of the image"] < 0.02
+    assert 0.01 < noticed["height"] < 0.2
+
+
+@pytest.mark.parametrize("factor", [36.0, 1 / 36.0])
+def test_the_scale_of_another_view_names_the_record(film, factor):
+    found, _ = judged(enlarged(film, factor), wavelength=None)
+    assert found.believable == "impossible"
+    told = finding(found, "largest radius")
+    assert told.file == SETTINGS.camera
+    assert "of another view" in told.cause
+    assert f"{factor:.3g} times too large" in told.cause
+
+
+def test_a_contact_larger_than_half_the_sphere_is_impossible(film):
+    found, _ = judged(enlarged(film, 10.0))
+    assert finding(found, "contact radius over the sphere's").level == "impossible"
+
+
+def test_green_light_for_red_is_named_by_the_fringes(film):
+    film.attrs["phase_scale_ratio"] = 532.0 / 632.8
+    found, _ = judged(film, wavelength=Quantity(532e-9, 0.0, "m"))
+    told = finding(found, "spacing of the fringes")
+    assert told.level == "impossible"
+    assert "633 nm" in told.cause
+    assert "532 nm" in told.cause
+    assert told.setting == "wavelength"
+
+
+def test_fringes_darker_than_dark_are_impossible(film):
+    """What 532 nm for 633 nm makes of a film whose contacts a phase and a gap explain otherwise."""
+    film["visibility"] = film["visibility"] * 1.5
+    told = finding(judged(film)[0], "visibility of the fringes")
+    assert (told.level, told.setting) == ("impossible", "wavelength")
+    assert "wavelength of 633 nm" in told.cause
+
+
+def test_a_frame_rate_ten_times_too_high_is_named_by_the_flights(film):
+    film["time"] = film["time"] / 10
+    found, _ = judged(film)
+    told = finding(found, "first flight")
+    assert told.level == "impossible"
+    assert "frame rate is 10 times the true one" in told.cause
+
+
+def test_a_film_of_another_height_is_named(film):
+    found, _ = judged(film, height=Quantity(15e-3, 5e-6, "m"))
+    told = finding(found, "first flight")
+    assert told.level == "impossible"
+    assert (told.setting, "1.5" in told.cause) == ("height", True)
+
+
+def test_exchanged_frames_are_found_by_their_times_and_by_the_growth(film):
+    time = film["time"].values.copy()
+    time[[180, 181]] = time[[181, 180]]
+    told = finding(judged(film.assign_coords(time=("frame", time)))[0], "times of the frames")
+    assert (told.level, "exchanged" in told.cause, "181" in told.cause) == ("impossible", True, True)
+    for name in ("radius", "centre_x"):
+        values = film[name].values
+        values[[177, 180]] = values[[180, 177]]
+    told = finding(judged(film)[0], "growth of the contact")
+    assert (told.level, "exchanged" in told.cause) == ("doubtful", True)
+
+
+def test_a_repeated_frame_is_found(film):
+    for name in ("radius", "centre_x"):
+        film[name].values[180] = film[name].values[179]
+    told = finding(judged(film)[0], "frames differ")
+    assert (told.level, "frame 180" in told.cause) == ("doubtful", True)
+
+
+def test_edges_instead_of_fringes_are_doubtful(film):
+    film["method"] = film["method"] * 2
+    told = finding(judged(film)[0], "fringes are resolved")
+    assert (told.level, "not resolved" in told.cause) == ("doubtful", True)
+
+
+def test_a_record_of_another_day_is_impossible():
+    text = "the record was valid until 2023-04-30, the film is of 2024-05-14"
+    failed = (Failed("radius", None, text),)
+    context = Context("film", "contact_area", "", "", "", True, (), (), failed, (), {})
+    found = believed(checks.judgement(None, None, None, None, settings=SETTINGS, context=context))
+    assert found.believable == "impossible"
+    assert "view or day" in found.causes[0]

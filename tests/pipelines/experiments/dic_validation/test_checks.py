@@ -1,0 +1,141 @@
+"""Mistakes with films of a falling holder are named; clean films are believed."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe import contact, materials
+from labpipe.variables import variable
+from labpipe.workflow.context import Context, Failed
+from pipelines.experiments.dic_validation import checks, measured
+from pipelines.experiments.dic_validation.comparison import comparison
+from pipelines.experiments.dic_validation.settings import DicValidation
+from pipelines.experiments.shared.judgements import believed
+
+pytestmark = pytest.mark.filterwarnings("ignore:the record ends before the body is at rest")
+CONTEXT = Context("film", "dic_validation", "", "", "", True, (), (), (), (), {})
+SETTINGS = DicValidation(
+    kind="dic_validation", film="film/a.cine", camera="calibration/camera_front.toml", laser_experiment="drop"
+)
+RELATIVE, RATE, STILL = 4e-3, 4000.0, 0.02
+
+
+@pytest.fixture(scope="module")
+def fallen() -> xr.Dataset:
+    return contact.drop(materials.load("ptfe"), 9.525e-3, 0.505, 7e-3, 0.13, times=np.arange(0.0, 0.13, 2.5e-4))
+
+
+def recorded(fallen: xr.Dataset, seed: int, noise: float = 2e-7, scale: float = 1.0, rate: float = RATE) -> xr.Dataset:
+    """What the stage ``motion`` makes of a film that begins before the release."""
+    random = np.random.default_rng(seed)
+    y = fallen["displacement"].values
+    y = np.concatenate([np.full(int(STILL * RATE), y[0]), y]) - y[0]
+    y = scale * (y + noise * random.standard_normal(y.size))
+    made = xr.Dataset(coords={"time": variable("time", np.arange(y.size) / rate, "s", "time in the film")})
+    made["displacement"] = variable("time", y, "m", "displacement")
+    made["sideways"] = variable("time", noise * random.standard_normal(y.size), "m", "displacement")
+    return made.assign_attrs(u_systematic_relative=RELATIVE)
+
+
+@pytest.fixture
+def motion(fallen: xr.Dataset) -> xr.Dataset:
+    return recorded(fallen, 1)
+
+
+@pytest.fixture(scope="module")
+def laser(fallen: xr.Dataset) -> xr.Dataset:
+    """What the laser's experiment hands on, from first contact."""
+    moved = recorded(fallen, 2)
+    found = measured.bounces(moved, settings=SETTINGS)
+    start = float(found["first_contact_time"])
+    level = moved["displacement"].values - float(found["contact_level"])
+    made = found[["restitution", "u_restitution", "incoming_speed", "u_incoming_speed", "touch_time", "u_touch_time"]]
+    made["touch_time"] = made["touch_time"] - start
+    made = made.assign_coords(time=variable("time", moved["time"].values - start, "s", "time since first contact"))
+    made["displacement_mean"] = variable("time", level, "m", "displacement")
+    return made.assign_attrs(u_systematic_relative=1e-3)
+
+
+def judged(motion, laser=None, share=1.0):
+    track = xr.Dataset({"valid": (("frame", "point"), np.arange(1000)[:, None] < 1000 * share)})
+    found = measured.bounces(motion, settings=SETTINGS)
+    compared = comparison(motion, found, laser, settings=SETTINGS)
+    result = checks.judgement(track, motion, found, compared, laser, settings=SETTINGS, context=CONTEXT)
+    return believed(result), result
+
+
+def finding(found, check):
+    return next(f for f in found.findings if f.check == check)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_a_clean_film_is_believed_and_agrees(fallen, laser, seed):
+    found, result = judged(recorded(fallen, seed), laser)
+    assert found.believable == "yes", found.findings
+    assert not found.findings
+    assert found.n_made >= 9
+    assert result.attrs["model"] == "agrees"
+
+
+@pytest.mark.parametrize("factor", [36.0, 1 / 36.0])
+def test_the_scale_of_the_other_view_names_the_record(fallen, laser, factor):
+    found, _ = judged(recorded(fallen, 1, scale=factor), laser)
+    told = finding(found, "free-fall acceleration")
+    assert told.level == "impossible"
+    assert (told.file, "of another view" in told.cause) == (SETTINGS.camera, True)
+    assert f"{factor:.4g} times too large" in told.cause
+
+
+@pytest.mark.parametrize("factor", [10.0, 0.5])
+def test_a_wrong_frame_rate_is_named(fallen, laser, factor):
+    found, _ = judged(recorded(fallen, 1, rate=factor * RATE), laser)
+    told = finding(found, "free-fall acceleration")
+    assert told.level == "impossible"
+    assert f"frame rate is {factor:g} times the true one" in told.cause
+    assert told.file == SETTINGS.film
+
+
+def test_a_drop_from_another_height_is_named(laser):
+    low = contact.drop(materials.load("ptfe"), 9.525e-3, 0.505, 1.5e-3, 0.13, times=np.arange(0.0, 0.13, 2.5e-4))
+    found, _ = judged(recorded(low, 1), laser)
+    told = finding(found, "height of the fall")
+    assert told.level == "impossible"
+    assert "another one" in told.cause
+    assert not any(f.check == "free-fall acceleration" for f in found.findings)
+
+
+def test_a_film_of_another_polymer_differs_from_the_laser(laser):
+    other = contact.drop(materials.load("acrylic"), 9.525e-3, 0.505, 7e-3, 0.13, times=np.arange(0.0, 0.13, 2.5e-4))
+    found, result = judged(recorded(other, 1), laser)
+    assert finding(found, "restitution against the laser's").level in ("impossible", "doubtful")
+    assert result.attrs["model"] == "differs"
+
+
+def test_exchanged_repeated_and_dropped_frames_are_found(motion, laser):
+    time = motion["time"].values.copy()
+    time[[200, 201]] = time[[201, 200]]
+    track = xr.Dataset({"valid": (("frame", "point"), np.ones((9, 1), bool))})
+    moved = motion.assign_coords(time=("time", time))
+    result = checks.judgement(track, moved, None, None, laser, settings=SETTINGS, context=CONTEXT)
+    told = finding(believed(result), "times of the frames")
+    assert (told.level, "exchanged" in told.cause, "frame 201" in told.cause) == ("impossible", True, True)
+    lost = motion.isel(time=np.r_[0:150, 160 : motion.sizes["time"]])
+    told = finding(judged(lost, laser)[0], "times of the frames")
+    assert (told.level, "10 frames are missing" in told.message, "dropped" in told.cause) == ("doubtful", True, True)
+    for name in ("displacement", "sideways"):
+        motion[name].values[120] = motion[name].values[119]
+    told = finding(judged(motion, laser)[0], "frames differ")
+    assert (told.level, "frame 120 is a repeated frame" in told.cause) == ("doubtful", True)
+
+
+def test_a_holder_that_is_seldom_found_is_doubtful(motion, laser):
+    told = finding(judged(motion, laser, share=0.7)[0], "holder is found")
+    assert (told.level, told.setting) == ("doubtful", "tracking.body")
+
+
+def test_a_record_of_another_view_is_impossible():
+    failed = (Failed("motion", None, 'the record is of view "under"'),)
+    context = Context("film", "dic_validation", "", "", "", True, (), (), failed, (), {})
+    found = believed(checks.judgement(None, None, None, None, None, settings=SETTINGS, context=context))
+    assert found.believable == "impossible"
+    assert "another view" in found.causes[0]
