@@ -1,26 +1,41 @@
 """Whether a ball drop can be believed: free fall, stated height, order of bounces, repeats."""
 
 import json
-from collections.abc import Iterator, Sequence
-from math import pi
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from math import acos, cos, pi
 
 import numpy as np
 import xarray as xr
 
 from labpipe.errors import LabpipeError
-from labpipe.judging import Cause, Check, not_made
+from labpipe.judging import Cause, Check, explain, not_made, stated
 from labpipe.materials import load
+from labpipe.report import quantity
 from labpipe.units import Quantity
 from labpipe.workflow.context import Context
 from pipelines.experiments.ball_drop.comparison import SCALE, rows
 from pipelines.experiments.ball_drop.settings import BallDrop
-from pipelines.experiments.shared import fall_checks, judgements
+from pipelines.experiments.shared import fall_checks, judgements, trace_checks
 from pipelines.experiments.shared.fall_checks import Fall
 from pipelines.experiments.shared.judgements import Scene, line_of, times_over
+from pipelines.experiments.shared.trace_checks import Trace
 
-_UNITS = (1e3, 1e-3, 1e6, 1e-6, 10.0, 0.1, 100.0, 0.01, 25.4, 1 / 25.4, 0.0254, 1 / 0.0254)
+_UNITS = (1e3, 1e-3, 1e6, 1e-6, 10.0, 0.1, 100.0, 0.01, 1e4, 1e-4, 25.4, 1 / 25.4, 0.0254, 1 / 0.0254)
 _GAINS = (2.0, 0.5)
 _INTERVALS = (2.0, 0.5, 4.0, 0.25, 5.0, 0.2, 2.5, 0.4, 10.0, 0.1, 1e3, 1e-3)
+_LARGE = 0.2  # of a stated value, beyond which its uncertainty is doubtful
+_LEAST_COSINE = 0.7  # of an inclination that anybody would mount a sensor with
+_LEVEL = 3.0  # degrees
+_MARKER = re.compile(r"found '(?:-*|\+*|\*+|[+-]?9{4,}[.\d]*|[A-Za-z]+)'")
+_OF_ANOTHER = (
+    "this repeat is of another height or another body: the file belongs to another experiment, or was named wrongly"
+)
+_IN_MOTION = (
+    "the readings do not begin at rest: the record begins in mid-fall, the sensor drifts or hums, or the wrong channel "
+    "was recorded"
+)
 _REPEATS = (
     ("drop_height", "height of the fall", "m"),
     ("restitution", "first restitution", "1"),
@@ -28,7 +43,8 @@ _REPEATS = (
 )
 _FAILED = {
     "readings": "the file is not what the session says, or was not copied whole",
-    "displacement": "the calibration record does not belong to this recording",
+    "displacement": "the calibration record does not belong to this recording: it is expired, of another instrument or "
+    "of a camera, or a value of it is wrong",
     "bounces": "the recording holds no drop: the wrong channel or file, a body that was released "
     "before the trigger, or a recording that ends too soon",
 }
@@ -46,39 +62,108 @@ def judgement(
     context: Context,
 ) -> xr.Dataset:
     """Judge one ball drop; what gave no result is judged by that."""
-    records = list(_records(readings, displacement, bounces, settings))
-    checks: list[Check] = judgements.failed_steps(context, _FAILED)
-    for fall, moved in records:
-        checks += _of_record(fall, moved, settings)
-    checks += fall_checks.repeats_alike([fall for fall, _ in records], _REPEATS)
+    gravity = settings.model.gravity.value
+    traces = [
+        trace
+        for name, read in zip(settings.laser, readings or (), strict=False)
+        if read is not None and (trace := Trace.of(name, read, settings.sensor.output)) is not None
+    ]
+    looked = {trace.name: trace_checks.checks_of(trace, gravity) for trace in traces}
+    of_traces = [check for found, _, _ in looked.values() for check in found]
+    hums = {name: (amplitude, pulsation) for name, (_, amplitude, pulsation) in looked.items()}
+    checks = [_explained(check, of_traces, settings.calibration) for check in judgements.failed_steps(context, _FAILED)]
+    checks += [*of_traces, *_statements(settings)]
+    records = list(_records(displacement, bounces, settings, hums))
+    headers = [d for d in readings or () if d is not None]
+    is_damaged = any(check.level == "impossible" for check in of_traces)
+    causes = [] if is_damaged else list(_causes(settings, headers, settings.laser, records))
+    of_records = {fall.name: _of_record(fall, moved, settings) for fall, moved in records}
+    everything = [check for some in of_records.values() for check in some]
+    if causes and not explain(everything, causes):
+        by_name = dict(zip(settings.laser, readings or (), strict=False))
+        everything = [c for one in records for c in _alone(of_records[one[0].name], one, by_name, settings)]
+    checks += everything
+    checks += fall_checks.repeats_alike([fall for fall, _ in records], _REPEATS, _OF_ANOTHER)
     if not records:
         checks.append(not_made("free-fall acceleration", "g", "a record of bounces"))
     compared = []
     if repeats is not None and model is not None and comparison is not None:
         compared = list(rows(comparison, repeats, model, settings=settings))
-    headers = [d for d in readings or () if d is not None]
-    causes = list(_causes(settings, headers, [moved for _, moved in records]))
     return judgements.judgement(Scene(checks, causes, compared, _inputs(model, repeats)))
 
 
+def _explained(failed: Check, of_traces: Sequence[Check], record: str) -> Check:
+    """Give a step that failed its line, and the cause that the readings themselves show."""
+    place = re.search(rf"{re.escape(failed.file)}:(\d+)", failed.message) if failed.file else None
+    if place is not None:
+        failed = replace(failed, line=int(place[1]))
+    of_record = re.search(rf"{re.escape(record.rpartition('/')[2])}:(\d+): values", failed.message)
+    if of_record is not None:
+        return replace(failed, file=record, line=int(of_record[1]))
+    worst = [c for c in of_traces if c.file == failed.file and c.level in ("impossible", "doubtful")]
+    worst.sort(key=lambda check: check.level != "impossible")
+    if worst:
+        return replace(failed, cause=worst[0].cause)
+    if _MARKER.search(failed.message):
+        return replace(failed, cause=trace_checks.OUT_OF_RANGE)
+    if "begins in motion" in failed.message:
+        return replace(failed, cause=_IN_MOTION)
+    return failed
+
+
+def _alone(
+    checks: Sequence[Check],
+    record: tuple[Fall, xr.Dataset],
+    readings: Mapping[str, xr.Dataset | None],
+    settings: BallDrop,
+) -> list[Check]:
+    """Explain one record that is wrong in another way than its repeats."""
+    name = record[0].name
+    header = readings.get(name)
+    causes = [
+        replace(cause, say=lambda _: _OF_ANOTHER, file=name, setting="") if cause.setting == "height" else cause
+        for cause in _causes(settings, [] if header is None else [header], [name], [record])
+    ]
+    ranked = explain(checks, causes)
+    found = []
+    for check in checks:
+        best = next((e for e in ranked if check.name in e.checks), None)
+        if check.level is None or check.cause or best is None:
+            found.append(check)
+        else:
+            of = best.cause
+            found.append(replace(check, cause=best.sentence, file=of.file, line=of.line, setting=of.setting))
+    return found
+
+
+def _statements(settings: BallDrop) -> Iterator[Check]:
+    """Hold stated uncertainties against what they belong to."""
+    law = "an uncertainty is far smaller than what it belongs to"
+    sphere = settings.sphere
+    for setting, given in (("height", settings.height), ("sphere.radius", sphere.radius), ("sphere.mass", sphere.mass)):
+        text = f"{setting} is stated as {quantity(given.value, given.si)} with u = {quantity(given.u, given.si)}"
+        is_large = given.u > _LARGE * abs(given.value)
+        cause = "the uncertainty was typed in another unit or with a lost decimal" if is_large else ""
+        yield stated(
+            f"uncertainty of {setting}", law, text, "doubtful" if is_large else None, cause=cause, setting=setting
+        )
+
+
 def _records(
-    readings: Sequence[xr.Dataset | None] | None,
     displacement: Sequence[xr.Dataset | None] | None,
     bounces: Sequence[xr.Dataset | None] | None,
     settings: BallDrop,
+    hums: Mapping[str, tuple[float, float]],
 ) -> Iterator[tuple[Fall, xr.Dataset]]:
-    del readings
     triples = zip(settings.laser, displacement or (), bounces or (), strict=False)
     for name, moved, found in triples:
         if moved is not None and found is not None and found.sizes["impact"]:
             relative = float(moved.attrs["u_systematic_relative"])
-            yield Fall(name, found, relative), moved
+            yield Fall(name, found, relative, *hums.get(name, (0.0, 0.0))), moved
 
 
 def _of_record(fall: Fall, moved: xr.Dataset, settings: BallDrop) -> list[Check]:
     gravity = settings.model.gravity
-    raw, time = moved["displacement_raw"].values, moved["time"].values
-    still = time < float(fall.bounces["release_time"])
     sphere = settings.sphere
     return [
         fall_checks.acceleration(fall, gravity),
@@ -87,10 +172,10 @@ def _of_record(fall: Fall, moved: xr.Dataset, settings: BallDrop) -> list[Check]
         fall_checks.restitution(fall),
         fall_checks.apexes(fall),
         fall_checks.flights_alike(fall, gravity),
-        fall_checks.contact_duration(fall, sphere.radius.value, sphere.mass.value, _contact_modulus(settings)),
+        fall_checks.contact_duration(fall, sphere.radius.value, sphere.mass.value, _contact_modulus(settings), gravity),
         fall_checks.rest_level(fall, _sag(settings)),
-        fall_checks.held_readings(fall.name, time, raw, float(moved.attrs["resolution"])),
-        fall_checks.hum(fall.name, time[still], raw[still], float(moved.attrs["noise"])),
+        fall_checks.direction(fall),
+        fall_checks.ends_early(fall, float(moved["time"][-1])),
     ]
 
 
@@ -126,12 +211,14 @@ def _inputs(model: xr.Dataset | None, repeats: xr.Dataset | None) -> dict[str, Q
     } | {SCALE: Quantity(1.0, relative, "1")}
 
 
-def _causes(settings: BallDrop, readings: Sequence[xr.Dataset], moved: Sequence[xr.Dataset]) -> Iterator[Cause]:
+def _causes(
+    settings: BallDrop, readings: Sequence[xr.Dataset], names: Sequence[str], records: Sequence[tuple[Fall, xr.Dataset]]
+) -> Iterator[Cause]:
     g, fall, v = "free-fall acceleration", "height of the fall", "speed of the first impact"
     duration = "duration of the first contact"
     if readings:
         first = readings[0]
-        header, file = str(first.attrs.get("header", "")), settings.laser[0]
+        header, file = str(first.attrs.get("header", "")), names[0]
         interval = float(first.attrs["sampling_interval"])
         line = line_of(header, "cycle", "period", "周期")
         given = settings.keyence.cycle is not None
@@ -149,36 +236,49 @@ def _causes(settings: BallDrop, readings: Sequence[xr.Dataset], moved: Sequence[
         yield Cause(
             {g: 1.0, fall: 1.0, v: 0.5},
             lambda k: (
-                f"lengths come out {k:.4g} times too large: the unit or display factor of "
+                f"lengths come out {k:.4g} times too large: the unit, the decimal point or the display factor of "
                 f"{file} is not what it says" + (f" (line {unit_line})" if unit_line else "")
             ),
             (*_UNITS, *_GAINS),
+            only_usual=True,
             file=file,
             line=unit_line,
         )
-    if moved:
-        angle = float(moved[0]["inclination"])
-        yield Cause(
-            {g: 1.0, fall: 1.0, v: 0.5},
-            lambda k: (
-                f"the inclination of {angle * 180 / pi:.3g}° in {settings.calibration} makes "
-                f"lengths {k:.4g} times too large: it is wrong, is its complement, or was corrected "
-                "twice"
-            ),
-            tuple(fall_checks.usual_angles(angle)),
-            file=settings.calibration,
-            setting="values.inclination",
-        )
+    if records:
+        first_fall, moved = records[0]
+        angle = float(moved["inclination"])
+        cosine = cos(angle) * float(first_fall.bounces["fall_acceleration"]) / settings.model.gravity.value
+        if _LEAST_COSINE < cosine < 1.01:
+            yield Cause(
+                {g: 1.0, fall: 1.0, v: 0.5},
+                lambda k: _inclined(angle, k, settings.calibration),
+                file=settings.calibration,
+                setting="values.inclination",
+            )
+        else:
+            yield Cause(
+                {g: 1.0, fall: 1.0, v: 0.5},
+                lambda k: (
+                    f"lengths come out {k:.4g} times too large: the scale of {settings.calibration} or the gain "
+                    "of the sensor is not what it says"
+                ),
+                file=settings.calibration,
+                setting="values.scale",
+            )
     yield Cause(
         {fall: -1.0},
         times_over("the drop height", settings.height.value, "m", "height in session.toml"),
         (10.0, 0.1, 2.0, 0.5),
         setting="height",
     )
-    yield Cause(
-        {duration: -0.4},
-        times_over("the moving mass", settings.sphere.mass.value, "kg", "sphere.mass in session.toml"),
-        (1e3, 1e-3, 100.0, 0.01, 10.0, 0.1),
-        only_usual=True,
-        setting="sphere.mass",
+
+
+def _inclined(angle: float, factor: float, record: str) -> str:
+    """Say which inclination would explain lengths that are a factor too large."""
+    cosine = min(cos(angle) * factor, 1.0)
+    right = acos(cosine) * 180 / pi
+    more = ": it was corrected twice, by the controller too" if right < _LEVEL else ""
+    return (
+        f"the inclination of {angle * 180 / pi:.3g}° in {record} makes lengths {factor:.4g} times too large; "
+        f"{right:.3g}° would be right{more}"
     )

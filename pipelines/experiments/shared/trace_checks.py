@@ -1,0 +1,376 @@
+"""Checks of a sensor's readings by themselves, before anything is found in them.
+
+A body has inertia: between two readings it moves no further than its speed allows, it does not
+stand still in mid-flight, and its noise never repeats itself. What breaks that is the sensor, the
+cable or the file, and it is told with its place in time.
+"""
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+import xarray as xr
+
+from labpipe.judging import Check, Level, not_made, stated
+from labpipe.report import quantity
+from labpipe.signals import quantisation_step
+
+FLAT = 6
+"""Equal readings in a row that a moving body does not give."""
+_SLOW = 0.05  # of the largest step, below which a body may rest on one reading
+_FASTER = 3.0  # times the largest usual step between two readings, beyond which it is a jump
+_LEAST_JUMP = 0.02  # of the travel
+_IN_NOISE = 8.0  # standard deviations of noise that a jump exceeds
+_RETURN = 3  # readings within which a spike is over
+_MANY_SPIKES = 0.01  # of all readings
+_BLOCK = 48  # readings that do not repeat by chance
+_LIVELY = 24  # of which at least so many differ from the one before
+_COARSE, _TOO_COARSE = 5e-3, 3e-2  # of the travel
+_SINE = 0.98  # of the variance
+_QUIET = 200  # readings at the beginning that should be still
+_FALL = (0.4, 2.5)  # times g, curvature of a beginning in mid-fall
+_MAINS = (50.0, 60.0)
+_GONE = 0.1  # of the travel, by which a body has left its place
+_SURE = 1e-6  # probability by chance of a line in a spectrum that is told
+_PERIODS = 0.6  # of the mains, without which hum cannot be told from drift
+_HUM = 0.01  # of the travel, beyond which hum is doubtful
+_LIMITS = (1e-3, 0.02, 0.2)  # of the travel: drift over the record that is told, doubtful, impossible
+
+_HELD = (
+    "the sensor was out of its range (clipped) or held its last value: the impact is not measured there; "
+    "move the sensor or choose a larger range"
+)
+OUT_OF_RANGE = (
+    "the sensor was out of its range, and the controller wrote that in place of a reading: the impact "
+    "is not measured there; move the sensor or choose a larger range"
+)
+WRONG_CHANNEL = "the wrong channel or file was recorded, or the sensor did not see the body"
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """The readings of one record.
+
+    Attributes
+    ----------
+    name : str
+        File, for messages.
+    time, reading : array (time,)
+        In s and m; NaN where there is no valid reading.
+    """
+
+    name: str
+    time: np.ndarray
+    reading: np.ndarray
+
+    @classmethod
+    def of(cls, name: str, readings: xr.Dataset, output: str) -> "Trace | None":
+        """Take one output; None where it is not there or no length."""
+        if output not in readings or readings[output].attrs.get("units") != "m":
+            return None
+        x = np.array(readings[output].values, float)
+        state = output.replace("out", "status")
+        if state in readings:
+            x[readings[state].values != 0] = np.nan
+        return cls(name, readings["time"].values, x)
+
+    @property
+    def travel(self) -> float:
+        """Range of the readings without their extremes [m]."""
+        low, high = np.nanquantile(self.reading, [0.005, 0.995])
+        return float(high - low)
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of a reading, from second differences [m]."""
+        bend = np.diff(self.reading, 2)
+        bend = bend[np.isfinite(bend)]
+        return float(1.4826 * np.median(np.abs(bend)) / np.sqrt(6.0)) if bend.size else 0.0
+
+    @property
+    def resolution(self) -> float:
+        """Smallest difference between two readings [m]."""
+        x = self.reading[np.isfinite(self.reading)]
+        return float(quantisation_step(x)) if np.unique(x).size > 1 else 0.0
+
+    def at(self, index: int) -> str:
+        """Write the time of a reading."""
+        return quantity(float(self.time[index]), "s")
+
+
+def checks_of(trace: Trace, gravity: float) -> tuple[list[Check], float, float]:
+    """Make all checks of a trace, those first that explain others.
+
+    Returns
+    -------
+    checks : list of Check
+    amplitude, pulsation : float
+        Of the hum of the mains [m, rad/s]; 0 where there is none.
+    """
+    if np.isfinite(trace.reading).sum() < 10 * FLAT:
+        return [not_made("readings", "a record has readings", "sixty valid readings")], 0.0, 0.0
+    held = held_readings(trace)
+    found = [unread(trace), held, repeated_rows(trace), wave(trace)]
+    if held.level is None:
+        found.append(jumps(trace))
+    humming, amplitude, pulsation = hum(trace, gravity)
+    found += [humming, resolution(trace)]
+    if amplitude == 0.0:
+        found.append(beginning(trace, gravity))
+    return found, amplitude, pulsation
+
+
+def unread(trace: Trace) -> Check:
+    """Look for readings that the sensor gave as invalid."""
+    title, law = "readings out of range", "a sensor sees the body all the time"
+    lost = ~np.isfinite(trace.reading)
+    longest, start = _longest_run(lost)
+    if not longest:
+        return stated(title, law, f"{trace.name}: every reading is valid", None, file=trace.name)
+    text = (
+        f"{trace.name}: {int(lost.sum())} readings are out of range or invalid, {longest} of them in a row "
+        f"from {trace.at(start)}: what the body does there is not measured"
+    )
+    level: Level = "doubtful" if longest >= FLAT else "note"
+    return stated(title, law, text, level, file=trace.name, cause=OUT_OF_RANGE)
+
+
+def held_readings(trace: Trace) -> Check:
+    """Look for a body that stands still on one reading while it should move."""
+    title, law = "clipped or held readings", "a moving body gives no equal readings in a row"
+    x, step = trace.reading, trace.resolution
+    moves = np.abs(np.diff(x))
+    usual = float(np.nanquantile(moves, 0.98))
+    longest, start = _longest_run(np.nan_to_num(moves, nan=np.inf) <= 0.5 * step)
+    around = np.abs(np.diff(x[max(start - 4, 0) : start + longest + 5]))
+    edge = float(np.nanmax(around)) if np.isfinite(around).any() else 0.0
+    is_moving = usual > 3 * step and edge > max(_SLOW * usual, 3 * step)
+    if longest < FLAT or not (is_moving or longest >= x.size - 2):
+        return stated(title, law, f"{trace.name}: no clipped or held readings", None, file=trace.name)
+    is_tail = start + longest >= x.size - 2
+    until = "until the end" if is_tail else "in the middle of motion"
+    text = f"{trace.name}: {longest + 1} equal readings in a row from {trace.at(start)}, {until} (clipped or held)"
+    cause = _HELD
+    if longest >= x.size - 2:
+        cause = WRONG_CHANNEL
+    elif is_tail and x[start] == 0.0:
+        cause = "the end of the file is filled with zeros: the recording or its copy broke off there"
+    return stated(title, law, text, "impossible", file=trace.name, cause=cause)
+
+
+def repeated_rows(trace: Trace) -> Check:
+    """Look for a stretch of readings that comes twice, digit by digit."""
+    title, law = "rows that come twice", "noise does not repeat itself"
+    x, step = trace.reading, trace.resolution
+    if x.size < 3 * _BLOCK or step == 0.0:
+        return not_made(title, law, f"{3 * _BLOCK} readings that differ")
+    count = np.round(np.nan_to_num(x) / step).astype(np.int64).astype(np.uint64)
+    weights = np.random.default_rng(0).integers(1, 2**63, _BLOCK, dtype=np.uint64) | np.uint64(1)
+    keys = np.zeros(x.size - _BLOCK + 1, np.uint64)
+    for k, weight in enumerate(weights):
+        keys += weight * count[k : k + keys.size]
+    changes = np.concatenate([[0], np.cumsum(np.diff(count.astype(np.int64)) != 0)])
+    is_lively = changes[_BLOCK - 1 :] - changes[: keys.size] >= _LIVELY
+    places = np.flatnonzero(is_lively)
+    _, first, inverse = np.unique(keys[places], return_index=True, return_inverse=True)
+    again = places[first[inverse]]
+    twice = np.flatnonzero((again != places) & (np.abs(places - again) >= _BLOCK))
+    if not twice.size:
+        return stated(title, law, f"{trace.name}: no stretch of readings comes twice", None, file=trace.name)
+    second, original = int(places[twice[0]]), int(again[twice[0]])
+    rows = int(twice.size) + _BLOCK - 1
+    text = (
+        f"{trace.name}: {rows} readings from {trace.at(second)} come twice, digit by digit those from "
+        f"{trace.at(original)}"
+    )
+    return stated(
+        title,
+        law,
+        text,
+        "impossible",
+        file=trace.name,
+        cause="rows were doubled, or two copies pasted together, when the file was made or edited",
+    )
+
+
+def jumps(trace: Trace) -> Check:
+    """Look for steps between two readings that no speed of the body explains."""
+    title, law = "jumps and spikes", "a body has inertia: it moves no further than its speed allows"
+    known = np.flatnonzero(np.isfinite(trace.reading))
+    x = trace.reading[known]
+    steps = np.diff(x)
+    usual = float(np.quantile(np.abs(steps), 0.995))
+    limit = max(_FASTER * usual, _LEAST_JUMP * trace.travel) + _IN_NOISE * trace.noise + 2 * trace.resolution
+    large = np.flatnonzero((np.abs(steps) > limit) & (np.diff(known) == 1))
+    spikes, levels = _spikes_and_levels(x, large, limit)
+    if levels:
+        worst = max(levels, key=lambda i: abs(float(steps[i])))
+        text = (
+            f"{trace.name}: the readings jump by {quantity(float(steps[worst]), 'm')} at "
+            f"{trace.at(int(known[worst + 1]))}, {quantity(usual, 'm')} between two readings is usual"
+        )
+        cause = (
+            "readings were lost there and the rest numbered anew, two recordings were pasted together, or the "
+            "sensor was moved"
+        )
+        return stated(title, law, text, "impossible", file=trace.name, cause=cause)
+    if spikes:
+        worst = max(spikes, key=lambda i: abs(float(steps[i])))
+        more = f"{len(spikes)} spikes, the largest" if len(spikes) > 1 else "one spike"
+        text = (
+            f"{trace.name}: {more} of {quantity(abs(float(steps[worst])), 'm')} at "
+            f"{trace.at(int(known[worst + 1]))}, left out"
+        )
+        many = len(spikes) > _MANY_SPIKES * x.size
+        cause = "a disturbance of the sensor, such as a flash of light or a speck of dust"
+        return stated(title, law, text, "doubtful" if many else "note", file=trace.name, cause=cause)
+    return stated(title, law, f"{trace.name}: no jump and no spike", None, file=trace.name)
+
+
+def _spikes_and_levels(x: np.ndarray, large: np.ndarray, limit: float) -> tuple[list[int], list[int]]:
+    """Part large steps into those that are taken back within a few readings, and those that stay."""
+    spikes, levels, place = [], [], 0
+    while place < large.size:
+        i = int(large[place])
+        back = [int(j) for j in large[place + 1 :] if j <= i + _RETURN]
+        end = back[-1] + 1 if back else i + 1
+        if back and abs(float(x[min(end, x.size - 1)] - x[i])) < limit:
+            spikes.append(i)
+            place += len(back) + 1
+        elif i == 0 or i >= x.size - 2:
+            spikes.append(i)
+            place += 1
+        else:
+            levels.append(i)
+            place += 1
+    return spikes, levels
+
+
+def wave(trace: Trace) -> Check:
+    """Look whether all that is seen is one sine."""
+    title, law = "shape of the record", "a drop is no sine"
+    known = np.isfinite(trace.reading)
+    t, x = trace.time[known], trace.reading[known]
+    spread = float(np.var(x))
+    power = np.abs(np.fft.rfft(x - x.mean()))
+    if spread == 0.0 or power.size < 3:
+        return not_made(title, law, "readings that differ")
+    peak = (1 + int(np.argmax(power[1:]))) / (x.size * float(np.median(np.diff(t))))
+    best, at = 0.0, peak
+    for f in np.linspace(0.6 * peak, 1.4 * peak, 33):
+        basis = np.stack([np.ones_like(t), np.cos(2 * pi * f * t), np.sin(2 * pi * f * t)], axis=1)
+        fit = basis @ np.linalg.lstsq(basis, x, rcond=None)[0]
+        explained = 1 - float(np.var(x - fit)) / spread
+        if explained > best:
+            best, at = explained, float(f)
+    n_periods = at * float(t[-1] - t[0])
+    if best > _SINE and n_periods > 1.5:
+        text = f"{trace.name}: {best:.0%} of what is seen is a sine of {at:.3g} Hz, no fall and no bounces"
+        return stated(title, law, text, "impossible", file=trace.name, cause=WRONG_CHANNEL)
+    return stated(title, law, f"{trace.name}: not a sine", None, file=trace.name)
+
+
+def beginning(trace: Trace, gravity: float) -> Check:
+    """Hold the first readings against a body at rest."""
+    title, law = "beginning of the record", "before its release the body is at rest"
+    known = np.flatnonzero(np.isfinite(trace.reading))[:_QUIET]
+    if known.size < _QUIET:
+        return not_made(title, law, f"{_QUIET} readings")
+    t = trace.time[known] - trace.time[known[0]]
+    x = trace.reading[known]
+    keep = np.abs(x - np.median(x)) < max(0.25 * trace.travel, 20 * trace.noise)
+    t, x = t[keep], x[keep]
+    span = float(t[-1])
+    noise = max(trace.noise, 0.3 * trace.resolution, 1e-12)
+    if t.size < _QUIET // 2 or span == 0.0:
+        return not_made(title, law, "a quiet beginning")
+    bend = 2 * float(np.polynomial.Polynomial.fit(t, x, 2).convert().coef[-1])
+    u_bend = noise * np.sqrt(720.0 / t.size) / span**2
+    slope = float(np.polyfit(t, x, 1)[0])
+    u_slope = noise * np.sqrt(12.0 / t.size) / span
+    if _FALL[0] * gravity < abs(bend) < _FALL[1] * gravity and abs(bend) > 10 * u_bend:
+        text = f"{trace.name}: the first {quantity(span, 's')} are curved by {quantity(abs(bend), 'm/s2')}: a fall"
+        cause = (
+            "the record begins in mid-fall: the body was released before the trigger; record from earlier on. "
+            "Its release and height are not measured"
+        )
+        return stated(title, law, text, "impossible", file=trace.name, cause=cause)
+    length = float(trace.time[-1] - trace.time[0])
+    drift = abs(slope) * length
+    is_sure = abs(slope) > 10 * u_slope and abs(bend) * span < abs(slope)
+    part = drift / trace.travel if trace.travel > 0 else 0.0
+    if not is_sure or part < _LIMITS[0] or drift < 10 * noise:
+        return stated(title, law, f"{trace.name}: at rest in the beginning", None, file=trace.name)
+    text = (
+        f"{trace.name}: the readings drift by {quantity(slope, 'm/s')} before the release, "
+        f"{quantity(drift, 'm')} over the record"
+    )
+    level: Level = "impossible" if part > _LIMITS[2] else "doubtful" if part > _LIMITS[1] else "note"
+    cause = "drift of the sensor or of what holds it: let it warm up, or fasten it"
+    return stated(title, law, text, level, file=trace.name, cause=cause)
+
+
+def resolution(trace: Trace) -> Check:
+    """Hold the display's step against the travel."""
+    title, law = "resolution of the readings", "a record resolves what is measured in it"
+    step, travel = trace.resolution, trace.travel
+    if step == 0.0 or travel == 0.0:
+        return not_made(title, law, "readings that differ")
+    text = f"{trace.name}: a resolution of {quantity(step, 'm')} for a travel of {quantity(travel, 'm')}"
+    level: Level | None = "doubtful" if step > _TOO_COARSE * travel else "note" if step > _COARSE * travel else None
+    cause = "the display shows too few digits: set more decimals in the controller"
+    return stated(title, law, text, level, file=trace.name, cause=cause if level else "")
+
+
+def hum(trace: Trace, gravity: float) -> tuple[Check, float, float]:
+    """Look for a line of the mains in the part of a record where the body is still.
+
+    Returns
+    -------
+    check : Check
+    amplitude, pulsation : float
+        In m and rad/s; 0 where there is none.
+    """
+    title, law = ("noise of the record", "noise of a sensor has no line at the frequency of the mains")
+    none = stated(title, law, f"{trace.name}: no line of the mains", None, file=trace.name)
+    known = np.flatnonzero(np.isfinite(trace.reading))
+    t, x = trace.time[known], trace.reading[known]
+    gone = np.abs(x - np.median(x[:_QUIET])) > _GONE * trace.travel
+    gone &= np.concatenate([gone[1:], [True]])  # a spike is not the fall
+    release = t[int(np.argmax(gone))] if gone.any() else t[-1]
+    still = t < release - np.sqrt(4 * _GONE * trace.travel / gravity)
+    if still.sum() < _QUIET:
+        return not_made(title, law, "a part of the record in which the body is still"), 0.0, 0.0
+    t, x = t[still], x[still]
+    keep = np.abs(x - np.median(x)) <= 3 * float(np.quantile(np.abs(x - np.median(x)), 0.98))
+    t, x = t[keep] - t[0], x[keep]
+    quadratic = np.stack([np.ones_like(t), t, t**2], axis=1)
+    before = x - quadratic @ np.linalg.lstsq(quadratic, x, rcond=None)[0]
+    best = (0.0, 0.0, 0.0)
+    for line in _MAINS:
+        angle = 2 * pi * line * t
+        basis = np.concatenate([quadratic, np.stack([np.cos(angle), np.sin(angle)], axis=1)], axis=1)
+        fit = np.linalg.lstsq(basis, x, rcond=None)[0]
+        left = float(np.sum((x - basis @ fit) ** 2))
+        gain = 1 - left / max(float(np.sum(before**2)), 1e-300)
+        if gain > best[0]:
+            best = (gain, float(np.hypot(*fit[-2:])), line)
+    gain, amplitude, line = best
+    # chance that white noise looks like this: (1 - R^2)^((n - 5)/2)
+    is_sure = gain > 1 - _SURE ** (2 / (t.size - 5))
+    if not is_sure or amplitude < max(trace.noise, 0.5 * trace.resolution) or line * float(t[-1]) < _PERIODS:
+        return none, 0.0, 0.0
+    text = f"{trace.name}: hum of {quantity(amplitude, 'm')} at {line:g} Hz"
+    level: Level = "note" if amplitude < _HUM * trace.travel else "doubtful"
+    cause = "mains hum: ground the sensor, or average over one period"
+    return stated(title, law, text, level, file=trace.name, cause=cause), amplitude, 2 * pi * line
+
+
+def _longest_run(flags: np.ndarray) -> tuple[int, int]:
+    """Return length and start of the longest run of true values."""
+    if not flags.any():
+        return 0, 0
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    starts, ends = edges[::2], edges[1::2]
+    best = int(np.argmax(ends - starts))
+    return int(ends[best] - starts[best]), int(starts[best])

@@ -1,0 +1,347 @@
+"""Mistakes that laboratories make with a recorded ball drop: the edit, and what must be said."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from labpipe import files, materials
+from labpipe.arrays import Floats
+from pipelines.rig.drops import write_drops
+from pipelines.rig.fall import DropRig
+from pipelines.rig.samples import drop_section, laser_record, session_head
+from tests.mistakes.recordings import ALL, Edit, cells, header, setting, values
+
+FIRST = ALL[:1]
+LAST = ALL[-1:]
+RECORD = "calibration/laser.toml"
+START = datetime(2024, 5, 14, 9, 30)
+_DEEP = 0.04  # mm above the lowest reading: inside the contacts
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """One edit of the clean session and what its verdict must hold.
+
+    Attributes
+    ----------
+    name : str
+    edit : callable
+        Takes the session's folder.
+    level : str
+        The verdict; "note" stands for "yes" with a sentence.
+    words : tuple of str
+        Words of the findings' messages and causes, case aside.
+    file : str
+        File that a finding must name; empty for any.
+    line : int or None
+        Line of that file that it must name.
+    """
+
+    name: str
+    edit: Edit
+    level: str
+    words: tuple[str, ...] = ()
+    file: str = ""
+    line: int | None = None
+
+
+def write(folder: Path) -> Path:
+    """Write the clean session: three drops of acrylic over 0.12 s."""
+    rig = DropRig(duration=0.12)
+    names = write_drops(folder, "drop", rig, materials.load("acrylic"), 1.5e-3, 3, 11, START)
+    files.write_text(folder / RECORD, laser_record())
+    text = session_head("Mistakes (synthetic)") + drop_section("drop", names, 1.5e-3, "acrylic")
+    files.write_text(folder / "session.toml", text)
+    return folder
+
+
+def _thinned(texts: list[str]) -> list[str]:
+    return texts[::2]
+
+
+def _scaled(k: float) -> Callable[[Floats], Floats]:
+    return lambda x: x * k
+
+
+def _in_contact(text: str) -> Callable[[list[str]], list[str]]:
+    """Return what puts a text in place of the readings deep in the contacts."""
+
+    def change(texts: list[str]) -> list[str]:
+        x = np.array([float(t) for t in texts])
+        lowest = x.min() + _DEEP
+        return [text if v < lowest else t for v, t in zip(x, texts, strict=True)]
+
+    return change
+
+
+def _held(texts: list[str]) -> list[str]:
+    x = np.array([float(t) for t in texts])
+    lowest, kept = x.min() + _DEEP, []
+    for v, t in zip(x, texts, strict=True):
+        kept.append(kept[-1] if v < lowest else t)
+    return kept
+
+
+def _clipped(low: float | None, high: float | None) -> Callable[[Floats], Floats]:
+    """Return what clips the readings at parts of their range."""
+
+    def change(x: Floats) -> Floats:
+        a, b = x.min(), x.max()
+        return np.clip(x, None if low is None else a + low * (b - a), None if high is None else a + high * (b - a))
+
+    return change
+
+
+def _noise(x: Floats) -> Floats:
+    return x[0] + np.random.default_rng(1).normal(0.0, 0.001, x.size)
+
+
+def _constant(x: Floats) -> Floats:
+    return np.full(x.size, x[0])
+
+
+def _sine(x: Floats) -> Floats:
+    t = np.arange(x.size) * 50e-6
+    return x[0] - 0.4 * np.abs(np.sin(2 * np.pi * 20 * t)) + np.random.default_rng(2).normal(0.0, 7e-4, x.size)
+
+
+def _bare_sine(x: Floats) -> Floats:
+    t = np.arange(x.size) * 50e-6
+    return x[0] + 0.7 * np.sin(2 * np.pi * 25 * t) + np.random.default_rng(3).normal(0.0, 7e-4, x.size)
+
+
+def _hum(amplitude: float, frequency: float = 50.0) -> Callable[[Floats], Floats]:
+    return lambda x: x + amplitude * np.sin(2 * np.pi * frequency * 50e-6 * np.arange(x.size))
+
+
+def _jump(x: Floats) -> Floats:
+    return x + 0.5 * (np.arange(x.size) > 1500)
+
+
+def _drift(x: Floats) -> Floats:
+    return x + np.linspace(0.0, 1.0, x.size)
+
+
+def _spike(place: int, size: float) -> Callable[[Floats], Floats]:
+    def change(x: Floats) -> Floats:
+        out = x.copy()
+        out[place] += size
+        return out
+
+    return change
+
+
+def _upside_down(x: Floats) -> Floats:
+    return 2 * x[0] - x
+
+
+def _rounded(step: float) -> Callable[[Floats], Floats]:
+    return lambda x: np.round(x / step) * step
+
+
+def _lost(texts: list[str]) -> list[str]:
+    return texts[:1000] + texts[1060:]
+
+
+def _doubled(texts: list[str]) -> list[str]:
+    return texts[:1060] + texts[1000:]
+
+
+def _pasted(texts: list[str]) -> list[str]:
+    return texts + texts
+
+
+def _zero_tail(texts: list[str]) -> list[str]:
+    return texts[:1400] + ["+00.0000"] * (len(texts) - 1400)
+
+
+def _lost_point(texts: list[str]) -> list[str]:
+    return [t.replace(".", "") for t in texts]
+
+
+def _copied(folder: Path) -> None:
+    (folder / ALL[2]).write_bytes((folder / ALL[1]).read_bytes())
+
+
+def _other_height(height: float, material: str = "acrylic") -> Edit:
+    def edit(folder: Path) -> None:
+        rig = DropRig(duration=0.12)
+        name = write_drops(folder / "other", "drop", rig, materials.load(material), height, 1, 14, START)[0]
+        (folder / ALL[2]).write_bytes((folder / "other" / name).read_bytes())
+
+    return edit
+
+
+def _both(*edits: Edit) -> Edit:
+    def edit(folder: Path) -> None:
+        for one in edits:
+            one(folder)
+
+    return edit
+
+
+_CYCLE = "Sampling cycle,50us"
+_TOML = "session.toml"
+
+ROWS = (
+    # time
+    Mistake(
+        "cycle 100 for 50 us",
+        header(_CYCLE, "Sampling cycle,100us"),
+        "impossible",
+        ("sampling interval", "50.0 µs"),
+        ALL[0],
+        4,
+    ),
+    Mistake(
+        "cycle 20 for 50 us",
+        header(_CYCLE, "Sampling cycle,20us"),
+        "impossible",
+        ("sampling interval", "50.0 µs"),
+        ALL[0],
+        4,
+    ),
+    Mistake(
+        "cycle 51 for 50 us",
+        header(_CYCLE, "Sampling cycle,51us"),
+        "impossible",
+        ("sampling interval", "50.0 µs"),
+        ALL[0],
+        4,
+    ),
+    Mistake(
+        "cycle 52.5 for 50 us",
+        header(_CYCLE, "Sampling cycle,52.5us"),
+        "impossible",
+        ("sampling interval", "50.0 µs"),
+        ALL[0],
+        4,
+    ),
+    Mistake("cycle without unit", header(_CYCLE, "Sampling cycle,50"), "impossible", ("unit",)),
+    Mistake(
+        "storage x2 written",
+        header("Storage cycle,x1", "Storage cycle,x2"),
+        "impossible",
+        ("sampling interval", "50.0 µs"),
+        ALL[0],
+    ),
+    Mistake("every second row kept", cells(_thinned), "impossible", ("sampling interval", "100 µs"), ALL[0]),
+    Mistake(
+        "cycle 100 for 50 us in one file",
+        header(_CYCLE, "Sampling cycle,100us", LAST),
+        "impossible",
+        ("sampling interval", "50.0 µs"),
+        ALL[2],
+        4,
+    ),
+    Mistake("unit um in one file", header("Unit,mm", "Unit,um", LAST), "impossible", ("unit",), ALL[2], 8),
+    # length
+    Mistake("unit um", header("Unit,mm", "Unit,um"), "impossible", ("unit", "0.001"), ALL[0], 8),
+    Mistake("unit cm", header("Unit,mm", "Unit,cm"), "impossible", ("unit",), ALL[0], 8),
+    Mistake("unit m", header("Unit,mm", "Unit,m"), "impossible", ("unit",), ALL[0], 8),
+    Mistake("unit mil", header("Unit,mm", "Unit,mil"), "impossible", ("unit",), ALL[0], 8),
+    Mistake("display x10", values(_scaled(10.0)), "impossible", ("10", "times too large")),
+    Mistake("gain one half", values(_scaled(0.5)), "impossible", ("0.5 times",)),
+    Mistake("display in mil", values(_scaled(1 / 0.0254), decimals=3), "impossible", ("39.37",)),
+    Mistake("decimal point lost", cells(_lost_point), "impossible", ("unit",)),
+    Mistake(
+        "gain one half in the record",
+        setting("1.0000 ±", "0.5000 ±", RECORD),
+        "impossible",
+        ("values.scale", "calibration"),
+    ),
+    # what the session states
+    Mistake("height 15 for 1.5 mm", setting('"1.5 ±', '"15 ±'), "impossible", ("drop height", "1.50 mm"), _TOML, 17),
+    Mistake(
+        "height 1.5 cm",
+        setting("1.5 ± 0.005 mm", "1.5 ± 0.0005 cm"),
+        "impossible",
+        ("drop height", "1.50 mm"),
+        _TOML,
+        17,
+    ),
+    Mistake("height 1.4 mm", setting('"1.5 ±', '"1.4 ±'), "impossible", ("drop height",), _TOML, 17),
+    Mistake("mass 505 kg", setting("505.0 ± 0.5 g", "505.0 ± 0.5 kg"), "impossible", ("mass", "505 g"), _TOML, 21),
+    Mistake("mass 5.05 g", setting("505.0 ± 0.5 g", "5.05 ± 0.005 g"), "doubtful", ("mass", "505 g"), _TOML, 21),
+    Mistake("uncertainty 5 mm", setting("± 0.005 mm", "± 5 mm"), "doubtful", ("uncertainty",), _TOML, 17),
+    # calibration
+    Mistake("inclination 22 deg", setting('"12.00', '"22.00', RECORD), "impossible", ("inclination",), RECORD, 13),
+    Mistake("inclination complement", setting('"12.00', '"78.00', RECORD), "impossible", ("inclination",), RECORD, 13),
+    Mistake(
+        "inclination in radians",
+        setting("12.00 ± 0.10 deg", "12.00 ± 0.10 rad", RECORD),
+        "impossible",
+        ("inclination",),
+        RECORD,
+        13,
+    ),
+    Mistake("inclination 0.12 deg", setting('"12.00', '"0.12', RECORD), "impossible", ("inclination",), RECORD, 13),
+    Mistake("corrected twice", values(_scaled(1 / np.cos(np.deg2rad(12.0)))), "impossible", ("inclination", "twice")),
+    Mistake("record expired", setting("2025-04-30", "2024-05-05", RECORD), "impossible", ("calibration record",)),
+    Mistake("record of a camera", setting('kind = "laser"', 'kind = "camera"', RECORD), "impossible", ("camera",)),
+    Mistake(
+        "record of another controller", setting("LK-G5001", "LK-G3001", RECORD), "impossible", ("calibration record",)
+    ),
+    # sensor
+    Mistake("constant channel", values(_constant), "impossible", ("channel",)),
+    Mistake("noise only", values(_noise), "impossible", ("channel",)),
+    Mistake("hum only", values(lambda x: _hum(0.05)(np.full(x.size, x[0]))), "impossible", ("channel",)),
+    Mistake("sine with cusps", values(_sine), "impossible", ()),
+    Mistake("sine", values(_bare_sine), "impossible", ("channel",)),
+    Mistake(
+        "direction reversed",
+        setting("[experiments.drop.sphere]", "[experiments.drop.sensor]\ndirection = -1\n\n[experiments.drop.sphere]"),
+        "impossible",
+        ("direction",),
+    ),
+    # out of range
+    *(
+        Mistake(f"out of range {text!r}", cells(_in_contact(text)), level, ("impact",))
+        for text, level in (
+            ("FFFFFFF", "doubtful"),
+            ("-", "impossible"),
+            ("", "impossible"),
+            ("+00.0000", "impossible"),
+            ("+99.9999", "doubtful"),
+            ("-99.9999", "doubtful"),
+            ("99999", "impossible"),
+        )
+    ),
+    Mistake("last value held", cells(_held), "impossible", ("held",)),
+    Mistake("clipped below", values(_clipped(0.03, None)), "impossible", ("clipped", "out of its range")),
+    Mistake("clipped above", values(_clipped(None, 0.9)), "impossible", ("clipped", "out of its range")),
+    # where in time
+    Mistake("pasted together", cells(_pasted), "impossible", ("120 ms",)),
+    Mistake(
+        "cut, with the old count", cells(lambda t: t[:1300], FIRST, counted=False), "impossible", ("not copied whole",)
+    ),
+    Mistake("cut in the first flight", cells(lambda t: t[:1000]), "note", ("ends",)),
+    Mistake("zero-filled tail", cells(_zero_tail), "impossible", ("70.0 ms",)),
+    Mistake("60 rows lost", cells(_lost), "impossible", ("lost",)),
+    Mistake("60 rows doubled", cells(_doubled), "impossible", ("twice",)),
+    Mistake("level jump", values(_jump), "impossible", ("75", "jump")),
+    Mistake("drift 1 mm", values(_drift), "impossible", ("drift",)),
+    Mistake("begins in mid-fall", cells(lambda t: t[600:]), "impossible", ("mid-fall",)),
+    Mistake("ends after first contact", cells(lambda t: t[:820]), "impossible", ("ends",)),
+    Mistake("one spike of 3 mm", values(_spike(900, 3.0)), "note", ("spike",)),
+    Mistake("spike before release", values(_spike(150, 3.0)), "note", ("spike",)),
+    Mistake("spike in the contact", values(_spike(775, -3.0)), "note", ("spike",)),
+    Mistake("hum of 5 um", values(_hum(0.005)), "note", ("hum",)),
+    Mistake("hum of 50 um", values(_hum(0.05)), "impossible", ("hum",)),
+    Mistake("resolution 10 um", values(_rounded(0.01)), "note", ("resolution",)),
+    Mistake("resolution 100 um", values(_rounded(0.1)), "impossible", ("resolution",)),
+    Mistake("upside down readings", values(_upside_down), "impossible", ("direction",)),
+    # repeats
+    Mistake("same file twice", _copied, "doubtful", ("same bytes",), ALL[2]),
+    Mistake("repeat of another height", _other_height(1.7e-3), "impossible", ("1.7", "another height"), ALL[2]),
+    Mistake(
+        "repeat of another polymer",
+        _other_height(1.5e-3, "ptfe"),
+        "impossible",
+        ("other repeats", "another body"),
+        ALL[2],
+    ),
+)
