@@ -54,7 +54,7 @@ def judgement(
         checks += mach1_checks.of_punch(settings.punch, settings.substrate, settings.model, deepest)
         checks += mach1_checks.of_force(name, settings.punch, settings.substrate, depth, force, expected)
     failed = mach1_checks.placed(judgements.failed_steps(context, _FAILED), name, settings.load_cell.record)
-    checks = [*mach1_checks.with_sign(checks), *failed]
+    checks = [*mach1_checks.weighed(checks), *failed]
     compared = []
     if comparison is not None and oscillations is not None and model is not None:
         compared = list(rows(comparison, oscillations, model, settings=settings))

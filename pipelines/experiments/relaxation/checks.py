@@ -45,7 +45,7 @@ def judgement(
         if read is not None and any(check.level for check in found):
             causes = list(mach1_checks.causes(name, read, settings.punch, settings.load_cell, found))
         # what is wrong with one file does not show in the others
-        checks += judge(mach1_checks.with_sign(found), causes).checks
+        checks += judge(mach1_checks.weighed(found), causes).checks
         relative = relative if load is None else relative_gain(load)
     known = next((d for d in loads or () if d is not None), None)
     if known is not None:

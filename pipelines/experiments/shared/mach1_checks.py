@@ -51,6 +51,7 @@ _LARGEST_PUNCH, _LARGE_PUNCH = 0.5, 0.15  # m, either way
 _POLYMER = (1e6, 1e10)  # Pa, reduced moduli of whatever is indented
 _U_RANGE = 0.25  # of the logarithm of a modulus at the ends of that range
 _U_MATERIAL = 0.5  # of the logarithm of the force for a solid that is known by its name
+_RIGHT = 1.0  # of that logarithm: no unit is so near to another
 _U_LAYER = 2.3  # the same where a thin layer stiffens the contact
 _OWN_FACTOR, _WRONG_FACTOR = 1.25, 3.0  # of true over displayed force: worth a doubt, and wrong
 _FACTORS = (1e3, 1e-3, 1e6, 1e-6, 10.0, 0.1, 100.0, 0.01, 2.0, 0.5, 60.0, 1 / 60.0)
@@ -160,15 +161,23 @@ def placed(checks: Sequence[Check], *files: str | None) -> list[Check]:
     return found
 
 
-def with_sign(checks: Sequence[Check]) -> list[Check]:
-    """Tell a wrong sign as the cause of all that it turns round."""
+def weighed(checks: Sequence[Check]) -> list[Check]:
+    """Weigh the checks of a file against each other.
+
+    A wrong sign is the cause of all that it turns round. A force that is that of the named
+    material has the right unit: then the cell can do more than its name says, which is a note.
+    """
     sign = next((check for check in checks if check.name == SIGN and check.level is not None), None)
-    if sign is None:
-        return list(checks)
-    return [
-        replace(check, cause=sign.cause, line=sign.line) if check.level and check.name in (FALL, PHASE) else check
-        for check in checks
-    ]
+    is_right = any(check.name == RATIO and abs(check.log_ratio) < _RIGHT for check in checks)
+    found = []
+    for check in checks:
+        if sign is not None and check.level and check.name in (FALL, PHASE):
+            found.append(replace(check, cause=sign.cause, line=sign.line))
+        elif is_right and check.level and check.name == CAPACITY:
+            found.append(replace(check, level="note", cause="the name of the cell does not say its capacity"))
+        else:
+            found.append(check)
+    return found
 
 
 def _moved(part: Part, values: Floats) -> float:

@@ -197,3 +197,19 @@ def test_thirty_tips_are_told_by_the_force_of_the_named_material(processed_sessi
     found = next(f for f in judged.findings if f.check == "force for the named material")
     assert "number of tips is probably 3" in found.cause
     assert found.setting == "punch.tips"
+
+
+def test_a_force_beyond_the_capacity_is_a_note_where_the_named_material_gives_it(processed_session: Path) -> None:
+    """A stiff polymer is no mistake, and a cell of that name may do more."""
+    results = opened(processed_session)
+    names = ("readings", "loads", "hold", "oscillations", "model", "comparison")
+    parts = [results.result("nbr", name) for name in names]
+    parts[0].attrs["blocks"] = parts[0].attrs["blocks"].replace('"250N', '"5N')
+    made = checks.judgement(*parts, settings=results.experiments["nbr"].settings, context=Steps().context("harmonic"))
+    judged = judgements.believed(made)
+    assert judged.believable == "yes"
+    assert [(f.check, f.level) for f in judged.findings] == [("capacity of the cell", "note")]
+    unknown = checks.judgement(
+        *parts[:4], None, None, settings=results.experiments["nbr"].settings, context=Steps().context("harmonic")
+    )
+    assert judgements.believed(unknown).believable == "impossible"
