@@ -28,6 +28,7 @@ PHASES = ("held", "falling", "bouncing", "vibration", "static")
 _LONGEST_ARC = 12e-3  # s of flight used on either side; longer adds less than the pulse costs
 _FALL_TOLERANCE = 0.35  # by which a flight's acceleration may differ from the common one
 _IMPULSIVE = 4.0  # times the fall's acceleration, the least mean acceleration of the first impact
+_RESTED = 0.1  # of the fall, by which a turn begins too early when the body still rests
 _REST_FRACTION = 0.01  # of the first impact speed, below which the body is at rest
 
 _SHARED = ("touch_time", "liftoff_time", "incoming_speed", "outgoing_speed", "restitution", "contact_duration")
@@ -302,14 +303,16 @@ def _add_release(
 ) -> None:
     """Release: where the falling arc has no speed. First contact: the first touch."""
     direction = 1.0 if float(result["touch_level"][0]) == impact.value[4] else -1.0
-    start = turn.before + (turn.descent - turn.before) // 10
-    fall = slice(start, int(np.searchsorted(time, impact.value[0])))
-    t = time[fall] - impact.value[0]
-    design = np.stack([np.ones_like(t), t, -0.5 * t**2], axis=1)
-    # The common fall is one more, very certain, reading.
-    design = np.vstack([design, [0.0, 0.0, sigma / gravity[1]]])
-    right = np.append(height[fall] - impact.value[4], gravity[0] * sigma / gravity[1])
-    (level, speed, fall_rate), *_ = np.linalg.lstsq(design, right, rcond=None)
+    start, touch = turn.before + (turn.descent - turn.before) // 10, float(impact.value[0])
+    # Slow drift or hum makes the turn begin while the body still rests. The last third of what is
+    # left falls for certain and says when the release was.
+    late = int(np.searchsorted(time, touch - (touch - time[start]) / 3))
+    (_, speed, fall_rate), _ = _falling_arc(time, height, sigma, late, impact, gravity)
+    release = touch + speed / fall_rate
+    if release - time[start] > _RESTED * (touch - release):
+        start = int(np.searchsorted(time, release))
+    (level, speed, fall_rate), design = _falling_arc(time, height, sigma, start, impact, gravity)
+    t = time[start : int(np.searchsorted(time, touch))]
     try:
         covariance = sigma**2 * np.linalg.inv(design.T @ design)
     except np.linalg.LinAlgError as error:
@@ -341,6 +344,20 @@ def _add_release(
     for name, (value, u, unit, label) in quantities.items():
         result[name] = _scalar(value, unit, label)
         result[f"u_{name}"] = _scalar(u, unit, f"standard uncertainty of {label}")
+
+
+def _falling_arc(
+    time: Floats, height: Floats, sigma: float, start: int, impact: ImpactFit, gravity: tuple[float, float]
+) -> tuple[tuple[float, float, float], Floats]:
+    """Fit the fall from one reading to the first touch: level, speed and acceleration there."""
+    fall = slice(start, int(np.searchsorted(time, impact.value[0])))
+    t = time[fall] - impact.value[0]
+    design = np.stack([np.ones_like(t), t, -0.5 * t**2], axis=1)
+    # The common fall is one more, very certain, reading.
+    design = np.vstack([design, [0.0, 0.0, sigma / gravity[1]]])
+    right = np.append(height[fall] - impact.value[4], gravity[0] * sigma / gravity[1])
+    level, speed, rate = np.linalg.lstsq(design, right, rcond=None)[0].tolist()
+    return (level, speed, rate), design
 
 
 def _add_rest(
