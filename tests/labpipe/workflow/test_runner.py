@@ -112,7 +112,7 @@ def test_a_result_that_is_not_up_to_date_is_not_opened(session: Session) -> None
     result = run_here(session)
     with pytest.raises(InputError, match="is a page"):
         open_result(session, toy.STAGES, "nbr", "page")
-    with pytest.raises(InputError, match=r"recordings: laser/r3\.txt"):
+    with pytest.raises(InputError, match=r'name one of them: "laser/r3\.txt"'):
         open_result(session, toy.STAGES, "nbr", "read")
     with pytest.raises(UsageError, match='did you mean "nbr/mean"'):
         open_result(session, toy.STAGES, "nbr", "maen")
