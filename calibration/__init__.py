@@ -11,7 +11,7 @@ import os
 from typing import Any
 
 from calibration.record import KINDS, Record, load_record, require
-from labpipe import BUILD
+from labpipe.build import BUILD
 from labpipe.errors import CalibrationError
 
 __all__ = ["APPLY", "BUILD", "KINDS", "Record", "apply", "load_record", "require"]

@@ -28,7 +28,7 @@ from instruments.mach1 import Options as Mach1Options
 from instruments.phantom import INSTRUMENT as PHANTOM
 from instruments.tables import INSTRUMENT as PLAIN_TABLE
 from instruments.tables import Options as TableOptions
-from labpipe import BUILD
+from labpipe.build import BUILD
 from labpipe.errors import InputError, LabpipeError, SourceError, UsageError
 from labpipe.plugins import Plugin, survey, tell
 

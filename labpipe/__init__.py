@@ -20,6 +20,8 @@ import sys
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from labpipe.build import BUILD as BUILD
+from labpipe.build import __version__ as __version__
 from labpipe.lazy import lazily
 
 if TYPE_CHECKING:
@@ -83,11 +85,6 @@ else:
         "watch": "pipelines.session",
     }
     __getattr__ = lazily(__name__, _HOMES, from_the_top=True)
-
-__version__ = "0.1.0"
-
-# All four packages carry this mark; a foreign package of the same name does not (see `doctor`).
-BUILD = f"labpipe {__version__}"
 
 __all__ = [
     "MasterCurve",

@@ -13,7 +13,7 @@ from typing import Any
 
 import click
 
-import labpipe
+from labpipe.build import __version__
 from labpipe.errors import ConfigError, InstallationError, LabpipeError, SourceError, StorageError
 from labpipe.installation import foreign_package
 
@@ -97,7 +97,7 @@ class LazyGroup(click.Group):
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(labpipe.__version__, prog_name="labpipe")
+@click.version_option(__version__, prog_name="labpipe")
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 def cli(debug: bool) -> None:
     """From raw contact-mechanics files to calibrated results, the simulation, and a report.

@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import labpipe
+from labpipe.build import __version__
 from labpipe.workflow._keys import Key
 from labpipe.workflow.store import key_of
 from labpipe.workflow.tasks import Task, TaskId, ancestors
@@ -31,8 +31,8 @@ def program() -> dict[str, Any]:
         except importlib.metadata.PackageNotFoundError:
             libraries[name] = None
     return {
-        "labpipe": labpipe.__version__,
-        "git": git_state(Path(labpipe.__file__).parent),
+        "labpipe": __version__,
+        "git": git_state(Path(__file__).parents[1]),
         "python": platform.python_version(),
         "libraries": libraries,
     }

@@ -11,8 +11,8 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
-import labpipe
 from labpipe import files
+from labpipe.build import __version__
 from labpipe.errors import InputError, LabpipeError
 from labpipe.notebook import html_table
 from labpipe.plugins import PluginWarning
@@ -26,7 +26,7 @@ _ROOM_WANTED = 2_000_000_000  # bytes; a session with films writes less than thi
 
 
 def _versions() -> dict[str, str]:
-    found = {"labpipe": labpipe.__version__, "python": platform.python_version()}
+    found = {"labpipe": __version__, "python": platform.python_version()}
     for name in _LIBRARIES:
         try:
             found[name] = importlib.metadata.version(name)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 
+from labpipe import build
 from labpipe.errors import InputError
 from labpipe.units import quantity, unit
 from pipelines import experiments
@@ -20,9 +21,7 @@ _DAYS = ("valid_from", "valid_until", "when")
 
 def library_names() -> tuple[str, ...]:
     """Names of the bundled materials."""
-    import labpipe
-
-    folder = Path(labpipe.__file__).parent / "materials/library"
+    folder = Path(build.__file__).parent / "materials/library"
     return tuple(sorted(path.stem for path in folder.glob("*.toml")))
 
 
