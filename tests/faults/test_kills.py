@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 from labpipe import files
-from labpipe.workflow import provenance, runner
+from labpipe.workflow import events, provenance, runner
 from labpipe.workflow.watch import Watcher
 from tests.by_day import by_day
 from tests.faults.crashes import failing, killed_after, moments, operations
@@ -117,7 +117,7 @@ def test_a_run_killed_before_any_operation_is_finished_by_the_next(
         run(session.root)
         assert toy.contents(session) == expected, last
         assert not list(session.folder.rglob(".*.part")), last
-        assert len(list(runner.events(session))) > 1
+        assert len(list(events(session))) > 1
         shutil.rmtree(session.root)
 
 
