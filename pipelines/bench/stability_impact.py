@@ -66,7 +66,7 @@ def elastic_impact(random: Random) -> Outcome:
     # The time since the release would lose the contact's digits: it starts close above the flat.
     found = contact.drop(
         Prony(modulus, [], [], nu=nu),
-        radius,
+        f"{radius!r} m",  # as a text, which asks nobody whether millimetres were meant
         mass,
         height,
         fall + 3.0 * float(exact.contact_duration),
