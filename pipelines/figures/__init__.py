@@ -110,7 +110,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "2.4",
         "Relaxation at three depths",
-        f"{_HOME}.holds:relaxation",
+        f"{_HOME}.relaxations:relaxation",
         Need("relaxation", ("loads", "ramps", "comparison"), "nbr", is_optional=True),
     ),
     Figure(
@@ -178,7 +178,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure(
         "3.17",
         "Sphere under stepwise load",
-        f"{_HOME}.holds:stepwise_load",
+        f"{_HOME}.relaxations:stepwise_load",
         Need("static_loading", ("approach", "steps", "model", "comparison"), "ptfe", is_optional=True),
     ),
     Figure(
