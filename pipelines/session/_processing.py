@@ -164,11 +164,14 @@ def process_all(
     from labpipe.workflow.runner import run_all
 
     refused: list[tuple[Path, LabpipeError]] = []
+    given: dict[Path, Path] = {}  # by the whole path that a session has, as the caller calls it
 
     def opened() -> Iterator[Session]:
         for folder in map(Path, folders):
             try:
-                yield reopen_session(folder)
+                session = reopen_session(folder)
+                given[session.root] = folder
+                yield session
             except LabpipeError as error:
                 refused.append((folder, error))
                 if fail_fast:
@@ -189,7 +192,7 @@ def process_all(
     ):
         if not isinstance(done, LabpipeError):
             write_overview(session, STAGES)
-        yield session.root, done
+        yield given[session.root], done
     yield from refused
 
 

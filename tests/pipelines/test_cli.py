@@ -415,3 +415,17 @@ def test_a_single_session_keeps_its_exit_code_and_document(tmp_path: Path, capsy
     code, out, _ = run(capsys, "process", str(tmp_path), "--json")
     assert (code, json.loads(out)["exit_code"]) == (3, 3)
     assert "session" not in json.loads(out)
+
+
+def test_a_session_may_be_named_from_the_folder_above_and_from_within(
+    session_copy: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(session_copy.parent)
+    code, out, _ = run(capsys, "process", session_copy.name, "--json")
+    assert (code, json.loads(out)["session"]) == (0, str(session_copy))
+    code, _, _ = run(capsys, "process", session_copy.name, f"{session_copy.name}/../{session_copy.name}")
+    assert code == 0
+    monkeypatch.chdir(session_copy)
+    code, out, _ = run(capsys, "process", ".")
+    assert code == 0
+    assert "believable: yes" in out
