@@ -6,7 +6,6 @@ before it failed or was not asked for, it is made again from what is there.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ from labpipe.workflow.context import Context, Failed
 from labpipe.workflow.plan import READY
 from labpipe.workflow.results import Results
 from labpipe.workflow.session import FILE_NAME, Experiment, Session
+from labpipe.workflow.store import Store
 from labpipe.workflow.tasks import arguments
 from pipelines.experiments import JUDGEMENT, KINDS, function
 from pipelines.session._opening import STAGES
@@ -146,8 +146,7 @@ def _one(session: Session, results: Results, experiment: Experiment, failures: I
             (),
             {},
         )
-        made = function(stage.function)(*given, settings=experiment.settings, context=context)
-        result = made
+        result = function(stage.function)(*given, settings=experiment.settings, context=context)
     from labpipe.judging import from_json
 
     judged: Judgement = from_json(result.attrs["judgement"])
@@ -210,12 +209,13 @@ def _with_duplicates(session: Session, found: tuple[Verdict, ...]) -> tuple[Verd
     """Say of experiments that they use the same bytes under two names."""
     from labpipe.judging import Finding
 
+    index = Store(session.folder).index
     owners: dict[str, list[tuple[str, str]]] = {}
     for experiment in session.experiments.values():
         for name in dict.fromkeys(_recordings(experiment)):
             path = session.root / name
             if path.is_file():
-                digest = hashlib.sha256(path.read_bytes()).hexdigest()
+                digest = index.digest(path)  # known from the run, by size and time
                 owners.setdefault(digest, []).append((experiment.name, name))
     twice: dict[str, list[Finding]] = {}
     for places in owners.values():

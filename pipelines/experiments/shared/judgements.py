@@ -21,7 +21,6 @@ from labpipe.judging import (
     from_json,
     judge,
     model_verdict,
-    not_made,
     stated,
     to_json,
 )
@@ -283,11 +282,6 @@ def line_of(header: str, *words: str) -> int | None:
         if any(word.lower() in text.lower() for word in words):
             return number
     return None
-
-
-def unmade(checks: Iterable[tuple[str, str]], law: str) -> list[Check]:
-    """Return checks that could not be made, each with what it would need."""
-    return [not_made(name, law, needs) for name, needs in checks]
 
 
 def compared(result: xr.Dataset) -> dict[str, Any]:
