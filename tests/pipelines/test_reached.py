@@ -53,7 +53,10 @@ def _module(found: CodeType) -> str:
     place = Path(found.co_filename)
     if place.suffix != ".py" or not place.is_relative_to(ROOT):
         return ""
-    return ".".join(place.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    parts = place.relative_to(ROOT).with_suffix("").parts
+    if parts[0] not in OURS:  # an environment within the checkout
+        return ""
+    return ".".join(parts).removesuffix(".__init__")
 
 
 @pytest.mark.slow
