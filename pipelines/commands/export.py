@@ -1,4 +1,4 @@
-"""The command export: results and raw files as csv, netCDF, MATLAB or JSON."""
+"""The command export: results and raw files as csv, netCDF, MATLAB, JSON or one table."""
 
 from pathlib import Path
 from typing import Any
@@ -37,11 +37,14 @@ def export(
     r"""Write results of a session, or a raw instrument file, for other programs.
 
     SOURCE is a session folder or a file of any known instrument. Values are in SI; a csv table
-    has a row of units below its names, and remarks that begin with #.
+    has a row of units below its names, and remarks that begin with #. Of a session, xlsx and tex
+    are one table with a row for each quantity: value, u, model, deviation, verdict; xlsx has the
+    curves on further sheets.
 
     \b
     Example:
       labpipe export my-session --stage bounces --format csv
+      labpipe export my-session --format xlsx
       labpipe export my-session/laser/drop_1.csv --format mat
     """
     from pipelines import process as verbs

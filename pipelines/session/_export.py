@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     from labpipe.workflow.plan import Row
 
 Format = str
-FORMATS = ("csv", "nc", "mat", "json")
+TABLES = ("xlsx", "tex")
+"""One table of the whole session."""
+FORMATS = ("csv", "nc", "mat", "json", *TABLES)
 FOLDER = "export"
 """Below ``SESSION/labpipe``: files in it may be replaced."""
 
@@ -78,24 +80,31 @@ class Target:
         from pipelines.session import _export_formats as formats
 
         if self.format == "nc":
-            path = self._free(f"{name}.nc")
+            path = self.free(f"{name}.nc")
             files.write_dataset(path, dataset.assign_attrs({**dataset.attrs, **remarks}))
             return [path]
         if self.format == "mat":
-            path = self._free(f"{name}.mat")
+            path = self.free(f"{name}.mat")
             files.write_bytes(path, formats.mat_bytes(dataset, remarks))
             return [path]
         if self.format == "json":
-            path = self._free(f"{name}.json")
+            path = self.free(f"{name}.json")
             files.write_text(path, formats.json_text(dataset, remarks))
             return [path]
         tables = formats.csv_tables(dataset, remarks)
-        paths = [self._free(f"{name}.{part}.csv") for part in tables]
+        paths = [self.free(f"{name}.{part}.csv") for part in tables]
         for path, text in zip(paths, tables.values(), strict=True):
             files.write_text(path, text)
         return paths
 
-    def _free(self, name: str) -> Path:
+    def free(self, name: str) -> Path:
+        """Return the path of a file that may be written.
+
+        Raises
+        ------
+        UsageError
+            A file of that name is there and may not be replaced.
+        """
         path = self.folder / name
         if path.exists() and not self.may_replace:
             message = f"{path} exists already; use --force to replace it, or another --out"
@@ -153,6 +162,46 @@ def export_results(results: Results, stages: Iterable[str], experiments: Iterabl
         remarks["provenance"] = str(dataset.attrs.get("provenance", ""))
         paths += target.write(_name(row), dataset, remarks)
     return Exported(tuple(paths), left_out)
+
+
+def export_table(results: Results, experiments: Iterable[str], target: Target) -> Exported:
+    """Write one table of the quantities of a session, a row for each.
+
+    Parameters
+    ----------
+    results : Results
+        Of the wanted experiments.
+    experiments : iterable of str
+        Only these; empty for all.
+    target : Target
+        Where to; as ``xlsx`` with the curves on further sheets, as ``tex`` or as ``csv``.
+
+    Raises
+    ------
+    InputError
+        No quantity is up to date.
+    """
+    from labpipe.workflow.provenance import program
+    from pipelines.session import _summary_table as summary
+
+    session = results.plan.session
+    found = summary.lines(results, experiments)
+    if not found:
+        message = f"{session.root}: no quantity is there and up to date; run: labpipe process {session.root}"
+        raise InputError(message)
+    named = {line.row.experiment for line in found}
+    wanted = set(experiments) or set(session.experiments)
+    left_out = [f"{name}: no quantity is up to date" for name in session.experiments if name in wanted - named]
+    remarks = {"title": session.title}
+    if session.synthetic:
+        remarks["synthetic"] = "yes: made by a virtual rig, not measured"
+    remarks |= {"units": "SI; u is a standard uncertainty (k = 1)", "program": json.dumps(program(), sort_keys=True)}
+    path = target.free(f"quantities.{target.format}")
+    if target.format == "xlsx":
+        files.write_bytes(path, summary.xlsx_bytes(results, found, remarks))
+    else:
+        files.write_text(path, (summary.tex_text if target.format == "tex" else summary.csv_text)(found, remarks))
+    return Exported((path,), tuple(left_out))
 
 
 def _name(row: Row) -> str:
@@ -222,8 +271,10 @@ def export(
     ----------
     source : path-like
         A session folder, or a file (or folder of images) of a known instrument.
-    format : {"csv", "nc", "mat", "json"}
-        Of the files; csv has one table per set of dimensions, with a row of units.
+    format : {"csv", "nc", "mat", "json", "xlsx", "tex"}
+        Of the files; csv has one table per set of dimensions, with a row of units. Of a session,
+        ``xlsx`` and ``tex`` are one table with a row for each quantity (value, u, model, deviation,
+        verdict), which csv has beside the others; ``xlsx`` has the curves on further sheets.
     only, stages : str or iterable of str, optional
         Experiments and steps of a session; all by default.
     out : path-like, optional
@@ -254,6 +305,9 @@ def export(
     place = Path(source)
     if not (place / sessions.FILE_NAME).is_file() and not _is_unknown_folder(place):
         options = dict(reading or {})
+        if format in TABLES:
+            message = f"{format} is a table of a whole session, and {place} is a file; expected csv, nc, mat or json"
+            raise UsageError(message)
         return export_file(place, Target(Path(out or "."), format, replace), options)
     if reading:
         message = "options of a raw file (cycle, units) do not go with a session folder"
@@ -263,7 +317,16 @@ def export(
     target = Target(Path(out) if out else ours, format, replace or out is None)
     names, experiments = _names(stages), _names(only or ())
     made = make_plan(session, STAGES, names or None, experiments or None, keep=None)
-    return export_results(Results(made), names, experiments, target)
+    if format in TABLES:
+        if names:
+            message = f"{format} is one table of all steps; leave out --stage, or take csv, nc, mat or json"
+            raise UsageError(message)
+        return export_table(Results(made), experiments, target)
+    done = export_results(Results(made), names, experiments, target)
+    if format != "csv" or names:
+        return done
+    table = export_table(Results(made), experiments, target)
+    return Exported((*table.paths, *done.paths), done.left_out)
 
 
 def _names(given: str | Iterable[str]) -> tuple[str, ...]:

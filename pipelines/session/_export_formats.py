@@ -15,8 +15,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-FORMATS = ("csv", "nc", "mat", "json")
-
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """A spreadsheet takes a cell that begins with one of these for a formula."""
 _CONTROL = re.compile(r"[\x00-\x1f\x7f\x85\u2028\u2029]+")
@@ -59,7 +57,7 @@ def csv_tables(dataset: xr.Dataset, remarks: Mapping[str, str]) -> dict[str, str
     for name in map(str, dataset.dims):  # a coordinate that nothing else stands over
         if name in dataset.variables and not any(name in dims for dims in groups):
             groups[name,] = []
-    head = "".join(f"# {key}: {_line(value)}\n" for key, value in remarks.items())
+    head = "".join(f"# {key}: {one_line(value)}\n" for key, value in remarks.items())
     return {"-".join(dims) or "values": head + _table(dataset, dims, names) for dims, names in groups.items()}
 
 
@@ -90,21 +88,23 @@ def _cells(values: NDArray[Any]) -> list[str]:
         return [str(value) for value in flat.tolist()]
     if flat.dtype.kind == "b":
         return ["1" if value else "0" for value in flat.tolist()]
-    return [_text_cell(str(value)) for value in flat.tolist()]
+    return [text_cell(str(value)) for value in flat.tolist()]
 
 
 def _row(texts: Iterable[str]) -> str:
-    return ",".join(map(_text_cell, texts))
+    return ",".join(map(text_cell, texts))
 
 
-def _text_cell(text: str) -> str:
-    text = _line(text)
+def text_cell(text: str) -> str:
+    """Write a text as a cell of csv that no spreadsheet takes for a formula."""
+    text = one_line(text)
     if text.startswith(_FORMULA):
         text = "'" + text
     return '"' + text.replace('"', '""') + '"' if any(c in text for c in ',"') else text
 
 
-def _line(text: str) -> str:
+def one_line(text: str) -> str:
+    """Replace line ends and control characters by blanks."""
     return _CONTROL.sub(" ", text)
 
 

@@ -12,9 +12,11 @@ from scipy.io import loadmat
 
 from labpipe import files
 from labpipe.errors import InputError, SourceError, UsageError
+from pipelines.experiments.shared.comparison_rows import Row
 from pipelines.process import export, result
-from pipelines.session import FORMATS
+from pipelines.session import compare
 from pipelines.session._export_formats import csv_tables, json_text, mat_bytes
+from pipelines.session._summary_table import Line, tex_text
 
 
 def small() -> xr.Dataset:
@@ -76,7 +78,7 @@ def test_matlab_names_are_legal_and_distinct() -> None:
     }
 
 
-@pytest.mark.parametrize("kind", FORMATS)
+@pytest.mark.parametrize("kind", ["csv", "nc", "mat", "json"])
 def test_a_result_survives_every_format(processed_session: Path, tmp_path: Path, kind: str) -> None:
     done = export(processed_session, kind, only=["drop"], stages=["repeats"], out=tmp_path)
     expected = result(processed_session, "drop", "repeats")["displacement_mean"].values
@@ -124,7 +126,57 @@ def test_wrong_sources_and_names_are_refused(processed_session: Path, tmp_path: 
         export(tmp_path)
     with pytest.raises(UsageError, match="bounces"):
         export(processed_session, stages=["bounce"])
-    with pytest.raises(UsageError, match="expected one of csv, nc, mat, json"):
-        export(processed_session, "xlsx")
+    with pytest.raises(UsageError, match="expected one of csv, nc, mat, json, xlsx, tex"):
+        export(processed_session, "ods")
     with pytest.raises(UsageError, match="do not go with a session"):
         export(processed_session, reading={"cycle": "50 us"})
+
+
+def test_one_table_says_of_each_quantity_its_value_model_and_verdict(processed_session: Path, tmp_path: Path) -> None:
+    (path,) = export(processed_session, "xlsx", out=tmp_path).paths
+    table = pd.read_excel(path, sheet_name="quantities").fillna({"condition": ""})
+    table = table.set_index(["experiment", "condition", "quantity"])
+    rows = {(r.experiment, r.condition, r.quantity): r for r in compare(processed_session).rows}
+    assert set(rows) <= set(table.index)
+    for key, row in rows.items():
+        shown = table.loc[key]
+        for title, value in (("value", row.measured), ("expected", row.model), ("deviation in u", row.deviation)):
+            assert np.isclose(shown[title], np.nan if value is None else value, rtol=1e-12, atol=0, equal_nan=True)
+    judged = result(processed_session, "drop", "judgement").attrs
+    assert set(table.loc["drop"]["believable"]) == {judged["believable"]}
+    assert set(table.loc["drop"]["model"]) == {judged["model"]}
+    assert not table.index.duplicated().any()
+
+
+def test_a_workbook_has_a_sheet_for_each_family_of_curves_and_no_clock(processed_session: Path, tmp_path: Path) -> None:
+    (path,) = export(processed_session, "xlsx", out=tmp_path).paths
+    first = path.read_bytes()
+    sheet = pd.read_excel(path, sheet_name="ball_drop repeats time", header=None)
+    assert list(sheet.iloc[:4, 0]) == ["drop", "time", "s", sheet.iloc[3, 0]]
+    every = int(str(sheet.iloc[3, 0]).split()[2]) if "one of" in str(sheet.iloc[3, 0]) else 1
+    expected = result(processed_session, "drop", "repeats")["time"].values[::every]
+    # A spreadsheet holds 16 digits of a number.
+    np.testing.assert_allclose(sheet.iloc[4:, 0].dropna().to_numpy(float)[: expected.size], expected, rtol=1e-12)
+    export(processed_session, "xlsx", out=tmp_path, replace=True)
+    assert path.read_bytes() == first
+
+
+def test_the_table_for_latex_has_its_cells_and_escapes(processed_session: Path, tmp_path: Path) -> None:
+    (path,) = export(processed_session, "tex", out=tmp_path).paths
+    body = [line for line in path.read_text("utf-8").splitlines() if line.endswith("\\\\")]
+    assert len(body) == 1 + len(pd.read_csv(_table_csv(processed_session, tmp_path), comment="#"))
+    assert all(line.count(" & ") == 6 for line in body)
+    row = Row("50_%", "k", "", "", "a = b²", "m", 1, measured=1.5e-3, u_measured=2e-6)
+    text = tex_text([Line(row, "yes", "none")], {})
+    assert r"50\_\% & a = b$^{2}$ & mm & 1.5000 $\pm$ 0.0020 &  &  & yes \\" in text
+
+
+def _table_csv(session: Path, folder: Path) -> Path:
+    return next(p for p in export(session, "csv", out=folder).paths if p.name == "quantities.csv")
+
+
+def test_a_table_of_a_file_or_of_one_step_is_refused(processed_session: Path) -> None:
+    with pytest.raises(UsageError, match="a table of a whole session"):
+        export(processed_session / "laser/drop_1.csv", "xlsx")
+    with pytest.raises(UsageError, match="leave out --stage"):
+        export(processed_session, "tex", stages=["bounces"])
