@@ -138,7 +138,7 @@ def tabor(
 ) -> float:
     """Tabor's parameter μ = (R w²/(E*² z₀³))^{1/3}: height of the neck over the reach of forces.
 
-    Above 5 JKR holds, below 0.1 DMT, :func:`maugis` everywhere [3]_.
+    Above 5 JKR holds, below 0.1 DMT, :func:`maugis` everywhere (Johnson and Greenwood, 10.1006/jcis.1997.4984).
 
     Examples
     --------
@@ -196,7 +196,7 @@ def maugis(
 
     Notes
     -----
-    Reference [2]_, equations (6.16) to (6.18), with m = c/a = 1/cos θ. Solved to rounding; JKR is
+    Maugis (10.1016/0021-9797(92)90285-T), equations (6.16) to (6.18), with m = c/a = 1/cos θ. Solved to rounding; JKR is
     the limit λ → ∞, DMT is λ → 0.
 
     Examples

@@ -108,10 +108,10 @@ class Heating:
     train, train_adiabatic : float [K]
         Largest rise of the train, with conduction and (upper bound) without.
     modulus_change, modulus_change_bound : float
-        Relative change of |E*| at the contact's frequency, by the train's rise with conduction and
+        Relative change of ``|E*|`` at the contact's frequency, by the train's rise with conduction and
         without.
     verdict : str
-        ``"negligible"`` when the bound changes |E*| by less than a hundredth, ``"matters"`` when
+        ``"negligible"`` when the bound changes ``|E*|`` by less than a hundredth, ``"matters"`` when
         the estimate changes it by more, ``"may matter"`` between them.
     """
 

@@ -92,7 +92,7 @@ def indent(
     ------
     InputError
         A value lies outside its domain, the history has a gap or runs backwards, a
-        half-plane would be in full contact, a circle in contact at |x| = R, or
+        half-plane would be in full contact, a circle in contact at ``|x| = R``, or
         ``solver="springs"`` and the contact is not nested.
 
     Notes

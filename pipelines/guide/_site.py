@@ -1,0 +1,119 @@
+"""The site's pages: guides as they are, what the code says of itself, a tutorial that was run."""
+
+import io
+import re
+import shutil
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+import labpipe
+from labpipe import files
+from labpipe.errors import InputError, UsageError
+from pipelines.guide import _gallery, _reference, _tutorial
+
+GUIDES = Path(labpipe.__file__).parent / "documentation"
+
+_FIRST = ("tutorial", "experimenter", "analyst", "gallery")
+_METHODS = ("beyond", "validation", "budgets", "identification", "reliability", "scale")
+_REFERENCE = ("settings", "commands", "python")
+_OTHERS = ("developer", "architecture", "coverage")
+_CONFIGURATION = {
+    "project": "labpipe",
+    "copyright": "the labpipe developers, MIT licence",
+    "version": labpipe.__version__,
+    "release": labpipe.__version__,
+    "html_title": "labpipe",
+    "html_theme": "furo",
+    "html_copy_source": False,
+    "html_show_sourcelink": False,
+    "extensions": ["myst_parser", "numpydoc", "sphinx.ext.autodoc", "sphinx-mathjax-offline"],
+    "myst_heading_anchors": 3,
+    "numpydoc_show_class_members": False,
+    "numpydoc_xref_param_type": False,
+    "autodoc_typehints": "none",
+    "exclude_patterns": [],
+}
+
+
+def build(site: Path, sessions: Iterable[Path] = ()) -> Path:
+    """Write the guide as a site; anything that Sphinx warns of is an error.
+
+    Parameters
+    ----------
+    site : Path
+        Folder, made or written over.
+    sessions : iterable of Path
+        Processed sessions whose reports the gallery shows, one of each kind.
+
+    Returns
+    -------
+    Path
+        The first page.
+
+    Raises
+    ------
+    UsageError
+        The extra ``guide`` is not installed.
+    InputError
+        Sphinx has warned; its words are in the message.
+    """
+    try:
+        from sphinx.application import Sphinx
+    except ImportError as error:
+        message = "the guide is built by Sphinx; install it with: pip install 'labpipe[guide]'"
+        raise UsageError(message) from error
+    with tempfile.TemporaryDirectory(prefix="labpipe-guide-") as folder:
+        source = Path(folder) / "source"
+        shutil.copytree(GUIDES, source, ignore=shutil.ignore_patterns("*.ipynb"))
+        shutil.copyfile(GUIDES.parent / "ARCHITECTURE.md", source / "architecture.md")
+        for guide in source.glob("*.md"):
+            files.write_text(guide, _within(guide.read_text("utf-8"), source))
+        (source / "pictures").mkdir()
+        _tutorial.write(source)
+        _gallery.write(source, sessions)
+        _reference.write(source)
+        files.write_text(source / "index.md", _index())
+        warnings = io.StringIO()
+        app = Sphinx(
+            str(source),
+            None,
+            str(site),
+            str(Path(folder) / "doctrees"),
+            "html",
+            confoverrides=_CONFIGURATION,
+            status=None,
+            warning=warnings,
+        )
+        app.build()
+    said = warnings.getvalue().strip()
+    if said or app.statuscode:
+        message = f"Sphinx warns:\n{said}"
+        raise InputError(message)
+    return site / "index.html"
+
+
+def _within(text: str, source: Path) -> str:
+    """Let links lead to pages of the site; of files that are none the name remains."""
+
+    def link(found: re.Match[str]) -> str:
+        words, target = found.groups()
+        name, _, anchor = Path(target).name.lower().partition("#")
+        return f"[{words}]({name}{'#' + anchor if anchor else ''})" if (source / name).is_file() else words
+
+    return re.sub(r"(?<!!)\[([^\]]+)\]\((?!https?:|#)([^)\s]+)\)", link, text)
+
+
+def _index() -> str:
+    parts = {"First steps": _FIRST, "Methods and their errors": _METHODS, "Reference": _REFERENCE}
+    trees = "".join(_tree(title, names) for title, names in (parts | {"For developers": _OTHERS}).items())
+    return (
+        "# labpipe\n\nFrom a folder of raw contact-mechanics and polymer test files to calibrated quantities with "
+        "uncertainties, the matching simulation, and a page that says whether the record can be believed and "
+        "whether the model agrees.\n\n![The first page of a session](pictures/session.png)\n\n"
+        "All data that these pages show are synthetic: a virtual rig made them.\n\n" + trees
+    )
+
+
+def _tree(title: str, names: Iterable[str]) -> str:
+    return f"```{{toctree}}\n:caption: {title}\n:maxdepth: 1\n\n" + "\n".join(names) + "\n```\n\n"
