@@ -5,10 +5,22 @@ holds everything it needs, asks for nothing over a network, and is complete with
 Numerical libraries are imported only when something is drawn.
 """
 
-from labpipe.report._blocks import Bars, Block, Details, Gallery, KeyValues, Link, Notice, Paragraph, Picture, Section
+from labpipe.report._blocks import (
+    Bars,
+    Block,
+    Details,
+    Deviations,
+    Gallery,
+    KeyValues,
+    Link,
+    Notice,
+    Paragraph,
+    Picture,
+    Section,
+)
 from labpipe.report._budget import budget_table, difference_unit, share_bars, shown_source
 from labpipe.report._charts import Band, LineChart, ScatterChart, Series
-from labpipe.report._document import MAX_PAGE_BYTES, Document
+from labpipe.report._document import MAX_PAGE_BYTES, SURE, Document
 from labpipe.report._embedded import Report
 from labpipe.report._index import IndexRow, IndexTable
 from labpipe.report._style import Role, figure_bytes, figure_style, line_arguments, save_figure
@@ -26,12 +38,14 @@ from labpipe.report._tables import (
 
 __all__ = [
     "MAX_PAGE_BYTES",
+    "SURE",
     "Band",
     "Bars",
     "Block",
     "Cell",
     "Column",
     "Details",
+    "Deviations",
     "DisplayUnit",
     "Document",
     "Gallery",

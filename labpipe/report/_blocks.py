@@ -1,5 +1,6 @@
 """Blocks of a page besides tables and charts: texts, notices, pictures, galleries, bars."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias, get_args
@@ -213,8 +214,34 @@ class Bars:
                 raise InputError(message)
 
 
+@dataclass(frozen=True)
+class Deviations:
+    """Differences in units of their uncertainty, a row for each quantity (a forest plot).
+
+    Attributes
+    ----------
+    title : str
+        What is compared.
+    rows : sequence of (name, points)
+        Points as (deviation, whose); a finite number and a text that shows on hovering.
+    caption : str
+        Text below.
+    """
+
+    title: str
+    rows: Sequence[tuple[str, Sequence[tuple[float, str]]]]
+    caption: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse what has no place on the scale."""
+        for name, points in self.rows:
+            if not all(math.isfinite(value) for value, _ in points):
+                message = f'deviations "{self.title}": "{name}" has one that is no number; leave it out'
+                raise InputError(message)
+
+
 Block: TypeAlias = (
-    "Paragraph | Link | KeyValues | Notice | Details | Picture | Gallery | Bars | Table"
+    "Paragraph | Link | KeyValues | Notice | Details | Picture | Gallery | Bars | Deviations | Table"
     " | IndexTable | LineChart | ScatterChart"
 )
 

@@ -1,5 +1,6 @@
 """A whole page: sections of blocks rendered as one self-contained HTML text."""
 
+import math
 import re
 import unicodedata
 import warnings
@@ -9,13 +10,24 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from labpipe.errors import InputError
-from labpipe.report._blocks import Bars, Details, Gallery, KeyValues, Link, Notice, Paragraph, Picture, Section
+from labpipe.report._blocks import (
+    Bars,
+    Details,
+    Deviations,
+    Gallery,
+    KeyValues,
+    Link,
+    Notice,
+    Paragraph,
+    Picture,
+    Section,
+)
 from labpipe.report._charts import LineChart, ScatterChart
 from labpipe.report._index import IndexTable, index_view
 from labpipe.report._media import mime_type
 from labpipe.report._page import assemble, clean_all, data_address, fill
 from labpipe.report._shrinking import shrunk
-from labpipe.report._tables import Table, table_view
+from labpipe.report._tables import MINUS, Table, number, table_view
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -26,6 +38,10 @@ MAX_PAGE_BYTES = 3_000_000
 _MAX_CHART_BYTES = 600_000
 # Even in a crowded page a chart keeps enough for its whole range.
 _MIN_CHART_BYTES = 24_000
+
+SURE = 1.96
+"""Standard uncertainties within which 95 % of the differences lie."""
+_LEAST_REACH, _MOST_REACH = 4, 12  # of the scale of deviations, in standard uncertainties
 
 _NOTICE_WORDS = {"ok": "OK", "info": "Note", "warning": "Warning", "error": "Error"}
 
@@ -228,6 +244,28 @@ def _gallery(block: Gallery) -> _Description:
     }
 
 
+def _deviations(block: Deviations) -> _Description:
+    most = max((abs(value) for _, points in block.rows for value, _ in points), default=0.0)
+    reach = float(min(max(math.ceil(most), _LEAST_REACH), _MOST_REACH))
+    rows = [
+        (
+            name,
+            [
+                {
+                    "place": round(50 + 50 * min(max(value / reach, -1.0), 1.0), 2),
+                    "state": "beyond" if abs(value) > reach else "outside" if abs(value) > SURE else "inside",
+                    "text": f"{whose}: {number(value, 2)} u",
+                }
+                for value, whose in points
+            ],
+        )
+        for name, points in block.rows
+    ]
+    ticks = [(round(50 + 50 * v / reach, 2), f"{v:g}".replace("-", MINUS)) for v in (-reach, -SURE, 0, SURE, reach)]
+    band = (round(50 - 50 * SURE / reach, 2), round(100 * SURE / reach, 2))
+    return "deviations", {"title": block.title, "rows": rows, "ticks": ticks, "band": band, "caption": block.caption}
+
+
 def _bars(block: Bars) -> _Description:
     per_cent = [min(share * 100.0, 100.0) for _, share, _ in block.rows]
     rows = [
@@ -257,6 +295,7 @@ _DESCRIPTIONS: dict[type, Callable[[Any], _Description]] = {
     Picture: _picture,
     Gallery: _gallery,
     Bars: _bars,
+    Deviations: _deviations,
     Table: _table,
     IndexTable: _index,
 }

@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 
 from labpipe.report import (
-    Bars,
+    SURE,
     Block,
     Column,
+    Deviations,
     DisplayUnit,
     Document,
     KeyValues,
@@ -25,7 +26,7 @@ GOOD = 0.03
 """nRMSE that is called good: the aim for data made with the right material."""
 
 _TIED = "\N{NO-BREAK SPACE}"  # a number stays with its unit
-_SURE = 1.96  # standard uncertainties within which 95 % of the differences lie
+_AGREES = "agrees"
 
 
 def render(session: Session, found: Comparison) -> str:
@@ -37,12 +38,14 @@ def render(session: Session, found: Comparison) -> str:
     found : Comparison
     """
     curves = [row for row in found.rows if row.is_curve]
-    events = [row for row in found.rows if not row.is_curve]
+    # What deviates most is read first; what has no uncertainty cannot be judged and comes last.
+    events = sorted((row for row in found.rows if not row.is_curve), key=lambda row: -abs(row.deviation or 0.0))
     head: tuple[Block, ...] = (synthetic_notice(),) if session.synthetic else ()
     sections = [
-        Section("Summary", (*head, *summary(curves, events, found))),
+        Section("Answer", (*head, *summary(curves, events, found))),
+        Section("Deviations", _deviations(found.rows)),
+        Section("Values", _events(events)),
         Section("Curves", _curves(curves)),
-        Section("Events", _events(events)),
     ]
     return Document(
         title="Measurement against model",
@@ -54,100 +57,124 @@ def render(session: Session, found: Comparison) -> str:
 
 
 def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> tuple[Block, ...]:
-    """Say how many comparisons there are and how many are good."""
+    """Say in how many experiments the model agrees, and how many comparisons that rests on."""
+    blocks: list[Block] = []
+    models = {document["experiment"]: document["model"] for document in found.experiments}
+    judged = {name: model for name, model in models.items() if model != "none"}
+    if judged:
+        others = [f"{name} {model}" for name, model in judged.items() if model != _AGREES]
+        text = f"The model agrees in {sum(m == _AGREES for m in judged.values())} of {len(judged)} experiments"
+        level = "ok" if not others else "error" if "differs" in judged.values() else "warning"
+        blocks.append(Notice(level, f"{text}{': ' if others else ''}{'; '.join(others)}."))
     rows = []
+    known = [row.deviation for row in events if row.deviation is not None]
+    if known:
+        inside = sum(1 for d in known if abs(d) < SURE)
+        rows.append(("values", f"{inside} of {len(known)}", "differ by less than the 95 % interval of the difference"))
     if curves:
         good = sum(1 for row in curves if row.nrmse is not None and row.nrmse < GOOD)
         rows.append(("curves", f"{good} of {len(curves)}", f"with an nRMSE below {GOOD:.0%}"))
-    known = [row.deviation for row in events if row.deviation is not None]
-    if known:
-        inside = sum(1 for d in known if abs(d) < _SURE)
-        rows.append(("events", f"{inside} of {len(known)}", "differ by less than the 95 % interval of the difference"))
-    blocks: list[Block] = [KeyValues(rows)] if rows else []
+    blocks += [KeyValues(rows)] if rows else []
     blocks += [Notice("error", f"{name}: {why}") for name, why in found.failed.items()]
     kept = {row.experiment: row.kept for row in found.rows if row.kept}
     for name, stages in kept.items():
         text = f"{name}: of results that earlier code made and that were kept: {', '.join(stages)}"
         blocks.append(Notice("warning", text))
+    blocks += _experiments(found)
     for why in dict.fromkeys(found.absent.values()):
         names = ", ".join(name for name, text in found.absent.items() if text == why)
         blocks.append(Notice("info", f"{names}: {why}"))
     return tuple(blocks)
 
 
+def _experiments(found: Comparison) -> list[Block]:
+    """One line for each experiment that is judged as a whole."""
+    if not found.experiments:
+        return []
+    columns = (
+        Column("experiment"),
+        Column("model"),
+        Column("largest deviation", "u", digits=2),
+        Column("of"),
+        Column("chi square", digits=3),
+        Column("degrees of freedom"),
+        Column("p", digits=2),
+    )
+    body = []
+    for document in found.experiments:
+        own = [row for row in found.rows if row.experiment == document["experiment"] and row.deviation is not None]
+        worst = max(own, key=lambda row: abs(row.deviation or 0.0), default=None)
+        most = (worst.deviation, worst.quantity) if worst is not None else (None, "")
+        freedom = document["degrees_of_freedom"] or None
+        chi2 = document["chi2"] if freedom else None
+        body.append((document["experiment"], document["model"], *most, chi2, freedom, document["p"]))
+    return [Table(columns, body)]
+
+
+def _deviations(rows: Sequence[Row]) -> tuple[Block, ...]:
+    points: dict[str, list[tuple[float, str]]] = {}
+    for row in rows:
+        if row.deviation is not None:
+            points.setdefault(_what(row), []).append((row.deviation, f"{row.experiment}, {row.condition}".rstrip(", ")))
+    if not points:
+        return ()
+    caption = (
+        "Each mark is one experiment, in standard uncertainties of its difference, measured minus model; the shaded "
+        "band holds 95 % of them when model and uncertainties are right. Filled diamonds lie outside."
+    )
+    return (Deviations("Difference over its uncertainty", list(points.items()), caption),)
+
+
 def _curves(rows: Sequence[Row]) -> tuple[Block, ...]:
     if not rows:
         return ()
-    worst: dict[str, float] = {}
-    for row in rows:
-        worst[row.experiment] = max(worst.get(row.experiment, 0.0), row.nrmse or 0.0)
-    largest = max(worst.values()) or 1.0
     columns = (
         Column("experiment"),
-        Column("kind"),
         Column("of"),
         Column("curve"),
-        Column("n"),
         Column("nRMSE", "%", digits=2),
-        Column("bias", digits=3, u=7),
+        Column("bias", digits=3, u=5),
         Column("u"),
         Column("in"),
+        Column("n"),
     )
     body = []
-    for r in rows:
+    for r in sorted(rows, key=lambda row: -(row.nrmse or 0.0)):
         shown = display_unit(_known(r.difference), r.unit)
-        body.append(
-            (
-                r.experiment,
-                r.kind,
-                _of(r),
-                _what(r),
-                r.n,
-                100 * (r.nrmse or 0.0),
-                *_scaled((r.difference, r.u_difference), shown),
-                shown.text,
-            )
-        )
+        bias = _scaled((r.difference, r.u_difference), shown)
+        body.append((r.experiment, _of(r), _what(r), 100 * (r.nrmse or 0.0), *bias, shown.text, r.n))
     text = (
         "Root mean square of measured minus model over the range of the measurement, and its mean. "
         "The bias has an uncertainty where the scale of the calibration contributes to it; n "
-        "counts "
-        "repeats, or the points of a single curve."
+        "counts repeats, or the points of a single curve."
     )
-    bars = Bars(
-        "Largest nRMSE of each experiment, the worst as the full bar",
-        [(name, value / largest, f"{value * 100:.2f} %") for name, value in worst.items()],
-    )
-    return Paragraph(text), bars, Table(columns, body)
+    return Paragraph(text), Table(columns, body)
 
 
 def _events(rows: Sequence[Row]) -> tuple[Block, ...]:
     if not rows:
         return ()
     columns = (
+        Column("deviation", "u", digits=2),
+        Column("quantity"),
         Column("experiment"),
         Column("of"),
-        Column("quantity"),
-        Column("n"),
         Column("measured", u=5),
         Column("u"),
         Column("model", u=7),
         Column("u"),
-        Column("difference", u=9),
-        Column("u"),
         Column("in"),
-        Column("over u", digits=2),
+        Column("n"),
     )
     body = []
     for r in rows:
         shown = display_unit(_known(r.measured, r.model), r.unit)
-        values = (r.measured, r.u_measured, r.model, r.u_model, r.difference, r.u_difference)
-        body.append((r.experiment, _of(r), _what(r), r.n, *_scaled(values, shown), shown.text, r.deviation))
+        values = _scaled((r.measured, r.u_measured, r.model, r.u_model), shown)
+        body.append((r.deviation, _what(r), r.experiment, _of(r), *values, shown.text, r.n))
     text = (
-        "Single values with standard uncertainties. The uncertainty of the model includes "
-        "height, radius, mass and plate, not the material: a difference of many u means that one "
-        "of the stated inputs, or the material, is wrong. The last column is the difference in "
-        "units of its uncertainty."
+        "The largest deviation first: measured minus model in units of the difference's standard uncertainty. The "
+        "uncertainty of the model includes height, radius, mass and plate, not the material: a difference of many u "
+        "means that one of the stated inputs, or the material, is wrong."
     )
     return Paragraph(text), Table(columns, body)
 

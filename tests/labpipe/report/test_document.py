@@ -21,6 +21,7 @@ from labpipe.report import (
     Bars,
     Column,
     Details,
+    Deviations,
     Document,
     Gallery,
     IndexRow,
@@ -358,3 +359,15 @@ def test_pictures_that_make_a_page_too_large_become_jpeg_and_others_stay() -> No
 def test_a_report_leads_back_to_its_session() -> None:
     assert '<a href="../index.html">' in Document("p", home="../index.html").render()
     assert "All experiments" not in Document("p").render()
+
+
+def test_deviations_stand_where_their_number_says_and_those_outside_have_another_shape() -> None:
+    rows = [("restitution", [(-1.0, "drop 1"), (3.0, "drop 2")]), ("work", [(40.0, "nbr")])]
+    html = Document("t", sections=(Section("s", (Deviations("over u", rows),)),)).render()
+    assert html.count('class="deviation-point ') == 3
+    # The scale ends at 12 u: beyond it the mark stands at the edge and its text has the number.
+    for state, place, text in (("inside", 45.83, "drop 1: −1.0 u"), ("outside", 62.5, "drop 2: 3.0 u")):
+        assert f'deviation-{state}" style="left:{place}%" role="img" title="{text}"' in html
+    assert 'deviation-beyond" style="left:100.0%" role="img" title="nbr: 40 u"' in html
+    with pytest.raises(InputError, match="no number; leave it out"):
+        Deviations("t", [("a", [(float("nan"), "x")])])

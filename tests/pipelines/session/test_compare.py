@@ -41,6 +41,10 @@ def test_the_command_prints_one_document_and_writes_one_page(
     assert "Measurement against model" in page
     assert "synthetic" in page
     assert "SI unit" not in page
+    verdicts = [found["model"] for found in document["experiments"]]
+    assert f"The model agrees in {verdicts.count('agrees')} of {len(verdicts)} experiments" in page
+    judged = [row for row in document["rows"] if row["deviation"] is not None]
+    assert page.count('class="deviation-point ') == len(judged)
     assert ">µJ<" in page
     _, text = run(capsys, "compare", str(session_copy), "--jobs", "0")
     assert "nRMSE" in text
