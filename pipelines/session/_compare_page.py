@@ -64,8 +64,9 @@ def summary(curves: Sequence[Row], events: Sequence[Row], found: Comparison) -> 
     if judged:
         others = [f"{name} {model}" for name, model in judged.items() if model != _AGREES]
         text = f"The model agrees in {sum(m == _AGREES for m in judged.values())} of {len(judged)} experiments"
-        level = "ok" if not others else "error" if "differs" in judged.values() else "warning"
-        blocks.append(Notice(level, f"{text}{': ' if others else ''}{'; '.join(others)}."))
+        sentence = f"{text}{': ' if others else ''}{'; '.join(others)}."
+        differs = "differs" in judged.values()
+        blocks.append(Notice("ok" if not others else "error" if differs else "warning", sentence))
     rows = []
     known = [row.deviation for row in events if row.deviation is not None]
     if known:
