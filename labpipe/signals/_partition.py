@@ -6,11 +6,12 @@ costs a time linear in the number of samples. Two halves stay separate when toge
 the samples better by more than their additional parameters are worth.
 """
 
-from math import comb
+import math
 
 import numpy as np
 
 from labpipe.arrays import Floats
+from labpipe.compilation import compiled
 
 LEAF = 4
 """Samples in the smallest interval."""
@@ -62,47 +63,90 @@ def graded(lengths: Floats, slope: float = 0.5) -> Floats:
     return result
 
 
+@compiled()
 def _factors(position: Floats, values: Floats) -> list[Floats]:
     """Residual sum of squares of the cubic fit, of all intervals, level by level."""
-    n = len(values)
-    n_leaves = 1 << max(int(np.ceil(np.log2(max(n / LEAF, 1.0)))), 0)
-    padding = n_leaves * LEAF - n
-    weight = np.pad(np.ones(n), (0, padding)).reshape(-1, LEAF)
-    t = np.pad(position, (0, padding), mode="edge").reshape(-1, LEAF)
-    y = np.pad(values, (0, padding)).reshape(-1, LEAF)
-    low, high = t[:, 0], t[:, -1]
-    centre, half = _frame(low, high)
-    u = (t - centre[:, None]) / half[:, None]
-    columns = [weight * u**power for power in range(_ORDER)] + [weight * y]
-    padded = np.pad(np.stack(columns, axis=-1), ((0, 0), (0, _ORDER + 1 - LEAF), (0, 0)))
-    triangle = _triangle(padded)
+    n, columns = values.size, _ORDER + 1
+    count = 1
+    while count * LEAF < n:
+        count *= 2
+    triangle = np.zeros((count, columns, columns))
+    low, high = np.empty(count), np.empty(count)
+    stacked = np.empty((2 * columns, columns))
+    for leaf in range(count):
+        first, end = min(leaf * LEAF, n - 1), min(leaf * LEAF + LEAF, n)
+        low[leaf] = position[first]
+        high[leaf] = position[end - 1]
+        centre, half = _frame(low[leaf], high[leaf])
+        stacked[:] = 0.0
+        for sample in range(leaf * LEAF, end):
+            row = stacked[sample - leaf * LEAF]
+            row[0] = 1.0
+            for power in range(1, _ORDER):
+                row[power] = row[power - 1] * (position[sample] - centre) / half
+            row[_ORDER] = values[sample]
+        _triangle(stacked, triangle[leaf])
     residuals = [triangle[:, _ORDER, _ORDER] ** 2]
-    while len(triangle) > 1:
-        low, high = low[0::2], high[1::2]
-        new_centre, new_half = _frame(low, high)
-        shifted = [_shifted(triangle[side::2], centre[side::2], half[side::2], new_centre, new_half) for side in (0, 1)]
-        triangle = _triangle(np.concatenate(shifted, axis=1))
-        centre, half = new_centre, new_half
-        residuals.append(triangle[:, _ORDER, _ORDER] ** 2)
+    while count > 1:
+        count //= 2
+        for node in range(count):
+            centre, half = _frame(low[2 * node], high[2 * node + 1])
+            for side in range(2):
+                child = 2 * node + side
+                own_centre, own_half = _frame(low[child], high[child])
+                shift, scale = (own_centre - centre) / half, own_half / half
+                _shifted(triangle[child], shift, scale, stacked[side * columns : (side + 1) * columns])
+            low[node], high[node] = low[2 * node], high[2 * node + 1]
+            _triangle(stacked, triangle[node])
+        residuals.append(triangle[:count, _ORDER, _ORDER] ** 2)
     return residuals
 
 
-def _triangle(blocks: Floats) -> Floats:
-    """R of the QR factorisation of every block."""
-    return np.asarray(np.linalg.qr(blocks, mode="r"))
+@compiled()
+def _triangle(block: Floats, triangle: Floats) -> None:
+    """R (5, 5) of the factorisation QR of a block (10, 5), by Householder; the block is used up."""
+    rows, columns = block.shape
+    for c in range(columns):
+        size = 0.0
+        for r in range(c, rows):
+            size += block[r, c] ** 2
+        size = -math.copysign(math.sqrt(size), block[c, c])
+        triangle[c, c] = size
+        if size != 0.0:
+            block[c, c] -= size
+        for other in range(c + 1, columns):
+            along = 0.0
+            if size != 0.0:
+                for r in range(c, rows):
+                    along += block[r, c] * block[r, other]
+                along /= size * block[c, c]
+                for r in range(c, rows):
+                    block[r, other] += along * block[r, c]
+            triangle[c, other] = block[c, other]
+            triangle[other, c] = 0.0
 
 
-def _frame(low: Floats, high: Floats) -> tuple[Floats, Floats]:
+@compiled()
+def _frame(low: float, high: float) -> tuple[float, float]:
     """Centre and half length, by which the powers stay between -1 and 1."""
-    return (low + high) / 2, np.where(high > low, (high - low) / 2, 1.0)
+    return (low + high) / 2, ((high - low) / 2 if high > low else 1.0)
 
 
-def _shifted(triangle: Floats, centre: Floats, half: Floats, new_centre: Floats, new_half: Floats) -> Floats:
-    """Express the columns of the triangle in the powers of the parent interval."""
-    shift, scale = (centre - new_centre) / new_half, half / new_half
-    change = np.zeros((len(centre), _ORDER + 1, _ORDER + 1))
-    change[:, _ORDER, _ORDER] = 1.0
+@compiled()
+def _shifted(triangle: Floats, shift: float, scale: float, result: Floats) -> None:
+    """Express the columns (5, 5) of the triangle in the powers of the parent interval.
+
+    Column by column: the powers of ``shift + scale u`` are multiplied out as in Horner's scheme.
+    """
+    powers = np.zeros(_ORDER + 1)
+    powers[0] = 1.0
+    result[:] = 0.0
     for power in range(_ORDER):
-        for lower in range(power + 1):
-            change[:, lower, power] = comb(power, lower) * shift ** (power - lower) * scale**lower
-    return triangle @ change
+        for row in range(_ORDER + 1):
+            for lower in range(power + 1):
+                result[row, power] += triangle[row, lower] * powers[lower]
+        for lower in range(power + 1, 0, -1):
+            powers[lower] = powers[lower] * shift + powers[lower - 1] * scale
+        powers[0] *= shift
+    for row in range(_ORDER + 1):
+        result[row, _ORDER] = triangle[row, _ORDER]
