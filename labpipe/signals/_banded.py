@@ -10,13 +10,13 @@ References
    W. F. Tinney, Comm. ACM 18 (1975) 177, https://doi.org/10.1145/360680.360704
 """
 
-import numpy as np
+import math
 
 from labpipe.arrays import Floats
 from labpipe.compilation import compiled
 
 
-@compiled()
+@compiled(error_model="numpy")
 def cholesky(band: Floats) -> bool:
     """Replace the lower band (width + 1, n) of a matrix by its factor's; False if that fails.
 
@@ -25,10 +25,11 @@ def cholesky(band: Floats) -> bool:
     width, n = band.shape[0] - 1, band.shape[1]
     for j in range(n):
         inside = min(width, n - 1 - j)
-        band[inside + 1 :, j] = 0.0
+        for d in range(inside + 1, width + 1):
+            band[d, j] = 0.0
         if not band[0, j] > 0.0:
             return False
-        root = np.sqrt(band[0, j])
+        root = math.sqrt(band[0, j])
         band[0, j] = root
         for d in range(1, inside + 1):
             band[d, j] /= root
@@ -38,11 +39,12 @@ def cholesky(band: Floats) -> bool:
     return True
 
 
-@compiled()
-def solve(factor: Floats, right: Floats) -> Floats:
-    """Solve ``A x = right`` (n,) with the factor of :func:`cholesky`."""
+@compiled(error_model="numpy")
+def solve(factor: Floats, right: Floats, x: Floats) -> None:
+    """Solve ``A x = right`` (n,) with the factor of :func:`cholesky`, and fill in ``x`` (n,)."""
     width, n = factor.shape[0] - 1, factor.shape[1]
-    x = right.copy()
+    for j in range(n):
+        x[j] = right[j]
     for j in range(n):
         x[j] /= factor[0, j]
         for d in range(1, min(width, n - 1 - j) + 1):
@@ -51,16 +53,19 @@ def solve(factor: Floats, right: Floats) -> Floats:
         for d in range(1, min(width, n - 1 - j) + 1):
             x[j] -= factor[d, j] * x[j + d]
         x[j] /= factor[0, j]
-    return x
 
 
-@compiled()
-def inverse_of_factor(factor: Floats) -> Floats:
-    """Entries (width + 1, n) of ``A^-1`` inside the band, from the factor of :func:`cholesky`."""
+@compiled(error_model="numpy")
+def inverse_of_factor(factor: Floats, inverse: Floats) -> None:
+    """Fill in the entries (width + 1, n) of ``A^-1`` inside the band; the others 0.
+
+    ``factor`` is that of :func:`cholesky`.
+    """
     width, n = factor.shape[0] - 1, factor.shape[1]
-    inverse = np.zeros(factor.shape)
     for j in range(n - 1, -1, -1):
         inside = min(width, n - 1 - j)
+        for i in range(inside + 1, width + 1):
+            inverse[i, j] = 0.0
         for i in range(inside, 0, -1):
             total = 0.0
             for k in range(1, inside + 1):
@@ -71,4 +76,3 @@ def inverse_of_factor(factor: Floats) -> Floats:
         for k in range(1, inside + 1):
             total -= factor[k, j] * inverse[k, j]
         inverse[0, j] = total / factor[0, j]
-    return inverse

@@ -63,46 +63,57 @@ def graded(lengths: Floats, slope: float = 0.5) -> Floats:
     return result
 
 
-@compiled()
 def _factors(position: Floats, values: Floats) -> list[Floats]:
     """Residual sum of squares of the cubic fit, of all intervals, level by level."""
-    n, columns = values.size, _ORDER + 1
     count = 1
-    while count * LEAF < n:
+    while count * LEAF < values.size:
         count *= 2
-    triangle = np.zeros((count, columns, columns))
+    residuals = np.empty(2 * count - 1)
+    _tree(position, values, np.empty((count, _ORDER + 1, _ORDER + 1)), residuals)
+    levels, end = [], 0
+    while count:
+        levels.append(residuals[end : end + count])
+        end, count = end + count, count // 2
+    return levels
+
+
+@compiled(error_model="numpy")
+def _tree(position: Floats, values: Floats, triangle: Floats, residuals: Floats) -> None:
+    """Fill in the residuals of all leaves, of all pairs, and so on; ``triangle`` is work space."""
+    n, count = values.size, triangle.shape[0]
     low, high = np.empty(count), np.empty(count)
-    stacked = np.empty((2 * columns, columns))
+    stacked = np.empty((2 * _ORDER + 2, _ORDER + 1))
     for leaf in range(count):
         first, end = min(leaf * LEAF, n - 1), min(leaf * LEAF + LEAF, n)
         low[leaf] = position[first]
         high[leaf] = position[end - 1]
         centre, half = _frame(low[leaf], high[leaf])
-        stacked[:] = 0.0
-        for sample in range(leaf * LEAF, end):
-            row = stacked[sample - leaf * LEAF]
-            row[0] = 1.0
-            for power in range(1, _ORDER):
-                row[power] = row[power - 1] * (position[sample] - centre) / half
-            row[_ORDER] = values[sample]
+        for r in range(stacked.shape[0]):
+            sample = leaf * LEAF + r
+            inside = r < LEAF and sample < n
+            power = 1.0 if inside else 0.0
+            for c in range(_ORDER):
+                stacked[r, c] = power
+                power *= (position[sample] - centre) / half if inside else 0.0
+            stacked[r, _ORDER] = values[sample] if inside else 0.0
         _triangle(stacked, triangle[leaf])
-    residuals = [triangle[:, _ORDER, _ORDER] ** 2]
+        residuals[leaf] = triangle[leaf, _ORDER, _ORDER] ** 2
+    filled = count
     while count > 1:
         count //= 2
         for node in range(count):
             centre, half = _frame(low[2 * node], high[2 * node + 1])
-            for side in range(2):
-                child = 2 * node + side
+            for child in range(2 * node, 2 * node + 2):
                 own_centre, own_half = _frame(low[child], high[child])
                 shift, scale = (own_centre - centre) / half, own_half / half
-                _shifted(triangle[child], shift, scale, stacked[side * columns : (side + 1) * columns])
+                _shifted(triangle[child], shift, scale, stacked, (child - 2 * node) * (_ORDER + 1))
             low[node], high[node] = low[2 * node], high[2 * node + 1]
             _triangle(stacked, triangle[node])
-        residuals.append(triangle[:count, _ORDER, _ORDER] ** 2)
-    return residuals
+            residuals[filled + node] = triangle[node, _ORDER, _ORDER] ** 2
+        filled += count
 
 
-@compiled()
+@compiled(error_model="numpy")
 def _triangle(block: Floats, triangle: Floats) -> None:
     """R (5, 5) of the factorisation QR of a block (10, 5), by Householder; the block is used up."""
     rows, columns = block.shape
@@ -126,27 +137,24 @@ def _triangle(block: Floats, triangle: Floats) -> None:
             triangle[other, c] = 0.0
 
 
-@compiled()
+@compiled(error_model="numpy")
 def _frame(low: float, high: float) -> tuple[float, float]:
     """Centre and half length, by which the powers stay between -1 and 1."""
     return (low + high) / 2, ((high - low) / 2 if high > low else 1.0)
 
 
-@compiled()
-def _shifted(triangle: Floats, shift: float, scale: float, result: Floats) -> None:
-    """Express the columns (5, 5) of the triangle in the powers of the parent interval.
+@compiled(error_model="numpy")
+def _shifted(triangle: Floats, shift: float, scale: float, result: Floats, first: int) -> None:
+    """Put the columns (5, 5), expressed in the powers of the parent interval, from row ``first`` on.
 
-    Column by column: the powers of ``shift + scale u`` are multiplied out as in Horner's scheme.
+    They are those of ``shift + scale u``.
     """
-    powers = np.zeros(_ORDER + 1)
-    powers[0] = 1.0
-    result[:] = 0.0
-    for power in range(_ORDER):
-        for row in range(_ORDER + 1):
-            for lower in range(power + 1):
-                result[row, power] += triangle[row, lower] * powers[lower]
-        for lower in range(power + 1, 0, -1):
-            powers[lower] = powers[lower] * shift + powers[lower - 1] * scale
-        powers[0] *= shift
     for row in range(_ORDER + 1):
-        result[row, _ORDER] = triangle[row, _ORDER]
+        one, first_power = triangle[row, 0], scale * triangle[row, 1]
+        second_power, third_power = scale**2 * triangle[row, 2], scale**3 * triangle[row, 3]
+        to = result[first + row]
+        to[0] = one
+        to[1] = shift * one + first_power
+        to[2] = shift * (shift * one + 2.0 * first_power) + second_power
+        to[3] = shift * (shift * (shift * one + 3.0 * first_power) + 3.0 * second_power) + third_power
+        to[_ORDER] = triangle[row, _ORDER]

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.signals._partition import LEAF, graded, smooth_lengths
-from labpipe.signals._spline_kernel import DEGREE, evaluated, penalised
+from labpipe.signals._spline_kernel import DEGREE, Intervals, Update, evaluated, penalised, reciprocals_of
 
 PENALTY_ORDER = 4
 """Penalising the fourth derivative suits impacts: their acceleration is smooth, only large."""
@@ -37,11 +37,14 @@ _POOL = 6  # knot intervals on either side that share their estimate of lambda
 _SHARED_WEIGHT = 2.0  # weight, in effective parameters, of all intervals of the same length
 _NO_ENERGY = 1e-250  # less roughness than any curve has; divides any count without overflow
 _LAMBDA_RANGE = (1e-8, 1e8)  # relative to h^7; beyond it the penalty is off, or rigid
-_GAUSS = np.polynomial.legendre.leggauss(DEGREE - PENALTY_ORDER + 1)
+# Gauss' rule on 0 to 1, exact for the square of the penalised derivative, which is linear.
+_NODES = np.array([0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5])
+_WEIGHTS = np.array([0.5, 0.5])
 _REFINEMENTS = 3
 _AT_CONTACT, _AT_RELEASE = DEGREE - 2, DEGREE - 1  # multiplicity: derivative 3, derivative 2 jumps
 _CLOSE = 0.5  # sampling intervals
 _MISFIT = 4.5  # sigmas that a windowed sum of residuals may reach before knots are added
+_UPDATE = Update(PENALTY_ORDER, _UPDATES, _SETTLED, _POOL, _SHARED_WEIGHT, _NO_ENERGY, *_LAMBDA_RANGE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +132,8 @@ def evaluate(fit: Smooth, time: Floats, derivative: int = 0) -> tuple[Floats, Fl
     """
     x = np.clip((time - fit.time_origin) / fit.time_scale, fit.knots[0], fit.knots[-1])
     factor = fit.sigma / fit.time_scale**derivative
-    value, variance = evaluated(fit.knots, fit.coefficients, fit.covariance, x, derivative)
+    value, variance = np.empty(len(x)), np.empty(len(x))
+    evaluated(fit.knots, reciprocals_of(fit.knots), fit.coefficients, fit.covariance, x, derivative, value, variance)
     value *= factor
     return (value + fit.offset if derivative == 0 else value), factor * np.sqrt(variance)
 
@@ -158,13 +162,19 @@ def _knots(x: Floats, lengths: Floats, cuts: list[tuple[Floats, int]]) -> Floats
 
 def _penalised(x: Floats, z: Floats, knots: Floats) -> tuple[Floats, Floats, Floats, float, int]:
     """Coefficients, band of their covariance, residuals, effective parameters, solves."""
-    found = penalised(
-        x, z, knots, PENALTY_ORDER, *_GAUSS, _LAMBDA_RANGE, _UPDATES, _SETTLED, _POOL, _SHARED_WEIGHT, _NO_ENERGY
+    count = len(knots) - DEGREE - 1
+    start = np.flatnonzero(np.diff(knots[: count + 1]) > 0.0)
+    length = knots[start + 1] - knots[start]
+    octave = np.round(np.log2(length)).astype(np.int64)
+    intervals = Intervals(start, length, length ** (2 * PENALTY_ORDER - 1), octave - octave.min())
+    coefficients, inverse, residual = np.empty(count), np.empty((DEGREE + 1, count)), np.empty(len(x))
+    freedom, n_solves = penalised(
+        x, z, knots, reciprocals_of(knots), intervals, _NODES, _WEIGHTS, _UPDATE, coefficients, inverse, residual
     )
-    if not found[-1]:
+    if not n_solves:
         message = "the penalised spline's matrix is not positive definite"
         raise np.linalg.LinAlgError(message)
-    return found
+    return coefficients, inverse, residual, freedom, n_solves
 
 
 def _misfit(residual: Floats) -> NDArray[np.bool_]:
