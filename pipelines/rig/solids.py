@@ -112,8 +112,7 @@ class Solid:
     ``energy`` [J/mol] is the Arrhenius slope below ``kink`` [degC]; above it the WLF constants
     ``C1`` and ``C2`` [K] hold about the kink. All moduli grow by the share ``softening`` [1/K] of
     themselves (negative for a plastic that softens), or with the absolute temperature where
-    ``is_entropic``. ``mode`` says how the rheometer loads it, ``tests_at`` [degC] where all other
-    experiments are.
+    ``is_entropic``. ``mode`` says how the rheometer loads it.
     """
 
     elements: tuple[Element, ...]
@@ -126,7 +125,7 @@ class Solid:
     T_ref: float = 20.0
     softening: float = 0.0
     is_entropic: bool = False
-    mode: Literal["tension", "torsion"] = "torsion"
+    mode: Literal["tension", "torsion"] = "tension"
 
     def log10_aT(self, temperature: ArrayLike) -> Floats:
         """Return log10 of the horizontal shift at temperatures in °C; zero at the reference."""
