@@ -279,7 +279,8 @@ def _attributes(options: FilmOptions, result: FilmResult, uncertainties: dict[st
     elif not result.has_fringes:
         note = "fringes not resolved: edge of the spot only"
     elif result.edges:
-        note = f"{'fringes fitted; ' if result.fits else 'no fringes fitted; '}{_frames_by_edge(result)} measured by the edge of the spot"
+        start = "fringes fitted" if result.fits else "no fringes fitted"
+        note = f"{start}; {_frames_by_edge(result)} measured by the edge of the spot"
     return {
         "phase": phase if result.has_fringes else math.nan,
         "u_phase": result.calibration.u_phase_shift,
