@@ -299,9 +299,15 @@ def _version(top: str) -> str | None:
     for name in _DISTRIBUTIONS.get(top, (top,)):
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             return importlib.metadata.version(name)
-    for name in importlib.metadata.packages_distributions().get(top, ()):
+    for name in _installed().get(top, ()):
         return importlib.metadata.version(name)
     return None
+
+
+@cache
+def _installed() -> Mapping[str, Sequence[str]]:
+    """Distributions by what they install: it reads the records of all of them."""
+    return importlib.metadata.packages_distributions()
 
 
 class Reached:
