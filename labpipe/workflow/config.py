@@ -306,7 +306,7 @@ class Checker:
 
     def _plain(self, kind: Any, bare: Any, value: Any, place: _toml_lines.Path) -> Any:
         if typing.get_origin(bare) is Literal and value not in typing.get_args(bare):
-            alike = [a for a in typing.get_args(bare) if isinstance(value, str) and str(a) == value.lower()]
+            alike = [a for a in typing.get_args(bare) if isinstance(value, str) and a == value.lower()]
             if alike:
                 return alike[0]
             near = suggest(str(value), map(str, typing.get_args(bare)))

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labpipe.errors import ConfigError, SourceError
+from labpipe.errors import ConfigError, InputError, SourceError
 from labpipe.units import Quantity, quantity
 from labpipe.workflow import config
 from labpipe.workflow.config import POSITIVE, Angle, Dimensionless, File, Length, Range, Time, show

@@ -214,7 +214,7 @@ def test_every_view_and_day_has_a_camera_record_of_its_own(filmed: Path) -> None
     for name, days in (("acrylic_front_later", 30), ("acrylic_under", 0)):
         day = int(START.replace(tzinfo=UTC).timestamp()) + days * 86400
         recording = Recording(frame_rate=4000, exposure=5e-5, bits=8, trigger=day)
-        phantom.write(filmed / f"{name}.cine", frames + days, frames.shape, np.arange(3) / 4000, recording)
+        phantom.write(filmed / f"{name}.cine", frames + days + 1, frames.shape, np.arange(3) / 4000, recording)
     offered: dict[str, set[tuple[str, str, str]]] = {}
 
     def ask(gap: Gap) -> None:
