@@ -69,10 +69,11 @@ class Session:
 
     @property
     def _rows(self) -> list[tuple[str, ...]]:
-        return [
+        rows: list[tuple[str, ...]] = [
             (e.name, e.kind.replace("_", " "), ", ".join(_file_names(msgspec.to_builtins(e.settings))))
             for e in self.experiments.values()
-        ] + [(name, "waiting", lines[0]) for name, lines in self.waiting.items()]
+        ]
+        return rows + [(name, "waiting", lines[0]) for name, lines in self.waiting.items()]
 
     @property
     def _caption(self) -> str:
