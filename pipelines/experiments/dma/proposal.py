@@ -57,7 +57,7 @@ rheometer = {proposals.listed(files)}
 {mode_line(name)}
 nu = "{GAP}"  # Poisson's ratio, e.g. "0.35 ± 0.02"{_temperature(files) if lacks_temperature else ""}
 # T_ref = "20 degC"  # of the master curve; by default the middle temperature\
-{_published(found)}"""
+{_published(found, files[0])}"""
 
 
 def _temperature(files: Sequence[str]) -> str:
@@ -81,9 +81,15 @@ def mode_line(name: str) -> str:
     return f'mode = "{known}"  # proposed from the file name'
 
 
-def _published(found: Found) -> str:
-    """Propose the comparison with a table of shift factors, if there is exactly one."""
-    tables = [n for n in found.of("plain_table") if (t := _table(found.path(n))) is not None and "log10_aT" in t]
+def _published(found: Found, sweep: str) -> str:
+    """Propose the comparison with a table of shift factors, if there is exactly one of the material.
+
+    The names tell the material; a table that names none is taken only beside a sweep that names
+    none.
+    """
+    word = proposals.material_word(sweep)
+    alike = [n for n in found.of("plain_table") if proposals.material_word(n) == word]
+    tables = [n for n in alike if (t := _table(found.path(n))) is not None and "log10_aT" in t]
     if len(tables) != 1:
         return ""
     shifts = proposals.quoted(tables[0])
