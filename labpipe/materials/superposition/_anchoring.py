@@ -79,6 +79,11 @@ def anchor_at(points: Points, found: Superposition) -> Anchor:
         changes = np.array([other for _, other in found.alternatives]) - state.log10_aT
         changes = changes - (changes @ share)[:, None]
         covariance = covariance + changes.T @ changes / len(found.alternatives)
+    if found.rival is not None:
+        change = found.rival.log10_aT - state.log10_aT
+        change = change - float(share @ change)
+        apart = np.eye(model.temperature.size) - share
+        covariance = covariance + np.outer(change, change) + propagated_covariance(apart, found.rival.covariance)
     # An error of the interpolation moves all shifts together.
     covariance = covariance + interpolation**2
     return Anchor(offset, share, moves, covariance)
