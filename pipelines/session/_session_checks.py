@@ -20,7 +20,7 @@ import msgspec
 
 from labpipe.errors import LabpipeError
 from labpipe.units import Quantity
-from labpipe.workflow.fields import FileMark, mark, split
+from labpipe.workflow.fields import POSITIVE, FileMark, Range, mark, split
 from labpipe.workflow.session import Experiment, Session
 from labpipe.workflow.store import Store
 from pipelines.session._gaps import library_names
@@ -34,6 +34,7 @@ _CONFIGURATION = ".toml"
 _APART = 4.0  # standard uncertainties between two masses or radii of one body
 _ALIKE = 2.0  # standard uncertainties within which two values are one
 _LEAST = 1e-4  # relative uncertainty of a value that is stated without one
+_UNKNOWN = 0.5  # of a value, beyond which its uncertainty is no uncertainty
 _SLIP = 0.01  # how near to a power of ten, or to two, a ratio must be to be that
 _OF_RECORD = {
     "it expired": "valid_until",
@@ -79,7 +80,7 @@ def session_findings(session: Session) -> tuple[Found, int]:
     int
         How many checks were made.
     """
-    checks = (_twice, _records, _bodies, _material_names)
+    checks = (_twice, _records, _bodies, _material_names, _uncertainties)
     found: Found = {}
     for check in checks:
         for owner, finding in check(session):
@@ -293,10 +294,10 @@ def _two_values(odd: _Body, other: _Body, name: str) -> Finding:
     return _finding("one body, two values", "doubtful", text, cause, setting=f"{odd.setting}.{name}")
 
 
-def _written(value: Quantity) -> str:
+def _written(value: Quantity, number: float | None = None) -> str:
     from labpipe.report import quantity
 
-    return quantity(value.value, value.si, 4)
+    return quantity(value.value if number is None else number, value.si, 4)
 
 
 def _slip(ratio: float, factors: Sequence[float]) -> float:
@@ -334,6 +335,31 @@ def _materials(table: Any, place: str) -> Iterator[tuple[str, str]]:
                 yield where, value
             else:
                 yield from _materials(value, where)
+
+
+def _uncertainties(session: Session) -> Iterator[tuple[str, Finding]]:
+    """Find positive quantities whose stated uncertainty says that nothing is known of them."""
+    for e in session.experiments.values():
+        for setting, value, kind in _quantities(e.settings, ""):
+            is_positive = any(mark(marks, Range) == POSITIVE for _, marks in _options(kind))
+            if is_positive and value.u > _UNKNOWN * value.value:
+                name = setting.rpartition(".")[2].replace("_", " ")
+                text = f"the {name} is {_written(value)} with a standard uncertainty of {_written(value, value.u)}"
+                cause = "the unit or the decimal point of the uncertainty is wrong"
+                yield e.name, _finding("stated uncertainty", "doubtful", text, cause, setting=setting)
+
+
+def _quantities(table: Any, place: str) -> Iterator[tuple[str, Quantity, Any]]:
+    if isinstance(table, list | tuple):
+        for number, item in enumerate(table):
+            yield from _quantities(item, f"{place}[{number}]")
+    elif isinstance(table, msgspec.Struct):
+        for field in msgspec.structs.fields(type(table)):
+            value, name = getattr(table, field.name), f"{place}.{field.name}" if place else field.name
+            if isinstance(value, Quantity):
+                yield name, value, field.type
+            else:
+                yield from _quantities(value, name)
 
 
 def named_at(session: Session) -> Mapping[str, int]:
