@@ -307,24 +307,38 @@ def _slip(ratio: float, factors: Sequence[float]) -> float:
 
 def _material_names(session: Session) -> Iterator[tuple[str, Finding]]:
     """Hold the material that is stated against the one that names of experiment and files tell."""
-    known = library_names()
+    known = set(library_names())
     for e in session.experiments.values():
-        for setting, material in _materials(e.settings, ""):
-            if material not in known:
-                continue
-            names = [e.name, *(n.name for n in named_files(session) if n.experiment == e.name)]
-            for name in names:
-                told = set(re.split(r"[^a-z]+", name.lower())) & set(known)
-                if told and material not in told and not _mentions(names, material):
-                    other = " and ".join(sorted(told))
-                    text = f'the material is "{material}", but {name} is named after {other}'
-                    cause = f"the material is probably {other}, or the name is misleading"
-                    yield e.name, _finding("name of the material", "doubtful", text, cause, setting=setting)
-                    break
+        places = [("", e.name), *((n.setting, n.name) for n in named_files(session) if n.experiment == e.name)]
+        names = [name for _, name in places]
+        stated = [(setting, m) for setting, m in _materials(e.settings, "") if m in known]
+        for setting, material in stated:
+            told = next((name for name in names if _words(name) & known), "")
+            if told and not _mentions(names, material):
+                yield e.name, _misnamed(f'the material is "{material}"', told, known, setting)
+        first = next((name for name in names if len(_words(name) & known) == 1), "")
+        for setting, name in () if stated or not first else places:
+            if _words(name) & known and not _words(name) & _words(first) & known:
+                yield (
+                    e.name,
+                    _misnamed(f"{first} is named after {', '.join(_words(first) & known)}", name, known, setting),
+                )
+                break
+
+
+def _misnamed(what: str, name: str, known: set[str], setting: str) -> Finding:
+    other = " and ".join(sorted(_words(name) & known))
+    cause = f"one of them is of another material, {other} probably, or the name is misleading"
+    text = f"{what}, but {name} is named after {other}"
+    return _finding("name of the material", "doubtful", text, cause, setting=setting)
+
+
+def _words(name: str) -> set[str]:
+    return set(re.split(r"[^a-z]+", name.lower()))
 
 
 def _mentions(names: Sequence[str], material: str) -> bool:
-    return any(material in re.split(r"[^a-z]+", name.lower()) for name in names)
+    return any(material in _words(name) for name in names)
 
 
 def _materials(table: Any, place: str) -> Iterator[tuple[str, str]]:
