@@ -138,11 +138,7 @@ ROWS = (
     Mistake("the last load 55 kg", _mass("5.5", "55 ± 0.0005 kg"), "impossible", ("load 5", "5.5"), _TOML),
     Mistake("the first load in g", _mass("0.5", "0.5 ± 0.0005 g"), "impossible", (), _TOML),
     Mistake(
-        "the holder not counted",
-        _every_mass(lambda m: f"{m - 0.4:g} ± 0.0005 kg"),
-        "impossible",
-        ("holder",),
-        _TOML,
+        "the holder not counted", _every_mass(lambda m: f"{m - 0.4:g} ± 0.0005 kg"), "impossible", ("holder",), _TOML
     ),
     Mistake("kg for g", _every_mass(lambda m: f"{1e3 * m:g} ± 0.5 kg"), "impossible", ("masses", "1000"), _TOML),
     Mistake("g for kg", _every_mass(lambda m: f"{m:g} ± 0.0005 g"), "impossible", ("masses", "0.001"), _TOML),
