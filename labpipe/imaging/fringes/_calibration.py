@@ -23,8 +23,8 @@ _FACTOR = 2.0
 _VARIANCES = 30.0
 #: ... and differs from its assumed value by this many standard uncertainties.
 _SIGNIFICANT = 5.0
-#: Greatest logarithm of the phase scale that is believed: beyond it, R or the wavelength is wrong.
-_MOST_SCALE = 0.1
+#: Greatest logarithm of the phase scale that is believed: a factor of two.
+_MOST_SCALE = 0.7
 #: Standard deviations (px) of the image of a point that are tried.
 _BLURS = (0.4, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.5)
 #: Frames in which they are tried.
@@ -122,6 +122,7 @@ def calibrate(
     *,
     is_phase_free: bool,
     shape: str,
+    rough: Sequence[Parameter] = (),
 ) -> Calibration:
     """Find phase, scale and ellipticity of a film.
 
@@ -137,6 +138,8 @@ def calibrate(
         Whether the phase may be changed.
     shape : "auto", "circle" or "ellipse"
         Whether circles may be ellipses: if the film says so, no, or yes in every frame.
+    rough : sequence of Parameter
+        Which of phase and scale the view has from single frames, so that they are found anew.
 
     Returns
     -------
@@ -164,6 +167,11 @@ def calibrate(
             axes = (oblique.mean(Parameter.STRETCH)[0], oblique.mean(Parameter.SHEAR)[0])
             result = replace(result, ellipse=axes)
             best = attempt(plain_axes, result) or oblique
+    if rough:
+        trial = attempt((*plain_axes, *rough), result)
+        if trial is not None:
+            result = _with_rough(trial, result, rough, view)
+            best = attempt(plain_axes, result) or best
     # Blur may hide behind a wrong phase or scale, or the other way round: hence twice.
     for _ in range(2):
         candidates = [
@@ -181,6 +189,17 @@ def calibrate(
         result = found
         best = attempt(plain_axes, result) or trial
     return result
+
+
+def _with_rough(trial: _Trial, known: Calibration, rough: Sequence[Parameter], view: View) -> Calibration:
+    """Take phase and scale from a trial that left them free."""
+    if Parameter.PHASE in rough:
+        phase, u = trial.mean(Parameter.PHASE)
+        known = replace(known, phase_shift=phase - view.optics.phase, u_phase_shift=u)
+    if Parameter.SCALE in rough:
+        scale, u = trial.mean(Parameter.SCALE)
+        known = replace(known, log_scale=scale, u_log_scale=u)
+    return known
 
 
 def _find_blur(
