@@ -46,7 +46,7 @@ COMMANDS: dict[str, Command] = {
     "sweep": Command(f"{_HOME}.sweep:sweep", "Map the simulator over its parameters."),
     "sample": Command(f"{_HOME}.sample:sample", "Write a synthetic session with its true values."),
     "bench": Command(f"{_HOME}.bench:bench", "Measure accuracy against run time of every part."),
-    "doctor": Command(f"{_HOME}.system:doctor", "Check the installation and a session's store."),
+    "doctor": Command(f"{_HOME}.system:doctor", "Check the installation; audit a session."),
     "completion": Command(f"{_HOME}.system:completion", "Print the script for bash, zsh or fish."),
 }
 

@@ -104,7 +104,8 @@ def judgement(scene: Scene) -> xr.Dataset:
         smallest = detectable(slopes, covariance) if names else smallest
     values = np.array([scene.inputs[name].value for name in names])
     relative = np.divide(smallest, np.abs(values), out=smallest.copy(), where=values != 0.0)
-    could_notice = bool((relative < MATTERS).any()) if names else True
+    # an error of an input that is 0 has no size to be compared with
+    could_notice = bool((relative[values != 0.0] < MATTERS).any()) if names else True
     units = [scene.inputs[name].si for name in names]
     return _dataset(judged, found, dict(zip(names, units, strict=True)), smallest, relative, could_notice)
 
