@@ -32,7 +32,7 @@ class Row:
         Values of an event with standard uncertainties; the difference is measured minus model.
         Of a curve only the difference is given: the bias, and its uncertainty where one is stated.
     nrmse : float or None
-        Of a curve, relative to the range of the measurement.
+        Of a curve, relative to the range of the model.
     slopes : mapping of str to float
         Derivative of the difference to each input that several rows share, SI: what hangs together
         is counted once, and says what the comparison could notice.
