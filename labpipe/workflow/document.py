@@ -40,9 +40,12 @@ class Document:
 
     def report(self, place: _toml_lines.Path, message: str) -> None:
         """Note a mistake once."""
+        self.problems[self.at(place, message)] = self.line(place)
+
+    def at(self, place: _toml_lines.Path, message: str) -> str:
+        """Put before a message where it belongs: ``session.toml:14: experiments.a.height: …``."""
         shown = f"{dotted(place)}: " if place else ""
-        line = self.line(place)
-        self.problems[f"{self.path.name}:{line}: {shown}{message}"] = line
+        return f"{self.path.name}:{self.line(place)}: {shown}{message}"
 
     def finish(self) -> None:
         """Raise ConfigError with every mistake in the order of its line, if there is any."""
