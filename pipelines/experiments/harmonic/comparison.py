@@ -11,7 +11,7 @@ from labpipe.variables import variable
 from pipelines.experiments.harmonic.measured import COLUMNS
 from pipelines.experiments.harmonic.settings import Harmonic
 from pipelines.experiments.shared import mach1_readings
-from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, Row, row
+from pipelines.experiments.shared.comparison_rows import FORCE_SCALE, STIFFNESS, TOUCH, Row, row
 
 
 def comparison(loads: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *, settings: Harmonic) -> xr.Dataset:
@@ -64,7 +64,11 @@ def rows(comparison: xr.Dataset, oscillations: xr.Dataset, model: xr.Dataset, *,
                 title,
                 unit,
                 1,
-                slopes={FORCE_SCALE: float(oscillations[name][i]), STIFFNESS: -float(model[name][i])},
+                slopes={
+                    FORCE_SCALE: float(oscillations[name][i]),
+                    STIFFNESS: -float(model[name][i]),
+                    TOUCH: float(model[f"u_{name}"][i]),
+                },
                 condition=condition,
                 measured=oscillations[name][i],
                 u_measured=oscillations[f"u_{name}"][i],
