@@ -57,6 +57,7 @@ def write_overview(session: Session, stages: Stages) -> Path:
     plan = make_plan(session, tasks, frozenset(tasks), store, keep=None)
     path = session.folder / PAGE
     code = store.code.behind(f"{__name__}:{_page.__name__}")
+    store.code.save()  # following the imports of a page takes longer than all else that an unchanged session needs
     mark = f"<!-- {_state_digest(plan, code)} -->\n"
     if not (path.is_file() and path.read_text("utf-8").endswith(mark)):
         files.write_text(path, _page(Results(plan)) + mark)
