@@ -107,7 +107,7 @@ class Browser:
         self.send("Page.navigate", url=address)
         self.wait_for("Page.loadEventFired")
 
-    def until(self, script: str, seconds: float = 30.0) -> Any:
+    def until(self, script: str, seconds: float = 120.0) -> Any:
         """Return the first value of a script that counts as true; the page is asked again and again."""
         end = time.monotonic() + seconds
         while not (value := self.run(script)):
