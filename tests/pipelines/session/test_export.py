@@ -103,6 +103,10 @@ def test_a_result_survives_every_format(processed_session: Path, tmp_path: Path,
         assert path.read_text("utf-8").startswith("# experiment: drop\n# stage: repeats\n")
     elif kind == "nc":
         found = files.read_dataset(path)["displacement_mean"].values
+        flag = files.read_dataset(path)["quality_flag"]
+        assert flag.attrs["flag_meanings"] == "yes unknown doubtful impossible"
+        assert list(flag.attrs["flag_values"]) == [1, 2, 3, 4]
+        assert int(flag) in (1, 2)
     elif kind == "mat":
         found = loadmat(path, squeeze_me=True)["displacement_mean"]
     else:
