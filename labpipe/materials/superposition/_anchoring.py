@@ -100,7 +100,9 @@ def repeatability(temperature: Floats, log10_aT: Floats, covariance: Floats) -> 
     than their uncertainty says, and what they differ by nobody can exclude elsewhere.
     """
     deviation = log10_aT - _trend(temperature, log10_aT, float(np.median(temperature)))[:-1]
-    first, second = np.nonzero(np.triu(np.abs(temperature[:, None] - temperature) < LEAST_SPACING, 1))
+    first, second = np.triu_indices(temperature.size, 1)
+    repeated = np.abs(temperature[first] - temperature[second]) < LEAST_SPACING
+    first, second = first[repeated], second[repeated]
     if not first.size:
         return 0.0
     variance = np.diag(covariance)
