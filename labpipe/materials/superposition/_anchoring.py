@@ -108,7 +108,7 @@ def repeatability(temperature: Floats, log10_aT: Floats, covariance: Floats) -> 
     variance = np.diag(covariance)
     expected = variance[first] + variance[second] - 2.0 * covariance[first, second]
     excess = np.mean((deviation[first] - deviation[second]) ** 2 - expected) / 2.0
-    return float(np.sqrt(max(excess, 0.0)))
+    return float(max(float(excess), 0.0) ** 0.5)
 
 
 def _gaps(points: Points, temperature: Floats, log10_aT: Floats) -> tuple[Floats, Floats]:
