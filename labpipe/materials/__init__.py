@@ -1,6 +1,7 @@
 """Linear viscoelastic materials: Prony series, interconversion, master curves, library."""
 
 from labpipe.materials._kraus import Kraus
+from labpipe.materials.codes import BULKS, CODES, Bulk, Deck, StatedLaw, deck_text, make_deck
 from labpipe.materials.library import Material, Solid, Thermal, describe, load, load_file, read_material, solid, thermal
 from labpipe.materials.prony import (
     Prony,
@@ -40,7 +41,11 @@ from labpipe.materials.superposition import (
 )
 
 __all__ = [
+    "BULKS",
+    "CODES",
     "TERMS_PER_DECADE",
+    "Bulk",
+    "Deck",
     "KramersKronig",
     "Kraus",
     "MasterCurve",
@@ -50,11 +55,13 @@ __all__ = [
     "Retardation",
     "ShiftLaw",
     "Solid",
+    "StatedLaw",
     "TableRun",
     "Thermal",
     "arrhenius",
     "compress",
     "creep_from_relaxation",
+    "deck_text",
     "describe",
     "fewest_terms",
     "gather_sweeps",
@@ -64,6 +71,7 @@ __all__ = [
     "kramers_kronig",
     "load",
     "load_file",
+    "make_deck",
     "make_grid",
     "master_curve",
     "maxwell",

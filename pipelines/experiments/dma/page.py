@@ -8,6 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
+from labpipe.materials import deck_text
 from labpipe.report import (
     Band,
     Block,
@@ -64,7 +65,10 @@ def page(
         found = quantities(sweeps, master_curve, temperature_sweep, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
     if master_curve is not None:
-        sections += [_terms(master_curve, context.experiment), pages.methods(_methods(settings, master_curve))]
+        sections += [
+            _terms(master_curve, context.experiment, settings),
+            pages.methods(_methods(settings, master_curve)),
+        ]
     return pages.document(context, "Dynamic mechanical analysis", sections).render()
 
 
@@ -523,16 +527,18 @@ def _transition(ramp: xr.Dataset) -> Section:
     )
 
 
-def _terms(curve: xr.Dataset, name: str) -> Section:
+def _terms(curve: xr.Dataset, name: str, settings: Dma) -> Section:
     outside = curve["extrapolated"].values.astype(bool)
-    reduced = _material_files.fewest_terms(curve)
-    law, T_ref = json.loads(curve.attrs["law"]), float(curve["T_ref"])
+    deck = _material_files.deck(curve, settings=settings, name=name)
+    few = deck.tension
     text = (
-        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {T_ref:.4g} °C, in tension. For simulation "
-        f"codes the series was reduced to {reduced.E.size} terms with "
-        f"E_relaxed = {_modulus(reduced.relaxed)}; "
-        f"within the covered window the error is {reduced.error * 100:.2g} % (rms of the worse "
-        "modulus). Other experiments of this session use the full series."
+        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {deck.T_ref:.4g} °C, in tension. For simulation "
+        f"codes the series was reduced to {few.E.size} terms with "
+        f"E_relaxed = {_modulus(few.E_relaxed)}; "
+        f"within the covered window the error is {deck.error * 100:.2g} % (rms of the worse "
+        "modulus). Other experiments of this session use the full series. "
+        f"`labpipe export SESSION --experiment {name} --format abaqus` writes the file below; ansys, comsol, lsdyna "
+        "and json are as well known, and --bulk says what the bulk modulus does."
     )
     full = _term_table(
         curve["rho"].values,
@@ -541,15 +547,14 @@ def _terms(curve: xr.Dataset, name: str) -> Section:
         f"All terms; E_relaxed = {_modulus(float(curve['E_relaxed']))}. Terms outside the covered "
         "window are extrapolation.",
     )
-    few = _term_table(reduced.rho, reduced.E, np.zeros(reduced.E.size, dtype=bool), "The reduced series.")
+    reduced = _term_table(few.rho, few.E, np.zeros(few.E.size, dtype=bool), "The reduced series.")
     blocks: tuple[Block, ...] = (
         Paragraph(text),
-        few,
+        *(Notice("warning", _sentence(warning)) for warning in deck.warnings),
+        Details(f"The reduced series, {few.E.size} terms", (reduced,)),
         Details(f"All {outside.size} terms", (full,)),
-        Details("For ANSYS (APDL)", text=_material_files.ansys(reduced, law, T_ref)),
-        Details("For Abaqus", text=_material_files.abaqus(reduced, law, T_ref, name)),
-        Details("CSV, all terms and the shift factors", text=_material_files.as_csv(curve, reduced)),
-        Details("JSON, all terms and the shift law", text=_material_files.as_json(curve, reduced)),
+        Details("For Abaqus", text=deck_text(deck, "abaqus")),
+        Details("CSV, all terms and the shift factors", text=_material_files.as_csv(curve, few)),
     )
     return Section("Terms", blocks)
 

@@ -5,12 +5,12 @@ import warnings
 import numpy as np
 import pytest
 
-from labpipe.errors import InputError
+from labpipe.errors import InputError, UsageError
 from labpipe.materials import Prony, gather_sweeps
 from labpipe.units import Quantity
 from pipelines.experiments.dma import measured
 from pipelines.experiments.dma.settings import Dma, Export
-from pipelines.process import process, result
+from pipelines.process import export, process, result
 from pipelines.session import init
 
 SOLID = Prony(1e6, np.array([3e8, 1e8, 2e7]), np.array([1e-3, 1e-1, 1e1]), nu=0.35)
@@ -97,6 +97,27 @@ def test_files_of_one_isotherm_each_are_one_experiment_from_scan_to_curve(tmp_pa
         assert not process(tmp_path, jobs=0).failures
     curve = result(tmp_path, "pi", "master_curve")
     np.testing.assert_allclose(np.diff(curve.log10_aT), [-1.0, -1.0], atol=0.05)
+    written_for_simulation(tmp_path)
+
+
+def written_for_simulation(folder):
+    """Write the material for a code, with the bulk modulus as chosen; what is impossible is told."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        (path,) = export(folder, "abaqus", only="pi", bulk="constant").paths
+        assert path.name == "pi.material.inp"
+        shares = [
+            line.split(", ")
+            for line in path.read_text("utf-8").splitlines()
+            if line[0].isdigit() and line.count(", ") == 2
+        ]
+        assert {row[1] for row in shares[:3]} == {"0"}
+        relaxing = export(folder, "lsdyna").paths[0].read_text("utf-8")
+        both = {path.name for path in export(folder, "json", only="pi").paths}
+    assert "*MAT_GENERAL_VISCOELASTIC" in relaxing
+    assert {"pi.material.json", "pi.master_curve.json"} <= both
+    with pytest.raises(UsageError, match="ansys is of a whole session"):
+        export(folder / "pi_20C.osc", "ansys")
 
 
 def test_temperatures_in_the_names_are_proposed(tmp_path):
