@@ -197,5 +197,5 @@ def test_a_family_takes_its_colours_from_a_scale_and_is_named_at_its_ends():
     packed = pack(made)["series"]
     assert [entry["isLabelled"] for entry in packed] == [True] * 21 + [False]
     assert static_picture(made).lstrip().startswith(b"<?xml")
-    with pytest.raises(InputError, match='"a": level 1.5 lies outside 0 to 1'):
+    with pytest.raises(InputError, match=r'"a": level 1.5 lies outside 0 to 1'):
         Series("a", [1, 2], [1, 2], level=1.5)
