@@ -1,6 +1,8 @@
 """Linear viscoelastic materials: Prony series, interconversion, master curves, library."""
 
 from labpipe.materials._kraus import Kraus
+from labpipe.materials._melts import isofrictional_temperature, wlf_of_melt
+from labpipe.materials._time_domain import with_responses
 from labpipe.materials.codes import BULKS, CODES, Bulk, Deck, StatedLaw, deck_text, make_deck
 from labpipe.materials.library import Material, Solid, Thermal, describe, load, load_file, read_material, solid, thermal
 from labpipe.materials.prony import (
@@ -22,6 +24,8 @@ from labpipe.materials.spectrum import (
     kramers_kronig,
     make_grid,
     maxwell_shapes,
+    prony_of_creep,
+    prony_of_relaxation,
     solve_by_cross_validation,
 )
 from labpipe.materials.superposition import (
@@ -66,6 +70,7 @@ __all__ = [
     "fewest_terms",
     "gather_sweeps",
     "generalised_maxwell",
+    "isofrictional_temperature",
     "isothermal_runs",
     "kelvin_voigt",
     "kramers_kronig",
@@ -78,6 +83,8 @@ __all__ = [
     "maxwell_shapes",
     "modulus_factor",
     "overlapped_shifts",
+    "prony_of_creep",
+    "prony_of_relaxation",
     "read_material",
     "read_sweeps",
     "relaxation_from_creep",
@@ -87,5 +94,7 @@ __all__ = [
     "standard_linear_solid",
     "thermal",
     "trusted_tables",
+    "with_responses",
     "wlf",
+    "wlf_of_melt",
 ]

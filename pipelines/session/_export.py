@@ -29,7 +29,7 @@ TABLES = ("xlsx", "tex")
 """One table of the whole session."""
 CODES = ("abaqus", "ansys", "comsol", "lsdyna", "json")
 """Materials as input of simulation codes; json has the results of all steps beside them."""
-FORMATS = ("csv", "nc", "mat", *TABLES, *CODES)
+FORMATS = ("csv", "nc", "mat", "json", *TABLES, *CODES[:-1])
 FOLDER = "export"
 """Below ``SESSION/labpipe``: files in it may be replaced."""
 
@@ -363,7 +363,8 @@ def export(
     if not (place / sessions.FILE_NAME).is_file() and not _is_unknown_folder(place):
         options = dict(reading or {})
         if format in (*TABLES, *CODES[:-1]):
-            message = f"{format} is of a whole session, and {place} is a file; expected csv, nc, mat or json"
+            what = "is a table" if format in TABLES else "writes the materials"
+            message = f"{format} {what} of a whole session, and {place} is a file; expected csv, nc, mat or json"
             raise UsageError(message)
         return export_file(place, Target(Path(out or "."), format, replace), options)
     if reading:

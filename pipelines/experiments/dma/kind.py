@@ -49,8 +49,8 @@ _STAGES = (
     Stage(
         "master_curve",
         "pipelines.experiments.dma.model:master_curve",
-        ("sweeps",),
-        ("T_ref", "nu", "fit"),
+        ("sweeps", "file:fit.shifts"),
+        ("T_ref", "nu", "fit", "melt", "export"),
         schema="master_curve",
         summary="fit all shifts and one spectrum",
     ),
