@@ -15,7 +15,17 @@ else:
 __all__ = ["INSTRUMENT", "Options", "holds_rows", "read"]
 
 _FAR = 64 * HEAD_BYTES  # how far into a file the lines about specimen and procedure may reach
-_PROCEDURE = ("[File Parameters]", "[step]", "#EXPORTTYPE", "#FORMAT", "#SEPARATOR", "Instrument name", "Curve Name")
+_PROCEDURE = (
+    "[File Parameters]",
+    "[step]",
+    "#EXPORTTYPE",
+    "#FORMAT",
+    "#SEPARATOR",
+    "Instrument name",
+    "Curve Name",
+    "StartOfData",
+    "Nsig",
+)
 
 
 class Options(TypedDict, total=False):
@@ -29,7 +39,7 @@ class Options(TypedDict, total=False):
 
 def _sniff(head: bytes, path: Path) -> bool:
     """Tell a table of sweeps, responses or shift factors by the quantities in its headings."""
-    from instruments.tables._layout import headings_of
+    from instruments.tables._layout import headings_of, signals_of
 
     text = _text(head)
     if "\0" in text or not head:
@@ -42,7 +52,7 @@ def _sniff(head: bytes, path: Path) -> bool:
             return False
         text = _text(head)
     lines = text.removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}").splitlines()
-    return any(headings_of(line) is not None for line in lines if line.strip())
+    return any(headings_of(line) is not None for line in (*lines, signals_of(lines)) if line.strip())
 
 
 def holds_rows(head: bytes) -> bool:

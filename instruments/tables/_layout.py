@@ -29,6 +29,8 @@ _FACT = re.compile(
     r"\s*(?P<unit>[^\s;,)]*(?:\s?C\b)?)"
 )
 _PARAMETERS = re.compile(r"\s*[A-Za-z]\w*\s*=\s*[^=;]*;")  # key=value; of a RepTate header
+_SIGNAL = re.compile(r"\s*Sig\d+\s+(.+?)\s*", re.IGNORECASE)  # a column of a file of Universal Analysis
+_DATA = re.compile(r"\s*StartOfData\s*", re.IGNORECASE)
 _BEGINS = re.compile(r"^\s*\[step\]\s*$", re.IGNORECASE)
 
 
@@ -168,11 +170,17 @@ def blocks(lines: Sequence[tuple[int, str]], given: list[Heading] | None = None)
     found: list[Block] = []
     facts: dict[str, tuple[float, str]] = {}
     title, in_step, k = "", False, 0
+    signals: list[Heading] = []
     if given is not None:
         return _given(lines, given)
     while k < len(lines):
         number, line = lines[k]
-        head = headings_of(line, [text for _, text in lines[k + 1 : k + 4]])
+        signal = _SIGNAL.fullmatch(line)
+        if signal:
+            signals.append(_words.parsed(signal[1]))
+        head = None if signal else _head(lines, k)
+        if signals and _DATA.fullmatch(line):
+            head = (signals, BLANKS, k + 1)
         if head is None:
             if _BEGINS.match(line):
                 in_step, title = True, ""
@@ -182,11 +190,36 @@ def blocks(lines: Sequence[tuple[int, str]], given: list[Heading] | None = None)
             k += 1
             continue
         block = Block(number, head[0], title=title, facts=dict(facts), above=lines[k - 1] if k else (0, ""))
-        k = _fill(block, lines, k + 1, head[1])
+        k = _fill(block, lines, head[2], head[1])
         in_step = False
         if block.rows or not found:
             found.append(block)
     return [block for block in found if block.rows] or found
+
+
+def signals_of(lines: Sequence[str]) -> str:
+    """Return the columns that stand one below the other (``Sig1  Time (min)``) as one line of headings."""
+    found = [match[1] for line in lines if (match := _SIGNAL.fullmatch(line)) is not None]
+    return TAB.join(found)
+
+
+def _head(lines: Sequence[tuple[int, str]], k: int) -> tuple[list[Heading], str, int] | None:
+    """Return headings that begin at a line, what separates them, and where what follows begins.
+
+    Names may stand in two rows, ``Storage`` above ``Modulus``.
+    """
+    head = headings_of(lines[k][1], [text for _, text in lines[k + 1 : k + 4]])
+    if head is None or k + 1 >= len(lines):
+        return None if head is None else (*head, k + 1)
+    below = cells(lines[k + 1][1], head[1])
+    if len(trimmed(below)) <= len(head[0]) and any(below) and not any(map(is_numeric, below)):
+        both = [f"{h.text} {part}".strip() for h, part in zip(head[0], below + [""] * len(head[0]), strict=False)]
+        found = [_words.parsed(text) for text in both]
+        added = [h for h, part in zip(found, below, strict=False) if part]
+        # A row of units is no second row of names.
+        if all(h.is_known and not h.unit for h in added) and not all(map(_words.is_unit, filter(None, below))):
+            return found, head[1], k + 2
+    return (*head, k + 1)
 
 
 def _facts(line: str) -> Iterator[tuple[str, tuple[float, str]]]:

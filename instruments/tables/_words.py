@@ -42,7 +42,8 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
         "elasticmodulus", "tensilestoragemodulus", "flexuralstoragemodulus", "shearstoragemodulus",
         "bendingstoragemodulus", "compressivestoragemodulus", "dynamicstoragemodulus", "extensionalstoragemodulus",
         "realmodulus", "modulusstorage", "storagemodulus'", "modulus'", "est", "gst", "elastic", "elasticmodule",
-        "youngsstoragemodulus", "storagemodule", "emod'", "eelastic", "gelastic",
+        "youngsstoragemodulus",
+        "shearmoduluselasticcomponent", "shearmodulusrealcomponent", "storagemodule", "emod'", "eelastic", "gelastic",
     ),
     "loss_modulus": (
         "eloss", "gloss", "e''", "g''", "m''", "k''", "loss", "lossmodulus", "lossmod", "edoubleprime", "gdoubleprime",
@@ -50,7 +51,9 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
         "viscousmodulus", "tensilelossmodulus", "flexurallossmodulus", "shearlossmodulus", "bendinglossmodulus",
         "compressivelossmodulus", "dynamiclossmodulus", "extensionallossmodulus", "imaginarymodulus",
         "moduluslossm", "modulusloss", "modulus''", "edprime", "gdprime", "els", "gls", "viscous", "lossmodule",
-        "youngslossmodulus", "eviscous", "gviscous", "edblprime", "gdblprime",
+        "youngslossmodulus",
+        "shearmodulusviscouscomponent", "shearmodulusimaginarycomponent", "eviscous", "gviscous", "edblprime",
+        "gdblprime",
     ),
     "loss_factor": (
         "tandelta", "tand", "tanδ", "tandel", "losstangent", "lossfactor", "damping", "dampingfactor", "tgdelta",
@@ -63,7 +66,8 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
     "complex_modulus": (
         "e*", "g*", "m*", "k*", "estar", "gstar", "complexmodulus", "dynamicmodulus", "absestar", "emag", "gmag",
         "ecomplex", "gcomplex", "abse*", "absg*", "moduluscomplex", "complexmod", "ecplx", "gcplx", "absmodulus",
-        "complexshearmodulus", "complexyoungsmodulus", "edyn", "gdyn", "absolutemodulus", "norme*", "normg*",
+        "complexshearmodulus",
+        "shearmoduluscomplexcomponent", "complexyoungsmodulus", "edyn", "gdyn", "absolutemodulus", "norme*", "normg*",
     ),
     "storage_compliance": (
         "d'", "j'", "dstor", "jstor", "dprime", "jprime", "dp", "jp", "storagecompliance", "d1", "j1", "dstorage",
@@ -208,6 +212,9 @@ _SPELLINGS: dict[str, Unit] = {
 }  # fmt: skip
 
 
+_FOLDED_SPELLINGS = {spelling.casefold(): unit for spelling, unit in _SPELLINGS.items()}
+
+
 @dataclass(frozen=True, slots=True)
 class Heading:
     """What the heading of a column says.
@@ -282,9 +289,10 @@ def unit_of(text: str) -> Unit:
     try:
         return anton_paar.unit_of(bare or "1")
     except InputError:
-        for spelling in (bare, bare.casefold()):
-            if spelling in _SPELLINGS:
-                return _SPELLINGS[spelling]
+        plain = re.sub(r"[$\\^{}]|\\?circ|\\?degree(?=C)", "", bare)
+        for spelling in (bare, bare.casefold(), plain.strip().casefold()):
+            if spelling in _FOLDED_SPELLINGS:
+                return _FOLDED_SPELLINGS[spelling]
         raise
 
 

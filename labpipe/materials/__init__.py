@@ -1,6 +1,9 @@
 """Linear viscoelastic materials: Prony series, interconversion, master curves, library."""
 
 from labpipe.materials._kraus import Kraus
+from labpipe.materials._melts import isofrictional_temperature, wlf_of_melt
+from labpipe.materials._time_domain import with_responses
+from labpipe.materials.codes import BULKS, CODES, Bulk, Deck, StatedLaw, deck_text, make_deck
 from labpipe.materials.library import Material, Solid, Thermal, describe, load, load_file, read_material, solid, thermal
 from labpipe.materials.prony import (
     Prony,
@@ -21,6 +24,8 @@ from labpipe.materials.spectrum import (
     kramers_kronig,
     make_grid,
     maxwell_shapes,
+    prony_of_creep,
+    prony_of_relaxation,
     solve_by_cross_validation,
 )
 from labpipe.materials.superposition import (
@@ -40,7 +45,11 @@ from labpipe.materials.superposition import (
 )
 
 __all__ = [
+    "BULKS",
+    "CODES",
     "TERMS_PER_DECADE",
+    "Bulk",
+    "Deck",
     "KramersKronig",
     "Kraus",
     "MasterCurve",
@@ -50,26 +59,32 @@ __all__ = [
     "Retardation",
     "ShiftLaw",
     "Solid",
+    "StatedLaw",
     "TableRun",
     "Thermal",
     "arrhenius",
     "compress",
     "creep_from_relaxation",
+    "deck_text",
     "describe",
     "fewest_terms",
     "gather_sweeps",
     "generalised_maxwell",
+    "isofrictional_temperature",
     "isothermal_runs",
     "kelvin_voigt",
     "kramers_kronig",
     "load",
     "load_file",
+    "make_deck",
     "make_grid",
     "master_curve",
     "maxwell",
     "maxwell_shapes",
     "modulus_factor",
     "overlapped_shifts",
+    "prony_of_creep",
+    "prony_of_relaxation",
     "read_material",
     "read_sweeps",
     "relaxation_from_creep",
@@ -79,5 +94,7 @@ __all__ = [
     "standard_linear_solid",
     "thermal",
     "trusted_tables",
+    "with_responses",
     "wlf",
+    "wlf_of_melt",
 ]

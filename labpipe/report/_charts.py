@@ -40,6 +40,9 @@ class Series:
     on_hover : bool
         Show the curve only while its chart is pointed at, the nearest of them lit and named (each
         repeat behind a band). Still pictures leave it out.
+    level : float, optional
+        Where the curve stands in a family, from 0 (cold) to 1 (warm): it takes its colour from a
+        scale, and its name stands at its end.
 
     Raises
     ------
@@ -55,9 +58,13 @@ class Series:
     role: Role | None = None
     u: "ArrayLike | None" = None
     on_hover: bool = False
+    level: float | None = None
 
     def __post_init__(self) -> None:
         """Turn the inputs into arrays of float and refuse what cannot be drawn."""
+        if self.level is not None and not 0.0 <= self.level <= 1.0:
+            message = f'"{self.name}": level {self.level} lies outside 0 to 1'
+            raise InputError(message)
         _check_choice(self.name, "style", self.style, get_args(Style))
         _check_role(self.name, self.role)
         x, y = _coordinates(self.name, self.x), _heights(self.name, "y", self.y)

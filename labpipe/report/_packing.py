@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from labpipe.report._charts import Band, LineChart, ScatterChart, Series
-from labpipe.report._style import LineLook, looks
+from labpipe.report._style import LineLook, level_look, looks
 from labpipe.report._thinning import kept_samples
 
 if TYPE_CHECKING:
@@ -162,19 +162,27 @@ def _looks_by_identity(series: Sequence[Series | Band]) -> dict[int, LineLook]:
     """Look up bands and curves separately: the first band looks like the first curve."""
     found: dict[int, LineLook] = {}
     for kind in (Series, Band):
-        chosen = [s for s in series if isinstance(s, kind)]
+        chosen = [s for s in series if isinstance(s, kind) and _level(s) is None]
         found |= zip(map(id, chosen), looks([s.role for s in chosen]), strict=True)
+    found |= {id(s): level_look(level) for s in series if (level := _level(s)) is not None}
     if len(series) == 1:
         # Dashes tell curves apart; a curve alone needs none, and its peaks want a whole line.
         found = {key: replace(look, dash=()) for key, look in found.items()}
     return found
 
 
+def _level(series: Series | Band) -> float | None:
+    return series.level if isinstance(series, Series) else None
+
+
 def _is_marked(chart: LineChart | ScatterChart, series: Series | Band) -> bool:
     """Return whether a line needs markers to be distinguished from its neighbours in grey print."""
-    lines = [s for s in chart.series if isinstance(s, Series) and s.style != "points"]
+    if _level(series) is not None:
+        return isinstance(series, Series) and series.style != "points"
+    lines = [s for s in chart.series if isinstance(s, Series) and s.style != "points" and s.level is None]
     # Points carry markers already, and markers along lines would hide them.
-    if isinstance(chart, ScatterChart) or len(lines) < sum(isinstance(s, Series) for s in chart.series):
+    curves = [s for s in chart.series if isinstance(s, Series) and s.level is None]
+    if isinstance(chart, ScatterChart) or len(lines) < len(curves):
         return False
     alike = [s for s in lines if s.role == series.role]
     return series in lines and series.role not in {None, "repeat"} and len(alike) > 1
@@ -282,6 +290,7 @@ def _packed_series(drawn: Drawn, axis: int) -> dict[str, Any]:
         "marker": look.marker,
         "isMarked": drawn.is_marked,
         "filled": look.filled,
+        "isLabelled": _level(source) is not None and getattr(source, "style", "") != "points",
         "onHover": isinstance(source, Series) and source.on_hover,
         "width": look.width,
     } | {name: _packed_curve(c) for name, c in zip(names, drawn.curves, strict=False)}

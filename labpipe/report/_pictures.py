@@ -43,6 +43,7 @@ _RASTER_DPI = 170.0
 _LONGEST_TEXT = 60
 _SMALL_PANEL_TICKS = 4
 _MOST_POSITIONS = 150.0
+_LABEL_SIZE = (0.08, 0.05)  # of the axes, which a name of a curve takes
 _MARKER_SPACING = 0.12
 
 # Lengths in points.
@@ -276,7 +277,30 @@ def _plot(axes: "Axes", thinned: ThinnedChart, window: tuple[float, float]) -> l
     if extremes:
         axes.set_ylim(*padded_range(min(extremes), max(extremes), chart.y_scale, 0.05))
     _ticks(axes, chart)
+    _labels(axes, thinned.series, window)
     return handles
+
+
+def _labels(axes: "Axes", series: Sequence[Drawn], window: tuple[float, float]) -> None:
+    """Name the curves of a family at their ends; leave out what would cover another name."""
+    family = [d for d in series if isinstance(d.source, Series) and d.source.level is not None]
+    family = [d for d in family if d.source.style != "points"]  # type: ignore[union-attr]  # a family has no bands
+    # Both ends of the scale first: they say where it begins and where it ends.
+    order = sorted(range(len(family)), key=lambda i: (0 < i < len(family) - 1, i))
+    taken: list[tuple[float, float]] = []
+    for drawn in (family[i] for i in order):
+        inside = np.flatnonzero(np.isfinite(drawn.curves[0]) & (drawn.x >= window[0]) & (drawn.x <= window[1]))
+        if not inside.size:
+            continue
+        point = float(drawn.x[inside[-1]]), float(drawn.curves[0][inside[-1]])
+        across, up = axes.transAxes.inverted().transform(axes.transData.transform(point))
+        if any(abs(across - x) < _LABEL_SIZE[0] and abs(up - y) < _LABEL_SIZE[1] for x, y in taken):
+            continue
+        taken.append((across, up))
+        axes.annotate(
+            clean(drawn.source.name), point, (0, 2), textcoords="offset points", ha="right", va="bottom",
+            fontsize=6.0, color=drawn.look.light, clip_on=True,
+        )  # fmt: skip
 
 
 def _uncrowded(positions: Sequence[float], window: tuple[float, float]) -> list[float]:

@@ -69,6 +69,34 @@ _CYCLE: tuple[LineLook, ...] = (
     LineLook("#2b2b2b", "#dddddd", (1.5, 2.0), "square", True, 1.3),
 )
 
+# From cold to warm: hue and, less so, lightness change steadily; every colour keeps 3 to 1.
+_SCALE = {
+    "light": ("#17408f", "#5a3ea8", "#9a2f8a", "#c2364f", "#b85c00"),
+    "dark": ("#7fa8ff", "#b79bff", "#ee8fd0", "#ff9c94", "#ffc247"),
+}
+
+
+def _on_scale(colours: Sequence[str], level: float) -> str:
+    """Return the colour at a level between 0 and 1."""
+    place = min(max(level, 0.0), 1.0) * (len(colours) - 1)
+    first = min(int(place), len(colours) - 2)
+    parts = [[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in colours[first : first + 2]]
+    mixed = (round(a + (b - a) * (place - first)) for a, b in zip(*parts, strict=True))
+    return "#" + "".join(f"{part:02x}" for part in mixed)
+
+
+def level_look(level: float) -> LineLook:
+    """Return the look of a curve of a family, by its place from 0 (cold) to 1 (warm).
+
+    Examples
+    --------
+    >>> level_look(0.0).light, level_look(1.0).light
+    ('#17408f', '#b85c00')
+    """
+    light, dark = (_on_scale(_SCALE[page], level) for page in ("light", "dark"))
+    return LineLook(light, dark, (), "circle", True, 1.0)
+
+
 MATPLOTLIB_MARKERS = {"circle": "o", "square": "s", "triangle": "^", "diamond": "D"}
 
 

@@ -1,5 +1,6 @@
 """The command export: results and raw files as csv, netCDF, MATLAB, JSON or one table."""
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,17 @@ from pipelines.session import FORMATS
 @click.option(
     "--format", "-f", "kind", type=click.Choice(FORMATS), default="csv", show_default=True, help="Format of the files."
 )
-@click.option("--only", multiple=True, help="Only this experiment of a session.")
+@click.option("--only", "--experiment", multiple=True, help="Only this experiment of a session.")
 @click.option("--stage", "stages", multiple=True, help="Only this step, such as bounces.")
 @click.option(
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     help="Folder; default SESSION/labpipe/export, or here for a file.",
+)
+@click.option(
+    "--bulk",
+    type=click.Choice(["constant", "relaxing", "incompressible"]),
+    help="Bulk modulus of a material for a simulation code; default: Poisson's ratio is constant.",
 )
 @click.option("--force", is_flag=True, help="Replace files of the same name.")
 @reading_options
@@ -30,6 +36,7 @@ def export(
     only: tuple[str, ...],
     stages: tuple[str, ...],
     out: Path | None,
+    bulk: str | None,
     force: bool,
     reading: dict[str, Any],
     as_json: bool,
@@ -39,17 +46,25 @@ def export(
     SOURCE is a session folder or a file of any known instrument. Values are in SI; a csv table
     has a row of units below its names, and remarks that begin with #. Of a session, xlsx and tex
     are one table with a row for each quantity: value, u, model, deviation, verdict; xlsx has the
-    curves on further sheets.
+    curves on further sheets. abaqus, ansys, comsol and lsdyna are the materials of a session as
+    input of a simulation code.
 
     \b
     Example:
       labpipe export my-session --stage bounces --format csv
       labpipe export my-session --format xlsx
+      labpipe export my-session --experiment nbr_dma --format abaqus --bulk constant
       labpipe export my-session/laser/drop_1.csv --format mat
     """
     from pipelines import process as verbs
 
-    done = verbs.export(source, kind, only=list(only) or None, stages=stages, out=out, replace=force, reading=reading)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        done = verbs.export(
+            source, kind, only=list(only) or None, stages=stages, out=out, replace=force, reading=reading, bulk=bulk
+        )
+    for warning in caught:
+        click.echo(f"warning: {warning.message}", err=True)
     if as_json:
         echo_json({"files": [str(p) for p in done.paths], "left_out": list(done.left_out)})
         return

@@ -178,6 +178,9 @@ class Kind:
     prior : Derived, optional
         What is known of a material before ``identify``; takes also ``name`` and ``temperature``
         (degC or None), and returns a ``MaterialEvidence``.
+    material : Derived, optional
+        The material as input of simulation codes; takes also ``name`` and ``bulk`` (None for the
+        usual), and returns a :class:`labpipe.materials.Deck`.
     proposal : Proposal, optional
         Without one a person writes the experiment into session.toml.
     """
@@ -196,6 +199,7 @@ class Kind:
     body: str = ""
     evidence: Derived | None = None
     prior: Derived | None = None
+    material: Derived | None = None
     proposal: Proposal | None = None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +28,9 @@ if TYPE_CHECKING:
 Format = str
 TABLES = ("xlsx", "tex")
 """One table of the whole session."""
-FORMATS = ("csv", "nc", "mat", "json", *TABLES)
+CODES = ("abaqus", "ansys", "comsol", "lsdyna", "json")
+"""Materials as input of simulation codes; json has the results of all steps beside them."""
+FORMATS = ("csv", "nc", "mat", "json", *TABLES, *CODES[:-1])
 FOLDER = "export"
 """Below ``SESSION/labpipe``: files in it may be replaced."""
 
@@ -230,6 +233,54 @@ def export_table(results: Results, experiments: Iterable[str], target: Target) -
     return Exported((path,), tuple(left_out))
 
 
+def export_materials(
+    results: Results, experiments: Iterable[str], target: Target, bulk: str | None
+) -> tuple[Exported, tuple[str, ...]]:
+    """Write the materials of a session as input of a simulation code.
+
+    Parameters
+    ----------
+    results : Results
+        Of the wanted experiments.
+    experiments : iterable of str
+        Only these; empty for all.
+    target : Target
+        Where to; its format is the code.
+    bulk : str, optional
+        What the bulk modulus does.
+
+    Returns
+    -------
+    (Exported, tuple of str)
+        The files, and the warnings that stand in them.
+    """
+    from labpipe import materials
+    from pipelines.experiments import KINDS
+    from pipelines.session._results import derive, needed
+
+    session = results.plan.session
+    states = {str(row.task.experiment) + "/" + row.stage: row for row in results.plan.rows}
+    names = set(experiments)
+    paths, left_out, warned = [], [], []
+    for experiment in session.experiments.values():
+        hook = KINDS[experiment.kind].material
+        if names and experiment.name not in names:
+            continue
+        if hook is None:
+            left_out += [f"{experiment.name}: it makes no material"] if names else []
+            continue
+        waiting = [states[key] for key in needed(session, experiment, hook) if states[key].state not in READY]
+        if waiting:
+            left_out += [f"{row.task}: {row.reason}" for row in waiting]
+            continue
+        deck = derive(results, experiment, hook, name=experiment.name, bulk=bulk)
+        warned += [f"{experiment.name}: {text}" for text in deck.warnings]
+        path = target.free(f"{experiment.name}.material{materials.CODES[target.format]}")
+        files.write_text(path, materials.deck_text(deck, target.format))
+        paths.append(path)
+    return Exported(tuple(paths), tuple(left_out)), tuple(warned)
+
+
 def _name(row: Row) -> str:
     parts = [row.experiment, row.stage]
     if row.recording is not None:
@@ -290,6 +341,7 @@ def export(
     out: str | Path | None = None,
     replace: bool = False,
     reading: dict[str, Any] | None = None,
+    bulk: str | None = None,
 ) -> Exported:
     """Write stored results, or one raw file, for programs that read no netCDF.
 
@@ -297,10 +349,12 @@ def export(
     ----------
     source : path-like
         A session folder, or a file (or folder of images) of a known instrument.
-    format : {"csv", "nc", "mat", "json", "xlsx", "tex"}
+    format : {"csv", "nc", "mat", "json", "xlsx", "tex", "abaqus", "ansys", "comsol", "lsdyna"}
         Of the files; csv has one table per set of dimensions, with a row of units. Of a session,
         ``xlsx`` and ``tex`` are one table with a row for each quantity (value, u, model, deviation,
-        verdict), which csv has beside the others; ``xlsx`` has the curves on further sheets.
+        verdict), which csv has beside the others; ``xlsx`` has the curves on further sheets. The
+        names of simulation codes write the materials of the session as their input; json has them
+        beside the results, for any other code.
     only, stages : str or iterable of str, optional
         Experiments and steps of a session; all by default.
     out : path-like, optional
@@ -309,6 +363,9 @@ def export(
         Replace files of the same name; in the default folder of a session they always are.
     reading : dict, optional
         What a raw file leaves unsaid, such as ``{"cycle": "50 us"}``.
+    bulk : {"constant", "relaxing", "incompressible"}, optional
+        What the bulk modulus of a material does while its shear modulus relaxes; by default
+        Poisson's ratio is constant, and at ν = 0.5 the material incompressible.
 
     Returns
     -------
@@ -331,8 +388,9 @@ def export(
     place = Path(source)
     if not (place / sessions.FILE_NAME).is_file() and not _is_unknown_folder(place):
         options = dict(reading or {})
-        if format in TABLES:
-            message = f"{format} is a table of a whole session, and {place} is a file; expected csv, nc, mat or json"
+        if format in (*TABLES, *CODES[:-1]):
+            what = "is a table" if format in TABLES else "writes the materials"
+            message = f"{format} {what} of a whole session, and {place} is a file; expected csv, nc, mat or json"
             raise UsageError(message)
         return export_file(place, Target(Path(out or "."), format, replace), options)
     if reading:
@@ -348,6 +406,18 @@ def export(
             message = f"{format} is one table of all steps; leave out --stage, or take csv, nc, mat or json"
             raise UsageError(message)
         return export_table(Results(made), experiments, target)
+    if format in CODES and not names:
+        written, warned = export_materials(Results(made), experiments, target, bulk)
+        for text in warned:
+            warnings.warn(text, stacklevel=2)
+        if format != "json" and not written.paths:
+            reasons = "; ".join(written.left_out) or "no experiment makes one, as a master curve does"
+            message = f"{place}: there is no material to write: {reasons}"
+            raise InputError(message)
+        if format != "json":
+            return written
+        done = export_results(Results(made), names, experiments, target)
+        return Exported((*written.paths, *done.paths), done.left_out)
     done = export_results(Results(made), names, experiments, target)
     if format != "csv" or names:
         return done

@@ -261,7 +261,7 @@ _UNTOLD: dict[instruments.Content, str] = {
     "displacement": "the kind of experiment does not follow from it alone; add it by hand",
     "force": "it holds neither an oscillation nor a relaxation; add it by hand",
     "film": "the kind of experiment does not follow from it alone; add it by hand",
-    "sweep": "it holds no moduli over frequency and temperature; add it by hand",
+    "sweep": "it holds no moduli over frequency; add it by hand",
     "displacement_field": "no kind of experiment uses it",
 }
 

@@ -84,6 +84,19 @@ LAYOUTS = {
     "columns of no concern": table("Pt,f (Hz),E' (MPa),E'' (MPa),T (°C),Force (N)", np.arange(F.size), *ALL, F),
     "lines above": "Sample: NBR 70\nOperator\tA. B.\nDate: 3/6/2020 14:02\n\n" + table("f (Hz),E' (MPa),E'' (MPa),T (°C)", *ALL),
     "lines below": table("f (Hz),E' (MPa),E'' (MPa),T (°C)", *ALL) + "\nEnd of data\nmeasured by A. B.\n",
+    "names in two rows": table("Frequency,Storage,Loss,Temperature\n,Modulus,Modulus,\nHz,MPa,MPa,C", *ALL),
+    "an index without a name": table(",freq_hz,E_stor_MPa,E_loss_MPa,temp_c", np.arange(F.size), *ALL),
+    "signs of LaTeX": table("$f$ (Hz),$E'$ (MPa),$E''$ (MPa),$T$ ($^\\circ$C)", *ALL),
+    "capitals": table("FREQ (HZ),E' (MPA),E'' (MPA),TEMP (DEG C)", *ALL),
+    "a table of markdown": table("| f (Hz) | E' (MPa) | E'' (MPa) | T (°C) |\n|---|---|---|---|", *ALL, sep=" | "),
+    "HAAKE RheoWin": table(
+        "f in Hz;ω in rad/s;G' in Pa;G\" in Pa;|G*| in Pa;δ in °;T in °C", F, OMEGA, STORAGE, LOSS, SIZE, np.rad2deg(DELTA), T, sep=";", decimal=","
+    ),
+    "Bohlin": table("Frequency\tElastic Modulus\tViscous Modulus\tTemperature\nHz\tMPa\tMPa\tC", *ALL, sep="\t"),
+    "Kinexus": table("Frequency(Hz),Shear modulus (elastic component)(MPa),Shear modulus (viscous component)(MPa),Temperature(°C)", *ALL),
+    "Eplexor": table("Nr.;f[Hz];E'[MPa];E''[MPa];T[°C]", np.arange(F.size), *ALL, sep=";", decimal=","),
+    "ARES Orchestrator": table(" [page 1]\n\tFreq\tG'\tG''\tTemp\n\t[rad/s]\t[Pa]\t[Pa]\t[°C]", OMEGA, STORAGE, LOSS, T, sep="\t").replace("\n0", "\n\t0").replace("\n6", "\n\t6").replace("\n1", "\n\t1"),
+    "Universal Analysis": "Instrument\tDMA Q800 V21.1\nNsig\t4\nSig1\tFrequency (Hz)\nSig2\tStorage Modulus (MPa)\nSig3\tLoss Modulus (MPa)\nSig4\tTemperature (°C)\nDate\t01-Jan-2020\n" + table("StartOfData", *ALL, sep="\t"),
     "Windows": table("f (Hz),E' (MPa),E'' (MPa),T (°C)", *ALL).replace("\n", "\r\n"),
     "a table per temperature": "\n".join(
         f"Temperature: {t:g} °C\n" + table("f (Hz),E' (MPa),E'' (MPa)", F[t == T], STORAGE[t == T] / 1e6, LOSS[t == T] / 1e6)

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
 import warnings
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import xarray as xr
 
+from labpipe import files
 from labpipe.arrays import Floats
+from labpipe.errors import InputError
+from labpipe.materials.codes import CODES, Bulk, Code, deck_text, make_deck
 from labpipe.materials.prony import Prony
 from labpipe.materials.spectrum import KramersKronig, kramers_kronig
 from labpipe.materials.superposition._anchoring import anchor_at
@@ -131,6 +137,80 @@ class MasterCurve:
         inside = self.b_T.dropna("temperature").sortby("temperature")
         b_T = np.interp(temperature, inside["temperature"].values, inside.values)
         return self.prony.shifted(10.0**log10_aT, float(b_T))
+
+    def export(
+        self,
+        path: str | os.PathLike[str],
+        code: Code | None = None,
+        *,
+        bulk: Bulk | None = None,
+        measured: Literal["tension", "shear"] = "tension",
+        tolerance: float = 0.01,
+        name: str | None = None,
+    ) -> Path:
+        """Write the material as input of a simulation code.
+
+        The file says where the material is valid, what its bulk modulus does, by which law it
+        shifts, and what of this the code cannot express.
+
+        Parameters
+        ----------
+        path : path-like
+            The file; its end tells the code: ``.inp`` Abaqus, ``.mac`` ANSYS, ``.txt`` COMSOL,
+            ``.k`` LS-DYNA, ``.json``.
+        code : {"abaqus", "ansys", "comsol", "lsdyna", "json"}, optional
+            Where the end of the name does not tell it.
+        bulk : {"constant", "relaxing", "incompressible"}, optional
+            What the bulk modulus does; by default Poisson's ratio is constant, and at ν = 0.5 the
+            material incompressible.
+        measured : {"tension", "shear"}
+            Which modulus was measured: it is the one that stays as it is.
+        tolerance : float
+            Root-mean-square relative error that the reduction of terms may cost.
+        name : str, optional
+            Of the material; by default that of the file.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        InputError
+            The code is unknown, or the bulk modulus cannot be as asked for.
+
+        Warns
+        -----
+        UserWarning
+            Where the instantaneous or the long-time modulus is extrapolated.
+
+        Examples
+        --------
+        >>> curve.export("nbr.inp", bulk="constant")  # doctest: +SKIP
+        """
+        target = Path(path)
+        known = next((c for c, suffix in CODES.items() if target.suffix.lower() == suffix), None)
+        chosen = code or known
+        if chosen not in CODES:
+            message = f'code "{chosen or target.suffix}" is unknown; expected one of {", ".join(CODES)}'
+            raise InputError(message)
+        window = self.curve["reduced_frequency"].values
+        deck = make_deck(
+            self.prony,
+            (float(window.min()), float(window.max())),
+            self.T_ref,
+            name=name or target.stem,
+            law=self.law,
+            shifts=(self.log10_aT["temperature"].values, self.log10_aT.values),
+            b_T=self.b_T.values,
+            bulk=bulk,
+            measured=measured,
+            tolerance=tolerance,
+        )
+        for text in deck.warnings:
+            warnings.warn(text, UserWarning, stacklevel=2)
+        files.write_text(target, deck_text(deck, chosen))
+        return target
 
     def to_dataset(self) -> xr.Dataset:
         """Return shifts, data, curve, terms and overlap as one Dataset for a netCDF file."""

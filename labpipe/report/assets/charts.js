@@ -302,6 +302,30 @@
     ctx.globalAlpha = 1;
   };
 
+  /** Names of the curves of a family at their ends, those left out that would cover another. */
+  const drawLabels = (chart, u, project, density) => {
+    const { ctx, bbox } = u, taken = [];
+    const family = chart.series.filter((s) => s.isLabelled && s.shown);
+    ctx.font = `${11 * density}px ${getComputedStyle(document.body).fontFamily}`; ctx.textAlign = "right"; ctx.textBaseline = "bottom";
+    // Both ends of the scale first: they say where it begins and where it ends.
+    const order = family.map((s, i) => [i === 0 || i === family.length - 1 ? 0 : 1, i, s]).sort((a, b) => a[0] - b[0] || a[1] - b[1]);
+    for (const [, , s] of order) {
+      const [first, last] = visible(chart, s, u);
+      let i = last - 1;
+      while (i >= first && !(project.px(s.x[i]) <= bbox.left + bbox.width && s.y[i] === s.y[i])) i -= 1;
+      if (i < first) continue;
+      const width = ctx.measureText(s.name).width, height = 12 * density;
+      const right = Math.max(project.px(s.x[i]), bbox.left + width), bottom = Math.max(project.py(s.y[i]) - 4 * density, bbox.top + height);
+      const box = [right - width, bottom - height, right, bottom];
+      if (taken.some((t) => box[0] < t[2] && t[0] < box[2] && box[1] < t[3] && t[1] < box[3])) continue;
+      taken.push(box);
+      ctx.lineWidth = 3 * density; ctx.setLineDash([]); ctx.lineJoin = "round"; ctx.strokeStyle = colour("--page");
+      ctx.strokeText(s.name, right, bottom);
+      ctx.fillStyle = inkOf(s);
+      ctx.fillText(s.name, right, bottom);
+    }
+  };
+
   const draw = (chart, u) => {
     const { ctx, bbox } = u, density = window.devicePixelRatio || 1;
     const project = projection(u, chart.description);
@@ -319,6 +343,7 @@
     const drawn = chart.series.map((s, place) => [s, place]).filter(([s]) => isDrawn(chart, s));
     drawn.sort(([a, i], [b, j]) => last(a) - last(b) || i - j);
     for (const [s, place] of drawn) drawSeries(chart, u, s, place, project, density);
+    drawLabels(chart, u, project, density);
     ctx.restore();
   };
 

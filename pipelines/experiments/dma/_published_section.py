@@ -51,7 +51,13 @@ def section(found: xr.Dataset, curve: xr.Dataset) -> Section:
     blocks: list[Block] = [Paragraph(text) for text in reasons(found, curve)]
     return Section(
         "Comparison with published shifts",
-        (*blocks[:1], chart, gap, *blocks[1:], _shift_table(found, order), _step_table(found)),
+        (
+            *blocks[:1],
+            chart,
+            *blocks[1:],
+            Details("The difference, temperature by temperature", (gap, _shift_table(found, order))),
+            _step_table(found),
+        ),
     )
 
 

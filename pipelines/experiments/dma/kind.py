@@ -49,8 +49,8 @@ _STAGES = (
     Stage(
         "master_curve",
         "pipelines.experiments.dma.model:master_curve",
-        ("sweeps",),
-        ("T_ref", "nu", "fit"),
+        ("sweeps", "file:fit.shifts"),
+        ("T_ref", "nu", "fit", "melt", "export"),
         schema="master_curve",
         summary="fit all shifts and one spectrum",
     ),
@@ -100,5 +100,6 @@ KIND = Kind(
     rows=Derived("pipelines.experiments.dma.comparison:rows", ("master_curve",)),
     budget=Derived("pipelines.experiments.dma.budget:quantities", ("sweeps", "master_curve", "temperature_sweep")),
     prior=Derived("pipelines.experiments.dma.evidence:prior", ("sweeps", "master_curve")),
+    material=Derived("pipelines.experiments.dma._material_files:deck", ("master_curve",)),
     proposal=Proposal(("sweep",), "pipelines.experiments.dma.proposal:proposed", answers={"mode": MODES}),
 )

@@ -7,7 +7,7 @@ import xarray as xr
 
 import instruments
 from labpipe.errors import InputError
-from labpipe.materials import TableRun, gather_sweeps, modulus_factor, trusted_tables
+from labpipe.materials import TableRun, gather_sweeps, modulus_factor, trusted_tables, with_responses
 from labpipe.variables import variable
 from pipelines.experiments.dma import _glass_transition
 from pipelines.experiments.dma.settings import Dma
@@ -17,7 +17,10 @@ _LEAST_RAMP = 10.0  # K that a temperature sweep covers at least
 
 
 def readings(path: Path, *, settings: Dma) -> xr.Dataset:
-    """Read one export, of a rheometer or as a table; of a stated temperature where it has none."""
+    """Read one export, of a rheometer or as a table; of a stated temperature where it has none.
+
+    Relaxation and creep tests become sweeps.
+    """
     options = settings.export
     found = instruments.read_table(
         path,
@@ -30,7 +33,7 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
     )
     stated = _stated(path, settings)
     if stated is None:
-        return found
+        return with_responses(found)
     if "temperature" in found:
         message = (
             f"{path.name} has a column of temperature, and the session states {stated:g} °C for it; "
@@ -38,7 +41,9 @@ def readings(path: Path, *, settings: Dma) -> xr.Dataset:
         )
         raise InputError(message)
     constant = np.full(found.sizes["sample"], stated)
-    return found.assign(temperature=variable("sample", constant, "degC", "temperature, as the session states it"))
+    return with_responses(
+        found.assign(temperature=variable("sample", constant, "degC", "temperature, as the session states it"))
+    )
 
 
 def _stated(path: Path, settings: Dma) -> float | None:

@@ -2,38 +2,70 @@
 
 import json
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 
 from labpipe import materials
+from labpipe.arrays import Floats
+from labpipe.errors import InputError, SourceError
 from labpipe.materials import MasterCurve
 from labpipe.variables import variable
+from pipelines.experiments.dma import _shift_tables as shift_tables
 from pipelines.experiments.dma.settings import Dma
 
 _SWITCH: dict[str, bool | Literal["auto"]] = {"auto": "auto", "on": True, "off": False}
 
 
-def master_curve(sweeps: xr.Dataset, *, settings: Dma) -> xr.Dataset:
+def master_curve(sweeps: xr.Dataset, shifts: Path | None = None, *, settings: Dma) -> xr.Dataset:
     """Shift the sweeps onto one curve and fit its spectrum.
 
     The result is the material that other experiments refer to: ``E_relaxed`` and ``nu``, and
-    ``E`` and ``rho`` over ``term``, at the reference temperature.
+    ``E`` and ``rho`` over ``term``, at the reference temperature. Shifts set by hand are where the
+    fit begins, or what it takes.
     """
     fit = settings.fit
+    by_hand = None if shifts is None else _by_hand(sweeps["temperature"].values, shifts, settings)
     made = materials.master_curve(
         sweeps,
-        None if settings.T_ref is None else settings.T_ref.value,
+        _reference(settings),
         None if fit.law == "free" else fit.law,
         vertical=fit.vertical,
         delay=_SWITCH[fit.delay],
         levels=_SWITCH[fit.levels],
         robust=fit.robust,
         noise_ratio=fit.noise_ratio,
+        shifts=by_hand,
+        refine=fit.refine,
         nu=settings.nu.value,
     )
     return _stored(made, sweeps, settings.nu.u)
+
+
+def _reference(settings: Dma) -> float | None:
+    """Return the reference temperature; of a short melt that of equal friction."""
+    if settings.melt is None:
+        return None if settings.T_ref is None else settings.T_ref.value
+    if settings.T_ref is None:
+        message = "melt corrects T_ref for the molar mass; give T_ref, that of long chains"
+        raise InputError(message)
+    melt = settings.melt
+    return materials.isofrictional_temperature(settings.T_ref.value, melt.molar_mass, melt.fox_flory)
+
+
+def _by_hand(T: Floats, shifts: Path, settings: Dma) -> Floats:
+    """Return the shifts of a table at the measured temperatures."""
+    found = shift_tables.at(shift_tables.read(shifts, settings), T)
+    if not np.isfinite(found).all():
+        missing = ", ".join(f"{t:.4g}" for t in T[~np.isfinite(found)])
+        raise SourceError(
+            shifts,
+            f"the table holds no shift for {missing} °C",
+            hint="Give one for each isotherm, or leave fit.shifts out.",
+        )
+    return found
 
 
 def _stored(made: MasterCurve, sweeps: xr.Dataset, u_nu: float) -> xr.Dataset:

@@ -1,13 +1,14 @@
 """The report of a dynamic mechanical analysis."""
 
 import json
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
+from labpipe.materials import deck_text
 from labpipe.report import (
     Band,
     Block,
@@ -51,20 +52,24 @@ def page(
     sections = [_summary(sweeps, master_curve, temperature_sweep, context)]
     if (verdict := verdict_section(judgement)) is not None:
         sections.insert(0, verdict)
-    if sweeps is not None:
-        sections.append(_sweeps(settings, readings, sweeps))
     if master_curve is not None:
         sections += [_master(master_curve), _shifts(master_curve)]
         if published is not None and "absent" not in published.attrs:
             sections.append(_published_section.section(published, master_curve))
-        sections += [_spectrum(master_curve), _kramers_kronig(master_curve), _residuals(master_curve)]
-    if temperature_sweep is not None:
+    if temperature_sweep is not None and "absent" not in temperature_sweep.attrs:
         sections.append(_transition(temperature_sweep))
+    if sweeps is not None:
+        sections.append(_sweeps(settings, readings, sweeps))
+    if master_curve is not None:
+        sections += [_kramers_kronig(master_curve), _residuals(master_curve)]
     if sweeps is not None and master_curve is not None:
         found = quantities(sweeps, master_curve, temperature_sweep, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
     if master_curve is not None:
-        sections += [_terms(master_curve, context.experiment), pages.methods(_methods(settings, master_curve))]
+        sections += [
+            _terms(master_curve, context.experiment, settings),
+            pages.methods(_methods(settings, master_curve)),
+        ]
     return pages.document(context, "Dynamic mechanical analysis", sections).render()
 
 
@@ -190,23 +195,33 @@ def _transition_rows(ramp: xr.Dataset | None) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _isotherms(table: xr.Dataset, name: str, x_name: str | None = None, factor: float = _MPA) -> list[Series]:
-    """Return one curve per temperature, sorted along x."""
+def _isotherms(
+    table: xr.Dataset,
+    name: str,
+    x_name: str | None = None,
+    factor: float = _MPA,
+    style: Literal["line", "points"] = "line",
+) -> list[Series]:
+    """Return one curve per temperature, coldest first, sorted along x, on a scale of colours."""
     series = []
-    for i, T in enumerate(table["temperature"].values):
+    temperature = table["temperature"].values
+    for i in np.argsort(temperature, kind="stable"):
         x = table["frequency"].values if x_name is None else table[x_name].values[i]
         y = table[name].values[i] * factor
         good = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
         good = good[np.argsort(x[good], kind="stable")]
         if good.size:
-            series.append(Series(f"{T:.0f} °C".replace("-", "\N{MINUS SIGN}"), x[good], y[good], style="points"))
+            span = float(np.ptp(temperature))
+            level = (float(temperature[i]) - float(temperature.min())) / span if span else 0.5
+            title = f"{temperature[i]:.0f} °C".replace("-", "\N{MINUS SIGN}")
+            series.append(Series(title, x[good], y[good], style=style, level=level))
     return series
 
 
 def _sweeps(settings: Dma, readings: list[xr.Dataset] | None, sweeps: xr.Dataset) -> Section:
     blocks: list[Block] = []
     factor = float(sweeps.attrs["modulus_factor"])
-    text = "Moduli in tension over frequency, as measured; one colour per temperature."
+    text = "Moduli in tension over frequency, as measured; from the coldest (blue) to the warmest (orange)."
     if factor != 1.0:
         text += (
             f" Loaded in {settings.mode}; the file's moduli were multiplied by 2 (1 + ν) = "
@@ -216,18 +231,19 @@ def _sweeps(settings: Dma, readings: list[xr.Dataset] | None, sweeps: xr.Dataset
             relative = float(sweeps.attrs["u_modulus_factor"]) / factor * 100
             text += f" That factor is uncertain by {relative:.2g} %, equally for all moduli."
     blocks.append(Paragraph(text))
-    for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus")):
-        blocks.append(
-            LineChart(
-                title,
-                "frequency / Hz",
-                f"{title.lower()} / MPa",
-                _isotherms(sweeps, name),
-                x_scale="log",
-                y_scale="log",
-                group="sweeps",
-            )
+    charts = [
+        LineChart(
+            title,
+            "frequency / Hz",
+            f"{title.lower()} / MPa",
+            _isotherms(sweeps, name),
+            x_scale="log",
+            y_scale="log",
+            group="sweeps",
         )
+        for name, title in (("storage", "Storage modulus"), ("loss", "Loss modulus"))
+    ]
+    blocks += [charts[0], Details("Loss modulus", charts[1:])]
     for reading in readings or ():
         header = pages.raw_header(reading)
         if header is not None:
@@ -248,7 +264,7 @@ def _master(curve: xr.Dataset) -> Section:
                 label,
                 f"{title.lower()} / MPa",
                 [
-                    *_isotherms(curve, f"{name}_reduced", "point_reduced_frequency"),
+                    *_isotherms(curve, f"{name}_reduced", "point_reduced_frequency", style="points"),
                     Series("spectrum", x, y, role="model"),
                     Band("95 %", x, low, y + _COVERAGE * u, role="model"),
                 ],
@@ -259,18 +275,21 @@ def _master(curve: xr.Dataset) -> Section:
             )
         )
     blocks.append(
-        LineChart(
-            "Loss factor, master curve",
-            label,
-            "tan δ",
-            [Series("spectrum", x, curve["master_loss_factor"].values, role="model")],
-            x_scale="log",
-            group="master",
-            height_px=220,
-            caption="Bands include the uncertainty of the spectrum, the shifts, the "
-            "vertical law and the delay; they assume that superposition holds.",
+        Paragraph(
+            "Bands include the uncertainty of the spectrum, the shifts, the vertical law and the delay; they assume "
+            "that superposition holds."
         )
     )
+    factor = LineChart(
+        "Loss factor, master curve",
+        label,
+        "tan δ",
+        [Series("spectrum", x, curve["master_loss_factor"].values, role="model")],
+        x_scale="log",
+        group="master",
+        height_px=220,
+    )
+    blocks.append(Details("Loss factor", (factor,)))
     return Section("Master curve", tuple(blocks))
 
 
@@ -324,7 +343,8 @@ def _shifts(curve: xr.Dataset) -> Section:
     if float(curve["delay"]):
         shown = value_with_uncertainty(float(curve["delay"]), float(curve["u_delay"]), "s")
         fits.append(("delay of the instrument's phase", shown, "removed"))
-    return Section("Shift factors", (chart, KeyValues(fits), table))
+    folded = Details(f"Shift factors of {T.size} temperatures", (table,))
+    return Section("Shift factors", (chart, KeyValues(fits), folded))
 
 
 def _law_curve(law: dict[str, Any], T: Floats) -> Floats:
@@ -354,7 +374,7 @@ def _neighbour(curve: xr.Dataset, T: float) -> list[float | str | None]:
     return [float(pair["overlap"]), "" if int(pair["determined"]) else "loose"]
 
 
-def _spectrum(curve: xr.Dataset) -> Section:
+def _spectrum(curve: xr.Dataset) -> list[Block]:
     outside = curve["extrapolated"].values.astype(bool)
     rho, E = curve["rho"].values, curve["E"].values * _MPA
     series = [Series("inside the window", rho[~outside], E[~outside], style="points", role="measured")]
@@ -385,7 +405,7 @@ def _spectrum(curve: xr.Dataset) -> Section:
                 caption="J(t) = 1/E_relaxed − Σ C_k exp(−t/τ_k), from the relaxation series by exact interconversion.",
             )
         )
-    return Section("Spectrum", tuple(blocks))
+    return blocks
 
 
 def _kramers_kronig(curve: xr.Dataset) -> Section:
@@ -423,7 +443,8 @@ def _kramers_kronig(curve: xr.Dataset) -> Section:
         "percent. Near the ends the prediction lacks the data beyond the window.",
     )
     notice = Notice(_KIND[kk["verdict"]], f"Verdict: {kk['verdict']}. {_sentence(kk['reason'])}")  # type: ignore[arg-type]
-    return Section("Consistency of storage and loss modulus", (notice, storage, loss))
+    folded = Details("Each modulus predicted from the other", (storage, loss))
+    return Section("Consistency of storage and loss modulus", (notice, folded))
 
 
 def _residuals(curve: xr.Dataset) -> Section:
@@ -433,7 +454,7 @@ def _residuals(curve: xr.Dataset) -> Section:
             title,
             label,
             "model / measured − 1 / %",
-            _isotherms(curve, name, "point_reduced_frequency", 100.0),
+            _isotherms(curve, name, "point_reduced_frequency", 100.0, "points"),
             x_scale="log",
             group="residuals",
             height_px=240,
@@ -466,7 +487,11 @@ def _residuals(curve: xr.Dataset) -> Section:
             rows,
         )
     )
-    return Section("Residuals by temperature", tuple(blocks))
+    text = (
+        f"The spectrum misses the storage modulus by {_rms(curve['storage_residual'].values) * 100:.2g} % and the loss "
+        f"modulus by {_rms(curve['loss_residual'].values) * 100:.2g} % (rms of all readings)."
+    )
+    return Section("Residuals by temperature", (Paragraph(text), Details("By temperature", blocks)))
 
 
 def _largest(values: Floats) -> float:
@@ -475,8 +500,6 @@ def _largest(values: Floats) -> float:
 
 
 def _transition(ramp: xr.Dataset) -> Section:
-    if "absent" in ramp.attrs:
-        return Section("Temperature sweep", (Paragraph(_sentence(ramp.attrs["absent"])),))
     moduli, factors = [], []
     for i in range(ramp.sizes["ramp"]):
         where = ramp["ramp_of"].values == i
@@ -526,16 +549,18 @@ def _transition(ramp: xr.Dataset) -> Section:
     )
 
 
-def _terms(curve: xr.Dataset, name: str) -> Section:
+def _terms(curve: xr.Dataset, name: str, settings: Dma) -> Section:
     outside = curve["extrapolated"].values.astype(bool)
-    reduced = _material_files.fewest_terms(curve)
-    law, T_ref = json.loads(curve.attrs["law"]), float(curve["T_ref"])
+    deck = _material_files.deck(curve, settings=settings, name=name)
+    few = deck.tension
     text = (
-        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {T_ref:.4g} °C, in tension. For simulation "
-        f"codes the series was reduced to {reduced.E.size} terms with "
-        f"E_relaxed = {_modulus(reduced.relaxed)}; "
-        f"within the covered window the error is {reduced.error * 100:.2g} % (rms of the worse "
-        "modulus). Other experiments of this session use the full series."
+        f"E(t) = E_relaxed + Σ E_i exp(−t/ρ_i) at {deck.T_ref:.4g} °C, in tension. For simulation "
+        f"codes the series was reduced to {few.E.size} terms with "
+        f"E_relaxed = {_modulus(few.E_relaxed)}; "
+        f"within the covered window the error is {deck.error * 100:.2g} % (rms of the worse "
+        "modulus). Other experiments of this session use the full series. "
+        f"`labpipe export SESSION --experiment {name} --format abaqus` writes the file below; ansys, comsol, lsdyna "
+        "and json are as well known, and --bulk says what the bulk modulus does."
     )
     full = _term_table(
         curve["rho"].values,
@@ -544,17 +569,17 @@ def _terms(curve: xr.Dataset, name: str) -> Section:
         f"All terms; E_relaxed = {_modulus(float(curve['E_relaxed']))}. Terms outside the covered "
         "window are extrapolation.",
     )
-    few = _term_table(reduced.rho, reduced.E, np.zeros(reduced.E.size, dtype=bool), "The reduced series.")
+    reduced = _term_table(few.rho, few.E, np.zeros(few.E.size, dtype=bool), "The reduced series.")
     blocks: tuple[Block, ...] = (
         Paragraph(text),
-        few,
+        Details("Relaxation and creep spectrum", _spectrum(curve)),
+        *(Notice("warning", _sentence(warning)) for warning in deck.warnings),
+        Details(f"The reduced series, {few.E.size} terms", (reduced,)),
         Details(f"All {outside.size} terms", (full,)),
-        Details("For ANSYS (APDL)", text=_material_files.ansys(reduced, law, T_ref)),
-        Details("For Abaqus", text=_material_files.abaqus(reduced, law, T_ref, name)),
-        Details("CSV, all terms and the shift factors", text=_material_files.as_csv(curve, reduced)),
-        Details("JSON, all terms and the shift law", text=_material_files.as_json(curve, reduced)),
+        Details("For Abaqus", text=deck_text(deck, "abaqus")),
+        Details("CSV, all terms and the shift factors", text=_material_files.as_csv(curve, few)),
     )
-    return Section("Terms", blocks)
+    return Section("Spectrum and terms", blocks)
 
 
 def _term_table(rho: Floats, E: Floats, outside: NDArray[np.bool_], caption: str) -> Table:

@@ -7,12 +7,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-import instruments
 from labpipe import materials
 from labpipe.arrays import Floats
 from labpipe.errors import SourceError
 from labpipe.materials.superposition import overlapped_shifts, read_sweeps
 from labpipe.variables import variable
+from pipelines.experiments.dma import _shift_tables as shift_tables
 from pipelines.experiments.dma.settings import Dma
 
 _LEAST_SHARED = 2
@@ -28,9 +28,9 @@ def compared(sweeps: xr.Dataset, master_curve: xr.Dataset, shifts: Path | None, 
     """
     if shifts is None:
         return xr.Dataset(attrs={"absent": "no published shifts were given"})
-    table = _table(shifts, settings)
+    table = shift_tables.read(shifts, settings)
     T, T_ref = master_curve["temperature"].values, float(master_curve["T_ref"])
-    published = _at(table, T) - _at(table, np.array([T_ref]))
+    published = shift_tables.at(table, T) - shift_tables.at(table, np.array([T_ref]))
     known = np.isfinite(published) & np.isfinite(master_curve["log10_aT"].values)
     if known.sum() < _LEAST_SHARED:
         raise SourceError(
@@ -48,7 +48,7 @@ def compared(sweeps: xr.Dataset, master_curve: xr.Dataset, shifts: Path | None, 
         "published_source": settings.published.source if settings.published else "",
         "published_file": shifts.name,
         "published_zero": zero,
-        "published_at_reference": float(_at(table, np.array([T_ref]))[0]),
+        "published_at_reference": float(shift_tables.at(table, np.array([T_ref]))[0]),
         "residual_storage": _rms(imposed["storage_residual"].values),
         "residual_loss": _rms(imposed["loss_residual"].values),
         "temperature_distance": _farthest(table[0], T[known]),
@@ -56,39 +56,9 @@ def compared(sweeps: xr.Dataset, master_curve: xr.Dataset, shifts: Path | None, 
     return found
 
 
-def _table(path: Path, settings: Dma) -> tuple[Floats, Floats]:
-    """Read temperatures and log10 a_T, ascending in temperature."""
-    options = settings.export
-    read = instruments.read_table(path, "sweep", "plain_table", encoding=options.encoding, decimal=options.decimal)
-    if "log10_aT" not in read:
-        raise SourceError(
-            path,
-            "found no column log_aT; this is not a table of shift factors",
-            line=1,
-            hint="Begin the file with T,log_aT and a row of units such as C,-.",
-        )
-    T, shift = read["temperature"].values, read["log10_aT"].values
-    good = np.isfinite(T) & np.isfinite(shift)
-    ascending, first = np.unique(T[good], return_index=True)
-    return ascending, shift[good][first]
-
-
 def _ascending(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     order = np.argsort(x, kind="stable")
     return x[order], y[order]
-
-
-def _at(table: tuple[Floats, Floats], T: Floats) -> Floats:
-    """Interpolate; set temperatures are rounded, so half their spacing beyond the ends counts."""
-    x, y = table
-    if x.size < _LEAST_SHARED:
-        return np.full(T.size, np.nan)
-    reach = 0.5 * float(np.median(np.diff(x)))
-    ends = (x[0] - reach, x[-1] + reach)
-    outer = (y[0] - reach * (y[1] - y[0]) / (x[1] - x[0]), y[-1] + reach * (y[-1] - y[-2]) / (x[-1] - x[-2]))
-    knots = np.concatenate([[ends[0]], x, [ends[1]]])
-    values = np.concatenate([[outer[0]], y, [outer[1]]])
-    return np.asarray(np.interp(T, knots, values, left=np.nan, right=np.nan))
 
 
 def _imposed(sweeps: xr.Dataset, published: Floats, curve: xr.Dataset, settings: Dma) -> xr.Dataset:

@@ -44,7 +44,8 @@ class Fit(Table, frozen=True, kw_only=True):
     ``law`` "free" gives every temperature a shift of its own. ``vertical``, ``delay`` and
     ``levels`` "auto" are taken when Schwarz's criterion asks for them. ``noise_ratio`` is the
     relative noise of the loss over that of the storage modulus; by default it is found from the
-    residuals.
+    residuals. ``shifts`` is a table of temperature and log_aT, set by hand: the fit begins there
+    and refines them, or takes them as they are with ``refine = false``.
     """
 
     law: Literal["free", "wlf", "arrhenius"] = "free"
@@ -53,6 +54,19 @@ class Fit(Table, frozen=True, kw_only=True):
     levels: Literal["auto", "on", "off"] = "auto"
     robust: bool = True
     noise_ratio: Annotated[float, POSITIVE] | None = None
+    shifts: File | None = None
+    refine: bool = True
+
+
+class Melt(Table, frozen=True, kw_only=True):
+    """The molar mass of a melt, whose glass transition falls as the chains get short.
+
+    ``fox_flory`` is K of T_g(M) = T_g(∞) − K/M. ``T_ref`` then is that of long chains, and the
+    master curve is drawn at T_ref − K/M, where this melt has their friction.
+    """
+
+    molar_mass: Annotated[float, POSITIVE]  # kg/mol
+    fox_flory: Annotated[float, POSITIVE]  # K kg/mol
 
 
 class Published(Table, frozen=True, kw_only=True):
@@ -73,7 +87,8 @@ class Dma(Table, frozen=True, kw_only=True):
     tension, for shear by E = 2 (1 + ν) G. ``nu`` goes on with the material. ``T_ref`` is the
     temperature of the master curve; by default the middle isotherm. ``temperature`` is that of
     files without such a column, ``temperatures`` those of files at one temperature each, in
-    their order.
+    their order. Relaxation and creep tests count as sweeps. ``melt`` corrects T_ref for the molar
+    mass.
     """
 
     kind: Literal["dma"]
@@ -86,4 +101,5 @@ class Dma(Table, frozen=True, kw_only=True):
     export: Export = Export()
     sweeps: Sweeps = Sweeps()
     fit: Fit = Fit()
+    melt: Melt | None = None
     published: Published | None = None

@@ -184,3 +184,18 @@ def test_a_curve_alone_is_drawn_whole_and_keeps_the_colour_of_its_role():
     assert alone["dash"] == []
     assert dashed["dash"] != []
     assert alone["light"] == dashed["light"]
+
+
+def test_a_family_takes_its_colours_from_a_scale_and_is_named_at_its_ends():
+    """Twenty-one temperatures have as many colours, in their order, and none has the dashes of a role."""
+    x = np.geomspace(0.1, 10, 9)
+    family = [Series(f"{5 * k} °C", x, x * 0 + 2.0**k, level=k / 20) for k in range(21)]
+    made = thin(chart(*family, Series("model", x, x, role="model"), x_scale="log", y_scale="log"), 10**6)
+    levels = [drawn for drawn in made.series if drawn.source.level is not None]
+    assert len({drawn.look.light for drawn in levels}) == len({drawn.look.dark for drawn in levels}) == 21
+    assert all(drawn.is_marked and not drawn.look.dash for drawn in levels)
+    packed = pack(made)["series"]
+    assert [entry["isLabelled"] for entry in packed] == [True] * 21 + [False]
+    assert static_picture(made).lstrip().startswith(b"<?xml")
+    with pytest.raises(InputError, match=r'"a": level 1.5 lies outside 0 to 1'):
+        Series("a", [1, 2], [1, 2], level=1.5)

@@ -2,13 +2,14 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from matplotlib import rcParams
 from matplotlib.figure import Figure
 
 from labpipe.errors import InputError
 from labpipe.report import figure_style, line_arguments, save_figure
-from labpipe.report._style import ROLES, figure_bytes, looks
+from labpipe.report._style import ROLES, figure_bytes, level_look, looks
 from tests.by_day import by_day
 
 
@@ -26,6 +27,13 @@ def contrast(a, b):
 @pytest.mark.parametrize("role", ROLES)
 def test_every_role_is_visible_on_white_and_on_black(role):
     look = looks([role])[0]
+    assert contrast(look.light, "#ffffff") >= 3.0
+    assert contrast(look.dark, "#14181c") >= 3.0
+
+
+@pytest.mark.parametrize("level", np.linspace(0, 1, 21))
+def test_every_colour_of_a_scale_is_visible_on_white_and_on_black(level):
+    look = level_look(float(level))
     assert contrast(look.light, "#ffffff") >= 3.0
     assert contrast(look.dark, "#14181c") >= 3.0
 

@@ -113,15 +113,17 @@ def test_a_relaxation_is_proposed_and_what_no_experiment_takes_is_named(pile: Pa
     rows = "1\t50\t62589\t1.25E+05\r\n\t2\t31.5\t50000\t9.9E+04"
     sweep = (
         "Project:\tP\r\n\r\nTest:\tT\r\n\r\nResult:\tR\r\n\r\nInterval and data points:\t1\t2\r\n"
-        "Interval data:\tPoint No.\tAngular Frequency\tStorage Modulus\tLoss Modulus\r\n"
-        f"\t\t\t\t\r\n\t\t[rad/s]\t[Pa]\t[Pa]\r\n\t{rows}\r\n"
+        "Interval data:\tPoint No.\tShear Rate\tShear Stress\tViscosity\r\n"
+        f"\t\t\t\t\r\n\t\t[1/s]\t[Pa]\t[Pa·s]\r\n\t{rows}\r\n"
     )
     (pile / "sweep.csv").write_bytes(sweep.encode("utf-16"))
     found = init(pile)
     assert "hold" in found.experiments
     assert 'kind = "relaxation"\nmach1 = ["hold.txt"]' in found.path.read_text("utf-8")
-    assert "sweep" in found.experiments  # its temperature is asked for
-    assert found.unused == ["notes.txt: no instrument recognises the content"]
+    assert found.unused == [
+        "sweep.csv (rheometer export): it holds no moduli over frequency; add it by hand",
+        "notes.txt: no instrument recognises the content",
+    ]
 
 
 def test_copies_are_named_and_the_recordings_keep_their_names(pile: Path) -> None:

@@ -195,29 +195,16 @@ def test_no_transition_is_said_where_there_is_none(ptfe):
 
 
 def test_fewer_terms_keep_the_moduli(curve):
-    reduced = _material_files.fewest_terms(curve, 0.01)
-    assert reduced.E.size < curve.sizes["term"] / 1.5
+    few = _material_files.of_curve(curve).tension
+    assert few.E.size < curve.sizes["term"] / 1.5
     omega = 2 * np.pi * curve["reduced_frequency"].values
     full = Prony(float(curve.E_relaxed), curve.E.values, curve.rho.values, nu=0.46)
-    few = Prony(reduced.relaxed, reduced.E, reduced.rho, nu=0.46)
     ratio = few.complex_modulus(omega) / full.complex_modulus(omega)
     assert np.sqrt(np.mean(np.abs(ratio - 1) ** 2)) < 0.015
 
 
-def test_exports_hold_relative_moduli_that_sum_below_one(curve):
-    reduced = _material_files.fewest_terms(curve)
-    law = json.loads(curve.attrs["law"])
-    text = _material_files.abaqus(reduced, law, 20.0, "ptfe")
-    rows = text.split("TIME=PRONY\n")[1].split("*")[0].split()
-    shares = [float(x.strip(",")) for x in rows[::3]]
-    assert len(shares) == reduced.E.size
-    assert 0 < sum(shares) < 1
-    assert _material_files.ansys(reduced, law, 20.0).count("TBDATA") >= 2 * len(shares)
-    assert json.loads(_material_files.as_json(curve, reduced))["nu"] == 0.46
-
-
 def test_the_table_for_a_spreadsheet_holds_every_term_and_shift(curve):
-    reduced = _material_files.fewest_terms(curve)
+    reduced = _material_files.of_curve(curve).tension
     terms, shifts = _material_files.as_csv(curve, reduced).split("\n\n")
     rows = [line.split(",") for line in terms.splitlines() if line.startswith("full,")]
     assert float(rows[0][3]) == pytest.approx(float(curve.E_relaxed), rel=1e-7)

@@ -1,16 +1,17 @@
 """Sweeps as other laboratories keep them, from the folder to the master curve."""
 
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from labpipe.errors import InputError
+from labpipe.errors import InputError, SourceError, UsageError
 from labpipe.materials import Prony, gather_sweeps
 from labpipe.units import Quantity
-from pipelines.experiments.dma import measured
-from pipelines.experiments.dma.settings import Dma, Export
-from pipelines.process import process, result
+from pipelines.experiments.dma import measured, model
+from pipelines.experiments.dma.settings import Dma, Export, Fit, Melt
+from pipelines.process import export, process, result
 from pipelines.session import init
 
 SOLID = Prony(1e6, np.array([3e8, 1e8, 2e7]), np.array([1e-3, 1e-1, 1e1]), nu=0.35)
@@ -97,9 +98,86 @@ def test_files_of_one_isotherm_each_are_one_experiment_from_scan_to_curve(tmp_pa
         assert not process(tmp_path, jobs=0).failures
     curve = result(tmp_path, "pi", "master_curve")
     np.testing.assert_allclose(np.diff(curve.log10_aT), [-1.0, -1.0], atol=0.05)
+    written_for_simulation(tmp_path)
+
+
+def written_for_simulation(folder):
+    """Write the material for a code, with the bulk modulus as chosen; what is impossible is told."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        (path,) = export(folder, "abaqus", only="pi", bulk="constant").paths
+        assert path.name == "pi.material.inp"
+        shares = [
+            line.split(", ")
+            for line in path.read_text("utf-8").splitlines()
+            if line[0].isdigit() and line.count(", ") == 2
+        ]
+        assert {row[1] for row in shares[:3]} == {"0"}
+        relaxing = export(folder, "lsdyna").paths[0].read_text("utf-8")
+        both = {path.name for path in export(folder, "json", only="pi").paths}
+    assert "*MAT_GENERAL_VISCOELASTIC" in relaxing
+    assert {"pi.material.json", "pi.master_curve.json"} <= both
+    with pytest.raises(UsageError, match="ansys writes the materials of a whole session"):
+        export(folder / "pi_20C.osc", "ansys")
 
 
 def test_temperatures_in_the_names_are_proposed(tmp_path):
     write(tmp_path)
     text = init(tmp_path).path.read_text("utf-8")
     assert 'temperatures = ["20 degC", "40 degC", "60 degC"]  # of each file, in their order; proposed' in text
+
+
+def made_curve(folder, **changes):
+    names = write(folder, "T={t:g};Mw=20;\nFreq\tE'\tE''\nrad/s\tPa\tPa\n")
+    settings = settings_for(names, **changes)
+    sweeps = measured.gathered([measured.readings(folder / n, settings=settings) for n in names], settings=settings)
+    given = folder / settings.fit.shifts if settings.fit.shifts else None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return model.master_curve(sweeps, given, settings=settings)
+
+
+def test_shifts_set_by_hand_are_refined_or_taken_as_they_are(tmp_path):
+    (tmp_path / "hand.csv").write_text("T,log_aT\nC,-\n20,0.8\n40,0\n60,-1.1\n", "utf-8")
+    kept = made_curve(tmp_path, T_ref=degrees(40.0), fit=Fit(shifts="hand.csv", refine=False))
+    np.testing.assert_allclose(kept.log10_aT, [0.8, 0.0, -1.1], atol=1e-9)
+    refined = made_curve(tmp_path, T_ref=degrees(40.0), fit=Fit(shifts="hand.csv"))
+    np.testing.assert_allclose(refined.log10_aT, [1.0, 0.0, -1.0], atol=0.03)
+    (tmp_path / "hand.csv").write_text("T,log_aT\nC,-\n20,0.8\n30,0\n", "utf-8")
+    with pytest.raises(SourceError, match="the table holds no shift for 40, 60 °C"):
+        made_curve(tmp_path, fit=Fit(shifts="hand.csv"))
+
+
+def test_a_short_melt_has_its_reference_where_its_friction_is_that_of_long_chains(tmp_path):
+    melt = Melt(molar_mass=2.0, fox_flory=14.0)
+    assert float(made_curve(tmp_path, T_ref=degrees(47.0), melt=melt).T_ref) == 40.0
+    with pytest.raises(InputError, match="melt corrects T_ref for the molar mass; give T_ref"):
+        made_curve(tmp_path, melt=melt)
+
+
+def holds(t):
+    time = np.geomspace(0.02, 200, 60)
+    values = SOLID.relaxation(time / 10 ** SHIFT[t])
+    return "".join(f"{a:.12g}\t{b:.12g}\n" for a, b in zip(time, values, strict=True))
+
+
+def test_relaxation_tests_are_sweeps_of_a_master_curve(tmp_path):
+    names = write(tmp_path, "t\tE(t)\ns\tPa\n", of=holds)
+    settings = settings_for(names, temperatures=[degrees(t) for t in SHIFT], T_ref=degrees(40.0))
+    sweeps = measured.gathered([measured.readings(tmp_path / n, settings=settings) for n in names], settings=settings)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        curve = model.master_curve(sweeps, settings=settings)
+    np.testing.assert_allclose(curve.log10_aT, list(SHIFT.values()), atol=0.05)
+
+
+SAMPLES = Path(__file__).parents[4] / "../shared/samples/rheocompass"
+
+
+@pytest.mark.skipif(not SAMPLES.exists(), reason="the sample files lie beside the checkout only")
+def test_a_relaxation_of_a_rheometer_goes_into_the_spectrum():
+    file = SAMPLES / "multiple_relaxation.csv"
+    settings = settings_for([file.name], temperature=degrees(25.0))
+    found = measured.readings(file, settings=settings)
+    assert (found.storage_modulus > 0).all()
+    assert set(np.unique(found.temperature)) == {25.0}

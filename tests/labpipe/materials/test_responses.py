@@ -1,0 +1,121 @@
+"""Tests over time give the moduli over frequency of the same material; melts differ by their distance to T_g."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe.errors import InputError
+from labpipe.materials import (
+    Prony,
+    gather_sweeps,
+    isofrictional_temperature,
+    master_curve,
+    prony_of_creep,
+    prony_of_relaxation,
+    with_responses,
+    wlf_of_melt,
+)
+
+RHO = np.geomspace(1e-6, 1e6, 60)
+SOLID = Prony(5e6, 1e8 / (1 + np.log10(RHO) ** 2), RHO, nu=0.4)
+LIQUID = Prony(0.0, 1e8 / (1 + (np.log10(RHO) + 2) ** 2), RHO, nu=0.4)
+TIME = np.geomspace(0.05, 500, 120)
+OMEGA = 1 / np.geomspace(0.2, 150, 40)
+LEVELS = {20.0: 1.0, 40.0: 0.0, 60.0: -1.0}
+
+
+def rms(found, truth):
+    return float(np.sqrt(np.mean((found / truth - 1) ** 2)))
+
+
+@pytest.mark.parametrize("material", [SOLID, LIQUID], ids=["solid", "liquid"])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_relaxation_and_creep_give_the_moduli_inside_their_times(material, noise):
+    random = np.random.default_rng(5)
+    factor = 1 + noise * random.standard_normal((2, TIME.size))
+    truth = material.complex_modulus(OMEGA)
+    for fitted in (
+        prony_of_relaxation(TIME, material.relaxation(TIME) * factor[0]),
+        prony_of_creep(TIME, material.creep(TIME) * factor[1]),
+    ):
+        found = fitted.complex_modulus(OMEGA)
+        assert rms(found.real, truth.real) < 0.004 + 0.5 * noise
+        assert rms(found.imag, truth.imag) < 0.02 + 3 * noise
+
+
+def readings(temperatures=LEVELS, name="relaxation_modulus", temperature=True):
+    tables = [
+        getattr(SOLID.shifted(10 ** LEVELS[t]), "creep" if name == "creep_compliance" else "relaxation")(TIME)
+        for t in temperatures
+    ]
+    made = xr.Dataset(
+        {"time": ("sample", np.tile(TIME, len(tables))), name: ("sample", np.concatenate(tables))},
+        attrs={"tests": json.dumps([{"rows": TIME.size}] * len(tables)), "source": "holds.csv"},
+    )
+    return made.assign(temperature=("sample", np.repeat(list(temperatures), TIME.size))) if temperature else made
+
+
+@pytest.mark.parametrize("name", ["relaxation_modulus", "creep_compliance"])
+def test_tests_over_time_make_a_master_curve(name):
+    sweeps = gather_sweeps(with_responses(readings(name=name)), "tension", 0.4)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        curve = master_curve(sweeps, 40.0)
+    np.testing.assert_allclose(curve.log10_aT, list(LEVELS.values()), atol=0.05)
+    truth = SOLID.complex_modulus(OMEGA)
+    assert rms(curve.prony.complex_modulus(OMEGA).real, truth.real) < 0.02
+
+
+def test_they_join_the_sweeps_of_a_file():
+    frequency = np.geomspace(0.1, 10, 9)
+    modulus = SOLID.complex_modulus(2 * np.pi * frequency)
+    blank = np.full(TIME.size, np.nan)
+    holds = readings([20.0])
+    both = xr.Dataset(
+        {
+            "frequency": ("sample", np.concatenate([frequency, blank])),
+            "storage_modulus": ("sample", np.concatenate([modulus.real, blank])),
+            "loss_modulus": ("sample", np.concatenate([modulus.imag, blank])),
+            "time": ("sample", np.concatenate([frequency * np.nan, holds.time.values])),
+            "relaxation_modulus": ("sample", np.concatenate([frequency * np.nan, holds.relaxation_modulus.values])),
+            "temperature": ("sample", np.concatenate([frequency * 0 + 40.0, holds.temperature.values])),
+        },
+        attrs={"tests": json.dumps([{"rows": 9}, {"rows": TIME.size}])},
+    )
+    joined = with_responses(both)
+    assert set(np.unique(joined.temperature)) == {20.0, 40.0}
+    np.testing.assert_allclose(joined.storage_modulus.values[:9], modulus.real, rtol=1e-12)
+    assert len(json.loads(joined.attrs["tests"])) == 2
+
+
+def test_a_clock_that_runs_on_starts_again_with_each_test():
+    running = readings([20.0, 20.0])
+    running["time"].values[TIME.size :] += TIME[-1]
+    found = with_responses(running)
+    half = found.sizes["sample"] // 2
+    np.testing.assert_allclose(found.storage_modulus[:half], found.storage_modulus[half:], rtol=1e-9)
+
+
+def test_readings_without_such_tests_stay_as_they_are():
+    plain = xr.Dataset({"frequency": ("sample", [1.0])}, attrs={"tests": '[{"rows": 1}]'})
+    assert with_responses(plain) is plain
+    short = readings([20.0]).isel(sample=slice(0, 5)).assign_attrs(tests='[{"rows": 5}]')
+    with pytest.raises(InputError, match=r"holds.csv: no test over time can be used: found 5 readings after the step"):
+        with_responses(short)
+
+
+def test_melts_of_any_molar_mass_share_one_law_at_one_distance_to_the_glass_transition():
+    long, short = wlf_of_melt(850.0, 126.0, 25.0), wlf_of_melt(850.0, 126.0, 25.0, molar_mass=5.0, fox_flory=14.65)
+    assert pytest.approx((850 / 151, 151.0)) == (long.C1, long.C2)
+    moved = isofrictional_temperature(25.0, 5.0, 14.65)
+    law = wlf_of_melt(850.0, 126.0, moved, molar_mass=5.0, fox_flory=14.65)
+    T = np.array([-20.0, 0.0, 60.0])
+    np.testing.assert_allclose(law.log10_aT(T - 14.65 / 5), long.log10_aT(T), rtol=1e-12)
+    assert abs(float(short.log10_aT(0.0))) < abs(float(long.log10_aT(0.0)))
+    with pytest.raises(InputError, match="lies at or below the pole"):
+        wlf_of_melt(850.0, 126.0, -130.0)
+    with pytest.raises(InputError, match="expected positive numbers"):
+        isofrictional_temperature(25.0, 0.0, 14.65)
