@@ -22,6 +22,7 @@ import tomlkit.exceptions
 
 from labpipe.errors import InputError
 from labpipe.workflow.fields import REFERENCE, ReferenceMark, mark, split
+from pipelines.session import bare_type
 
 Place = tuple[str | int, ...]
 _HEADER = re.compile(r"^[ \t]*(\[{1,2})[ \t]*([^\[\]\n]+?)[ \t]*(\]{1,2}[ \t]*(?:#.*)?)$")
@@ -79,7 +80,7 @@ def rename(text: str, name: str, to: str, kinds: Mapping[str, type[msgspec.Struc
     tree[EXPERIMENTS] = {to if key == name else key: table for key, table in tree[EXPERIMENTS].items()}
     changed = _as_meant("".join(block for _, block in blocks), tree, (EXPERIMENTS, name))
     for place, kind, value in leaves(tree, kinds):
-        if mark(split(_bare(kind))[1], ReferenceMark) and value in (name, REFERENCE + name):
+        if mark(split(bare_type(kind))[1], ReferenceMark) and value in (name, REFERENCE + name):
             at = tuple(to if i == 1 and key == name else key for i, key in enumerate(place))
             changed = set_value(changed, at, REFERENCE + to if value.startswith(REFERENCE) else to)
     return changed
@@ -158,7 +159,7 @@ def values(kind: type[msgspec.Struct], table: Any, place: Place) -> Iterator[tup
     """Yield place, type and value of every field of a structure; None where it is not written."""
     table = table if isinstance(table, dict) else {}
     for info in msgspec.structs.fields(kind):
-        name, bare = info.encode_name, split(_bare(info.type))[0]
+        name, bare = info.encode_name, split(bare_type(info.type))[0]
         inner = typing.get_args(bare)[0] if typing.get_origin(bare) is list else None
         if isinstance(bare, type) and issubclass(bare, msgspec.Struct):
             yield from values(bare, table.get(name), (*place, name))
@@ -170,19 +171,9 @@ def values(kind: type[msgspec.Struct], table: Any, place: Place) -> Iterator[tup
             yield (*place, name), info.type, table.get(name)
 
 
-def _bare(kind: Any) -> Any:
-    """Leave the None of an optional field away."""
-    options = [o for o in typing.get_args(kind) if o is not type(None)]
-    is_optional = type(None) in typing.get_args(kind) and len(options) == 1
-    return options[0] if is_optional else kind
-
-
-bare_type = _bare
-
-
 def as_value(kind: Any, text: str) -> Any:
     """Return a typed text as TOML keeps it for a field; what does not fit stays a text."""
-    bare = split(_bare(kind))[0]
+    bare = split(bare_type(kind))[0]
     try:
         if bare is bool:
             return {"true": True, "false": False}.get(text, text)

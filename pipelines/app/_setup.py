@@ -20,11 +20,11 @@ from labpipe.files import safe_join
 from labpipe.workflow import config
 from labpipe.workflow import session as sessions
 from labpipe.workflow.document import dotted, parse
-from labpipe.workflow.fields import GAP, Dimension, FileMark, ReferenceMark, describe, is_gap, mark, split
+from labpipe.workflow.fields import FileMark, ReferenceMark, describe, is_gap, mark, split
 from labpipe.workflow.session import FILE_NAME
 from pipelines.app import _edits as edits
 from pipelines.experiments import KINDS
-from pipelines.session import SETTINGS, library_names
+from pipelines.session import SETTINGS, bare_type, gap_for, library_names
 
 Told = dict[str, Any]
 _PROBLEM = re.compile(r"^([^:\n]+):(\d+)(?::\d+)?: (?:([^\s:]+): )?(.*)$", re.DOTALL)
@@ -105,7 +105,7 @@ def _apply(texts: dict[str, str], edit: Any) -> None:
             message = f"{place[-1]}: a value is one line of at most {_LONGEST} characters"
             raise InputError(message)
         kind, required = _type_at(texts[name], name, place)
-        value = edits.as_value(kind, typed) if typed else _gap(kind) if required else None
+        value = edits.as_value(kind, typed) if typed else gap_for(kind) if required else None
         texts[name] = edits.set_value(texts[name], place, value)
         return
     text, name = texts[FILE_NAME], str(edit["name"])
@@ -151,20 +151,9 @@ def _is_required(kind: Any, path: edits.Place) -> bool:
         info = next(f for f in msgspec.structs.fields(kind) if f.encode_name == key)
         if not info.required:
             return False
-        bare = split(edits.bare_type(info.type))[0]
+        bare = split(bare_type(info.type))[0]
         kind = typing.get_args(bare)[0] if typing.get_origin(bare) is list else bare
     return True
-
-
-def _gap(kind: Any) -> str:
-    """Return what stands for a value that is still to come."""
-    bare, marks = split(edits.bare_type(kind))
-    del bare
-    if mark(marks, FileMark) is not None:
-        return f"calibration/{GAP}.toml"
-    dimension = mark(marks, Dimension)
-    unit = dimension.example.rpartition(" ")[2] if dimension is not None and dimension.si != "1" else ""
-    return f"{GAP} {unit}".strip()
 
 
 def _tree(text: str) -> dict[str, Any]:
@@ -216,7 +205,7 @@ def _fields(kind: Any, table: Any, prefix: edits.Place, file: str, names: list[s
         path = place[len(prefix) :]
         if path in (("kind",), ("version",)):
             continue
-        bare, marks = split(edits.bare_type(of))
+        bare, marks = split(bare_type(of))
         is_list = typing.get_origin(bare) is list
         choices: list[str] = []
         if typing.get_origin(bare) is Literal:

@@ -35,8 +35,14 @@ _NEVER_RUN = "never run"
 @click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option("--force", is_flag=True, help="Replace a session.toml that is already there.")
 @click.option("--ask/--no-ask", default=None, help="Ask for what no file contains; default: ask at a terminal.")
+@click.option(
+    "--template",
+    multiple=True,
+    metavar="KIND",
+    help="No scan: the tables of this kind, every value to fill in. Repeatable.",
+)
 @json_option
-def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
+def init(folder: Path, force: bool, ask: bool | None, template: tuple[str, ...], as_json: bool) -> None:
     r"""Scan FOLDER and write a commented session.toml.
 
     Instruments are recognised by the content of their files. What the files do not contain (mass,
@@ -47,12 +53,13 @@ def init(folder: Path, force: bool, ask: bool | None, as_json: bool) -> None:
     \b
     Example:
       labpipe init my-session
+      labpipe init tomorrow --template ball_drop --template dma
     """
     from pipelines.session import init as verb
 
     is_person = sys.stdin.isatty() and not as_json
     asker = _Asker() if (is_person if ask is None else ask) else None
-    found = verb(folder, replace=force, ask=asker)
+    found = verb(folder, replace=force, ask=asker, template=template)
     if as_json:
         echo_json(
             {

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from pipelines.session._sensitivity import Sensitivity, sensitivity
     from pipelines.session._sensitivity_page import advice
     from pipelines.session._survey import Surveyed, survey
+    from pipelines.session._template import bare_type, gap_for
     from pipelines.session._verdicts import Verdict, Verdicts, verdict, verdict_on, verdicts_of
 
 __all__ = [
@@ -50,6 +51,7 @@ __all__ = [
     "Verdict",
     "Verdicts",
     "advice",
+    "bare_type",
     "catalogue",
     "check_store",
     "checked",
@@ -59,6 +61,7 @@ __all__ = [
     "doctor",
     "examine",
     "export",
+    "gap_for",
     "init",
     "inspect",
     "library_names",
@@ -106,6 +109,8 @@ _HOMES = {
     "Scan": "_proposal:Scan",
     "Sensitivity": "_sensitivity:Sensitivity",
     "advice": "_sensitivity_page:advice",
+    "bare_type": "_template:bare_type",
+    "gap_for": "_template:gap_for",
     "catalogue": "_catalogue:catalogue",
     "check_store": "_processing:check_store",
     "checked": "_gaps:checked",

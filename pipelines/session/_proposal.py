@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -53,7 +53,13 @@ class Scan:
         return f"{self.path}: {n} experiment{'s' * (n != 1)}, {missing} value{'s' * (missing != 1)} to fill in"
 
 
-def init(folder: str | Path, *, replace: bool = False, ask: Callable[[Gap], str | None] | None = None) -> Scan:
+def init(
+    folder: str | Path,
+    *,
+    replace: bool = False,
+    ask: Callable[[Gap], str | None] | None = None,
+    template: Iterable[str] = (),
+) -> Scan:
     """Scan a folder of instrument files and write a commented session.toml.
 
     Parameters
@@ -64,6 +70,9 @@ def init(folder: str | Path, *, replace: bool = False, ask: Callable[[Gap], str 
         Replace a session.toml that is already there.
     ask : callable, optional
         Returns the answer to a question that no file answers, or None to leave it open.
+    template : iterable of str
+        Kinds of experiment to write down with every value still to come, instead of a scan; for a
+        session that is to be recorded.
 
     Returns
     -------
@@ -73,7 +82,8 @@ def init(folder: str | Path, *, replace: bool = False, ask: Callable[[Gap], str 
     Raises
     ------
     UsageError
-        There is a session.toml, or the folder holds no file of a known instrument.
+        There is a session.toml, the folder holds no file of a known instrument, or there is no such
+        kind.
 
     Examples
     --------
@@ -87,6 +97,8 @@ def init(folder: str | Path, *, replace: bool = False, ask: Callable[[Gap], str 
     if path.exists() and not replace:
         message = f"{path} exists already; edit it, or use --force to replace it"
         raise UsageError(message)
+    if kinds := list(template):
+        return _from_template(path, kinds, ask)
     found = recognise(folder)
     begun = {n: (folder / n).read_text("utf-8") for n in _records(found)}
     records, completed = _with_missing_records(found)
@@ -99,13 +111,27 @@ def init(folder: str | Path, *, replace: bool = False, ask: Callable[[Gap], str 
     for name in reversed(texts):  # session.toml last: with it, the folder is a session
         if texts[name] != begun.get(name):
             files.write_text(folder / name, texts[name])
-    gaps = [
+    return Scan(path, names, _gaps_in(texts), [folder / name for name in records], _unused_files(found, text))
+
+
+def _from_template(path: Path, kinds: list[str], ask: Callable[[Gap], str | None] | None) -> Scan:
+    """Write the tables of some kinds, without looking at any file."""
+    from pipelines.session._template import template
+
+    sections, names = template(kinds)
+    text = "\n\n".join([_head(path.parent), *sections]) + "\n"
+    text = text if ask is None else filled(text, ask)
+    files.write_text(path, text)
+    return Scan(path, names, _gaps_in({FILE_NAME: text}), [], [])
+
+
+def _gaps_in(texts: Mapping[str, str]) -> list[str]:
+    return [
         f"{name}:{number}: {line.strip()}"
         for name, content in texts.items()
         for number, line in enumerate(content.splitlines(), 1)
         if GAP in line and not line.lstrip().startswith("#")
     ]
-    return Scan(path, names, gaps, [folder / name for name in records], _unused_files(found, text))
 
 
 def _unused_files(found: Found, text: str) -> list[str]:
@@ -326,14 +352,7 @@ def _record_kind(path: Path) -> str | None:
 def propose(found: Found) -> tuple[str, list[str]]:
     """Return the text of session.toml and the names of the proposed experiments."""
     names: list[str] = []
-    sections = [
-        f"labpipe = {VERSION}  # version of this file's format",
-        "",
-        "[session]",
-        f'title = "{quoted(found.folder.resolve().name)}"',
-        'operator = ""',
-        'notes = ""',
-    ]
+    sections = [_head(found.folder)]
     for content in dict.fromkeys(name for p in _proposals() for name in p.contents):
         for each in instruments.known():
             if each.content != content or each.unproposed:
@@ -344,6 +363,11 @@ def propose(found: Found) -> tuple[str, list[str]]:
                 names.append(name)
                 sections += ["", proposed.text(name)]
     return "\n".join(sections) + "\n", names
+
+
+def _head(folder: Path) -> str:
+    title = f'title = "{quoted(folder.resolve().name)}"'
+    return f'labpipe = {VERSION}  # version of this file\'s format\n\n[session]\n{title}\noperator = ""\nnotes = ""'
 
 
 def _of_instrument(found: Found, instrument: str, content: str) -> Iterator[Proposed]:

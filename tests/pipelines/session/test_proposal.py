@@ -11,8 +11,8 @@ import pytest
 from instruments import phantom
 from instruments.phantom._writer import Recording
 from labpipe import files, materials
-from labpipe.errors import UsageError
-from pipelines.experiments import Found
+from labpipe.errors import ConfigError, UsageError
+from pipelines.experiments import KINDS, Found
 from pipelines.experiments.dma.proposal import _published, mode_line
 from pipelines.experiments.shared.proposals import without_repeat
 from pipelines.process import open_session
@@ -61,6 +61,22 @@ def test_every_gap_is_listed_and_its_experiment_waits_until_it_is_filled(pile: P
     filled = text.replace('"FILL mm"', '"9.525 mm"').replace('"FILL g"', '"505 g"')
     found.path.write_text(filled, "utf-8")
     assert set(open_session(pile).experiments) == {"acrylic_7mm", "punch_on_nbr"}
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_a_template_waits_for_its_values_and_makes_no_mistake(kind: str, tmp_path: Path) -> None:
+    found = init(tmp_path, template=[kind])
+    assert found.experiments == [kind]
+    with pytest.raises(ConfigError) as caught:  # every experiment waits
+        open_session(tmp_path)
+    assert caught.value.problems
+    assert all("to be filled in" in problem for problem in caught.value.problems)
+    assert len(found.gaps) == len(caught.value.problems)
+
+
+def test_a_template_of_no_kind_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match='no kind of experiment "drop"'):
+        init(tmp_path, template=["drop"])
 
 
 def test_a_session_file_is_not_overwritten_unasked(pile: Path) -> None:
