@@ -39,7 +39,7 @@ def drawn(folder: Path, number: int) -> Path:
     angle = float(dice.uniform(8.0, 25.0))
     material = str(dice.choice(["acrylic", "peek", "nylon", "ptfe"]))
     true = tuple(float(m + dice.normal(0.0, 5e-4)) for m in RIG.masses)
-    sensor = replace(RIG.sensor, inclination=float(np.deg2rad(angle)), noise=float(dice.uniform(0.2e-6, 0.6e-6)))
+    sensor = replace(RIG.sensor, inclination=float(np.deg2rad(angle)), noise=float(dice.uniform(0.2e-6, 0.4e-6)))
     rig = replace(RIG, masses=true, sensor=sensor, radius=RIG.radius + float(dice.normal(0.0, 5e-6)))
     write(folder, 5000 + number, material, rig)
     text = session_head("Clean (synthetic)") + static_section("static", FILE, RIG, material)

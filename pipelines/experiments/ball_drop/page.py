@@ -70,7 +70,7 @@ def page(
         found = quantities(pages.present(bounces), moved, model, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
     if repeats is not None:
-        sections.append(pages.methods(_methods(settings, moved, repeats, comparison)))
+        sections.append(pages.methods(_methods(settings, moved, repeats, model, comparison)))
     subtitle = f"Ball drop from {pages.stated(settings.height)}"
     return pages.document(context, subtitle, sections).render()
 
@@ -333,7 +333,11 @@ def _times(n: int) -> str:
 
 
 def _methods(
-    settings: BallDrop, displacement: list[xr.Dataset], repeats: xr.Dataset, comparison: xr.Dataset | None
+    settings: BallDrop,
+    displacement: list[xr.Dataset],
+    repeats: xr.Dataset,
+    model: xr.Dataset | None,
+    comparison: xr.Dataset | None,
 ) -> str:
     sphere = settings.sphere
     source = sphere.material or sphere.material_file or sphere.material_from
@@ -347,12 +351,19 @@ def _methods(
         shown = value_with_uncertainty(float(angle["inclination"]), float(angle["u_inclination"]), "rad")
         text += f"The laser readings were divided by the cosine of the sensor's inclination ({shown}). "
     text += (
-        "Velocity was obtained by a quintic smoothing spline with the noise level estimated from "
-        "the record; contacts were located by fitting ballistic arcs and a contact pulse to each "
-        "impact, and the recordings were aligned at first contact. "
-        f"The drop was simulated with the material “{source}” by the method of dimensionality "
-        f"reduction (profile: {settings.model.profile}, tolerance {settings.model.rtol:g}). "
+        "Velocity was obtained by a quintic smoothing spline with the noise level estimated from the record; "
+        if settings.analysis.velocity == "spline"
+        else "Velocity was obtained by central differences and a moving average; "
     )
+    text += (
+        "contacts were located by fitting ballistic arcs and a contact pulse to each "
+        "impact, and the recordings were aligned at first contact. "
+    )
+    if model is not None:
+        text += (
+            f"The drop was simulated with the material “{source}” by the method of dimensionality "
+            f"reduction (profile: {settings.model.profile}, tolerance {settings.model.rtol:g}). "
+        )
     if comparison is not None:
         text += (
             "The normalised root-mean-square error between the mean displacement and the model, "

@@ -385,18 +385,29 @@ def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None) -> Section:
     return Section("Impacts", (Paragraph(text), Table(tuple(columns), rows)))
 
 
+def _listed(parts: list[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
+
 def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> str:
-    how = (
-        "by fitting the interference phase of Hertz's gap to the first fringes "
-        f"(wavelength {pages.stated(settings.wavelength)})"
-        if settings.wavelength is not None
-        else "from the edge of the dark spot, as the wavelength is not known"
-    )
-    text = (
-        f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was "
-        f"measured in {pages.counted(radius.sizes['frame'], 'frame')} {how}, with the exposure's "
-        f"smear modelled. "
-    )
+    # what was done in the frames that show a contact, not what was asked for
+    codes = radius["method"].values[radius["in_contact"].values.astype(bool)]
+    fitted, free, edges, between = (int(np.sum(codes == code)) for code in (1, 5, 2, 3))
+    parts = []
+    if fitted:
+        known = "" if settings.wavelength is None else f" (wavelength {pages.stated(settings.wavelength)})"
+        parts.append(
+            f"in {pages.counted(fitted, 'frame')} by fitting the interference phase of Hertz's gap to the first "
+            f"fringes{known}, with the exposure's smear modelled"
+        )
+    if free:
+        parts.append(f"in {pages.counted(free, 'frame')} by the same fit with the width of the gap left free")
+    if edges:
+        parts.append(f"in {pages.counted(edges, 'frame')} from the edge of the dark spot")
+    if between:
+        parts.append(f"in {pages.counted(between, 'frame')} at rest by interpolation between equal frames")
+    text = f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was measured "
+    text += f"{_listed(parts)}. " if parts else "in no frame. "
     if impacts.sizes["impact"]:
         a, u = float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])
         text += (

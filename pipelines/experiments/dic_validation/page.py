@@ -75,7 +75,7 @@ def page(
     if motion is not None:
         found = quantities(motion, comparison, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
-    if comparison is not None and track is not None:
+    if track is not None:
         sections.append(pages.methods(_methods(settings, track, comparison)))
     return pages.document(context, "Camera against laser", sections).render()
 
@@ -345,13 +345,18 @@ def _tracking(track: xr.Dataset, motion: xr.Dataset | None) -> Section:
     return Section("Tracking", (KeyValues(rows), chart))
 
 
-def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset) -> str:
+def _methods(settings: DicValidation, track: xr.Dataset, comparison: xr.Dataset | None) -> str:
     size = int(track["subset"][0])
-    return (
+    text = (
         "The holder's motion was measured by digital image correlation (zero-normalised sum of "
         f"squared differences, inverse-compositional Gauss–Newton, one rigid subset of {size} px, "
         f"B-spline interpolation of order {settings.tracking.order}) and scaled with the "
-        f"calibration of the view “{settings.view}”. It was aligned with the mean of the laser's "
+        f"calibration of the view “{settings.view}”. "
+    )
+    if comparison is None or "nrmse" not in comparison:
+        return text
+    return text + (
+        "It was aligned with the mean of the laser's "
         "repeats at first contact. The normalised root-mean-square difference was "
         f"{float(comparison['nrmse']) * 100:.2f} %, the bias {_value(comparison, 'bias')}, the "
         f"95 % limits of agreement {_value(comparison, 'limit_low')} and "

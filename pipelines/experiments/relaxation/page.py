@@ -67,7 +67,7 @@ def page(
         found = quantities(loads, ramps, curves, settings=settings)
         sections += budget_blocks.section(context.experiment, found)
     if tests is not None:
-        sections.append(pages.methods(_methods(settings, tests)))
+        sections.append(pages.methods(_methods(settings, tests, ramps)))
     return pages.document(context, "Stress relaxation", sections).render()
 
 
@@ -376,18 +376,21 @@ def _model(settings: Relaxation, models: Sequence[xr.Dataset]) -> Section:
     return Section("Model", (Paragraph(text), KeyValues([r for r in rows if r[1]])))
 
 
-def _methods(settings: Relaxation, tests: xr.Dataset) -> str:
+def _methods(settings: Relaxation, tests: xr.Dataset, ramps: Sequence[xr.Dataset] | None) -> str:
     depths = tests["depth"].values * 1e3
     speed = float(np.median(tests["speed"])) * 1e3
     hold = float(np.median(tests["duration"]))
-    text = f"In {pages.counted(tests.sizes['test'], 'relaxation test')} a periodic punch was pressed into the sample"
+    punch = "a punch" if settings.punch is None else "a periodic punch"
+    text = f"In {pages.counted(tests.sizes['test'], 'relaxation test')} {punch} was pressed into the sample"
     if np.isfinite(depths).all():
         text += f" to {', '.join(f'{d:.3f}' for d in depths)} mm"
     text += (
-        f" at {speed:.3g} mm/s and held for {hold:.0f} s. First touch was fitted to the force of "
-        f"the approach, after the load cell's filter. The plateau is the mean force over the last "
+        f" at {speed:.3g} mm/s and held for {hold:.0f} s. The plateau is the mean force over the last "
         f"{min(settings.hold.plateau.value, 0.1 * hold):.0f} s. "
     )
+    if ramps and all(np.isfinite(float(ramp["contact_position"])) for ramp in ramps):
+        how = dict.fromkeys(str(ramp.attrs["contact"]) for ramp in ramps)
+        text += f"First touch was {' or '.join(how)}. "
     if "mean_reduced_modulus" in tests:
         value, u = (float(tests[f"{p}mean_reduced_modulus"]) for p in ("", "u_"))
         text += (

@@ -1,0 +1,93 @@
+"""Every sentence of "Methods, to paste" says what was done: each page in each of its branches."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe.units import Quantity
+from pipelines.experiments.ball_drop import page as drop
+from pipelines.experiments.contact_area import page as film
+from pipelines.experiments.dic_validation import page as camera
+from pipelines.experiments.relaxation import page as relaxation
+
+SPHERE = SimpleNamespace(
+    radius=Quantity(9.5e-3, 5e-6, "m"), mass=Quantity(0.5, 1e-3, "kg"), material="acrylic", material_file=None
+)
+
+
+@pytest.mark.parametrize(
+    ("codes", "says", "hides"),
+    [
+        ([1, 1, 1], ("in 3 frames by fitting the interference phase", "smear"), ("edge", "interpolation")),
+        ([2, 2], ("in 2 frames from the edge",), ("interference", "smear")),
+        ([1, 2, 3], ("in 1 frame by fitting", "in 1 frame from the edge", "at rest by interpolation"), ()),
+        ([5], ("left free",), ("edge", "smear")),
+        ([4], ("in no frame",), ("edge", "interference")),
+    ],
+)
+def test_a_film_tells_how_its_frames_were_measured(codes: list[int], says: Any, hides: Any) -> None:
+    radius = xr.Dataset({"method": ("frame", codes), "in_contact": ("frame", np.ones(len(codes)))})
+    impacts = xr.Dataset({"peak_radius": ("impact", [])})
+    settings: Any = SimpleNamespace(sphere=SPHERE, wavelength=Quantity(633e-9, 0.0, "m"))
+    _holds(film._methods(settings, radius, impacts), says, hides)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "has_model", "says", "hides"),
+    [
+        ("spline", True, ("quintic smoothing spline", "simulated", "“acrylic”"), ("moving average",)),
+        ("thesis", False, ("moving average",), ("spline", "simulated", "root-mean-square")),
+    ],
+)
+def test_a_drop_tells_its_velocity_and_simulates_only_what_was_simulated(
+    velocity: str, has_model: bool, says: Any, hides: Any
+) -> None:
+    settings: Any = SimpleNamespace(
+        sphere=SPHERE,
+        laser=["a.csv"],
+        height=Quantity(1.5e-3, 5e-6, "m"),
+        analysis=SimpleNamespace(velocity=velocity),
+        model=SimpleNamespace(profile="sphere", rtol=1e-4),
+    )
+    repeats = xr.Dataset({"restitution": ("impact", [0.9]), "u_restitution": ("impact", [1e-3])})
+    text = drop._methods(settings, [], repeats, xr.Dataset() if has_model else None, None)
+    _holds(text, says, hides)
+
+
+@pytest.mark.parametrize(
+    ("punch", "touch", "how", "says", "hides"),
+    [
+        (
+            object(),
+            1e-3,
+            "fitted to the force of the Find Contact block, with the cell's filter",
+            ("a periodic punch", "First touch was fitted to the force of the Find Contact block"),
+            (),
+        ),
+        (None, np.nan, "the file holds no Find Contact block", ("a punch",), ("periodic", "First touch")),
+        (object(), 1e-3, "given in session.toml", ("First touch was given",), ("fitted",)),
+    ],
+)
+def test_a_relaxation_names_its_punch_and_how_touch_was_found(
+    punch: object, touch: float, how: str, says: Any, hides: Any
+) -> None:
+    tests = xr.Dataset({name: ("test", [1e-3]) for name in ("depth", "speed", "duration")})
+    ramps = [xr.Dataset({"contact_position": touch}, attrs={"contact": how})]
+    settings: Any = SimpleNamespace(punch=punch, hold=SimpleNamespace(plateau=Quantity(5.0, 0.0, "s")))
+    text = relaxation._methods(settings, tests, ramps)
+    _holds(text, says, (*hides, "simulated"))
+
+
+def test_a_film_without_a_laser_is_not_compared_with_one() -> None:
+    settings: Any = SimpleNamespace(tracking=SimpleNamespace(order=5), view="side")
+    track = xr.Dataset({"subset": ("frame", [41])})
+    _holds(camera._methods(settings, track, xr.Dataset()), ("digital image correlation",), ("laser", "Bland"))
+
+
+def _holds(text: str, says: tuple[str, ...], hides: tuple[str, ...]) -> None:
+    assert [words for words in says if words not in text] == [], text
+    assert [words for words in hides if words in text] == [], text
+    assert text.strip().endswith(".")
