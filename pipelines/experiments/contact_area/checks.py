@@ -29,6 +29,8 @@ _WAVELENGTHS = (405e-9, 450e-9, 488e-9, 520e-9, 532e-9, 546.1e-9, 589.3e-9, 632.
 _RATES = (10.0, 0.1, 100.0, 0.01, 2.0, 0.5, 1e3, 1e-3, 4.0, 0.25)
 _SCALES = (36.0, 1 / 36.0, 1e3, 1e-3, 10.0, 0.1, 2.0, 0.5, 25.4, 1 / 25.4)
 _HEIGHTS = (10.0, 0.1, 2.0, 0.5)
+_ALWAYS = 0.98  # of all frames in contact: no flight is seen
+_FEWEST, _WANDERS = 10, 20.0  # frames whose centres make a place, and px by which contacts wander
 _ZIGZAG = 0.03  # of the largest radius, by which a contact does not shrink before it grows on
 _FRINGE_FIT, _EDGE, _OPEN_GAP = 1, 2, 5  # methods of labpipe.imaging.contact_radius
 _FAILED = {
@@ -55,6 +57,8 @@ def judgement(
             _visible(radius, settings),
             _method(radius, settings),
             _times(radius, settings),
+            _flies(radius, settings),
+            _stays(radius, settings),
         ]
         checks += [_damaged(radius, settings), _copies(radius, settings)]
     if impacts is not None and impacts.sizes["impact"]:
@@ -145,7 +149,10 @@ def _damaged(radius: xr.Dataset, settings: ContactArea) -> Check:
     name, law = "sound frames", "every frame of a film can be read"
     bad = np.flatnonzero(~radius["valid"].values.astype(bool))
     text = f"{settings.film}: {bad.size} damaged frames" + (f" from frame {bad[0]}" if bad.size else "")
-    level: Level | None = None if not bad.size else "note" if bad.size < 0.2 * radius.sizes["frame"] else "doubtful"
+    share = bad.size / max(radius.sizes["frame"], 1)
+    level: Level | None = "note" if bad.size else None
+    if share >= 0.2:
+        level = "impossible" if share > 0.5 else "doubtful"
     cause = "the film was not copied whole, or frames were lost"
     return stated(name, law, text, level, cause=cause, file=settings.film)
 
@@ -205,7 +212,43 @@ def _order(impacts: xr.Dataset, settings: ContactArea) -> Check:
     rise, own = np.diff(a), np.hypot(u[1:], u[:-1])
     at = int(np.argmax(rise / own))
     message = f"{settings.film}: {quantity(a[at], 'm')} at impact {at + 1}, {quantity(a[at + 1], 'm')} at the next"
-    return bounded(name, law, message, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film)
+    found = bounded(name, law, message, float(rise[at]), float(own[at]), at_most=0.0, file=settings.film)
+    cause = "the frames stand in reverse order, some are repeated or lost, or the film is of two drops"
+    return replace(found, cause=cause) if found.level else found
+
+
+def _flies(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for flight: before the first impact, and after it."""
+    name, law = "contact and flight", "a sphere that falls and bounces is in the air before and between impacts"
+    touches = radius["in_contact"].values.astype(bool)
+    share = float(touches.mean()) if touches.size else 0.0
+    message = f"{settings.film}: contact in {share * 100:.0f} % of the frames"
+    if share > _ALWAYS:
+        cause = "the film is of a sphere at rest, of another view, or a mark in the image is taken for a contact"
+        return stated(name, law, message, "impossible", cause=cause, file=settings.film)
+    if touches.size and touches[0]:
+        cause = "the film begins too late: its first impact is not the first one, or is cut"
+        text = f"{message}, from the first frame on"
+        return stated(name, law, text, "doubtful", cause=cause, file=settings.film)
+    return stated(name, law, message, None, file=settings.film)
+
+
+def _stays(radius: xr.Dataset, settings: ContactArea) -> Check:
+    """Look for contacts that wander through the image."""
+    name, law = "place of the contacts", "a guided sphere meets the plate at one place"
+    known = radius["in_contact"].values.astype(bool) & np.isfinite(radius["radius"].values)
+    columns = [c for c in ("centre_x", "centre_y") if c in radius]
+    if known.sum() < 2 * _FEWEST or not columns:
+        return not_made(name, law, "contacts in twenty frames, and their centres")
+    at = np.flatnonzero(known)
+    moved = [np.asarray(radius[c].values, float)[at] for c in columns]
+    apart = [float(np.nanmedian(x[-_FEWEST:]) - np.nanmedian(x[:_FEWEST])) for x in moved]
+    scatter = [float(np.nanstd(x[:_FEWEST])) for x in moved]
+    far = max(abs(a) for a in apart)
+    message = f"{settings.film}: the contacts move by {far:.3g} px from the first to the last"
+    is_far = far > _WANDERS and any(abs(a) > 10 * s for a, s in zip(apart, scatter, strict=True))
+    cause = "the camera or the plate was moved during the film, or two films were joined" if is_far else ""
+    return stated(name, law, message, "doubtful" if is_far else None, cause=cause, file=settings.film)
 
 
 def _flight(impacts: xr.Dataset, model: xr.Dataset | None, settings: ContactArea) -> Check:

@@ -1,0 +1,194 @@
+"""Mistakes of a laboratory with a film of a contact are noticed and named.
+
+A film is long to measure, so the edits are made on what is measured in its frames: the series that
+the stage ``radius`` would give of the edited film.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+import xarray as xr
+
+from labpipe import contact, materials
+from labpipe.arrays import Floats
+from labpipe.judging import Judgement
+from labpipe.units import Quantity
+from labpipe.workflow.context import Context
+from pipelines.experiments.contact_area import checks
+from pipelines.experiments.contact_area.comparison import comparison
+from pipelines.experiments.contact_area.measured import impacts
+from pipelines.experiments.contact_area.model import model
+from pipelines.experiments.contact_area.settings import ContactArea
+from pipelines.experiments.shared.judgements import believed
+from pipelines.experiments.shared.settings import Sphere
+
+Change = Callable[[xr.Dataset], xr.Dataset]
+_FILM, _CAMERA = "film/a.cine", "calibration/camera_under.toml"
+_COUNT, _STEP = 900, 1e-4
+_CONTEXT = Context("film", "contact_area", "", "", "", True, (), (), (), (), {})
+_SETTINGS = ContactArea(
+    kind="contact_area",
+    film=_FILM,
+    camera=_CAMERA,
+    height=Quantity(1.5e-3, 5e-6, "m"),
+    wavelength=Quantity(633e-9, 0.0, "m"),
+    sphere=Sphere(radius=Quantity(9.525e-3, 5e-6, "m"), mass=Quantity(0.505, 5e-4, "kg"), material="acrylic"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FilmMistake:
+    """One edit of what the frames show, or of the settings, and what must be said."""
+
+    name: str
+    level: str
+    words: tuple[str, ...]
+    change: Change = lambda film: film
+    settings: dict[str, Any] = field(default_factory=dict)
+
+
+def _larger(factor: float) -> Change:
+    return lambda film: film.assign({n: film[n] * factor for n in ("radius", "u_radius", "radius_systematic")})
+
+
+def _faster(factor: float) -> Change:
+    """A frame rate that is stated so many times too high."""
+    return lambda film: film.assign_coords(time=film["time"] / factor)
+
+
+def _frames(chosen: Callable[[Any], Any]) -> Change:
+    """Show other frames at the times of the first ones."""
+
+    def change(film: xr.Dataset) -> xr.Dataset:
+        which = chosen(np.arange(_COUNT))
+        shown = film.isel(frame=which)
+        return shown.assign_coords(time=("frame", _STEP * np.arange(which.size)), frame=np.arange(which.size))
+
+    return change
+
+
+def _exchanged(a: int, b: int) -> Change:
+    def chosen(frames: Any) -> Any:
+        frames[[a, b]] = frames[[b, a]]
+        return frames
+
+    return _frames(chosen)
+
+
+def _put(name: str, value: Any) -> Change:
+    def change(film: xr.Dataset) -> xr.Dataset:
+        return film.assign({name: ("frame", np.broadcast_to(np.asarray(value), _COUNT).copy())})
+
+    return change
+
+
+def _stamps(film: xr.Dataset) -> xr.Dataset:
+    time = film["time"].values.copy()
+    time[[180, 181]] = time[[181, 180]]
+    return film.assign_coords(time=("frame", time))
+
+
+def _light(stated: float) -> dict[str, Any]:
+    """A wavelength that the session states for one of 633 nm."""
+    return {
+        "change": lambda film: film.assign_attrs(phase_scale_ratio=stated / 632.8),
+        "settings": {"wavelength": Quantity(stated * 1e-9, 0.0, "m")},
+    }
+
+
+def _height(value: float) -> dict[str, Any]:
+    return {"settings": {"height": Quantity(value, 5e-6, "m")}}
+
+
+_WHITE: dict[str, Any] = {"wavelength": None}
+_VIEW, _RATE = "scale in calibration/camera_under.toml is wrong, of another view", "frame rate is"
+ROWS = (
+    FilmMistake("scale of the front view", "impossible", (_VIEW, "36 times"), _larger(36.0), _WHITE),
+    FilmMistake("scale of the view under the disc", "impossible", (_VIEW, "0.0278 times"), _larger(1 / 36), _WHITE),
+    FilmMistake("scale in um for mm", "impossible", (_VIEW,), _larger(1e3), _WHITE),
+    FilmMistake("scale ten times", "impossible", (_VIEW, "10 times"), _larger(10.0), _WHITE),
+    FilmMistake("scale of another view with fringes", "impossible", ("in a sphere of",), _larger(36.0)),
+    FilmMistake("532 nm for 633 nm", "impossible", ("probably 633 nm", "532 nm"), **_light(532.0)),
+    FilmMistake("450 nm for 633 nm", "impossible", ("probably 633 nm", "450 nm"), **_light(450.0)),
+    FilmMistake("fringes darker than dark", "impossible", ("visibility",), _put("visibility", 1.23)),
+    FilmMistake("frame rate ten times", "impossible", (_RATE, "10 times"), _faster(10.0)),
+    FilmMistake("frame rate a tenth", "impossible", (_RATE, "0.1 times"), _faster(0.1)),
+    FilmMistake("frame rate twice", "impossible", (_RATE, "2 times"), _faster(2.0)),
+    FilmMistake("frame rate half", "impossible", (_RATE, "0.5 times"), _faster(0.5)),
+    FilmMistake("height 15 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(15e-3)),
+    FilmMistake("height 3 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(3e-3)),
+    FilmMistake("height 0.15 for 1.5 mm", "impossible", ("drop height is probably 1.5",), **_height(0.15e-3)),
+    FilmMistake("stamps exchanged", "impossible", ("exchanged", "frame 181"), _stamps),
+    FilmMistake("two frames exchanged", "doubtful", ("frames near 180 are exchanged",), _exchanged(177, 180)),
+    FilmMistake("neighbours exchanged", "doubtful", ("exchanged",), _exchanged(176, 177)),
+    FilmMistake(
+        "one frame twice", "doubtful", ("repeated frame", "180"), _frames(lambda i: np.where(i == 180, 179, i))
+    ),
+    FilmMistake(
+        "five frames held", "doubtful", ("repeated frame",), _frames(lambda i: np.where((i > 178) & (i < 184), 178, i))
+    ),
+    FilmMistake("film backwards", "impossible", ("reverse order",), _frames(lambda i: i[::-1])),
+    FilmMistake(
+        "frames of the flight lost", "impossible", ("first flight",), _frames(lambda i: np.delete(i, slice(300, 400)))
+    ),
+    FilmMistake("begins in contact", "doubtful", ("begins too late",), _frames(lambda i: i[179:])),
+    FilmMistake(
+        "sphere at rest", "impossible", ("at rest",), lambda f: _put("in_contact", True)(_put("radius", 4e-4)(f))
+    ),
+    FilmMistake("film not copied whole", "impossible", ("damaged",), _put("valid", False)),
+    FilmMistake("a third damaged", "doubtful", ("damaged",), _put("valid", np.arange(_COUNT) < 600)),
+    FilmMistake(
+        "lens out of focus", "doubtful", ("not resolved",), lambda film: film.assign(method=film["method"] * 2)
+    ),
+    FilmMistake("camera moved", "doubtful", ("was moved",), _put("centre_x", 200.0 + 0.2 * np.arange(_COUNT))),
+)
+
+
+@pytest.fixture(scope="module")
+def film() -> xr.Dataset:
+    """What the stage ``radius`` makes of a clean film at 10 kHz."""
+    drop = contact.drop(materials.load("acrylic"), 9.525e-3, 0.505, 1.5e-3, 0.13, times=_STEP * np.arange(1300))
+    random = np.random.default_rng(1)
+    a: Floats = drop["contact_radius"].values[:_COUNT]
+    seen, u = a > 50e-6, np.full(_COUNT, 1e-7)
+    values = {
+        "radius": np.where(seen, a + u * random.standard_normal(_COUNT), np.nan),
+        "u_radius": u,
+        "radius_systematic": 2.2e-3 * np.where(seen, a, np.nan),
+        "in_contact": seen,
+        "method": np.where(seen, 1, 0),
+        "visibility": np.where(seen, 0.82, np.nan),
+        "valid": np.ones(_COUNT, bool),
+        "centre_x": random.normal(200.0, 0.01, _COUNT),
+    }
+    return xr.Dataset(
+        {name: ("frame", array) for name, array in values.items()},
+        {"time": ("frame", _STEP * np.arange(_COUNT)), "frame": np.arange(_COUNT)},
+        {"phase_scale_ratio": 1.0, "u_systematic_relative": 2.2e-3},
+    )
+
+
+def _judged(film: xr.Dataset, **changes: Any) -> Judgement:
+    settings = msgspec.structs.replace(_SETTINGS, **changes)
+    found = impacts(film, settings=settings)
+    made = model(film, found, None, None, None, settings=settings)
+    compared = comparison(film, found, made, settings=settings)
+    return believed(checks.judgement(film, found, made, compared, settings=settings, context=_CONTEXT))
+
+
+def test_clean_film_is_believed(film: xr.Dataset) -> None:
+    found = _judged(film)
+    assert (found.believable, found.findings) == ("yes", ())
+    assert found.n_made >= 12
+
+
+@pytest.mark.parametrize("mistake", ROWS, ids=lambda row: row.name)
+def test_mistake_is_noticed_and_named(film: xr.Dataset, mistake: FilmMistake) -> None:
+    found = _judged(mistake.change(film.copy(deep=True)), **mistake.settings)
+    said = " ".join(f"{f.message} {f.cause}" for f in found.findings)
+    assert found.believable == mistake.level, said
+    assert [word for word in mistake.words if word not in said] == [], said
