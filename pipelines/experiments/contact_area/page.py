@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import xarray as xr
 
+from labpipe.imaging import USUAL_WORK
 from labpipe.report import (
     Bars,
     Block,
@@ -148,6 +149,16 @@ def _summary(
                     float(model["peak_contact_radius"][0]), float(model["u_peak_contact_radius"][0]), "m"
                 ),
                 "first impact; uncertainty from height, radius and mass",
+            )
+        )
+    if model is not None and model.sizes["impact"]:
+        most = quantity(float(model["adhesion_shift"][0]), "m", 2)
+        rows.append(
+            (
+                "edge of the contact",
+                f"up to {most} farther out",
+                f"if the surfaces stick as clean smooth polymers do (JKR, {quantity(USUAL_WORK, 'J/m2', 2)}): fringes "
+                "show the Hertz-equivalent radius",
             )
         )
     if comparison is not None and comparison.sizes["impact"]:
@@ -410,6 +421,11 @@ def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> 
         f"measured in {pages.counted(radius.sizes['frame'], 'frame')} {how}, with the exposure's "
         f"smear modelled. "
     )
+    if settings.wavelength is not None:
+        text += (
+            "It is the Hertz-equivalent radius: that of the Hertz contact with the same gap around it, whether the "
+            "surfaces stick or not. "
+        )
     if impacts.sizes["impact"]:
         a, u = float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])
         text += (
