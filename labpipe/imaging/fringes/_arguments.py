@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from labpipe.arrays import Floats
 from labpipe.errors import InputError
 from labpipe.frames import FrameSource
+from labpipe.imaging.fringes._adhesive_edge import USUAL_WORK, adhesive_edge
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,8 @@ class FilmOptions:
     fringes: float = 3.0
     full: bool = False
     windows: tuple[tuple[float, float], ...] | None = None
+    reduced_modulus: float | None = None
+    work_of_adhesion: float | None = None
 
 
 def check_film(film: FrameSource, options: FilmOptions) -> None:
@@ -50,6 +53,12 @@ def check_film(film: FrameSource, options: FilmOptions) -> None:
     if options.phase is not None and not math.isfinite(options.phase):
         message = f"phase must be a finite angle in rad, found {options.phase}"
         raise InputError(message)
+    if options.work_of_adhesion is not None and options.reduced_modulus is None:
+        message = "work_of_adhesion tells the edge of a contact together with reduced_modulus: give both"
+        raise InputError(message)
+    if options.reduced_modulus is not None:
+        work = USUAL_WORK if options.work_of_adhesion is None else options.work_of_adhesion
+        adhesive_edge(1.0, options.sphere_radius, options.reduced_modulus, work)
     if len(film.shape) != 3 or min(film.shape[1:]) < 16:
         message = f"frames must be grey images of 16 x 16 px or more, found {film.shape}"
         raise InputError(message)

@@ -31,6 +31,9 @@ def contact_radius(
     fringes: float = DEFAULT_FRINGES,
     full: bool = False,
     windows: Sequence[tuple[float, float]] | None = None,
+    reduced_modulus: Measure | None = None,
+    work_of_adhesion: Measure | None = None,
+    u_work_of_adhesion: Measure = 0.0,
     u_pixel_size: Measure = 0.0,
     u_sphere_radius: Measure = 0.0,
     u_wavelength: Measure = 0.0,
@@ -67,6 +70,14 @@ def contact_radius(
     windows : sequence of (start, end), optional [s]
         Times in which a contact may be (from a laser record, say). Frames outside are not read
         and count as out of contact.
+    reduced_modulus : float, optional [Pa]
+        E* = E/(1 - ν²). With it the edge of an adhesive contact is told, and adhesion stands in the
+        systematic budget.
+    work_of_adhesion : float, optional [J/m2]
+        w of the surfaces; by default anything up to 50 mJ/m², that of a clean smooth polymer. 0 for
+        surfaces that do not stick.
+    u_work_of_adhesion : float, optional [J/m2]
+        Its standard uncertainty.
     u_pixel_size, u_sphere_radius, u_wavelength : float, optional [m]
         Standard uncertainties, for the systematic budget.
     u_phase : float, optional [rad]
@@ -75,12 +86,15 @@ def contact_radius(
     Returns
     -------
     Dataset over ``frame``
-        ``radius`` : radius in the middle of the exposure; for ellipses that of the circle of
-        equal area [m]; NaN where there is none;
+        ``radius`` : Hertz-equivalent radius in the middle of the exposure, that of the Hertz
+        contact with the same gap around it; for ellipses of the circle of equal area [m]; NaN
+        where there is none;
         ``u_radius`` : its standard uncertainty from noise, and from what the fit leaves beyond
         noise where that is not by chance (with "edge": that of the estimate) [m];
         ``radius_systematic`` : standard uncertainty that all frames share, and
         ``systematic_part`` (frame, source) its parts, from the uncertainties given [m];
+        ``edge_radius``, ``u_edge_radius`` : of the edge of the contact by JKR, farther out where the
+        surfaces stick, with its whole standard uncertainty; NaN without a modulus [m];
         ``centre_x``, ``centre_y`` [px] with ``u_``;
         ``in_contact`` : whether there is a contact;
         ``valid`` : False for damaged frames;
@@ -115,6 +129,10 @@ def contact_radius(
 
     Notes
     -----
+    Adhesion opens the gap in the same shape as a smaller Hertz contact, so that fringes show a
+    Hertz-equivalent radius: that which a model without adhesion should be compared with. The edge
+    of a contact that sticks lies R √(πw/(2aE*)) farther out (:func:`.adhesive_edge`).
+
     The gap of a Hertz contact opens like (r - a)^(3/2), so that the image shows no edge at r = a.
     The radius follows from a fit of the interference pattern of the first fringes to all pixels
     of a ring, with centre, light and its slopes, visibility and the blur by the motion of the
@@ -159,6 +177,8 @@ def contact_radius(
         fringes,
         full,
         None if windows is None else tuple((float(a), float(b)) for a, b in windows),
+        None if reduced_modulus is None else si(reduced_modulus, "Pa", "reduced_modulus"),
+        None if work_of_adhesion is None else si(work_of_adhesion, "J/m2", "work_of_adhesion"),
     )
     check_film(film, options)
     uncertainties = {
@@ -166,5 +186,6 @@ def contact_radius(
         "sphere_radius": si(u_sphere_radius, "m", "u_sphere_radius"),
         "wavelength": si(u_wavelength, "m", "u_wavelength"),
         "phase": u_phase,
+        "work_of_adhesion": si(u_work_of_adhesion, "J/m2", "u_work_of_adhesion"),
     }
     return make_dataset(film, options, measure_film(film, options), uncertainties)

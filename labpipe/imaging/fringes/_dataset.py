@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from labpipe.arrays import Floats
 from labpipe.frames import FrameSource
+from labpipe.imaging.fringes._adhesive_edge import CLOSED_FORM, USUAL_WORK, adhesive_edge
 from labpipe.imaging.fringes._arguments import FilmOptions
 from labpipe.imaging.fringes._blank_frames import FilmResult
 from labpipe.imaging.fringes._edge import corrected_radius
@@ -33,7 +34,7 @@ _METHODS = {
     OPEN_GAP: "fringe_fit_open_gap",
 }
 #: Sources of the systematic budget, in the order of the coordinate.
-SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase", "optics")
+SOURCES = ("sphere_radius", "wavelength", "pixel_size", "phase", "optics", "adhesion")
 #: Deviation of the fringes' scale from R, wavelength and pixel size that is worth a warning.
 _NOTABLE_SCALE = 0.003
 #: Rest: change of the radius, relative to its end, and fewest frames.
@@ -42,9 +43,11 @@ _REST_CHANGE, _LEAST_REST = 0.01, 5
 _NAMED = 5
 
 _TEXTS = {
-    "radius": ("m", "contact radius"),
+    "radius": ("m", "Hertz-equivalent contact radius"),
     "u_radius": ("m", "standard uncertainty of the contact radius from noise and misfit"),
     "radius_systematic": ("m", "standard uncertainty of the contact radius shared by all frames"),
+    "edge_radius": ("m", "radius of the edge of the contact, with adhesion"),
+    "u_edge_radius": ("m", "standard uncertainty of the radius of the edge, with what all frames share"),
     "centre_x": ("px", "column of the centre of the contact"),
     "u_centre_x": ("px", "standard uncertainty of the column of the centre"),
     "centre_y": ("px", "row of the centre of the contact"),
@@ -95,6 +98,7 @@ def make_dataset(
         noise = edge.scatter * math.sqrt(2.0 / edge.points)
         values["u_centre_x"][index] = values["u_centre_y"][index] = noise
         parts[index] = _edge_systematic(radius, result, options, uncertainties)
+    _put_edges(values, parts, options, uncertainties)
     values["radius_systematic"] = np.sqrt((parts**2).sum(axis=1))
     method[result.resting] = RESTING
     method[list(result.filled)] = FILLED
@@ -153,6 +157,31 @@ def _put_fit(values: dict[str, Floats], index: int, fit: RingFit, result: FilmRe
     values["visibility"][index] = abs(float(p[Parameter.MODULATION])) / light
 
 
+def _put_edges(values: dict[str, Floats], parts: Floats, options: FilmOptions, uncertainties: dict[str, float]) -> None:
+    """Enter the edge of adhesive contacts, and adhesion among what all frames share.
+
+    Without a stated work of adhesion the edge lies anywhere between Hertz's and that of a clean
+    smooth polymer.
+    """
+    seen = np.isfinite(values["radius"]) & (values["radius"] > 0.0)
+    place = SOURCES.index("adhesion")
+    if options.reduced_modulus is None or not seen.any():
+        return
+    radius, work = values["radius"][seen], options.work_of_adhesion
+    bodies = (options.sphere_radius, options.reduced_modulus)
+    farther = adhesive_edge(radius, *bodies, USUAL_WORK if work is None else work) - radius
+    known = np.hypot(values["u_radius"][seen], np.sqrt(np.nansum(parts[seen] ** 2, axis=1)))
+    if work is None:
+        parts[seen, place] = farther / math.sqrt(3.0)
+        values["edge_radius"][seen] = radius + 0.5 * farther
+        values["u_edge_radius"][seen] = np.hypot(known, farther / math.sqrt(12.0))
+        return
+    parts[seen, place] = farther
+    by_work = 0.5 * farther * uncertainties["work_of_adhesion"] / work if work else np.zeros_like(farther)
+    values["edge_radius"][seen] = radius + farther
+    values["u_edge_radius"][seen] = np.sqrt(known**2 + by_work**2 + (CLOSED_FORM * farther) ** 2)
+
+
 def _systematic(fit: RingFit, result: FilmResult, options: FilmOptions, uncertainties: dict[str, float]) -> Floats:
     """Parts of the systematic uncertainty (m), in the order of :data:`SOURCES`.
 
@@ -171,6 +200,7 @@ def _systematic(fit: RingFit, result: FilmResult, options: FilmOptions, uncertai
             (radius - 2.0 * by_scale) * relative,
             by_phase * math.hypot(uncertainties["phase"], result.calibration.u_phase_shift),
             result.calibration.shared(float(fit.parameters[Parameter.RADIUS])) * pixel,
+            0.0,
         ]
     )
 
@@ -179,7 +209,7 @@ def _edge_systematic(
     radius: float, result: FilmResult, options: FilmOptions, uncertainties: dict[str, float]
 ) -> Floats:
     """Parts for an edge: only the pixel size counts beside the uncertainty of the estimate."""
-    return np.array([0.0, 0.0, radius * uncertainties["pixel_size"], 0.0, 0.0])
+    return np.array([0.0, 0.0, radius * uncertainties["pixel_size"], 0.0, 0.0, 0.0])
 
 
 def _interpolate(values: dict[str, Floats], parts: Floats, method: NDArray[np.int8], time: Floats) -> None:

@@ -82,7 +82,7 @@ def fill_table(
                 continue
             root = math.sqrt(r * r - square)
             angle = math.atan2(root, a)
-            if flat > 0.0:
+            if side > 0.0 and flat > 0.0:
                 turn = 0.5 * math.pi - math.atan2(side, root)
                 gap = ((r * r - inner) * turn + side * root - 2.0 * a * side * angle) / math.pi
                 angle *= phase_scale / math.pi

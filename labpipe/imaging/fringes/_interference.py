@@ -163,7 +163,7 @@ def scaled_slopes(distance: Floats, contact_radius: ArrayLike, flat: float = 0.0
     if flat > 0.0:
         a, r, square, s, root, turn = _flat_parts(distance, contact_radius, flat)
         by_distance = 2.0 * (s * root / np.where(r > 0.0, r, 1.0) + r * (0.5 * np.pi - turn)) / np.pi
-        by_radius = -2.0 * (2.0 * a * a - square) / s * np.arctan2(root, a) / np.pi
+        by_radius = -2.0 * (2.0 * a * a - square) / np.where(s > 0.0, s, 1.0) * np.arctan2(root, a) / np.pi
         return np.where(r > a, by_distance, 0.0), np.where(r > a, by_radius, 0.0)
     a = np.asarray(contact_radius, float)
     r = np.maximum(distance, a)

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
+from scipy.optimize import minimize_scalar
 
 from labpipe.arrays import Floats
 from labpipe.variables import variable
@@ -14,16 +15,24 @@ from pipelines.experiments.shared.comparison_rows import IMPACTS, Row, row
 SCALE = "scale of the image"
 """Input of the rows beside those of the model."""
 
+_MOST_SHIFT = 2.0
+"""Frame intervals by which the model may be shifted against the largest radius: it lies between frames."""
+_FEWEST = 5  # frames of a contact from which its shift in time can be told from its size
+
 
 def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, settings: ContactArea) -> xr.Dataset:
-    """Compare film and model around the largest radius of each impact."""
+    """Compare film and model around the largest radius of each impact.
+
+    Both are aligned at their largest radius, then by the small shift in time that leaves least: the
+    largest radius is flat in time, and what is left of its error shows where a contact ends.
+    """
     del settings
     count = min(impacts.sizes["impact"], model.sizes["impact"])
     time, a = radius["time"].values, radius["radius"].values
     seen = radius["in_contact"].values.astype(bool)
     known = np.hypot(radius["u_radius"].values, radius["radius_systematic"].values)
     points: dict[str, list[Floats]] = {"number": [], "since": [], "film": [], "u_film": [], "model": []}
-    errors, peak_times = [], []
+    errors, peak_times, shifts = [], [], []
     for i in range(count):
         peak = _model_peak(model, i)
         peak_times.append(peak)
@@ -31,7 +40,9 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
         inside = (np.abs(since) < WINDOW) & np.isfinite(a) & seen
         inside &= time >= float(impacts["first_seen"][i])
         inside &= time <= float(impacts["last_seen"][i])
-        theirs = np.interp(since[inside] + peak, model["time"], model["contact_radius"])
+        shift = _time_shift(since[inside] + peak, a[inside], model)
+        shifts.append(shift)
+        theirs = np.interp(since[inside] + peak + shift[0], model["time"], model["contact_radius"])
         for key, values in (
             ("number", np.full(inside.sum(), i + 1.0)),
             ("since", since[inside]),
@@ -59,10 +70,39 @@ def comparison(radius: xr.Dataset, impacts: xr.Dataset, model: xr.Dataset, *, se
             "peak_radius_model": variable("impact", theirs, "m", "largest radius, model"),
             "peak_radius_difference": variable("impact", ours - theirs, "m", "film minus model"),
             "u_peak_radius_difference": variable("impact", u, "m", "standard uncertainty"),
+            "time_shift": variable(
+                "impact", np.array([s for s, _ in shifts]), "s", "shift of the model to earlier times against its peak"
+            ),
+            "u_time_shift": variable(
+                "impact", np.array([u for _, u in shifts]), "s", "standard uncertainty: shift of the model in time"
+            ),
             "model_peak_time": variable("impact", np.array(peak_times), "s", "time of the model's largest radius"),
         },
         coords={"impact": np.arange(1, count + 1)},
     )
+
+
+def _time_shift(time: Floats, radius: Floats, model: xr.Dataset) -> tuple[float, float]:
+    """Time added to the model's clock with which it comes nearest to the film, and its uncertainty.
+
+    0, with an uncertainty of NaN, where there are too few frames, or where the best lies beyond what
+    the alignment at the largest radius can miss.
+    """
+    if len(time) < _FEWEST:
+        return 0.0, np.nan
+    most = _MOST_SHIFT * float(np.median(np.diff(time)))
+    theirs, when = model["contact_radius"].values, model["time"].values
+
+    def left(shift: float) -> float:
+        return float(((radius - np.interp(time + shift, when, theirs)) ** 2).sum())
+
+    shift = float(minimize_scalar(left, bounds=(-most, most), method="bounded", options={"xatol": 1e-3 * most}).x)
+    if abs(shift) > 0.95 * most or left(shift) >= left(0.0):
+        return 0.0, np.nan
+    slope = np.gradient(theirs, when)
+    rate = np.interp(time + shift, when, slope)
+    scatter = np.sqrt(left(shift) / (len(time) - 1))
+    return shift, float(scatter / np.sqrt(max((rate**2).sum(), 1e-300)))
 
 
 def _model_peak(model: xr.Dataset, impact: int) -> float:

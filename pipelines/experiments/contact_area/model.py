@@ -7,7 +7,9 @@ import numpy as np
 import xarray as xr
 
 from labpipe import contact
+from labpipe.arrays import Floats
 from labpipe.contact.sphere import hertz
+from labpipe.imaging import adhesive_edge
 from labpipe.materials import Prony
 from labpipe.uncertainty import Source, budget_rows, combined_uncertainty
 from labpipe.variables import variable
@@ -68,6 +70,12 @@ def model(
         "impact", relative * largest, "m", "standard uncertainty from height, body and material: peak"
     )
     made.attrs["budget"] = json.dumps(budget_rows(sources))
+    made["adhesion_shift"] = variable(
+        "impact",
+        _edge_beyond(largest, made, solid, settings),
+        "m",
+        "distance of the edge of a contact that sticks as a clean polymer does from that of Hertz",
+    )
     weight = sphere.mass.value * gravity
     for name, modulus in (("relaxed", solid.E_relaxed), ("unrelaxed", solid.E_unrelaxed)):
         reduced = float(modulus) / (1 - float(solid.nu) ** 2)
@@ -79,6 +87,15 @@ def model(
     work.pop("seconds", None)  # the clock has no place in a stored result
     made.attrs["work"] = json.dumps(work)
     return made
+
+
+def _edge_beyond(largest: Floats, made: xr.Dataset, solid: Prony, settings: ContactArea) -> Floats:
+    """Return how far outside Hertz's radius the edges of the largest contacts lie at most, by JKR."""
+    if not largest.size:
+        return np.zeros(0)
+    omega = np.pi / float(made["contact_duration"][0])
+    reduced = abs(complex(solid.complex_modulus(omega))) / (1 - float(solid.nu) ** 2)
+    return adhesive_edge(largest, settings.sphere.radius.value, reduced) - largest
 
 
 def _relative_sources(

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import xarray as xr
 
+from labpipe.imaging import USUAL_WORK
 from labpipe.report import (
     Bars,
     Block,
@@ -50,6 +51,7 @@ _SOURCES = {
     "wavelength": "wavelength",
     "pixel_size": "length of one pixel",
     "phase": "phase in the contact",
+    "adhesion": "adhesion, against the edge of the contact",
     "optics": "blur, harmonics and wear, found in the film",
 }
 _GROUP = "film"  # charts and frames over the film's time
@@ -147,6 +149,16 @@ def _summary(
                     float(model["peak_contact_radius"][0]), float(model["u_peak_contact_radius"][0]), "m"
                 ),
                 "first impact; uncertainty from height, radius and mass",
+            )
+        )
+    if model is not None and model.sizes["impact"]:
+        most = quantity(float(model["adhesion_shift"][0]), "m", 2)
+        rows.append(
+            (
+                "edge of the contact",
+                f"up to {most} farther out",
+                f"if the surfaces stick as clean smooth polymers do (JKR, {quantity(USUAL_WORK, 'J/m2', 2)}): fringes "
+                "show the Hertz-equivalent radius",
             )
         )
     if comparison is not None and comparison.sizes["impact"]:
@@ -289,7 +301,7 @@ def _over_time(
     if model is not None and impacts is not None and impacts.sizes["impact"]:
         start = float(impacts["peak_time"][0])
         if comparison is not None and comparison.sizes["impact"]:
-            start -= float(comparison["model_peak_time"][0])
+            start -= float(comparison["model_peak_time"][0] + comparison["time_shift"][0])
         when = (model["time"].values + start) * 1e3
         inside = (when >= time[0]) & (when <= time[-1])
         curves.append(
@@ -357,10 +369,22 @@ def _around(comparison: xr.Dataset, i: int) -> tuple[LineChart, LineChart]:
         (Series("film minus model", since, (film - model) * 1e6, role="residual", style="points", u=u * 1e6),),
         group=f"impact {i + 1}",
         height_px=170,
-        caption="Bars: standard uncertainty of the film. A difference that rises or falls all the "
-        "way is a small shift in time: both are aligned at the largest radius.",
+        caption=f"Bars: standard uncertainty of the film. {_alignment(comparison, i)}",
     )
     return curves, residual
+
+
+def _alignment(comparison: xr.Dataset, i: int) -> str:
+    """Say how film and model were aligned in time."""
+    shift, u = float(comparison["time_shift"][i]), float(comparison["u_time_shift"][i])
+    if not math.isfinite(u):
+        return "Both are aligned at their largest radius; a shift in time was not fitted."
+    stated = value_with_uncertainty(abs(shift), u, "s")
+    return (
+        f"Both are aligned at their largest radius, and the model then by {stated} to "
+        f"{'earlier' if shift > 0 else 'later'} times, fitted to the frames of this contact: the largest radius is "
+        "flat in time and does not place it better."
+    )
 
 
 def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None) -> Section:
@@ -381,7 +405,7 @@ def _impacts(impacts: xr.Dataset, comparison: xr.Dataset | None) -> Section:
             has = i < comparison.sizes["impact"]
             row += [float(comparison[n][i]) if has else None for n in names]
         rows.append(row)
-    text = "Impacts are counted from their largest radius (t_p = 0), as the alignment is."
+    text = "Impacts are counted from their largest radius (t_p = 0)."
     return Section("Impacts", (Paragraph(text), Table(tuple(columns), rows)))
 
 
@@ -408,6 +432,11 @@ def _methods(settings: ContactArea, radius: xr.Dataset, impacts: xr.Dataset) -> 
         parts.append(f"in {pages.counted(between, 'frame')} at rest by interpolation between equal frames")
     text = f"The contact radius of a sphere of radius {pages.stated(settings.sphere.radius)} was measured "
     text += f"{_listed(parts)}. " if parts else "in no frame. "
+    if fitted or free:
+        text += (
+            "It is the Hertz-equivalent radius: that of the Hertz contact with the same gap around it, whether the "
+            "surfaces stick or not. "
+        )
     if impacts.sizes["impact"]:
         a, u = float(impacts["peak_radius"][0]), float(impacts["u_peak_radius"][0])
         text += (

@@ -9,7 +9,8 @@ import pytest
 import xarray as xr
 
 from labpipe.arrays import Floats
-from labpipe.imaging import contact_radius
+from labpipe.errors import InputError
+from labpipe.imaging import adhesive_edge, contact_radius
 from tests.by_day import by_day
 from tests.labpipe.imaging.contact_scenes import Disturbed, film_of, gap_of_jkr, gap_of_worn_flat
 from tests.labpipe.imaging.fringe_film import Scene
@@ -123,3 +124,27 @@ def test_a_worn_flat_is_told_and_no_other_is_seen() -> None:
     whole, said = measure(film_of(PLAIN, hertz, RADII, CENTRE))
     assert whole.attrs["flat_radius"] == 0.0
     assert said == []
+
+
+@pytest.mark.parametrize("work", [2e-3, 20e-3])
+def test_edge_of_an_adhesive_contact_follows_from_its_fringes(work: float) -> None:
+    """Images of exact JKR contacts, E* 5 GPa: the fringes are those of a smaller Hertz contact."""
+    modulus = 5e9
+    film = film_of(PLAIN, lambda r, a: gap_of_jkr(r, a, SPHERE, modulus, work), RADII[:2], CENTRE)
+    told = contact_radius(film, OPTICS.pixel_size, SPHERE, LIGHT, reduced_modulus=modulus, work_of_adhesion=work)
+    shift = np.array(RADII[:2]) - told.radius.values
+    assert (shift > 0.4 * UM).all()
+    assert (np.abs(told.edge_radius.values - RADII[:2]) < 3.0 * told.u_edge_radius.values).all()
+    assert (told.u_edge_radius.values < 0.05 * shift).all()
+    assert (shift < 1.1 * told.radius_systematic.values).all()
+    usual = contact_radius(film, OPTICS.pixel_size, SPHERE, LIGHT, reduced_modulus=modulus)
+    assert (np.abs(usual.edge_radius.values - RADII[:2]) < 3.0 * usual.u_edge_radius.values).all()
+    assert (shift < 3.0 * usual.radius_systematic.values).all()
+    assert usual.radius.values.tolist() == told.radius.values.tolist()
+
+
+def test_edge_is_that_of_hertz_without_adhesion() -> None:
+    assert adhesive_edge([1e-4, 1e-3], SPHERE, 5e9, 0.0).tolist() == [1e-4, 1e-3]
+    for wrong in ((0.0, 5e9, 0.05), (SPHERE, -1.0, 0.05), (SPHERE, 5e9, -0.05)):
+        with pytest.raises(InputError, match="found"):
+            adhesive_edge(1e-4, *wrong)

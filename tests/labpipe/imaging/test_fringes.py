@@ -97,6 +97,14 @@ def test_gap_beside_a_flat_is_that_of_the_springs(share: float) -> None:
     )
 
 
+def test_a_point_contact_beside_a_flat_is_no_error() -> None:
+    """An iteration may pass through a radius of 0, where no flat fits into the contact."""
+    rest = (np.ones(1), OPTICS.phase_scale, 2.9, pixel_weights(0.0), 0.0, 0.0, False, 30.0)
+    table = fill_table(np.linspace(0.5, 40.0, 600), 0.0, 0.3, np.zeros(1), *rest)
+    assert np.isfinite(table).all()
+    assert all(np.isfinite(slope).all() for slope in scaled_slopes(np.linspace(0.5, 40.0, 9), 0.0, 30.0))
+
+
 @settings(max_examples=50)
 @given(st.floats(3.0, 700.0), st.floats(1e-3, 2.0))
 def test_slopes_are_the_derivatives_of_the_gap(a: float, beyond: float) -> None:

@@ -13,7 +13,7 @@ from labpipe.imaging.fringes._search import GOOD_MISFIT
 
 def test_of_an_edge_only_the_scale_is_uncertain() -> None:
     parts = _edge_systematic(1e-3, None, None, {"pixel_size": 2e-3})  # type: ignore[arg-type]
-    assert parts.tolist() == [0.0, 0.0, 2e-6, 0.0, 0.0]
+    assert parts.tolist() == [0.0, 0.0, 2e-6, 0.0, 0.0, 0.0]
 
 
 def test_the_radius_at_rest_is_the_weighted_mean_of_the_last_frames() -> None:

@@ -1,0 +1,67 @@
+"""Film and model are aligned by a small shift in time, and the page states it."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from pipelines.experiments.contact_area.comparison import comparison
+from pipelines.experiments.contact_area.page import _alignment
+
+US, UM = 1e-6, 1e-6
+
+
+def shape(t: np.ndarray) -> np.ndarray:
+    """A contact of 1 ms about t = 0, steep at its ends as the one of an impact."""
+    return 800 * UM * np.sqrt(np.clip(np.cos(np.pi * t / 1e-3), 0.0, None))
+
+
+def compared(offset: float, count: int = 10, factor: float = 1.0) -> xr.Dataset:
+    """Frames of a contact of which the time of the largest radius is told wrong by ``offset``."""
+    time = (np.arange(count) - 0.5 * (count - 1)) * 0.9e-3 / count
+    a = factor * shape(time)
+    film = xr.Dataset(
+        {name: ("frame", np.full(count, 0.1 * UM)) for name in ("u_radius", "radius_systematic")}
+        | {"radius": ("frame", a), "in_contact": ("frame", a > 0.0)},
+        coords={"time": ("frame", time)},
+    )
+    found = xr.Dataset(
+        {
+            "peak_time": ("impact", [offset]),
+            "first_seen": ("impact", [time[0]]),
+            "last_seen": ("impact", [time[-1]]),
+            "peak_radius": ("impact", [800 * UM]),
+            "u_peak_radius": ("impact", [1 * UM]),
+        },
+        coords={"impact": [1]},
+    )
+    when = np.arange(0.0, 3e-3, 2e-6)
+    model = xr.Dataset(
+        {
+            "contact_radius": ("time", shape(when - 1e-3)),
+            "impact_time": ("impact", [0.5e-3]),
+            "peak_contact_radius": ("impact", [800 * UM]),
+            "u_peak_contact_radius": ("impact", [1 * UM]),
+        },
+        coords={"time": when, "impact": [1]},
+    )
+    return comparison(film, found, model, settings=None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("offset", [-12 * US, 5 * US, 30 * US])
+def test_a_wrong_time_of_the_peak_is_made_up_for(offset: float) -> None:
+    made = compared(offset)
+    assert float(made["time_shift"][0]) == pytest.approx(offset, abs=0.5 * US)
+    assert float(np.abs(made["film"] - made["model"]).max()) < 0.5 * UM
+    assert f"to {'earlier' if offset > 0 else 'later'} times" in _alignment(made, 0)
+
+
+def test_a_difference_in_size_stays() -> None:
+    made = compared(5 * US, factor=1.02)
+    assert float(made["nrmse"][0]) == pytest.approx(0.02, rel=0.2)
+
+
+@pytest.mark.parametrize(("offset", "count"), [(5 * US, 3), (350 * US, 10)])
+def test_few_frames_or_a_large_shift_are_left_as_they_are(offset: float, count: int) -> None:
+    made = compared(offset, count)
+    assert float(made["time_shift"][0]) == 0.0
+    assert "not fitted" in _alignment(made, 0)
